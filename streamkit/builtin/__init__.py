@@ -1,0 +1,27 @@
+"""The default plugins. They use only what a stranger may use: the names of `streamkit` and `streamkit.engine`."""
+
+from __future__ import annotations
+
+from streamkit import Component, hookimpl
+from streamkit.builtin import integrators, potentials, stripping
+
+
+@hookimpl
+def streamkit_components() -> list[type[Component]]:
+    """List the built-in components."""
+    return [
+        potentials.TruncatedFlat,
+        potentials.NFW,
+        potentials.NFWVirial,
+        potentials.Hernquist,
+        potentials.MiyamotoNagai,
+        potentials.Plummer,
+        potentials.Kepler,
+        potentials.Isochrone,
+        potentials.Logarithmic,
+        stripping.LagrangeCloud,
+        stripping.Streakline,
+        integrators.Leapfrog,
+        integrators.ForestRuth,
+        integrators.Reference,
+    ]

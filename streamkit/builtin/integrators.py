@@ -1,0 +1,75 @@
+"""Built-in integrators, all through the same compiled field with the moving progenitor."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from pydantic import Field
+from scipy.integrate import solve_ivp
+
+from streamkit import GYR, Array, Duration, Integrator, PositiveNumber
+from streamkit.engine import LEAPFROG, PEFRL, Field as ForceField, Splitting, split_step
+
+
+def _fixed(method: Splitting, step: float, field: ForceField, q: Array, v: Array, t0: Array, t1: float) -> None:
+    """Take equal steps of at most ``step`` Gyr; particles released inside the block take as many, shorter ones."""
+    if len(t0) == 0:
+        return
+    substeps = max(math.ceil((t1 - float(t0.min())) / (step * GYR) - 1e-9), 1)
+    split_step(field, method, q, v, t0, t1, np.full(len(t0), substeps))
+
+
+class Leapfrog(Integrator):
+    """Drift-kick-drift leapfrog with a fixed step: symplectic, second order."""
+
+    kind = "leapfrog"
+    order = 2
+
+    step: Duration = Field(default=0.001, description="Longest step.")
+
+    def advance(self, field: ForceField, q: Array, v: Array, t0: Array, t1: float) -> None:
+        """Advance in place."""
+        _fixed(LEAPFROG, self.step, field, q, v, t0, t1)
+
+
+class ForestRuth(Integrator):
+    """Position-extended Forest-Ruth-like method (PEFRL) with a fixed step: symplectic, fourth order."""
+
+    kind = "pefrl"
+    reference = "Omelyan, Mryglod & Folk 2002, Comput. Phys. Commun. 146, 188"
+    order = 4
+
+    step: Duration = Field(default=0.004, description="Longest step.")
+
+    def advance(self, field: ForceField, q: Array, v: Array, t0: Array, t1: float) -> None:
+        """Advance in place."""
+        _fixed(PEFRL, self.step, field, q, v, t0, t1)
+
+
+class Reference(Integrator):
+    """SciPy's DOP853 on all particles together: slow, adaptive, for checking the others."""
+
+    kind = "dop853"
+    reference = "Hairer, Norsett & Wanner 1993, Solving Ordinary Differential Equations I"
+    order = 8
+
+    rtol: PositiveNumber = Field(default=1e-10, description="Relative tolerance.")
+    atol: PositiveNumber = Field(default=1e-10, description="Absolute tolerance, in kpc and km/s.")
+
+    def advance(self, field: ForceField, q: Array, v: Array, t0: Array, t1: float) -> None:
+        """Advance in place. Each particle's time runs linearly with a common s from 0 to 1."""
+        n = q.shape[1]
+        if n == 0:
+            return
+        span = t1 - t0
+
+        def rates(s: float, w: Array) -> Array:
+            state = w.reshape(6, n)
+            a = field.acceleration(t0 + s * span, state[:3])
+            return np.concatenate([state[3:] * span, a * span]).ravel()
+
+        start = np.concatenate([q, v]).ravel()
+        done = solve_ivp(rates, (0.0, 1.0), start, method="DOP853", rtol=self.rtol, atol=self.atol)
+        state = done.y[:, -1].reshape(6, n)
+        q[:], v[:] = state[:3], state[3:]

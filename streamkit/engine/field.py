@@ -1,0 +1,179 @@
+"""The total acceleration field: the addresses of the forces, their parameters and the moving progenitor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from streamkit.components import Potential
+from streamkit.engine import kernels, loops
+from streamkit.errors import ComponentError
+from streamkit.phase import Array, BoolArray, IntArray, Orbit
+
+WIDTH = 128
+"""Particles per batch: their state fits the first-level cache."""
+WIDTH_NUMPY = 1 << 16
+"""The same when a force runs in Python: one call for as many particles as possible."""
+
+
+@dataclass(frozen=True)
+class Splitting:
+    """A composition method: fractions of the step drifted (s + 1) and kicked (s) in turn."""
+
+    drift: Array
+    kick: Array
+    order: int
+
+
+LEAPFROG = Splitting(np.array([0.5, 0.5]), np.array([1.0]), 2)
+
+_XI, _LAMBDA, _CHI = 0.1786178958448091, -0.2123418310626054, -0.6626458266981849e-1
+PEFRL = Splitting(
+    np.array([_XI, _CHI, 1 - 2 * (_CHI + _XI), _CHI, _XI]),
+    np.array([(1 - 2 * _LAMBDA) / 2, _LAMBDA, _LAMBDA, (1 - 2 * _LAMBDA) / 2]),
+    4,
+)
+"""Position-extended Forest-Ruth-like method, Omelyan, Mryglod & Folk 2002, Comput. Phys. Commun. 146, 188, eq. 22."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """The total acceleration: what an integrator needs and nothing more. Local to its process, never pickled.
+
+    Attributes
+    ----------
+    address
+        (c,) addresses of the compiled forces.
+    offset
+        (c + 1,) where each force's parameters start in ``parameters``.
+    follows
+        (c,) True for the forces centred on the progenitor.
+    parameters
+        Packed parameters in engine units.
+    first, step, track
+        The progenitor's states (T, 9) at times ``first + k * step``; unused without a follower.
+    width
+        Particles per batch.
+    kernels
+        Keeps the machine code alive.
+    names
+        (c,) names of the components, for messages.
+    """
+
+    address: IntArray
+    offset: IntArray
+    follows: BoolArray
+    parameters: Array
+    first: float
+    step: float
+    track: Array
+    width: int
+    kernels: tuple[Any, ...]
+    names: tuple[str, ...]
+
+    def __reduce__(self) -> Any:
+        raise TypeError("a Field holds machine code of this process: send the Spec instead and build it there")
+
+    @property
+    def _head(self) -> tuple[Any, ...]:
+        return (
+            self.address, self.offset, self.follows, self.parameters, self.first, self.step, self.track, self.width
+        )  # fmt: skip
+
+    def acceleration(self, t: Array | float, q: Array) -> Array:
+        """(3, n) acceleration in (km/s)^2/kpc at positions q (3, n) and times t (n,) or one time."""
+        q = np.ascontiguousarray(q, dtype=float)
+        times = np.ascontiguousarray(np.broadcast_to(np.asarray(t, dtype=float), q.shape[1:]))
+        out = np.empty_like(q)
+        loops.accelerations(*self._head, times, q, out)
+        self.check()
+        return out
+
+    def radial_second_derivative(self, t: Array, q: Array) -> Array:
+        """(n,) d^2 Phi / dr^2 along the line to the Galactic centre, by a central difference of the acceleration."""
+        r = np.sqrt((q**2).sum(axis=0))
+        unit = q / r
+        h = 1e-4 * r
+        outer = (self.acceleration(t, q + h * unit) * unit).sum(axis=0)
+        inner = (self.acceleration(t, q - h * unit) * unit).sum(axis=0)
+        return np.asarray(-(outer - inner) / (2 * h))
+
+    def orbit(self, q: Array, v: Array, t0: float, t1: float, max_step: float) -> Orbit:
+        """Integrate one orbit from t0 to t1 (either direction), with nodes at most ``max_step`` apart."""
+        count = max(int(np.ceil(abs(t1 - t0) / max_step)), 2)
+        step = (t1 - t0) / count
+        out = np.empty((count + 1, 9))
+        head = (self.address, self.offset, self.follows, self.parameters)
+        loops.carry(*head, q, v, t0, step, 2, PEFRL.drift, PEFRL.kick, out)
+        self.check()
+        t = t0 + step * np.arange(count + 1)
+        t[-1] = t1
+        if step < 0:
+            t, out = t[::-1], out[::-1]
+        states = np.ascontiguousarray(out.T)
+        return Orbit(np.ascontiguousarray(t), states[:3], states[3:6], states[6:], np.full(count + 1, np.nan))
+
+    def with_followers(self, other: Field, orbit: Orbit) -> Field:
+        """Add another field's forces, centred on the progenitor that moves along ``orbit`` (equal time steps)."""
+        joined = replace(
+            self,
+            address=np.concatenate([self.address, other.address]),
+            offset=np.concatenate([self.offset, self.offset[-1] + other.offset[1:]]),
+            follows=np.concatenate([self.follows, np.ones_like(other.follows)]),
+            parameters=np.concatenate([self.parameters[: self.offset[-1]], other.parameters]),
+            first=float(orbit.t[0]),
+            step=float((orbit.t[-1] - orbit.t[0]) / (len(orbit.t) - 1)),
+            track=np.ascontiguousarray(np.concatenate([orbit.q, orbit.v, orbit.a]).T),
+            width=max(self.width, other.width),
+            kernels=self.kernels + other.kernels,
+            names=self.names + other.names,
+        )
+        return joined
+
+    def check(self) -> None:
+        """Raise what a force written in Python raised inside the loop.
+
+        Raises
+        ------
+        ComponentError
+            Naming the component and its parameters.
+        """
+        for i, (kernel, name) in enumerate(zip(self.kernels, self.names, strict=True)):
+            error = getattr(kernel, "error", None)
+            if error is not None:
+                kernel.error = None
+                values = self.parameters[self.offset[i] : self.offset[i + 1]]
+                raise ComponentError(
+                    f"potential {name} raised {type(error).__name__}: {error} (parameters {values.tolist()})"
+                ) from error
+
+
+def build_field(potentials: Sequence[Potential]) -> Field:
+    """Compile (or load from the disk cache) the forces of the potentials, which add up, fixed at the origin."""
+    built = [
+        kernels.compiled_kernel(type(p)) if p.compiled else kernels.numpy_kernel(type(p)) for p in potentials
+    ]
+    values = [p.internal() for p in potentials]
+    return Field(
+        address=np.array([k.address for k in built], dtype=np.int64),
+        offset=np.cumsum([0, *map(len, values)]).astype(np.int64),
+        follows=np.zeros(len(built), dtype=bool),
+        parameters=np.concatenate([*values, np.zeros(1)]),  # never empty: its address is passed on
+        first=0.0,
+        step=1.0,
+        track=np.zeros((2, 9)),
+        width=WIDTH if all(p.compiled for p in potentials) else WIDTH_NUMPY,
+        kernels=tuple(built),
+        names=tuple(p.kind for p in potentials),
+    )
+
+
+def split_step(
+    field: Field, splitting: Splitting, q: Array, v: Array, t0: Array, t1: float, substeps: IntArray
+) -> None:
+    """Advance q, v (3, n), in place, from their own times t0 (n,) to t1 in ``substeps`` (n,) equal steps each."""
+    order = np.argsort(substeps, kind="stable")
+    loops.advance(*field._head, q, v, t0, t1, order, substeps, splitting.drift, splitting.kick)

@@ -1,0 +1,105 @@
+"""Units: kpc, km/s and Msun inside; annotated float types that carry a unit and parse ``"8 kpc"``.
+
+Inside the engine time is measured in kpc/(km/s) and angles in radians. Fields of components hold the units of
+the run file (Gyr and degrees); `Component.internal` converts once, where a field enters the engine.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field
+from pydantic.fields import FieldInfo
+
+G = 4.300917270e-6
+"""Gravitational constant in kpc (km/s)^2 / Msun."""
+
+GYR = 3.15576e16 / 3.0856775814913673e16
+"""One Gyr in kpc/(km/s)."""
+
+KMS_PER_MASYR_KPC = 4.740470463533349
+"""Tangential velocity in km/s of 1 mas/yr at 1 kpc."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """The unit of a field in the run file, and the factor that takes it to the engine's units."""
+
+    name: str
+    to_internal: float = 1.0
+
+    def parse(self, value: Any) -> Any:
+        """Turn ``"8 kpc"`` or an astropy Quantity into a number in this unit; leave numbers alone.
+
+        Raises
+        ------
+        ValueError
+            If the text is no quantity, or is one of another dimension.
+        """
+        if isinstance(value, bool):
+            raise ValueError(f"expected a number in {self.label} or a quantity, found {value!r}")
+        if isinstance(value, int | float):
+            return value
+        from astropy import units as u  # slow to import, and bare numbers do not need it
+
+        target = u.dimensionless_unscaled if not self.name else u.Unit(self.name)
+        try:
+            quantity = u.Quantity(value)
+        except (TypeError, ValueError):
+            raise ValueError(
+                f"expected a number in {self.label} or a quantity such as {self.example!r}, found {value!r}"
+            ) from None
+        if quantity.shape:
+            raise ValueError(f"expected one number, found an array of shape {quantity.shape}")
+        if isinstance(value, str) and quantity.unit == u.dimensionless_unscaled and self.name:
+            return float(quantity.value)
+        try:
+            return float(quantity.to_value(target))
+        except u.UnitConversionError:
+            raise ValueError(f"expected a quantity in {self.label} or a unit like it, found {str(value)!r}") from None
+
+    @property
+    def label(self) -> str:
+        """The unit's name, or 'no unit'."""
+        return self.name or "no unit"
+
+    @property
+    def example(self) -> str:
+        """A quantity in this unit, for messages."""
+        return f"8 {self.name}" if self.name else "8"
+
+
+# The types a component's numeric fields are declared with. Each is spelled out, so that mypy reads it as float.
+_MASS, _LENGTH, _SPEED = Unit("Msun"), Unit("kpc"), Unit("km / s")
+_TIME, _ANGLE, _PM, _NUMBER = Unit("Gyr", GYR), Unit("deg", math.pi / 180.0), Unit("mas / yr"), Unit("")
+
+Mass = Annotated[float, BeforeValidator(_MASS.parse), _MASS, Field(gt=0)]
+"""A positive mass in Msun."""
+Length = Annotated[float, BeforeValidator(_LENGTH.parse), _LENGTH, Field(gt=0)]
+"""A positive length in kpc."""
+Coordinate = Annotated[float, BeforeValidator(_LENGTH.parse), _LENGTH]
+"""A position along an axis in kpc, of either sign."""
+Speed = Annotated[float, BeforeValidator(_SPEED.parse), _SPEED, Field(ge=0)]
+"""A speed in km/s, zero or more."""
+Velocity = Annotated[float, BeforeValidator(_SPEED.parse), _SPEED]
+"""A velocity component in km/s, of either sign."""
+Duration = Annotated[float, BeforeValidator(_TIME.parse), _TIME, Field(gt=0)]
+"""A positive duration in Gyr."""
+Angle = Annotated[float, BeforeValidator(_ANGLE.parse), _ANGLE]
+"""An angle in degrees."""
+ProperMotion = Annotated[float, BeforeValidator(_PM.parse), _PM]
+"""A proper motion in mas/yr."""
+Number = Annotated[float, BeforeValidator(_NUMBER.parse), _NUMBER]
+"""A dimensionless number."""
+PositiveNumber = Annotated[float, BeforeValidator(_NUMBER.parse), _NUMBER, Field(gt=0)]
+"""A positive dimensionless number."""
+
+
+def unit_of(field: FieldInfo) -> Unit | None:
+    """Return the unit a pydantic field was declared with, None for fields that are not physical numbers."""
+    for item in field.metadata:
+        if isinstance(item, Unit):
+            return item
+    return None
