@@ -86,7 +86,7 @@ class Field:
     def acceleration(self, t: Array | float, q: Array) -> Array:
         """(3, n) acceleration in (km/s)^2/kpc at positions q (3, n) and times t (n,) or one time."""
         q = np.ascontiguousarray(q, dtype=float)
-        times = np.ascontiguousarray(np.broadcast_to(np.asarray(t, dtype=float), q.shape[1:]))
+        times = np.broadcast_to(np.asarray(t, dtype=float), q.shape[1:]).copy()
         out = np.empty_like(q)
         loops.accelerations(*self._head, times, q, out)
         self.check()

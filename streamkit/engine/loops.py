@@ -15,6 +15,11 @@ from numba.extending import intrinsic
 
 OPTIONS = {"cache": True, "error_model": "numpy", "fastmath": {"contract"}}
 
+# Explicit signatures: one machine code each, made once per machine, whatever layout a caller's arrays have.
+_F1, _F2, _S2 = types.float64[::1], types.float64[:, ::1], types.float64[:, :]
+_I1, _B1, _F, _N = types.int64[::1], types.boolean[::1], types.float64, types.intp
+_HEAD = (_I1, _I1, _B1, _F1, _F, _F, _F2, _N)  # address, offset, follows, p, first, step, track, width
+
 
 @intrinsic
 def call_kernel(typing_context, address, n, t, p, q, a):
@@ -80,7 +85,7 @@ def add_forces(address, offset, follows, p, first, step, track, uniform, t, x, r
         call_kernel(address[c], m, t, p[offset[c] :], rel, a)
 
 
-@njit(**OPTIONS)
+@njit(types.void(*_HEAD, _F1, _F2, _F2), **OPTIONS)
 def accelerations(address, offset, follows, p, first, step, track, width, t, q, out):
     """Total acceleration at q (3, n), times t (n,), into out (3, n)."""
     n = q.shape[1]
@@ -101,7 +106,7 @@ def accelerations(address, offset, follows, p, first, step, track, width, t, q, 
                 out[k, begin + i] = a[k, i]
 
 
-@njit(**OPTIONS)
+@njit(types.void(*_HEAD, _S2, _S2, _F1, _F, _I1, _I1, _F1, _F1), **OPTIONS)
 def advance(address, offset, follows, p, first, step, track, width, q, v, t0, t1, order, substeps, drift, kick):
     """Composition of drifts and kicks, in place, from each particle's t0 to t1.
 
@@ -159,7 +164,7 @@ def advance(address, offset, follows, p, first, step, track, width, q, v, t0, t1
         begin = end
 
 
-@njit(**OPTIONS)
+@njit(types.void(_F1, _F, _S2, _S2, _F1, _F, _F2, _I1, _S2, _F1, _F1, _F1, _S2, _S2), **OPTIONS)
 def record(t0, t1, q, v, state, r_tidal, plane, revolutions, planar, chi, gap, t_strip, dq_strip, dv_strip):
     """Update the particles' records at the end of a block: revolutions, phase chi, last time inside r_t.
 
@@ -196,7 +201,7 @@ def record(t0, t1, q, v, state, r_tidal, plane, revolutions, planar, chi, gap, t
         gap[i] = new
 
 
-@njit(**OPTIONS)
+@njit(types.void(_I1, _I1, _B1, _F1, _F1, _F1, _F, _F, types.intp, _F1, _F1, _F2), **OPTIONS)
 def carry(address, offset, follows, p, q0, v0, t0, step, substeps, drift, kick, out):
     """March one orbit in the fixed components, writing its states (T, 9) at t0 + k * step (step may be negative)."""
     count = out.shape[0]

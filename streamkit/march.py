@@ -1,0 +1,88 @@
+"""March particles from their release to today, block by block, and keep their records in one place.
+
+An integrator only carries particles over a block; release, winding, phase chi and stripping time are kept here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from streamkit.components import Integrator
+from streamkit.engine import Field, loops
+from streamkit.phase import Array, BoolArray, Orbit
+from streamkit.units import GYR
+
+BLOCK = 0.015 * GYR
+"""Length of a block: short against the time in which a particle turns half way round the Galaxy."""
+
+
+@dataclass(frozen=True)
+class Records:
+    """What happened to n particles; see `streamkit.Stream` for the meaning of each."""
+
+    q: Array
+    v: Array
+    t_strip: Array
+    dq_strip: Array
+    dv_strip: Array
+    winding: Array
+    chi: Array
+    bound: BoolArray
+
+
+def march(field: Field, integrator: Integrator, orbit: Orbit, t_release: Array, q: Array, v: Array) -> Records:
+    """Carry particles released at increasing times t_release (n,) at q, v (3, n) to the end of the orbit."""
+    n = len(t_release)
+    q, v, now = q.copy(), v.copy(), t_release.copy()
+    begin, end = float(orbit.t[0]), float(orbit.t[-1])
+    edges = np.linspace(begin, end, max(int(np.ceil((end - begin) / BLOCK)), 1) + 1)
+    at_edges = orbit.at(edges)
+    states = np.ascontiguousarray(np.concatenate([at_edges.q, at_edges.v, at_edges.a]).T)
+    plane = orbital_plane(orbit)
+    swept = np.unwrap(_angle(plane, orbit.q))
+
+    at_release = orbit.at(t_release)
+    planar = np.ascontiguousarray(plane @ q)
+    angle = _angle(plane, q)
+    lag = angle - np.interp(t_release, orbit.t, swept)
+    offset = lag - 2 * np.pi * np.round(lag / (2 * np.pi)) - angle + np.interp(t_release, orbit.t, swept)
+    revolutions = np.zeros(n, dtype=np.int64)
+    chi, gap = np.zeros(n), np.sqrt(((q - at_release.q) ** 2).sum(axis=0)) - at_release.r_tidal
+    gap = np.minimum(gap, 0.0)  # released at the tidal radius: inside until shown to be outside
+    t_strip = t_release.copy()
+    dq_strip, dv_strip = np.zeros((3, n)), np.zeros((3, n))
+
+    active = np.searchsorted(t_release, edges[1:], side="left")
+    for t1, state, r_tidal, m in zip(edges[1:], states[1:], at_edges.r_tidal[1:], active, strict=True):
+        integrator.advance(field, q[:, :m], v[:, :m], now[:m], t1)
+        loops.record(
+            now[:m], t1, q[:, :m], v[:, :m], state, r_tidal, plane, revolutions[:m], planar[:, :m], chi[:m],
+            gap[:m], t_strip[:m], dq_strip[:, :m], dv_strip[:, :m],
+        )  # fmt: skip
+        now[:m] = t1
+    field.check()
+
+    winding = offset + np.arctan2(planar[1], planar[0]) + 2 * np.pi * revolutions - swept[-1]
+    dq_strip, dv_strip = _turn(orbit, t_strip, dq_strip, dv_strip)
+    return Records(q, v, t_strip, dq_strip, dv_strip, winding, chi, gap <= 0)
+
+
+def orbital_plane(orbit: Orbit) -> Array:
+    """(2, 3) Basis of the progenitor's orbital plane today: towards it, and 90 degrees ahead along its motion."""
+    x, v = orbit.q[:, -1], orbit.v[:, -1]
+    first = x / np.sqrt(x @ x)
+    second = v - (v @ first) * first
+    return np.array([first, second / np.sqrt(second @ second)])
+
+
+def _angle(plane: Array, q: Array) -> Array:
+    first, second = plane @ q
+    return np.asarray(np.arctan2(second, first))
+
+
+def _turn(orbit: Orbit, t: Array, dq: Array, dv: Array) -> tuple[Array, Array]:
+    """Turn offsets from the progenitor at times t into its frame (radial, tangential, out of the plane)."""
+    frame = np.stack(orbit.at(t).frame)
+    return np.einsum("fcn,cn->fn", frame, dq), np.einsum("fcn,cn->fn", frame, dv)
