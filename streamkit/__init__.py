@@ -23,16 +23,19 @@ from streamkit.phase import LEADING, TRAILING, Array, BoolArray, IntArray, Orbit
 from streamkit.units import (
     GYR,
     Angle,
+    AngleDatum,
     Coordinate,
     Duration,
     G,
     Length,
+    LengthDatum,
     Mass,
     Number,
     PositiveNumber,
     ProperMotion,
     Speed,
     Velocity,
+    VelocityDatum,
 )
 
 if TYPE_CHECKING:
@@ -54,11 +57,11 @@ _LAZY = {
 }
 
 __all__ = [
-    "GYR", "LEADING", "TRAILING", "Angle", "Array", "BoolArray", "ChainError", "Component", "ComponentError",
-    "Coordinate", "Duration", "G", "IntArray", "Integrator", "Length", "Mass", "Model", "Number", "Observable",
+    "GYR", "LEADING", "TRAILING", "Angle", "AngleDatum", "Array", "BoolArray", "ChainError", "Component", "ComponentError",
+    "Coordinate", "Duration", "G", "IntArray", "Integrator", "Length", "LengthDatum", "Mass", "Model", "Number", "Observable",
     "Orbit", "OutOfDomain", "PluginError", "PositiveNumber", "Posterior", "Potential", "Prediction",
     "ProperMotion", "Release", "Results", "Spec", "SpecError", "Speed", "Stream", "StreamkitError", "Stripping",
-    "Velocity", "exp", "hookimpl", "load", "log", "power", "run", "sqrt",
+    "Velocity", "VelocityDatum", "exp", "hookimpl", "load", "log", "power", "run", "sqrt",
 ]  # fmt: skip
 
 

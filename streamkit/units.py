@@ -97,6 +97,28 @@ PositiveNumber = Annotated[float, BeforeValidator(_NUMBER.parse), _NUMBER, Field
 """A positive dimensionless number."""
 
 
+def _measurement(unit: Unit) -> BeforeValidator:
+    """Parse ``[value, error]``, each a number or a quantity in the unit."""
+
+    def parse(value: Any) -> tuple[float, float]:
+        if isinstance(value, str) or not hasattr(value, "__len__") or len(value) != 2:
+            raise ValueError(f"expected [value, error] in {unit.label}, found {value!r}")
+        datum, error = (float(unit.parse(item)) for item in value)
+        if not error > 0:
+            raise ValueError(f"the error must be positive, found {value[1]!r}")
+        return datum, error
+
+    return BeforeValidator(parse)
+
+
+LengthDatum = Annotated[tuple[float, float], _measurement(_LENGTH)]
+"""A measured length and its standard error in kpc."""
+AngleDatum = Annotated[tuple[float, float], _measurement(_ANGLE)]
+"""A measured angle and its standard error in degrees."""
+VelocityDatum = Annotated[tuple[float, float], _measurement(_SPEED)]
+"""A measured velocity and its standard error in km/s."""
+
+
 def unit_of(field: FieldInfo) -> Unit | None:
     """Return the unit a pydantic field was declared with, None for fields that are not physical numbers."""
     for item in field.metadata:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from streamkit import Component, hookimpl
-from streamkit.builtin import integrators, potentials, stripping
+from streamkit.builtin import integrators, observables, potentials, stripping
 
 
 @hookimpl
@@ -24,4 +24,5 @@ def streamkit_components() -> list[type[Component]]:
         integrators.Leapfrog,
         integrators.ForestRuth,
         integrators.Reference,
+        observables.Apocentres,
     ]

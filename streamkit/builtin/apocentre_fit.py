@@ -1,0 +1,176 @@
+"""The apocentre of one arm: a Gaussian r(angle) about the maximum of the track, smooth in the particles.
+
+There are no hard edges: angles are shared between the two nearest cells of a fine grid, the window about the
+maximum has soft edges, and it is re-centred on the fitted maximum until both agree. Nothing jumps when a particle
+moves a little, which is what a sampler needs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from streamkit import Array
+
+CELL = 1.0
+"""Grid of angles, degrees."""
+KERNEL = 4.0
+"""Standard deviation of the smoothing kernel of the track, degrees."""
+WINDOW, EDGE = 40.0, 5.0
+"""Half width of the fitted window (Gibbons+ 2014) and the scale of its soft edges, degrees."""
+REACH = 45.0
+"""How far from the progenitor's own apocentre the first guess of the maximum is looked for, degrees."""
+ENOUGH = 2.0
+"""Particles per degree below which an angle counts less than a full one in the fit."""
+FEWEST = 30
+"""Fewest particles in the window (sum of weights)."""
+
+
+@dataclass(frozen=True)
+class ArmFit:
+    """The fitted apocentre: angle (degrees, progenitor at 0, leading positive) and radius (kpc).
+
+    variance holds those of radius and angle from the finite number of particles; track and curve are (angle, r)
+    for plots.
+    """
+
+    angle: float
+    radius: float
+    variance: tuple[float, float]
+    track: tuple[Array, Array]
+    curve: tuple[Array, Array]
+
+
+def fit_arm(angle: Array, r: Array, guide: float) -> ArmFit | str:
+    """Fit particles at angles (n,), radii r (n,), near the guiding angle; or say why there is no apocentre."""
+    if len(angle) < FEWEST:
+        return "too few particles"
+    grid = np.arange(-180.0, 180.0 + CELL, CELL) + guide
+    count, total, square = _cells(angle, r, grid)
+    smooth = _smooth(count, total)
+    start = _first_guess(grid, smooth, _convolve(count), guide)
+    if start is None:
+        return "no maximum of the track near the progenitor's own apocentre"
+    centre = start
+    p = np.array([np.interp(centre, grid, smooth), centre, 60.0])
+    for _ in range(60):
+        weight = _window(grid - centre)
+        if (weight * count).sum() < FEWEST:
+            return "too few particles near the apocentre"
+        fitted = _gauss_newton(grid, count, total, weight, p)
+        if fitted is None or abs(fitted[1] - guide) > 2 * REACH:
+            return "no Gaussian fits the track near the progenitor's own apocentre"
+        p = fitted
+        if abs(p[1] - centre) < 1e-7:
+            break
+        centre = float(p[1])
+    else:
+        return "the window about the apocentre does not settle"
+    variance = _variance(grid, count, total, square, _window(grid - centre), p)
+    shown = count > 0.2
+    curve = centre + np.linspace(-WINDOW, WINDOW, 81)
+    return ArmFit(
+        angle=float(p[1]),
+        radius=float(p[0]),
+        variance=variance,
+        track=(grid[shown], smooth[shown]),
+        curve=(curve, _gaussian(curve, p)[0]),
+    )
+
+
+def _cells(angle: Array, r: Array, grid: Array) -> tuple[Array, Array, Array]:
+    """Sums of 1, r, r^2 on the grid, each particle shared linearly between its two neighbours."""
+    place = (angle - grid[0]) / CELL
+    inside = (place >= 0) & (place < len(grid) - 1)
+    place, r = place[inside], r[inside]
+    i = place.astype(np.int64)
+    f = place - i
+    sums = []
+    for power in (np.ones_like(r), r, r * r):
+        cell = np.bincount(i, (1 - f) * power, len(grid)) + np.bincount(i + 1, f * power, len(grid))
+        sums.append(cell)
+    return sums[0], sums[1], sums[2]
+
+
+def _convolve(cell: Array) -> Array:
+    half = np.arange(-int(4 * KERNEL / CELL), int(4 * KERNEL / CELL) + 1) * CELL
+    kernel = np.exp(-0.5 * (half / KERNEL) ** 2)
+    return np.convolve(cell, kernel / kernel.sum(), mode="same")
+
+
+def _smooth(count: Array, total: Array) -> Array:
+    """Kernel-smoothed mean radius at each grid angle."""
+    return _convolve(total) / np.maximum(_convolve(count), 1e-12)
+
+
+def _first_guess(grid: Array, smooth: Array, density: Array, guide: float) -> float | None:
+    """The local maximum of the smoothed track nearest the guide, among those that stand out of the noise."""
+    near = (np.abs(grid - guide) <= REACH) & (density > 0.05 * density.max())
+    inner = smooth[1:-1]
+    peak = np.flatnonzero((inner >= smooth[:-2]) & (inner > smooth[2:]) & near[1:-1]) + 1
+    if len(peak) == 0:
+        return None
+    high = peak[smooth[peak] > 0.9 * smooth[peak].max()]
+    return float(grid[high[np.argmin(np.abs(grid[high] - guide))]])
+
+
+def _window(x: Array) -> Array:
+    """1 within the window, 0 outside, with soft edges."""
+    return np.asarray(0.5 * (np.tanh((x + WINDOW) / EDGE) - np.tanh((x - WINDOW) / EDGE)))
+
+
+def _gaussian(x: Array, p: Array) -> tuple[Array, Array]:
+    """A exp(-(x - m)^2 / 2 s^2) and its derivatives (3, n) by A, m, s."""
+    u = (x - p[1]) / p[2]
+    g = np.exp(-0.5 * u * u)
+    return p[0] * g, np.array([g, p[0] * g * u / p[2], p[0] * g * u * u / p[2]])
+
+
+def _weights(count: Array, weight: Array) -> Array:
+    """Weight of each cell: that of its angle where it is well populated, falling with the number where not."""
+    return weight * count / (count + ENOUGH * CELL)
+
+
+def _gauss_newton(grid: Array, count: Array, total: Array, weight: Array, p: Array) -> Array | None:
+    """Least squares of the Gaussian to the cells' mean radii, from p; None if it leaves the sensible range."""
+    w = _weights(count, weight)
+    mean = total / np.maximum(count, 1e-12)
+    used = w > 1e-9
+    x, y, w = grid[used], mean[used], w[used]
+    p = p.copy()
+    damping = 0.0
+    for _ in range(50):
+        model, slope = _gaussian(x, p)
+        normal = (slope * w) @ slope.T
+        normal[np.diag_indices(3)] *= 1 + damping
+        try:
+            step = np.linalg.solve(normal, slope @ (w * (y - model)))
+        except np.linalg.LinAlgError:
+            return None
+        trial = p + step
+        if not np.isfinite(trial).all():
+            return None
+        if trial[2] < 5 or (w * (y - _gaussian(x, trial)[0]) ** 2).sum() > (w * (y - model) ** 2).sum() * (1 + 1e-12):
+            damping = 10 * damping + 1e-3
+            if damping > 1e8:
+                return None
+            continue
+        damping *= 0.1
+        p = trial
+        if np.abs(step / (np.abs(p) + 1)).max() < 1e-11:
+            return p
+    return p if p[2] < 1e3 else None
+
+
+def _variance(
+    grid: Array, count: Array, total: Array, square: Array, weight: Array, p: Array
+) -> tuple[float, float]:
+    """Sandwich variance of A and m: scatter of the particles about the curve, whatever the shape of the track."""
+    w = _weights(count, weight)
+    model, slope = _gaussian(grid, p)
+    n = np.maximum(count, 1e-12)
+    scatter = np.maximum(square - 2 * model * total + model**2 * count, 0.0) / n**2  # of the cell's mean radius
+    bread = np.linalg.inv((slope * w) @ slope.T)
+    covariance = bread @ ((slope * (w * w * scatter)) @ slope.T) @ bread
+    return float(covariance[0, 0]), float(covariance[1, 1])
