@@ -1,0 +1,150 @@
+"""Checks of an integrator, against the oracle in ``reference.py``."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+
+from streamkit import GYR, Array, Integrator, Potential
+from streamkit.engine import Field, build_field
+from streamkit.testing import reference
+from streamkit.testing.common import Check, example_of, require
+from streamkit.testing.hosts import TODAY, Isochrone, Satellite, progenitor_orbit, swarm
+
+SPAN = 0.4
+"""Gyr: a good part of a radial period."""
+COUNT = 5
+STEPS = (0.008, 0.004, 0.002, 0.001, 0.0005)
+"""Gyr."""
+FLOOR = 3e-10
+"""Relative error below which rounding, the track's interpolation and the oracle's own error show."""
+
+
+@cache
+def _problem(name: str) -> tuple[Field, Array, Array, Array, Array]:
+    """Return a field, a start q, v (3, COUNT) at t = 0, and the oracle's state at SPAN."""
+    q, v = swarm(COUNT)
+    start = np.zeros(COUNT)
+    host: Sequence[Potential] = [Isochrone(swing=0.5 if name == "time-dependent" else 0.0)]
+    field = build_field(host)
+    if name != "moving progenitor":
+        return field, q, v, *reference.advance(host, q, v, start, SPAN * GYR)
+    orbit = progenitor_orbit(0.0, SPAN, max_step=0.0005)
+    field = field.with_followers(build_field([Satellite()]), orbit)
+    return field, q, v, *reference.advance(host, q, v, start, SPAN * GYR, [Satellite()], (*TODAY, 0.0))
+
+
+PROBLEMS = ("fixed", "time-dependent", "moving progenitor")
+
+
+def _run(integrator: Integrator, field: Field, q: Array, v: Array, t0: Array, t1: float) -> Array:
+    """(6, n) states after one call, from copies."""
+    q, v = q.copy(), v.copy()
+    integrator.advance(field, q, v, t0, t1)
+    return np.concatenate([q, v])
+
+
+def _error(state: Array, q: Array, v: Array) -> float:
+    """Largest relative error of position or velocity."""
+    dq, dv = np.abs(state[:3] - q).max(axis=0), np.abs(state[3:] - v).max(axis=0)
+    return float(max((dq / np.sqrt((q**2).sum(axis=0))).max(), (dv / np.sqrt((v**2).sum(axis=0))).max()))
+
+
+def has_step(cls: type[Integrator]) -> bool:
+    """Say whether an integrator has a fixed step that the checks can vary: a field called ``step``."""
+    return "step" in cls.numbers()
+
+
+def reaches_its_order(integrator: Integrator) -> None:
+    """Check that, with a field ``step``, the error falls as step^(order - 0.3); else see `reaches`."""
+    if not has_step(type(integrator)):
+        return
+    for name in PROBLEMS:
+        field, q, v, *end = _problem(name)
+        start, stop = np.zeros(COUNT), SPAN * GYR
+        tries = [example_of(type(integrator), step=h) for h in STEPS]
+        errors = np.array([_error(_run(one, field, q, v, start, stop), *end) for one in tries])
+        use = (errors > FLOOR) & (errors < 0.03)
+        require(use.sum() >= 2, f"{name}: errors {errors} for steps {STEPS} Gyr leave no range to measure in")
+        slope = np.polyfit(np.log(np.array(STEPS)[use]), np.log(errors[use]), 1)[0]
+        require(
+            slope >= integrator.order - 0.3,
+            f"{name}: declared order {integrator.order}, measured {slope:.2f} (errors {errors})",
+        )
+
+
+def reaches(accuracy: float) -> Check:
+    """Return the check of integrators that choose their own steps: blocks of 20 Myr, to ``accuracy``."""
+
+    def reaches_its_accuracy(integrator: Integrator) -> None:
+        if has_step(type(integrator)):
+            return
+        for name in PROBLEMS:
+            field, q, v, *end = _problem(name)
+            state = np.concatenate([q, v])
+            edges = np.linspace(0.0, SPAN * GYR, 21)
+            for begin, stop in itertools.pairwise(edges):
+                state = _run(integrator, field, state[:3], state[3:], np.full(COUNT, begin), stop)
+            error = _error(state, *end)
+            require(error <= accuracy, f"{name}: relative error {error:.1e}, {accuracy:.0e} allowed")
+
+    return reaches_its_accuracy
+
+
+def comes_back(integrator: Integrator) -> None:
+    """Check that forth, and back with reversed velocities, ends as near to the start as its error allows."""
+    field, q, v, *end = _problem("fixed")
+    start = np.zeros(COUNT)
+    there = _run(integrator, field, q, v, start, SPAN * GYR)
+    allowed = max(4 * _error(there, *end), 1e-9)
+    back = _run(integrator, field, there[:3], -there[3:], start, SPAN * GYR)
+    error = _error(np.concatenate([back[:3], -back[3:]]), q, v)
+    require(error <= allowed, f"misses the start by a relative error of {error:.1e}, {allowed:.1e} allowed")
+
+
+def takes_any_number(integrator: Integrator) -> None:
+    """Check no particles, one, and a batch and a bit: each moves as if it were alone."""
+    field = _problem("moving progenitor")[0]
+    stop = 0.02 * GYR
+    _run(integrator, field, np.empty((3, 0)), np.empty((3, 0)), np.empty(0), stop)
+    q, v = swarm(131)
+    together = _run(integrator, field, q, v, np.zeros(131), stop)
+    for some in ([0], [130], list(range(0, 131, 7))):
+        alone = _run(integrator, field, q[:, some], v[:, some], np.zeros(len(some)), stop)
+        if has_step(type(integrator)):
+            require(np.array_equal(alone, together[:, some]), "the result depends on the size of the batch")
+        else:  # steps chosen for the whole set may differ in their rounding
+            require(
+                _error(alone, together[:3, some], together[3:, some]) <= 1e-9,
+                "the result depends on the size of the batch, beyond 1e-9",
+            )
+
+
+def takes_releases_off_the_grid(integrator: Integrator) -> None:
+    """Check that particles that start within the block, one at its very end, arrive where the oracle says."""
+    field, q, v, *_ = _problem("moving progenitor")
+    stop = 0.02 * GYR
+    t0 = np.array([0.0, 0.3137, 0.5, 0.9999, 1.0]) * stop
+    errors = []
+    for start in (np.zeros(COUNT), t0):
+        end = reference.advance([Isochrone()], q, v, start, stop, [Satellite()], (*TODAY, 0.0))
+        errors.append(_error(_run(integrator, field, q, v, start, stop), *end))
+    allowed = max(4 * errors[0], 1e-8)
+    require(
+        errors[1] <= allowed,
+        f"relative error {errors[1]:.1e} for releases inside the block, {allowed:.1e} allowed",
+    )
+
+
+def checks(accuracy: float) -> tuple[Check, ...]:
+    """Return the checks of an integrator."""
+    return (
+        reaches_its_order,
+        reaches(accuracy),
+        comes_back,
+        takes_any_number,
+        takes_releases_off_the_grid,
+    )

@@ -1,0 +1,109 @@
+"""Checks of an observable: a stream with everything, and streams without."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+
+from streamkit import Observable, Prediction, Stream
+from streamkit.testing.common import Check, require
+from streamkit.testing.streams import PARTICLES, example_stream, select
+
+
+def _predict(observable: Observable, stream: Stream) -> Prediction:
+    """Predict; a warning is as bad as an error, since a run would print it thousands of times."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        return observable.predict(stream)
+
+
+def _poor_streams() -> dict[str, Stream]:
+    """Streams that lack what an observable may look for."""
+    stream = example_stream()
+    everything = np.ones(len(stream), dtype=bool)
+    still = np.zeros(50, dtype=int)
+    return {
+        "no particles": select(stream, ~everything),
+        "one particle": select(stream, [0]),
+        "seven particles": select(stream, np.arange(0, len(stream), len(stream) // 7)[:7]),
+        "bound particles only": replace(stream, bound=everything, t_strip=np.zeros(len(stream))),
+        "a leading arm only": select(stream, stream.arm > 0),
+        "a trailing arm only": select(stream, stream.arm < 0),
+        "particles all in one place": select(stream, still),
+        "particles released today": select(stream, stream.t_release > -0.1),
+        "a progenitor without a next apocentre": replace(stream, future=None),
+    }
+
+
+def has_a_fixed_length(observable: Observable) -> None:
+    """Check that names, mean, variance and data have one length, whatever the stream."""
+    full = _predict(observable, example_stream())
+    m = len(full.names)
+    values, errors = observable.data()
+    shapes = [full.mean.shape, full.variance.shape, values.shape, errors.shape]
+    require(shapes == [(m,)] * 4, f"{m} names, but mean, variance and data have shapes {shapes}")
+    require(not (errors <= 0).any(), f"data() gives standard errors that are not positive: {errors}")
+    for what, stream in _poor_streams().items():
+        poor = _predict(observable, stream)
+        require(poor.names == full.names, f"names {full.names} become {poor.names} for a stream with {what}")
+        require(
+            poor.mean.shape == poor.variance.shape == (m,),
+            f"mean and variance have shapes {poor.mean.shape}, {poor.variance.shape} given {what}",
+        )
+
+
+def measures_a_stream(observable: Observable) -> None:
+    """Check that a stream of 4000 particles with two arms has a value and a variance, zero or more."""
+    full = _predict(observable, example_stream())
+    require(not full.why_not, f"says {full.why_not!r} of a stream with two long arms")
+    require(np.isfinite(full.mean).all(), f"the mean is {full.mean} and why_not is empty")
+    require((full.variance >= 0).all(), f"the variance is {full.variance}")
+
+
+def does_not_care_for_the_order(observable: Observable) -> None:
+    """Check that shuffled particles give the same to rounding, and the same stream exactly the same."""
+    stream = example_stream()
+    first, second = _predict(observable, stream), _predict(observable, stream)
+    require(np.array_equal(first.mean, second.mean), f"two calls give {first.mean} and {second.mean}")
+    shuffled = _predict(observable, select(stream, np.random.default_rng(0).permutation(len(stream))))
+    same = np.allclose(shuffled.mean, first.mean, rtol=1e-8) and np.allclose(
+        shuffled.variance, first.variance, rtol=1e-6
+    )
+    require(same, f"shuffled particles give {shuffled.mean} instead of {first.mean}")
+
+
+def leaves_the_stream_alone(observable: Observable) -> None:
+    """Check that ``predict`` does not write into the stream."""
+    stream = select(example_stream(), np.arange(len(example_stream())))
+    before = {name: getattr(stream, name).copy() for name in PARTICLES}
+    _predict(observable, stream)
+    changed = [name for name in PARTICLES if not np.array_equal(before[name], getattr(stream, name))]
+    require(not changed, f"predict changes {', '.join(changed)}")
+
+
+def says_why_not(observable: Observable) -> None:
+    """Check that a stream without the feature gives NaN and a short constant reason, and no exception."""
+    for what, stream in _poor_streams().items():
+        try:
+            poor = _predict(observable, stream)
+        except Exception as error:  # whatever it raises, the author needs to know for which stream
+            message = f"raises {type(error).__name__} for a stream with {what}: {error}"
+            raise AssertionError(message) from error
+        nan = bool(np.isnan(poor.mean).any())
+        require(nan == bool(poor.why_not), f"mean {poor.mean} with why_not {poor.why_not!r} given {what}")
+        require(
+            not any(c.isdigit() for c in poor.why_not),
+            f"the reason {poor.why_not!r} holds a number: runs count their rejections by the reason",
+        )
+        require(nan or (poor.variance >= 0).all(), f"variance {poor.variance} for a stream with {what}")
+
+
+CHECKS: tuple[Check, ...] = (
+    has_a_fixed_length,
+    measures_a_stream,
+    does_not_care_for_the_order,
+    leaves_the_stream_alone,
+    says_why_not,
+)

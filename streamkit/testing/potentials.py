@@ -1,0 +1,132 @@
+"""Checks of a potential. Positions are random directions at radii spread evenly in the logarithm."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from streamkit import Array, G, Potential
+from streamkit.engine import build_field
+from streamkit.testing.common import Check, require
+from streamkit.testing.reference import acceleration, divergence_and_curl, gradient
+
+COUNT = 200
+"""More than one batch of the compiled loop."""
+
+
+def positions(low: float, high: float, count: int = COUNT) -> Array:
+    """(3, count) points in random directions at radii from low to high kpc."""
+    rng = np.random.default_rng(20140601)
+    directions = rng.standard_normal((3, count))
+    return np.asarray(directions / np.sqrt((directions**2).sum(axis=0)) * np.geomspace(low, high, count))
+
+
+def times(count: int = COUNT) -> Array:
+    """(count,) times of the past 5 kpc/(km/s)."""
+    return np.linspace(-5.0, 0.0, count)
+
+
+def _size(a: Array) -> Array:
+    return np.asarray(np.sqrt((a**2).sum(axis=0)))
+
+
+def _worst(difference: Array, a: Array, q: Array) -> str:
+    """Name the largest difference relative to |a| and its place."""
+    ratio = _size(difference) / _size(a)
+    i = int(np.argmax(ratio))
+    return f"relative difference {ratio[i]:.1e} at ({', '.join(f'{x:.4g}' for x in q[:, i])}) kpc"
+
+
+def arrays_in_arrays_out(potential: Potential) -> None:
+    """Check that arrays of one shape give three arrays of that shape and are left alone."""
+    q, t = positions(1e-2, 1e3), times()
+    x, y, z = q.copy()
+    result = type(potential).acceleration(x, y, z, t.copy(), *potential.internal())
+    require(isinstance(result, tuple) and len(result) == 3, "acceleration must return a tuple (ax, ay, az)")
+    shapes = [np.shape(part) for part in result]
+    require(shapes == [(COUNT,)] * 3, f"arrays of shape {(COUNT,)} gave shapes {shapes}")
+    require(np.array_equal(np.stack([x, y, z]), q), "acceleration changes the positions it is given")
+
+
+def floats_agree_with_arrays(potential: Potential) -> None:
+    """Check that floats give what arrays give, to 1e-12 of |a|. Compiled bodies only."""
+    if not potential.compiled:
+        return
+    q, t = positions(1e-2, 1e3), times()
+    whole = acceleration([potential], t, q)
+    values = [float(p) for p in potential.internal()]
+    single = np.array(
+        [type(potential).acceleration(*map(float, point), *values) for point in zip(*q, t, strict=True)]
+    ).T
+    require((_size(single - whole) <= 1e-12 * _size(whole)).all(), _worst(single - whole, whole, q))
+
+
+def is_finite(potential: Potential) -> None:
+    """Check that accelerations are finite from 0.01 to 1000 kpc, and on the axes."""
+    axes = np.concatenate([radius * np.eye(3) for radius in (1e-2, 1.0, 1e3)], axis=1)
+    for q in (positions(1e-2, 1e3), axes):
+        a = acceleration([potential], np.zeros(q.shape[1]), q)
+        bad = np.flatnonzero(~np.isfinite(a).all(axis=0))
+        require(not len(bad), f"not finite at {len(bad)} points, the first {q[:, bad[:1]].ravel()} kpc")
+
+
+def engine_agrees_with_numpy(potential: Potential) -> None:
+    """Check that the force in the engine's loop is the NumPy one to 1e-12 of |a|."""
+    q, t = positions(1e-2, 1e3), times()
+    plain = acceleration([potential], t, q)
+    engine = build_field([potential]).acceleration(t, q)
+    require((_size(engine - plain) <= 1e-12 * _size(plain)).all(), _worst(engine - plain, plain, q))
+
+
+def engine_adds(potential: Potential) -> None:
+    """Check that two of the same give twice the force: the kernel adds to what is there."""
+    q, t = positions(1e-1, 1e2), times()
+    one = build_field([potential]).acceleration(t, q)
+    two = build_field([potential, potential]).acceleration(t, q)
+    require((_size(two - 2 * one) <= 1e-14 * _size(two)).all(), _worst(two - 2 * one, two, q))
+
+
+def is_curl_free(potential: Potential) -> None:
+    """Check that the force has a potential: its curl vanishes to 1e-6 of |a| / r."""
+    q, t = positions(1e-1, 3e2), times()
+    _, curl = divergence_and_curl(potential, t, q)
+    a = acceleration([potential], t, q)
+    require((_size(curl) <= 1e-6 * _size(a) / _size(q)).all(), "curl: " + _worst(curl * _size(q), a, q))
+
+
+def energy_matches_force(potential: Potential) -> None:
+    """Check that minus the gradient of `potential`, if defined, is the acceleration to 1e-6."""
+    if not potential.has_energy():
+        return
+    q, t = positions(1e-1, 3e2), times()
+    a = acceleration([potential], t, q)
+    difference = a + gradient(potential, t, q)
+    require((_size(difference) <= 1e-6 * _size(a)).all(), "-grad(potential): " + _worst(difference, a, q))
+
+
+def density_is_positive(potential: Potential) -> None:
+    """Check that Poisson's equation gives a density of zero or more, unless opted out."""
+    q, t = positions(1e-1, 3e2), times()
+    divergence, _ = divergence_and_curl(potential, t, q)
+    density = -divergence / (4 * np.pi * G)
+    mean = _size(acceleration([potential], t, q)) / _size(q) / (4 * np.pi * G)
+    i = int(np.argmin(density / mean))
+    place = ", ".join(f"{x:.4g}" for x in q[:, i])
+    require(
+        density[i] >= -1e-6 * mean[i],
+        f"-div a / (4 pi G) = {density[i]:.3g} Msun/kpc^3 at ({place}) kpc "
+        "(if that is meant, call check(..., negative_density=True))",
+    )
+
+
+def checks(negative_density: bool) -> tuple[Check, ...]:
+    """Return the checks of a potential."""
+    always: tuple[Check, ...] = (
+        arrays_in_arrays_out,
+        floats_agree_with_arrays,
+        is_finite,
+        engine_agrees_with_numpy,
+        engine_adds,
+        is_curl_free,
+        energy_matches_force,
+    )
+    return always if negative_density else (*always, density_is_positive)

@@ -1,0 +1,141 @@
+"""A slow, obvious oracle: NumPy forces, and SciPy's DOP853 or classical Runge-Kutta, one particle at a time.
+
+Nothing here touches the compiled engine, so that a test may compare the two. Units are the engine's.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from streamkit import Array, Potential
+
+Rates = Callable[[float, Array], Array]
+
+
+def acceleration(potentials: Sequence[Potential], t: Array | float, q: Array) -> Array:
+    """(3, n) sum of the NumPy accelerations at positions q (3, n) in kpc and times t (n,)."""
+    t = np.broadcast_to(np.asarray(t, dtype=float), q.shape[1:])
+    parts = [np.stack(np.broadcast_arrays(*type(p).acceleration(*q, t, *p.internal()))) for p in potentials]
+    return np.asarray(np.sum(parts, axis=0))
+
+
+def energy(potentials: Sequence[Potential], t: Array | float, q: Array, v: Array) -> Array:
+    """(n,) energy per mass in (km/s)^2 of particles q, v (3, n)."""
+    t = np.broadcast_to(np.asarray(t, dtype=float), q.shape[1:])
+    return np.asarray(
+        0.5 * (v**2).sum(axis=0) + sum(type(p).potential(*q, t, *p.internal()) for p in potentials)
+    )
+
+
+_STEPS = (1e-1, 1e-2, 1e-3)
+"""Difference steps in units of r: the coarse ones for nearly constant fields, the fine for thin discs."""
+
+
+def _slopes(f: Callable[[Array], Array], q: Array, h: Array) -> Array:
+    """(3, ...) derivatives of f along the axes: central differences of fourth order with steps h (n,)."""
+    rows = []
+    for axis in np.eye(3):
+        step = axis[:, None] * h
+        near, far = f(q + step) - f(q - step), f(q + 2 * step) - f(q - 2 * step)
+        rows.append((8 * near - far) / (12 * h))
+    return np.stack(rows)
+
+
+def _settled(candidates: Sequence[Array]) -> Array:
+    """Of derivatives (..., n) with ever finer steps, take for each point the one that changed least."""
+    best, distance = candidates[0], np.full(candidates[0].shape[-1], np.inf)
+    for coarse, fine in itertools.pairwise(candidates):
+        change = np.abs(fine - coarse).reshape(-1, fine.shape[-1]).max(axis=0)
+        best = np.where(change < distance, fine, best)
+        distance = np.minimum(change, distance)
+    return best
+
+
+def gradient(potential: Potential, t: Array, q: Array) -> Array:
+    """(3, n) numerical gradient of `potential` at q (3, n)."""
+    r = np.sqrt((q**2).sum(axis=0))
+
+    def phi(x: Array) -> Array:
+        return np.asarray(type(potential).potential(*x, t, *potential.internal()), dtype=float)
+
+    return _settled([_slopes(phi, q, h * r) for h in _STEPS])
+
+
+def divergence_and_curl(potential: Potential, t: Array, q: Array) -> tuple[Array, Array]:
+    """(n,) numerical divergence and (3, n) curl of the acceleration at q (3, n)."""
+    r = np.sqrt((q**2).sum(axis=0))
+    slopes = _settled([_slopes(lambda x: acceleration([potential], t, x), q, h * r) for h in _STEPS])
+    curl = np.stack([slopes[j, k] - slopes[k, j] for j, k in ((1, 2), (2, 0), (0, 1))])
+    return np.asarray(np.trace(slopes)), curl
+
+
+def runge_kutta(rates: Rates, w: Array, t0: float, t1: float, steps: int) -> Array:
+    """Classical fourth-order Runge-Kutta from t0 to t1 in equal steps."""
+    h = (t1 - t0) / steps
+    for i in range(steps):
+        t = t0 + i * h
+        k1 = rates(t, w)
+        k2 = rates(t + h / 2, w + h / 2 * k1)
+        k3 = rates(t + h / 2, w + h / 2 * k2)
+        k4 = rates(t + h, w + h * k3)
+        w = w + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return w
+
+
+def dop853(rates: Rates, w: Array, t0: float, t1: float) -> Array:
+    """SciPy's DOP853 from t0 to t1 at a relative tolerance of 1e-12."""
+    if t0 == t1:
+        return w.copy()
+    return np.asarray(solve_ivp(rates, (t0, t1), w, method="DOP853", rtol=1e-12, atol=1e-11).y[:, -1])
+
+
+def advance(
+    host: Sequence[Potential],
+    q: Array,
+    v: Array,
+    t0: Array,
+    t1: float,
+    satellite: Sequence[Potential] = (),
+    progenitor: tuple[Array, Array, float] | None = None,
+    steps: int | None = None,
+) -> tuple[Array, Array]:
+    """Carry particles q, v (3, n) from their own times t0 (n,) to t1; return new arrays (3, n), (3, n).
+
+    Parameters
+    ----------
+    host
+        Potentials fixed at the origin.
+    satellite
+        Potentials centred on the progenitor, which feels the host alone.
+    progenitor
+        Position (3,), velocity (3,) and the time at which it has them; needed with a satellite. It is
+        integrated together with each particle: no track, no interpolation.
+    steps
+        Use classical Runge-Kutta with so many equal steps per particle instead of DOP853.
+    """
+
+    def rates(t: float, w: Array) -> Array:
+        """State: particle position, velocity, then (with a satellite) the progenitor's."""
+        x = w[:3, None]
+        a = acceleration(host, t, x)
+        if progenitor is None:
+            return np.concatenate([w[3:6], a[:, 0]])
+        centre = w[6:9, None]
+        a = a + acceleration(satellite, t, x - centre)
+        return np.concatenate([w[3:6], a[:, 0], w[9:12], acceleration(host, t, centre)[:, 0]])
+
+    def alone(t: float, w: Array) -> Array:
+        return np.concatenate([w[3:], acceleration(host, t, w[:3, None])[:, 0]])
+
+    out = np.empty((6, q.shape[1]))
+    for i, start in enumerate(np.asarray(t0, dtype=float)):
+        w = np.concatenate([q[:, i], v[:, i]])
+        if progenitor is not None:
+            w = np.concatenate([w, dop853(alone, np.concatenate(progenitor[:2]), progenitor[2], start)])
+        w = dop853(rates, w, start, t1) if steps is None else runge_kutta(rates, w, start, t1, steps)
+        out[:, i] = w[:6]
+    return out[:3].copy(), out[3:].copy()

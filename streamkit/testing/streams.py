@@ -1,0 +1,64 @@
+"""A small stream for the checks of observables: plain NumPy bookkeeping, no stripping scheme, no model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from streamkit import GYR, LEADING, TRAILING, Array, Stream
+from streamkit.engine import PEFRL, build_field, split_step
+from streamkit.testing.hosts import Isochrone, progenitor_orbit
+
+LOOKBACK = -3.0
+BLOCK = 0.02
+"""Gyr."""
+
+PARTICLES = ("q", "v", "t_release", "t_strip", "dq_strip", "dv_strip", "tail", "winding", "chi", "bound")
+"""The arrays of a stream with one entry per particle."""
+
+
+@cache
+def example_stream(count: int = 4000, seed: int = 3) -> Stream:
+    """Release particles at the Lagrange points over 3 Gyr and follow them in the host alone."""
+    orbit, future = progenitor_orbit(LOOKBACK), progenitor_orbit(0.0, 2.0)
+    e_r, e_phi, _ = orbit.frame
+
+    def angle(x: Array) -> Array:
+        """Angle in the orbital plane, which the spherical host keeps."""
+        return np.asarray(np.arctan2(e_phi[:, 0] @ x, e_r[:, 0] @ x))
+
+    blocks = round(-LOOKBACK / BLOCK)
+    edges = np.linspace(LOOKBACK * GYR, 0.0, blocks + 1)
+    track = orbit.at(edges)
+    born = np.arange(count) * blocks // count  # the block at whose start each particle is released
+    tail = np.where(np.arange(count) % 2, TRAILING, LEADING).astype(np.int64)
+    release = orbit.at(edges[born])
+    q = release.q + tail * release.r_tidal * release.frame[0]
+    v = release.v + 10.0 * np.random.default_rng(seed).standard_normal((3, count))
+    winding, chi, inside = np.zeros(count), np.zeros(count), edges[born]
+    field = build_field([Isochrone()])
+    for k in range(blocks):
+        out = np.flatnonzero(born <= k)
+        x, u = q[:, out].copy(), v[:, out].copy()
+        before = angle(x) - angle(track.q[:, k])
+        split_step(field, PEFRL, x, u, np.full(len(out), edges[k]), edges[k + 1], np.full(len(out), 5))
+        after = angle(x) - angle(track.q[:, k + 1])
+        winding[out] += (after - before + np.pi) % (2 * np.pi) - np.pi
+        chi[out] += (edges[k + 1] - edges[k]) * (np.sqrt((x**2).sum(axis=0)) - track.r[k + 1])
+        near = np.sqrt(((x - track.q[:, k + 1 : k + 2]) ** 2).sum(axis=0)) < track.r_tidal[k + 1]
+        inside[out[near]] = edges[k + 1]
+        q[:, out], v[:, out] = x, u
+    zero = np.zeros((3, count))
+    return Stream(
+        q=q, v=v, t_release=edges[born], t_strip=inside, dq_strip=zero, dv_strip=zero.copy(), tail=tail,
+        winding=winding, chi=chi, bound=inside == edges[-1], orbit=orbit, future=future,
+    )  # fmt: skip
+
+
+def select(stream: Stream, some: Any) -> Stream:
+    """Return the stream of the particles ``some`` (indices or a mask), in that order."""
+    chosen: dict[str, Any] = {name: getattr(stream, name)[..., some].copy() for name in PARTICLES}
+    return replace(stream, **chosen)
