@@ -1,0 +1,237 @@
+"""One section of a run file: its class, its values and priors, and its errors as sentences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Generic, TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+
+from streamkit.errors import OutOfDomain, nearest
+from streamkit.priors import KINDS, Prior, parse, quantity
+from streamkit.units import Unit, unit_of
+
+M = TypeVar("M", bound=BaseModel)
+_EDGE = 1e-6  # a prior may end on an open bound, such as 0 for a length: its inside is what must be allowed
+
+
+@dataclass(frozen=True)
+class Section(Generic[M]):
+    """A validated section.
+
+    Attributes
+    ----------
+    path
+        Where it stands in the run file: ``potential.halo``.
+    cls
+        The class that validates it.
+    given
+        The values from the run file of the fields without a prior.
+    priors
+        The priors of the other ones.
+    centre
+        The instance with every free field at the centre of its prior.
+    """
+
+    path: str
+    cls: type[M]
+    given: dict[str, Any]
+    priors: dict[str, Prior]
+    centre: M
+
+    def build(self, values: Mapping[str, float]) -> M:
+        """Return the instance at ``values``, by the full name of each free field.
+
+        Raises
+        ------
+        OutOfDomain
+            If a value breaks the field's own constraint.
+        """
+        if not self.priors:
+            return self.centre
+        try:
+            return self.cls.model_validate(self.given | {name: values[full] for name, full in self._free})
+        except ValidationError as error:
+            where = ".".join([self.path, *(str(part) for part in error.errors()[0]["loc"][:1])])
+            raise OutOfDomain(f"{where} is outside its allowed range") from None
+
+    @cached_property
+    def _free(self) -> list[tuple[str, str]]:
+        return [(name, f"{self.path}.{name}") for name in self.priors]
+
+    def numbers(self) -> dict[str, Unit]:
+        """Return the units of the fields that may have a prior."""
+        return {
+            name: unit
+            for name, field in self.cls.model_fields.items()
+            if (unit := unit_of(field)) is not None
+        }
+
+    def defaults(self) -> dict[str, Any]:
+        """Return the fields that have a default, as the resolved run file writes the default."""
+        fields = ((n, f) for n, f in self.cls.model_fields.items() if not f.is_required())
+        values = ((name, field, field.get_default(call_default_factory=True)) for name, field in fields)
+        return {n: _written(v, unit_of(f), f.annotation) for n, f, v in values if v is not None}
+
+    def document(self) -> dict[str, Any]:
+        """Return the section as the resolved run file holds it: every field, quantities as text."""
+        out: dict[str, Any] = {}
+        for name, field in self.cls.model_fields.items():
+            if name in self.priors:
+                out[name] = self.priors[name].document(unit_of(field) or Unit(""))
+            elif (value := getattr(self.centre, name)) is not None:
+                out[name] = _written(value, unit_of(field), field.annotation)
+        return out
+
+
+def _written(value: Any, unit: Unit | None, annotation: Any) -> Any:
+    """Write a validated value in the run file's terms; pairs of quantities keep their units too."""
+    if unit is not None:
+        return quantity(float(value), unit)
+    if isinstance(value, BaseModel):
+        return value.model_dump(mode="json", exclude_none=True)
+    if isinstance(value, list | tuple):
+        inner = [item for item in get_args(annotation) if item is not Ellipsis]
+        if len(inner) == 1 and type(None) not in inner:
+            inner = inner * len(value)
+        for option in inner:  # Optional: look inside the option that has the right number of members
+            if len(get_args(option)) == len(value) and type(None) in inner:
+                return _written(value, None, option)
+        kinds = inner if len(inner) == len(value) else [None] * len(value)
+        return [_written(item, _unit_in(kind), kind) for item, kind in zip(value, kinds, strict=True)]
+    return value
+
+
+def _unit_in(annotation: Any) -> Unit | None:
+    """Return the unit among the metadata of an Annotated type."""
+    return next((item for item in getattr(annotation, "__metadata__", ()) if isinstance(item, Unit)), None)
+
+
+def read(
+    path: str, cls: type[M], table: Mapping[str, Any], errors: list[str], called: str = ""
+) -> Section[M] | None:
+    """Validate the table of a section; on failure append one sentence per error and return None.
+
+    Parameters
+    ----------
+    path
+        Where the section stands in the run file.
+    cls
+        The class to validate with.
+    table
+        The section without its ``kind``.
+    errors
+        Grows by one sentence per error.
+    called
+        What messages call the class: ``the potential 'tf'``.
+    """
+    before = len(errors)
+    given: dict[str, Any] = {}
+    priors: dict[str, Prior] = {}
+    broken: set[str] = set()
+    for name, value in table.items():
+        where, field = f"{path}.{name}", cls.model_fields.get(name)
+        if field is None:
+            errors.append(unknown(where, name, cls, called))
+            continue
+        try:
+            prior = _prior(field, value)
+        except ValueError as error:
+            errors.append(f"{where}: {error}")
+            broken.add(name)
+            continue
+        if prior is None:
+            given[name] = value
+        else:
+            priors[name] = prior
+    trial = given | {name: prior.centre for name, prior in priors.items()}
+    for name, prior in priors.items():
+        if problem := _outside(cls, trial, name, prior):
+            errors.append(f"{path}.{name}: {problem}")
+            broken.add(name)
+    try:
+        centre = cls.model_validate(trial)
+    except ValidationError as error:
+        items = [item for item in error.errors() if not (item["loc"] and item["loc"][0] in broken)]
+        errors.extend(_sentence(path, cls, item) for item in items if item["type"] != "extra_forbidden")
+        return None
+    return Section(path, cls, given, priors, centre) if len(errors) == before else None
+
+
+def unknown(where: str, name: str, cls: type[BaseModel], called: str, more: tuple[str, ...] = ()) -> str:
+    """Return the sentence for a field that the class does not have."""
+    fields = [*cls.model_fields, *more]
+    return (
+        f"{where}: {called or 'this section'} has no field {name!r}.{nearest(name, fields)} "
+        f"Allowed: {', '.join(fields)}."
+    )
+
+
+def _prior(field: FieldInfo, value: Any) -> Prior | None:
+    """Return the prior that stands for a value, if one does; refuse values that pydantic would bend."""
+    unit = unit_of(field)
+    if isinstance(value, Mapping):
+        if unit is not None:
+            return parse(value, unit)
+        if len(value) == 1 and next(iter(value)) in KINDS:
+            raise ValueError("takes no prior: only physical numbers do. Give a plain value.")
+    elif unit is None and field.annotation in (bool, int, float):
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if field.annotation is bool and not isinstance(value, bool):
+            raise ValueError(f"found {value!r}, expected true or false, without quotes")
+        if field.annotation is not bool and not number:
+            what = "a whole number" if field.annotation is int else "a number"
+            raise ValueError(f"found {value!r}, expected {what}, without quotes")
+    return None
+
+
+def _outside(cls: type[BaseModel], trial: dict[str, Any], name: str, prior: Prior) -> str:
+    """Return a sentence if some of the prior's range breaks the field's own constraint."""
+    low, high = prior.support
+    inset = _EDGE * (high - low)
+    ends = [low + inset, high - inset] if math.isfinite(inset) else list(filter(math.isfinite, (low, high)))
+    for value in (*ends, prior.centre):
+        try:
+            cls.model_validate(trial | {name: value})
+        except ValidationError as error:
+            for item in error.errors():
+                if item["loc"][:1] == (name,):
+                    unit = unit_of(cls.model_fields[name])
+                    return (
+                        f"the prior {prior.text(unit.name if unit else '')} reaches outside the field's "
+                        f"range: a value {_should(item['msg'])}"
+                    )
+    return ""
+
+
+def _should(message: str) -> str:
+    message = message.removeprefix("Value error, ").removeprefix("Assertion failed, ")
+    return message.replace("Input should", "should", 1)
+
+
+def _sentence(path: str, cls: type[BaseModel], item: Any) -> str:
+    """Turn one pydantic error into: where, what was found, what is allowed."""
+    loc = item["loc"]
+    where = path + "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in loc)
+    field = cls.model_fields.get(str(loc[0])) if loc else None
+    unit = unit_of(field) if field is not None else None
+    about = f" ({field.description.rstrip('.')})" if field is not None and field.description else ""
+    if item["type"] == "missing" and len(loc) == 1:
+        number = f"a number in {unit.label}, a quantity such as {unit.example!r}, or a prior" if unit else ""
+        return f"{where}: missing{about}; expected {number or 'a value'}"
+    message = _should(item["msg"])
+    found = item["input"]
+    if item["type"] in ("value_error", "assertion_error"):
+        shown = message if not loc or repr(found) in message else f"found {found!r}: {message}"
+        return f"{where}: {shown}{about}"
+    guess = nearest(found, item["ctx"]["expected"].split("'")[1::2]) if _is_choice(item) else ""
+    measure = f" {unit.name}" if unit and unit.name and isinstance(found, int | float) else ""
+    return f"{where}: found {found!r}{measure}, {message}{about}.{guess}"
+
+
+def _is_choice(item: Any) -> bool:
+    return item["type"] == "literal_error" and isinstance(item["input"], str)

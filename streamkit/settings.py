@@ -1,0 +1,36 @@
+"""The sections of a run file that no component fills: how to sample, how to compare."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class Sampler(BaseModel):
+    """Settings of emcee."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    walkers: int = Field(
+        default=64, ge=2, description="Number of walkers, at least twice the free parameters."
+    )
+    steps: int = Field(default=5000, ge=1, description="Longest chain, in steps per walker.")
+    thin: int = Field(default=1, ge=1, description="Store every so many steps.")
+    tau_factor: float = Field(
+        default=50.0, gt=0, description="Stop when the chain is longer than so many autocorrelation times."
+    )
+    moves: Literal["stretch", "de"] = Field(
+        default="de", description="Goodman & Weare's stretch move, or differential evolution."
+    )
+
+
+class Likelihood(BaseModel):
+    """Settings of the comparison with the data."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    noise: Literal["add", "ignore"] = Field(
+        default="ignore",
+        description="Whether the variance of the model's own estimate is added to that of the data.",
+    )
