@@ -108,7 +108,7 @@ class Potential(Component):
 class Stripping(Component):
     """When, where and how fast particles leave the progenitor.
 
-    The three fields below belong to every scheme.
+    The fields below belong to every scheme.
     """
 
     role: ClassVar[str] = "stripping"
@@ -118,6 +118,10 @@ class Stripping(Component):
     particles: int = Field(default=10000, ge=2, description="Number of particles, both tails together.")
     progenitor_gravity: bool = Field(
         default=True, description="Whether the particles feel the progenitor after their release."
+    )
+    quasi_random: bool = Field(
+        default=True,
+        description="Draw the normals from a scrambled Sobol sequence per tail (half the noise), or independently.",
     )
     release_times: Literal["uniform", "pericentre"] = Field(
         default="uniform",

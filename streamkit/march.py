@@ -14,7 +14,7 @@ from streamkit.engine import Field, loops
 from streamkit.phase import Array, BoolArray, Orbit
 from streamkit.units import GYR
 
-BLOCK = 0.015 * GYR
+BLOCK = 0.02 * GYR
 """Length of a block: short against the time in which a particle turns half way round the Galaxy."""
 
 

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from streamkit.components import Stripping
 from streamkit.engine import Field, build_field
 from streamkit.errors import OutOfDomain
 from streamkit.march import march
@@ -35,8 +36,7 @@ class Model:
     def normals(self) -> Array:
         """(draws, n) The standard normals of all particles; the first n do not depend on their number."""
         setup = self.spec.bind(self.spec.centre())
-        n, draws = setup.stripping.particles, setup.stripping.draws
-        return np.ascontiguousarray(np.random.default_rng(setup.seed).standard_normal((n, draws)).T)
+        return standard_normals(setup.stripping, setup.seed)
 
     def stream(self, parameters: Array | Mapping[str, float] | None = None) -> Stream:
         """Return the stream at parameters (d,), or a mapping of some of them; the rest at the prior's centre.
@@ -49,6 +49,26 @@ class Model:
             If a component fails.
         """
         return simulate(self.spec.bind(self.spec.centre() if parameters is None else parameters), self.normals)
+
+
+def standard_normals(stripping: Stripping, seed: int) -> Array:
+    """(draws, n) Standard normals from the seed; column i belongs to particle i whatever n is.
+
+    The two tails, which alternate, have a Sobol sequence each: one sequence for both would give each tail one half
+    of the first coordinate. Release times grow with the index, which completes the sequence to a Hammersley set.
+    """
+    n, draws = stripping.particles, stripping.draws
+    if not stripping.quasi_random:
+        return np.ascontiguousarray(np.random.default_rng(seed).standard_normal((n, draws)).T)
+    from scipy.special import ndtri
+    from scipy.stats import qmc  # slow to import
+
+    out = np.empty((draws, n))
+    for tail, stream in enumerate(np.random.default_rng(seed).spawn(2)):
+        count = len(range(tail, n, 2))
+        points = qmc.Sobol(draws, scramble=True, rng=stream).random_base2(max(count - 1, 1).bit_length())
+        out[:, tail::2] = ndtri(points[:count].T)
+    return out
 
 
 def simulate(setup: Setup, normals: Array) -> Stream:

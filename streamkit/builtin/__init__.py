@@ -23,6 +23,7 @@ def streamkit_components() -> list[type[Component]]:
         stripping.Streakline,
         integrators.Leapfrog,
         integrators.ForestRuth,
+        integrators.Adaptive,
         integrators.Reference,
         observables.Apocentres,
     ]

@@ -21,7 +21,7 @@ WINDOW, EDGE = 40.0, 5.0
 """Half width of the fitted window (Gibbons+ 2014) and the scale of its soft edges, degrees."""
 REACH = 45.0
 """How far from the progenitor's own apocentre the first guess of the maximum is looked for, degrees."""
-ENOUGH = 2.0
+ENOUGH = 10.0
 """Particles per degree below which an angle counts less than a full one in the fit."""
 FEWEST = 30
 """Fewest particles in the window (sum of weights)."""

@@ -1,5 +1,25 @@
-"""The compiled part. What an integrator author may use: `Field`, `build_field`, `split_step`, `PEFRL`, `LEAPFROG`."""
+"""The compiled part: what an integrator author may use beside the names of `streamkit`."""
 
-from streamkit.engine.field import LEAPFROG, PEFRL, Field, Splitting, build_field, split_step
+from streamkit.engine.field import (
+    LEAPFROG,
+    PEFRL,
+    RKN4,
+    RKN6,
+    Field,
+    Splitting,
+    adaptive_step,
+    build_field,
+    split_step,
+)
 
-__all__ = ["LEAPFROG", "PEFRL", "Field", "Splitting", "build_field", "split_step"]
+__all__ = [
+    "LEAPFROG",
+    "PEFRL",
+    "RKN4",
+    "RKN6",
+    "Field",
+    "Splitting",
+    "adaptive_step",
+    "build_field",
+    "split_step",
+]

@@ -39,6 +39,32 @@ PEFRL = Splitting(
 """Position-extended Forest-Ruth-like method, Omelyan, Mryglod & Folk 2002, Comput. Phys. Commun. 146, 188, eq. 22."""
 
 
+def _symmetric(kick: list[float], drift: list[float], order: int) -> Splitting:
+    """A method that kicks first, from the first half of its coefficients; the middle one completes the sum."""
+    if len(kick) == len(drift):  # the middle one is a kick: b1 a1 ... bs as | 1 - 2 sum b | as bs ... a1 b1
+        drift = [*drift[:-1], 0.5 - sum(drift[:-1])]
+        kicks = [*kick, 1 - 2 * sum(kick), *kick[::-1]]
+        drifts = [*drift, *drift[::-1]]
+    else:  # the middle one is a drift
+        kick = [*kick[:-1], 0.5 - sum(kick[:-1])]
+        kicks = [*kick, *kick[::-1]]
+        drifts = [*drift, 1 - 2 * sum(drift), *drift[::-1]]
+    return Splitting(np.array([0.0, *drifts, 0.0]), np.array(kicks), order)
+
+
+RKN4 = _symmetric(
+    [0.0829844064174052, 0.396309801498368, -0.0390563049223486], [0.245298957184271, 0.604872665711080, 0.0], 4
+)
+"""Runge-Kutta-Nystroem splitting SRKN_6^b of Blanes & Moan 2002, J. Comput. Appl. Math. 142, 313, table 3."""
+
+RKN6 = _symmetric(
+    [0.0414649985182624, 0.198128671918067, -0.0400061921041533, 0.0752539843015807, -0.0115113874206879, 0.0],
+    [0.123229775946271, 0.290553797799558, -0.127049212625417, -0.246331761062075, 0.357208872795928],
+    6,
+)
+"""SRKN_11^b of the same paper."""
+
+
 @dataclass(frozen=True)
 class Field:
     """The total acceleration: what an integrator needs and nothing more. Local to its process, never pickled.
@@ -171,9 +197,19 @@ def build_field(potentials: Sequence[Potential]) -> Field:
     )
 
 
-def split_step(
-    field: Field, splitting: Splitting, q: Array, v: Array, t0: Array, t1: float, substeps: IntArray
+def adaptive_step(
+    field: Field, splitting: Splitting, q: Array, v: Array, t0: Array, t1: float, eta: float, deepest: int
 ) -> None:
-    """Advance q, v (3, n), in place, from their own times t0 (n,) to t1 in ``substeps`` (n,) equal steps each."""
-    order = np.argsort(substeps, kind="stable")
+    """Advance q, v (3, n), in place, each particle with the power of two of steps that its dynamical time asks for.
+
+    No step is longer than ``eta`` dynamical times, but a block takes at most ``2**deepest`` of them.
+    """
+    substeps, order = np.empty(len(t0), dtype=np.int64), np.empty(len(t0), dtype=np.int64)
+    loops.levels(*field._head, q, v, t0, t1, eta, deepest, substeps, order)
+    loops.advance(*field._head, q, v, t0, t1, order, substeps, splitting.drift, splitting.kick)
+
+
+def split_step(field: Field, splitting: Splitting, q: Array, v: Array, t0: Array, t1: float, steps: int) -> None:
+    """Advance q, v (3, n), in place, from their own times t0 (n,) to t1 in equal steps."""
+    order, substeps = np.arange(len(t0)), np.full(len(t0), steps)
     loops.advance(*field._head, q, v, t0, t1, order, substeps, splitting.drift, splitting.kick)

@@ -110,11 +110,13 @@ def accelerations(address, offset, follows, p, first, step, track, width, t, q, 
 def advance(address, offset, follows, p, first, step, track, width, q, v, t0, t1, order, substeps, drift, kick):
     """Composition of drifts and kicks, in place, from each particle's t0 to t1.
 
-    ``drift`` (s + 1,) and ``kick`` (s,) are the fractions of a step; ``order`` (n,) sorts the particles so that
+    ``drift`` (s + 1,) and ``kick`` (s,) are the fractions of a step. Where the first and last drift are zero, a
+    step begins with the force that ended the one before. ``order`` (n,) sorts the particles so that
     those with equal ``substeps`` (n,) stand together: a batch never mixes them.
     """
     n = q.shape[1]
     stages = kick.shape[0]
+    reuse = drift[0] == 0.0 and drift[stages] == 0.0
     flat_x, flat_v, flat_a, flat_rel = np.empty(3 * width), np.empty(3 * width), np.empty(3 * width), np.empty(3 * width)
     flat_t, flat_h = np.empty(width), np.empty(width)
     centre = np.empty(3)
@@ -145,7 +147,8 @@ def advance(address, offset, follows, p, first, step, track, width, q, v, t0, t1
                 x[k, i] += drift[0] * h[i] * u[k, i]
         for s in range(steps):
             for j in range(stages):
-                add_forces(address, offset, follows, p, first, step, track, uniform, t, x, rel, centre, a)
+                if j > 0 or s == 0 or not reuse:
+                    add_forces(address, offset, follows, p, first, step, track, uniform, t, x, rel, centre, a)
                 c = drift[j + 1]
                 if j == stages - 1 and s < steps - 1:
                     c += drift[0]
@@ -162,6 +165,77 @@ def advance(address, offset, follows, p, first, step, track, width, q, v, t0, t1
                 q[k, j] = x[k, i]
                 v[k, j] = u[k, i]
         begin = end
+
+
+@njit(inline="always", error_model="numpy")
+def closest_approach(x, w):
+    """Move offsets x (3, m) along straight lines x + s w, 0 <= s <= 1, to where they are closest to zero."""
+    for i in range(x.shape[1]):
+        a, b, c = x[0, i], x[1, i], x[2, i]
+        d, e, f = w[0, i], w[1, i], w[2, i]
+        s = min(max(-(a * d + b * e + c * f) / (d * d + e * e + f * f + 1e-300), 0.0), 1.0)
+        x[0, i], x[1, i], x[2, i] = a + s * d, b + s * e, c + s * f
+
+
+@njit(types.void(*_HEAD, _S2, _S2, _F1, _F, _F, _N, _I1, _I1), **OPTIONS)
+def levels(address, offset, follows, p, first, step, track, width, q, v, t0, t1, eta, deepest, substeps, order):
+    """Powers of two of substeps (n,), so that no step exceeds eta times the shortest dynamical time in the block.
+
+    The dynamical time is sqrt(distance / acceleration), about the Galactic centre for the fixed forces and about
+    the progenitor for those that follow it, where the particle would come closest to each on a straight line.
+    order (n,) sorts the particles by their number of substeps, 1 to 2^deepest, and is stable.
+    """
+    n = q.shape[1]
+    flat_x, flat_w, flat_a = np.empty(3 * width), np.empty(3 * width), np.empty(3 * width)
+    flat_t, flat_rate = np.empty(width), np.empty(width)
+    begin_centre, end_centre = np.empty(3), np.empty(3)
+    track_at(t1, first, step, track, end_centre)
+    followers = False
+    for c in range(address.shape[0]):
+        followers = followers or follows[c]
+    starts = np.zeros(deepest + 2, np.int64)
+    for begin in range(0, n, width):
+        m = min(width, n - begin)
+        x, w, a = flat_x[: 3 * m].reshape(3, m), flat_w[: 3 * m].reshape(3, m), flat_a[: 3 * m].reshape(3, m)
+        t, rate = flat_t[:m], flat_rate[:m]
+        rate[:] = 0.0
+        for turn in range(2 if followers else 1):
+            for i in range(m):
+                t[i] = t0[begin + i]
+                if turn == 1 and (i == 0 or t[i] != t[i - 1]):
+                    track_at(t[i], first, step, track, begin_centre)
+                for k in range(3):
+                    x[k, i] = q[k, begin + i]
+                    w[k, i] = v[k, begin + i] * (t1 - t[i])
+                    if turn == 1:
+                        x[k, i] -= begin_centre[k]
+                        w[k, i] -= end_centre[k] - begin_centre[k]
+            closest_approach(x, w)
+            a[:] = 0.0
+            for c in range(address.shape[0]):
+                if follows[c] == (turn == 1):
+                    call_kernel(address[c], m, t, p[offset[c] :], x, a)
+            for i in range(m):
+                acceleration2 = a[0, i] ** 2 + a[1, i] ** 2 + a[2, i] ** 2
+                distance2 = x[0, i] ** 2 + x[1, i] ** 2 + x[2, i] ** 2
+                rate[i] = max(rate[i], acceleration2 / (distance2 + 1e-300))
+        for i in range(m):
+            wanted = (t1 - t[i]) * math.sqrt(math.sqrt(rate[i])) / eta
+            steps, level = 1, 0
+            while steps < wanted and level < deepest:
+                steps *= 2
+                level += 1
+            substeps[begin + i] = steps
+            starts[level + 1] += 1
+    for level in range(deepest):
+        starts[level + 1] += starts[level]
+    for i in range(n):
+        steps, level = substeps[i], 0
+        while steps > 1:
+            steps >>= 1
+            level += 1
+        order[starts[level]] = i
+        starts[level] += 1
 
 
 @njit(types.void(_F1, _F, _S2, _S2, _F1, _F, _F2, _I1, _S2, _F1, _F1, _F1, _S2, _S2), **OPTIONS)
