@@ -1,0 +1,47 @@
+"""Is the chain long enough: autocorrelation time, effective samples, split R-hat, burn-in."""
+
+from __future__ import annotations
+
+import emcee
+import numpy as np
+
+from streamkit.phase import Array
+
+
+def autocorrelation_times(chain: Array) -> Array:
+    """(d,) Integrated autocorrelation times in steps of a chain (steps, walkers, d) (Goodman & Weare 2010).
+
+    NaN where it cannot be estimated: fewer than 8 steps, or walkers that never moved.
+    """
+    steps, _, d = chain.shape
+    if steps < 8:
+        return np.full(d, np.nan)
+    with np.errstate(all="ignore"):
+        tau = np.asarray(emcee.autocorr.integrated_time(chain, tol=0, quiet=True), dtype=float)
+    return np.where(np.isfinite(tau) & (tau > 0), tau, np.nan)
+
+
+def burn_in(chain: Array) -> int:
+    """Steps to discard: three times the longest autocorrelation time, but at most half of the chain."""
+    tau = autocorrelation_times(chain)
+    half = len(chain) // 2
+    return half if np.isnan(tau).any() else min(int(np.ceil(3 * tau.max())), half)
+
+
+def effective_samples(chain: Array) -> Array:
+    """(d,) Number of independent samples that a chain (steps, walkers, d) is worth."""
+    steps, walkers, _ = chain.shape
+    return steps * walkers / autocorrelation_times(chain)
+
+
+def split_r_hat(chain: Array) -> Array:
+    """(d,) Split R-hat of a chain (steps, walkers, d): each half of each walker is one chain (Gelman+ 2013, 11.4)."""
+    half = len(chain) // 2
+    if half < 2:
+        return np.full(chain.shape[2], np.nan)
+    parts = np.concatenate([chain[:half], chain[half : 2 * half]], axis=1)
+    within = parts.var(axis=0, ddof=1).mean(axis=0)
+    between = half * parts.mean(axis=0).var(axis=0, ddof=1)
+    with np.errstate(all="ignore"):
+        r_hat = np.sqrt(((half - 1) / half * within + between / half) / within)
+    return np.where(np.isfinite(r_hat), r_hat, np.nan)

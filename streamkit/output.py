@@ -1,0 +1,201 @@
+"""The output directory: whose it is, what may be written into it, and how: each product whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import tomllib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from streamkit import chain
+from streamkit.errors import ChainError, StreamkitError
+from streamkit.spec import Spec
+
+RUN_FILE = "run.toml"
+MANIFEST = "manifest.json"
+BACKUP = "chain.backup.h5"
+PRODUCTS = (
+    RUN_FILE, MANIFEST, chain.NAME, BACKUP, "summary.ecsv", "mass_profile.ecsv", "diagnostics.ecsv",
+    "corner.png", "mass_profile.png", "rotation_curve.png", "best_stream.png", "traces.png",
+)  # fmt: skip
+"""Every file that streamkit writes into an output directory."""
+
+
+def write(path: Path, writer: Callable[[Path], object]) -> None:
+    """Let ``writer`` write a temporary file beside ``path``, then put it in place in one step."""
+    part = path.with_name(f".{path.stem}.part{path.suffix}")
+    try:
+        writer(part)
+        os.replace(part, path)  # noqa: PTH105  the one call that is atomic by contract
+    finally:
+        part.unlink(missing_ok=True)
+
+
+@contextmanager
+def locked(directory: Path) -> Iterator[None]:
+    """Hold the directory for one run. The lock dies with the process, so that a kill leaves none behind.
+
+    Raises
+    ------
+    ChainError
+        If another run holds it.
+    """
+    try:
+        import fcntl
+    except ImportError:  # no such locks on this system
+        yield
+        return
+    handle = os.open(directory, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(handle)
+        raise ChainError(f"{directory}: another run is writing here right now") from None
+    try:
+        yield
+    finally:
+        os.close(handle)
+
+
+def claim(directory: Path, spec: Spec, options: dict[str, Any], resume: bool, force: bool) -> bool:
+    """Make the directory this run's own; return whether there is a chain to continue.
+
+    Parameters
+    ----------
+    directory
+        Made if missing.
+    spec
+        The run.
+    options
+        Command options for the manifest.
+    resume, force
+        Continue the same run; overwrite the products of another one.
+
+    Raises
+    ------
+    ChainError
+        If it holds something that must not be touched; says what. Nothing has then been changed.
+    """
+    if resume and force:
+        raise ChainError("resume and force exclude each other: continue the chain, or throw it away?")
+    if directory.exists() and not directory.is_dir():
+        raise ChainError(f"{directory}: is a file, and the output needs a directory")
+    files = sorted(p.name for p in directory.iterdir()) if directory.exists() else []
+    going_on = False
+    if files and resume:
+        going_on = _same_run(directory, spec, files)
+    elif files and force:
+        _only_ours(directory, files)
+        for name in PRODUCTS:
+            (directory / name).unlink(missing_ok=True)
+    elif files:
+        raise ChainError(_occupied(directory, files))
+    directory.mkdir(parents=True, exist_ok=True)
+    if not going_on:
+        write(directory / RUN_FILE, lambda part: part.write_text(header(options) + spec.toml()))
+    manifest = json.dumps(_manifest(spec, options), indent=2) + "\n"
+    write(directory / MANIFEST, lambda part: part.write_text(manifest))
+    return going_on
+
+
+def header(options: dict[str, Any]) -> str:
+    """Return the comment on top of the resolved run file."""
+    text = "# The run file with every default filled in, as streamkit used it.\n"
+    if options.get("quick"):
+        text += "# QUICK LOOK: few particles, few steps, not converged. Not for science.\n"
+    return text
+
+
+def differences(old: Any, new: Any, path: str = "") -> list[str]:
+    """List where two documents differ, as ``path: old -> new``."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        found: list[str] = []
+        for key in [*old, *(key for key in new if key not in old)]:
+            where = f"{path}.{key}" if path else str(key)
+            found += differences(old.get(key), new.get(key), where)
+        return found
+    return [] if old == new else [f"{path}: {_shown(old)} -> {_shown(new)}"]
+
+
+def _shown(value: Any) -> str:
+    return "nothing" if value is None else json.dumps(value, default=str)
+
+
+def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
+    """Check that the directory holds the run of this spec; return whether its chain has begun."""
+    if MANIFEST not in files or RUN_FILE not in files:
+        raise ChainError(
+            f"{directory}: holds no run to resume ({MANIFEST} or {RUN_FILE} is missing, found "
+            f"{_some(files)}). Choose another directory."
+        )
+    try:
+        digest = json.loads((directory / MANIFEST).read_text())["digest"]
+        document = tomllib.loads((directory / RUN_FILE).read_text())
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ChainError(f"{directory}: cannot read {MANIFEST} or {RUN_FILE} ({error}); nothing was changed") from None
+    if digest != spec.digest():
+        changed = differences(document, spec.document) or ["a plugin or streamkit itself"]
+        raise ChainError(
+            f"{directory}: holds another run, and its chain cannot be continued with this run file. "
+            f"What differs (there -> here): {'; '.join(changed)}. Choose another directory, or --force to overwrite."
+        )
+    if chain.NAME not in files:
+        return False
+    chain.read(directory / chain.NAME)
+    return True
+
+
+def _only_ours(directory: Path, files: list[str]) -> None:
+    """Refuse to overwrite files that only happen to have our names: without a manifest they are not ours."""
+    clash = [name for name in files if name in PRODUCTS]
+    if clash and MANIFEST not in files:
+        raise ChainError(
+            f"{directory}: {_some(clash)} would be overwritten, but without a {MANIFEST} they are not known to be "
+            "streamkit's. Choose another directory."
+        )
+
+
+def _occupied(directory: Path, files: list[str]) -> str:
+    if MANIFEST in files:
+        return (
+            f"{directory}: holds a run already. --resume continues it (with the same run file), "
+            "--force overwrites it, or choose another directory."
+        )
+    return f"{directory}: is not empty (found {_some(files)}). Choose another directory."
+
+
+def _some(files: list[str]) -> str:
+    return ", ".join(files[:4]) + (f" and {len(files) - 4} more" if len(files) > 4 else "")
+
+
+def _manifest(spec: Spec, options: dict[str, Any]) -> dict[str, Any]:
+    packages = ("streamkit", "numpy", "scipy", "numba", "emcee", "astropy")
+    return {
+        "digest": spec.digest(),
+        "seed": spec.seed,
+        "versions": {"python": platform.python_version()} | {name: version(name) for name in packages},
+        "components": {path: f"{cls.kind} from {supplier}" for path, cls, supplier in spec.components()},
+        "options": options,
+    }
+
+
+def manifest(directory: Path) -> dict[str, Any]:
+    """Read the manifest of a run.
+
+    Raises
+    ------
+    StreamkitError
+        If there is none, or it is not readable.
+    """
+    try:
+        found = json.loads((directory / MANIFEST).read_text())
+    except (OSError, ValueError) as error:
+        raise ChainError(f"{directory}: holds no readable {MANIFEST}, so it is no streamkit run ({error})") from None
+    if not isinstance(found, dict):
+        raise StreamkitError(f"{directory / MANIFEST}: not a streamkit manifest")
+    return found

@@ -1,0 +1,71 @@
+"""The products of a run: tables and pictures, written again from its chain whenever wanted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from streamkit import output, plots
+from streamkit.errors import ChainError, OutOfDomain
+from streamkit.results import Results
+
+if TYPE_CHECKING:
+    from astropy.table import QTable
+    from matplotlib.figure import Figure
+
+RADII = np.unique(np.concatenate([np.arange(5.0, 201.0, 5.0)]))
+"""Radii in kpc of the table of masses: 5 to 200, with 50, 100, 150 and 200 among them."""
+
+
+def report(run: Results | str | Path) -> Results:
+    """Write every table and picture of a run into its directory, and return its results.
+
+    Raises
+    ------
+    ChainError
+        If there is no readable run.
+    """
+    results = run if isinstance(run, Results) else Results(run)
+    where = results.directory
+    if where is None:
+        raise ChainError("these results are in memory only: a report needs a directory")
+    _table(where / "summary.ecsv", results.summary())
+    _table(where / "mass_profile.ecsv", results.mass_profile(RADII))
+    _table(where / "diagnostics.ecsv", results.diagnostics())
+    profile = results.mass_profile(plots.radii(results))
+    _picture(where / "corner.png", plots.corner(results))
+    _picture(where / "mass_profile.png", plots.mass_profile(results, profile))
+    _picture(where / "rotation_curve.png", plots.rotation_curve(results, profile))
+    _picture(where / "traces.png", plots.traces(results))
+    try:
+        stream, prediction = best_stream(results)
+    except OutOfDomain as error:  # another machine's rounding may lose a stream at the edge
+        (where / "best_stream.png").unlink(missing_ok=True)
+        _table(where / "diagnostics.ecsv", _without_stream(results, error.reason))
+        return results
+    setup = results.spec.bind(results.best())
+    _picture(where / "best_stream.png", plots.stream(stream, prediction, setup, note=plots.remark(results)))
+    return results
+
+
+def best_stream(results: Results) -> tuple[Any, Any]:
+    """Return the stream at the best sample, and what the observable says of it."""
+    from streamkit.posterior import Posterior
+
+    return Posterior(results.spec).predict(np.array(list(results.best().values())))
+
+
+def _without_stream(results: Results, reason: str) -> QTable:
+    table = results.diagnostics()
+    table.meta["best stream"] = f"could not be made again: {reason}"
+    return table
+
+
+def _table(path: Path, table: QTable) -> None:
+    output.write(path, lambda part: table.write(part, format="ascii.ecsv", overwrite=True))
+
+
+def _picture(path: Path, figure: Figure) -> None:
+    output.write(path, lambda part: figure.savefig(part, dpi=200))

@@ -1,0 +1,184 @@
+"""Run a fit from a spec to its products, and never lose a finished step."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+import numpy as np
+from emcee.backends import Backend
+
+from streamkit import chain, output
+from streamkit.errors import ComponentError, SpecError, StreamkitError
+from streamkit.mass import mass_inside
+from streamkit.phase import Array
+from streamkit.posterior import Posterior, blob_dtype
+from streamkit.results import Results
+from streamkit.sampling import Limits, Sampling
+from streamkit.spec import Spec
+from streamkit.workers import Signals, Stopped, Workers
+
+CHEAP_PARTICLES = 1000
+"""Particles of the model that searches for a start."""
+QUICK_PARTICLES = 2000
+QUICK_WALKERS = 32
+QUICK_SEARCH = 50.0
+"""Seconds after the beginning of a quick run when its search ends."""
+QUICK_SAMPLING = 140.0
+"""The same for its sampling: a report must still fit in 3 minutes."""
+
+
+class Interrupted(StreamkitError):
+    """The run was asked to stop (Ctrl-C or SIGTERM) and did. Its message says where the samples are.
+
+    Attributes
+    ----------
+    exit_status
+        What a command should exit with: 130 after Ctrl-C, 143 after SIGTERM.
+    """
+
+    def __init__(self, message: str, signum: int = signal.SIGINT) -> None:
+        super().__init__(message)
+        self.exit_status = 128 + int(signum)
+
+
+def run(
+    spec: Spec,
+    out: str | Path | None = None,
+    workers: int = 1,
+    steps: int | None = None,
+    quick: bool = False,
+    resume: bool = False,
+    force: bool = False,
+    progress: bool = True,
+    products: bool = True,
+) -> Results:
+    """Sample the posterior of a spec.
+
+    Parameters
+    ----------
+    spec
+        What to fit.
+    out
+        Directory for the chain and all products; None keeps the samples in memory.
+    workers
+        Processes that evaluate the posterior. The samples do not depend on their number.
+    steps
+        Largest length of the chain, the steps of a resumed run included; ``sampler.steps`` of the spec otherwise.
+    quick
+        A coarse look within 3 minutes on two cores: few particles, few steps. Says so on every product.
+    resume, force
+        Continue the run in ``out``; or overwrite what streamkit wrote there.
+    progress
+        Show progress bars.
+    products
+        Write tables and pictures at the end, if there is a directory.
+
+    Returns
+    -------
+    Results
+        The samples.
+
+    Raises
+    ------
+    ChainError
+        If ``out`` holds something else, or a chain that cannot be read. Nothing is then changed.
+    ComponentError
+        If a component fails: with its name and the parameters. All finished steps stay readable.
+    Interrupted
+        After Ctrl-C or SIGTERM. All finished steps stay readable.
+    """
+    begin = monotonic()
+    if quick:
+        spec = quick_spec(spec)
+    _check_walkers(spec)
+    posterior, cheap = Posterior(spec), Posterior(cheap_spec(spec))
+    limits = Limits(
+        spec.sampler.steps if steps is None else steps,
+        spec.sampler.tau_factor,
+        begin + QUICK_SAMPLING if quick else np.inf,
+    )
+    directory = None if out is None else Path(out)
+    with ExitStack() as stack:
+        going_on, backend = False, Backend()
+        if directory is not None:
+            going_on = output.claim(directory, spec, {"quick": quick, "steps": limits.steps}, resume, force)
+            stack.enter_context(output.locked(directory))
+            backend = chain.ChainFile(str(directory / chain.NAME))
+        posterior.evaluate(spec.centre())  # compile here, once, before the workers are forked
+        pool = stack.enter_context(Workers({"full": posterior, "cheap": cheap}, workers))
+        stack.enter_context(_explained(pool, directory, backend, spec))
+        sampling = Sampling(
+            spec.priors, spec.sampler.walkers, spec.seed, spec.sampler.moves, pool, backend,
+            blob_dtype(posterior.size), progress, lambda theta: _mass_100(spec, theta),
+        )  # fmt: skip
+        if going_on and directory is not None:
+            sampling.resume(chain.read(directory / chain.NAME).attributes.get("counts", {}))
+        else:
+            sampling.begin(begin + QUICK_SEARCH if quick else np.inf)
+        status = sampling.advance(limits)
+        if isinstance(backend, chain.ChainFile):
+            backend.note(status=status, quick=quick, digest=spec.digest())
+    if directory is None:
+        return Results.in_memory(spec, backend, sampling.totals(), status, quick)
+    if products:
+        from streamkit.report import report  # Matplotlib is slow to load, and a script may not want pictures
+
+        return report(directory)
+    return Results(directory)
+
+
+def quick_spec(spec: Spec) -> Spec:
+    """Return the spec of the coarse look: fewer particles and walkers, the extractor's noise added to the data's."""
+    values: dict[str, Any] = {"sampler.walkers": min(spec.sampler.walkers, max(QUICK_WALKERS, 2 * len(spec.names) + 2))}
+    return _with_particles(spec, QUICK_PARTICLES, values)
+
+
+def cheap_spec(spec: Spec) -> Spec:
+    """Return the spec that searches for a start: few particles, their noise added to the data's."""
+    return _with_particles(spec, CHEAP_PARTICLES, {})
+
+
+def _with_particles(spec: Spec, particles: int, values: dict[str, Any]) -> Spec:
+    now = spec.bind(spec.centre()).stripping.particles
+    return spec.with_values(values | {"stripping.particles": min(now, particles), "likelihood.noise": "add"})
+
+
+def _check_walkers(spec: Spec) -> None:
+    wanted = 2 * len(spec.names)
+    if spec.sampler.walkers < wanted:
+        raise SpecError(
+            f"sampler.walkers: found {spec.sampler.walkers} for {len(spec.names)} free parameters; "
+            f"the sampler needs at least twice as many, {wanted}"
+        )
+
+
+def _mass_100(spec: Spec, theta: Array) -> float:
+    """Return the mass inside 100 kpc in Msun."""
+    return float(mass_inside(list(spec.bind(theta).potentials.values()), np.array([100.0]))[0])
+
+
+@contextmanager
+def _explained(pool: Workers, directory: Path | None, backend: Backend, spec: Spec) -> Iterator[None]:
+    """Turn signals into a clean stop, and say with every end before its time what is left and how to go on."""
+    try:
+        with Signals(pool):
+            yield
+    except Stopped as stop:
+        raise Interrupted(f"stopped after {_left(directory, backend, spec)}", stop.signum) from None
+    except ComponentError as error:
+        raise ComponentError(f"{error}. The run stopped after {_left(directory, backend, spec)}") from error
+
+
+def _left(directory: Path | None, backend: Backend, spec: Spec) -> str:
+    steps = int(backend.iteration) if backend.initialized else 0
+    if directory is None:
+        return f"{steps} steps, which were kept in memory only and are lost: give `out` to keep them."
+    resume = f"streamkit run {spec.source} -o {directory} --resume"
+    if steps == 0:
+        return f"no finished step. To begin again: {resume}"
+    return f"{steps} finished steps, all of them in {directory / chain.NAME}. To continue: {resume}"

@@ -1,0 +1,195 @@
+"""The sampling itself: start an ensemble, advance it until a limit, keep the counts beside the chain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from time import monotonic
+from typing import Any
+
+import emcee
+import numpy as np
+from emcee.backends import Backend
+from tqdm import tqdm
+
+from streamkit.chain import ChainFile
+from streamkit.diagnostics import autocorrelation_times
+from streamkit.phase import Array
+from streamkit.start import HasQuantile, Search
+from streamkit.workers import Workers
+
+CHECK = 100
+"""Steps between two looks at the autocorrelation time."""
+STABLE = 0.05
+"""The autocorrelation time must have changed by less than this fraction since the last look."""
+NOTES = 5.0
+"""Seconds between two notes of the counts in the chain file, and between two looks at the mass."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """When the sampling ends: at ``steps``, at ``deadline`` (`time.monotonic`), or when the chain is long enough.
+
+    Long enough means longer than ``tau_factor`` times the longest autocorrelation time, if that is stable.
+    """
+
+    steps: int
+    tau_factor: float = 50.0
+    deadline: float = np.inf
+
+
+@dataclass
+class Sampling:
+    """An ensemble and where it is stored.
+
+    Parameters
+    ----------
+    priors
+        d priors, for the start.
+    walkers, seed, moves
+        The ensemble: its size, the seed of all its proposals, and "de" or "stretch".
+    pool
+        Evaluates the posteriors "full" and "cheap".
+    backend
+        Where emcee stores the chain.
+    dtype
+        The record stored with each sample.
+    progress
+        Whether to show progress bars.
+    mass
+        The mass inside 100 kpc at a point, for the progress bar.
+    """
+
+    priors: Sequence[HasQuantile]
+    walkers: int
+    seed: int
+    moves: str
+    pool: Workers
+    backend: Backend
+    dtype: np.dtype[Any]
+    progress: bool = True
+    mass: Callable[[Array], float] | None = None
+    counts: dict[str, Any] = field(default_factory=lambda: {"calls": 0, "search_calls": 0, "reasons": {}})
+    _state: emcee.State | None = None
+
+    def begin(self, deadline: float = np.inf) -> None:
+        """Find starting points and empty the backend. The first step is not taken yet."""
+        self.backend.reset(self.walkers, len(self.priors))
+        with tqdm(desc="searching the prior", unit=" calls", disable=not self.progress, leave=False) as bar:
+
+            def tell(line: str) -> None:
+                bar.update(search.calls - bar.n)
+                bar.set_description_str(line)
+
+            search = Search(
+                self.priors, self.pool.evaluate, self.walkers, np.random.default_rng([self.seed, 1]), deadline, tell
+            )
+            points, results = search.run()
+        self.counts["search_calls"] = search.calls
+        rows = [result.row() for result in results]
+        self._state = emcee.State(
+            points,
+            log_prob=np.array([row[0] for row in rows]),
+            blobs=np.array([row[1:] for row in rows], dtype=self.dtype),
+            random_state=np.random.RandomState(self.seed).get_state(),  # noqa: NPY002  emcee knows no other
+        )
+        # the search is reported by itself; from here on every call is a proposal of the sampler
+        self.pool.calls["full"] = 0
+        self.pool.reasons["full"].clear()
+
+    def resume(self, counts: dict[str, Any]) -> None:
+        """Go on from the last stored step, with the generator's state stored there: as if never stopped."""
+        self.counts = {key: counts.get(key, value) for key, value in self.counts.items()}
+        self._state = self.backend.get_last_sample()
+
+    def advance(self, limits: Limits) -> str:
+        """Take steps until a limit is reached; return which: "converged", "steps" or "time".
+
+        Raises
+        ------
+        Stopped
+            After a signal. The unfinished step is dropped.
+        """
+        sampler = emcee.EnsembleSampler(
+            self.walkers,
+            len(self.priors),
+            _not_called,
+            pool=self.pool,
+            moves=_moves(self.moves),
+            backend=self.backend,
+            blobs_dtype=self.dtype,
+        )
+        done = int(self.backend.iteration)
+        tau_before = np.nan
+        clock = _Clock(done, self.pool)
+        try:
+            with tqdm(total=limits.steps, initial=done, unit="step", disable=not self.progress) as bar:
+                while done < limits.steps:
+                    todo = min(CHECK - done % CHECK, limits.steps - done)
+                    for state in sampler.sample(self._state, iterations=todo):
+                        self._state, done = state, done + 1
+                        bar.update()
+                        if clock.is_due():
+                            self._note()
+                            bar.set_postfix_str(clock.line(sampler, done, tau_before, self._masses(state)))
+                        if monotonic() > limits.deadline:
+                            return "time"
+                    tau = float(np.max(autocorrelation_times(self.backend.get_chain())))
+                    if done > limits.tau_factor * tau and abs(tau - tau_before) < STABLE * tau:
+                        return "converged"
+                    tau_before = tau
+            return "steps"
+        finally:
+            self._note()
+
+    def totals(self) -> dict[str, Any]:
+        """Return the counts of all calls, those before a resumption included."""
+        reasons = dict(self.counts["reasons"])
+        for reason, count in self.pool.reasons["full"].items():
+            reasons[reason] = reasons.get(reason, 0) + count
+        return self.counts | {"calls": self.counts["calls"] + self.pool.calls["full"], "reasons": reasons}
+
+    def _note(self) -> None:
+        if isinstance(self.backend, ChainFile):
+            self.backend.note(counts=self.totals())
+
+    def _masses(self, state: emcee.State) -> Array | None:
+        """(walkers,) Masses inside 100 kpc of the ensemble."""
+        return None if self.mass is None else np.array([self.mass(point) for point in state.coords])
+
+
+class _Clock:
+    """Speed, and when it is time to say something."""
+
+    def __init__(self, done: int, pool: Workers) -> None:
+        self._begin = self._last = monotonic()
+        self._done, self._pool, self._calls = done, pool, pool.calls["full"]
+
+    def is_due(self) -> bool:
+        now = monotonic()
+        if now - self._last < NOTES:
+            return False
+        self._last = now
+        return True
+
+    def line(self, sampler: emcee.EnsembleSampler, done: int, tau: float, masses: Array | None) -> str:
+        """Return acceptance, speed, autocorrelation time and running mass in one line."""
+        rate = (self._pool.calls["full"] - self._calls) / (monotonic() - self._begin)
+        accepted = float(np.mean(sampler.backend.accepted)) / done
+        parts = [f"accepted {100 * accepted:.0f} %", f"{rate:.1f} calls/s"]
+        if np.isfinite(tau):
+            parts.append(f"tau {tau:.0f}")
+        if masses is not None:
+            low, middle, high = np.percentile(masses / 1e11, [16, 50, 84])
+            parts.append(f"M(100 kpc) {middle:.2f} +{high - middle:.2f} -{middle - low:.2f}e11 Msun")
+        return ", ".join(parts)
+
+
+def _moves(name: str) -> list[tuple[emcee.moves.Move, float]]:
+    if name == "stretch":
+        return [(emcee.moves.StretchMove(), 1.0)]
+    return [(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)]
+
+
+def _not_called(_theta: Array) -> float:
+    raise AssertionError("the workers hold the posterior themselves")
