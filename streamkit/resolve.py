@@ -14,6 +14,7 @@ from streamkit import progenitor
 from streamkit import registry as registries
 from streamkit.components import Component, Integrator, Observable, Potential, Stripping
 from streamkit.errors import SpecError, nearest
+from streamkit.priors import KINDS
 from streamkit.progenitor import PhaseSpace, Sun
 from streamkit.registry import Registry
 from streamkit.sections import Section, read, unknown
@@ -183,7 +184,10 @@ class _Reader:
     def potentials(self) -> dict[str, Section[Potential]]:
         """Validate the host: one potential, or several by name."""
         table = self.raw.get("potential")
-        named = {k: v for k, v in (table or {}).items() if isinstance(v, dict) and "kind" in v}
+        tables = {k: v for k, v in (table or {}).items() if isinstance(v, dict)}
+        named = {k: v for k, v in tables.items() if "kind" in v}
+        if not named and table is not None and "kind" not in table:
+            named = {k: v for k, v in tables.items() if not KINDS.keys() & v.keys()}
         if table is None or "kind" in table or not named:
             if named:
                 self.errors.append(

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Generic, TypeVar, get_args
+from typing import Any, Generic, TypeVar
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
@@ -75,40 +75,29 @@ class Section(Generic[M]):
         """Return the fields that have a default, as the resolved run file writes the default."""
         fields = ((n, f) for n, f in self.cls.model_fields.items() if not f.is_required())
         values = ((name, field, field.get_default(call_default_factory=True)) for name, field in fields)
-        return {n: _written(v, unit_of(f), f.annotation) for n, f, v in values if v is not None}
+        return {n: _written(v, unit_of(f)) for n, f, v in values if v is not None}
 
     def document(self) -> dict[str, Any]:
         """Return the section as the resolved run file holds it: every field, quantities as text."""
         out: dict[str, Any] = {}
         for name, field in self.cls.model_fields.items():
+            given = self.given.get(name)
             if name in self.priors:
                 out[name] = self.priors[name].document(unit_of(field) or Unit(""))
+            elif isinstance(given, list) and all(isinstance(item, str | int | float) for item in given):
+                out[name] = given  # pairs such as a datum and its error keep the units they were given with
             elif (value := getattr(self.centre, name)) is not None:
-                out[name] = _written(value, unit_of(field), field.annotation)
+                out[name] = _written(value, unit_of(field))
         return out
 
 
-def _written(value: Any, unit: Unit | None, annotation: Any) -> Any:
-    """Write a validated value in the run file's terms; pairs of quantities keep their units too."""
+def _written(value: Any, unit: Unit | None) -> Any:
+    """Write a validated value in the run file's terms."""
     if unit is not None:
         return quantity(float(value), unit)
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json", exclude_none=True)
-    if isinstance(value, list | tuple):
-        inner = [item for item in get_args(annotation) if item is not Ellipsis]
-        if len(inner) == 1 and type(None) not in inner:
-            inner = inner * len(value)
-        for option in inner:  # Optional: look inside the option that has the right number of members
-            if len(get_args(option)) == len(value) and type(None) in inner:
-                return _written(value, None, option)
-        kinds = inner if len(inner) == len(value) else [None] * len(value)
-        return [_written(item, _unit_in(kind), kind) for item, kind in zip(value, kinds, strict=True)]
-    return value
-
-
-def _unit_in(annotation: Any) -> Unit | None:
-    """Return the unit among the metadata of an Annotated type."""
-    return next((item for item in getattr(annotation, "__metadata__", ()) if isinstance(item, Unit)), None)
+    return list(value) if isinstance(value, list | tuple) else value
 
 
 def read(
@@ -159,7 +148,10 @@ def read(
         items = [item for item in error.errors() if not (item["loc"] and item["loc"][0] in broken)]
         errors.extend(_sentence(path, cls, item) for item in items if item["type"] != "extra_forbidden")
         return None
-    return Section(path, cls, given, priors, centre) if len(errors) == before else None
+    if len(errors) > before:
+        return None
+    numbers = {name: getattr(centre, name) for name in given if unit_of(cls.model_fields[name]) is not None}
+    return Section(path, cls, given | numbers, priors, centre)  # so that build() does not parse text again
 
 
 def unknown(where: str, name: str, cls: type[BaseModel], called: str, more: tuple[str, ...] = ()) -> str:
@@ -219,7 +211,8 @@ def _sentence(path: str, cls: type[BaseModel], item: Any) -> str:
     where = path + "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in loc)
     field = cls.model_fields.get(str(loc[0])) if loc else None
     unit = unit_of(field) if field is not None else None
-    about = f" ({field.description.rstrip('.')})" if field is not None and field.description else ""
+    description = (field.description or "" if field is not None else "").split(". ")[0].rstrip(".")
+    about = f" ({description})" if description else ""
     if item["type"] == "missing" and len(loc) == 1:
         number = f"a number in {unit.label}, a quantity such as {unit.example!r}, or a prior" if unit else ""
         return f"{where}: missing{about}; expected {number or 'a value'}"

@@ -23,6 +23,7 @@ from streamkit.registry import Registry
 from streamkit.resolve import Parts, resolve
 from streamkit.sections import Section
 from streamkit.settings import Likelihood, Sampler
+from streamkit.toml import literal as literal
 from streamkit.units import Unit
 
 NOT_PHYSICS = ("steps", "tau_factor")
@@ -204,20 +205,22 @@ class Spec:
         document = copy.deepcopy(self.document)
         for path, value in sorted(values.items(), key=lambda item: not item[0].endswith(".kind")):
             *tables, name = path.split(".")
+            self._check_path(path, values)
             if name == "kind":
                 self._drop_defaults(document, ".".join(tables))
-            elif not any(f"{s.path}.kind" in values for s in self.parts.sections):
-                self._check_path(path)
             table = document
             for key in tables:
                 table = table.setdefault(key, {})
             table[name] = value
         return Spec(*resolve(document, self.source, self.registry))
 
-    def _check_path(self, path: str) -> None:
+    def _check_path(self, path: str, values: Mapping[str, Any]) -> None:
+        parent = path.rpartition(".")[0]
+        tables = [section.path for section in self.parts.sections] + ["observable"]
         known = [f"{s.path}.{name}" for s in self.parts.sections for name in s.cls.model_fields]
-        known.append("seed")
-        if path not in known and not (path.startswith("observable.") and self.parts.observable is None):
+        known += ["seed", *(f"{table}.kind" for table in tables)]
+        renewed = f"{parent}.kind" in values or (parent == "observable" and self.parts.observable is None)
+        if path not in known and not (renewed and parent in tables):
             raise SpecError(f"{self.source}: there is no field {path!r}.{nearest(path, known)}")
 
     def _drop_defaults(self, document: dict[str, Any], path: str) -> None:

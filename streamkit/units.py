@@ -108,7 +108,7 @@ def _measurement(unit: Unit) -> BeforeValidator:
             raise ValueError(f"the error must be positive, found {value[1]!r}")
         return datum, error
 
-    return BeforeValidator(parse)
+    return BeforeValidator(parse, json_schema_input_type=tuple[float | str, float | str])
 
 
 LengthDatum = Annotated[tuple[float, float], _measurement(_LENGTH)]
