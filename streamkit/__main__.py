@@ -1,0 +1,5 @@
+"""``python -m streamkit``: the same as the command ``streamkit``."""
+
+from streamkit.cli import main
+
+main()

@@ -1,0 +1,117 @@
+"""Write the particles of a stream to a file that other programs read: ECSV, HDF5 or FITS."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from streamkit.errors import StreamkitError, nearest
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from astropy.table import QTable
+
+    from streamkit.phase import Stream
+    from streamkit.spec import Spec
+
+FORMATS = {".ecsv": "ascii.ecsv", ".hdf5": "hdf5", ".h5": "hdf5", ".fits": "fits"}
+"""Suffixes a stream can be written to, with astropy's name of the format."""
+PICTURES = (".png", ".pdf", ".svg")
+"""Suffixes a picture can be written to."""
+
+
+def check_target(path: Path, suffixes: Collection[str], option: str, force: bool) -> None:
+    """Refuse a file that could not be written, before anything is computed.
+
+    Raises
+    ------
+    StreamkitError
+        For a suffix that is not one of ``suffixes``, a directory that does not exist, or a file that does and
+        may not be replaced.
+    """
+    if path.suffix not in suffixes:
+        raise StreamkitError(
+            f"{option} {str(path)!r}: the suffix says the format and must be one of {', '.join(suffixes)}; "
+            f"found {path.suffix!r}.{nearest(path.suffix, suffixes)}"
+        )
+    if not path.parent.is_dir():
+        raise StreamkitError(f"{option} {str(path)!r}: the directory {str(path.parent)!r} does not exist")
+    if path.is_dir():
+        raise StreamkitError(f"{option} {str(path)!r}: this is a directory, a file name is wanted")
+    if path.exists() and not force:
+        raise StreamkitError(f"{option} {str(path)!r}: the file exists; add --force to replace it")
+
+
+def write(stream: Stream, spec: Spec, path: Path, *, force: bool = False) -> None:
+    """Write one row per particle, with units, and in the header what is needed to make the stream again.
+
+    Parameters
+    ----------
+    stream
+        The stream; its particles are written as `Stream.table` gives them.
+    spec
+        The run file it was made from: its digest, seed and resolved text go into the header.
+    path
+        Ends in one of `FORMATS`.
+    force
+        Whether an existing file may be replaced. It is replaced whole, or not at all.
+
+    Raises
+    ------
+    StreamkitError
+        If the file exists, cannot be written, or has another suffix.
+    """
+    check_target(path, FORMATS, "output", force)
+    table = stream.table()
+    table.meta.update(provenance(stream, spec))
+    part = path.with_name(f".{path.name}.part{path.suffix}")
+    try:
+        _write(table, part, FORMATS[path.suffix])
+        part.replace(path)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise StreamkitError(f"output {str(path)!r}: cannot be written ({reason})") from error
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def provenance(stream: Stream, spec: Spec) -> dict[str, Any]:
+    """Return the header: streamkit's version, the run file, its digest and seed.
+
+    ``run`` is the resolved run file with every free parameter at the stream's value: `streamkit.load` takes
+    it, and makes the same stream again.
+    """
+    from streamkit import __version__
+
+    return {
+        "streamkit_version": __version__,
+        "run_file": Path(str(spec.source)).name,
+        "run_digest": spec.digest(),
+        "seed": spec.seed,
+        "run": spec.with_values(stream.parameters).document,
+    }
+
+
+def _write(table: QTable, path: Path, form: str) -> None:
+    if form == "fits":
+        table.meta = _cards(table.meta)
+        table.write(path, format=form, overwrite=True)
+    elif form == "hdf5":
+        table.write(path, format=form, path="stream", serialize_meta=True, overwrite=True)
+    else:
+        table.write(path, format=form, overwrite=True)
+
+
+def _cards(meta: dict[str, Any]) -> dict[str, Any]:
+    """Flatten a header into FITS cards; names beyond eight letters need the HIERARCH convention."""
+    cards: dict[str, Any] = {}
+    for name, value in meta.items():
+        if name == "parameters":
+            cards.update({f"HIERARCH {path}": number for path, number in value.items()})
+        elif isinstance(value, dict):
+            cards[name.upper()] = json.dumps(value)
+        else:
+            cards[f"HIERARCH {name}" if len(name) > 8 else name.upper()] = value
+    return cards
