@@ -15,8 +15,8 @@ from streamkit.units import GYR
 
 HORIZON = 13.8
 """How far back, in Gyr, the progenitor's turning points are looked for: the age of the Universe."""
-FAR = 1e9
-"""A distance in kpc that stands for infinity when the escape energy is asked for."""
+FAR = 1e100
+"""A distance in kpc that stands for infinity: far enough for a logarithm to hold any speed."""
 
 
 @dataclass(frozen=True)

@@ -185,8 +185,8 @@ def describe_results(results: Results) -> str:
     rows = [("parameter", "median", "68 %", "95 %", "unit", "tau", "eff. samples")]
     rows += [
         (
-            row["parameter"], f"{row['median']:.4g}", _interval(row, 68), _interval(row, 95), row["unit"] or "-",
-            f"{row['autocorrelation_time']:.0f}", f"{row['effective_samples']:.0f}",
+            row["parameter"], f"{row['median']:.4g}", _interval(row, 68), _interval(row, 95),
+            row["unit"] or "-", f"{row['autocorrelation_time']:.0f}", f"{row['effective_samples']:.0f}",
         )
         for row in summary
     ]  # fmt: skip
@@ -200,9 +200,9 @@ def describe_results(results: Results) -> str:
         ("calls", str(results.calls), f"and {results.search_calls} in the search for a start"),
     ]
     calls += [("rejected", str(n), reason) for reason, n in Counter(results.reasons).most_common()]
-    head = f"{steps} steps of {walkers} walkers, the first {results.discard} left out as burn-in"
-    parts = [head, paragraph(results.note()), "parameters", columns(rows), "mass of the host", columns(masses)]
-    parts += ["sampler", columns(calls)]
+    head = f"{steps} steps of {walkers} walkers, {results.discard} of them left out as burn-in"
+    parts = [head, paragraph(results.note()), "parameters", columns(rows)]
+    parts += ["mass of the host", columns(masses), "sampler", columns(calls)]
     if results.directory is not None:
         names = sorted(path.name for path in results.directory.iterdir() if not path.name.startswith("."))
         parts.append(paragraph(", ".join(names), f"products in {results.directory}: ", "  "))
