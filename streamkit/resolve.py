@@ -26,7 +26,7 @@ VERSION = 1
 COMPONENTS = ("potential", "progenitor", "stripping", "integrator", "observable")
 SECTIONS = ("sun", *COMPONENTS, "likelihood", "sampler")
 KEYS = ("version", "seed", "plugins", *SECTIONS)
-DEFAULT_KIND = {"integrator": "pefrl", "observable": "apocentres"}
+DEFAULT_KIND = {"integrator": "adaptive", "observable": "apocentres"}
 
 M = TypeVar("M", bound=BaseModel)
 
