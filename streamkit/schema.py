@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any
 
+from annotated_types import Ge, Gt, Le, Lt  # what pydantic keeps its constraints in
 from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 
 from streamkit.components import Component
 from streamkit.priors import KINDS
@@ -16,7 +18,6 @@ from streamkit.settings import Likelihood, Sampler
 from streamkit.units import Unit, unit_of
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
-_BOUNDS = ("minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum")
 _NUMBER = {"type": ["number", "string"]}
 
 
@@ -114,13 +115,27 @@ def _object(cls: type[BaseModel], definitions: dict[str, Any], prefix: str = "")
     for name, field in cls.model_fields.items():
         schema = {key: value for key, value in own["properties"][name].items() if key != "title"}
         unit = unit_of(field)
-        properties[name] = _number(schema, unit) if unit is not None else schema
+        properties[name] = _number(schema, unit, _bounds(field)) if unit is not None else schema
     return _closed(properties, own.get("required", []), (cls.__doc__ or "").strip().splitlines()[0])
 
 
-def _number(schema: dict[str, Any], unit: Unit) -> dict[str, Any]:
+def _bounds(field: FieldInfo) -> dict[str, Any]:
+    """Return a number's range; pydantic leaves it out of the schema of fields that parse quantities."""
+    bounds: dict[str, Any] = {}
+    for item in field.metadata:
+        if isinstance(item, Gt):
+            bounds["exclusiveMinimum"] = item.gt
+        elif isinstance(item, Ge):
+            bounds["minimum"] = item.ge
+        elif isinstance(item, Lt):
+            bounds["exclusiveMaximum"] = item.lt
+        elif isinstance(item, Le):
+            bounds["maximum"] = item.le
+    return bounds
+
+
+def _number(schema: dict[str, Any], unit: Unit, bounds: dict[str, Any]) -> dict[str, Any]:
     """Return the schema of a physical number."""
-    bounds = {key: schema[key] for key in _BOUNDS if key in schema}
     out: dict[str, Any] = {"description": f"{schema.get('description', '')} Unit: {unit.label}.".strip()}
     if "default" in schema:
         out["default"] = schema["default"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import functools
 import hashlib
 import json
 import tomllib
@@ -73,6 +74,8 @@ class Spec:
         Name of the file, for messages.
     registry
         The components it was validated with.
+    parts
+        The validated sections.
     """
 
     document: dict[str, Any]
@@ -105,21 +108,24 @@ class Spec:
         return self.parts.likelihood
 
     @cached_property
+    def _free(self) -> dict[str, Prior]:
+        known = {f"{s.path}.{name}": prior for s in self.parts.sections for name, prior in s.priors.items()}
+        return {path: known[path] for path in _paths(self.document) if path in known}
+
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Free parameters as paths into the run file, in its order."""
-        free = {f"{section.path}.{name}" for section in self.parts.sections for name in section.priors}
-        return tuple(path for path in _paths(self.document) if path in free)
+        return tuple(self._free)
 
     @cached_property
     def priors(self) -> tuple[Prior, ...]:
         """The priors of the free parameters."""
-        known = {f"{s.path}.{name}": prior for s in self.parts.sections for name, prior in s.priors.items()}
-        return tuple(known[name] for name in self.names)
+        return tuple(self._free.values())
 
     @cached_property
     def units(self) -> tuple[str, ...]:
         """The units of the free parameters, as astropy reads them; '' for none."""
-        return tuple(self._units[name].name for name in self.names)
+        return tuple(self._units[name].name for name in self._free)
 
     @cached_property
     def _units(self) -> dict[str, Unit]:
@@ -226,23 +232,21 @@ class Spec:
     def _drop_defaults(self, document: dict[str, Any], path: str) -> None:
         for section in self.parts.sections:
             if section.path == path:
-                table = document
-                for key in path.split("."):
-                    table = table[key]
+                table = functools.reduce(dict.__getitem__, path.split("."), document)
                 for name, written in section.defaults().items():
                     if table.get(name) == written:
                         del table[name]
 
     def components(self) -> list[tuple[str, type[Component], str]]:
         """Return path, class and supplier of every component in use."""
-        sections: list[Section[Any]] = [*self.parts.potentials.values(), self.parts.satellite]
-        sections += [self.parts.stripping, self.parts.integrator]
-        sections += [self.parts.observable] if self.parts.observable else []
+        parts = self.parts
+        sections: list[Section[Any]] = [*parts.potentials.values(), parts.satellite, parts.stripping]
+        sections += [parts.integrator, *([parts.observable] if parts.observable else [])]
         return [(section.path, section.cls, self.registry.supplier(section.cls)) for section in sections]
 
     def digest(self) -> str:
         """Return the SHA-256 of what determines a run: all but the chain's length, and who supplies it."""
-        physics = {key: value for key, value in self.document.items() if key != "plugins"}
+        physics = {k: v for k, v in self.document.items() if k != "plugins"}
         physics["sampler"] = {k: v for k, v in physics["sampler"].items() if k not in NOT_PHYSICS}
         suppliers = [[path, cls.kind, supplier] for path, cls, supplier in self.components()]
         text = json.dumps([physics, self.names, suppliers], sort_keys=True)

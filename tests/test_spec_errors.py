@@ -1,0 +1,100 @@
+"""Bad run files: a sentence per error, with path, what was found, what is allowed, the nearest name."""
+
+import datetime as dt
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from runfiles import changed, error_of
+
+
+@pytest.mark.parametrize(
+    ("source", "parts"),
+    [
+        ({}, ["run file is empty"]),
+        (changed("version", 2), ["of version 2, this streamkit reads 1: upgrade"]),
+        (changed("version", "1"), ["version: found '1', expected 1"]),
+        (changed("seed", -1), ["seed: found -1", "whole number"]),
+        (changed("seed", True), ["seed: found True"]),
+        (changed("potenial", {}), ["potenial: ", "Did you mean 'potential'?", "sampler"]),
+        (changed("potential", 3), ["potential: found 3, expected a section, [potential]"]),
+        (changed("plugins", "a.py"), ["plugins: found 'a.py', expected a list"]),
+        (changed("plugins", ["nowhere.py"]), ["plugins: cannot read", "nowhere.py"]),
+        (changed("potential", ...), ["the section [potential] is missing"]),
+        (changed("potential", {}), ["potential: 'kind' is missing", "tf"]),
+        (changed("progenitor", ...), ["the section [progenitor] is missing"]),
+        (changed("stripping", ...), ["the section [stripping] is missing"]),
+        (changed("stripping", "kind", "mlsc"), ["stripping.kind", "'mlsc'", "Did you mean 'mlcs'?"]),
+        (changed("potential", "kind", ["tf"]), ["potential.kind", "['tf']"]),
+        (changed("potential", "rs", "3 s"), ["potential.rs", "kpc", "'3 s'"]),
+        (changed("potential", "rs", -1), ["potential.rs: found -1 kpc, should be greater than 0"]),
+        (changed("potential", "rs", True), ["potential.rs", "True"]),
+        (changed("potential", "rs", dt.date(2014, 1, 1)), ["potential.rs", "expected a number in kpc"]),
+        (changed("potential", "rs", [1, 2]), ["potential.rs", "expected one number"]),
+        (changed("potential", "rs", math.nan), ["potential.rs", "finite"]),
+        (changed("potential", "rs", ...), ["potential.rs: missing", "turns over", "kpc"]),
+        (changed("potential", "r_s", 3), ["potential.r_s", "Did you mean 'rs'?", "v0, rs, alpha"]),
+        (changed("potential", "alpha", 2), ["potential.alpha: found 2, should be less than or equal to 1"]),
+        (changed("potential", "disc", {"kind": "nfw"}), ["potential: found a kind of its own and", "disc"]),
+        (changed("potential", {"halo": {"v0": 1}}), ["potential.halo: 'kind' is missing"]),
+        (changed("potential", {"halo": {"kind": "nfw", "mass": 1, "rs": 1}, "v0": 3}), ["potential.v0"]),
+        (changed("potential", {"a.b": {"kind": "nfw", "mass": 1, "rs": 1}}), ["may not contain a dot"]),
+        (changed("potential", "v0", {"uniform": [400, 40]}), ["potential.v0", "below", "found 400 and 40"]),
+        (changed("potential", "v0", {"unifrom": [40, 400]}), ["potential.v0", "Did you mean 'uniform'?"]),
+        (changed("potential", "v0", {"normal": [40, 0]}), ["potential.v0", "sd > 0"]),
+        (changed("potential", "v0", {"normal": [-40, 1]}), ["potential.v0", "greater than 0"]),
+        (changed("potential", "alpha", {"uniform": [0, 1.5]}), ["potential.alpha", "than or equal to 1"]),
+        (changed("progenitor", "mass", {"uniform": [-1e8, 1e9]}), ["progenitor.mass", "greater than 0"]),
+        (changed("progenitor", "mass", {"truncated_normal": [1, 9, -2, math.inf]}), ["progenitor.mass"]),
+        (changed("progenitor", "kind", "tf"), ["progenitor.kind: the potential 'tf' has no field 'mass'"]),
+        (changed("progenitor", "l", 3), ["progenitor: found coordinates of several", "ra, dec", "vx, vy"]),
+        (changed("progenitor", "vx", ...), ["progenitor.vx: missing (Velocity along x)", "km / s"]),
+        (changed("progenitor", "lookback", ...), ["progenitor.lookback: missing", "Gyr"]),
+        (changed("progenitor", "lookbak", 3), ["progenitor.lookbak", "Did you mean 'lookback'?"]),
+        (changed("stripping", "progenitor_gravity", "true"), ["stripping.progenitor_gravity: found 'true'"]),
+        (changed("stripping", "progenitor_gravity", 1), ["expected true or false"]),
+        (changed("stripping", "particles", True), ["particles: found True, expected a whole number"]),
+        (changed("stripping", "particles", 10.5), ["stripping.particles: found 10.5"]),
+        (changed("stripping", "particles", {"uniform": [1, 2]}), ["stripping.particles: takes no prior"]),
+        (changed("stripping", "release_times", "unifrom"), ["Did you mean 'uniform'?", "'pericentre'"]),
+        (changed("integrator", "kind", "rk4"), ["integrator.kind", "'rk4'", "pefrl"]),
+        (changed("observable", "leading", ["47.8 kpc"]), ["observable.leading"]),
+        (changed("observable", "leading", ["47.8 kpc", "1 s"]), ["observable.leading", "'1 s'"]),
+        (changed("observable", "recent_debris", "epoch-aware"), ["Did you mean 'epoch_aware'?"]),
+        (changed("sampler", "walkers", 7), ["sampler.walkers: found 7, expected at least 8"]),
+        (changed("sampler", "walker", 70), ["sampler.walker", "Did you mean 'walkers'?"]),
+        (changed("sampler", "moves", "mh"), ["sampler.moves: found 'mh'", "'stretch' or 'de'"]),
+        (changed("likelihood", "noise", True), ["likelihood.noise: found True"]),
+        (changed("sun", "r0", "-8 kpc"), ["sun.r0"]),
+        (changed("sun", "z", 9), ["sun: |z| must be less than r0"]),
+    ],
+)  # fmt: skip
+def test_bad_input_says_where_what_and_what_is_allowed(source: Any, parts: list[str]) -> None:
+    message = error_of(source)
+    assert message.startswith("run mapping: ")
+    assert "\n" not in message
+    for part in parts:
+        assert part in message
+
+
+def test_every_error_is_told_at_once() -> None:
+    document = changed("potential", "rs", "3 s")
+    document["progenitor"]["radius"] = -1
+    document["stripping"]["particels"] = 5
+    lines = error_of(document).splitlines()
+    assert [line.split(": ")[1] for line in lines] == [
+        "potential.rs", "progenitor.radius", "stripping.particels"
+    ]  # fmt: skip
+
+
+def test_files_that_are_none(tmp_path: Path) -> None:
+    assert "cannot read the run file: No such file" in error_of(tmp_path / "none.toml")
+    assert "cannot read the run file" in error_of(tmp_path)
+    (tmp_path / "bad.toml").write_text("seed = 1\n[potential\n")
+    assert "not valid TOML" in error_of(tmp_path / "bad.toml")
+    assert "line 2" in error_of(str(tmp_path / "bad.toml"))
+    (tmp_path / "empty.toml").write_text("")
+    assert error_of(tmp_path / "empty.toml").startswith(f"{tmp_path / 'empty.toml'}: the run file is empty")
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    assert "not a text file" in error_of(tmp_path / "binary.toml")
