@@ -145,7 +145,7 @@ def test_tf_potential_difference_is_the_integral_of_the_force(alpha):
 
 
 def test_tf_potential_in_its_special_cases():
-    """alpha = 1 gives -v0^2 artanh(rs / sqrt(rs^2 + r^2)); any alpha tends to zero far out as its closed form."""
+    """alpha = 1 gives -v0^2 artanh(rs / sqrt(rs^2 + r^2)); any other its hypergeometric form."""
     tf = TruncatedFlat(v0=210.0, rs=12.0, alpha=1.0)
     phi = type(tf).potential(R, 0.0, 0.0, 0.0, *tf.internal())
     assert np.allclose(phi, -(210.0**2) * np.arctanh(12.0 / np.hypot(12.0, R)), rtol=1e-12)
@@ -244,7 +244,7 @@ def test_tf_against_galpy_through_its_density():
 def test_triaxial_rotated_halo_against_galpy():
     """galpy's halo has its long axes on the coordinate axes and a factor 1/2: turn the points, double v^2.
 
-    (x'/q1)^2 + (y'/q2)^2 + (z/qz)^2 + rh^2, with galpy's x^2 + (y/b)^2 + (z/c)^2 + core^2 after division by q1.
+    (x'/q1)^2 + (y'/q2)^2 + (z/qz)^2 + rh^2 is galpy's x^2 + (y/b)^2 + (z/q)^2 + core^2, times q1^2.
     """
     v, rh, q1, q2, qz, phi = 121.858, 12.0, 1.38, 1.0, 1.36, np.radians(97.0)
     halo = gp.LogarithmicHaloPotential(amp=2 * v**2, b=q2 / q1, q=qz / q1, core=rh * q1)
