@@ -170,8 +170,7 @@ class Spec:
         )
 
     def _values(self, theta: Array | Mapping[str, Any] | None) -> dict[str, float]:
-        if theta is None:
-            theta = {}
+        theta = {} if theta is None else theta
         if not isinstance(theta, Mapping):
             numbers = np.asarray(theta, dtype=float)
             if numbers.shape != (len(self.names),):
@@ -230,12 +229,10 @@ class Spec:
             raise SpecError(f"{self.source}: there is no field {path!r}.{nearest(path, known)}")
 
     def _drop_defaults(self, document: dict[str, Any], path: str) -> None:
-        for section in self.parts.sections:
-            if section.path == path:
-                table = functools.reduce(dict.__getitem__, path.split("."), document)
-                for name, written in section.defaults().items():
-                    if table.get(name) == written:
-                        del table[name]
+        for section in (section for section in self.parts.sections if section.path == path):
+            table = functools.reduce(dict.__getitem__, path.split("."), document)
+            for name in [name for name, value in section.defaults().items() if table.get(name) == value]:
+                del table[name]
 
     def components(self) -> list[tuple[str, type[Component], str]]:
         """Return path, class and supplier of every component in use."""
@@ -296,9 +293,7 @@ def _revive(document: dict[str, Any], source: str) -> Spec:
 
 def _paths(table: Mapping[str, Any], prefix: str = "") -> list[str]:
     """Return the path of every entry, nested ones too, in order."""
-    paths: list[str] = []
+    paths = []
     for key, value in table.items():
-        paths.append(prefix + key)
-        if isinstance(value, Mapping):
-            paths += _paths(value, f"{prefix}{key}.")
+        paths += [prefix + key, *(_paths(value, f"{prefix}{key}.") if isinstance(value, Mapping) else [])]
     return paths
