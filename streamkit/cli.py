@@ -135,7 +135,7 @@ def stream(
     if plot is not None:
         from streamkit import plots
 
-        plots.save_stream(made, prediction, setup, plot)
+        export.save(plot, lambda part: plots.save_stream(made, prediction, setup, part))
         click.echo(f"picture: {plot}")
 
 

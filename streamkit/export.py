@@ -6,10 +6,11 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from streamkit import output
 from streamkit.errors import StreamkitError, nearest
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Callable, Collection
 
     from astropy.table import QTable
 
@@ -66,15 +67,22 @@ def write(stream: Stream, spec: Spec, path: Path, *, force: bool = False) -> Non
     check_target(path, FORMATS, "output", force)
     table = stream.table()
     table.meta.update(provenance(stream, spec))
-    part = path.with_name(f".{path.name}.part{path.suffix}")
+    save(path, lambda part: _write(table, part, FORMATS[path.suffix]))
+
+
+def save(path: Path, writer: Callable[[Path], object]) -> None:
+    """Let ``writer`` write the file: the whole of it comes into place, or nothing.
+
+    Raises
+    ------
+    StreamkitError
+        If the file cannot be written.
+    """
     try:
-        _write(table, part, FORMATS[path.suffix])
-        part.replace(path)
+        output.write(path, writer)
     except OSError as error:
         reason = error.strerror or str(error)
         raise StreamkitError(f"output {str(path)!r}: cannot be written ({reason})") from error
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def provenance(stream: Stream, spec: Spec) -> dict[str, Any]:
