@@ -8,6 +8,7 @@ import numpy as np
 
 from streamkit.course import HORIZON, Course, course
 from streamkit.errors import OutOfDomain
+from streamkit.phase import Prediction
 from streamkit.progenitor import Sun
 from streamkit.spec import Setup, Spec
 
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
 
 USUAL_SUN = {"r0": (7.0, 9.0, "kpc"), "z": (-0.1, 0.1, "kpc"), "v_circ": (180.0, 280.0, "km/s")}
 """Ranges that hold every recent measurement of the Sun's place and of the rotation there."""
+WINDOW = 40.0
+"""Degrees on either side of an apocentre in which it is fitted (Gibbons+ 2014, section 3.4)."""
 APOCENTRES_NEEDED = {"literal": 1, "epoch_aware": 2}
 """Completed apocentres that the rules for recent debris refer to."""
 
@@ -66,6 +69,23 @@ def _swapped(spec: Spec) -> str:
         f" Are the two proper motions swapped? With {pair[0]} and {pair[1]} exchanged, the orbit is bound "
         f"and runs from {ends}."
     )
+
+
+def coverage_warnings(prediction: Prediction | None) -> list[str]:
+    """Say where an arm does not reach across the window in which its apocentre is fitted."""
+    found = []
+    details = prediction.details if prediction is not None else {}
+    for arm in ("leading", "trailing"):
+        if f"{arm}_angle" not in details or f"{arm}_peak" not in details:
+            continue
+        angles, peak = np.abs(details[f"{arm}_angle"]), abs(float(details[f"{arm}_peak"][0]))
+        for reach, side in ((peak - angles.min(), "before"), (angles.max() - peak, "beyond")):
+            if reach < WINDOW:
+                found.append(
+                    f"The {arm} arm ends {max(reach, 0):.0f} deg {side} its apocentre, inside the window of "
+                    f"{WINDOW:g} deg that is fitted: the apocentre is in part extrapolated."
+                )
+    return found
 
 
 def survey_warnings(trial: Survey | None) -> list[str]:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from streamkit.advice import coverage_warnings
 from streamkit.listing import toml
 from streamkit.phase import Array, Prediction, Stream
 from streamkit.spec import Setup, Spec
@@ -27,31 +28,33 @@ RADII = (50.0, 100.0, 150.0, 200.0)
 def describe_spec(spec: Spec) -> str:
     """List the components with their suppliers, and the free parameters with priors and units."""
     parts = [f"{spec.source}: valid (digest {spec.digest()[:12]}, seed {spec.seed})"]
-    parts += ["components", columns((path, cls.kind, supplier) for path, cls, supplier in spec.components())]
+    used = columns((path, cls.kind, supplier) for path, cls, supplier in spec.components())
+    parts.append(f"components\n{used}")
     if not spec.names:
-        return "\n".join([*parts, "free parameters: none"])
+        return "\n\n".join([*parts, "free parameters: none"])
     rows = [("parameter", "prior", "centre", "unit")]
     rows += [
         (name, prior.text(), f"{centre:.4g}", unit.replace(" ", "") or "-")
         for name, prior, centre, unit in zip(spec.names, spec.priors, spec.centre(), spec.units, strict=True)
     ]
-    return "\n".join([*parts, f"free parameters ({len(spec.names)})", columns(rows)])
+    return "\n\n".join([*parts, f"free parameters ({len(spec.names)})\n{columns(rows)}"])
 
 
 def describe_preflight(spec: Spec, found: Preflight) -> str:
     """Say what the preflight found: the orbit, the streams over the prior, the cost and the warnings."""
     setup = found.setup
-    parts = ["at the prior's centre", columns(_course_rows(setup, found.course))]
+    parts = ["at the prior's centre\n" + columns(_course_rows(setup, found.course))]
     if setup.observable is not None and found.prediction is not None:
         parts.append(describe_prediction(setup, found.prediction))
     if found.survey is not None:
         parts.append(_survey(found.survey))
     parts.append(_cost(spec, found.cost))
-    if found.warnings:
-        parts.append("\n".join(["warnings", *(paragraph(text, "  - ") for text in found.warnings)]))
-    else:
-        parts.append("no warnings")
-    return "\n".join(parts)
+    parts.append(_warnings(found.warnings) or "no warnings")
+    return "\n\n".join(parts)
+
+
+def _warnings(texts: Sequence[str]) -> str:
+    return "\n".join(["warnings", *(paragraph(text, "  - ") for text in texts)]) if texts else ""
 
 
 def _course_rows(setup: Setup, path: Course) -> list[tuple[str, str]]:
@@ -152,12 +155,14 @@ def describe_stream(
         ("bound", f"{bound} ({bound / len(stream):.1%})"),
         ("CPU time", f"{seconds(spent)}, machine code loaded included"),
     ]
-    parts = [f"{spec.source}: one stream (seed {spec.seed})", columns(rows), "stream", columns(counts)]
+    parts = [f"{spec.source}: one stream (seed {spec.seed})"]
+    parts += [f"parameters\n{columns(rows)}"] if rows else []
+    parts.append(f"stream\n{columns(counts)}")
     if setup.observable is None:
         parts.append("observables: the run file has none")
     elif prediction is not None:
-        parts.append(describe_prediction(setup, prediction))
-    return "\n".join(part for part in parts if part)
+        parts += [describe_prediction(setup, prediction), _warnings(coverage_warnings(prediction))]
+    return "\n\n".join(part for part in parts if part)
 
 
 def fields(document: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
@@ -201,12 +206,12 @@ def describe_results(results: Results) -> str:
     ]
     calls += [("rejected", str(n), reason) for reason, n in Counter(results.reasons).most_common()]
     head = f"{steps} steps of {walkers} walkers, {results.discard} of them left out as burn-in"
-    parts = [head, paragraph(results.note()), "parameters", columns(rows)]
-    parts += ["mass of the host", columns(masses), "sampler", columns(calls)]
+    parts = [f"{head}\n{paragraph(results.note())}", f"parameters\n{columns(rows)}"]
+    parts += [f"mass of the host\n{columns(masses)}", f"sampler\n{columns(calls)}"]
     if results.directory is not None:
         names = sorted(path.name for path in results.directory.iterdir() if not path.name.startswith("."))
         parts.append(paragraph(", ".join(names), f"products in {results.directory}: ", "  "))
-    return "\n".join(parts)
+    return "\n\n".join(parts)
 
 
 def _interval(row: Any, percent: int) -> str:

@@ -47,8 +47,10 @@ def _kinds(registry: Registry, role: str, *, fields: bool = False) -> str:
     for kind, entry in sorted(registry.entries[role].items()):
         rows.append((kind, entry.supplier, _summary(entry.cls)))
         if fields:
-            rows.append(("", "", f"parameters: {', '.join(entry.cls.model_fields) or 'none'}"))
-    return columns(rows) or "  none"
+            own = [name for name in entry.cls.model_fields if name not in ROLES[role].model_fields]
+            rows.append(("", "", f"parameters: {', '.join(own) or 'none of its own'}"))
+    shared = ", ".join(ROLES[role].model_fields) if fields else ""
+    return (columns(rows) or "  none") + (f"\n\n{paragraph(shared, 'parameters of all: ', '  ')}" if shared else "")
 
 
 def _summary(cls: type[Component]) -> str:

@@ -114,6 +114,7 @@ def preflight(spec: Spec, *, draws: int = 64) -> Preflight:
     warnings = advice.orbit_warnings(spec, setup, path)
     if reason and len(path.apocentres):
         warnings.append(f"There is no prediction at the prior's centre: {reason}.")
+    warnings += advice.coverage_warnings(prediction)
     warnings += advice.survey_warnings(trial)
     warnings += [f"This run file cannot be fitted: {unfit}."] if unfit else advice.sampler_warnings(spec)
     warnings += advice.sun_warnings(spec.parts.sun.build(setup.values))

@@ -108,7 +108,7 @@ def test_check_shows_components_parameters_orbit_and_cost(run_file: Path) -> Non
         "potential   tf          streamkit",
         "progenitor.mass  log_uniform(3e+08, 9e+08)",
         "pericentre",
-        "2 completed apocentres",
+        "completed apocentres",
         "of 4 draws",
         "8 walkers x at most 4 steps = 32 calls",
         "one call",

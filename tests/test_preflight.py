@@ -196,3 +196,14 @@ def test_a_run_file_without_data_says_that_it_cannot_be_fitted() -> None:
         del run["observable"][name]
     found = preflight(sk.load(run), draws=0)
     assert any("cannot be fitted: observable" in text for text in found.warnings)
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "text"),
+    [(0.0, 125.0, ""), (0.0, 95.0, "ends 15 deg beyond"), (60.0, 150.0, "20 deg before")],
+)
+def test_an_arm_that_ends_inside_the_fitted_window_is_named(first: float, last: float, text: str) -> None:
+    details = {"trailing_angle": -np.arange(first, last + 1), "trailing_peak": np.array([-80.0, 100.0])}
+    prediction = sk.Prediction(("trailing",), np.array([100.0]), np.array([1.0]), details=details)
+    found = advice.coverage_warnings(prediction)
+    assert (text in found[0]) if text else found == []
