@@ -27,8 +27,8 @@ def check(cls: type[Component], **options: Any) -> None:
         A component class: potential, stripping scheme, integrator or observable.
     **options
         ``negative_density=True`` for a potential that is meant to have one somewhere;
-        ``accuracy=1e-6`` for an integrator without a field ``step``: the relative error it may make over a
-        good part of a radial period (1e-8 unless told).
+        ``accuracy=1e-8`` for an integrator without a field ``step``: the relative error it may make over a
+        good part of a radial period (1e-5 unless told).
 
     Raises
     ------
@@ -48,7 +48,7 @@ def check(cls: type[Component], **options: Any) -> None:
 
 
 def checks(
-    cls: type[Component], *, negative_density: bool = False, accuracy: float = 1e-8
+    cls: type[Component], *, negative_density: bool = False, accuracy: float = 1e-5
 ) -> tuple[Check, ...]:
     """Return the checks that `check` runs on a class. Each takes the example component."""
     if issubclass(cls, Potential):

@@ -13,7 +13,8 @@ from streamkit.testing.streams import PARTICLES, example_stream, select
 
 
 def _predict(observable: Observable, stream: Stream) -> Prediction:
-    """Predict; a warning is as bad as an error, since a run would print it thousands of times."""
+    """Predict from a copy; a warning is as bad as an error, since a run would print it thousands of times."""
+    stream = select(stream, slice(None))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         return observable.predict(stream)
@@ -76,10 +77,9 @@ def does_not_care_for_the_order(observable: Observable) -> None:
 
 def leaves_the_stream_alone(observable: Observable) -> None:
     """Check that ``predict`` does not write into the stream."""
-    stream = select(example_stream(), np.arange(len(example_stream())))
-    before = {name: getattr(stream, name).copy() for name in PARTICLES}
-    _predict(observable, stream)
-    changed = [name for name in PARTICLES if not np.array_equal(before[name], getattr(stream, name))]
+    stream = select(example_stream(), slice(None))
+    observable.predict(stream)
+    changed = [n for n in PARTICLES if not np.array_equal(getattr(example_stream(), n), getattr(stream, n))]
     require(not changed, f"predict changes {', '.join(changed)}")
 
 
