@@ -50,7 +50,8 @@ def _kinds(registry: Registry, role: str, *, fields: bool = False) -> str:
             own = [name for name in entry.cls.model_fields if name not in ROLES[role].model_fields]
             rows.append(("", "", f"parameters: {', '.join(own) or 'none of its own'}"))
     shared = ", ".join(ROLES[role].model_fields) if fields else ""
-    return (columns(rows) or "  none") + (f"\n\n{paragraph(shared, 'parameters of all: ', '  ')}" if shared else "")
+    below = f"\n\n{paragraph(shared, 'parameters of all: ', '  ')}" if shared else ""
+    return (columns(rows) or "  none") + below
 
 
 def _summary(cls: type[Component]) -> str:
