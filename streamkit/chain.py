@@ -71,7 +71,7 @@ def read(path: Path) -> Chain:
         If it is missing, truncated, or no chain.
     """
     if not path.exists():
-        raise ChainError(f"{path}: there is no chain file; the run ended before its first step, or never began")
+        raise ChainError(f"{path}: there is no chain file: the run did not get as far as its first step")
     for attempt in range(3):
         try:
             return _read(path)
@@ -80,8 +80,8 @@ def read(path: Path) -> Chain:
             if attempt < 2:
                 sleep(0.1)  # the running run may just be writing
     raise ChainError(
-        f"{path}: not a readable chain file ({str(reason).splitlines()[0]}). It may be truncated. Nothing was changed; "
-        "restore it from a copy, or start again with --force."
+        f"{path}: not a readable chain file ({str(reason).splitlines()[0]}). It may be truncated. "
+        "Nothing was changed: restore it from a copy, or start again with --force."
     )
 
 

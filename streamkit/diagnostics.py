@@ -22,20 +22,20 @@ def autocorrelation_times(chain: Array) -> Array:
 
 
 def burn_in(chain: Array) -> int:
-    """Steps to discard: three times the longest autocorrelation time, but at most half of the chain."""
+    """Return the steps to discard: three times the longest autocorrelation time, at most half the chain."""
     tau = autocorrelation_times(chain)
     half = len(chain) // 2
     return half if np.isnan(tau).any() else min(int(np.ceil(3 * tau.max())), half)
 
 
-def effective_samples(chain: Array) -> Array:
-    """(d,) Number of independent samples that a chain (steps, walkers, d) is worth."""
+def effective_samples(chain: Array, tau: Array) -> Array:
+    """(d,) Number of independent samples that a chain (steps, walkers, d) is worth, at tau (d,)."""
     steps, walkers, _ = chain.shape
-    return steps * walkers / autocorrelation_times(chain)
+    return np.asarray(steps * walkers / tau)
 
 
 def split_r_hat(chain: Array) -> Array:
-    """(d,) Split R-hat of a chain (steps, walkers, d): each half of each walker is one chain (Gelman+ 2013, 11.4)."""
+    """(d,) Split R-hat of a chain (steps, walkers, d): each half walker is a chain (Gelman+ 2013, 11.4)."""
     half = len(chain) // 2
     if half < 2:
         return np.full(chain.shape[2], np.nan)

@@ -27,7 +27,8 @@ def _sphere() -> tuple[Array, Array]:
     weight = np.concatenate([(3 * s**2 * w)[::-1], 3 * s**2 * w])
     phi = (np.arange(AZIMUTH) + 0.5) * 2 * np.pi / AZIMUTH
     sine = np.sqrt(1 - mu**2)
-    directions = np.stack([np.outer(sine, np.cos(phi)), np.outer(sine, np.sin(phi)), np.outer(mu, np.ones(AZIMUTH))])
+    x, y = np.outer(sine, np.cos(phi)), np.outer(sine, np.sin(phi))
+    directions = np.stack([x, y, np.outer(mu, np.ones(AZIMUTH))])
     return directions.reshape(3, -1), np.repeat(weight / weight.sum() / AZIMUTH, AZIMUTH)
 
 
@@ -42,7 +43,8 @@ def inward(potentials: Sequence[Potential], directions: Array, radii: Array) -> 
     x, y, z = np.ascontiguousarray(directions[:, None, :] * radii[:, None]).reshape(3, -1)
     total = np.zeros((3, len(x)))
     for potential in potentials:
-        total += np.stack(type(potential).acceleration(x, y, z, np.zeros_like(x), *potential.internal().tolist()))
+        parameters = potential.internal().tolist()
+        total += np.stack(type(potential).acceleration(x, y, z, np.zeros_like(x), *parameters))
     shape = (3, len(radii), directions.shape[1])
     return np.asarray(-np.einsum("crk,ck->rk", total.reshape(shape), directions))
 
@@ -55,7 +57,7 @@ def mass_inside(potentials: Sequence[Potential], radii: Array) -> Array:
 
 
 def circular_velocity(potentials: Sequence[Potential], radii: Array) -> Array:
-    """(nr,) Circular velocity in km/s at radii (nr,) in kpc in the plane z = 0: ``sqrt(R <-a_R>)`` over azimuth."""
+    """(nr,) Circular velocity in km/s at radii (nr,) in kpc in the plane: ``sqrt(R <-a_R>)`` over azimuth."""
     radii = np.asarray(radii, dtype=float)
     pull = inward(potentials, _circle(), radii).mean(axis=1)
     return np.asarray(np.sqrt(np.maximum(radii * pull, 0.0)))

@@ -1,4 +1,4 @@
-"""The output directory: whose it is, what may be written into it, and how: each product whole or not at all."""
+"""The output directory: whose it is, what may be written into it, and each product whole or not at all."""
 
 from __future__ import annotations
 
@@ -137,12 +137,13 @@ def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
         digest = json.loads((directory / MANIFEST).read_text())["digest"]
         document = tomllib.loads((directory / RUN_FILE).read_text())
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ChainError(f"{directory}: cannot read {MANIFEST} or {RUN_FILE} ({error}); nothing was changed") from None
+        raise ChainError(f"{directory}: {MANIFEST} or {RUN_FILE} is not readable ({error})") from None
     if digest != spec.digest():
         changed = differences(document, spec.document) or ["a plugin or streamkit itself"]
         raise ChainError(
             f"{directory}: holds another run, and its chain cannot be continued with this run file. "
-            f"What differs (there -> here): {'; '.join(changed)}. Choose another directory, or --force to overwrite."
+            f"What differs (there -> here): {'; '.join(changed)}. "
+            "Choose another directory, or --force to overwrite."
         )
     if chain.NAME not in files:
         return False
@@ -155,8 +156,8 @@ def _only_ours(directory: Path, files: list[str]) -> None:
     clash = [name for name in files if name in PRODUCTS]
     if clash and MANIFEST not in files:
         raise ChainError(
-            f"{directory}: {_some(clash)} would be overwritten, but without a {MANIFEST} they are not known to be "
-            "streamkit's. Choose another directory."
+            f"{directory}: {_some(clash)} would be overwritten, but without a {MANIFEST} "
+            "they are not known to be streamkit's. Choose another directory."
         )
 
 
@@ -195,7 +196,7 @@ def manifest(directory: Path) -> dict[str, Any]:
     try:
         found = json.loads((directory / MANIFEST).read_text())
     except (OSError, ValueError) as error:
-        raise ChainError(f"{directory}: holds no readable {MANIFEST}, so it is no streamkit run ({error})") from None
+        raise ChainError(f"{directory}: no streamkit run: {MANIFEST} is not readable ({error})") from None
     if not isinstance(found, dict):
         raise StreamkitError(f"{directory / MANIFEST}: not a streamkit manifest")
     return found

@@ -26,7 +26,7 @@ class Evaluation:
     ln_likelihood
         The second term alone; -inf likewise.
     mean, variance
-        (m,) what the observable predicts, in the units of the data, and the variance of that estimate; NaN if none.
+        (m,) what the observable predicts, and the variance of that estimate; NaN if none.
     reason
         Why lnp is -inf, else empty.
     """
@@ -124,8 +124,9 @@ class Posterior:
             return self._rejected(error.reason)
         except ComponentError as error:
             raise ComponentError(f"{error}. {self._at(theta)}") from error
-        except Exception as error:  # any failure of a component is named, with its parameters, and stops the run
-            raise ComponentError(f"{type(error).__name__} in {_culprit(error)}: {error}. {self._at(theta)}") from error
+        except Exception as error:  # any failure stops the run, with name and parameters
+            what = f"{type(error).__name__} in {_culprit(error)}: {error}"
+            raise ComponentError(f"{what}. {self._at(theta)}") from error
         return Evaluation(ln_prior + ln_likelihood, ln_likelihood, prediction.mean, prediction.variance)
 
     def predict(self, theta: Array) -> tuple[Stream, Prediction]:
@@ -151,8 +152,8 @@ class Posterior:
         kind = setup.observable.kind
         if prediction.mean.shape != data.shape or prediction.variance.shape != data.shape:
             raise ComponentError(
-                f"observable {kind}: predicted {prediction.mean.shape} values with {prediction.variance.shape} "
-                f"variances for {data.shape} data"
+                f"observable {kind}: predicted {prediction.mean.shape} values with "
+                f"{prediction.variance.shape} variances for {data.shape} data"
             )
         value = gaussian(prediction.mean, prediction.variance, data, sigma, self.add_noise)
         if not np.isfinite(value):

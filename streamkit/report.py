@@ -34,7 +34,7 @@ def report(run: Results | str | Path) -> Results:
     _table(where / "summary.ecsv", results.summary())
     _table(where / "mass_profile.ecsv", results.mass_profile(RADII))
     _table(where / "diagnostics.ecsv", results.diagnostics())
-    profile = results.mass_profile(plots.radii(results))
+    profile = results.mass_profile(plots.radii())
     _picture(where / "corner.png", plots.corner(results))
     _picture(where / "mass_profile.png", plots.mass_profile(results, profile))
     _picture(where / "rotation_curve.png", plots.rotation_curve(results, profile))
@@ -46,7 +46,10 @@ def report(run: Results | str | Path) -> Results:
         _table(where / "diagnostics.ecsv", _without_stream(results, error.reason))
         return results
     setup = results.spec.bind(results.best())
-    _picture(where / "best_stream.png", plots.stream(stream, prediction, setup, note=plots.remark(results)))
+    _picture(
+        where / "best_stream.png",
+        plots.stream(stream, prediction, setup, note=plots.remark(results) if results.quick else ""),
+    )
     return results
 
 

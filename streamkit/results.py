@@ -74,7 +74,9 @@ class Results:
         self.directory: Path | None = where
 
     @classmethod
-    def in_memory(cls, spec: Spec, backend: Backend, counts: dict[str, Any], status: str, quick: bool) -> Results:
+    def in_memory(
+        cls, spec: Spec, backend: Backend, counts: dict[str, Any], status: str, quick: bool
+    ) -> Results:
         """Return the results of a run that was kept in memory."""
         if backend.iteration == 0:
             raise ChainError("the run ended before its first step: there are no samples")
@@ -105,7 +107,7 @@ class Results:
 
     @cached_property
     def discard(self) -> int:
-        """Steps of burn-in: three times the longest autocorrelation time, at most half; half of a quick look."""
+        """Steps of burn-in: three times the longest autocorrelation time, at most half."""
         return len(self.chain) // 2 if self.quick else burn_in(self.chain)
 
     @property
@@ -126,7 +128,7 @@ class Results:
     @cached_property
     def ess(self) -> Array:
         """(d,) Effective number of independent samples after burn-in."""
-        return self.kept.shape[0] * self.kept.shape[1] / self.tau
+        return effective_samples(self.kept, self.tau)
 
     @cached_property
     def r_hat(self) -> Array:
@@ -143,6 +145,11 @@ class Results:
         step, walker = np.unravel_index(np.argmax(self.log_prob), self.log_prob.shape)
         return dict(zip(self.names, self.chain[step, walker].tolist(), strict=True))
 
+    @property
+    def converged(self) -> bool:
+        """Whether the chain spans enough autocorrelation times for its percentiles to be trusted."""
+        return not self.quick and bool(self.span >= TRUSTED)
+
     def note(self) -> str:
         """Say in one sentence how far the percentiles can be trusted."""
         steps = len(self.chain)
@@ -151,7 +158,7 @@ class Results:
         if not np.isfinite(self.span):
             return f"Not converged: {steps} steps are too few to estimate the autocorrelation time."
         length = f"{steps} steps are {self.span:.0f} autocorrelation times"
-        if self.span < TRUSTED:
+        if not self.converged:
             return f"Not converged: {length}, and {TRUSTED:.0f} are wanted."
         return f"{length[0].upper()}{length[1:]}."
 
@@ -179,9 +186,10 @@ class Results:
         return table
 
     def mass_profile(self, radii: Any) -> QTable:
-        """Return mass inside, and circular velocity at, ``radii`` (kpc, or a Quantity), with 68 % and 95 % intervals.
+        """Return the mass inside radii (kpc, or a Quantity), and the circular velocity there.
 
-        Today, for the sum of all potentials of the host; from at most 2000 of the samples, evenly spaced.
+        Median with 68 % and 95 % intervals, today, for the sum of all potentials of the host; from at most
+        2000 of the samples, evenly spaced.
         """
         from astropy import units as u
         from astropy.table import QTable

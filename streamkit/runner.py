@@ -32,7 +32,7 @@ QUICK_SAMPLING = 140.0
 """The same for its sampling: a report must still fit in 3 minutes."""
 
 
-class Interrupted(StreamkitError):
+class Interrupted(StreamkitError):  # noqa: N818  a request, not a fault
     """The run was asked to stop (Ctrl-C or SIGTERM) and did. Its message says where the samples are.
 
     Attributes
@@ -68,7 +68,7 @@ def run(
     workers
         Processes that evaluate the posterior. The samples do not depend on their number.
     steps
-        Largest length of the chain, the steps of a resumed run included; ``sampler.steps`` of the spec otherwise.
+        Largest length of the chain, steps of a resumed run included; else ``sampler.steps`` of the spec.
     quick
         A coarse look within 3 minutes on two cores: few particles, few steps. Says so on every product.
     resume, force
@@ -133,9 +133,9 @@ def run(
 
 
 def quick_spec(spec: Spec) -> Spec:
-    """Return the spec of the coarse look: fewer particles and walkers, the extractor's noise added to the data's."""
-    values: dict[str, Any] = {"sampler.walkers": min(spec.sampler.walkers, max(QUICK_WALKERS, 2 * len(spec.names) + 2))}
-    return _with_particles(spec, QUICK_PARTICLES, values)
+    """Return the spec of the coarse look: fewer particles and walkers, the noise of the former added."""
+    walkers = min(spec.sampler.walkers, max(QUICK_WALKERS, 2 * len(spec.names) + 2))
+    return _with_particles(spec, QUICK_PARTICLES, {"sampler.walkers": walkers})
 
 
 def cheap_spec(spec: Spec) -> Spec:
@@ -164,7 +164,7 @@ def _mass_100(spec: Spec, theta: Array) -> float:
 
 @contextmanager
 def _explained(pool: Workers, directory: Path | None, backend: Backend, spec: Spec) -> Iterator[None]:
-    """Turn signals into a clean stop, and say with every end before its time what is left and how to go on."""
+    """Turn signals into a clean stop; say at every untimely end what is left and how to go on."""
     try:
         with Signals(pool):
             yield

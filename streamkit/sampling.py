@@ -28,7 +28,7 @@ NOTES = 5.0
 
 @dataclass(frozen=True)
 class Limits:
-    """When the sampling ends: at ``steps``, at ``deadline`` (`time.monotonic`), or when the chain is long enough.
+    """When the sampling ends: at ``steps``, at ``deadline`` (`time.monotonic`), or with a long enough chain.
 
     Long enough means longer than ``tau_factor`` times the longest autocorrelation time, if that is stable.
     """
@@ -81,9 +81,8 @@ class Sampling:
                 bar.update(search.calls - bar.n)
                 bar.set_description_str(line)
 
-            search = Search(
-                self.priors, self.pool.evaluate, self.walkers, np.random.default_rng([self.seed, 1]), deadline, tell
-            )
+            rng = np.random.default_rng([self.seed, 1])
+            search = Search(self.priors, self.pool.evaluate, self.walkers, rng, deadline, tell)
             points, results = search.run()
         self.counts["search_calls"] = search.calls
         rows = [result.row() for result in results]
@@ -91,7 +90,7 @@ class Sampling:
             points,
             log_prob=np.array([row[0] for row in rows]),
             blobs=np.array([row[1:] for row in rows], dtype=self.dtype),
-            random_state=np.random.RandomState(self.seed).get_state(),  # noqa: NPY002  emcee knows no other
+            random_state=np.random.RandomState(self.seed).get_state(),  # what emcee uses
         )
         # the search is reported by itself; from here on every call is a proposal of the sampler
         self.pool.calls["full"] = 0

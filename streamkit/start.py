@@ -1,8 +1,8 @@
 """Where the walkers start: draws from the prior where a stream exists, moved to where it can be fitted.
 
-Prior draws, then sequential Monte Carlo (Del Moral, Doucet & Jasra 2006): the likelihood is switched on in steps
-of inverse temperature, each followed by resampling and by differential-evolution moves (ter Braak 2006). It runs
-in the unit cube of the priors' cumulative probabilities, where the prior is flat, and on a cheap model with few
+Prior draws, then sequential Monte Carlo (Del Moral, Doucet & Jasra 2006): the likelihood is switched on in
+steps of inverse temperature, each followed by resampling and by differential-evolution moves (ter Braak 2006)
+in the unit cube of the priors' cumulative probabilities, where the prior is flat, on a cheap model with few
 particles whose own noise is added to the data's. The survivors are evaluated with the full model.
 """
 
@@ -18,13 +18,15 @@ import numpy as np
 from scipy.stats import qmc
 
 from streamkit.errors import StreamkitError
-from streamkit.phase import Array
+from streamkit.phase import Array, IntArray
 from streamkit.posterior import Evaluation
 
 BATCH = 1024
 """Prior draws at a time: a power of two, as Sobol sequences want."""
 MAX_BATCHES = 8
-SWEEPS = 4
+ENOUGH = 4
+"""Draws with streams, in units of the population, after which no more are needed."""
+SWEEPS = 5
 """Largest number of moves per particle and temperature."""
 SPREAD = 12.0
 """A walker may start this far in ln p below the best, plus half the number of parameters."""
@@ -93,16 +95,12 @@ class Search:
         columns = [prior.ppf(column) for prior, column in zip(self.priors, u.T, strict=True)]
         return np.ascontiguousarray(np.stack(columns, axis=1))
 
-    def _ln_likelihood(self, u: Array, which: str = "cheap") -> Array:
-        """(n,) ln likelihood at unit-cube points; -inf outside the cube, where nothing is evaluated."""
-        out = np.full(len(u), -np.inf)
-        inside = ((u > 0) & (u < 1)).all(axis=1)
-        if inside.any():
-            results = self.evaluate(self._theta(u[inside]), which)
-            self.calls += len(results)
-            self.reasons.update(result.reason for result in results if result.reason)
-            out[inside] = [result.ln_likelihood for result in results]
-        return out
+    def _ln_likelihood(self, u: Array) -> Array:
+        """(n,) ln likelihood of the cheap model at unit-cube points."""
+        results = self.evaluate(self._theta(u), "cheap")
+        self.calls += len(results)
+        self.reasons.update(result.reason for result in results if result.reason)
+        return np.array([result.ln_likelihood for result in results])
 
     def _draw(self) -> tuple[Array, Array]:
         """Draw from the prior until enough streams with observables are found; keep those."""
@@ -119,7 +117,8 @@ class Search:
                 good = np.isfinite(values)
                 u, lnl = np.concatenate([u, part[good]]), np.concatenate([lnl, values[good]])
                 self.tell(f"{len(lnl)} of {drawn} draws of the prior give a stream with observables")
-                if monotonic() > self.deadline and len(lnl) >= self.population:
+                late = monotonic() > self.deadline
+                if len(lnl) >= (self.population if late else ENOUGH * self.population):
                     return u, lnl
             if len(lnl) >= self.population:
                 return u, lnl
@@ -149,7 +148,7 @@ class Search:
                     break
         return u, lnl
 
-    def _sweep(self, u: Array, lnl: Array, which: str = "cheap") -> tuple[Array, Array, int]:
+    def _sweep(self, u: Array, lnl: Array) -> tuple[Array, Array, int]:
         """Move every particle once along the difference of two of the other half of the population."""
         u, lnl = u.copy(), lnl.copy()
         n, d = u.shape
@@ -158,10 +157,12 @@ class Search:
         for mine, others in (halves, halves[::-1]):
             first = self.rng.integers(len(others), size=len(mine))
             second = (first + self.rng.integers(1, len(others), size=len(mine))) % len(others)
-            gamma = np.where(self.rng.random(len(mine)) < 0.1, 1.0, 2.38 / np.sqrt(2 * d))
+            # from the best length for a Gaussian down to a fifth: far from Gaussian, short steps are taken
+            gamma = 2.38 / np.sqrt(2 * d) * np.exp(self.rng.uniform(np.log(0.2), 0.0, len(mine)))
             jitter = 0.02 * u.std(axis=0) * self.rng.standard_normal((len(mine), d))
             proposal = u[mine] + gamma[:, None] * (u[others[first]] - u[others[second]]) + jitter
-            values = self._ln_likelihood(proposal, which)
+            proposal = _reflected(proposal)
+            values = self._ln_likelihood(proposal)
             with np.errstate(invalid="ignore"):  # -inf against -inf: refused
                 ratio = self.inverse_temperature * (values - lnl[mine])
             taken = np.log(self.rng.random(len(mine))) < ratio
@@ -186,14 +187,15 @@ class Search:
         """Evaluate with the full model; keep ``walkers`` points near the best, filling up around them."""
         floor = SPREAD + 0.5 * len(self.priors)
         self.rng.shuffle(u, axis=0)
-        points, results = np.empty((0, u.shape[1])), list[Evaluation]()
+        u_good, points = np.empty((0, u.shape[1])), np.empty((0, u.shape[1]))
+        results: list[Evaluation] = []
         for _ in range(20):
             theta = self._theta(u)
             found = self.evaluate(theta, "full")
             self.calls += len(found)
             good = [i for i, result in enumerate(found) if np.isfinite(result.lnp)]
             points = np.concatenate([points, theta[good]])
-            u_good = u[good] if not len(results) else np.concatenate([u_good, u[good]])
+            u_good = np.concatenate([u_good, u[good]])
             results.extend(found[i] for i in good)
             lnp = np.array([result.lnp for result in results])
             near = np.flatnonzero(lnp > lnp.max() - floor) if len(lnp) else np.empty(0, dtype=int)
@@ -214,7 +216,13 @@ class Search:
         """(n, d) New points, short differential steps away from known good ones, inside the cube."""
         base, first, second = (u[self.rng.integers(len(u), size=n)] for _ in range(3))
         jitter = 0.02 * u.std(axis=0) * self.rng.standard_normal(base.shape)
-        return np.clip(base + 0.3 * (first - second) + jitter, 1e-9, 1 - 1e-9)
+        return _reflected(base + 0.3 * (first - second) + jitter)
+
+
+def _reflected(u: Array) -> Array:
+    """(n, d) Points thrown back from the faces of the unit cube: a symmetric proposal stays one."""
+    folded = np.abs(u) % 2.0
+    return np.asarray(np.clip(np.where(folded > 1, 2 - folded, folded), 1e-9, 1 - 1e-9))
 
 
 def _weights(lnl: Array, step: float) -> Array:
@@ -224,7 +232,7 @@ def _weights(lnl: Array, step: float) -> Array:
 
 
 def _largest_step(lnl: Array, target: float, rest: float) -> float:
-    """Return the largest step in inverse temperature, up to ``rest``, that leaves ``target`` effective particles."""
+    """Return the largest step in inverse temperature, up to ``rest``, that leaves ``target`` effective."""
 
     def effective(step: float) -> float:
         return float(1 / np.sum(_weights(lnl, step) ** 2))
@@ -238,7 +246,7 @@ def _largest_step(lnl: Array, target: float, rest: float) -> float:
     return max(low, 1e-6 * rest)
 
 
-def _systematic(weights: Array, n: int, rng: np.random.Generator) -> Array:
+def _systematic(weights: Array, n: int, rng: np.random.Generator) -> IntArray:
     """(n,) Indices by systematic resampling: each is taken n * weight times, to one."""
     edges = np.cumsum(weights)
     edges[-1] = 1.0

@@ -1,4 +1,4 @@
-"""Worker processes that evaluate the posterior. Each gets the specs once; every call and every rejection is counted."""
+"""Worker processes that evaluate the posterior: given the specs once, every call and rejection counted."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Stopped(Exception):  # noqa: N818  a request, not a fault
 
 
 class Workers:
-    """Evaluates one of several posteriors ("full", "cheap") on a set of points, in this or in other processes.
+    """Evaluates one of several posteriors ("full", "cheap") on many points, in this or in other processes.
 
     Use as a context manager. Given to emcee as ``pool``, for its method `map`.
 
@@ -75,7 +75,7 @@ class Workers:
             self._executor.shutdown(wait=True, cancel_futures=True)
 
     def map(self, _function: Callable[..., Any], points: Iterable[Array]) -> list[Row]:
-        """Evaluate the full posterior: the signature emcee calls. Its function is not sent: workers hold it."""
+        """Evaluate the full posterior: what emcee calls. Its function is not sent: workers hold it."""
         return [result.row() for result in self.evaluate(np.array(list(points)))]
 
     def evaluate(self, points: Array, which: str = "full") -> list[Evaluation]:
@@ -101,7 +101,7 @@ class Workers:
                     raise Stopped(self.stop)
         except BrokenProcessPool:
             raise StreamkitError(
-                "a worker process died (killed, or out of memory). Try fewer workers, or a smaller stripping.particles."
+                "a worker process died (killed, or out of memory): try fewer workers, or fewer particles"
             ) from None
         return results
 
@@ -137,11 +137,11 @@ class Signals:
 
 
 _POSTERIORS: dict[str, Evaluates] = {}
-"""The posteriors of this worker process, set once by its initializer: the one place where a process keeps state."""
+"""The posteriors of this worker process, set once by its initializer: the one state that a module keeps."""
 
 
 def _prepare(posteriors: Mapping[str, Evaluates]) -> None:
-    """Start a worker: the parent alone answers signals, and the worker ends with it, even when it is killed."""
+    """Start a worker: the parent alone answers signals, and the worker ends with it, killed or not."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     _POSTERIORS.update(posteriors)
