@@ -43,7 +43,8 @@ def describe_spec(spec: Spec) -> str:
 def describe_preflight(spec: Spec, found: Preflight) -> str:
     """Say what the preflight found: the orbit, the streams over the prior, the cost and the warnings."""
     setup = found.setup
-    parts = ["at the prior's centre\n" + columns(_course_rows(setup, found.course))]
+    place = "the prior's centre" if spec.names else "the given parameters"
+    parts = [f"at {place}\n" + columns(_course_rows(setup, found.course))]
     if setup.observable is not None and found.prediction is not None:
         parts.append(describe_prediction(setup, found.prediction))
     if found.survey is not None:

@@ -107,13 +107,14 @@ def preflight(spec: Spec, *, draws: int = 64) -> Preflight:
     prediction, reason = predict(Model(spec), centre)
     first = time.process_time() - begin
     trial = survey(spec, draws) if draws and spec.names else None
-    where, theta = "the prior's centre", centre
+    asked = "the prior's centre" if spec.names else "the given parameters"
+    where, theta = asked, centre
     if reason and trial is not None and len(trial.good):
         where, theta = "a draw from the prior that has a stream", trial.good[0]
     call, unfit = measure(spec, theta, first)
     warnings = advice.orbit_warnings(spec, setup, path)
     if reason and len(path.apocentres):
-        warnings.append(f"There is no prediction at the prior's centre: {reason}.")
+        warnings.append(f"There is no prediction at {asked}: {reason}.")
     warnings += advice.coverage_warnings(prediction)
     warnings += advice.survey_warnings(trial)
     warnings += [f"This run file cannot be fitted: {unfit}."] if unfit else advice.sampler_warnings(spec)
