@@ -13,11 +13,6 @@ from streamkit.engine import kernels, loops
 from streamkit.errors import ComponentError
 from streamkit.phase import Array, BoolArray, IntArray, Orbit
 
-WIDTH = 128
-"""Particles per batch: their state fits the first-level cache."""
-WIDTH_NUMPY = 1 << 16
-"""The same when a force runs in Python: one call for as many particles as possible."""
-
 
 @dataclass(frozen=True)
 class Splitting:
@@ -81,8 +76,6 @@ class Field:
         Packed parameters in engine units.
     first, step, track
         The progenitor's states (T, 9) at times ``first + k * step``; unused without a follower.
-    width
-        Particles per batch.
     kernels
         Keeps the machine code alive.
     names
@@ -96,7 +89,6 @@ class Field:
     first: float
     step: float
     track: Array
-    width: int
     kernels: tuple[Any, ...]
     names: tuple[str, ...]
 
@@ -105,9 +97,7 @@ class Field:
 
     @property
     def _head(self) -> tuple[Any, ...]:
-        return (
-            self.address, self.offset, self.follows, self.parameters, self.first, self.step, self.track, self.width
-        )  # fmt: skip
+        return self.address, self.offset, self.follows, self.parameters, self.first, self.step, self.track
 
     def acceleration(self, t: Array | float, q: Array) -> Array:
         """(3, n) acceleration in (km/s)^2/kpc at positions q (3, n) and times t (n,) or one time."""
@@ -153,7 +143,6 @@ class Field:
             first=float(orbit.t[0]),
             step=float((orbit.t[-1] - orbit.t[0]) / (len(orbit.t) - 1)),
             track=np.ascontiguousarray(np.concatenate([orbit.q, orbit.v, orbit.a]).T),
-            width=max(self.width, other.width),
             kernels=self.kernels + other.kernels,
             names=self.names + other.names,
         )
@@ -191,7 +180,6 @@ def build_field(potentials: Sequence[Potential]) -> Field:
         first=0.0,
         step=1.0,
         track=np.zeros((2, 9)),
-        width=WIDTH if all(p.compiled for p in potentials) else WIDTH_NUMPY,
         kernels=tuple(built),
         names=tuple(p.kind for p in potentials),
     )
@@ -202,14 +190,12 @@ def adaptive_step(
 ) -> None:
     """Advance q, v (3, n), in place, each particle with the power of two of steps that its dynamical time asks for.
 
-    No step is longer than ``eta`` dynamical times, but a block takes at most ``2**deepest`` of them.
+    Times t0 (n,) may not decrease. No step is longer than ``eta`` dynamical times, but a block takes at most
+    ``2**deepest`` of them.
     """
-    substeps, order = np.empty(len(t0), dtype=np.int64), np.empty(len(t0), dtype=np.int64)
-    loops.levels(*field._head, q, v, t0, t1, eta, deepest, substeps, order)
-    loops.advance(*field._head, q, v, t0, t1, order, substeps, splitting.drift, splitting.kick)
+    loops.advance(*field._head, q, v, t0, t1, splitting.drift, splitting.kick, eta, min(deepest, loops.DEEPEST))
 
 
 def split_step(field: Field, splitting: Splitting, q: Array, v: Array, t0: Array, t1: float, steps: int) -> None:
-    """Advance q, v (3, n), in place, from their own times t0 (n,) to t1 in equal steps."""
-    order, substeps = np.arange(len(t0)), np.full(len(t0), steps)
-    loops.advance(*field._head, q, v, t0, t1, order, substeps, splitting.drift, splitting.kick)
+    """Advance q, v (3, n), in place, from their own times t0 (n,), not decreasing, to t1 in equal steps."""
+    loops.advance(*field._head, q, v, t0, t1, splitting.drift, splitting.kick, 0.0, steps)

@@ -1,6 +1,7 @@
 """From an elementwise `acceleration` to a C function over a batch, cached on disk by content.
 
-Every force in the hot loop is ``void kernel(n, t[n], p[k], q[3][n], a[3][n])``, which *adds* to ``a``. Numba's own
+Every force in the hot loop is ``void kernel(n, t[n], p[k], q, a)``, which *adds* to the rows x, y, z of ``a``, ``ROW``
+doubles apart as those of ``q``. Numba's own
 disk cache does not serve closures (their key holds a random identifier) and misses changes in other files (a stale
 force is the worst bug there is). So the key here is the content: bytecode, constants and, followed to the end,
 everything the function's globals refer to.
@@ -27,6 +28,7 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 from streamkit import functions
 from streamkit.components import Potential
 from streamkit.engine import vector
+from streamkit.engine.loops import ROW
 
 _POINTER = types.CPointer(types.float64)
 SIGNATURE = types.void(types.intp, _POINTER, _POINTER, _POINTER, _POINTER)
@@ -53,13 +55,13 @@ def compiled_kernel(cls: type[Potential]) -> Any:
     def kernel(n, t, p, q, a):
         parameters = to_fixed_tuple(carray(p, (count,)), count)
         times = carray(t, (n,))
-        place = carray(q, (3, n))
-        total = carray(a, (3, n))
+        place = carray(q, (3 * ROW,))
+        total = carray(a, (3 * ROW,))
         for i in range(n):
-            ax, ay, az = acceleration(place[0, i], place[1, i], place[2, i], times[i], *parameters)
-            total[0, i] += ax
-            total[1, i] += ay
-            total[2, i] += az
+            ax, ay, az = acceleration(place[i], place[ROW + i], place[2 * ROW + i], times[i], *parameters)
+            total[i] += ax
+            total[ROW + i] += ay
+            total[2 * ROW + i] += az
 
     args, return_type = sigutils.normalize_signature(SIGNATURE)
     cfunc = CFunc(kernel, (args, return_type), locals={}, options=dict(OPTIONS))
@@ -72,7 +74,7 @@ def compiled_kernel(cls: type[Potential]) -> Any:
 
 def content_digest(function: Callable[..., Any], count: int) -> str | None:
     """Return a hash of all that determines the kernel's machine code, None if that cannot be known."""
-    parts: list[str] = [numba.__version__, np.__version__, repr(sorted(OPTIONS["fastmath"])), str(count)]
+    parts: list[str] = [numba.__version__, np.__version__, repr(sorted(OPTIONS["fastmath"])), str(count), str(ROW)]
     seen: set[int] = set()
     known = _describe(function, parts, seen)
     known = known and all(_describe(f, parts, seen) for f in (vector.vector_log, vector.vector_exp))
@@ -149,9 +151,9 @@ class NumpyKernel:
         self.address = ctypes.cast(self._callback, ctypes.c_void_p).value
 
     def _call(self, n: int, t: Any, p: Any, q: Any, a: Any) -> None:
-        total = np.ctypeslib.as_array(a, (3, n))
+        total = np.ctypeslib.as_array(a, (3, ROW))[:, :n]
         try:
-            x, y, z = np.ctypeslib.as_array(q, (3, n))
+            x, y, z = np.ctypeslib.as_array(q, (3, ROW))[:, :n]
             parameters = [p[i] for i in range(self._count)]
             total += self._acceleration(x, y, z, np.ctypeslib.as_array(t, (n,)), *parameters)
         except Exception as error:  # noqa: BLE001  re-raised by Field.check

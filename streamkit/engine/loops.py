@@ -14,11 +14,21 @@ from numba import njit, types
 from numba.extending import intrinsic
 
 OPTIONS = {"cache": True, "error_model": "numpy", "fastmath": {"contract"}}
+INLINE = {"inline": "always", "error_model": "numpy"}
+
+BATCH = 512
+"""Particles taken together."""
+LANES = 8
+"""Doubles in the widest vector register: groups of equal steps are padded to a multiple of it."""
+DEEPEST = 20
+"""Most levels of power-of-two steps."""
+ROW = BATCH + LANES * (DEEPEST + 1)
+"""Distance between the x, y and z of a particle in a batch. A constant: it proves to LLVM that rows are apart."""
 
 # Explicit signatures: one machine code each, made once per machine, whatever layout a caller's arrays have.
 _F1, _F2, _S2 = types.float64[::1], types.float64[:, ::1], types.float64[:, :]
 _I1, _B1, _F, _N = types.int64[::1], types.boolean[::1], types.float64, types.intp
-_HEAD = (_I1, _I1, _B1, _F1, _F, _F, _F2, _N)  # address, offset, follows, p, first, step, track, width
+_HEAD = (_I1, _I1, _B1, _F1, _F, _F, _F2)  # address, offset, follows, p, first, step, track
 
 
 @intrinsic
@@ -39,7 +49,7 @@ def call_kernel(typing_context, address, n, t, p, q, a):
     return types.void(types.int64, types.intp, t, p, q, a), codegen
 
 
-@njit(inline="always", error_model="numpy")
+@njit(**INLINE)
 def track_at(t, first, step, track, out):
     """Quintic Hermite position of the progenitor at time t from its states (T, 9), into out (3,)."""
     last = track.shape[0] - 2
@@ -57,185 +67,237 @@ def track_at(t, first, step, track, out):
         out[k] = q0 + s * (v0 + s * (0.5 * a0 + s * (c3 + s * (c4 + s * c5))))
 
 
-@njit(inline="always", error_model="numpy")
-def add_forces(address, offset, follows, p, first, step, track, uniform, t, x, rel, centre, a):
-    """Sum the accelerations at x (3, m), times t (m,), into a (3, m); rel and centre are scratch."""
-    m = x.shape[1]
+@njit(**INLINE)
+def add_forces(address, offset, follows, p, first, step, track, uniform, begin, end, t, x, rel, centre, a):
+    """Sum the accelerations of lanes begin to end at x, times t, into a (rows ROW apart); rel is scratch."""
     for k in range(3):
-        for i in range(m):
-            a[k, i] = 0.0
+        a[k * ROW + begin : k * ROW + end] = 0.0
     shifted = False
     for c in range(address.shape[0]):
         if not follows[c]:
-            call_kernel(address[c], m, t, p[offset[c] :], x, a)
+            call_kernel(address[c], end - begin, t[begin:], p[offset[c] :], x[begin:], a[begin:])
             continue
         if not shifted:
             shifted = True
             if uniform:
-                track_at(t[0], first, step, track, centre)
+                track_at(t[begin], first, step, track, centre)
                 for k in range(3):
                     shift = centre[k]
-                    for i in range(m):
-                        rel[k, i] = x[k, i] - shift
+                    from_row, to_row = x[k * ROW + begin : k * ROW + end], rel[k * ROW + begin : k * ROW + end]
+                    for i in range(to_row.shape[0]):
+                        to_row[i] = from_row[i] - shift
             else:
-                for i in range(m):
+                for i in range(begin, end):
                     track_at(t[i], first, step, track, centre)
                     for k in range(3):
-                        rel[k, i] = x[k, i] - centre[k]
-        call_kernel(address[c], m, t, p[offset[c] :], rel, a)
+                        rel[k * ROW + i] = x[k * ROW + i] - centre[k]
+        call_kernel(address[c], end - begin, t[begin:], p[offset[c] :], rel[begin:], a[begin:])
 
 
 @njit(types.void(*_HEAD, _F1, _F2, _F2), **OPTIONS)
-def accelerations(address, offset, follows, p, first, step, track, width, t, q, out):
+def accelerations(address, offset, follows, p, first, step, track, t, q, out):
     """Total acceleration at q (3, n), times t (n,), into out (3, n)."""
-    n = q.shape[1]
-    centre = np.empty(3)
-    for begin in range(0, n, width):
-        m = min(width, n - begin)
-        x = np.empty((3, m))
-        rel = np.empty((3, m))
-        a = np.empty((3, m))
-        times = np.empty(m)
-        for i in range(m):
-            times[i] = t[begin + i]
-            for k in range(3):
-                x[k, i] = q[k, begin + i]
-        add_forces(address, offset, follows, p, first, step, track, False, times, x, rel, centre, a)
+    x, rel, a = np.zeros(3 * ROW), np.zeros(3 * ROW), np.empty(3 * ROW)
+    times, centre = np.zeros(ROW), np.empty(3)
+    for begin in range(0, q.shape[1], BATCH):
+        m = min(BATCH, q.shape[1] - begin)
         for k in range(3):
             for i in range(m):
-                out[k, begin + i] = a[k, i]
-
-
-@njit(types.void(*_HEAD, _S2, _S2, _F1, _F, _I1, _I1, _F1, _F1), **OPTIONS)
-def advance(address, offset, follows, p, first, step, track, width, q, v, t0, t1, order, substeps, drift, kick):
-    """Composition of drifts and kicks, in place, from each particle's t0 to t1.
-
-    ``drift`` (s + 1,) and ``kick`` (s,) are the fractions of a step. Where the first and last drift are zero, a
-    step begins with the force that ended the one before. ``order`` (n,) sorts the particles so that
-    those with equal ``substeps`` (n,) stand together: a batch never mixes them.
-    """
-    n = q.shape[1]
-    stages = kick.shape[0]
-    reuse = drift[0] == 0.0 and drift[stages] == 0.0
-    flat_x, flat_v, flat_a, flat_rel = np.empty(3 * width), np.empty(3 * width), np.empty(3 * width), np.empty(3 * width)
-    flat_t, flat_h = np.empty(width), np.empty(width)
-    centre = np.empty(3)
-    begin = 0
-    while begin < n:
-        steps = substeps[order[begin]]
-        end = begin + 1
-        while end < n and end - begin < width and substeps[order[end]] == steps:
-            end += 1
-        m = end - begin
-        x = flat_x[: 3 * m].reshape(3, m)
-        u = flat_v[: 3 * m].reshape(3, m)
-        a = flat_a[: 3 * m].reshape(3, m)
-        rel = flat_rel[: 3 * m].reshape(3, m)
-        t, h = flat_t[:m], flat_h[:m]
-        uniform = True
+                x[k * ROW + i] = q[k, begin + i]
         for i in range(m):
-            j = order[begin + i]
-            t[i] = t0[j]
-            h[i] = (t1 - t0[j]) / steps
-            uniform = uniform and t0[j] == t0[order[begin]]
-            for k in range(3):
-                x[k, i] = q[k, j]
-                u[k, i] = v[k, j]
-        for i in range(m):
-            t[i] += drift[0] * h[i]
-            for k in range(3):
-                x[k, i] += drift[0] * h[i] * u[k, i]
-        for s in range(steps):
-            for j in range(stages):
-                if j > 0 or s == 0 or not reuse:
-                    add_forces(address, offset, follows, p, first, step, track, uniform, t, x, rel, centre, a)
-                c = drift[j + 1]
-                if j == stages - 1 and s < steps - 1:
-                    c += drift[0]
-                d = kick[j]
-                for k in range(3):
-                    for i in range(m):
-                        u[k, i] += d * h[i] * a[k, i]
-                        x[k, i] += c * h[i] * u[k, i]
-                for i in range(m):
-                    t[i] += c * h[i]
-        for i in range(m):
-            j = order[begin + i]
-            for k in range(3):
-                q[k, j] = x[k, i]
-                v[k, j] = u[k, i]
-        begin = end
+            times[i] = t[begin + i]
+        add_forces(address, offset, follows, p, first, step, track, False, 0, m, times, x, rel, centre, a)
+        for k in range(3):
+            for i in range(m):
+                out[k, begin + i] = a[k * ROW + i]
 
 
-@njit(inline="always", error_model="numpy")
-def closest_approach(x, w):
-    """Move offsets x (3, m) along straight lines x + s w, 0 <= s <= 1, to where they are closest to zero."""
-    for i in range(x.shape[1]):
-        a, b, c = x[0, i], x[1, i], x[2, i]
-        d, e, f = w[0, i], w[1, i], w[2, i]
+@njit(**INLINE)
+def closest_approach(m, x, w):
+    """Move offsets x along straight lines x + s w, 0 <= s <= 1, to where they are closest to zero."""
+    x0, x1, x2 = x[:m], x[ROW : ROW + m], x[2 * ROW : 2 * ROW + m]
+    w0, w1, w2 = w[:m], w[ROW : ROW + m], w[2 * ROW : 2 * ROW + m]
+    for i in range(m):
+        a, b, c = x0[i], x1[i], x2[i]
+        d, e, f = w0[i], w1[i], w2[i]
         s = min(max(-(a * d + b * e + c * f) / (d * d + e * e + f * f + 1e-300), 0.0), 1.0)
-        x[0, i], x[1, i], x[2, i] = a + s * d, b + s * e, c + s * f
+        x0[i], x1[i], x2[i] = a + s * d, b + s * e, c + s * f
 
 
-@njit(types.void(*_HEAD, _S2, _S2, _F1, _F, _F, _N, _I1, _I1), **OPTIONS)
-def levels(address, offset, follows, p, first, step, track, width, q, v, t0, t1, eta, deepest, substeps, order):
-    """Powers of two of substeps (n,), so that no step exceeds eta times the shortest dynamical time in the block.
+@njit(**INLINE)
+def levels(
+    address, offset, follows, p, first, step, track, uniform, m, t, t1, x, u, rel, w, a, rate, centre, ahead, eta, deepest, level
+):  # fmt: skip
+    """Level (power of two of the steps) of the first m lanes, so that no step exceeds eta dynamical times.
 
     The dynamical time is sqrt(distance / acceleration), about the Galactic centre for the fixed forces and about
     the progenitor for those that follow it, where the particle would come closest to each on a straight line.
-    order (n,) sorts the particles by their number of substeps, 1 to 2^deepest, and is stable.
     """
-    n = q.shape[1]
-    flat_x, flat_w, flat_a = np.empty(3 * width), np.empty(3 * width), np.empty(3 * width)
-    flat_t, flat_rate = np.empty(width), np.empty(width)
-    begin_centre, end_centre = np.empty(3), np.empty(3)
-    track_at(t1, first, step, track, end_centre)
-    followers = False
-    for c in range(address.shape[0]):
-        followers = followers or follows[c]
-    starts = np.zeros(deepest + 2, np.int64)
-    for begin in range(0, n, width):
-        m = min(width, n - begin)
-        x, w, a = flat_x[: 3 * m].reshape(3, m), flat_w[: 3 * m].reshape(3, m), flat_a[: 3 * m].reshape(3, m)
-        t, rate = flat_t[:m], flat_rate[:m]
-        rate[:] = 0.0
-        for turn in range(2 if followers else 1):
+    for i in range(m):
+        rate[i] = 0.0
+    for turn in range(2):
+        moving = turn == 1
+        found = False
+        for c in range(address.shape[0]):
+            found = found or follows[c] == moving
+        if not found:
+            continue
+        if moving:
+            track_at(t1, first, step, track, ahead)
+            track_at(t[0], first, step, track, centre)
+        else:
+            centre[:], ahead[:] = 0.0, 0.0
+        for k in range(3):
+            rel_k, w_k, x_k, u_k = rel[k * ROW :], w[k * ROW :], x[k * ROW :], u[k * ROW :]
+            shift, motion = centre[k], ahead[k] - centre[k]
             for i in range(m):
-                t[i] = t0[begin + i]
-                if turn == 1 and (i == 0 or t[i] != t[i - 1]):
-                    track_at(t[i], first, step, track, begin_centre)
+                rel_k[i] = x_k[i] - shift
+                w_k[i] = u_k[i] * (t1 - t[i]) - motion
+        if moving and not uniform:
+            for i in range(m):
+                track_at(t[i], first, step, track, centre)
                 for k in range(3):
-                    x[k, i] = q[k, begin + i]
-                    w[k, i] = v[k, begin + i] * (t1 - t[i])
-                    if turn == 1:
-                        x[k, i] -= begin_centre[k]
-                        w[k, i] -= end_centre[k] - begin_centre[k]
-            closest_approach(x, w)
-            a[:] = 0.0
-            for c in range(address.shape[0]):
-                if follows[c] == (turn == 1):
-                    call_kernel(address[c], m, t, p[offset[c] :], x, a)
-            for i in range(m):
-                acceleration2 = a[0, i] ** 2 + a[1, i] ** 2 + a[2, i] ** 2
-                distance2 = x[0, i] ** 2 + x[1, i] ** 2 + x[2, i] ** 2
-                rate[i] = max(rate[i], acceleration2 / (distance2 + 1e-300))
+                    j = k * ROW + i
+                    rel[j] = x[j] - centre[k]
+                    w[j] = u[j] * (t1 - t[i]) - (ahead[k] - centre[k])
+        closest_approach(m, rel, w)
+        for k in range(3):
+            a[k * ROW : k * ROW + m] = 0.0
+        for c in range(address.shape[0]):
+            if follows[c] == moving:
+                call_kernel(address[c], m, t, p[offset[c] :], rel, a)
+        a0, a1, a2 = a[:m], a[ROW : ROW + m], a[2 * ROW : 2 * ROW + m]
+        d0, d1, d2 = rel[:m], rel[ROW : ROW + m], rel[2 * ROW : 2 * ROW + m]
         for i in range(m):
-            wanted = (t1 - t[i]) * math.sqrt(math.sqrt(rate[i])) / eta
-            steps, level = 1, 0
-            while steps < wanted and level < deepest:
-                steps *= 2
-                level += 1
-            substeps[begin + i] = steps
-            starts[level + 1] += 1
-    for level in range(deepest):
-        starts[level + 1] += starts[level]
-    for i in range(n):
-        steps, level = substeps[i], 0
-        while steps > 1:
-            steps >>= 1
-            level += 1
-        order[starts[level]] = i
-        starts[level] += 1
+            acceleration2 = a0[i] * a0[i] + a1[i] * a1[i] + a2[i] * a2[i]
+            distance2 = d0[i] * d0[i] + d1[i] * d1[i] + d2[i] * d2[i]
+            rate[i] = max(rate[i], acceleration2 / (distance2 + 1e-300))
+    for i in range(m):
+        rate[i] = (t1 - t[i]) * math.sqrt(math.sqrt(rate[i])) / eta
+        level[i] = 0
+    bound = 1.0
+    for _ in range(deepest):
+        for i in range(m):
+            level[i] += 1 if rate[i] > bound else 0
+        bound *= 2.0
+
+
+@njit(**INLINE)
+def place(m, level, deepest, start, slot):
+    """Give each of m lanes a slot, sorted by level and stable, each level starting at a multiple of LANES.
+
+    start (deepest + 2,) receives the first slot of each level; returns the end of the last.
+    """
+    for k in range(deepest + 2):
+        start[k] = 0
+    for i in range(m):
+        start[level[i] + 1] += 1
+    for k in range(deepest + 1):
+        start[k + 1] = start[k] + (start[k + 1] + LANES - 1) // LANES * LANES
+    for i in range(m):
+        slot[i] = start[level[i]]
+        start[level[i]] += 1
+
+
+@njit(**INLINE)
+def compose(
+    address, offset, follows, p, first, step, track, uniform, begin, end, steps, t, h, x, u, rel, centre, a, drift, kick
+):  # fmt: skip
+    """Steps of drifts and kicks for the lanes begin to end, each with its own step h."""
+    stages = kick.shape[0]
+    reuse = drift[0] == 0.0 and drift[stages] == 0.0
+    if not reuse:
+        for i in range(begin, end):
+            t[i] += drift[0] * h[i]
+            for k in range(3):
+                x[k * ROW + i] += drift[0] * h[i] * u[k * ROW + i]
+    for s in range(steps):
+        for j in range(stages):
+            if j > 0 or s == 0 or not reuse:
+                add_forces(
+                    address, offset, follows, p, first, step, track, uniform, begin, end, t, x, rel, centre, a
+                )
+            c, d = drift[j + 1], kick[j]
+            if j == stages - 1 and s < steps - 1:
+                c += drift[0]
+                d += kick[0] if reuse else 0.0  # the next step begins with this same force
+            if reuse and j == 0 and s > 0:
+                d = 0.0
+            h_i, t_i = h[begin:end], t[begin:end]
+            for k in range(3):
+                x_i = x[k * ROW + begin : k * ROW + end]
+                u_i = u[k * ROW + begin : k * ROW + end]
+                a_i = a[k * ROW + begin : k * ROW + end]
+                for i in range(x_i.shape[0]):
+                    y = u_i[i] + d * h_i[i] * a_i[i]
+                    u_i[i] = y
+                    x_i[i] += c * h_i[i] * y
+            for i in range(t_i.shape[0]):
+                t_i[i] += c * h_i[i]
+
+
+@njit(types.void(*_HEAD, _S2, _S2, _F1, _F, _F1, _F1, _F, _N), **OPTIONS)
+def advance(address, offset, follows, p, first, step, track, q, v, t0, t1, drift, kick, eta, deepest):
+    """Composition of drifts and kicks, in place, from each particle's t0 to t1.
+
+    ``drift`` (s + 1,) and ``kick`` (s,) are the fractions of a step. Where the first and last drift are zero, a
+    step begins with the force that ended the one before. With eta > 0 each particle takes the power of two of
+    steps, up to 2^deepest, that its dynamical time asks for; with eta = 0 all take ``deepest`` equal steps.
+    Particles of a level march together, padded to whole vectors with copies whose results are dropped.
+    """
+    x, u, xs, us = np.empty(3 * ROW), np.empty(3 * ROW), np.empty(3 * ROW), np.empty(3 * ROW)
+    a, rel, w = np.empty(3 * ROW), np.empty(3 * ROW), np.empty(3 * ROW)
+    t, ts, hs, rate, centre, ahead = np.empty(ROW), np.empty(ROW), np.empty(ROW), np.empty(ROW), np.empty(3), np.empty(3)
+    level, slot, start = np.zeros(ROW, np.int64), np.empty(ROW, np.int64), np.empty(DEEPEST + 3, np.int64)
+    n = t0.shape[0]
+    top = deepest if eta > 0.0 else 0
+    for begin in range(0, n, BATCH):
+        m = min(BATCH, n - begin)
+        for k in range(3):
+            x[k * ROW : k * ROW + m] = q[k, begin : begin + m]
+            u[k * ROW : k * ROW + m] = v[k, begin : begin + m]
+        t[:m] = t0[begin : begin + m]
+        uniform = t[0] == t[m - 1]  # times of one block only grow along the particles
+        whole = (m + LANES - 1) // LANES * LANES
+        for i in range(m, whole):
+            t[i] = t[m - 1]
+            for k in range(3):
+                x[k * ROW + i], u[k * ROW + i] = x[k * ROW + m - 1], u[k * ROW + m - 1]
+        if eta > 0.0:
+            levels(
+                address, offset, follows, p, first, step, track, uniform, whole, t, t1, x, u, rel, w, a, rate,
+                centre, ahead, eta, deepest, level,
+            )  # fmt: skip
+        place(m, level, top, start, slot)
+        for k in range(3):
+            for i in range(m):
+                xs[k * ROW + slot[i]] = x[k * ROW + i]
+                us[k * ROW + slot[i]] = u[k * ROW + i]
+        for i in range(m):
+            ts[slot[i]] = t[i]
+            hs[slot[i]] = t1 - t[i]
+        first_slot = 0
+        for group in range(top + 1):
+            end = start[group]  # place() has moved it to the end of the group
+            if end == first_slot:
+                continue
+            steps = 1 << group if eta > 0.0 else deepest
+            last = (end + LANES - 1) // LANES * LANES
+            for i in range(end, last):
+                ts[i], hs[i] = ts[end - 1], hs[end - 1]
+                for k in range(3):
+                    xs[k * ROW + i], us[k * ROW + i] = xs[k * ROW + end - 1], us[k * ROW + end - 1]
+            for i in range(first_slot, last):
+                hs[i] /= steps
+            compose(
+                address, offset, follows, p, first, step, track, uniform, first_slot, last, steps, ts, hs, xs, us,
+                rel, centre, a, drift, kick,
+            )  # fmt: skip
+            first_slot = last
+        for k in range(3):
+            for i in range(m):
+                q[k, begin + i] = xs[k * ROW + slot[i]]
+                v[k, begin + i] = us[k * ROW + slot[i]]
 
 
 @njit(types.void(_F1, _F, _S2, _S2, _F1, _F, _F2, _I1, _S2, _F1, _F1, _F1, _S2, _S2), **OPTIONS)
@@ -275,32 +337,21 @@ def record(t0, t1, q, v, state, r_tidal, plane, revolutions, planar, chi, gap, t
         gap[i] = new
 
 
-@njit(types.void(_I1, _I1, _B1, _F1, _F1, _F1, _F, _F, types.intp, _F1, _F1, _F2), **OPTIONS)
+@njit(types.void(_I1, _I1, _B1, _F1, _F1, _F1, _F, _F, _N, _F1, _F1, _F2), **OPTIONS)
 def carry(address, offset, follows, p, q0, v0, t0, step, substeps, drift, kick, out):
-    """March one orbit in the fixed components, writing its states (T, 9) at t0 + k * step (step may be negative)."""
-    count = out.shape[0]
-    x, u, a, rel = np.empty((3, 1)), np.empty((3, 1)), np.empty((3, 1)), np.empty((3, 1))
-    t, centre = np.empty(1), np.empty(3)
-    track = np.empty((2, 9))
-    h = step / substeps
-    t[0] = t0
+    """March one orbit in fixed forces, writing its states (T, 9) at t0 + k * step (step may be negative)."""
+    x, u, a, rel = np.zeros(3 * ROW), np.zeros(3 * ROW), np.zeros(3 * ROW), np.zeros(3 * ROW)
+    t, h, centre, track = np.empty(1), np.empty(1), np.empty(3), np.empty((2, 9))
+    h[0] = step / substeps
     for k in range(3):
-        x[k, 0], u[k, 0] = q0[k], v0[k]
-    for node in range(count):
+        x[k * ROW], u[k * ROW] = q0[k], v0[k]
+    for node in range(out.shape[0]):
         t[0] = t0 + node * step
-        add_forces(address, offset, follows, p, 0.0, 1.0, track, True, t, x, rel, centre, a)
+        add_forces(address, offset, follows, p, 0.0, 1.0, track, True, 0, 1, t, x, rel, centre, a)
         for k in range(3):
-            out[node, k], out[node, 3 + k], out[node, 6 + k] = x[k, 0], u[k, 0], a[k, 0]
-        if node == count - 1:
-            break
-        for _ in range(substeps):
-            for j in range(kick.shape[0]):
-                t[0] += drift[j] * h
-                for k in range(3):
-                    x[k, 0] += drift[j] * h * u[k, 0]
-                add_forces(address, offset, follows, p, 0.0, 1.0, track, True, t, x, rel, centre, a)
-                for k in range(3):
-                    u[k, 0] += kick[j] * h * a[k, 0]
-            t[0] += drift[-1] * h
-            for k in range(3):
-                x[k, 0] += drift[-1] * h * u[k, 0]
+            out[node, k], out[node, 3 + k], out[node, 6 + k] = x[k * ROW], u[k * ROW], a[k * ROW]
+        if node < out.shape[0] - 1:
+            compose(
+                address, offset, follows, p, 0.0, 1.0, track, True, 0, 1, substeps, t, h, x, u, rel, centre, a,
+                drift, kick,
+            )  # fmt: skip
