@@ -141,7 +141,8 @@ def traces(results: Results) -> Figure:
     every = max(steps // 2000, 1)
     for axes, value, name in zip(panels.flat, values, names, strict=False):
         axes.plot(
-            x[::every], value[::every], color=GREY, lw=0.4, alpha=max(0.25, 10 / walkers), rasterized=True
+            x[::every], value[::every], color=GREY, lw=0.4, alpha=min(max(0.25, 10 / walkers), 1),
+            rasterized=True,
         )
         axes.plot(x[::every], np.median(value, axis=1)[::every], color=BLUE, lw=1.6)
         if results.discard:
