@@ -12,7 +12,6 @@ from streamkit.engine import build_field
 from streamkit.testing import reference
 from streamkit.testing.potentials import positions, times
 
-
 HOST = [
     TruncatedFlat(v0=210.0, rs=12.0, alpha=0.45),
     MiyamotoNagai(mass=3.3e10, a=4.0, b=0.4),
