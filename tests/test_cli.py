@@ -7,76 +7,16 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from astropy.table import QTable
-from click.testing import CliRunner, Result
+from commands import call, refused
 
 import streamkit as sk
-from streamkit import cli, output, runner
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 HEAVY = ("numba", "astropy", "emcee", "matplotlib", "scipy", "h5py")
-
-RUN = """
-seed = 7
-[potential]
-kind = "tf"
-v0 = { uniform = ["190 km/s", "230 km/s"] }
-rs = "12 kpc"
-alpha = 0.45
-[progenitor]
-kind = "plummer"
-mass = { log_uniform = ["3e8 Msun", "9e8 Msun"] }
-radius = "0.85 kpc"
-x = 19.155535
-y = 0.0278852
-z = -5.7149425
-vx = 176.48999
-vy = -0.36306170
-vz = 201.58182
-lookback = "3.77 Gyr"
-[stripping]
-kind = "mlcs"
-particles = 400
-[observable]
-kind = "apocentres"
-leading = ["57.0 kpc", "1.0 kpc"]
-trailing = ["96.2 kpc", "5 kpc"]
-precession = ["95.0 deg", "5 deg"]
-[sampler]
-walkers = 8
-steps = 4
-"""
-
-
-def call(*args: str | Path) -> Result:
-    """Run the command in this process; anything but a clean exit is a bug and comes through."""
-    result = CliRunner().invoke(cli.main, [str(arg) for arg in args], prog_name="streamkit")
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
-
-
-def refused(*args: str | Path) -> str:
-    """Run a command that must be refused, and return its one paragraph."""
-    result = call(*args)
-    assert result.exit_code == 2, result.output
-    assert result.stdout == ""
-    assert result.stderr.startswith("streamkit: ")
-    assert "Traceback" not in result.stderr
-    assert "\n\n" not in result.stderr
-    return result.stderr
-
-
-@pytest.fixture
-def run_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    path = tmp_path / "small.toml"
-    path.write_text(RUN)
-    return path
 
 
 def test_help_is_light_and_names_every_command() -> None:
@@ -164,95 +104,9 @@ def test_stream_files_hold_the_particles_and_how_to_make_them_again(run_file: Pa
     np.testing.assert_array_equal(sk.Model(again).stream().q[0], table["x"].to_value("kpc"))
 
 
-def test_an_existing_file_needs_force(run_file: Path) -> None:
-    kept = run_file.parent / "s.ecsv"
-    kept.write_text("mine")
-    assert "the file exists; add --force" in refused("stream", run_file, "-o", kept)
-    assert kept.read_text() == "mine"
-    assert call("stream", run_file, "-o", kept, "--force").exit_code == 0
-    assert len(QTable.read(kept)) == 400
-    assert [path.name for path in run_file.parent.iterdir() if path.name.startswith(".")] == []
-
-
 def test_plot_writes_a_picture(run_file: Path) -> None:
     assert call("stream", run_file, "--plot", "s.png").exit_code == 0
     assert (run_file.parent / "s.png").read_bytes()[:4] == b"\x89PNG"
-
-
-@pytest.mark.parametrize(
-    ("options", "wanted"),
-    [
-        (["-o", "s.csv"], ["'s.csv'", ".ecsv, .hdf5", "found '.csv'", "Did you mean '.ecsv'?"]),
-        (["-o", "no/where.ecsv"], ["directory 'no' does not exist"]),
-        (["--plot", "s.txt"], ["--plot", ".png, .pdf, .svg"]),
-        (["--set", "progenitor.mass"], ["'progenitor.mass'", "PATH=VALUE"]),
-        (["--set", "seed=1", "--set", "seed=2"], ["seed", "given twice"]),
-        (["--set", "progenitor.mas=6.4e8"], ["'progenitor.mas'", "Did you mean 'progenitor.mass'?"]),
-        (["--set", "progenitor.mass=6.4e8 km"], ["progenitor.mass", "6.4e8 km", "Msun"]),
-        (["--set", "progenitor.mass=-1"], ["progenitor.mass", "-1", "greater than 0"]),
-        (["--set", "stripping.kind=mlc"], ["'mlc'", "Did you mean 'mlcs'?"]),
-        (["--set", "stripping.progenitor_gravity=yes"], ["progenitor_gravity", "'yes'", "true or false"]),
-    ],
-)
-def test_bad_options_of_stream(run_file: Path, options: list[str], wanted: list[str]) -> None:
-    message = refused("stream", run_file, *options)
-    for text in wanted:
-        assert text in message
-    assert list(run_file.parent.iterdir()) == [run_file]
-
-
-def test_no_stream_is_said_and_not_thrown(run_file: Path) -> None:
-    """An unbound progenitor still has particles; the observable says why it has no value."""
-    result = call("stream", run_file, "--set", "progenitor.vx=2000")
-    assert result.exit_code == 0
-    assert "no value" in result.stdout
-
-
-def test_bad_run_files(run_file: Path) -> None:
-    for old, new, wanted in (
-        ('kind = "tf"', 'kind = "ft"', ["potential", "'ft'", "Installed", "tf"]),
-        ("particles = 400", "particle = 400", ["stripping", "'particle'", "Did you mean 'particles'?"]),
-        ('rs = "12 kpc"', 'rs = "12 km/s"', ["potential.rs", "12 km/s", "kpc"]),
-        ('["190 km/s", "230 km/s"]', '["230 km/s", "190 km/s"]', ["potential.v0", "230", "190"]),
-        ('"3e8 Msun"', '"-3e8 Msun"', ["progenitor.mass", "-3e+08"]),
-        ("seed = 7", "version = 99", ["version", "99"]),
-        ("seed = 7", "seed = ", ["not valid TOML"]),
-        ('leading = ["57.0 kpc", "1.0 kpc"]', 'leading = ["57.0 kpc"]', ["observable.leading", "57.0 kpc"]),
-    ):
-        run_file.write_text(RUN.replace(old, new))
-        for command in ("check", "stream", "run"):
-            message = refused(command, run_file)
-            for text in ("small.toml", *wanted):
-                assert text in message, (command, message)
-    assert list(run_file.parent.iterdir()) == [run_file]
-
-
-def test_missing_data_cannot_be_run(run_file: Path) -> None:
-    kept = RUN[: RUN.index("leading")] + RUN[RUN.index("[sampler]") :]
-    run_file.write_text(kept)
-    assert "datum" in refused("run", run_file)
-    assert list(run_file.parent.iterdir()) == [run_file]
-    assert call("check", run_file, "--draws", "0").exit_code == 0
-
-
-@pytest.mark.parametrize(
-    ("args", "wanted"),
-    [
-        (["chek", "x.toml"], ["'chek'", "Did you mean 'check'?", "plugins, report"]),
-        (["check"], ["RUN.toml", "streamkit check --help"]),
-        (["run", "x.toml", "--worker", "2"], ["--worker", "--workers"]),
-        (["run", "x.toml", "--workers", "0"], ["--workers", "0"]),
-        (["run", "x.toml", "--resume", "--force"], ["--resume", "--force", "one of them"]),
-        (["report", "nowhere"], ["nowhere"]),
-        (["plugins", "potentials"], ["'potentials'", "Did you mean 'potential'?"]),
-        (["plugins", "potential", "nfv"], ["'nfv'", "Did you mean 'nfw'?"]),
-        (["plugins", "tf"], ["streamkit plugins potential tf"]),
-    ],
-)
-def test_bad_arguments(args: list[str], wanted: list[str]) -> None:
-    message = refused(*args)
-    for text in wanted:
-        assert text in message
 
 
 def test_plugins_lists_everything_and_describes_one() -> None:
@@ -310,39 +164,3 @@ def test_run_then_report_then_refuse_to_overwrite(run_file: Path) -> None:
 
     (directory / "chain.h5").write_bytes(chain[: len(chain) // 3])
     assert "chain.h5" in refused("report", directory)
-
-
-@pytest.mark.parametrize(
-    ("error", "status"), [(KeyboardInterrupt(), 130), (runner.Interrupted("stopped", 15), 143)]
-)
-def test_an_interrupted_run_has_the_status_of_its_signal(
-    run_file: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException, status: int
-) -> None:
-    def stop(*_args: Any, **_options: Any) -> None:
-        raise error
-
-    monkeypatch.setattr(runner, "run", stop)
-    result = call("run", run_file)
-    assert result.exit_code == status
-    assert "streamkit: " in result.stderr
-    assert "Traceback" not in result.stderr
-
-
-def test_an_unexpected_exception_shows_itself(run_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(*_args: Any, **_options: Any) -> None:
-        raise ZeroDivisionError("a bug")
-
-    monkeypatch.setattr(runner, "run", fail)
-    with pytest.raises(ZeroDivisionError, match="a bug"):
-        call("run", run_file)
-
-
-def test_an_output_directory_of_somebody_else_is_left_alone(run_file: Path) -> None:
-    directory = run_file.parent / "thesis"
-    directory.mkdir()
-    (directory / "chapter1.tex").write_text("words")
-    for option in ([], ["--resume"]):
-        message = refused("run", run_file, "-o", directory, *option)
-        assert "chapter1.tex" in message
-    assert [path.name for path in directory.iterdir()] == ["chapter1.tex"]
-    assert output.MANIFEST not in {path.name for path in directory.iterdir()}
