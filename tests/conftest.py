@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from commands import RUN
 
+collect_ignore = ["third_party"]  # a package of its own: test_third_party.py installs it and runs its test
+
 
 @pytest.fixture
 def run_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
