@@ -69,6 +69,29 @@ def test_a_careless_potential():
     assert found["arrays in arrays out"] == "acceleration changes the positions it is given"
 
 
+def plain_helper(r2):
+    return 1.0 / (r2 + 1.0)
+
+
+class Uncompilable(sk.Potential):
+    """Calls a function that is not compiled."""
+
+    kind = "uncompilable"
+    mass: sk.Mass = Field(default=1e9, description="Mass.")
+
+    @staticmethod
+    def acceleration(x, y, z, t, mass):
+        k = -sk.G * mass * plain_helper(x * x + y * y + z * z)
+        return k * x, k * y, k * z
+
+
+def test_a_body_that_does_not_compile():
+    found = report(Uncompilable)
+    assert set(found) == {"engine agrees with numpy", "engine adds"}
+    assert "plain_helper" in found["engine adds"]
+    assert "\n" not in found["engine adds"]
+
+
 class Unwritten(sk.Potential):
     """Has no example for its field."""
 

@@ -41,7 +41,8 @@ def failures(component: Component, checks: Sequence[Check]) -> list[str]:
         except AssertionError as error:
             lines.append(f"{title(check)}: {error}")
         except Exception as error:  # whatever an author's code raises belongs in the report beside the rest
-            lines.append(f"{title(check)}: raised {type(error).__name__}: {error}")
+            message = " ".join(str(error).split())  # a compiler's message has many lines
+            lines.append(f"{title(check)}: raised {type(error).__name__}: {message[:500]}")
     return lines
 
 
