@@ -14,8 +14,11 @@ from streamkit.engine import Field, loops
 from streamkit.phase import Array, BoolArray, Orbit
 from streamkit.units import GYR
 
-BLOCK = 0.02 * GYR
-"""Length of a block: short against the time in which a particle turns half way round the Galaxy."""
+LONGEST = 0.04 * GYR
+"""Longest block."""
+TURN = 0.6
+"""Most that the progenitor turns in a block, radians: a particle of the same angular momentum at half its
+pericentre turns four times as much, still less than half a revolution, and its revolutions are counted right."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,8 @@ def march(field: Field, integrator: Integrator, orbit: Orbit, t_release: Array, 
     n = len(t_release)
     q, v, now = q.copy(), v.copy(), t_release.copy()
     begin, end = float(orbit.t[0]), float(orbit.t[-1])
-    edges = np.linspace(begin, end, max(int(np.ceil((end - begin) / BLOCK)), 1) + 1)
+    block = min(LONGEST, TURN / float(orbit.omega.max()))
+    edges = np.linspace(begin, end, max(int(np.ceil((end - begin) / block)), 1) + 1)
     at_edges = orbit.at(edges)
     states = np.ascontiguousarray(np.concatenate([at_edges.q, at_edges.v, at_edges.a]).T)
     plane = orbital_plane(orbit)

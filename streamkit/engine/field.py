@@ -190,12 +190,14 @@ def adaptive_step(
 ) -> None:
     """Advance q, v (3, n), in place, each particle with the power of two of steps that its dynamical time asks for.
 
-    Times t0 (n,) may not decrease. No step is longer than ``eta`` dynamical times, but a block takes at most
-    ``2**deepest`` of them.
+    No step is longer than ``eta`` dynamical times, but a block takes at most ``2**deepest`` of them.
     """
-    loops.advance(*field._head, q, v, t0, t1, splitting.drift, splitting.kick, eta, min(deepest, loops.DEEPEST))
+    deepest = min(deepest, loops.DEEPEST)
+    loops.adapt(*field._head, q, v, t0, t1, splitting.drift, splitting.kick, eta, deepest)
 
 
 def split_step(field: Field, splitting: Splitting, q: Array, v: Array, t0: Array, t1: float, steps: int) -> None:
-    """Advance q, v (3, n), in place, from their own times t0 (n,), not decreasing, to t1 in equal steps."""
-    loops.advance(*field._head, q, v, t0, t1, splitting.drift, splitting.kick, 0.0, steps)
+    """Advance q, v (3, n), in place, from their own times t0 (n,) to t1 in equal steps."""
+    n = len(t0)
+    ends, counts = np.full(n, t1), np.full(n, steps)
+    loops.advance(*field._head, q, v, np.arange(n), t0, ends, splitting.drift, splitting.kick, counts)

@@ -22,6 +22,8 @@ LANES = 8
 """Doubles in the widest vector register: groups of equal steps are padded to a multiple of it."""
 DEEPEST = 20
 """Most levels of power-of-two steps."""
+LOOK_AGAIN, PARTS = 3, 4
+"""Particles of higher levels choose their steps anew after every one of these parts of a block."""
 ROW = BATCH + LANES * (DEEPEST + 1)
 """Distance between the x, y and z of a particle in a batch. A constant: it proves to LLVM that rows are apart."""
 
@@ -125,78 +127,127 @@ def closest_approach(m, x, w):
 
 
 @njit(**INLINE)
-def levels(
-    address, offset, follows, p, first, step, track, uniform, m, t, t1, x, u, rel, w, a, rate, centre, ahead, eta, deepest, level
-):  # fmt: skip
-    """Level (power of two of the steps) of the first m lanes, so that no step exceeds eta dynamical times.
+def load(q, v, index, t0, begin, m, x, u, t):
+    """Copy m particles into a batch, padded to whole vectors with the last; say whether their times are equal."""
+    uniform = True
+    for i in range(m):
+        j = index[begin + i]
+        t[i] = t0[j]
+        uniform = uniform and t0[j] == t[0]
+        for k in range(3):
+            x[k * ROW + i] = q[k, j]
+            u[k * ROW + i] = v[k, j]
+    whole = (m + LANES - 1) // LANES * LANES
+    for i in range(m, whole):
+        t[i] = t[m - 1]
+        for k in range(3):
+            x[k * ROW + i], u[k * ROW + i] = x[k * ROW + m - 1], u[k * ROW + m - 1]
+    return uniform
+
+
+@njit(types.void(*_HEAD, _S2, _S2, _I1, _F1, _F1, _F, _N, _I1), **OPTIONS)
+def levels(address, offset, follows, p, first, step, track, q, v, index, t0, t1, eta, deepest, level):
+    """Level (n,), the power of two of steps from t0 (n,) to t1 (n,), so that none exceeds eta dynamical times.
 
     The dynamical time is sqrt(distance / acceleration), about the Galactic centre for the fixed forces and about
     the progenitor for those that follow it, where the particle would come closest to each on a straight line.
+    index (n,) names the columns of q and v, index and level those of t0, t1 and level.
     """
-    for i in range(m):
-        rate[i] = 0.0
-    for turn in range(2):
-        moving = turn == 1
-        found = False
-        for c in range(address.shape[0]):
-            found = found or follows[c] == moving
-        if not found:
-            continue
-        if moving:
-            track_at(t1, first, step, track, ahead)
-            track_at(t[0], first, step, track, centre)
-        else:
+    x, u, rel, w, a = np.empty(3 * ROW), np.empty(3 * ROW), np.empty(3 * ROW), np.empty(3 * ROW), np.empty(3 * ROW)
+    t, span, rate, centre, ahead = np.empty(ROW), np.empty(ROW), np.empty(ROW), np.empty(3), np.empty(3)
+    for begin in range(0, index.shape[0], BATCH):
+        m = min(BATCH, index.shape[0] - begin)
+        uniform = load(q, v, index, t0, begin, m, x, u, t)
+        whole = (m + LANES - 1) // LANES * LANES
+        for i in range(m):
+            span[i] = t1[index[begin + i]] - t[i]
+        span[m:whole] = span[m - 1]
+        rate[:whole] = 0.0
+        for turn in range(2):
+            moving = turn == 1
+            found = False
+            for c in range(address.shape[0]):
+                found = found or follows[c] == moving
+            if not found:
+                continue
             centre[:], ahead[:] = 0.0, 0.0
-        for k in range(3):
-            rel_k, w_k, x_k, u_k = rel[k * ROW :], w[k * ROW :], x[k * ROW :], u[k * ROW :]
-            shift, motion = centre[k], ahead[k] - centre[k]
-            for i in range(m):
-                rel_k[i] = x_k[i] - shift
-                w_k[i] = u_k[i] * (t1 - t[i]) - motion
-        if moving and not uniform:
-            for i in range(m):
-                track_at(t[i], first, step, track, centre)
-                for k in range(3):
-                    j = k * ROW + i
-                    rel[j] = x[j] - centre[k]
-                    w[j] = u[j] * (t1 - t[i]) - (ahead[k] - centre[k])
-        closest_approach(m, rel, w)
-        for k in range(3):
-            a[k * ROW : k * ROW + m] = 0.0
-        for c in range(address.shape[0]):
-            if follows[c] == moving:
-                call_kernel(address[c], m, t, p[offset[c] :], rel, a)
-        a0, a1, a2 = a[:m], a[ROW : ROW + m], a[2 * ROW : 2 * ROW + m]
-        d0, d1, d2 = rel[:m], rel[ROW : ROW + m], rel[2 * ROW : 2 * ROW + m]
+            if moving:
+                track_at(t[0], first, step, track, centre)
+                track_at(t[0] + span[0], first, step, track, ahead)
+            for k in range(3):
+                rel_k, w_k, x_k, u_k = rel[k * ROW :], w[k * ROW :], x[k * ROW :], u[k * ROW :]
+                shift, motion = centre[k], ahead[k] - centre[k]
+                for i in range(whole):
+                    rel_k[i] = x_k[i] - shift
+                    w_k[i] = u_k[i] * span[i] - motion
+            if moving and not uniform:
+                for i in range(whole):
+                    track_at(t[i], first, step, track, centre)
+                    track_at(t[i] + span[i], first, step, track, ahead)
+                    for k in range(3):
+                        j = k * ROW + i
+                        rel[j] = x[j] - centre[k]
+                        w[j] = u[j] * span[i] - (ahead[k] - centre[k])
+            closest_approach(whole, rel, w)
+            for k in range(3):
+                a[k * ROW : k * ROW + whole] = 0.0
+            for c in range(address.shape[0]):
+                if follows[c] == moving:
+                    call_kernel(address[c], whole, t, p[offset[c] :], rel, a)
+            a0, a1, a2 = a[:whole], a[ROW : ROW + whole], a[2 * ROW : 2 * ROW + whole]
+            d0, d1, d2 = rel[:whole], rel[ROW : ROW + whole], rel[2 * ROW : 2 * ROW + whole]
+            for i in range(whole):
+                acceleration2 = a0[i] * a0[i] + a1[i] * a1[i] + a2[i] * a2[i]
+                distance2 = d0[i] * d0[i] + d1[i] * d1[i] + d2[i] * d2[i]
+                rate[i] = max(rate[i], acceleration2 / (distance2 + 1e-300))
+        for i in range(whole):
+            rate[i] = span[i] * math.sqrt(math.sqrt(rate[i])) / eta
         for i in range(m):
-            acceleration2 = a0[i] * a0[i] + a1[i] * a1[i] + a2[i] * a2[i]
-            distance2 = d0[i] * d0[i] + d1[i] * d1[i] + d2[i] * d2[i]
-            rate[i] = max(rate[i], acceleration2 / (distance2 + 1e-300))
-    for i in range(m):
-        rate[i] = (t1 - t[i]) * math.sqrt(math.sqrt(rate[i])) / eta
-        level[i] = 0
-    bound = 1.0
-    for _ in range(deepest):
-        for i in range(m):
-            level[i] += 1 if rate[i] > bound else 0
-        bound *= 2.0
+            j, bound = index[begin + i], 1.0
+            level[j] = 0
+            while rate[i] > bound and level[j] < deepest:
+                level[j] += 1
+                bound *= 2.0
 
 
 @njit(**INLINE)
-def place(m, level, deepest, start, slot):
-    """Give each of m lanes a slot, sorted by level and stable, each level starting at a multiple of LANES.
+def place(m, index, begin, steps, start, size, slot):
+    """Give each of m lanes a slot, grouped by its power of two of steps, stable, each group a multiple of LANES.
 
-    start (deepest + 2,) receives the first slot of each level; returns the end of the last.
+    start and size (groups,) receive each group's first slot and its lanes. Returns the number of groups: 1 where
+    all steps are equal, which then need not be a power of two.
     """
-    for k in range(deepest + 2):
-        start[k] = 0
+    equal = True
     for i in range(m):
-        start[level[i] + 1] += 1
-    for k in range(deepest + 1):
-        start[k + 1] = start[k] + (start[k + 1] + LANES - 1) // LANES * LANES
+        equal = equal and steps[index[begin + i]] == steps[index[begin]]
+    if equal:
+        start[0], size[0] = 0, m
+        for i in range(m):
+            slot[i] = i
+        return 1
+    size[:] = 0
     for i in range(m):
-        slot[i] = start[level[i]]
-        start[level[i]] += 1
+        size[bit(steps[index[begin + i]])] += 1
+    place_at = 0
+    for k in range(size.shape[0]):
+        start[k] = place_at
+        place_at += (size[k] + LANES - 1) // LANES * LANES
+        size[k] = 0
+    for i in range(m):
+        k = bit(steps[index[begin + i]])
+        slot[i] = start[k] + size[k]
+        size[k] += 1
+    return size.shape[0]
+
+
+@njit(**INLINE)
+def bit(steps):
+    """Position of the highest bit of a positive integer."""
+    k = 0
+    while steps > 1:
+        steps >>= 1
+        k += 1
+    return k
 
 
 @njit(**INLINE)
@@ -236,68 +287,78 @@ def compose(
                 t_i[i] += c * h_i[i]
 
 
-@njit(types.void(*_HEAD, _S2, _S2, _F1, _F, _F1, _F1, _F, _N), **OPTIONS)
-def advance(address, offset, follows, p, first, step, track, q, v, t0, t1, drift, kick, eta, deepest):
-    """Composition of drifts and kicks, in place, from each particle's t0 to t1.
+@njit(types.void(*_HEAD, _S2, _S2, _I1, _F1, _F1, _F1, _F1, _I1), **OPTIONS)
+def advance(address, offset, follows, p, first, step, track, q, v, index, t0, t1, drift, kick, steps):
+    """Compositions of drifts and kicks, in place, of the particles index (n,) from their t0 to their t1.
 
     ``drift`` (s + 1,) and ``kick`` (s,) are the fractions of a step. Where the first and last drift are zero, a
-    step begins with the force that ended the one before. With eta > 0 each particle takes the power of two of
-    steps, up to 2^deepest, that its dynamical time asks for; with eta = 0 all take ``deepest`` equal steps.
-    Particles of a level march together, padded to whole vectors with copies whose results are dropped.
+    step begins with the force that ended the one before. Particles of equal ``steps`` march together, padded to
+    whole vectors with copies whose results are dropped; steps are powers of two, or the same for all.
     """
     x, u, xs, us = np.empty(3 * ROW), np.empty(3 * ROW), np.empty(3 * ROW), np.empty(3 * ROW)
-    a, rel, w = np.empty(3 * ROW), np.empty(3 * ROW), np.empty(3 * ROW)
-    t, ts, hs, rate, centre, ahead = np.empty(ROW), np.empty(ROW), np.empty(ROW), np.empty(ROW), np.empty(3), np.empty(3)
-    level, slot, start = np.zeros(ROW, np.int64), np.empty(ROW, np.int64), np.empty(DEEPEST + 3, np.int64)
-    n = t0.shape[0]
-    top = deepest if eta > 0.0 else 0
-    for begin in range(0, n, BATCH):
-        m = min(BATCH, n - begin)
-        for k in range(3):
-            x[k * ROW : k * ROW + m] = q[k, begin : begin + m]
-            u[k * ROW : k * ROW + m] = v[k, begin : begin + m]
-        t[:m] = t0[begin : begin + m]
-        uniform = t[0] == t[m - 1]  # times of one block only grow along the particles
-        whole = (m + LANES - 1) // LANES * LANES
-        for i in range(m, whole):
-            t[i] = t[m - 1]
-            for k in range(3):
-                x[k * ROW + i], u[k * ROW + i] = x[k * ROW + m - 1], u[k * ROW + m - 1]
-        if eta > 0.0:
-            levels(
-                address, offset, follows, p, first, step, track, uniform, whole, t, t1, x, u, rel, w, a, rate,
-                centre, ahead, eta, deepest, level,
-            )  # fmt: skip
-        place(m, level, top, start, slot)
+    a, rel, centre = np.empty(3 * ROW), np.empty(3 * ROW), np.empty(3)
+    t, ts, hs = np.empty(ROW), np.empty(ROW), np.empty(ROW)
+    slot, start, size = np.empty(ROW, np.int64), np.empty(DEEPEST + 2, np.int64), np.empty(DEEPEST + 2, np.int64)
+    for begin in range(0, index.shape[0], BATCH):
+        m = min(BATCH, index.shape[0] - begin)
+        uniform = load(q, v, index, t0, begin, m, x, u, t)
+        groups = place(m, index, begin, steps, start, size, slot)
         for k in range(3):
             for i in range(m):
                 xs[k * ROW + slot[i]] = x[k * ROW + i]
                 us[k * ROW + slot[i]] = u[k * ROW + i]
         for i in range(m):
             ts[slot[i]] = t[i]
-            hs[slot[i]] = t1 - t[i]
-        first_slot = 0
-        for group in range(top + 1):
-            end = start[group]  # place() has moved it to the end of the group
-            if end == first_slot:
-                continue
-            steps = 1 << group if eta > 0.0 else deepest
-            last = (end + LANES - 1) // LANES * LANES
-            for i in range(end, last):
-                ts[i], hs[i] = ts[end - 1], hs[end - 1]
+            hs[slot[i]] = t1[index[begin + i]] - t[i]
+        for group in range(groups):
+            begins, ends = start[group], start[group] + size[group]
+            last = (ends + LANES - 1) // LANES * LANES
+            for i in range(ends, last):
+                ts[i], hs[i] = ts[ends - 1], hs[ends - 1]
                 for k in range(3):
-                    xs[k * ROW + i], us[k * ROW + i] = xs[k * ROW + end - 1], us[k * ROW + end - 1]
-            for i in range(first_slot, last):
-                hs[i] /= steps
-            compose(
-                address, offset, follows, p, first, step, track, uniform, first_slot, last, steps, ts, hs, xs, us,
-                rel, centre, a, drift, kick,
-            )  # fmt: skip
-            first_slot = last
+                    xs[k * ROW + i], us[k * ROW + i] = xs[k * ROW + ends - 1], us[k * ROW + ends - 1]
+            if size[group] > 0:
+                count = steps[index[begin]] if groups == 1 else 1 << group
+                for i in range(begins, last):
+                    hs[i] /= count
+                compose(
+                    address, offset, follows, p, first, step, track, uniform, begins, last, count, ts, hs, xs, us,
+                    rel, centre, a, drift, kick,
+                )  # fmt: skip
         for k in range(3):
             for i in range(m):
-                q[k, begin + i] = xs[k * ROW + slot[i]]
-                v[k, begin + i] = us[k * ROW + slot[i]]
+                q[k, index[begin + i]] = xs[k * ROW + slot[i]]
+                v[k, index[begin + i]] = us[k * ROW + slot[i]]
+
+
+@njit(types.void(*_HEAD, _S2, _S2, _F1, _F, _F1, _F1, _F, _N), **OPTIONS)
+def adapt(address, offset, follows, p, first, step, track, q, v, t0, t1, drift, kick, eta, deepest):
+    """Advance all particles from t0 (n,) to t1, each with the steps that its dynamical time asks for.
+
+    Those that need many steps, deep in the progenitor, look again after every eighth of the block: their
+    closest approach is over in a short part of it.
+    """
+    n = t0.shape[0]
+    every, ends, level = np.arange(n), np.full(n, t1), np.zeros(n, np.int64)
+    levels(address, offset, follows, p, first, step, track, q, v, every, t0, ends, eta, deepest, level)
+    many = level > np.int64(LOOK_AGAIN)
+    near, far = every[many], every[~many]
+    steps = np.empty(n, np.int64)
+    for i in far:
+        steps[i] = 1 << level[i]
+    advance(address, offset, follows, p, first, step, track, q, v, far, t0, ends, drift, kick, steps)
+    now = t0.copy()
+    for part in range(PARTS):
+        if near.shape[0] == 0:
+            break
+        for i in near:
+            ends[i] = t1 if part == PARTS - 1 else t0[i] + (t1 - t0[i]) * (part + 1) / PARTS
+        levels(address, offset, follows, p, first, step, track, q, v, near, now, ends, eta, max(deepest - 3, 0), level)
+        for i in near:
+            steps[i] = 1 << level[i]
+        advance(address, offset, follows, p, first, step, track, q, v, near, now, ends, drift, kick, steps)
+        for i in near:
+            now[i] = ends[i]
 
 
 @njit(types.void(_F1, _F, _S2, _S2, _F1, _F, _F2, _I1, _S2, _F1, _F1, _F1, _S2, _S2), **OPTIONS)
