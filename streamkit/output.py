@@ -5,22 +5,25 @@ from __future__ import annotations
 import json
 import os
 import platform
+import shutil
 import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from streamkit import chain
+from streamkit import chain, toml
 from streamkit.errors import ChainError, StreamkitError
 from streamkit.spec import Spec
 
 RUN_FILE = "run.toml"
 MANIFEST = "manifest.json"
-BACKUP = "chain.backup.h5"
+PLUGINS = "plugins"
+"""Folder with copies of the run's plugin files."""
 PRODUCTS = (
-    RUN_FILE, MANIFEST, chain.NAME, BACKUP, "summary.ecsv", "mass_profile.ecsv", "diagnostics.ecsv",
+    RUN_FILE, MANIFEST, chain.NAME, "summary.ecsv", "mass_profile.ecsv", "diagnostics.ecsv",
     "corner.png", "mass_profile.png", "rotation_curve.png", "best_stream.png", "traces.png",
 )  # fmt: skip
 """Every file that streamkit writes into an output directory."""
@@ -97,17 +100,31 @@ def claim(directory: Path, spec: Spec, options: dict[str, Any], resume: bool, fo
         raise ChainError(_occupied(directory, files))
     directory.mkdir(parents=True, exist_ok=True)
     if not going_on:
-        write(directory / RUN_FILE, lambda part: part.write_text(header(options) + spec.toml()))
+        _write_run_file(directory, spec, options)
     manifest = json.dumps(_manifest(spec, options), indent=2) + "\n"
     write(directory / MANIFEST, lambda part: part.write_text(manifest))
     return going_on
 
 
+def _write_run_file(directory: Path, spec: Spec, options: dict[str, Any]) -> None:
+    """Write the resolved run file, with copies of its plugin files: the directory can be read anywhere."""
+    sources = [Path(name) for name in spec.document.get("plugins", [])]
+    for source in sources:
+        (directory / PLUGINS).mkdir(exist_ok=True)
+        write(directory / PLUGINS / source.name, partial(shutil.copyfile, source))
+    document = dict(spec.document)
+    if sources:
+        document["plugins"] = [f"{PLUGINS}/{source.name}" for source in sources]
+    components = [f"{path}: {cls.kind} ({supplier})" for path, cls, supplier in spec.components()]
+    text = toml.dumps(document, "\n".join([header(options), *components]))
+    write(directory / RUN_FILE, lambda part: part.write_text(text))
+
+
 def header(options: dict[str, Any]) -> str:
     """Return the comment on top of the resolved run file."""
-    text = "# The run file with every default filled in, as streamkit used it.\n"
+    text = "The run file with every default filled in, as streamkit used it."
     if options.get("quick"):
-        text += "# QUICK LOOK: few particles, few steps, not converged. Not for science.\n"
+        text += "\nQUICK LOOK: few particles, few steps, not converged. Not for science."
     return text
 
 
@@ -139,7 +156,9 @@ def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ChainError(f"{directory}: {MANIFEST} or {RUN_FILE} is not readable ({error})") from None
     if digest != spec.digest():
-        changed = differences(document, spec.document) or ["a plugin or streamkit itself"]
+        here = {key: value for key, value in spec.document.items() if key != "plugins"}
+        document.pop("plugins", None)
+        changed = differences(document, here) or ["a plugin or streamkit itself"]
         raise ChainError(
             f"{directory}: holds another run, and its chain cannot be continued with this run file. "
             f"What differs (there -> here): {'; '.join(changed)}. "

@@ -173,7 +173,7 @@ class Results:
 
         table = QTable()
         table["parameter"] = list(self.names)
-        table["unit"] = [unit.replace(" ", "") for unit in self.spec.units]
+        table["unit"] = [unit.replace(" ", "") or "1" for unit in self.spec.units]
         values = np.percentile(self.samples, list(LEVELS.values()), axis=0)
         by_level = dict(zip(LEVELS, values, strict=True))
         for level in ("median", "lo68", "hi68", "lo95", "hi95"):

@@ -25,7 +25,7 @@ from streamkit.workers import Signals, Stopped, Workers
 CHEAP_PARTICLES = 1000
 """Particles of the model that searches for a start."""
 QUICK_PARTICLES = 2000
-QUICK_WALKERS = 32
+QUICK_WALKERS = 24
 QUICK_SEARCH = 50.0
 """Seconds after the beginning of a quick run when its search ends."""
 QUICK_SAMPLING = 140.0

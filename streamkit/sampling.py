@@ -78,8 +78,8 @@ class Sampling:
         with tqdm(desc="searching the prior", unit=" calls", disable=not self.progress, leave=False) as bar:
 
             def tell(line: str) -> None:
+                bar.set_description_str(line, refresh=False)
                 bar.update(search.calls - bar.n)
-                bar.set_description_str(line)
 
             rng = np.random.default_rng([self.seed, 1])
             search = Search(self.priors, self.pool.evaluate, self.walkers, rng, deadline, tell)
@@ -130,7 +130,9 @@ class Sampling:
                         bar.update()
                         if clock.is_due():
                             self._note()
-                            bar.set_postfix_str(clock.line(sampler, done, tau_before, self._masses(state)))
+                            bar.set_postfix_str(
+                                clock.line(sampler, done, tau_before, self._masses(state)), refresh=False
+                            )
                         if monotonic() > limits.deadline:
                             return "time"
                     tau = float(np.max(autocorrelation_times(self.backend.get_chain())))

@@ -24,10 +24,14 @@ from streamkit.posterior import Evaluation
 BATCH = 1024
 """Prior draws at a time: a power of two, as Sobol sequences want."""
 MAX_BATCHES = 8
+GIVE_UP = 2
+"""Batches without a single stream after which the search ends."""
 ENOUGH = 4
 """Draws with streams, in units of the population, after which no more are needed."""
 SWEEPS = 5
 """Largest number of moves per particle and temperature."""
+ROUNDS = 6
+"""Times that the walkers' places are filled up."""
 SPREAD = 12.0
 """A walker may start this far in ln p below the best, plus half the number of parameters."""
 
@@ -88,7 +92,7 @@ class Search:
     @property
     def population(self) -> int:
         """Particles of the sequential Monte Carlo."""
-        return max(2 * self.walkers, 8 * len(self.priors))
+        return max(2 * self.walkers, 4 * len(self.priors), 16)
 
     def _theta(self, u: Array) -> Array:
         """(n, d) Parameters at unit-cube points (n, d)."""
@@ -108,7 +112,9 @@ class Search:
         sobol = qmc.Sobol(d, scramble=True, seed=self.rng)
         u, lnl = np.empty((0, d)), np.empty(0)
         drawn = 0
-        for _ in range(MAX_BATCHES):
+        for batch in range(MAX_BATCHES):
+            if batch == GIVE_UP and not len(lnl):
+                break
             # ppf(0) and ppf(1) may be infinite: keep a hair's breadth away
             points = np.clip(sobol.random(BATCH), 1e-9, 1 - 1e-9)
             for part in np.array_split(points, 16):
@@ -184,32 +190,41 @@ class Search:
         return np.unique(u, axis=0)
 
     def _choose(self, u: Array) -> tuple[Array, list[Evaluation]]:
-        """Evaluate with the full model; keep ``walkers`` points near the best, filling up around them."""
+        """Evaluate with the full model; keep ``walkers`` points near the best, filling up around them.
+
+        Where too few are near, the best there are must do: the sampler takes them on from there.
+        """
         floor = SPREAD + 0.5 * len(self.priors)
-        self.rng.shuffle(u, axis=0)
+        u = self.rng.permutation(u, axis=0)
         u_good, points = np.empty((0, u.shape[1])), np.empty((0, u.shape[1]))
         results: list[Evaluation] = []
-        for _ in range(20):
+        for _ in range(ROUNDS):
             theta = self._theta(u)
             found = self.evaluate(theta, "full")
             self.calls += len(found)
+            self.reasons.update(result.reason for result in found if result.reason)
             good = [i for i, result in enumerate(found) if np.isfinite(result.lnp)]
-            points = np.concatenate([points, theta[good]])
-            u_good = np.concatenate([u_good, u[good]])
+            u_good, points = np.concatenate([u_good, u[good]]), np.concatenate([points, theta[good]])
             results.extend(found[i] for i in good)
             lnp = np.array([result.lnp for result in results])
-            near = np.flatnonzero(lnp > lnp.max() - floor) if len(lnp) else np.empty(0, dtype=int)
+            near = np.flatnonzero(lnp > lnp.max(initial=-np.inf) - floor)
             self.tell(f"{min(len(near), self.walkers)} of {self.walkers} walkers placed")
+            if len(near) < self.walkers <= len(results) and monotonic() > self.deadline:
+                near = np.sort(np.argsort(-lnp)[: self.walkers])
             if len(near) >= self.walkers:
-                near = near[: self.walkers]
-                return points[near], [results[i] for i in near]
-            if len(u_good) < 3:
+                return points[near[: self.walkers]], [results[i] for i in near[: self.walkers]]
+            if len(results) < 3:
                 break
-            u = self._around(u_good, self.walkers)
+            best = np.argsort(-lnp)[: max(self.walkers, 3)]
+            u = self._around(u_good[best], self.walkers)
+        if len(results) >= self.walkers:
+            near = np.argsort(-lnp)[: self.walkers]
+            return points[near], [results[i] for i in near]
         counted = "; ".join(f"{reason}: {n}" for reason, n in self.reasons.most_common())
         raise StreamkitError(
-            f"could place only {len(results)} of {self.walkers} walkers with the full number of particles "
-            f"(rejections so far: {counted}). Fewer walkers, more particles or narrower priors may help."
+            f"found only {len(results)} places for {self.walkers} walkers with the full number of particles "
+            f"({self.calls} calls, rejected: {counted}). "
+            "Fewer walkers, more particles or narrower priors may help."
         )
 
     def _around(self, u: Array, n: int) -> Array:

@@ -79,7 +79,7 @@ def unwrapped(particles: Stream, prediction: Prediction | None, setup: Setup | N
             axes.plot(*peaks[-1], marker="o", ms=6, mfc="white", mec="black", mew=1.3, ls="none", zorder=6)
     if len(peaks) == 2 and setup is not None:
         _data(axes, setup.observable, float(peaks[0][0]), float(peaks[1][0]))
-    low, high = np.percentile(angle, [0.5, 99.5]) + (-15.0, 15.0)
+    low, high = np.percentile(angle, [0.5, 99.5]) + np.array([-15.0, 15.0])
     if len(peaks) == 2:
         low, high = max(low, peaks[1][0] - BEYOND), min(high, peaks[0][0] + BEYOND)
     inside = (angle > low) & (angle < high)

@@ -1,0 +1,118 @@
+"""The sampling code on posteriors known in closed form: quantiles, counts, resumption, start, diagnostics."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from emcee.backends import Backend
+from toys import COVARIANCE, MEAN, PRIORS, Gaussian, sampling
+
+import streamkit as sk
+from streamkit import chain
+from streamkit.diagnostics import autocorrelation_times, burn_in, split_r_hat
+from streamkit.posterior import Evaluation
+from streamkit.sampling import Limits
+from streamkit.start import Search
+from streamkit.workers import Workers
+
+
+def toy_chain(backend, steps, seed=5, moves="de", walkers=24, cut=False):
+    toy = Gaussian(cut)
+    with Workers({"full": toy, "cheap": toy}) as pool:
+        run = sampling(pool, backend, seed, walkers, moves)
+        run.begin()
+        status = run.advance(steps)
+    return run, status
+
+
+@pytest.mark.parametrize("moves", ["de", "stretch"])
+def test_a_gaussian_is_recovered(moves):
+    backend = Backend()
+    _, status = toy_chain(backend, Limits(1500, tau_factor=1e9), moves=moves)
+    samples = backend.get_chain(discard=300, flat=True)
+    sd = np.sqrt(np.diag(COVARIANCE))
+    tau = autocorrelation_times(backend.get_chain(discard=300)).max()
+    error = np.sqrt(tau / len(samples))  # of a mean, in standard deviations
+    assert status == "steps"
+    assert (np.abs(samples.mean(axis=0) - MEAN) < 4 * error * sd).all()
+    np.testing.assert_allclose(np.cov(samples.T), COVARIANCE, atol=8 * error * sd.max() ** 2)
+    for q, z in ((16, -0.9945), (84, 0.9945), (97.5, 1.96)):  # normal quantiles
+        assert (np.abs(np.percentile(samples, q, axis=0) - MEAN - z * sd) < 12 * error * sd).all()
+
+
+def test_it_stops_when_the_chain_is_long_enough():
+    backend = Backend()
+    _, status = toy_chain(backend, Limits(20000, tau_factor=20))
+    assert status == "converged"
+    assert backend.iteration > 20 * autocorrelation_times(backend.get_chain()).max()
+
+
+def test_every_rejection_is_counted_and_no_walker_stands_on_one():
+    backend = Backend()
+    run, _ = toy_chain(backend, Limits(50, tau_factor=1e9), cut=True)
+    counts = run.totals()
+    assert counts["calls"] == 50 * 24
+    assert counts["reasons"]["no stream on this side"] > 50
+    assert (backend.get_chain()[..., 0] >= MEAN[0]).all()
+
+
+def test_a_resumed_chain_equals_an_uninterrupted_one(tmp_path):
+    whole, parts = (chain.ChainFile(str(tmp_path / f"{name}.h5")) for name in ("whole", "parts"))
+    toy_chain(whole, Limits(30))
+    first, _ = toy_chain(parts, Limits(17))
+    toy = Gaussian()
+    with Workers({"full": toy, "cheap": toy}) as pool:
+        second = sampling(pool, chain.ChainFile(parts.filename))
+        second.resume(chain.read(Path(parts.filename)).attributes["counts"])
+        second.advance(Limits(30))
+    for name in ("chain", "log_prob", "blobs", "accepted"):
+        one, two = (getattr(chain.read(Path(file.filename)), name) for file in (whole, parts))
+        np.testing.assert_array_equal(one, two)
+    assert second.totals()["calls"] == 30 * 24
+    assert second.totals()["search_calls"] == first.totals()["search_calls"]
+
+
+def test_the_start_is_spread_over_the_posterior():
+    toy = Gaussian(cut=True)
+    with Workers({"full": toy, "cheap": toy}) as pool:
+        search = Search(PRIORS, pool.evaluate, 40, np.random.default_rng(1))
+        points, results = search.run()
+    assert len(np.unique(points, axis=0)) == 40
+    assert np.isfinite([r.lnp for r in results]).all()
+    assert search.calls < 4000
+    sd = np.sqrt(np.diag(COVARIANCE))
+    spread = points.std(axis=0) / sd
+    assert (spread[1:] > 0.5).all()
+    assert (spread[1:] < 2).all()
+    assert 0.3 < spread[0] < 1.2  # half of a Gaussian: 0.6
+
+
+def test_a_start_that_cannot_be_found_says_why():
+    class Barren:
+        def evaluate(self, theta):
+            reason = "no apocentre" if theta[0] < 0 else "no stream"
+            return Evaluation(-np.inf, -np.inf, np.full(2, np.nan), np.full(2, np.nan), reason)
+
+    with (
+        Workers({"full": Barren(), "cheap": Barren()}) as pool,
+        pytest.raises(sk.StreamkitError, match=r"only 0 .*no apocentre: 1024 of 2048"),
+    ):
+        sampling(pool, Backend()).begin()
+
+
+def test_autocorrelation_time_of_an_ar1_process():
+    rng, a = np.random.default_rng(0), 0.9
+    x = np.zeros((20000, 8, 1))
+    for i in range(1, len(x)):
+        x[i] = a * x[i - 1] + rng.standard_normal((8, 1))
+    assert autocorrelation_times(x)[0] == pytest.approx((1 + a) / (1 - a), rel=0.1)
+    assert burn_in(x) == pytest.approx(57, abs=6)
+    assert split_r_hat(x)[0] == pytest.approx(1.0, abs=0.01)
+
+
+def test_r_hat_of_walkers_that_disagree():
+    x = np.random.default_rng(0).standard_normal((1000, 4, 1)) + np.array([0, 0, 5, 5])[None, :, None]
+    # within 1, between chains of means (0, 0, 5, 5) twice: 8 values, variance 50/7
+    assert split_r_hat(x)[0] == pytest.approx(np.sqrt(1 + 50 / 7), rel=0.02)
+    assert np.isnan(split_r_hat(x[:2])).all()
+    assert np.isnan(autocorrelation_times(np.ones((50, 4, 2)))).all()
