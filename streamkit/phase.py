@@ -18,8 +18,11 @@ if TYPE_CHECKING:
     from astropy.table import QTable
 
 Array = NDArray[np.float64]
+"""An array of floats: positions and velocities are (3, n), what belongs to a particle (n,)."""
 IntArray = NDArray[np.int64]
+"""An array of integers."""
 BoolArray = NDArray[np.bool_]
+"""An array of booleans."""
 
 LEADING, TRAILING = -1, 1
 """Sign of the radial offset at release, as in Gibbons+ 2014: leading inwards, trailing outwards."""

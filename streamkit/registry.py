@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import inspect
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, entry_points
@@ -86,7 +87,7 @@ def load(files: Iterable[str | Path] = (), points: Iterable[EntryPoint] | None =
         seen[point.name] = supplier
         try:
             modules.append((point.name, supplier, point.load()))
-        except Exception as error:  # noqa: BLE001  any import may fail in any way; the record is the report
+        except Exception as error:
             failed.append(f"{supplier}, entry point {point.name!r} ({type(error).__name__}: {error})")
     names = tuple(str(Path(file)) for file in files)
     modules.extend(_load_file(Path(name)) for name in names)
@@ -140,14 +141,19 @@ def _load_file(path: Path) -> tuple[str, str, ModuleType]:
     except OSError as error:
         raise SpecError(f"plugins: cannot read {str(path)!r}: {error.strerror}") from None
     name = f"streamkit_file_{path.stem}_{digest}"
+    if name in sys.modules:
+        return name, f"{path.name} sha256:{digest}", sys.modules[name]
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise SpecError(f"plugins: {str(path)!r} is not a Python file")
     module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # pickle, and machine code from the disk, look for it there
     try:
         spec.loader.exec_module(module)
     except PluginError:
+        del sys.modules[name]
         raise
-    except Exception as error:  # noqa: BLE001  whatever the file does wrong, the user needs its name
+    except Exception as error:
+        del sys.modules[name]
         raise PluginError(f"plugin file {path.name} failed to load ({type(error).__name__}: {error})") from error
     return name, f"{path.name} sha256:{digest}", module
