@@ -41,13 +41,19 @@ def write(path: Path, writer: Callable[[Path], object]) -> None:
 
 @contextmanager
 def locked(directory: Path) -> Iterator[None]:
-    """Hold the directory for one run. The lock dies with the process, so that a kill leaves none behind.
+    """Hold the directory for one run, made if missing. The lock dies with the process: a kill leaves none behind.
 
     Raises
     ------
     ChainError
-        If another run holds it.
+        If another run holds it, or it cannot be a directory.
     """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise ChainError(f"{directory}: is a file, and the output needs a directory") from None
+    except OSError as error:
+        raise ChainError(f"{directory}: cannot be made: {error.strerror}") from None
     try:
         import fcntl
     except ImportError:  # no such locks on this system
@@ -71,7 +77,7 @@ def claim(directory: Path, spec: Spec, options: dict[str, Any], resume: bool, fo
     Parameters
     ----------
     directory
-        Made if missing.
+        It exists, and is `locked`.
     spec
         The run.
     options
@@ -86,9 +92,7 @@ def claim(directory: Path, spec: Spec, options: dict[str, Any], resume: bool, fo
     """
     if resume and force:
         raise ChainError("resume and force exclude each other: continue the chain, or throw it away?")
-    if directory.exists() and not directory.is_dir():
-        raise ChainError(f"{directory}: is a file, and the output needs a directory")
-    files = sorted(p.name for p in directory.iterdir()) if directory.exists() else []
+    files = sorted(p.name for p in directory.iterdir())
     going_on = False
     if files and resume:
         going_on = _same_run(directory, spec, files)
@@ -98,7 +102,6 @@ def claim(directory: Path, spec: Spec, options: dict[str, Any], resume: bool, fo
             (directory / name).unlink(missing_ok=True)
     elif files:
         raise ChainError(_occupied(directory, files))
-    directory.mkdir(parents=True, exist_ok=True)
     if not going_on:
         _write_run_file(directory, spec, options)
     manifest = json.dumps(_manifest(spec, options), indent=2) + "\n"
@@ -166,8 +169,7 @@ def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
         )
     if chain.NAME not in files:
         return False
-    chain.read(directory / chain.NAME)
-    return True
+    return len(chain.read(directory / chain.NAME).chain) > 0
 
 
 def _only_ours(directory: Path, files: list[str]) -> None:

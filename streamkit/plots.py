@@ -85,13 +85,13 @@ def corner(results: Results) -> Figure:
         logging.getLogger("root").removeFilter(_no_contour_warning)
     grid = np.array(figure.axes).reshape(d, d)
     for i, label in enumerate(labels):
-        grid[i, i].set_title(f"{label[0]} = {_interval(samples[:, i])}", fontsize=15)
+        grid[i, i].set_title(f"{label[0]} = {_interval(samples[:, i])}", fontsize=13)
         low, middle, high = np.percentile(samples[:, i], [16, 50, 84])
         for value, style in ((low, ":"), (middle, "--"), (high, ":")):
             grid[i, i].axvline(value, color="black", lw=0.9, ls=style)
-        grid[-1, i].set_xlabel(_with_unit(*label), fontsize=17)
+        grid[-1, i].set_xlabel(_with_unit(*label, "\n"), fontsize=17)
         if i:
-            grid[i, 0].set_ylabel(_with_unit(*label), fontsize=17)
+            grid[i, 0].set_ylabel(_with_unit(*label, "\n"), fontsize=17)
     for axes in figure.axes:
         axes.tick_params(labelsize=12, direction="in", top=True, right=True)
         axes.xaxis.set_label_coords(0.5, -0.42)
@@ -141,7 +141,11 @@ def traces(results: Results) -> Figure:
     every = max(steps // 2000, 1)
     for axes, value, name in zip(panels.flat, values, names, strict=False):
         axes.plot(
-            x[::every], value[::every], color=GREY, lw=0.4, alpha=min(max(0.25, 10 / walkers), 1),
+            x[::every],
+            value[::every],
+            color=GREY,
+            lw=0.4,
+            alpha=min(max(0.25, 10 / walkers), 1),
             rasterized=True,
         )
         axes.plot(x[::every], np.median(value, axis=1)[::every], color=BLUE, lw=1.6)
@@ -239,8 +243,8 @@ def _latex(unit: str) -> str:
     return str(u.Unit(unit).to_string("latex_inline"))
 
 
-def _with_unit(symbol: str, unit: str) -> str:
-    return f"{symbol} [{unit}]" if unit else symbol
+def _with_unit(symbol: str, unit: str, between: str = " ") -> str:
+    return f"{symbol}{between}[{unit}]" if unit else symbol
 
 
 def _interval(values: Array) -> str:

@@ -106,8 +106,8 @@ def run(
     with ExitStack() as stack:
         going_on, backend = False, Backend()
         if directory is not None:
-            going_on = output.claim(directory, spec, {"quick": quick, "steps": limits.steps}, resume, force)
             stack.enter_context(output.locked(directory))
+            going_on = output.claim(directory, spec, {"quick": quick, "steps": limits.steps}, resume, force)
             backend = chain.ChainFile(str(directory / chain.NAME))
         posterior.evaluate(spec.centre())  # compile here, once, before the workers are forked
         pool = stack.enter_context(Workers({"full": posterior, "cheap": cheap}, workers))
@@ -120,9 +120,11 @@ def run(
             sampling.resume(chain.read(directory / chain.NAME).attributes.get("counts", {}))
         else:
             sampling.begin(begin + QUICK_SEARCH if quick else np.inf)
+        if isinstance(backend, chain.ChainFile):
+            backend.note(status="unfinished", quick=quick, digest=spec.digest())
         status = sampling.advance(limits)
         if isinstance(backend, chain.ChainFile):
-            backend.note(status=status, quick=quick, digest=spec.digest())
+            backend.note(status=status)
     if directory is None:
         return Results.in_memory(spec, backend, sampling.totals(), status, quick)
     if products:

@@ -56,7 +56,7 @@ def plane(particles: Stream, axes: Axes) -> None:
     axes.set_xlabel(r"$x'\ \,[{\rm kpc}]$  (towards the progenitor)", fontsize=12)
     axes.set_ylabel(r"$y'\ \,[{\rm kpc}]$  (along its motion)", fontsize=12)
     _finish(axes)
-    axes.legend(frameon=True, framealpha=0.85, edgecolor="none", fontsize=9, loc="upper right", markerscale=4)
+    axes.legend(frameon=True, framealpha=0.85, edgecolor="none", fontsize=9, loc="upper left", markerscale=4)
 
 
 def unwrapped(particles: Stream, prediction: Prediction | None, setup: Setup | None, axes: Axes) -> None:
@@ -89,11 +89,7 @@ def unwrapped(particles: Stream, prediction: Prediction | None, setup: Setup | N
     axes.set_ylabel(r"$r\ \,[{\rm kpc}]$", fontsize=12)
     _finish(axes)
     handles, labels = axes.get_legend_handles_labels()
-    own = [
-        (h, name)
-        for h, name in zip(handles, labels, strict=True)
-        if name not in {n for n, _ in ARMS.values()}
-    ]
+    own = [(h, name) for h, name in zip(handles, labels, strict=True) if name not in {n for n, _ in ARMS.values()}]
     if own:
         axes.legend(*zip(*own, strict=True), frameon=True, framealpha=0.85, edgecolor="none", fontsize=9)
 

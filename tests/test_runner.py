@@ -3,6 +3,7 @@
 import copy
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -109,9 +110,28 @@ def test_a_truncated_chain_is_refused_and_untouched(finished, tmp_path):
     assert tree(out) == before
 
 
+def test_a_run_stopped_before_its_first_step_begins_again(finished, tmp_path):
+    out = tmp_path / "run"
+    shutil.copytree(finished, out)
+    chain.ChainFile(str(out / chain.NAME)).reset(6, 2)
+    with pytest.raises(sk.ChainError, match="before its first step"):
+        sk.Results(out)
+    again = sk.run(sk.load(FIT), out=out, resume=True, progress=False, products=False)
+    np.testing.assert_array_equal(again.chain, sk.Results(finished).chain)
+
+
+def test_a_file_is_no_output_directory(tmp_path):
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(sk.ChainError, match="is a file"):
+        sk.run(sk.load(FIT), out=tmp_path / "file", force=True, progress=False)
+    assert (tmp_path / "file").read_text() == "mine"
+
+
 def test_two_runs_in_one_directory_are_refused(finished):
+    before = tree(finished)
     with output.locked(finished), pytest.raises(sk.ChainError, match="another run is writing"):
-        sk.run(sk.load(FIT), out=finished, steps=9, resume=True, progress=False)
+        sk.run(sk.load(FIT), out=finished, force=True, progress=False)
+    assert tree(finished) == before
 
 
 def start(out, document=FIT):
@@ -164,6 +184,7 @@ def test_a_killed_run_leaves_a_readable_chain_and_no_workers(tmp_path):
 
 FRAGILE = '''
 import os
+import shutil
 from typing import Any
 import numpy as np
 from streamkit import Component, Observable, Prediction, hookimpl
