@@ -57,11 +57,12 @@ _LAZY = {
 }
 
 __all__ = [
-    "GYR", "LEADING", "TRAILING", "Angle", "AngleDatum", "Array", "BoolArray", "ChainError", "Component", "ComponentError",
-    "Coordinate", "Duration", "G", "IntArray", "Integrator", "Length", "LengthDatum", "Mass", "Model", "Number", "Observable",
-    "Orbit", "OutOfDomain", "PluginError", "PositiveNumber", "Posterior", "Potential", "Prediction",
-    "ProperMotion", "Release", "Results", "Spec", "SpecError", "Speed", "Stream", "StreamkitError", "Stripping",
-    "Velocity", "VelocityDatum", "exp", "hookimpl", "load", "log", "power", "run", "sqrt",
+    "GYR", "LEADING", "TRAILING", "Angle", "AngleDatum", "Array", "BoolArray", "ChainError", "Component",
+    "ComponentError", "Coordinate", "Duration", "G", "IntArray", "Integrator", "Length", "LengthDatum", "Mass",
+    "Model", "Number", "Observable", "Orbit", "OutOfDomain", "PluginError", "PositiveNumber", "Posterior",
+    "Potential", "Prediction", "ProperMotion", "Release", "Results", "Spec", "SpecError", "Speed", "Stream",
+    "StreamkitError", "Stripping", "Velocity", "VelocityDatum", "exp", "hookimpl", "load", "log", "power",
+    "run", "sqrt",
 ]  # fmt: skip
 
 

@@ -166,7 +166,7 @@ class Stripping(Component):
         uniform = (orbit.t - orbit.t[0]) / (orbit.t[-1] - orbit.t[0])
         peri = orbit.pericentres()
         if len(peri) == 0:
-            return uniform
+            return np.asarray(uniform)
         from scipy.special import ndtr
 
         steps = ndtr((orbit.t[:, None] - peri) / (self.burst_width * GYR)).sum(axis=1)
@@ -183,7 +183,10 @@ class Integrator(Component):
 
     @abstractmethod
     def advance(self, field: ForceField, q: Array, v: Array, t0: Array, t1: float) -> None:
-        """Advance q, v (3, n), in place, from their own times t0 (n,) to t1. Particles are independent."""
+        """Advance q, v (3, n), in place, from their own times t0 (n,), never decreasing, to t1.
+
+        Particles are independent: what one does must not depend on the others.
+        """
 
 
 class Observable(Component):

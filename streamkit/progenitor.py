@@ -112,7 +112,7 @@ class Galactocentric(PhaseSpace):
     vy: Velocity = Field(description="Velocity along y.")
     vz: Velocity = Field(description="Velocity along z.")
 
-    def today(self, sun: Sun) -> tuple[Array, Array]:  # noqa: ARG002  the same signature for all three
+    def today(self, sun: Sun) -> tuple[Array, Array]:
         """Return the coordinates themselves."""
         return np.array([self.x, self.y, self.z]), np.array([self.vx, self.vy, self.vz])
 

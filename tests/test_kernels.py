@@ -142,7 +142,9 @@ def digest_of(file, text):
 
 def test_the_digest_follows_the_content_and_not_the_place(tmp_path):
     text = CONSTANT.format(scale=1.0, inline=1.0)
-    same = {digest_of(tmp_path / "one.py", text), digest_of(tmp_path / "two.py", "\n\n# moved\n" + text)}
+    (tmp_path / "elsewhere").mkdir()
+    places = (tmp_path / "one.py", text), (tmp_path / "elsewhere" / "one.py", "\n\n# moved\n" + text)
+    same = {digest_of(*place) for place in places}
     assert len(same) == 1
     changes = (
         CONSTANT.format(scale=2.0, inline=1.0),

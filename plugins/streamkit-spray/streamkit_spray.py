@@ -54,7 +54,7 @@ class Fardal15(Stripping):
     sigma_kz: Number = Field(default=0.5, ge=0, description="Dispersion of the vertical offset, in r_t.")
     sigma_kvz: Number = Field(default=0.5, ge=0, description="Dispersion of the vertical kick, in V.")
 
-    def release(self, orbit: Orbit, tail: IntArray, mass: float, normals: Array) -> Release:  # noqa: ARG002
+    def release(self, orbit: Orbit, tail: IntArray, mass: float, normals: Array) -> Release:
         """Draw k_r, k_vphi, k_z and k_vz independently, one row of normals each."""
         k_r = self.k_r + self.sigma_kr * normals[0]
         k_vphi = self.k_vphi + self.sigma_kvphi * normals[1]
@@ -81,7 +81,7 @@ class Fardal15Gala(Stripping):
     sigma_kz: Number = Field(default=0.5, ge=0, description="Dispersion of the vertical offset, in r_t.")
     sigma_kvz: Number = Field(default=0.5, ge=0, description="Dispersion of the vertical kick, in V.")
 
-    def release(self, orbit: Orbit, tail: IntArray, mass: float, normals: Array) -> Release:  # noqa: ARG002
+    def release(self, orbit: Orbit, tail: IntArray, mass: float, normals: Array) -> Release:
         """Draw k_r, k_vphi, k_z and k_vz, one row of normals each; the tangential kick is their product."""
         k_r = self.k_r + self.sigma_kr * normals[0]
         k_vphi = k_r * (self.k_vphi + self.sigma_kvphi * normals[1])

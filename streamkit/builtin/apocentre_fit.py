@@ -86,11 +86,12 @@ def _cells(angle: Array, r: Array, grid: Array) -> tuple[Array, Array, Array]:
     place, r = place[inside], r[inside]
     i = place.astype(np.int64)
     f = place - i
-    sums = []
-    for power in (np.ones_like(r), r, r * r):
-        cell = np.bincount(i, (1 - f) * power, len(grid)) + np.bincount(i + 1, f * power, len(grid))
-        sums.append(cell)
-    return sums[0], sums[1], sums[2]
+
+    def summed(power: Array) -> Array:
+        near, far = np.bincount(i, (1 - f) * power, len(grid)), np.bincount(i + 1, f * power, len(grid))
+        return np.asarray(near + far, dtype=float)
+
+    return summed(np.ones_like(r)), summed(r), summed(r * r)
 
 
 def _convolve(cell: Array) -> Array:

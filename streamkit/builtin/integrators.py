@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
-import math
+from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydantic import Field
-from scipy.integrate import solve_ivp
 
 from streamkit import GYR, Array, Duration, Integrator, PositiveNumber
-from streamkit.engine import LEAPFROG, PEFRL, RKN4, Splitting, adaptive_step, split_step
-from streamkit.engine import Field as ForceField
+
+if TYPE_CHECKING:  # the engine is loaded when it is needed: it brings numba, and listing plugins need not wait for it
+    from streamkit.engine import Field as ForceField
+    from streamkit.engine import Splitting
 
 
 def _fixed(method: Splitting, step: float, field: ForceField, q: Array, v: Array, t0: Array, t1: float) -> None:
-    """Take equal steps of at most ``step`` Gyr; particles released inside the block take as many, shorter ones."""
-    if len(t0) == 0:
-        return
-    substeps = max(math.ceil((t1 - float(t0.min())) / (step * GYR) - 1e-9), 1)
-    split_step(field, method, q, v, t0, t1, substeps)
+    """Take equal steps of at most ``step`` Gyr. Particles released inside the block take fewer."""
+    from streamkit.engine import split_step
+
+    counts = np.maximum(np.ceil((t1 - t0) / (step * GYR) - 1e-9), 1).astype(int)
+    edges = [0, *(np.flatnonzero(np.diff(counts)) + 1), len(t0)]
+    for begin, end in pairwise(edges):
+        if end > begin:
+            part = slice(begin, end)
+            split_step(field, method, q[:, part], v[:, part], t0[part], t1, int(counts[begin]))
 
 
 class Leapfrog(Integrator):
@@ -31,6 +37,8 @@ class Leapfrog(Integrator):
 
     def advance(self, field: ForceField, q: Array, v: Array, t0: Array, t1: float) -> None:
         """Advance in place."""
+        from streamkit.engine import LEAPFROG
+
         _fixed(LEAPFROG, self.step, field, q, v, t0, t1)
 
 
@@ -45,6 +53,8 @@ class ForestRuth(Integrator):
 
     def advance(self, field: ForceField, q: Array, v: Array, t0: Array, t1: float) -> None:
         """Advance in place."""
+        from streamkit.engine import PEFRL
+
         _fixed(PEFRL, self.step, field, q, v, t0, t1)
 
 
@@ -64,6 +74,8 @@ class Adaptive(Integrator):
 
     def advance(self, field: ForceField, q: Array, v: Array, t0: Array, t1: float) -> None:
         """Advance in place."""
+        from streamkit.engine import RKN4, adaptive_step
+
         if len(t0):
             adaptive_step(field, RKN4, q, v, t0, t1, self.eta, self.deepest)
 
@@ -80,6 +92,8 @@ class Reference(Integrator):
 
     def advance(self, field: ForceField, q: Array, v: Array, t0: Array, t1: float) -> None:
         """Advance in place. Each particle's time runs linearly with a common s from 0 to 1."""
+        from scipy.integrate import solve_ivp
+
         n = q.shape[1]
         if n == 0:
             return

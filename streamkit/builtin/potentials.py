@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 from pydantic import Field
-from scipy.special import hyp2f1
 
-from streamkit import G, Angle, Length, Mass, Number, Potential, PositiveNumber, Speed, exp, log, power, sqrt
+from streamkit import Angle, G, Length, Mass, Number, PositiveNumber, Potential, Speed, exp, log, power, sqrt
 
 
 class TruncatedFlat(Potential):
@@ -35,6 +34,8 @@ class TruncatedFlat(Potential):
     @staticmethod
     def potential(x: Any, y: Any, z: Any, t: Any, v0: Any, rs: Any, alpha: Any) -> Any:
         """Return -(v0^2/alpha) u^(alpha/2) 2F1(1, alpha/2; 1 + alpha/2; u), u = rs^2 / (rs^2 + r^2)."""
+        from scipy.special import hyp2f1
+
         r2 = x * x + y * y + z * z
         if alpha == 0:
             return 0.5 * v0**2 * np.log(r2)
@@ -213,7 +214,7 @@ class Isochrone(Potential):
 
 
 class Logarithmic(Potential):
-    """Triaxial logarithmic halo, turned by phi about z: ``Phi = v_h^2 ln(C1 x^2 + C2 y^2 + C3 x y + (z/qz)^2 + r_h^2)``.
+    """Triaxial logarithmic halo turned by phi: ``Phi = v_h^2 ln(C1 x^2 + C2 y^2 + C3 x y + (z/qz)^2 + r_h^2)``.
 
     The halo of Law & Majewski 2010 (their eqs. 3-6); note v_h^2 without the factor 1/2.
     """

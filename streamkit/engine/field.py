@@ -10,6 +10,7 @@ import numpy as np
 
 from streamkit.components import Potential
 from streamkit.engine import kernels, loops
+from streamkit.engine.forces import DEEPEST
 from streamkit.errors import ComponentError
 from streamkit.phase import Array, BoolArray, IntArray, Orbit
 
@@ -134,7 +135,7 @@ class Field:
 
     def with_followers(self, other: Field, orbit: Orbit) -> Field:
         """Add another field's forces, centred on the progenitor that moves along ``orbit`` (equal time steps)."""
-        joined = replace(
+        return replace(
             self,
             address=np.concatenate([self.address, other.address]),
             offset=np.concatenate([self.offset, self.offset[-1] + other.offset[1:]]),
@@ -146,7 +147,6 @@ class Field:
             kernels=self.kernels + other.kernels,
             names=self.names + other.names,
         )
-        return joined
 
     def check(self) -> None:
         """Raise what a force written in Python raised inside the loop.
@@ -190,14 +190,13 @@ def adaptive_step(
 ) -> None:
     """Advance q, v (3, n), in place, each particle with the power of two of steps that its dynamical time asks for.
 
-    No step is longer than ``eta`` dynamical times, but a block takes at most ``2**deepest`` of them.
+    No step is longer than ``eta`` times sqrt(distance / acceleration), about the Galactic centre or the
+    progenitor, but a block takes at most ``2**deepest`` of them.
     """
-    deepest = min(deepest, loops.DEEPEST)
-    loops.adapt(*field._head, q, v, t0, t1, splitting.drift, splitting.kick, eta, deepest)
+    deepest = min(deepest, DEEPEST)
+    loops.advance(*field._head, q, v, t0, t1, splitting.drift, splitting.kick, eta, deepest)
 
 
 def split_step(field: Field, splitting: Splitting, q: Array, v: Array, t0: Array, t1: float, steps: int) -> None:
     """Advance q, v (3, n), in place, from their own times t0 (n,) to t1 in equal steps."""
-    n = len(t0)
-    ends, counts = np.full(n, t1), np.full(n, steps)
-    loops.advance(*field._head, q, v, np.arange(n), t0, ends, splitting.drift, splitting.kick, counts)
+    loops.advance(*field._head, q, v, t0, t1, splitting.drift, splitting.kick, 0.0, steps)

@@ -1,54 +1,46 @@
 """From an elementwise `acceleration` to a C function over a batch, cached on disk by content.
 
 Every force in the hot loop is ``void kernel(n, t[n], p[k], q, a)``, which *adds* to the rows x, y, z of ``a``, ``ROW``
-doubles apart as those of ``q``. Numba's own
-disk cache does not serve closures (their key holds a random identifier) and misses changes in other files (a stale
-force is the worst bug there is). So the key here is the content: bytecode, constants and, followed to the end,
-everything the function's globals refer to.
+doubles apart as those of ``q``. The key of its machine code is the content of the author's function: bytecode,
+constants and, followed to the end, everything its globals refer to.
 """
 
 from __future__ import annotations
 
 import ctypes
 import functools
-import hashlib
 import types as python_types
 from collections.abc import Callable
 from typing import Any
 
-import numba
 import numpy as np
 from numba import carray, njit, types
 from numba.core import sigutils
-from numba.core.caching import FunctionCache
 from numba.core.ccallback import CFunc
 from numba.core.dispatcher import Dispatcher
+from numba.core.errors import NumbaError
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from streamkit import functions
 from streamkit.components import Potential
 from streamkit.engine import vector
-from streamkit.engine.loops import ROW
+from streamkit.engine.cache import ENGINE, OPTIONS, ContentCache, digest_of_parts
+from streamkit.engine.forces import ROW
+from streamkit.errors import PluginError
 
 _POINTER = types.CPointer(types.float64)
 SIGNATURE = types.void(types.intp, _POINTER, _POINTER, _POINTER, _POINTER)
-OPTIONS = {"error_model": "numpy", "fastmath": {"contract"}}  # contract: fused multiply-add, nothing else
-
-
-class _ContentCache(FunctionCache):  # type: ignore[misc]
-    """Numba's disk cache with the digest of the kernel's whole content as its key."""
-
-    def __init__(self, function: Callable[..., Any], digest: str) -> None:
-        super().__init__(function)
-        self._digest = digest
-
-    def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
-        return (sig, codegen.magic_tuple(), self._digest)
 
 
 @functools.cache
 def compiled_kernel(cls: type[Potential]) -> Any:
-    """Return the machine code of a potential class: an object with an ``address``. Once per class and process."""
+    """Return the machine code of a potential class: an object with an ``address``. Once per class and process.
+
+    Raises
+    ------
+    PluginError
+        If numba cannot compile the author's function.
+    """
     count = len(cls.numbers())
     acceleration = njit(forceinline=True, **OPTIONS)(cls.acceleration)
 
@@ -64,27 +56,33 @@ def compiled_kernel(cls: type[Potential]) -> Any:
             total[2 * ROW + i] += az
 
     args, return_type = sigutils.normalize_signature(SIGNATURE)
-    cfunc = CFunc(kernel, (args, return_type), locals={}, options=dict(OPTIONS))
+    cfunc: Any = CFunc(kernel, (args, return_type), locals={}, options=dict(OPTIONS))
     digest = content_digest(cls.acceleration, count)
     if digest is not None:
-        cfunc._cache = _ContentCache(kernel, digest)
-    cfunc.compile()
+        cfunc._cache = ContentCache(kernel, digest)
+    try:
+        cfunc.compile()
+    except NumbaError as error:
+        reason = " ".join([line.strip() for line in str(error).splitlines() if line.strip()][:2])
+        raise PluginError(
+            f"numba cannot compile {cls.__module__}.{cls.__name__}.acceleration: {reason}. Write elementwise "
+            "arithmetic with the functions that streamkit exports, decorate helper functions with numba.njit, or "
+            "set `compiled = False` in the class."
+        ) from None
     return cfunc
 
 
 def content_digest(function: Callable[..., Any], count: int) -> str | None:
     """Return a hash of all that determines the kernel's machine code, None if that cannot be known."""
-    parts: list[str] = [numba.__version__, np.__version__, repr(sorted(OPTIONS["fastmath"])), str(count), str(ROW)]
-    seen: set[int] = set()
-    known = _describe(function, parts, seen)
-    known = known and all(_describe(f, parts, seen) for f in (vector.vector_log, vector.vector_exp))
-    return hashlib.sha256("\n".join(parts).encode()).hexdigest() if known else None
+    parts: list[str] = [ENGINE, str(count)]
+    known = _describe(function, parts, set())
+    return digest_of_parts(parts) if known else None
 
 
 def _describe(thing: Any, parts: list[str], seen: set[int]) -> bool:
     """Append a description of a value a kernel refers to; False if it has none that is sure."""
     if isinstance(thing, Dispatcher):
-        return _describe(thing.py_func, parts, seen)
+        thing = thing.py_func
     if thing is None or isinstance(thing, bool | int | float | str | np.number):
         parts.append(repr(thing))
         return True
@@ -96,8 +94,6 @@ def _describe(thing: Any, parts: list[str], seen: set[int]) -> bool:
     if isinstance(thing, np.ufunc | python_types.BuiltinFunctionType | type):
         parts.append(f"{thing!r}")
         return True
-    if type(thing).__name__ == "_Intrinsic":
-        return _describe(thing._defn, parts, seen)
     if isinstance(thing, python_types.FunctionType):
         return _describe_function(thing, parts, seen)
     return False
@@ -107,8 +103,8 @@ def _describe_function(function: python_types.FunctionType, parts: list[str], se
     if id(function) in seen:
         return True
     seen.add(id(function))
-    if function.__module__ == functions.__name__:
-        parts.append(f"streamkit.functions.{function.__name__}")
+    if function.__module__ in {functions.__name__, vector.__name__}:  # their text is part of the engine's digest
+        parts.append(f"{function.__module__}.{function.__name__}")
         return True
     return _describe_code(function.__code__, function, parts, seen)
 
@@ -116,21 +112,15 @@ def _describe_function(function: python_types.FunctionType, parts: list[str], se
 def _describe_code(
     code: python_types.CodeType, function: python_types.FunctionType, parts: list[str], seen: set[int]
 ) -> bool:
-    parts.append(f"{code.co_code.hex()} {code.co_names} {code.co_varnames}")
+    # The module too: numba imports it when it reads the machine code back.
+    parts.append(f"{function.__module__} {code.co_code.hex()} {code.co_names} {code.co_varnames}")
     cells = [cell.cell_contents for cell in function.__closure__ or ()]
     named = [function.__globals__[n] for n in code.co_names if n in function.__globals__]
     nested = [c for c in code.co_consts if isinstance(c, python_types.CodeType)]
     plain = [c for c in code.co_consts if not isinstance(c, python_types.CodeType)]
-    if function.__module__ == vector.__name__ and nested:  # an intrinsic's code generator: llvmlite calls
-        return all(_describe_code(c, _strip(function), parts, seen) for c in nested)
     return all(_describe(item, parts, seen) for item in [*cells, *named, *plain]) and all(
         _describe_code(c, function, parts, seen) for c in nested
     )
-
-
-def _strip(function: python_types.FunctionType) -> python_types.FunctionType:
-    """The function without its globals, for code generators whose text alone identifies them."""
-    return python_types.FunctionType(function.__code__, {"__name__": function.__module__}, function.__name__)
 
 
 _CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_ssize_t, *[ctypes.POINTER(ctypes.c_double)] * 4)
@@ -156,7 +146,7 @@ class NumpyKernel:
             x, y, z = np.ctypeslib.as_array(q, (3, ROW))[:, :n]
             parameters = [p[i] for i in range(self._count)]
             total += self._acceleration(x, y, z, np.ctypeslib.as_array(t, (n,)), *parameters)
-        except Exception as error:  # noqa: BLE001  re-raised by Field.check
+        except Exception as error:
             self.error = self.error or error
             total[:] = np.nan
 

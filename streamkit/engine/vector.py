@@ -43,7 +43,7 @@ def double_of(typing_context, x):
 
 @njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def vector_log(x):
-    """ln x for normal positive x: x = 2^k m with m in [sqrt(1/2), sqrt 2), ln m = 2 atanh((m-1)/(m+1))."""
+    """Ln x for normal positive x: x = 2^k m with m in [sqrt(1/2), sqrt 2), ln m = 2 atanh((m-1)/(m+1))."""
     bits = bits_of(x)
     shifted = bits - SQRT_HALF_BITS
     k = shifted >> 52
@@ -106,5 +106,5 @@ def _power(x, y):
 
 @overload(functions.sqrt, jit_options={"forceinline": True, "error_model": "numpy"})
 def _sqrt(x):
-    return lambda x: math.sqrt(x)
+    return lambda x: math.sqrt(x)  # noqa: PLW0108  numba wants a Python function
 
