@@ -14,9 +14,9 @@ from streamkit.engine import Field, records
 from streamkit.phase import Array, BoolArray, Orbit
 from streamkit.units import GYR
 
-LONGEST = 0.04 * GYR
+LONGEST = 0.05 * GYR
 """Longest block."""
-TURN = 0.6
+TURN = 0.75
 """Most that the progenitor turns in a block, radians: a particle of the same angular momentum at half its
 pericentre turns four times as much, still less than half a revolution, and its revolutions are counted right."""
 

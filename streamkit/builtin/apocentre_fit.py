@@ -52,26 +52,17 @@ def fit_arm(angle: Array, r: Array, guide: float) -> ArmFit | str:
     start = _first_guess(grid, smooth, _convolve(count), guide)
     if start is None:
         return "no maximum of the track near the progenitor's own apocentre"
-    centre = start
-    p = np.array([np.interp(centre, grid, smooth), centre, 60.0])
-    for _ in range(60):
-        weight = _window(grid - centre)
-        if (weight * count).sum() < FEWEST:
-            return "too few particles near the apocentre"
-        fitted = _gauss_newton(grid, count, total, weight, p)
-        if fitted is None or abs(fitted[1] - guide) > 2 * REACH:
-            return "no Gaussian fits the track near the progenitor's own apocentre"
-        p = fitted
-        if abs(p[1] - centre) < 1e-7:
-            break
-        centre = float(p[1])
-    else:
-        return "the window about the apocentre does not settle"
+    fitted = _fit(grid, count, total, start, float(np.interp(start, grid, smooth)))
+    if isinstance(fitted, str):
+        return fitted
+    if abs(fitted[1] - guide) > 2 * REACH:
+        return "no Gaussian fits the track near the progenitor's own apocentre"
+    p, centre = fitted, float(fitted[1])
     variance = _variance(grid, count, total, square, _window(grid - centre), p)
     shown = count > 0.2
     curve = centre + np.linspace(-WINDOW, WINDOW, 81)
     return ArmFit(
-        angle=float(p[1]),
+        angle=centre,
         radius=float(p[0]),
         variance=variance,
         track=(grid[shown], smooth[shown]),
@@ -121,11 +112,12 @@ def _window(x: Array) -> Array:
     return np.asarray(0.5 * (np.tanh((x + WINDOW) / EDGE) - np.tanh((x - WINDOW) / EDGE)))
 
 
-def _gaussian(x: Array, p: Array) -> tuple[Array, Array]:
-    """A exp(-(x - m)^2 / 2 s^2) and its derivatives (3, n) by A, m, s."""
-    u = (x - p[1]) / p[2]
+def _gaussian(x: Array, q: Array) -> tuple[Array, Array]:
+    """A exp(-(x - m)^2 / 2 s^2) at x (n,) and its derivatives (3, n) by A, m and ln s; q = (A, m, ln s)."""
+    u = (x - q[1]) * np.exp(-q[2])
     g = np.exp(-0.5 * u * u)
-    return p[0] * g, np.array([g, p[0] * g * u / p[2], p[0] * g * u * u / p[2]])
+    model = q[0] * g
+    return model, np.array([g, model * u * np.exp(-q[2]), model * u * u])
 
 
 def _weights(count: Array, weight: Array) -> Array:
@@ -133,35 +125,38 @@ def _weights(count: Array, weight: Array) -> Array:
     return weight * count / (count + ENOUGH * CELL)
 
 
-def _gauss_newton(grid: Array, count: Array, total: Array, weight: Array, p: Array) -> Array | None:
-    """Least squares of the Gaussian to the cells' mean radii, from p; None if it leaves the sensible range."""
-    w = _weights(count, weight)
+def _fit(grid: Array, count: Array, total: Array, centre: float, height: float) -> Array | str:
+    """Least squares of the Gaussian (A, m, s) to the cells' mean radii, in the window centred on its own maximum.
+
+    Every step is one of Gauss and Newton, in ln s so that s stays positive, damped where it would make the fit
+    worse; the window follows the maximum, until neither moves.
+    """
     mean = total / np.maximum(count, 1e-12)
-    used = w > 1e-9
-    x, y, w = grid[used], mean[used], w[used]
-    p = p.copy()
-    damping = 0.0
-    for _ in range(50):
-        model, slope = _gaussian(x, p)
+    q = np.array([height, centre, np.log(60.0)])
+    damping = 1e-3
+    for _ in range(200):
+        weight = _window(grid - q[1])
+        if (weight * count).sum() < FEWEST:
+            return "too few particles near the apocentre"
+        w = _weights(count, weight)
+        model, slope = _gaussian(grid, q)
+        rest = mean - model
         normal = (slope * w) @ slope.T
         normal[np.diag_indices(3)] *= 1 + damping
-        try:
-            step = np.linalg.solve(normal, slope @ (w * (y - model)))
-        except np.linalg.LinAlgError:
-            return None
-        trial = p + step
-        if not np.isfinite(trial).all():
-            return None
-        if trial[2] < 5 or (w * (y - _gaussian(x, trial)[0]) ** 2).sum() > (w * (y - model) ** 2).sum() * (1 + 1e-12):
-            damping = 10 * damping + 1e-3
-            if damping > 1e8:
-                return None
+        step = np.linalg.solve(normal, slope @ (w * rest))
+        step = np.clip(step, (-0.3 * height, -10.0, -0.5), (0.3 * height, 10.0, 0.5))
+        trial = q + step
+        if not 0 < trial[0] < 1e4 or not np.log(5.0) < trial[2] < np.log(1e3):
+            return "no Gaussian fits the track near the progenitor's own apocentre"
+        worse = (w * (mean - _gaussian(grid, trial)[0]) ** 2).sum() > (w * rest**2).sum() * (1 + 1e-9)
+        if worse and damping < 1e6:
+            damping = 10 * damping
             continue
-        damping *= 0.1
-        p = trial
-        if np.abs(step / (np.abs(p) + 1)).max() < 1e-11:
-            return p
-    return p if p[2] < 1e3 else None
+        damping = max(0.1 * damping, 1e-12)
+        q = trial
+        if np.abs(step / (np.abs(q) + 1)).max() < 1e-8:
+            return q
+    return "the window about the apocentre does not settle"
 
 
 def _variance(

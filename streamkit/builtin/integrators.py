@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from pydantic import Field
@@ -59,25 +59,29 @@ class ForestRuth(Integrator):
 
 
 class Adaptive(Integrator):
-    """Fourth-order splitting whose step follows each particle's own dynamical time, by powers of two per block.
+    """Splitting whose step follows each particle's own dynamical time, by powers of two per block.
 
     Particles deep in the progenitor take many steps, escaped ones few: the adaptive stepping that Gibbons+ 2014
     ask for, in batches of equal steps. Between blocks the step changes, so it is not strictly symplectic.
     """
 
     kind = "adaptive"
-    reference = "Blanes & Moan 2002, J. Comput. Appl. Math. 142, 313 (SRKN_6^b)"
+    reference = "Omelyan+ 2002, Comput. Phys. Commun. 146, 188; Blanes & Moan 2002, J. Comput. Appl. Math. 142, 313"
     order = 4
 
-    eta: PositiveNumber = Field(default=0.25, description="Longest step in units of sqrt(distance/acceleration).")
+    method: Literal["pefrl", "rkn4"] = Field(
+        default="pefrl",
+        description="4 forces a step, enough for apocentres; or 6, some thirty times as accurate for equal steps.",
+    )
+    eta: PositiveNumber = Field(default=0.2, description="Longest step in units of sqrt(distance/acceleration).")
     deepest: int = Field(default=7, ge=0, le=20, description="A block takes at most 2 to this power steps.")
 
     def advance(self, field: ForceField, q: Array, v: Array, t0: Array, t1: float) -> None:
         """Advance in place."""
-        from streamkit.engine import RKN4, adaptive_step
+        from streamkit.engine import PEFRL, RKN4, adaptive_step
 
         if len(t0):
-            adaptive_step(field, RKN4, q, v, t0, t1, self.eta, self.deepest)
+            adaptive_step(field, PEFRL if self.method == "pefrl" else RKN4, q, v, t0, t1, self.eta, self.deepest)
 
 
 class Reference(Integrator):
