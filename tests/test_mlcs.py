@@ -21,11 +21,15 @@ def streams() -> dict[tuple[str, bool], Stream]:
 
 
 @pytest.mark.parametrize(
-    ("integrator", "median", "p99"),
-    [(ForestRuth(), 1e-4, 0.05), (Adaptive(), 1e-2, 2.0), (Adaptive(method="rkn4", eta=0.15), 1e-4, 0.05)],
+    ("integrator", "median", "p90", "p99"),
+    [
+        (ForestRuth(), 1e-4, 0.01, 0.05),
+        (Adaptive(), 1e-2, 0.1, 10.0),  # the last per cent is chaotic: recaptured and released again
+        (Adaptive(method="rkn4", eta=0.15), 1e-4, 1e-3, 0.05),
+    ],
     ids=["pefrl", "adaptive", "adaptive-rkn4"],
 )
-def test_final_positions_agree_with_an_independent_code(integrator, median, p99):
+def test_final_positions_agree_with_an_independent_code(integrator, median, p90, p99):
     """Escaped particles of the reference stream end where a converged DOP853 of another code puts them."""
     data = np.load(DATA / "nfw_stream.npz")
     host = build_field([NFW(mass=3.584843593e11, rs=9.370845158)])
@@ -41,6 +45,7 @@ def test_final_positions_agree_with_an_independent_code(integrator, median, p99)
 
     assert orbit.r_tidal[-1] == pytest.approx(4.45, abs=0.01)
     assert np.median(error) < median
+    assert np.percentile(error, 90) < p90
     assert np.percentile(error, 99) < p99
 
 
