@@ -16,7 +16,6 @@ class Sampler(BaseModel):
         default=64, ge=2, description="Number of walkers, at least twice the free parameters."
     )
     steps: int = Field(default=5000, ge=1, description="Longest chain, in steps per walker.")
-    thin: int = Field(default=1, ge=1, description="Store every so many steps.")
     tau_factor: float = Field(
         default=50.0, gt=0, description="Stop when the chain is longer than so many autocorrelation times."
     )
