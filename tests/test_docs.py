@@ -18,9 +18,11 @@ import pytest
 from commands import call
 from documents import DOCUMENTS, ROOT, Block, blocks, lay_desk
 from runfiles import BASE
+from snapshots import model_stream, nbody_stream
 
 import streamkit as sk
 from streamkit import cli, output, registry, testing, toml
+from streamkit.builtin.observables import Apocentres
 from streamkit.components import Component
 
 README, CONTRIBUTING = DOCUMENTS[0], DOCUMENTS[1]
@@ -210,6 +212,24 @@ def test_the_set_up_names_what_exists() -> None:
 def test_links_lead_somewhere(document: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+)\)", document.read_text(encoding="utf-8")):
         assert target.startswith("https://") or (document.parent / target).exists(), target
+
+
+def test_the_table_of_the_two_rules_is_what_comes_out() -> None:
+    """Within the noise of 10 000 particles (the README's are 20 000)."""
+    text = README.read_text(encoding="utf-8")
+    streams = {
+        "N-body": nbody_stream("B"),
+        "mLCS": model_stream("B"),
+        "mLCS without the progenitor's gravity": model_stream("B", progenitor_gravity=False),
+    }
+    for name, stream in streams.items():
+        row = re.search(rf"^\| {re.escape(name)} \|(.*)\|$", text, re.MULTILINE)
+        assert row is not None, name
+        stated = [float(cell.split()[0]) for cell in row[1].split("|")]
+        literal = Apocentres(recent_debris="literal").predict(stream).mean
+        aware = Apocentres(recent_debris="epoch_aware").predict(stream).mean
+        found = [literal[0], literal[1], aware[1], aware[2]]
+        assert stated == pytest.approx(found, abs=0.06 if name == "N-body" else 1.0), name
 
 
 def test_every_component_is_in_a_readme() -> None:
