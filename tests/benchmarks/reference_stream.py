@@ -1,0 +1,158 @@
+"""CPU seconds of one stream: streamkit, gala and galpy side by side, in alternation, on one core.
+
+    python tests/benchmarks/reference_stream.py [--rounds 3]
+
+The job is section 3.2 of Gibbons, Belokurov & Evans 2014: an NFW halo (M200 = 7.5e11 Msun, c = 20), a Plummer
+progenitor (6.4e8 Msun, 0.85 kpc) on an orbit of 18 to 70 kpc, 12 660 particles over 4.31 Gyr, progenitor gravity on.
+Everything counts: track, release, integration, stripping times, winding. streamkit's position errors are those of the
+escaped particles of tests/data/nfw_stream.npz against an independent code's converged answer. gala runs its leapfrog
+at the release spacing, as its DOP853 with progenitor gravity fails for most seeds in 1.11.0 (its issue 466). galpy
+integrates every 40th particle by hand and is scaled up. What is not installed is left out, and said so.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import streamkit as sk
+from streamkit.builtin.integrators import Adaptive, ForestRuth
+from streamkit.builtin.potentials import NFW, Plummer, TruncatedFlat
+from streamkit.builtin.stripping import LagrangeCloud
+from streamkit.components import Integrator, Potential
+from streamkit.engine import build_field
+from streamkit.march import march
+from streamkit.model import NODE, simulate, standard_normals, tidal_radius
+from streamkit.spec import Setup
+
+MASS, RADIUS, LOOKBACK, PARTICLES = 6.4e8, 0.85, 4.31, 12660
+HALO = NFW(mass=3.584843593e11, rs=9.370845158)
+FLAT = TruncatedFlat(v0=210.0, rs=12.0, alpha=0.45)
+DATA = np.load(Path(__file__).parents[1] / "data" / "nfw_stream.npz")
+START = DATA["progenitor_start"]
+
+
+def today(host: Potential) -> tuple[np.ndarray, np.ndarray]:
+    """The progenitor at the end of the job."""
+    orbit = build_field([host]).orbit(START[:3], START[3:], -LOOKBACK * sk.GYR, 0.0, NODE)
+    return orbit.q[:, -1].copy(), orbit.v[:, -1].copy()
+
+
+def streamkit_job(integrator: Integrator, host: Potential, gravity: bool = True) -> Callable[[], None]:
+    """One whole stream."""
+    q, v = today(host)
+    stripping = LagrangeCloud(particles=PARTICLES, sigma=10.0, progenitor_gravity=gravity)
+    satellite = Plummer(mass=MASS, radius=RADIUS)
+    setup = Setup({"potential": host}, satellite, MASS, q, v, LOOKBACK, stripping, integrator, None, 1, {})
+    normals = standard_normals(stripping, 1)
+    return lambda: void(simulate(setup, normals))
+
+
+def void(_: object) -> None:
+    """Drop a result."""
+
+
+def streamkit_errors(integrator: Integrator) -> np.ndarray:
+    """(n,) Position errors in kpc of the escaped particles."""
+    host = build_field([HALO])
+    track = host.orbit(START[:3], START[3:], -LOOKBACK * sk.GYR, 0.0, NODE)
+    orbit = sk.Orbit(track.t, track.q, track.v, track.a, tidal_radius(host, track, MASS))
+    field = host.with_followers(build_field([Plummer(mass=MASS, radius=RADIUS)]), orbit)
+    q, v = np.ascontiguousarray(DATA["release"].T[:3]), np.ascontiguousarray(DATA["release"].T[3:])
+    done = march(field, integrator, orbit, DATA["t_release"] * sk.GYR, q, v)
+    final = DATA["final"].T[:3]
+    escaped = np.sqrt(((final - orbit.q[:, -1:]) ** 2).sum(axis=0)) > 2 * orbit.r_tidal[-1]
+    return np.asarray(np.sqrt(((done.q - final) ** 2).sum(axis=0))[escaped])
+
+
+def gala_job() -> Callable[[], None]:
+    """gala's Lagrange cloud with its leapfrog at the release spacing."""
+    import gala.dynamics as gd
+    import gala.potential as gp
+    from astropy import units as u
+    from gala.dynamics import mockstream as ms
+    from gala.units import galactic
+
+    host = gp.NFWPotential(m=HALO.mass * u.Msun, r_s=HALO.rs * u.kpc, units=galactic)
+    satellite = gp.PlummerPotential(m=MASS * u.Msun, b=RADIUS * u.kpc, units=galactic)
+    scheme = ms.LagrangeCloudStreamDF(v_disp=10 * u.km / u.s, random_state=np.random.RandomState(42))
+    generator = ms.MockStreamGenerator(scheme, gp.Hamiltonian(host), progenitor_potential=satellite)
+    w0 = gd.PhaseSpacePosition(pos=START[:3] * u.kpc, vel=START[3:] * u.km / u.s)
+    steps = PARTICLES // 2
+    grid = {"dt": LOOKBACK * 1000 / steps * u.Myr, "n_steps": steps, "Integrator": "leapfrog"}
+    return lambda: void(generator.run(w0, MASS * u.Msun, n_particles=1, progress=False, **grid))
+
+
+def galpy_job(every: int = 40) -> Callable[[], None]:
+    """galpy's compiled DOP853 by hand on a few particles; the caller scales the time."""
+    from astropy import units as u
+    from galpy.orbit import Orbit
+    from galpy.potential import MovingObjectPotential, NFWPotential, PlummerPotential
+
+    host = NFWPotential(amp=HALO.mass * u.Msun, a=HALO.rs * u.kpc, ro=8.0, vo=220.0)
+    satellite = PlummerPotential(amp=MASS * u.Msun, b=RADIUS * u.kpc, ro=8.0, vo=220.0)
+
+    def orbit(w: np.ndarray) -> Orbit:
+        x, y, z, vx, vy, vz = w
+        R, phi = np.hypot(x, y), np.arctan2(y, x)
+        vR, vT = vx * np.cos(phi) + vy * np.sin(phi), vy * np.cos(phi) - vx * np.sin(phi)
+        return Orbit([R / 8, vR / 220, vT / 220, z / 8, vz / 220, phi], ro=8.0, vo=220.0)
+
+    def job() -> None:
+        progenitor = orbit(START)
+        progenitor.integrate(np.linspace(0, LOOKBACK, 4311) * u.Gyr, host, method="dop853_c")
+        total = [host, MovingObjectPotential(progenitor, pot=satellite)]
+        for t, w in zip(DATA["t_release"][:: every // 10], DATA["release"][:: every // 10], strict=True):
+            orbit(w).integrate(np.array([LOOKBACK + t, LOOKBACK]) * u.Gyr, total, method="dop853_c")
+
+    return job
+
+
+def main() -> None:
+    """Time every job in turn, several rounds, and print minima and ratios."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=3, help="rounds of all jobs in alternation")
+    rounds = parser.parse_args().rounds
+    settings: dict[str, Integrator] = {
+        "adaptive (default)": Adaptive(),
+        "adaptive, eta 0.1": Adaptive(eta=0.1),
+        "adaptive, rkn4, eta 0.2": Adaptive(method="rkn4", eta=0.2),
+        "adaptive, rkn4, eta 0.15": Adaptive(method="rkn4", eta=0.15),
+        "pefrl, 4 Myr": ForestRuth(),
+    }
+    jobs = {f"streamkit {name}": (streamkit_job(i, HALO), 1.0) for name, i in settings.items()}
+    jobs["streamkit default, TF host"] = streamkit_job(Adaptive(), FLAT), 1.0
+    jobs["streamkit default, no progenitor gravity"] = streamkit_job(Adaptive(), HALO, gravity=False), 1.0
+    for name, make, scale in (("gala, leapfrog", gala_job, 1.0), ("galpy, dop853_c by hand", galpy_job, 40.0)):
+        try:
+            jobs[name] = make(), scale
+        except ImportError as error:
+            print(f"{name} is left out: {error}")
+    seconds: dict[str, list[float]] = {name: [] for name in jobs}
+    for _ in range(rounds):
+        for name, (job, scale) in jobs.items():
+            begin = time.process_time()
+            job()
+            seconds[name].append(scale * (time.process_time() - begin))
+    best = {name: min(values) for name, values in seconds.items()}
+    reference = best["streamkit adaptive (default)"]
+    print(f"{'':42s} CPU s   ratio  particles/s  median, 99 % error [kpc]")
+    for name, value in best.items():
+        line = f"{name:42s} {value:6.3f} {value / reference:7.1f} {PARTICLES / value:11.0f}"
+        if (integrator := settings.get(name.removeprefix("streamkit "))) is not None:
+            errors = streamkit_errors(integrator)
+            line += f"  {np.median(errors):.1e}  {np.percentile(errors, 99):.1e}"
+        print(line)
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("ignore")
+    main()
