@@ -125,8 +125,7 @@ def stream(
 
     begin = time.process_time()
     setup = spec.bind()
-    made = Model(spec).stream()
-    prediction = setup.observable.predict(made) if setup.observable else None
+    made, prediction = Model(spec).observe(setup)
     spent = time.process_time() - begin
     click.echo(describe_stream(spec, setup, made, prediction, spent, _settings(settings)))
     if output is not None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from streamkit.engine import build_field
-from streamkit.errors import OutOfDomain
+from streamkit.errors import OutOfDomain, blamed
 from streamkit.model import NODE, next_apocentre, progenitor_track
 from streamkit.phase import Array, Orbit
 from streamkit.spec import Setup
@@ -93,5 +93,9 @@ def escapes(setup: Setup) -> bool | None:
     if not all(potential.has_energy() for potential in host):
         return None
     far = setup.q * (FAR / np.sqrt(setup.q @ setup.q))
-    here, there = (sum(float(p.potential(*x, 0.0, *p.internal())) for p in host) for x in (setup.q, far))
+    here = there = 0.0
+    for p in host:
+        with blamed(f"potential {p.kind}"):
+            here += float(p.potential(*setup.q, 0.0, *p.internal()))
+            there += float(p.potential(*far, 0.0, *p.internal()))
     return bool(0.5 * setup.v @ setup.v + here > there)

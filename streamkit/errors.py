@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 
 class StreamkitError(Exception):
@@ -44,3 +45,41 @@ def nearest(name: str, allowed: Iterable[str]) -> str:
     """Return ``" Did you mean 'x'?"`` for the closest allowed name, or an empty string."""
     close = difflib.get_close_matches(name, list(allowed), n=1, cutoff=0.5)
     return f" Did you mean {close[0]!r}?" if close else ""
+
+
+@contextmanager
+def blamed(component: str) -> Iterator[None]:
+    """Turn whatever a component raises into a `ComponentError`; what streamkit raises on purpose passes.
+
+    Parameters
+    ----------
+    component
+        Role and kind, for the message: ``stripping mlcs``.
+
+    Raises
+    ------
+    ComponentError
+        With the component, the exception, and the function it came from; the exception is its cause.
+    """
+    try:
+        yield
+    except StreamkitError:
+        raise
+    except Exception as error:
+        text = f"{type(error).__name__} in {_culprit(error)}: {error}".rstrip(": \n")
+        raise ComponentError(f"{component} failed: {text}") from error
+
+
+LIBRARIES = ("numpy", "scipy", "numba", "astropy", "pydantic", "contextlib")
+
+
+def _culprit(error: BaseException) -> str:
+    """Name the function in which an exception was raised: the innermost one outside installed libraries."""
+    place = "a component"
+    trace = error.__traceback__
+    while trace is not None:
+        code, module = trace.tb_frame.f_code, trace.tb_frame.f_globals.get("__name__", "")
+        if module.split(".")[0] not in LIBRARIES:
+            place = f"{module}.{code.co_qualname}"
+        trace = trace.tb_next
+    return place

@@ -11,6 +11,7 @@ import numpy as np
 
 from streamkit.components import Integrator
 from streamkit.engine import Field, records
+from streamkit.errors import blamed
 from streamkit.phase import Array, BoolArray, Orbit
 from streamkit.units import GYR
 
@@ -60,7 +61,8 @@ def march(field: Field, integrator: Integrator, orbit: Orbit, t_release: Array, 
 
     active = np.searchsorted(t_release, edges[1:], side="left")
     for t1, state, r_tidal, m in zip(edges[1:], states[1:], at_edges.r_tidal[1:], active, strict=True):
-        integrator.advance(field, q[:, :m], v[:, :m], now[:m], t1)
+        with blamed(f"integrator {integrator.kind}"):
+            integrator.advance(field, q[:, :m], v[:, :m], now[:m], t1)
         records.record(
             now[:m], t1, q[:, :m], v[:, :m], state, r_tidal, plane, revolutions[:m], planar[:, :m], chi[:m],
             gap[:m], t_strip[:m], dq_strip[:, :m], dv_strip[:, :m],

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from streamkit.components import Potential
+from streamkit.errors import blamed
 from streamkit.phase import Array
 from streamkit.units import G
 
@@ -44,7 +45,8 @@ def inward(potentials: Sequence[Potential], directions: Array, radii: Array) -> 
     total = np.zeros((3, len(x)))
     for potential in potentials:
         parameters = potential.internal().tolist()
-        total += np.stack(type(potential).acceleration(x, y, z, np.zeros_like(x), *parameters))
+        with blamed(f"potential {potential.kind}"):
+            total += np.stack(type(potential).acceleration(x, y, z, np.zeros_like(x), *parameters))
     shape = (3, len(radii), directions.shape[1])
     return np.asarray(-np.einsum("crk,ck->rk", total.reshape(shape), directions))
 

@@ -1,17 +1,18 @@
-"""From parameters to a stream: the progenitor's track, the release, the march to today."""
+"""From parameters to a stream and what is observed of it: the progenitor's track, the release, the march to today."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import cached_property
 
 import numpy as np
 
-from streamkit.components import Stripping
+from streamkit.components import Observable, Stripping
 from streamkit.engine import Field, build_field
-from streamkit.errors import OutOfDomain
+from streamkit.errors import ComponentError, OutOfDomain, blamed
 from streamkit.march import march
-from streamkit.phase import LEADING, TRAILING, Array, Orbit, Stream
+from streamkit.phase import LEADING, TRAILING, Array, IntArray, Orbit, Prediction, Release, Stream
 from streamkit.spec import Setup, Spec
 from streamkit.units import GYR, G
 
@@ -35,8 +36,9 @@ class Model:
     @cached_property
     def normals(self) -> Array:
         """(draws, n) The standard normals of all particles; the first n do not depend on their number."""
-        setup = self.spec.bind(self.spec.centre())
-        return standard_normals(setup.stripping, setup.seed)
+        setup = self.spec.bind()
+        with blamed(f"stripping {setup.stripping.kind}"):
+            return standard_normals(setup.stripping, setup.seed)
 
     def stream(self, parameters: Array | Mapping[str, float] | None = None) -> Stream:
         """Return the stream at parameters (d,), or a mapping of some of them; the rest at the prior's centre.
@@ -46,9 +48,33 @@ class Model:
         OutOfDomain
             If there is no such stream; its reason says why.
         ComponentError
-            If a component fails.
+            If a component fails or breaks its contract: with its role, its kind and the parameters.
         """
-        return simulate(self.spec.bind(self.spec.centre() if parameters is None else parameters), self.normals)
+        setup = self.spec.bind(parameters)
+        with self.naming_parameters(setup):
+            return simulate(setup, self.normals)
+
+    def observe(self, setup: Setup) -> tuple[Stream, Prediction | None]:
+        """Return the stream of a bound spec, and what its observable says of it (None without one).
+
+        Raises
+        ------
+        OutOfDomain, ComponentError
+            As `stream`; an observable without a value gives a reason instead.
+        """
+        with self.naming_parameters(setup):
+            stream = simulate(setup, self.normals)
+            return stream, None if setup.observable is None else measure(setup.observable, stream)
+
+    @contextmanager
+    def naming_parameters(self, setup: Setup) -> Iterator[None]:
+        """Add the free parameters to a `ComponentError`; its cause stays."""
+        try:
+            yield
+        except ComponentError as error:
+            given = zip(setup.values.items(), self.spec.units, strict=True)
+            text = ", ".join(f"{name} = {value!r} {unit}".strip() for (name, value), unit in given)
+            raise ComponentError(f"{error}. Parameters: {text or 'none is free'}") from error.__cause__
 
 
 def standard_normals(stripping: Stripping, seed: int) -> Array:
@@ -75,9 +101,7 @@ def simulate(setup: Setup, normals: Array) -> Stream:
     """Return the stream of fully bound components, with normals (draws, n) that belong to the particles."""
     host = build_field(list(setup.potentials.values()))
     orbit = progenitor_track(host, setup)
-    times = setup.stripping.times(orbit)
-    tail = np.where(np.arange(len(times)) % 2 == 0, LEADING, TRAILING)
-    release = setup.stripping.release(orbit.at(times), tail, setup.mass, normals)
+    times, tail, release = released(setup, orbit, normals)
     field = host
     if setup.stripping.progenitor_gravity:
         field = host.with_followers(build_field([setup.satellite]), orbit)
@@ -99,6 +123,60 @@ def simulate(setup: Setup, normals: Array) -> Stream:
         future=next_apocentre(host, setup),
         parameters=dict(setup.values),
     )
+
+
+def released(setup: Setup, orbit: Orbit, normals: Array) -> tuple[Array, IntArray, Release]:
+    """Return the release times (n,), Lagrange points (n,) and states of all particles.
+
+    Raises
+    ------
+    ComponentError
+        If the stripping scheme fails, or returns other shapes, times or numbers than it should.
+    """
+    scheme, n = setup.stripping, setup.stripping.particles
+    name = f"stripping {scheme.kind}"
+    with blamed(name):
+        times = np.asarray(scheme.times(orbit), dtype=float)
+        if times.shape != (n,):
+            raise ComponentError(f"{name}: `times` returned the shape {times.shape}, expected ({n},)")
+        if not ((np.diff(times) >= 0).all() and orbit.t[0] <= times[0] and times[-1] <= orbit.t[-1]):
+            raise ComponentError(f"{name}: the release times must increase from the look-back time to today")
+        tail = np.where(np.arange(n) % 2 == 0, LEADING, TRAILING)
+        release = scheme.release(orbit.at(times), tail, setup.mass, normals)
+        for what, values in (("q", release.q), ("v", release.v)):
+            if np.shape(values) != (3, n):
+                found = np.shape(values)
+                raise ComponentError(f"{name}: released `{what}` has the shape {found}, expected (3, {n})")
+            if not np.isfinite(values).all():
+                raise ComponentError(f"{name}: released `{what}` holds numbers that are not finite")
+    return times, tail, release
+
+
+def measure(observable: Observable, stream: Stream) -> Prediction:
+    """Return what the observable says of the stream.
+
+    Raises
+    ------
+    ComponentError
+        If it fails, or predicts other shapes than its data have, or no number without a reason.
+    """
+    name = f"observable {observable.kind}"
+    with blamed(name):
+        prediction, (data, _) = observable.predict(stream), observable.data()
+        mean, variance = np.shape(prediction.mean), np.shape(prediction.variance)
+        if prediction.why_not:
+            return prediction
+        if not len(prediction.names) == len(data) or not mean == variance == np.shape(data):
+            raise ComponentError(
+                f"{name}: predicted {mean} values with {variance} variances and {len(prediction.names)} names "
+                f"for {np.shape(data)} data"
+            )
+        if not (np.isfinite(prediction.mean).all() and (prediction.variance >= 0).all()):
+            raise ComponentError(
+                f"{name}: predicted {np.asarray(prediction.mean).tolist()} with variances "
+                f"{np.asarray(prediction.variance).tolist()}, not all of them usable numbers, and gave no reason"
+            )
+    return prediction
 
 
 def progenitor_track(host: Field, setup: Setup) -> Orbit:

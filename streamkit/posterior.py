@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from streamkit.errors import ComponentError, OutOfDomain, SpecError
-from streamkit.model import Model, simulate
+from streamkit.errors import ComponentError, OutOfDomain, SpecError, blamed
+from streamkit.model import Model
 from streamkit.phase import Array, Prediction, Stream
 from streamkit.spec import Setup, Spec
 
@@ -80,10 +80,11 @@ class Posterior:
         self.add_noise = spec.document["likelihood"]["noise"] == "add"
         if not spec.names:
             raise SpecError("no field has a prior: a fit needs at least one free parameter")
-        observable = spec.bind(spec.centre()).observable
+        observable = spec.bind().observable
         if observable is None:
             raise SpecError("observable: there is none, and a fit needs one with data")
-        data, _ = observable.data()
+        with blamed(f"observable {observable.kind}"):
+            data, _ = observable.data()
         if not np.isfinite(data).any():
             raise SpecError("observable: there is no datum to compare with")
         self.size = len(data)
@@ -116,69 +117,43 @@ class Posterior:
             return self._rejected(OUTSIDE)
         try:
             setup = self.spec.bind(theta)
-            prediction = self._predict(setup)
-            if prediction.why_not:
-                return self._rejected(prediction.why_not)
-            ln_likelihood = self._compare(setup, prediction)
+            prediction = self._observed(setup)[1]
         except OutOfDomain as error:
             return self._rejected(error.reason)
-        except ComponentError as error:
-            raise ComponentError(f"{error}. {self._at(theta)}") from error
-        except Exception as error:  # any failure stops the run, with name and parameters
-            what = f"{type(error).__name__} in {_culprit(error)}: {error}"
-            raise ComponentError(f"{what}. {self._at(theta)}") from error
+        if prediction.why_not:
+            return self._rejected(prediction.why_not)
+        with self.model.naming_parameters(setup):
+            ln_likelihood = self._compare(setup, prediction)
         return Evaluation(ln_prior + ln_likelihood, ln_likelihood, prediction.mean, prediction.variance)
 
     def predict(self, theta: Array) -> tuple[Stream, Prediction]:
-        """Return the stream at theta and what the observable says of it.
+        """Return the stream at theta (d,) and what the observable says of it.
 
         Raises
         ------
         OutOfDomain
             If there is no stream there.
+        ComponentError
+            As `evaluate`.
         """
-        setup = self.spec.bind(theta)
-        assert setup.observable is not None  # noqa: S101  checked in __init__
-        stream = simulate(setup, self.model.normals)
-        return stream, setup.observable.predict(stream)
+        return self._observed(self.spec.bind(theta))
 
-    def _predict(self, setup: Setup) -> Prediction:
-        assert setup.observable is not None  # noqa: S101  checked in __init__
-        return setup.observable.predict(simulate(setup, self.model.normals))
+    def _observed(self, setup: Setup) -> tuple[Stream, Prediction]:
+        stream, prediction = self.model.observe(setup)
+        assert prediction is not None  # noqa: S101  __init__ has made sure of an observable
+        return stream, prediction
 
     def _compare(self, setup: Setup, prediction: Prediction) -> float:
         assert setup.observable is not None  # noqa: S101  checked in __init__
         data, sigma = setup.observable.data()
-        kind = setup.observable.kind
-        if prediction.mean.shape != data.shape or prediction.variance.shape != data.shape:
-            raise ComponentError(
-                f"observable {kind}: predicted {prediction.mean.shape} values with "
-                f"{prediction.variance.shape} variances for {data.shape} data"
-            )
         value = gaussian(prediction.mean, prediction.variance, data, sigma, self.add_noise)
         if not np.isfinite(value):
             raise ComponentError(
-                f"observable {kind}: predicted {prediction.mean.tolist()} with variances "
-                f"{prediction.variance.tolist()}, not all of them usable numbers, and gave no reason"
+                f"observable {setup.observable.kind}: predicted {prediction.mean.tolist()} for data "
+                f"{data.tolist()} with errors {sigma.tolist()}: the likelihood is no finite number"
             )
         return value
 
     def _rejected(self, reason: str) -> Evaluation:
         nothing = np.full(self.size, np.nan)
         return Evaluation(-np.inf, -np.inf, nothing, nothing, reason)
-
-    def _at(self, theta: Array) -> str:
-        values = zip(self.spec.names, theta, self.spec.units, strict=True)
-        return "Parameters: " + ", ".join(f"{n} = {float(x)!r} {u}".strip() for n, x, u in values)
-
-
-def _culprit(error: BaseException) -> str:
-    """Name the function in which an exception was raised: the innermost one outside installed libraries."""
-    place = "a component"
-    trace = error.__traceback__
-    while trace is not None:
-        code, module = trace.tb_frame.f_code, trace.tb_frame.f_globals.get("__name__", "")
-        if module.split(".")[0] not in ("numpy", "scipy", "numba", "astropy", "pydantic"):
-            place = f"{module}.{code.co_qualname}"
-        trace = trace.tb_next
-    return place

@@ -125,14 +125,10 @@ def preflight(spec: Spec, *, draws: int = 64) -> Preflight:
 def predict(model: Model, theta: Array) -> tuple[Prediction | None, str]:
     """Return what the observable says of the stream at theta (d,), and the reason if it says nothing."""
     try:
-        setup = model.spec.bind(theta)
-        stream = model.stream(theta)
+        _, prediction = model.observe(model.spec.bind(theta))
     except OutOfDomain as error:
         return None, error.reason
-    if setup.observable is None:
-        return None, ""
-    prediction = setup.observable.predict(stream)
-    return prediction, prediction.why_not
+    return prediction, "" if prediction is None else prediction.why_not
 
 
 def measure(spec: Spec, theta: Array, first: float) -> tuple[float, str]:

@@ -103,13 +103,13 @@ def run(
         begin + QUICK_SAMPLING if quick else np.inf,
     )
     directory = None if out is None else Path(out)
+    posterior.evaluate(spec.centre())  # compiles once, before the workers fork; fails before anything is written
     with ExitStack() as stack:
         going_on, backend = False, Backend()
         if directory is not None:
             stack.enter_context(output.locked(directory))
             going_on = output.claim(directory, spec, {"quick": quick, "steps": limits.steps}, resume, force)
             backend = chain.ChainFile(str(directory / chain.NAME))
-        posterior.evaluate(spec.centre())  # compile here, once, before the workers are forked
         pool = stack.enter_context(Workers({"full": posterior, "cheap": cheap}, workers))
         stack.enter_context(_explained(pool, directory, backend, spec))
         sampling = Sampling(

@@ -155,7 +155,7 @@ def _fit(grid: Array, count: Array, total: Array, centre: float, height: float) 
         damping = max(0.1 * damping, 1e-12)
         q = trial
         if np.abs(step / (np.abs(q) + 1)).max() < 1e-8:
-            return q
+            return np.asarray(q)
     return "the window about the apocentre does not settle"
 
 
