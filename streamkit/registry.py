@@ -77,7 +77,7 @@ def load(files: Iterable[str | Path] = (), points: Iterable[EntryPoint] | None =
     failed: list[str] = []
     modules: list[tuple[str, str, ModuleType]] = []
     seen: dict[str, str] = {}
-    for point in sorted(entry_points(group=GROUP) if points is None else points, key=_builtin_first):
+    for point in sorted(entry_points(group=GROUP) if points is None else points, key=_order):
         supplier = _supplier(point)
         if point.name in seen:
             raise PluginError(
@@ -107,17 +107,30 @@ def _collect(modules: list[tuple[str, str, ModuleType]]) -> dict[str, dict[str, 
             manager.check_pending()
         except pluggy.PluginValidationError as error:
             raise PluginError(f"{supplier}: {error}. The only hook is 'streamkit_components'.") from None
-        for cls in module.streamkit_components():
+        try:
+            found = list(module.streamkit_components())
+        except Exception as error:
+            what = f"{type(error).__name__}: {error}"
+            raise PluginError(f"{supplier}: the hook streamkit_components gives no list ({what})") from error
+        for cls in found:
             _add(entries, cls, supplier)
     return entries
 
 
 def _add(entries: dict[str, dict[str, Entry]], cls: Any, supplier: str) -> None:
-    if not (inspect.isclass(cls) and issubclass(cls, Component)):
-        raise PluginError(f"{supplier}: {cls!r} is no component class")
+    if not (inspect.isclass(cls) and issubclass(cls, Potential | Stripping | Integrator | Observable)):
+        raise PluginError(f"{supplier}: {cls!r} is no component class: {', '.join(ROLES)}")
+    if "kind" in cls.model_fields:
+        raise PluginError(
+            f"{supplier}: {cls.__name__} has a field called 'kind', which in a run file names the component: "
+            "call the field something else"
+        )
     if inspect.isabstract(cls) or not cls.__dict__.get("kind"):
         missing = ", ".join(sorted(cls.__abstractmethods__)) or "kind"
         raise PluginError(f"{supplier}: {cls.__name__} is abstract, it does not define {missing}")
+    missing = ", ".join(name for name in ROLES[cls.role].__annotations__ if not _has(cls, name))
+    if missing:
+        raise PluginError(f"{supplier}: {cls.__name__} does not define {missing}, which every {cls.role} has")
     clash = entries[cls.role].get(cls.kind)
     if clash is not None:
         raise PluginError(
@@ -126,8 +139,14 @@ def _add(entries: dict[str, dict[str, Entry]], cls: Any, supplier: str) -> None:
     entries[cls.role][cls.kind] = Entry(cls, supplier)
 
 
-def _builtin_first(point: EntryPoint) -> tuple[bool, str]:
-    return not point.value.startswith("streamkit."), point.name
+def _has(cls: type[Component], name: str) -> bool:
+    """Say whether a class has what its base annotates: a field, or a constant that it must define."""
+    return name in cls.model_fields or hasattr(cls, name)
+
+
+def _order(point: EntryPoint) -> tuple[bool, str, str]:
+    """Built-ins first, then by names: the order in which a file system lists them must not matter."""
+    return not point.value.startswith("streamkit."), point.name, _supplier(point)
 
 
 def _supplier(point: EntryPoint) -> str:

@@ -115,8 +115,10 @@ def test_two_plugins_of_one_name(install):
     points = install("streamkit-two", "reg_two", text(kind="other"), point="same")
     with pytest.raises(sk.PluginError, match="two distributions use the entry-point name 'same'") as caught:
         registry.load(points=points)
-    assert "streamkit-one 1.2" in str(caught.value)
-    assert "streamkit-two 1.2" in str(caught.value)
+    assert "streamkit-one 1.2 and streamkit-two 1.2" in str(caught.value)
+    with pytest.raises(sk.PluginError) as again:  # whatever the order in which the file system lists them
+        registry.load(points=points[::-1])
+    assert str(again.value) == str(caught.value)
 
 
 def test_two_components_of_one_kind(install):
