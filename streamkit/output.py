@@ -111,7 +111,7 @@ def claim(directory: Path, spec: Spec, options: dict[str, Any], resume: bool, fo
 
 def _write_run_file(directory: Path, spec: Spec, options: dict[str, Any]) -> None:
     """Write the resolved run file, with copies of its plugin files: the directory can be read anywhere."""
-    sources = [Path(name) for name in spec.document.get("plugins", [])]
+    sources = [spec.folder / name for name in spec.document.get("plugins", [])]
     for source in sources:
         (directory / PLUGINS).mkdir(exist_ok=True)
         write(directory / PLUGINS / source.name, partial(shutil.copyfile, source))

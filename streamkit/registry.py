@@ -7,7 +7,7 @@ import importlib.util
 import inspect
 import sys
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
@@ -39,7 +39,6 @@ class Registry:
 
     entries: Mapping[str, Mapping[str, Entry]]
     failed: tuple[str, ...] = ()
-    files: tuple[str, ...] = field(default=())
 
     def find(self, role: str, kind: Any, where: str) -> type[Component]:
         """Return the class called ``kind``.
@@ -89,9 +88,8 @@ def load(files: Iterable[str | Path] = (), points: Iterable[EntryPoint] | None =
             modules.append((point.name, supplier, point.load()))
         except Exception as error:
             failed.append(f"{supplier}, entry point {point.name!r} ({type(error).__name__}: {error})")
-    names = tuple(str(Path(file)) for file in files)
-    modules.extend(_load_file(Path(name)) for name in names)
-    return Registry(_collect(modules), tuple(failed), names)
+    modules.extend(_load_file(Path(file)) for file in files)
+    return Registry(_collect(modules), tuple(failed))
 
 
 def _collect(modules: list[tuple[str, str, ModuleType]]) -> dict[str, dict[str, Entry]]:

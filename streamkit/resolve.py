@@ -60,9 +60,11 @@ def _plain(path: str, instance: BaseModel) -> Section[Any]:
 
 
 def resolve(
-    source: Mapping[str, Any], name: str, registry: Registry | None, folder: Path | None = None
+    source: Mapping[str, Any], name: str, registry: Registry | None, folder: Path
 ) -> tuple[dict[str, Any], str, Registry, Parts]:
     """Validate the mapping of a run file; return the resolved document, its name, registry and sections.
+
+    The paths of plugin files are relative to ``folder``, and stay as they are written.
 
     Raises
     ------
@@ -70,10 +72,10 @@ def resolve(
         With every error on a line of its own.
     """
     reader = _Reader(name, _plain_values(source))
-    files = reader.head(folder or Path())
+    files = reader.head()
     if registry is None:
         try:
-            registry = registries.load(files)
+            registry = registries.load((folder / file).resolve() for file in files)
         except SpecError as error:
             raise SpecError(f"{name}: {error}") from None
     parts = reader.parts(registry)
@@ -87,8 +89,8 @@ class _Reader:
         self.name, self.raw = name, raw
         self.errors: list[str] = []
 
-    def head(self, folder: Path) -> list[str]:
-        """Check what stands outside the sections; return the plugin files."""
+    def head(self) -> list[str]:
+        """Check what stands outside the sections; return the plugin files as written."""
         raw, say = self.raw, self.errors.append
         if not raw:
             say("the run file is empty; it needs at least the sections potential, progenitor and stripping")
@@ -109,11 +111,15 @@ class _Reader:
                 )
             elif key in SECTIONS and not isinstance(value, dict):
                 say(f"{key}: found {value!r}, expected a section, [{key}]")
-        files = raw.get("plugins", [])
+        files: Any = raw.get("plugins", [])
         if not isinstance(files, list) or not all(isinstance(file, str) for file in files):
             say(f'plugins: found {files!r}, expected a list of Python files, such as ["my_halo.py"]')
+        else:
+            names = [Path(file).name for file in files]
+            for name in sorted({name for name in names if names.count(name) > 1}):
+                say(f"plugins: found two files called {name!r}, expected one of each name")
         self.stop()
-        return [str((folder / file).resolve()) for file in files]
+        return list(files)
 
     def stop(self) -> None:
         """Raise what was collected."""

@@ -76,15 +76,18 @@ class Spec:
         The components it was validated with.
     parts
         The validated sections.
+    folder
+        What the paths of its plugin files are relative to.
     """
 
     document: dict[str, Any]
     source: str
     registry: Registry
     parts: Parts
+    folder: Path
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _revive, (self.document, self.source)
+        return _revive, (self.document, self.source, self.folder)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Spec) and (self.document, self.names) == (other.document, other.names)
@@ -217,7 +220,7 @@ class Spec:
             for key in tables:
                 table = table.setdefault(key, {})
             table[name] = value
-        return Spec(*resolve(document, self.source, self.registry))
+        return Spec(*resolve(document, self.source, self.registry, self.folder), self.folder)
 
     def _check_path(self, path: str, values: Mapping[str, Any]) -> None:
         parent = path.rpartition(".")[0]
@@ -274,7 +277,7 @@ def load(source: str | Path | Mapping[str, Any], registry: Registry | None = Non
         If a plugin is broken.
     """
     if isinstance(source, Mapping):
-        return Spec(*resolve(source, "run mapping", registry))
+        return Spec(*resolve(source, "run mapping", registry, Path.cwd()), Path.cwd())
     path = Path(source)
     try:
         document = tomllib.loads(path.read_bytes().decode())
@@ -284,11 +287,12 @@ def load(source: str | Path | Mapping[str, Any], registry: Registry | None = Non
         raise SpecError(f"{path}: not a text file in UTF-8: {error.reason} at byte {error.start}") from None
     except tomllib.TOMLDecodeError as error:
         raise SpecError(f"{path}: not valid TOML: {error}") from None
-    return Spec(*resolve(document, str(path), registry, folder=path.parent))
+    folder = path.parent.absolute()
+    return Spec(*resolve(document, str(path), registry, folder), folder)
 
 
-def _revive(document: dict[str, Any], source: str) -> Spec:
-    return Spec(*resolve(document, source, None))
+def _revive(document: dict[str, Any], source: str, folder: Path) -> Spec:
+    return Spec(*resolve(document, source, None, folder), folder)
 
 
 def _paths(table: Mapping[str, Any], prefix: str = "") -> list[str]:

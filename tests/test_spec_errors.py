@@ -20,6 +20,7 @@ from runfiles import changed, error_of
         (changed("potenial", {}), ["potenial: ", "Did you mean 'potential'?", "sampler"]),
         (changed("potential", 3), ["potential: found 3, expected a section, [potential]"]),
         (changed("plugins", "a.py"), ["plugins: found 'a.py', expected a list"]),
+        (changed("plugins", ["a.py", "b/a.py"]), ["plugins: found two files called 'a.py', expected one"]),
         (changed("plugins", ["nowhere.py"]), ["plugins: cannot read", "nowhere.py"]),
         (changed("potential", ...), ["the section [potential] is missing"]),
         (changed("potential", {}), ["potential: 'kind' is missing", "tf"]),

@@ -36,6 +36,17 @@ def test_a_plugin_file_beside_the_run_file(plugin_run: Path) -> None:
     assert sk.load(plugin_run).digest() != digest
 
 
+def test_paths_of_plugins_stay_as_written(plugin_run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(plugin_run.parent)
+    spec = sk.load("run.toml")
+    monkeypatch.chdir("/")
+    assert spec.document["plugins"] == ["cored.py"]
+    assert str(plugin_run.parent) not in spec.toml()
+    assert pickle.loads(pickle.dumps(spec)) == spec
+    (plugin_run.parent / "resolved.toml").write_text(spec.toml())
+    assert sk.load(plugin_run.parent / "resolved.toml").digest() == spec.digest()
+
+
 def test_plugins_are_validated_as_strictly(plugin_run: Path) -> None:
     known = sk.load(plugin_run).registry
     for fields, part in [
