@@ -202,7 +202,7 @@ def test_the_set_up_names_what_exists() -> None:
                         path, _, extra = word.rstrip("]").partition("[")
                         assert (ROOT / path).resolve() in extras, line
                         assert not extra or extra in extras[(ROOT / path).resolve()], line
-                if words and Path(words[0]).name == "pytest":
+                if words and Path(words[0]).name in ("pytest", "python"):
                     paths = [word for word in words[1:] if "/" in word or word in ("tests", "plugins")]
                     assert paths, line
                     assert all((ROOT / path).exists() for path in paths), line
