@@ -87,14 +87,14 @@ class Apocentres(Observable):
 
     def _guides(self, stream: Stream) -> tuple[float, float]:
         """Angles in degrees of the progenitor's next and previous apocentre, seen from the Galactic centre."""
+        if stream.future is None:
+            raise _NoValue("the progenitor is unbound or has no next apocentre")
         past = stream.orbit.apocentres()
         needed = 2 if self.recent_debris == "epoch_aware" else 1
         if len(past) < needed:
             raise _NoValue(
                 f"the look-back time covers fewer than {needed} apocentre{'s' * (needed > 1)} of the progenitor"
             )
-        if stream.future is None:
-            raise _NoValue("the progenitor has no next apocentre")
         return _swept(stream.future, stream.future.apocentres()[0]), -_swept(stream.orbit, past[-1])
 
     def _trailing(self, stream: Stream, angle: Array) -> BoolArray:
