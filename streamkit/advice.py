@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from streamkit.course import HORIZON, Course, course
@@ -11,9 +9,7 @@ from streamkit.errors import OutOfDomain
 from streamkit.phase import Prediction
 from streamkit.progenitor import Sun
 from streamkit.spec import Setup, Spec
-
-if TYPE_CHECKING:
-    from streamkit.preflight import Survey
+from streamkit.survey import Survey
 
 USUAL_SUN = {"r0": (7.0, 9.0, "kpc"), "z": (-0.1, 0.1, "kpc"), "v_circ": (180.0, 280.0, "km/s")}
 """Ranges that hold every recent measurement of the Sun's place and of the rotation there."""

@@ -228,7 +228,7 @@ def _load(run_file: Path, settings: Sequence[str] = ()) -> Spec:
 
 def _settings(settings: Sequence[str]) -> dict[str, Any]:
     """Turn ``PATH=VALUE`` arguments into fields and values, the values read as a run file reads them."""
-    from streamkit.spec import literal
+    from streamkit.toml import literal
 
     values: dict[str, Any] = {}
     for setting in settings:

@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     from astropy.table import QTable
 
     from streamkit.course import Course
-    from streamkit.preflight import Cost, Preflight, Survey
+    from streamkit.preflight import Cost, Preflight
     from streamkit.results import Results
+    from streamkit.survey import Survey
 
 RADII = (50.0, 100.0, 150.0, 200.0)
 """Radii in kpc of the masses that a run prints: those of Gibbons+ 2014, table 3."""
@@ -86,8 +87,6 @@ def _survey(trial: Survey) -> str:
     head = f"streams over the prior: {len(trial.good)} of {trial.draws} draws have one that can be measured"
     rows = [(str(n), f"have none: {reason}") for reason, n in trial.reasons.most_common()]
     return "\n".join([head, columns(rows)] if rows else [head])
-
-
 
 
 def _cost(spec: Spec, cost: Cost) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -11,40 +10,15 @@ import numpy as np
 
 from streamkit import advice
 from streamkit.course import Course, course
-from streamkit.errors import OutOfDomain, SpecError
+from streamkit.errors import SpecError
 from streamkit.model import Model
 from streamkit.phase import Array, Prediction
 from streamkit.posterior import Posterior
 from streamkit.spec import Setup, Spec
+from streamkit.survey import Survey, predict, survey
 
-TRIAL_PARTICLES = 1000
-"""Particles of the trial streams over the prior: enough to say whether there is a stream."""
-BUDGET = 15.0
-"""CPU seconds after which no further trial stream is started."""
 SLOW = 5.0
 """A first call of so many CPU seconds is not repeated: loading the machine code is a small part of it."""
-
-
-@dataclass(frozen=True)
-class Survey:
-    """Trial streams of `TRIAL_PARTICLES` particles at draws from the prior.
-
-    Attributes
-    ----------
-    draws
-        Number of draws.
-    good
-        (good, d) The draws with a stream that the observable can measure.
-    seconds
-        (good,) CPU seconds of each of them.
-    reasons
-        Why the others have none, and how many.
-    """
-
-    draws: int
-    good: Array
-    seconds: Array
-    reasons: Counter[str]
 
 
 @dataclass(frozen=True)
@@ -122,15 +96,6 @@ def preflight(spec: Spec, *, draws: int = 64) -> Preflight:
     return Preflight(setup, path, prediction, reason, Cost(first, call, where), trial, tuple(warnings))
 
 
-def predict(model: Model, theta: Array) -> tuple[Prediction | None, str]:
-    """Return what the observable says of the stream at theta (d,), and the reason if it says nothing."""
-    try:
-        _, prediction = model.observe(model.spec.bind(theta))
-    except OutOfDomain as error:
-        return None, error.reason
-    return prediction, "" if prediction is None else prediction.why_not
-
-
 def measure(spec: Spec, theta: Array, first: float) -> tuple[float, str]:
     """Return the CPU seconds of a call at theta (d,): the median of a few, or ``first`` if that was `SLOW`.
 
@@ -156,27 +121,3 @@ def measure(spec: Spec, theta: Array, first: float) -> tuple[float, str]:
         call(theta)
         seconds.append(time.process_time() - begin)
     return float(np.median(seconds)), unfit
-
-
-def survey(spec: Spec, draws: int) -> Survey:
-    """Try streams with few particles at random points of the prior, drawn from the run's seed."""
-    few = min(TRIAL_PARTICLES, spec.bind(spec.centre()).stripping.particles)
-    model = Model(spec.with_values({"stripping.particles": few}))
-    rng = np.random.default_rng(spec.seed)
-    points = np.stack([prior.sample(rng, draws) for prior in spec.priors], axis=1)
-    reasons: Counter[str] = Counter()
-    good: list[Array] = []
-    seconds: list[float] = []
-    done, start = 0, time.process_time()
-    for theta in points:
-        begin = time.process_time()
-        if begin - start > BUDGET:
-            break
-        done += 1
-        _, reason = predict(model, theta)
-        if reason:
-            reasons[reason] += 1
-        else:
-            good.append(theta)
-            seconds.append(time.process_time() - begin)
-    return Survey(done, np.array(good).reshape(-1, len(spec.names)), np.array(seconds), reasons)

@@ -22,9 +22,7 @@ from streamkit.phase import Array
 from streamkit.priors import Prior
 from streamkit.registry import Registry
 from streamkit.resolve import Parts, resolve
-from streamkit.sections import Section
 from streamkit.settings import Likelihood, Sampler
-from streamkit.toml import literal as literal
 from streamkit.units import Unit
 
 NOT_PHYSICS = ("steps", "tau_factor")
@@ -87,7 +85,7 @@ class Spec:
     folder: Path
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _revive, (self.document, self.source, self.folder)
+        return _make, (self.document, self.source, None, self.folder)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Spec) and (self.document, self.names) == (other.document, other.names)
@@ -212,15 +210,15 @@ class Spec:
         """
         document = copy.deepcopy(self.document)
         for path, value in sorted(values.items(), key=lambda item: not item[0].endswith(".kind")):
-            *tables, name = path.split(".")
             self._check_path(path, values)
+            *tables, name = path.split(".")
             if name == "kind":
                 self._drop_defaults(document, ".".join(tables))
             table = document
             for key in tables:
                 table = table.setdefault(key, {})
             table[name] = value
-        return Spec(*resolve(document, self.source, self.registry, self.folder), self.folder)
+        return _make(document, self.source, self.registry, self.folder)
 
     def _check_path(self, path: str, values: Mapping[str, Any]) -> None:
         parent = path.rpartition(".")[0]
@@ -239,10 +237,8 @@ class Spec:
 
     def components(self) -> list[tuple[str, type[Component], str]]:
         """Return path, class and supplier of every component in use."""
-        parts = self.parts
-        sections: list[Section[Any]] = [*parts.potentials.values(), parts.satellite, parts.stripping]
-        sections += [parts.integrator, *([parts.observable] if parts.observable else [])]
-        return [(section.path, section.cls, self.registry.supplier(section.cls)) for section in sections]
+        used = [s for s in self.parts.sections if issubclass(s.cls, Component)]
+        return [(section.path, section.cls, self.registry.supplier(section.cls)) for section in used]
 
     def digest(self) -> str:
         """Return the SHA-256 of what determines a run: all but the chain's length, and who supplies it."""
@@ -254,9 +250,9 @@ class Spec:
 
     def toml(self) -> str:
         """Return the resolved run file as TOML."""
-        lines = [f"Resolved from {Path(self.source).name}: every default filled in."]
-        lines += [f"{path}: {cls.kind} ({supplier})" for path, cls, supplier in self.components()]
-        return toml.dumps(self.document, "\n".join(lines))
+        head = [f"Resolved from {Path(self.source).name}: every default filled in."]
+        used = [f"{path}: {cls.kind} ({supplier})" for path, cls, supplier in self.components()]
+        return toml.dumps(self.document, "\n".join([*head, *used]))
 
 
 def load(source: str | Path | Mapping[str, Any], registry: Registry | None = None) -> Spec:
@@ -277,7 +273,7 @@ def load(source: str | Path | Mapping[str, Any], registry: Registry | None = Non
         If a plugin is broken.
     """
     if isinstance(source, Mapping):
-        return Spec(*resolve(source, "run mapping", registry, Path.cwd()), Path.cwd())
+        return _make(source, "run mapping", registry, Path.cwd())
     path = Path(source)
     try:
         document = tomllib.loads(path.read_bytes().decode())
@@ -287,12 +283,11 @@ def load(source: str | Path | Mapping[str, Any], registry: Registry | None = Non
         raise SpecError(f"{path}: not a text file in UTF-8: {error.reason} at byte {error.start}") from None
     except tomllib.TOMLDecodeError as error:
         raise SpecError(f"{path}: not valid TOML: {error}") from None
-    folder = path.parent.absolute()
-    return Spec(*resolve(document, str(path), registry, folder), folder)
+    return _make(document, str(path), registry, path.parent.absolute())
 
 
-def _revive(document: dict[str, Any], source: str, folder: Path) -> Spec:
-    return Spec(*resolve(document, source, None, folder), folder)
+def _make(source: Mapping[str, Any], name: str, registry: Registry | None, folder: Path) -> Spec:
+    return Spec(*resolve(source, name, registry, folder), folder)
 
 
 def _paths(table: Mapping[str, Any], prefix: str = "") -> list[str]:

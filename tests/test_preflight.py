@@ -14,8 +14,9 @@ import pytest
 import streamkit as sk
 from streamkit import advice
 from streamkit.course import course
-from streamkit.preflight import Survey, preflight, survey
+from streamkit.preflight import preflight
 from streamkit.progenitor import Sun
+from streamkit.survey import Survey, survey
 
 SAGITTARIUS = Path(__file__).parents[1] / "examples" / "sagittarius.toml"
 SATELLITE = 1.0e8

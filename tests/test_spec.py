@@ -15,7 +15,7 @@ from runfiles import BASE, EXAMPLES, changed, error_of
 import streamkit as sk
 from streamkit import toml
 from streamkit.resolve import DEFAULT_KIND
-from streamkit.spec import literal
+from streamkit.toml import literal
 
 
 def test_names_priors_and_units_in_file_order() -> None:
