@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -68,6 +68,7 @@ class Adaptive(Integrator):
     kind = "adaptive"
     reference = "Omelyan+ 2002, Comput. Phys. Commun. 146, 188; Blanes & Moan 2002, J. Comput. Appl. Math. 142, 313"
     order = 4
+    example: ClassVar[dict[str, Any]] = {"method": "rkn4", "eta": 0.25}
 
     method: Literal["pefrl", "rkn4"] = Field(
         default="pefrl",

@@ -63,7 +63,8 @@ def compiled_kernel(cls: type[Potential]) -> Any:
     try:
         cfunc.compile()
     except NumbaError as error:
-        reason = " ".join([line.strip() for line in str(error).splitlines() if line.strip()][:2])
+        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+        reason = next((line for line in lines if not line.startswith("Failed in")), lines[0])
         raise PluginError(
             f"numba cannot compile {cls.__module__}.{cls.__name__}.acceleration: {reason}. Write elementwise "
             "arithmetic with the functions that streamkit exports, decorate helper functions with numba.njit, or "
