@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from streamkit.errors import StreamkitError, nearest
+from streamkit.errors import OutOfDomain, StreamkitError, nearest
 
 if TYPE_CHECKING:
     from streamkit.spec import Spec
@@ -43,6 +43,9 @@ class Commands(click.Group):
             _fail(str(error), getattr(error, "exit_status", INVALID))  # an interrupted run brings its own
         except click.ClickException as error:
             _fail(_explain(error), INVALID)
+        except OSError as error:  # no permission, a full disk, a directory where a file should be
+            where = f"{error.filename}: " if error.filename else ""
+            _fail(f"{where}cannot be read or written: {error.strerror or error}", INVALID)
         except click.Abort:
             _fail("interrupted", INTERRUPTED)
         sys.exit(status if isinstance(status, int) else 0)
@@ -125,7 +128,10 @@ def stream(
 
     begin = time.process_time()
     setup = spec.bind()
-    made, prediction = Model(spec).observe(setup)
+    try:
+        made, prediction = Model(spec).observe(setup)
+    except OutOfDomain as error:
+        raise StreamkitError(f"{run_file}: there is no stream at these parameters: {error}") from None
     spent = time.process_time() - begin
     click.echo(describe_stream(spec, setup, made, prediction, spent, _settings(settings)))
     if output is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dis
 import inspect
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
@@ -68,6 +69,11 @@ def _check_signature(cls: type[Potential]) -> None:
         raise PluginError(
             f"{cls.__module__}.{cls.__name__}.acceleration: the arguments must be ({', '.join(wanted)}), "
             f"that is x, y, z, t and then the fields by name; found ({', '.join(found)})"
+        )
+    if cls.compiled and any(step.opname == "RAISE_VARARGS" for step in dis.get_instructions(cls.acceleration)):
+        raise PluginError(
+            f"{cls.__module__}.{cls.__name__}.acceleration: compiled code cannot raise or assert, the exception "
+            "would be lost: return NaN where there is no force, bound the fields, or set `compiled = False`"
         )
     if len(cls.numbers()) != len(cls.model_fields):
         odd = sorted(set(cls.model_fields) - set(cls.numbers()))

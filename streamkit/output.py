@@ -99,7 +99,8 @@ def claim(directory: Path, spec: Spec, options: dict[str, Any], resume: bool, fo
     elif files and force:
         _only_ours(directory, files)
         for name in PRODUCTS:
-            (directory / name).unlink(missing_ok=True)
+            if name != MANIFEST:  # it says whose the directory is, until the new one takes its place
+                (directory / name).unlink(missing_ok=True)
     elif files:
         raise ChainError(_occupied(directory, files))
     if not going_on:
@@ -175,6 +176,8 @@ def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
 def _only_ours(directory: Path, files: list[str]) -> None:
     """Refuse to overwrite files that only happen to have our names: without a manifest they are not ours."""
     clash = [name for name in files if name in PRODUCTS]
+    if odd := [name for name in clash if (directory / name).is_dir()]:
+        raise ChainError(f"{directory}: {_some(odd)} is a directory, expected a file. Choose another directory.")
     if clash and MANIFEST not in files:
         raise ChainError(
             f"{directory}: {_some(clash)} would be overwritten, but without a {MANIFEST} "

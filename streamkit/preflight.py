@@ -87,7 +87,7 @@ def preflight(spec: Spec, *, draws: int = 64) -> Preflight:
         where, theta = "a draw from the prior that has a stream", trial.good[0]
     call, unfit = measure(spec, theta, first)
     warnings = advice.orbit_warnings(spec, setup, path)
-    if reason and len(path.apocentres):
+    if reason and (len(path.apocentres) or prediction is None):
         warnings.append(f"There is no prediction at {asked}: {reason}.")
     warnings += advice.coverage_warnings(prediction)
     warnings += advice.survey_warnings(trial)

@@ -86,7 +86,7 @@ def load(files: Iterable[str | Path] = (), points: Iterable[EntryPoint] | None =
         seen[point.name] = supplier
         try:
             modules.append((point.name, supplier, point.load()))
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             failed.append(f"{supplier}, entry point {point.name!r} ({type(error).__name__}: {error})")
     modules.extend(_load_file(Path(file)) for file in files)
     return Registry(_collect(modules), tuple(failed))
@@ -170,7 +170,7 @@ def _load_file(path: Path) -> tuple[str, str, ModuleType]:
     except PluginError:
         del sys.modules[name]
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         del sys.modules[name]
         raise PluginError(f"plugin file {path.name} failed to load ({type(error).__name__}: {error})") from error
     return name, f"{path.name} sha256:{digest}", module

@@ -13,7 +13,7 @@ from pydantic import BaseModel
 from streamkit import progenitor
 from streamkit import registry as registries
 from streamkit.components import Component, Integrator, Observable, Potential, Stripping
-from streamkit.errors import SpecError, nearest
+from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.priors import KINDS
 from streamkit.progenitor import PhaseSpace, Sun
 from streamkit.registry import Registry
@@ -78,6 +78,8 @@ def resolve(
             registry = registries.load((folder / file).resolve() for file in files)
         except SpecError as error:
             raise SpecError(f"{name}: {error}") from None
+        except PluginError as error:
+            raise PluginError(f"{name}: {error}") from error.__cause__
     parts = reader.parts(registry)
     return _document(reader.raw, files, parts), name, registry, parts
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import signal
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -111,7 +112,7 @@ def run(
             going_on = output.claim(directory, spec, {"quick": quick, "steps": limits.steps}, resume, force)
             backend = chain.ChainFile(str(directory / chain.NAME))
         pool = stack.enter_context(Workers({"full": posterior, "cheap": cheap}, workers))
-        stack.enter_context(_explained(pool, directory, backend, spec))
+        stack.enter_context(_explained(pool, directory, backend, _again(spec, directory, quick)))
         sampling = Sampling(
             spec.priors, spec.sampler.walkers, spec.seed, spec.sampler.moves, pool, backend,
             blob_dtype(posterior.size), progress, lambda theta: _mass_100(spec, theta),
@@ -165,22 +166,27 @@ def _mass_100(spec: Spec, theta: Array) -> float:
 
 
 @contextmanager
-def _explained(pool: Workers, directory: Path | None, backend: Backend, spec: Spec) -> Iterator[None]:
+def _explained(pool: Workers, directory: Path | None, backend: Backend, again: str) -> Iterator[None]:
     """Turn signals into a clean stop; say at every untimely end what is left and how to go on."""
     try:
         with Signals(pool):
             yield
     except Stopped as stop:
-        raise Interrupted(f"stopped after {_left(directory, backend, spec)}", stop.signum) from None
+        raise Interrupted(f"stopped after {_left(directory, backend, again)}", stop.signum) from None
     except ComponentError as error:
-        raise ComponentError(f"{error}. The run stopped after {_left(directory, backend, spec)}") from error
+        raise ComponentError(f"{error}. The run stopped after {_left(directory, backend, again)}") from error
 
 
-def _left(directory: Path | None, backend: Backend, spec: Spec) -> str:
+def _again(spec: Spec, directory: Path | None, quick: bool) -> str:
+    """Return the command that goes on with a run."""
+    options = ["--quick"] if quick else []
+    return shlex.join(["streamkit", "run", spec.source, "-o", str(directory), *options, "--resume"])
+
+
+def _left(directory: Path | None, backend: Backend, again: str) -> str:
     steps = int(backend.iteration) if backend.initialized else 0
     if directory is None:
         return f"{steps} steps, which were kept in memory only and are lost: give `out` to keep them."
-    resume = f"streamkit run {spec.source} -o {directory} --resume"
     if steps == 0:
-        return f"no finished step. To begin again: {resume}"
-    return f"{steps} finished steps, all of them in {directory / chain.NAME}. To continue: {resume}"
+        return f"no finished step. To begin again: {again}"
+    return f"{steps} finished steps, all of them in {directory / chain.NAME}. To continue: {again}"

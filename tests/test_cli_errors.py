@@ -132,3 +132,19 @@ def test_an_output_directory_of_somebody_else_is_left_alone(run_file: Path) -> N
         assert "chapter1.tex" in message
     assert [path.name for path in directory.iterdir()] == ["chapter1.tex"]
     assert output.MANIFEST not in {path.name for path in directory.iterdir()}
+
+
+def test_a_directory_in_place_of_a_product_is_left_alone(run_file: Path) -> None:
+    directory = run_file.parent / "run"
+    (directory / "chain.h5").mkdir(parents=True)
+    (directory / output.MANIFEST).write_text("{}")
+    assert "chain.h5 is a directory, expected a file" in refused("run", run_file, "-o", directory, "--force")
+    assert sorted(path.name for path in directory.iterdir()) == ["chain.h5", output.MANIFEST]
+
+
+def test_what_the_system_refuses_is_one_paragraph(run_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_args: Any, **_options: Any) -> None:
+        raise PermissionError(13, "Permission denied", "run/chain.h5")
+
+    monkeypatch.setattr(runner, "run", fail)
+    assert refused("run", run_file) == "streamkit: run/chain.h5: cannot be read or written: Permission denied\n"

@@ -117,3 +117,19 @@ def test_the_exception_is_the_cause_and_out_of_domain_passes(tmp_path: Path) -> 
     outside: dict[str, Any] = {"stripping.mode": "domain"}
     with pytest.raises(sk.OutOfDomain, match="no such release"):
         sk.Model(spec.with_values(outside)).stream()
+
+
+@pytest.mark.parametrize(
+    ("place", "reason"),
+    [
+        ({"x": 20, "y": 0, "z": 0, "vx": 100, "vy": 0, "vz": 0}, "moves on a line through the Galactic centre"),
+        ({"x": 0.001, "y": 0, "z": 0}, "passes too near the Galactic centre"),
+        ({"vx": 1e9}, "passes too near the Galactic centre"),
+    ],
+)
+def test_orbits_that_cannot_be_followed_have_a_reason(run_file: Path, place: dict[str, Any], reason: str) -> None:
+    spec = sk.load(run_file).with_values({f"progenitor.{name}": value for name, value in place.items()})
+    with pytest.raises(sk.OutOfDomain, match=reason):
+        sk.Model(spec).stream()
+    settings = [word for name, value in place.items() for word in ("--set", f"progenitor.{name}={value}")]
+    assert "small.toml: there is no stream at these parameters: the prog" in refused("stream", run_file, *settings)

@@ -33,3 +33,24 @@ def test_a_hook_that_gives_no_list(tmp_path, result):
     file.write_text(f"from streamkit import hookimpl\n@hookimpl\ndef streamkit_components():\n    return {result}\n")
     with pytest.raises(sk.PluginError, match=r"half\.py sha256:\w+: (the hook .* gives no list|None is no comp)"):
         registry.load([file])
+
+
+def test_compiled_code_that_raises_is_refused_where_it_is_written():
+    """Numba would print the exception and go on without the force."""
+    with pytest.raises(sk.PluginError, match=r"Picky\.acceleration: compiled code cannot raise or assert"):
+
+        class Picky(sk.Potential):
+            kind = "picky"
+
+            @staticmethod
+            def acceleration(x, y, z, t):
+                assert x > 0
+                return -x, -y, -z
+
+
+@pytest.mark.parametrize("code", ["raise SystemExit(3)", "1 / 0"])
+def test_a_plugin_file_that_ends_the_program_is_an_error(tmp_path, code):
+    (tmp_path / "rude.py").write_text(code)
+    document = {"plugins": [str(tmp_path / "rude.py")], "seed": 1}
+    with pytest.raises(sk.PluginError, match=r"^run mapping: plugin file rude\.py failed to load \((SystemExit|Zero)"):
+        sk.load(document)
