@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import emcee
 import numpy as np
 import pytest
 from emcee.backends import Backend
@@ -11,7 +12,7 @@ import streamkit as sk
 from streamkit import chain
 from streamkit.diagnostics import autocorrelation_times, burn_in, split_r_hat
 from streamkit.posterior import Evaluation
-from streamkit.sampling import Limits
+from streamkit.sampling import Limits, proposals
 from streamkit.start import Search
 from streamkit.workers import Workers
 
@@ -116,3 +117,19 @@ def test_r_hat_of_walkers_that_disagree():
     assert split_r_hat(x)[0] == pytest.approx(np.sqrt(1 + 50 / 7), rel=0.02)
     assert np.isnan(split_r_hat(x[:2])).all()
     assert np.isnan(autocorrelation_times(np.ones((50, 4, 2)))).all()
+
+
+@pytest.mark.parametrize("name", ["de", "stretch"])
+def test_every_move_alone_samples_a_gaussian_whatever_the_units(name):
+    """Standard deviations within 6 %, for parameters whose scales differ by 10^8 (snooker: off by 15 %)."""
+    scale = np.array([1.0, 1e8, 1e-2, 30.0])
+    for move, _ in proposals(name, 4):
+        sampler = emcee.EnsembleSampler(
+            40, 4, lambda x: -0.5 * (x**2 / scale**2).sum(axis=1), moves=move, vectorize=True
+        )
+        start = scale * np.random.default_rng(2).standard_normal((40, 4))
+        state = emcee.State(start, random_state=np.random.RandomState(3).get_state())
+        sampler.run_mcmc(state, 6000)
+        found = sampler.get_chain(discard=500, flat=True)
+        np.testing.assert_allclose(found.std(axis=0) / scale, 1.0, atol=0.06)
+        assert sampler.acceptance_fraction.mean() > 0.05
