@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from streamkit import chain, toml
-from streamkit.errors import ChainError, StreamkitError
+from streamkit.errors import ChainError
 from streamkit.spec import Spec
 
 RUN_FILE = "run.toml"
@@ -154,11 +154,11 @@ def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
             f"{directory}: holds no run to resume ({MANIFEST} or {RUN_FILE} is missing, found "
             f"{_some(files)}). Choose another directory."
         )
+    digest = manifest(directory)["digest"]
     try:
-        digest = json.loads((directory / MANIFEST).read_text())["digest"]
         document = tomllib.loads((directory / RUN_FILE).read_text())
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ChainError(f"{directory}: {MANIFEST} or {RUN_FILE} is not readable ({error})") from None
+    except (OSError, ValueError) as error:
+        raise ChainError(f"{directory / RUN_FILE}: not readable ({error})") from None
     if digest != spec.digest():
         here = {key: value for key, value in spec.document.items() if key != "plugins"}
         document.pop("plugins", None)
@@ -170,7 +170,7 @@ def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
         )
     if chain.NAME not in files:
         return False
-    return len(chain.read(directory / chain.NAME).chain) > 0
+    return len(read_chain(directory).chain) > 0
 
 
 def _only_ours(directory: Path, files: list[str]) -> None:
@@ -214,13 +214,35 @@ def manifest(directory: Path) -> dict[str, Any]:
 
     Raises
     ------
-    StreamkitError
+    ChainError
         If there is none, or it is not readable.
     """
     try:
         found = json.loads((directory / MANIFEST).read_text())
     except (OSError, ValueError) as error:
         raise ChainError(f"{directory}: no streamkit run: {MANIFEST} is not readable ({error})") from None
-    if not isinstance(found, dict):
-        raise StreamkitError(f"{directory / MANIFEST}: not a streamkit manifest")
+    if not (
+        isinstance(found, dict)
+        and isinstance(found.get("digest"), str)
+        and isinstance(found.get("options", {}), dict)
+    ):
+        raise ChainError(f"{directory / MANIFEST}: not the manifest of a streamkit run")
+    return found
+
+
+def read_chain(directory: Path) -> chain.Chain:
+    """Read the chain of a run.
+
+    Raises
+    ------
+    ChainError
+        If it cannot be read, or is not the chain of this directory's run.
+    """
+    found, wanted = chain.read(directory / chain.NAME), manifest(directory)["digest"]
+    digest = found.attributes.get("digest", wanted)
+    if digest != wanted:
+        raise ChainError(
+            f"{directory / chain.NAME}: is the chain of another run, of digest {str(digest)[:12]}; that of "
+            f"{MANIFEST} is {wanted[:12]}. Nothing was changed: put the right file back, or start again with --force."
+        )
     return found

@@ -66,7 +66,7 @@ class Results:
         if not where.is_dir():
             raise ChainError(f"{where}: there is no such directory")
         options = output.manifest(where).get("options", {})
-        found = chain_file.read(where / chain_file.NAME)
+        found = output.read_chain(where)
         counts = found.attributes.get("counts", {})
         quick = bool(options.get("quick", False))
         status = str(found.attributes.get("status", "unfinished"))
@@ -97,6 +97,11 @@ class Results:
         self.calls, self.search_calls = int(counts.get("calls", 0)), int(counts.get("search_calls", 0))
         self.reasons: dict[str, int] = counts.get("reasons", {})
         self.status, self.quick = status, quick
+        if len(self.chain) and self.chain.shape[2] != len(spec.names):
+            raise ChainError(
+                f"the chain has {self.chain.shape[2]} parameters and the run file {len(spec.names)} free ones: "
+                "they belong to different runs"
+            )
         if not len(self.chain):
             raise ChainError("the run ended before its first step: there are no samples")
 

@@ -118,7 +118,7 @@ def run(
             blob_dtype(posterior.size), progress, lambda theta: _mass_100(spec, theta),
         )  # fmt: skip
         if going_on and directory is not None:
-            sampling.resume(chain.read(directory / chain.NAME).attributes.get("counts", {}))
+            sampling.resume(output.read_chain(directory).attributes.get("counts", {}))
         else:
             sampling.begin(begin + QUICK_SEARCH if quick else np.inf)
         if isinstance(backend, chain.ChainFile):
