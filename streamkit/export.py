@@ -107,7 +107,7 @@ def _write(table: QTable, path: Path, form: str) -> None:
         table.meta = _cards(table.meta)
         table.write(path, format=form, overwrite=True)
     elif form == "hdf5":
-        table.write(path, format=form, path="stream", serialize_meta=True, overwrite=True)
+        table.write(str(path), format=form, path="stream", serialize_meta=True, overwrite=True)
     else:
         table.write(path, format=form, overwrite=True)
 
