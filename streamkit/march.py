@@ -51,8 +51,9 @@ def march(field: Field, integrator: Integrator, orbit: Orbit, t_release: Array, 
     at_release = orbit.at(t_release)
     planar = np.ascontiguousarray(plane @ q)
     angle = _angle(plane, q)
-    lag = angle - np.interp(t_release, orbit.t, swept)
-    offset = lag - 2 * np.pi * np.round(lag / (2 * np.pi)) - angle + np.interp(t_release, orbit.t, swept)
+    progenitor_angle = np.interp(t_release, orbit.t, swept)
+    lag = angle - progenitor_angle
+    offset = lag - 2 * np.pi * np.round(lag / (2 * np.pi)) - angle + progenitor_angle
     revolutions = np.zeros(n, dtype=np.int64)
     chi, gap = np.zeros(n), np.sqrt(((q - at_release.q) ** 2).sum(axis=0)) - at_release.r_tidal
     gap = np.minimum(gap, 0.0)  # released at the tidal radius: inside until shown to be outside

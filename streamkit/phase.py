@@ -88,7 +88,6 @@ class Orbit:
     def _turning(self, sign: float) -> Array:
         """Times where r.v changes sign upwards (+1) or downwards (-1), to second order in the grid step."""
         rv = sign * (self.q * self.v).sum(axis=0)
-        slope = sign * ((self.v**2).sum(axis=0) + (self.q * self.a).sum(axis=0))
         i = np.flatnonzero((rv[:-1] < 0) & (rv[1:] >= 0))
         h = self.t[i + 1] - self.t[i]
         t = self.t[i] + h * rv[i] / (rv[i] - rv[i + 1])

@@ -120,7 +120,7 @@ class Sampling:
         )
         done = int(self.backend.iteration)
         tau_before = np.nan
-        clock = _Clock(done, self.pool)
+        clock = _Clock(self.pool)
         try:
             with tqdm(total=limits.steps, initial=done, unit="step", disable=not self.progress) as bar:
                 while done < limits.steps:
@@ -162,9 +162,9 @@ class Sampling:
 class _Clock:
     """Speed, and when it is time to say something."""
 
-    def __init__(self, done: int, pool: Workers) -> None:
+    def __init__(self, pool: Workers) -> None:
         self._begin = self._last = monotonic()
-        self._done, self._pool, self._calls = done, pool, pool.calls["full"]
+        self._pool, self._calls = pool, pool.calls["full"]
 
     def is_due(self) -> bool:
         now = monotonic()

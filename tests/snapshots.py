@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from streamkit import GYR, Orbit, Stream, load
-from streamkit.engine import build_field
-from streamkit.model import Model, next_apocentre
+from streamkit import GYR, Integrator, Orbit, Stream, load
+from streamkit.builtin.potentials import NFW, Plummer
+from streamkit.engine import Field, build_field
+from streamkit.march import march
+from streamkit.model import NODE, Model, next_apocentre, tidal_radius
 from streamkit.spec import Spec
 
 DATA = Path(__file__).parent / "data"
@@ -65,3 +67,24 @@ def nbody_stream(name: str) -> Stream:
         orbit=orbit,
         future=next_apocentre(host, setup),
     )
+
+
+def reference_stream() -> tuple[Field, Orbit, np.ndarray, np.ndarray, np.ndarray]:
+    """Field, progenitor's orbit, release times (n,) and release q, v (3, n) of the reference stream."""
+    data = np.load(DATA / "nfw_stream.npz")
+    host = build_field([NFW(mass=3.584843593e11, rs=9.370845158)])
+    start = data["progenitor_start"]
+    track = host.orbit(start[:3], start[3:], -float(data["lookback"]) * GYR, 0.0, NODE)
+    orbit = Orbit(track.t, track.q, track.v, track.a, tidal_radius(host, track, 6.4e8))
+    field = host.with_followers(build_field([Plummer(mass=6.4e8, radius=0.85)]), orbit)
+    q, v = np.ascontiguousarray(data["release"].T[:3]), np.ascontiguousarray(data["release"].T[3:])
+    return field, orbit, data["t_release"] * GYR, q, v
+
+
+def reference_errors(integrator: Integrator) -> np.ndarray:
+    """(n,) Position errors in kpc of its escaped particles, against an independent code's converged answer."""
+    field, orbit, t, q, v = reference_stream()
+    final = np.load(DATA / "nfw_stream.npz")["final"].T[:3]
+    escaped = np.sqrt(((final - orbit.q[:, -1:]) ** 2).sum(axis=0)) > 2 * orbit.r_tidal[-1]
+    done = march(field, integrator, orbit, t, q, v)
+    return np.asarray(np.sqrt(((done.q - final) ** 2).sum(axis=0))[escaped])

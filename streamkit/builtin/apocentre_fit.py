@@ -48,8 +48,9 @@ def fit_arm(angle: Array, r: Array, guide: float) -> ArmFit | str:
         return "too few particles"
     grid = np.arange(-180.0, 180.0 + CELL, CELL) + guide
     count, total, square = _cells(angle, r, grid)
-    smooth = _smooth(count, total)
-    start = _first_guess(grid, smooth, _convolve(count), guide)
+    density = _convolve(count)
+    smooth = _convolve(total) / np.maximum(density, 1e-12)  # kernel-smoothed mean radius
+    start = _first_guess(grid, smooth, density, guide)
     if start is None:
         return "no maximum of the track near the progenitor's own apocentre"
     fitted = _fit(grid, count, total, start, float(np.interp(start, grid, smooth)))
@@ -89,11 +90,6 @@ def _convolve(cell: Array) -> Array:
     half = np.arange(-int(4 * KERNEL / CELL), int(4 * KERNEL / CELL) + 1) * CELL
     kernel = np.exp(-0.5 * (half / KERNEL) ** 2)
     return np.convolve(cell, kernel / kernel.sum(), mode="same")
-
-
-def _smooth(count: Array, total: Array) -> Array:
-    """Kernel-smoothed mean radius at each grid angle."""
-    return _convolve(total) / np.maximum(_convolve(count), 1e-12)
 
 
 def _first_guess(grid: Array, smooth: Array, density: Array, guide: float) -> float | None:

@@ -23,14 +23,15 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from snapshots import reference_errors
+
 import streamkit as sk
 from streamkit.builtin.integrators import Adaptive, ForestRuth
 from streamkit.builtin.potentials import NFW, Plummer, TruncatedFlat
 from streamkit.builtin.stripping import LagrangeCloud
 from streamkit.components import Integrator, Potential
 from streamkit.engine import build_field
-from streamkit.march import march
-from streamkit.model import NODE, simulate, standard_normals, tidal_radius
+from streamkit.model import NODE, simulate, standard_normals
 from streamkit.spec import Setup
 
 MASS, RADIUS, LOOKBACK, PARTICLES = 6.4e8, 0.85, 4.31, 12660
@@ -58,19 +59,6 @@ def streamkit_job(integrator: Integrator, host: Potential, gravity: bool = True)
 
 def void(_: object) -> None:
     """Drop a result."""
-
-
-def streamkit_errors(integrator: Integrator) -> np.ndarray:
-    """(n,) Position errors in kpc of the escaped particles."""
-    host = build_field([HALO])
-    track = host.orbit(START[:3], START[3:], -LOOKBACK * sk.GYR, 0.0, NODE)
-    orbit = sk.Orbit(track.t, track.q, track.v, track.a, tidal_radius(host, track, MASS))
-    field = host.with_followers(build_field([Plummer(mass=MASS, radius=RADIUS)]), orbit)
-    q, v = np.ascontiguousarray(DATA["release"].T[:3]), np.ascontiguousarray(DATA["release"].T[3:])
-    done = march(field, integrator, orbit, DATA["t_release"] * sk.GYR, q, v)
-    final = DATA["final"].T[:3]
-    escaped = np.sqrt(((final - orbit.q[:, -1:]) ** 2).sum(axis=0)) > 2 * orbit.r_tidal[-1]
-    return np.asarray(np.sqrt(((done.q - final) ** 2).sum(axis=0))[escaped])
 
 
 def gala_job() -> Callable[[], None]:
@@ -148,7 +136,7 @@ def main() -> None:
     for name, value in best.items():
         line = f"{name:42s} {value:6.3f} {value / reference:7.1f} {PARTICLES / value:11.0f}"
         if (integrator := settings.get(name.removeprefix("streamkit "))) is not None:
-            errors = streamkit_errors(integrator)
+            errors = reference_errors(integrator)
             line += f"  {np.median(errors):.1e}  {np.percentile(errors, 99):.1e}"
         print(line)
 
