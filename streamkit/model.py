@@ -104,7 +104,7 @@ def simulate(setup: Setup, normals: Array) -> Stream:
     """Return the stream of fully bound components, with normals (draws, n) that belong to the particles."""
     host = build_field(list(setup.potentials.values()))
     orbit = progenitor_track(host, setup)
-    times, tail, release = released(setup, orbit, normals)
+    times, weight, tail, release = released(setup, orbit, normals)
     field = host
     if setup.stripping.progenitor_gravity:
         field = host.with_followers(build_field([setup.satellite]), orbit)
@@ -122,14 +122,15 @@ def simulate(setup: Setup, normals: Array) -> Stream:
         winding=done.winding,
         chi=done.chi,
         bound=done.bound,
+        weight=weight,
         orbit=orbit,
         future=next_apocentre(host, setup),
         parameters=dict(setup.values),
     )
 
 
-def released(setup: Setup, orbit: Orbit, normals: Array) -> tuple[Array, IntArray, Release]:
-    """Return the release times (n,), Lagrange points (n,) and states of all particles.
+def released(setup: Setup, orbit: Orbit, normals: Array) -> tuple[Array, Array, IntArray, Release]:
+    """Return the release times (n,), weights (n,), Lagrange points (n,) and states of all particles.
 
     Raises
     ------
@@ -152,7 +153,7 @@ def released(setup: Setup, orbit: Orbit, normals: Array) -> tuple[Array, IntArra
                 raise ComponentError(f"{name}: released `{what}` has the shape {found}, expected (3, {n})")
             if not np.isfinite(values).all():
                 raise ComponentError(f"{name}: released `{what}` holds numbers that are not finite")
-    return times, tail, release
+    return times, scheme.weights(times), tail, release
 
 
 def measure(observable: Observable, stream: Stream) -> Prediction:

@@ -148,6 +148,8 @@ class Stream:
         negative = leading.
     bound
         (n,) True for particles that are inside the tidal radius today.
+    weight
+        (n,) how many particles of the scheme's own release rate each one stands for; their mean is 1.
     orbit
         The progenitor's track from the look-back time to today.
     future
@@ -164,6 +166,7 @@ class Stream:
     winding: Array
     chi: Array
     bound: BoolArray
+    weight: Array
     orbit: Orbit
     future: Orbit | None = None
     parameters: dict[str, float] = field(default_factory=dict)
@@ -199,6 +202,7 @@ class Stream:
         table["arm"] = np.array(["trailing", "bound", "leading"])[self.arm + 1]
         table["lagrange_point"] = np.where(self.tail < 0, "inner", "outer")
         table["bound"] = self.bound
+        table["weight"] = self.weight
         table.meta["parameters"] = dict(self.parameters)
         return table
 

@@ -64,6 +64,7 @@ def nbody_stream(name: str) -> Stream:
         winding=np.radians(data["winding"].astype(float)),
         chi=data["chi"] * GYR,
         bound=np.zeros(n, dtype=bool),
+        weight=np.ones(n),
         orbit=orbit,
         future=next_apocentre(host, setup),
     )

@@ -19,12 +19,11 @@ def arm(seed: int, n: int = 4000, top: float = 60.0, centre: float = 80.0, width
     rng = np.random.default_rng(seed)
     angle = rng.uniform(centre - 90, centre + 90, n)
     r = top * np.exp(-0.5 * ((angle - centre) / width) ** 2) + noise * rng.standard_normal(n)
-    return angle, r
+    return angle, r, np.ones(n)
 
 
 def test_a_gaussian_track_is_recovered_exactly():
-    angle, r = arm(0, noise=0.0)
-    fit = fit_arm(angle, r, guide=95.0)
+    fit = fit_arm(*arm(0, noise=0.0), guide=95.0)
 
     # sharing a particle between cells 1 deg apart shifts r by at most r'' / 8
     assert fit.radius == pytest.approx(60.0, abs=60.0 / 70.0**2 / 8 * 2)
@@ -43,17 +42,17 @@ def test_the_reported_variance_is_the_scatter_over_draws():
 
 def test_the_answer_is_unbiased_by_the_guide():
     """The first guess may be off by 40 degrees without moving the answer."""
-    angle, r = arm(3)
-    answers = [(fit_arm(angle, r, g).radius, fit_arm(angle, r, g).angle) for g in (45.0, 70.0, 80.0, 110.0)]
+    fits = [fit_arm(*arm(3), g) for g in (45.0, 70.0, 80.0, 110.0)]
+    answers = [(fit.radius, fit.angle) for fit in fits]
 
     assert np.ptp(answers, axis=0) == pytest.approx(0.0, abs=2e-2)
 
 
 def test_the_answer_moves_smoothly_with_the_particles():
     """A tiny turn of all particles turns the answer by as much, without jumps."""
-    angle, r = arm(4)
+    angle, r, number = arm(4)
     turns = np.linspace(0.0, 2.0, 201)
-    found = np.array([fit_arm(angle + turn, r, 80.0).angle for turn in turns])
+    found = np.array([fit_arm(angle + turn, r, number, 80.0).angle for turn in turns])
     steps = np.diff(found)
 
     assert np.abs(steps - 0.01).max() < 2e-3

@@ -42,12 +42,17 @@ class ArmFit:
     curve: tuple[Array, Array]
 
 
-def fit_arm(angle: Array, r: Array, guide: float) -> ArmFit | str:
-    """Fit particles at angles (n,), radii r (n,), near the guiding angle; or say why there is no apocentre."""
+def fit_arm(angle: Array, r: Array, number: Array, guide: float) -> ArmFit | str:
+    """Fit particles at angles (n,), radii r (n,), each standing for a number (n,), near the guiding angle.
+
+    Or say why there is no apocentre.
+    """
     if len(angle) < FEWEST:
         return "too few particles"
     grid = np.arange(-180.0, 180.0 + CELL, CELL) + guide
-    count, total, square = _cells(angle, r, grid)
+    near = (angle > grid[0]) & (angle < grid[-1])
+    angle, r, number = angle[near], r[near], number[near]
+    count, total = _cells(angle, grid, number, number * r)
     density = _convolve(count)
     smooth = _convolve(total) / np.maximum(density, 1e-12)  # kernel-smoothed mean radius
     start = _first_guess(grid, smooth, density, guide)
@@ -59,7 +64,8 @@ def fit_arm(angle: Array, r: Array, guide: float) -> ArmFit | str:
     if abs(fitted[1] - guide) > 2 * REACH:
         return "no Gaussian fits the track near the progenitor's own apocentre"
     p, centre = fitted, float(fitted[1])
-    variance = _variance(grid, count, total, square, _window(grid - centre), p)
+    squared = _cells(angle, grid, number**2, number**2 * r, (number * r) ** 2)
+    variance = _variance(grid, count, *squared, _window(grid - centre), p)
     shown = count > 0.2
     curve = centre + np.linspace(-WINDOW, WINDOW, 81)
     return ArmFit(
@@ -71,19 +77,12 @@ def fit_arm(angle: Array, r: Array, guide: float) -> ArmFit | str:
     )
 
 
-def _cells(angle: Array, r: Array, grid: Array) -> tuple[Array, Array, Array]:
-    """Sums of 1, r, r^2 on the grid, each particle shared linearly between its two neighbours."""
+def _cells(angle: Array, grid: Array, *values: Array) -> list[Array]:
+    """Sums of values (n,) on the grid, each particle shared linearly between its two neighbours."""
     place = (angle - grid[0]) / CELL
-    inside = (place >= 0) & (place < len(grid) - 1)
-    place, r = place[inside], r[inside]
     i = place.astype(np.int64)
     f = place - i
-
-    def summed(power: Array) -> Array:
-        near, far = np.bincount(i, (1 - f) * power, len(grid)), np.bincount(i + 1, f * power, len(grid))
-        return np.asarray(near + far, dtype=float)
-
-    return summed(np.ones_like(r)), summed(r), summed(r * r)
+    return [np.bincount(i, (1 - f) * w, len(grid)) + np.bincount(i + 1, f * w, len(grid)) for w in values]
 
 
 def _convolve(cell: Array) -> Array:
@@ -156,13 +155,16 @@ def _fit(grid: Array, count: Array, total: Array, centre: float, height: float) 
 
 
 def _variance(
-    grid: Array, count: Array, total: Array, square: Array, weight: Array, p: Array
+    grid: Array, count: Array, one: Array, first: Array, second: Array, weight: Array, p: Array
 ) -> tuple[float, float]:
-    """Sandwich variance of A and m: scatter of the particles about the curve, whatever the shape of the track."""
+    """Sandwich variance of A and m: scatter of the particles about the curve, whatever the shape of the track.
+
+    one, first and second are the cells' sums of the squared numbers times 1, r and r^2.
+    """
     w = _weights(count, weight)
     model, slope = _gaussian(grid, p)
     n = np.maximum(count, 1e-12)
-    scatter = np.maximum(square - 2 * model * total + model**2 * count, 0.0) / n**2  # of the cell's mean radius
+    scatter = np.maximum(second - 2 * model * first + model**2 * one, 0.0) / n**2  # of the cell's mean radius
     bread = np.linalg.inv((slope * w) @ slope.T)
     covariance = bread @ ((slope * (w * w * scatter)) @ slope.T) @ bread
     return float(covariance[0, 0]), float(covariance[1, 1])

@@ -79,7 +79,7 @@ class Apocentres(Observable):
             ("leading", guide_lead, ~stream.bound & (angle > 0)),
             ("trailing", guide_trail, self._trailing(stream, angle)),
         ):
-            fit = fit_arm(angle[chosen], stream.r[chosen], guide)
+            fit = fit_arm(angle[chosen], stream.r[chosen], stream.weight[chosen], guide)
             if isinstance(fit, str):
                 raise _NoValue(f"{arm} arm: {fit}")
             fits[arm] = fit

@@ -16,7 +16,7 @@ LOOKBACK = -3.0
 BLOCK = 0.02
 """Gyr."""
 
-PARTICLES = ("q", "v", "t_release", "t_strip", "dq_strip", "dv_strip", "tail", "winding", "chi", "bound")
+PARTICLES = ("q", "v", "t_release", "t_strip", "dq_strip", "dv_strip", "tail", "winding", "chi", "bound", "weight")
 """The arrays of a stream with one entry per particle."""
 
 
@@ -53,7 +53,7 @@ def example_stream(count: int = 4000, seed: int = 3) -> Stream:
     zero = np.zeros((3, count))
     return Stream(
         q=q, v=v, t_release=edges[born], t_strip=inside, dq_strip=zero, dv_strip=zero.copy(), tail=tail,
-        winding=winding, chi=chi, bound=inside == edges[-1], orbit=orbit, future=future,
+        winding=winding, chi=chi, bound=inside == edges[-1], weight=np.ones(count), orbit=orbit, future=future,
     )  # fmt: skip
 
 
