@@ -6,21 +6,15 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
+from streamkit.ablate import ablate
+from streamkit.arguments import RUN_FILE, SET, load_spec, read_settings
 from streamkit.errors import OutOfDomain, StreamkitError, nearest
 
-if TYPE_CHECKING:
-    from streamkit.spec import Spec
-
 INVALID, INTERRUPTED = 2, 130
-RUN_FILE = click.argument("run_file", metavar="RUN.toml", type=click.Path(path_type=Path))
-SET = click.option(
-    "--set", "settings", multiple=True, metavar="PATH=VALUE",
-    help="Replace a field, such as progenitor.mass=6.4e8 or 'potential.v0=220 km/s'. Repeatable.",
-)  # fmt: skip
 
 
 class Commands(click.Group):
@@ -95,7 +89,7 @@ def check(run_file: Path, settings: tuple[str, ...], draws: int) -> None:
     from streamkit.describe import describe_preflight, describe_spec
     from streamkit.preflight import preflight
 
-    spec = _load(run_file, settings)
+    spec = load_spec(run_file, settings)
     click.echo(describe_spec(spec))
     click.echo()
     click.echo(describe_preflight(spec, preflight(spec, draws=draws)))
@@ -122,7 +116,7 @@ def stream(
         export.check_target(output, export.FORMATS, "--output", force)
     if plot is not None:
         export.check_target(plot, export.PICTURES, "--plot", force)
-    spec = _load(run_file, settings)
+    spec = load_spec(run_file, settings)
     from streamkit.describe import describe_stream
     from streamkit.model import Model
 
@@ -133,7 +127,7 @@ def stream(
     except OutOfDomain as error:
         raise StreamkitError(f"{run_file}: there is no stream at these parameters: {error}") from None
     spent = time.process_time() - begin
-    click.echo(describe_stream(spec, setup, made, prediction, spent, _settings(settings)))
+    click.echo(describe_stream(spec, setup, made, prediction, spent, read_settings(settings)))
     if output is not None:
         export.write(made, spec, output, force=force)
         click.echo(f"particles: {output}")
@@ -142,6 +136,9 @@ def stream(
 
         export.save(plot, lambda part: plots.save_stream(made, prediction, setup, part))
         click.echo(f"picture: {plot}")
+
+
+main.add_command(ablate)
 
 
 @main.command()
@@ -174,7 +171,7 @@ def run(
         raise click.UsageError("--resume continues the run in DIR and --force replaces it: give one of them")
     from streamkit.runner import run as sample
 
-    spec = _load(run_file)
+    spec = load_spec(run_file)
     out = output if output is not None else Path(run_file.stem)
     results = sample(
         spec, out=out, workers=workers, steps=steps, quick=quick, resume=resume, force=force,
@@ -223,26 +220,3 @@ def schema() -> None:
     from streamkit.schema import json_schema
 
     click.echo(json.dumps(json_schema(registry.load()), indent=2))
-
-
-def _load(run_file: Path, settings: Sequence[str] = ()) -> Spec:
-    from streamkit.spec import load
-
-    spec = load(run_file)
-    return spec.with_values(_settings(settings)) if settings else spec
-
-
-def _settings(settings: Sequence[str]) -> dict[str, Any]:
-    """Turn ``PATH=VALUE`` arguments into fields and values, the values read as a run file reads them."""
-    from streamkit.toml import literal
-
-    values: dict[str, Any] = {}
-    for setting in settings:
-        path, equals, text = setting.partition("=")
-        path, text = path.strip(), text.strip()
-        if not (equals and path and text):
-            raise click.UsageError(f"--set {setting!r}: expected PATH=VALUE, such as progenitor.mass=6.4e8")
-        if path in values:
-            raise click.UsageError(f"--set {path}: given twice, {values[path]!r} and {text!r}")
-        values[path] = literal(text)
-    return values

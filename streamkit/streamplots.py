@@ -55,7 +55,7 @@ def plane(particles: Stream, axes: Axes) -> None:
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
     axes.set_xlabel(r"$x'\ \,[{\rm kpc}]$  (towards the progenitor)", fontsize=12)
     axes.set_ylabel(r"$y'\ \,[{\rm kpc}]$  (along its motion)", fontsize=12)
-    _finish(axes)
+    finish(axes)
     axes.legend(frameon=True, framealpha=0.85, edgecolor="none", fontsize=9, loc="upper left", markerscale=4)
 
 
@@ -87,7 +87,7 @@ def unwrapped(particles: Stream, prediction: Prediction | None, setup: Setup | N
     axes.xaxis.set_major_locator(MultipleLocator(60 if high - low < 700 else 120))
     axes.set_xlabel("angle along the stream [deg]  (leading > 0)", fontsize=12)
     axes.set_ylabel(r"$r\ \,[{\rm kpc}]$", fontsize=12)
-    _finish(axes)
+    finish(axes)
     handles, labels = axes.get_legend_handles_labels()
     own = [(h, name) for h, name in zip(handles, labels, strict=True) if name not in {n for n, _ in ARMS.values()}]
     if own:
@@ -116,13 +116,15 @@ def _data(axes: Axes, observable: Any, leading: float, trailing: float) -> None:
 
 
 def _points(particles: Stream, x: Any, y: Any, axes: Axes) -> None:
-    every = max(len(particles) // SHOWN, 1)
+    every = max(int((~particles.bound).sum()) // SHOWN, 1)
     size = 1.0 if len(particles) > 3000 else 3.0
     for arm, (name, colour) in ARMS.items():
-        chosen = np.flatnonzero(particles.arm == arm)[::every]
+        chosen = np.flatnonzero(particles.arm == arm)
+        chosen = chosen[:: max(every, len(chosen) // SHOWN)]
         axes.scatter(x[chosen], y[chosen], s=size, color=colour, alpha=0.6, lw=0, rasterized=True, label=name)
 
 
-def _finish(axes: Axes) -> None:
+def finish(axes: Axes) -> None:
+    """Give the axes minor ticks, inwards, on every side."""
     axes.minorticks_on()
     axes.tick_params(which="both", direction="in", top=True, right=True, labelsize=10)

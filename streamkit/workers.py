@@ -61,13 +61,7 @@ class Workers:
 
     def __enter__(self) -> Workers:
         if self._count > 1:
-            method = "fork" if "fork" in multiprocessing.get_all_start_methods() else "spawn"
-            self._executor = ProcessPoolExecutor(
-                self._count,
-                mp_context=multiprocessing.get_context(method),
-                initializer=_prepare,
-                initargs=(self._posteriors,),
-            )
+            self._executor = pool(self._count, self._posteriors)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -134,6 +128,13 @@ class Signals:
 
     def _handle(self, signum: int, _frame: object) -> None:
         self._workers.stop = signum
+
+
+def pool(count: int, posteriors: Mapping[str, Evaluates] | None = None) -> ProcessPoolExecutor:
+    """Return worker processes that leave signals to their parent, end with it, and hold the posteriors."""
+    method = "fork" if "fork" in multiprocessing.get_all_start_methods() else "spawn"
+    context = multiprocessing.get_context(method)
+    return ProcessPoolExecutor(count, mp_context=context, initializer=_prepare, initargs=(posteriors or {},))
 
 
 _POSTERIORS: dict[str, Evaluates] = {}

@@ -1,0 +1,198 @@
+"""The command `streamkit ablate`: variants of a run file beside each other and an N-body snapshot, as files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from streamkit.arguments import RUN_FILE, SET, load_spec
+from streamkit.errors import StreamkitError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from streamkit.ablation import Ablation
+    from streamkit.phase import Stream
+    from streamkit.spec import Spec
+
+TABLE, TRACKS, RUN = "ablation.ecsv", "tracks.ecsv", "ablation.toml"
+PICTURES = ("bow_tie", "phase_space", "crossings", "unwrapped", "epochs", "along")
+PRODUCTS = (TABLE, TRACKS, RUN, *(f"{name}.png" for name in PICTURES))
+INTERRUPTED = 130
+
+
+@click.command()
+@RUN_FILE
+@click.option("--vary", "variations", multiple=True, required=True, metavar="PATH=V1,V2,...",
+              help="A field and its values, such as stripping.kind=mlcs,streakline. "
+              "Repeated: every combination.")  # fmt: skip
+@SET
+@click.option("--reference", metavar="SNAPSHOT",
+              help="N-body snapshot to compare with: HDF5 in the Gadget layout (FILE.hdf5, or "
+              "FILE.hdf5:PartType2) or a plain table (FILE.npz). Left out: the first variant.")  # fmt: skip
+@click.option("--seeds", default=1, show_default=True, type=click.IntRange(1), metavar="N",
+              help="Streams per variant, from the run file's seed on.")  # fmt: skip
+@click.option("--workers", default=1, show_default=True, type=click.IntRange(1), metavar="N",
+              help="Processes that make the streams.")  # fmt: skip
+@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="DIR",
+              help="Directory of the products; default: the run file's name with -ablation.")  # fmt: skip
+@click.option("-f", "--force", is_flag=True, help="Replace the products in DIR.")
+@click.option("-q", "--quiet", is_flag=True, help="No progress bar and no tables printed.")
+def ablate(
+    run_file: Path,
+    variations: tuple[str, ...],
+    settings: tuple[str, ...],
+    reference: str | None,
+    seeds: int,
+    workers: int,
+    output: Path | None,
+    force: bool,
+    quiet: bool,
+) -> None:
+    """Compare variants of a model with each other and with an N-body snapshot.
+
+    Every combination of the values is run on the same seeds. Free parameters are at the prior's centre unless --set or
+    --vary says otherwise. Printed and written to DIR: the length of each tail, the distance of its mean track from the
+    reference's, widths, density, observables, energies and angular momenta; and the pictures.
+
+    A kind that is not the run file's starts from its own defaults: what is particular to the run file's kind (the
+    sigma of mlcs) stays with it, and what all kinds have (particles, progenitor_gravity) is kept. What --vary sets
+    holds for every kind in the grid.
+
+    A variant without a stream is listed with its reason, and the others are kept. Ctrl-C keeps what is finished.
+    """
+    from streamkit import ablation
+    from streamkit import output as files
+    from streamkit.ablationtable import describe
+
+    out = output if output is not None else Path(f"{run_file.stem}-ablation")
+    _check_directory(out, force)
+    spec = load_spec(run_file, settings)
+    variants = ablation.grid(spec, read_variations(variations))
+    stream = None if reference is None else _snapshot(reference, spec)
+    with files.locked(out):
+        found = _run(spec, variants, stream, seeds, workers, quiet)
+        if found.reference is None or not any(outcome.portraits for outcome in found.outcomes):
+            reasons = "; ".join(f"{o.variant.label}: {', '.join(o.reasons)}" for o in found.outcomes)
+            raise StreamkitError(f"{run_file}: no variant has a stream. {reasons}")
+        interrupted = any("interrupted" in outcome.reasons for outcome in found.outcomes)
+        _write_tables(found, out, reference, seeds)
+        if not quiet:
+            click.echo(describe(found))
+            click.echo()
+        _draw(found, out)
+    if not quiet:
+        click.echo(f"tables and pictures: {out}")
+    if interrupted:
+        click.echo("streamkit: interrupted; the tables hold what was finished", err=True)
+        click.get_current_context().exit(INTERRUPTED)
+
+
+def read_variations(variations: Sequence[str]) -> dict[str, list[Any]]:
+    """Turn ``PATH=V1,V2,...`` arguments into fields and their values, read as a run file reads them.
+
+    A comma inside quotes, brackets or braces does not separate values.
+    """
+    from streamkit.toml import literal
+
+    found: dict[str, list[Any]] = {}
+    for variation in variations:
+        path, equals, text = (part.strip() for part in variation.partition("="))
+        values = [literal(value.strip()) for value in _split(text)]
+        if not (equals and path) or any(value == "" for value in values):
+            raise click.UsageError(
+                f"--vary {variation!r}: expected PATH=V1,V2,..., such as stripping.kind=mlcs,streakline"
+            )
+        if path in found:
+            raise click.UsageError(f"--vary {path}: given twice; give all its values at once")
+        found[path] = values
+    return found
+
+
+def _split(text: str) -> list[str]:
+    parts, depth, quote = [""], 0, ""
+    for letter in text:
+        if quote:
+            quote = "" if letter == quote else quote
+        elif letter in "\"'":
+            quote = letter
+        depth += (letter in "[{") - (letter in "]}") if not quote else 0
+        if letter == "," and not quote and depth == 0:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    return parts
+
+
+def _check_directory(directory: Path, force: bool) -> None:
+    """Refuse to replace the products of another ablation, before anything is computed."""
+    there = [name for name in PRODUCTS if (directory / name).exists()]
+    if there and not force:
+        some = ", ".join(there[:3]) + (" ..." if len(there) > 3 else "")
+        raise StreamkitError(
+            f"{directory}: holds an ablation already ({some}). --force replaces it, or choose another directory."
+        )
+
+
+def _snapshot(reference: str, spec: Spec) -> Stream:
+    from streamkit.errors import OutOfDomain
+    from streamkit.nbody import to_stream
+    from streamkit.snapshots import read
+
+    snapshot = read(reference)
+    try:
+        return to_stream(snapshot, spec.bind())
+    except OutOfDomain as error:
+        raise StreamkitError(
+            f"{spec.source}: the progenitor has no orbit to compare the snapshot with: {error}"
+        ) from None
+
+
+def _run(spec: Spec, variants: Sequence[Any], stream: Stream | None, seeds: int, workers: int, quiet: bool) -> Ablation:
+    from tqdm import tqdm
+
+    from streamkit import ablation
+
+    with tqdm(total=seeds * len(variants), unit="stream", disable=True if quiet else None, leave=False) as bar:
+        return ablation.run(spec, variants, stream, seeds=seeds, workers=workers, done=bar.update)
+
+
+def _write_tables(found: Ablation, out: Path, reference: str | None, seeds: int) -> None:
+    from streamkit import __version__, export
+    from streamkit.ablationtable import table, tracks
+
+    spec = found.spec
+    vary: dict[str, list[Any]] = {}
+    for outcome in found.outcomes:
+        for path, value in outcome.variant.values.items():
+            vary.setdefault(path, []).extend([] if value in vary.get(path, []) else [value])
+    header = {
+        "streamkit_version": __version__,
+        "run_file": Path(spec.source).name,
+        "run_digest": spec.digest(),
+        "seed": spec.seed,
+        "seeds": seeds,
+        "vary": vary,
+        "reference": reference or f"the first variant, {found.outcomes[0].variant.label}",
+    }
+    for name, made in ((TABLE, table(found)), (TRACKS, tracks(found))):
+        made.meta = header
+        export.save(out / name, lambda part, made=made: made.write(part, format="ascii.ecsv", overwrite=True))  # type: ignore[misc]
+    text = spec.toml()
+    export.save(out / RUN, lambda part: part.write_text(text))
+
+
+def _draw(found: Ablation, out: Path) -> None:
+    from streamkit import export, figures, tailfigures
+
+    shown = {outcome.variant.label: outcome.first for outcome in found.outcomes}
+    if found.external:
+        shown = {"N-body": found.reference} | shown
+    portraits = {title: p for title, p in shown.items() if p is not None and not p.stream.bound.all()}
+    for name in PICTURES:
+        draw = getattr(figures, name, None) or getattr(tailfigures, name)
+        figure: Figure = draw(portraits)
+        export.save(out / f"{name}.png", lambda part, figure=figure: figure.savefig(part, dpi=200))  # type: ignore[misc]

@@ -1,0 +1,287 @@
+"""Ablation: the fields of a run file varied over a grid, each variant run on the same seeds and measured."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from streamkit.comparison import Portrait, compare
+from streamkit.components import Component
+from streamkit.errors import ComponentError, OutOfDomain, SpecError
+from streamkit.model import Model, measure
+from streamkit.phase import Prediction, Stream
+from streamkit.spec import Setup, Spec
+
+WARM = 64
+"""Particles of the stream that loads the machine code before the clock starts."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One point of the grid: its label, the fields it changes, and the run file with them."""
+
+    label: str
+    values: dict[str, Any]
+    spec: Spec
+
+
+@dataclass
+class Outcome:
+    """What became of a variant: one entry per seed that has a stream.
+
+    Attributes
+    ----------
+    portraits
+        By seed.
+    measures
+        The measures of each, by name.
+    cpu
+        CPU seconds of each stream with its observables.
+    reasons
+        Why there is none, or no observables, for the other seeds; each once.
+    """
+
+    variant: Variant
+    portraits: dict[int, Portrait] = field(default_factory=dict)
+    measures: dict[int, dict[str, float]] = field(default_factory=dict)
+    cpu: dict[int, float] = field(default_factory=dict)
+    reasons: list[str] = field(default_factory=list)
+
+    def blame(self, reason: str) -> None:
+        """Keep a reason, once."""
+        if reason not in self.reasons:
+            self.reasons.append(reason)
+
+    @property
+    def first(self) -> Portrait | None:
+        """The portrait at the lowest seed that has a stream."""
+        return self.portraits[min(self.portraits)] if self.portraits else None
+
+
+@dataclass(frozen=True)
+class Ablation:
+    """A finished ablation.
+
+    Attributes
+    ----------
+    spec
+        The run file that the variants start from.
+    outcomes
+        In the order of the grid.
+    reference
+        What they were compared with; the first variant's own stream where no snapshot was given.
+    external
+        Whether the reference is a snapshot.
+    """
+
+    spec: Spec
+    outcomes: tuple[Outcome, ...]
+    reference: Portrait | None
+    external: bool
+
+
+def grid(spec: Spec, vary: Mapping[str, Sequence[Any]]) -> list[Variant]:
+    """Return every combination of the values, validated as in the file.
+
+    A kind that is not the run file's own starts from its own defaults: what is particular to the run file's kind does
+    not belong to it. What all kinds of a section share (particles, progenitor_gravity ...) is kept.
+
+    Raises
+    ------
+    SpecError
+        If a field does not exist or a value is not allowed, in any of the variants.
+    """
+    if not vary:
+        raise SpecError(f"{spec.source}: nothing is varied: name a field and its values")
+    labels = _short(list(vary))
+    variants = []
+    for point in itertools.product(*vary.values()):
+        values = dict(zip(vary, point, strict=True))
+        label = ", ".join(_label(labels[path], value) for path, value in values.items())
+        try:
+            variants.append(Variant(label, values, _without_own(spec, values).with_values(values)))
+        except SpecError as error:
+            raise SpecError(f"variant {label!r}: {error}") from None
+    return variants
+
+
+def _without_own(spec: Spec, values: Mapping[str, Any]) -> Spec:
+    """Put the fields that only the present kinds have back to their defaults, where another kind is asked for."""
+    reset: dict[str, Any] = {}
+    for path, cls, _ in spec.components():
+        if not issubclass(cls, Component) or values.get(f"{path}.kind", cls.kind) == cls.kind:
+            continue
+        base = next(base for base in cls.__mro__[1:] if issubclass(base, Component) and "kind" not in base.__dict__)
+        for name, info in cls.model_fields.items():
+            if name not in base.model_fields and not info.is_required():
+                reset[f"{path}.{name}"] = info.get_default(call_default_factory=True)
+    return spec.with_values(reset) if reset else spec
+
+
+def _short(paths: list[str]) -> dict[str, str]:
+    """Return the last part of each path, or the whole where two end alike."""
+    last = [path.rpartition(".")[2] for path in paths]
+    return {path: name if last.count(name) == 1 else path for path, name in zip(paths, last, strict=True)}
+
+
+def _label(name: str, value: Any) -> str:
+    """Write a change as a person would say it: ``mlcs``, ``without progenitor gravity``, ``sigma = 10 km/s``."""
+    if isinstance(value, bool):
+        return f"{'with' if value else 'without'} {name.replace('_', ' ')}"
+    return str(value) if name == "kind" else f"{name} = {value}"
+
+
+@dataclass(frozen=True)
+class _Made:
+    """What a worker hands back: a stream, or the reason why there is none."""
+
+    stream: Stream | None
+    prediction: Prediction | None
+    cpu: float
+    reason: str
+
+
+def _make(spec: Spec) -> _Made:
+    with suppress(OutOfDomain, ComponentError):  # the full stream says why, or does better
+        _observe(spec.with_values({"stripping.particles": min(WARM, spec.bind().stripping.particles)}))
+    begin = time.process_time()
+    try:
+        stream, prediction = _observe(spec)
+    except OutOfDomain as error:
+        return _Made(None, None, 0.0, f"no stream: {error.reason}")
+    except ComponentError as error:
+        return _Made(None, None, 0.0, f"no stream: {error}")
+    return _Made(stream, prediction, time.process_time() - begin, "")
+
+
+def _observe(spec: Spec) -> tuple[Stream, Prediction | None]:
+    return Model(spec).observe(spec.bind())
+
+
+def run(
+    spec: Spec,
+    variants: Sequence[Variant],
+    reference: Stream | None = None,
+    *,
+    seeds: int = 1,
+    workers: int = 1,
+    done: Callable[[], object] = lambda: None,
+) -> Ablation:
+    """Make every variant on the same seeds and measure it against the reference, or against the first variant.
+
+    Free parameters stand at the centres of their priors. An interruption ends the work and keeps what is finished.
+
+    Parameters
+    ----------
+    spec
+        What the variants start from; its seed is the first.
+    variants
+        From `grid`.
+    reference
+        An N-body snapshot as a stream; None to compare with the first variant that has a stream.
+    seeds
+        Streams per variant, with consecutive seeds.
+    workers
+        Processes.
+    done
+        Called after each stream.
+    """
+    outcomes = tuple(Outcome(variant) for variant in variants)
+    jobs = [
+        (i, seed, variant.spec.with_values({"seed": spec.seed + seed}))
+        for seed in range(seeds)
+        for i, variant in enumerate(variants)
+    ]
+    left = {(i, seed) for i, seed, _ in jobs}
+    try:
+        for i, seed, made in _results(jobs, workers):
+            left.discard((i, seed))
+            _keep(outcomes[i], seed, made)
+            done()
+    except KeyboardInterrupt:
+        for i, _ in left:
+            outcomes[i].blame("interrupted")
+    portrait = None if reference is None else _reference(reference, spec.bind())
+    for outcome in outcomes:
+        _measure(outcome, portrait, outcomes)
+    shown = portrait or next((o.first for o in outcomes if o.first), None)
+    return Ablation(spec, outcomes, shown, reference is not None)
+
+
+def _reference(stream: Stream, setup: Setup) -> Portrait:
+    observable = setup.observable
+    return Portrait(stream, setup, None if observable is None else measure(observable, stream))
+
+
+Job = tuple[int, int, Spec]
+
+
+def _results(jobs: list[Job], workers: int) -> Iterator[tuple[int, int, _Made]]:
+    """Yield variant, seed and what was made, as they come."""
+    if workers == 1:
+        yield from ((i, seed, _make(spec)) for i, seed, spec in jobs)
+        return
+    from streamkit.workers import pool
+
+    executor: ProcessPoolExecutor = pool(workers)
+    try:
+        futures = {executor.submit(_make, spec): (i, seed) for i, seed, spec in jobs}
+        for future in as_completed(futures):
+            try:
+                made = future.result()
+            except BrokenProcessPool:
+                made = _Made(None, None, 0.0, "no stream: its process died (killed, or out of memory)")
+            yield *futures[future], made
+    finally:
+        executor.shutdown(wait=True, cancel_futures=True)
+
+
+def _keep(outcome: Outcome, seed: int, made: _Made) -> None:
+    if made.stream is None:
+        outcome.blame(made.reason)
+        return
+    outcome.portraits[seed] = Portrait(made.stream, outcome.variant.spec.bind(), made.prediction)
+    outcome.cpu[seed] = made.cpu
+    if made.stream.bound.all():
+        outcome.blame("no particle has left the progenitor")
+    elif made.prediction is not None and made.prediction.why_not:
+        outcome.blame(f"no observables: {made.prediction.why_not}")
+
+
+def _measure(outcome: Outcome, reference: Portrait | None, outcomes: Sequence[Outcome]) -> None:
+    """Fill in the measures of every seed; without a reference, each is set against the first variant's same seed."""
+    for seed, portrait in outcome.portraits.items():
+        other = reference or next((o.portraits[seed] for o in outcomes if seed in o.portraits), portrait)
+        found = {**portrait.own(), **compare(portrait, other), **pulls(portrait, other)}
+        outcome.measures[seed] = {**found, "cpu": outcome.cpu[seed]}
+
+
+def pulls(this: Portrait, other: Portrait) -> dict[str, float]:
+    """Return the observables, and their differences from the reference in standard errors of the data.
+
+    The reference is measured by the same observable.
+    """
+    found = observables(this)
+    observable = this.setup.observable
+    if not found or observable is None:
+        return {}
+    reference = measure(observable, other.stream)
+    _, errors = observable.data()
+    away = (np.array(list(found.values())) - reference.mean) / np.where(errors > 0, errors, np.nan)
+    return found | {f"pull_{name}": value for name, value in zip(reference.names, away.tolist(), strict=True)}
+
+
+def observables(this: Portrait) -> dict[str, float]:
+    """Return the observables of a portrait; none where they have no value."""
+    prediction = this.prediction
+    if prediction is None or prediction.why_not:
+        return {}
+    return {f"observable_{name}": value for name, value in zip(prediction.names, prediction.mean.tolist(), strict=True)}

@@ -1,0 +1,203 @@
+"""The tables of an ablation: one row per variant as an astropy table, the same for a terminal, and the mean tracks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from streamkit.ablation import Ablation, Outcome, observables
+from streamkit.comparison import ARMS, NEAR
+from streamkit.listing import toml
+from streamkit.text import columns, paragraph
+
+if TYPE_CHECKING:
+    from astropy.table import QTable
+
+REFERENCE = "reference"
+UNITS = {
+    "length": "deg", "track": "kpc", "track_near": "kpc", "density_distance": "deg", "cpu": "s",
+    "energy_offset": "km2 / s2", "energy_distance": "km2 / s2",
+    "angular_momentum_offset": "kpc km / s", "angular_momentum_distance": "kpc km / s",
+}  # fmt: skip
+"""Units of the measures, by their names without the arm."""
+MEANING = {
+    "length": "angle from the progenitor to the end of the tail: 0.5 and 99.5 % of the winding",
+    "length_ratio": "length of both tails over the reference's",
+    "track": "rms distance of the mean track from the reference's, across it, over the common length; "
+    "the noise of the finite number of particles is taken off",
+    "track_near": f"the same from the progenitor to where the reference's track is first {NEAR:g} kpc away from it",
+    "width_ratio": "width in the plane of the orbit over the reference's, median along the common length",
+    "thickness_ratio": "the same out of the plane",
+    "density_distance": "Wasserstein distance of the angles along the tail from the reference's",
+    "energy_offset": "mean energy of the tail minus the progenitor's",
+    "energy_distance": "Wasserstein distance of the unbound particles' energies from the reference's",
+    "angular_momentum_offset": "mean angular momentum of the tail minus the progenitor's",
+    "angular_momentum_distance": "Wasserstein distance of the angular momenta from the reference's",
+    "bound": "fraction of the particles inside the tidal radius today",
+    "observable": "as the run file measures it",
+    "pull": "difference of the observable from the reference's in standard errors of the data",
+    "cpu": "CPU seconds of one stream with its observables",
+}
+
+
+def table(ablation: Ablation) -> QTable:
+    """Return one row per variant, the reference first if it is a snapshot: means over the seeds, and their scatter.
+
+    A variant without a stream has its reason and no numbers.
+    """
+    from astropy import units as u
+    from astropy.table import Column, QTable
+
+    rows = _rows(ablation)
+    names = list(dict.fromkeys(name for _, _, measures in rows for one in measures for name in one))
+    several = any(len(measures) > 1 for _, _, measures in rows)
+    out = QTable()
+    out["variant"] = [label for label, _, _ in rows]
+    for path in ablation.outcomes[0].variant.values:
+        out[path] = ["" if o is None else toml(o.variant.values[path]).strip('"') for _, o, _ in rows]
+    out["streams"] = [0 if o is None else len(measures) for _, o, measures in rows]
+    for name in names:
+        values = [[one.get(name, np.nan) for one in measures] for _, _, measures in rows]
+        unit = u.Unit(UNITS.get(_base(name), ""))
+        out[name] = np.array([_mean(value) for value in values]) * unit
+        out[name].info.description = MEANING.get(_base(name), "")
+        if several:
+            out[f"{name}_sd"] = np.array([_scatter(value) for value in values]) * unit
+    reasons = ["" if o is None else "; ".join(o.reasons) for _, o, _ in rows]
+    out["reason"] = Column(reasons, description="why there is no stream, or no observable")
+    return out
+
+
+def _rows(ablation: Ablation) -> list[tuple[str, Outcome | None, list[dict[str, float]]]]:
+    rows: list[tuple[str, Outcome | None, list[dict[str, float]]]] = []
+    if ablation.external and ablation.reference is not None:
+        reference = ablation.reference
+        rows.append((REFERENCE, None, [{**reference.own(), **observables(reference)}]))
+    return rows + [(o.variant.label, o, [o.measures[seed] for seed in sorted(o.measures)]) for o in ablation.outcomes]
+
+
+def _mean(values: Sequence[float]) -> float:
+    known = [value for value in values if np.isfinite(value)]
+    return float(np.mean(known)) if known else np.nan
+
+
+def _scatter(values: Sequence[float]) -> float:
+    known = [value for value in values if np.isfinite(value)]
+    return float(np.std(known, ddof=1)) if len(known) > 1 else np.nan
+
+
+def _base(name: str) -> str:
+    """Return a measure's name without the arm, or the name of the observable."""
+    for prefix in ("observable", "pull"):
+        if name.startswith(f"{prefix}_"):
+            return prefix
+    return name.removesuffix("_leading").removesuffix("_trailing")
+
+
+def tracks(ablation: Ablation) -> QTable:
+    """Return the mean tracks of the reference and of every variant at its first seed, one row per arm and angle."""
+    from astropy import units as u
+    from astropy.table import QTable, vstack
+
+    named = {REFERENCE: ablation.reference} if ablation.external else {}
+    named |= {outcome.variant.label: outcome.first for outcome in ablation.outcomes}
+    portraits = {label: portrait for label, portrait in named.items() if portrait is not None}
+    parts = []
+    for label, portrait in portraits.items():
+        for arm, track in portrait.tracks.items():
+            part = QTable()
+            part["variant"] = [label] * len(track.angle)
+            part["arm"] = arm
+            part["angle"] = track.angle * ARMS[arm] * u.deg
+            for name in ("r", "height", "width", "thickness"):
+                part[name] = np.where(track.count > 0, getattr(track, name), np.nan) * u.kpc
+            part["density"] = track.density / u.deg
+            part["count"] = track.count
+            parts.append(part)
+    return vstack(parts, metadata_conflicts="silent")
+
+
+def describe(ablation: Ablation) -> str:
+    """Show the table for a terminal, in four parts, with what each column means."""
+    rows = _rows(ablation)
+    seeds = max((len(measures) for _, _, measures in rows), default=0)
+    other = "the snapshot" if ablation.external else f"the first variant, {ablation.outcomes[0].variant.label}"
+    of = f"; means over {seeds} seeds, their scatter is in the table's columns _sd" if seeds > 1 else ""
+    parts = [paragraph(f"{len(ablation.outcomes)} variants beside {other}{of}")]
+    arms = tuple(ARMS)
+    layout = (
+        ("along", ("length", arms), ("length_ratio", ()), ("track_near", arms), ("track", arms)),
+        (
+            "across",
+            ("width_ratio", arms),
+            ("thickness_ratio", arms),
+            ("density_distance", arms),
+            ("bound", ()),
+            ("cpu", ()),
+        ),
+        ("energy", ("energy_offset", arms), ("energy_distance", ())),
+        ("angular momentum", ("angular_momentum_offset", arms), ("angular_momentum_distance", ())),
+    )
+    for _title, *measures in layout:
+        parts.append(_part(rows, measures))
+    parts += _observables(rows)
+    for label, outcome, _ in rows:
+        if outcome is not None and outcome.reasons:
+            parts.append(paragraph("; ".join(outcome.reasons), f"{label}: ", "  "))
+    return "\n\n".join(part for part in parts if part)
+
+
+def _part(rows: Sequence[Any], measures: Sequence[tuple[str, tuple[str, ...]]]) -> str:
+    head, names, notes = ["variant"], [], []
+    for base, arms in measures:
+        unit = UNITS.get(base, "")
+        title = _title(base)
+        notes.append(paragraph(f"{MEANING[base]}{f' [{_plain(unit)}]' if unit else ''}", f"  {title}: ", "    "))
+        for arm in arms or ("",):
+            names.append(f"{base}_{arm}" if arm else base)
+            head.append(f"{title} {arm[:1].upper()}".strip())
+    body = [[label, *(_cell(measures_, name) for name in names)] for label, _, measures_ in rows]
+    return "\n".join([columns([head, *body]), *notes])
+
+
+def _title(base: str) -> str:
+    for long, short in (
+        ("angular_momentum", "L"),
+        ("energy", "E"),
+        ("_distance", " dist"),
+        ("_offset", " offset"),
+        ("_ratio", ""),
+    ):
+        base = base.replace(long, short)
+    return base.replace("_", " ")
+
+
+def _plain(unit: str) -> str:
+    return unit.replace(" ", "").replace("km2/s2", "(km/s)^2")
+
+
+def _observables(rows: Sequence[Any]) -> list[str]:
+    names = list(dict.fromkeys(n for _, _, ms in rows for one in ms for n in one if _base(n) == "observable"))
+    if not names:
+        return []
+    head = ["variant"]
+    for name in names:
+        head += [name.removeprefix("observable_"), "pull"]
+    body = []
+    for label, _, measures in rows:
+        cells = [label]
+        for name in names:
+            cells += [_cell(measures, name), _cell(measures, name.replace("observable", "pull", 1), "+.1f")]
+        body.append(cells)
+    return ["\n".join([columns([head, *body]), paragraph(MEANING["pull"], "  pull: ", "    ")])]
+
+
+def _cell(measures: Sequence[dict[str, float]], name: str, form: str = "") -> str:
+    """Write the mean over the seeds."""
+    mean = _mean([one.get(name, np.nan) for one in measures])
+    if not np.isfinite(mean):
+        return "-"
+    digits = 0 if abs(mean) >= 100 else 1 if abs(mean) >= 10 else 2
+    return format(mean, form or f".{digits}f")

@@ -1,0 +1,206 @@
+"""From an N-body snapshot to a `Stream`, by the conventions of the model: what measures one measures the other.
+
+What the file does not say is found by following the particles back in the host with the run file's progenitor: the
+stripping time, the number of turns of the winding, and the phase chi.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from streamkit.engine import PEFRL, Field, build_field, split_step
+from streamkit.errors import StreamkitError
+from streamkit.march import orbital_plane
+from streamkit.model import next_apocentre, progenitor_track, tidal_radius
+from streamkit.phase import Array, BoolArray, Orbit, Stream
+from streamkit.snapshots import Snapshot
+from streamkit.spec import Setup
+from streamkit.units import GYR
+
+BLOCK, STEPS = 0.01 * GYR, 5
+"""Time between two looks at the particles on the way back, and steps of the integrator in it."""
+FEWEST = 50
+"""Particles that make a remnant."""
+OFFSET = 1.0
+"""How far, in tidal radii, the remnant may be from the run file's progenitor."""
+SPEED_OFFSET = 0.1
+"""The same for the velocity, in units of the progenitor's speed."""
+BEYOND = 10.0
+"""Factor by which the median particle may be nearer, farther, slower or faster than the progenitor ever is."""
+RETURNED = 3.0
+"""Nearest approach on the way back, in tidal radii, of a particle that came from the progenitor."""
+
+
+def to_stream(snapshot: Snapshot, setup: Setup) -> Stream:
+    """Return the snapshot's particles as a stream in the host, and about the progenitor, of a bound run file.
+
+    The track of the core is the snapshot's own, if it has one, else the progenitor's orbit. Bound is who the file says,
+    else who is inside the tidal radius today.
+
+    Raises
+    ------
+    StreamkitError
+        If the snapshot cannot be this progenitor's: other units, another place, another velocity.
+    """
+    host = build_field(list(setup.potentials.values()))
+    model_track = progenitor_track(host, setup)
+    _same_scale(snapshot, model_track)
+    _same_place(snapshot, model_track, setup)
+    orbit = _track(snapshot, host, setup, model_track)
+    n = snapshot.q.shape[1]
+    if snapshot.t_strip is not None:
+        bound = np.isnan(snapshot.t_strip)
+    else:
+        bound = _distance(snapshot.q, orbit.q[:, -1]) <= orbit.r_tidal[-1]
+    t_strip, winding, chi = snapshot.t_strip, snapshot.winding, snapshot.chi
+    if t_strip is None or winding is None:
+        field = host.with_followers(build_field([setup.satellite]), model_track)
+        past = rewind(field, model_track, snapshot.q[:, ~bound], snapshot.v[:, ~bound])
+        t_strip = _filled(bound, past.t_strip) if t_strip is None else t_strip
+        winding = _filled(bound, past.winding) if winding is None else winding
+    return Stream(
+        q=snapshot.q,
+        v=snapshot.v,
+        t_release=np.full(n, orbit.t[0]),
+        t_strip=np.where(bound, 0.0, t_strip),
+        dq_strip=np.full((3, n), np.nan),
+        dv_strip=np.full((3, n), np.nan),
+        tail=np.where(winding > 0, -1, 1).astype(np.int64),
+        winding=np.where(bound, 0.0, winding),
+        chi=np.full(n, np.nan) if chi is None else chi,
+        bound=bound,
+        weight=np.ones(n),
+        orbit=orbit,
+        future=next_apocentre(host, setup),
+        parameters=dict(setup.values),
+    )
+
+
+def _filled(bound: BoolArray, values: Array) -> Array:
+    out = np.zeros(len(bound))
+    out[~bound] = values
+    return out
+
+
+def _track(snapshot: Snapshot, host: Field, setup: Setup, model_track: Orbit) -> Orbit:
+    if snapshot.core is None or snapshot.core.shape[1] < 2:
+        return model_track
+    t, q, v = snapshot.core[0], np.ascontiguousarray(snapshot.core[1:4]), np.ascontiguousarray(snapshot.core[4:])
+    bare = Orbit(t, q, v, host.acceleration(0.0, q), np.full(len(t), np.nan))
+    return Orbit(t, q, v, bare.a, tidal_radius(host, bare, setup.mass))
+
+
+def _distance(a: Array, b: Array) -> Array:
+    return np.asarray(np.sqrt(((a.T - b) ** 2).sum(axis=1)))
+
+
+def _same_scale(snapshot: Snapshot, track: Orbit) -> None:
+    """Refuse particles whose distances or speeds are far from any of the progenitor's: their units are not as said."""
+    speed = np.sqrt((track.v**2).sum(axis=0))
+    for what, values, known, unit in (("distance", snapshot.q, track.r, "kpc"), ("speed", snapshot.v, speed, "km/s")):
+        found = float(np.median(np.sqrt((values**2).sum(axis=0))))
+        if not known.min() / BEYOND < found < known.max() * BEYOND:
+            raise StreamkitError(
+                f"{snapshot.source}: the median {what} is {found:.3g} {unit} in the units that the file states; the "
+                f"progenitor of the run file has {known.min():.3g} to {known.max():.3g} {unit}. Are the units right, "
+                "the host's centre at the origin, and the snapshot of this satellite?"
+            )
+
+
+def _same_place(snapshot: Snapshot, track: Orbit, setup: Setup) -> None:
+    """Refuse a snapshot whose remnant is elsewhere: angles along the stream are counted from it."""
+    found = snapshot.core[1:, -1] if snapshot.core is not None else remnant(snapshot.q, snapshot.v, track.r_tidal[-1])
+    if found is None:
+        return  # dissolved: nothing to compare with
+    away = float(_distance(found[:3, None], setup.q)[0])
+    faster = float(_distance(found[3:, None], setup.v)[0])
+    if away > OFFSET * track.r_tidal[-1] or faster > SPEED_OFFSET * np.sqrt(setup.v @ setup.v):
+        names = ("x", "y", "z", "vx", "vy", "vz")
+        numbers = ", ".join(f"{name} = {value:.8g}" for name, value in zip(names, found, strict=True))
+        raise StreamkitError(
+            f"{snapshot.source}: its remnant is {away:.3g} kpc and {faster:.3g} km/s away from the run file's "
+            f"progenitor, whose tidal radius is {track.r_tidal[-1]:.3g} kpc. To start the model from it, put into "
+            f"[progenitor]: {numbers} (kpc and km/s, Galactocentric)."
+        )
+
+
+def remnant(q: Array, v: Array, r_tidal: float) -> Array | None:
+    """(6,) Position and velocity of the densest clump by a shrinking sphere; None without one.
+
+    A clump is no remnant if it holds fewer than `FEWEST` particles within a tidal radius, or is not twice as
+    crowded as the shell around it.
+    """
+    centre = np.median(q, axis=1)
+    radius = float(np.percentile(_distance(q, centre), 90))
+    while radius > 0.25 * r_tidal:
+        inside = _distance(q, centre) < radius
+        if inside.sum() < FEWEST:
+            break
+        centre = q[:, inside].mean(axis=1)
+        radius *= 0.9
+    away = _distance(q, centre)
+    near, around = int((away < r_tidal).sum()), int((away < 2 * r_tidal).sum())
+    if near < FEWEST or near < 2 * (around - near) / 7:
+        return None
+    core = away < 0.5 * r_tidal
+    return np.concatenate([q[:, core].mean(axis=1), v[:, core].mean(axis=1)])
+
+
+@dataclass(frozen=True)
+class Past:
+    """What particles have done, found by following them back: see `streamkit.Stream`.
+
+    Attributes
+    ----------
+    nearest
+        (n,) nearest approach to the progenitor on the way back, in tidal radii: much above 1 for a particle that has
+        not come from it, as far as the fixed mass of the progenitor can say.
+    """
+
+    t_strip: Array
+    winding: Array
+    nearest: Array
+
+
+def rewind(field: Field, orbit: Orbit, q: Array, v: Array) -> Past:
+    """Follow particles q, v (3, n) back along the progenitor's track, each until it enters the tidal radius.
+
+    The last entry on the way back is the stripping time. There the angle to the progenitor is small, which says how
+    many turns the particle has made since. Where a particle only comes near, its nearest approach is taken.
+    """
+    n = q.shape[1]
+    q, v, now = q.copy(), v.copy(), np.zeros(n)
+    plane = orbital_plane(orbit)
+    edges = np.linspace(0.0, orbit.t[0], max(int(np.ceil(-orbit.t[0] / BLOCK)), 1) + 1)
+    states = orbit.at(edges)
+    angle = _angle(plane, q) - _angle(plane, states.q[:, :1])
+    angle -= 2 * np.pi * np.round(angle / (2 * np.pi))
+    today = angle.copy()
+    lag, nearest, t_strip = angle.copy(), np.full(n, np.inf), np.zeros(n)
+    before = np.stack([_angle(plane, q), np.repeat(_angle(plane, states.q[:, :1]), n)])
+    going = np.arange(n)
+    for i, t1 in enumerate(edges):
+        if i:
+            some_q, some_v = np.ascontiguousarray(q[:, going]), np.ascontiguousarray(v[:, going])
+            split_step(field, PEFRL, some_q, some_v, now[going], float(t1), STEPS)
+            q[:, going], v[:, going], now[going] = some_q, some_v, t1
+            new = np.stack([_angle(plane, some_q), np.repeat(_angle(plane, states.q[:, i : i + 1]), len(going))])
+            turned = new - before[:, going]
+            turned -= 2 * np.pi * np.round(turned / (2 * np.pi))
+            before[:, going] = new
+            angle[going] += turned[0] - turned[1]
+        gap = _distance(q[:, going], states.q[:, i]) / states.r_tidal[i]
+        nearer = gap < nearest[going]
+        nearest[going[nearer]], lag[going[nearer]] = gap[nearer], angle[going[nearer]]
+        t_strip[going[nearer]] = t1
+        going = going[gap > 1.0]
+    field.check()
+    turns = np.where(nearest < RETURNED, np.round(lag / (2 * np.pi)), 0.0)
+    return Past(t_strip, today - 2 * np.pi * turns, nearest)
+
+
+def _angle(plane: Array, q: Array) -> Array:
+    first, second = plane @ q
+    return np.asarray(np.arctan2(second, first))

@@ -1,0 +1,49 @@
+"""What the pictures of several streams share: portraits by title, panels in rows, and how many particles are drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from streamkit.comparison import Portrait
+from streamkit.phase import BoolArray, IntArray, Stream
+
+Portraits = Mapping[str, Portrait]
+ACROSS = 4
+"""Most panels beside each other."""
+SHOWN = 6500
+"""Most particles drawn per panel: the same random number of each stream, as in Gibbons+ 2014, figure 6."""
+
+
+def grid(n: int, width: float, height: float, *, across: int = ACROSS, share: bool) -> tuple[Figure, list[Axes]]:
+    """Return a figure and n panels, in rows of at most ``across``."""
+    columns = max(min(n, across), 1)
+    rows = max(-(-n // columns), 1)
+    figure = Figure(figsize=(width * columns + 0.9, height * rows + 0.5), layout="constrained")
+    panels: Any = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=share)
+    every = list(panels.flat)
+    for axes in every[n:]:
+        axes.set_visible(False)
+    for axes in every[max(n - columns, 0) : n]:
+        axes.tick_params(labelbottom=True)
+    return figure, every[: max(n, 1)]
+
+
+def labels(figure: Figure, x: str, y: str) -> None:
+    """Label all panels at once."""
+    figure.supxlabel(x, fontsize=11)
+    figure.supylabel(y, fontsize=11)
+
+
+def some(stream: Stream, chosen: BoolArray, of: BoolArray | None = None) -> IntArray:
+    """Return indices of the chosen particles, thinned at random so that `SHOWN` of the unbound ones would be drawn."""
+    of = ~stream.bound if of is None else of
+    index = np.flatnonzero(chosen)
+    share = SHOWN / max(int(of.sum()), 1)
+    if share >= 1:
+        return index
+    return np.sort(np.random.default_rng(0).choice(index, int(share * len(index)), replace=False))
