@@ -14,7 +14,7 @@ from streamkit.engine import PEFRL, Field, build_field, split_step
 from streamkit.errors import StreamkitError
 from streamkit.march import orbital_plane
 from streamkit.model import next_apocentre, progenitor_track, tidal_radius
-from streamkit.phase import Array, BoolArray, Orbit, Stream
+from streamkit.phase import LEADING, TRAILING, Array, BoolArray, Orbit, Stream
 from streamkit.snapshots import Snapshot
 from streamkit.spec import Setup
 from streamkit.units import GYR
@@ -37,7 +37,8 @@ def to_stream(snapshot: Snapshot, setup: Setup) -> Stream:
     """Return the snapshot's particles as a stream in the host, and about the progenitor, of a bound run file.
 
     The track of the core is the snapshot's own, if it has one, else the progenitor's orbit. Bound is who the file says,
-    else who is inside the tidal radius today.
+    else who is inside the tidal radius today. Of the file's windings the whole turns are used: codes differ in where
+    they begin to count, by the size of the satellite.
 
     Raises
     ------
@@ -55,21 +56,27 @@ def to_stream(snapshot: Snapshot, setup: Setup) -> Stream:
     else:
         bound = _distance(snapshot.q, orbit.q[:, -1]) <= orbit.r_tidal[-1]
     t_strip, winding, chi = snapshot.t_strip, snapshot.winding, snapshot.chi
-    if t_strip is None or winding is None:
+    if t_strip is None or winding is None or chi is None:
         field = host.with_followers(build_field([setup.satellite]), model_track)
         past = rewind(field, model_track, snapshot.q[:, ~bound], snapshot.v[:, ~bound])
         t_strip = _filled(bound, past.t_strip) if t_strip is None else t_strip
         winding = _filled(bound, past.winding) if winding is None else winding
+        chi = _filled(bound, past.chi) if chi is None else chi
+    today = _lag(orbital_plane(orbit), snapshot.q, orbit.q[:, -1:])
+    winding = today + 2 * np.pi * np.round((np.where(bound, 0.0, winding) - today) / (2 * np.pi))
+    nowhere = np.full((3, n), np.nan)
+    dq, dv = (nowhere if x is None else x for x in (snapshot.dq_strip, snapshot.dv_strip))
+    frame = np.stack(orbit.at(np.where(bound, 0.0, t_strip)).frame)
     return Stream(
         q=snapshot.q,
         v=snapshot.v,
         t_release=np.full(n, orbit.t[0]),
         t_strip=np.where(bound, 0.0, t_strip),
-        dq_strip=np.full((3, n), np.nan),
-        dv_strip=np.full((3, n), np.nan),
-        tail=np.where(winding > 0, -1, 1).astype(np.int64),
-        winding=np.where(bound, 0.0, winding),
-        chi=np.full(n, np.nan) if chi is None else chi,
+        dq_strip=np.einsum("fcn,cn->fn", frame, dq),
+        dv_strip=np.einsum("fcn,cn->fn", frame, dv),
+        tail=np.where(winding > 0, LEADING, TRAILING),
+        winding=winding,
+        chi=chi,
         bound=bound,
         weight=np.ones(n),
         orbit=orbit,
@@ -161,6 +168,7 @@ class Past:
 
     t_strip: Array
     winding: Array
+    chi: Array
     nearest: Array
 
 
@@ -175,10 +183,9 @@ def rewind(field: Field, orbit: Orbit, q: Array, v: Array) -> Past:
     plane = orbital_plane(orbit)
     edges = np.linspace(0.0, orbit.t[0], max(int(np.ceil(-orbit.t[0] / BLOCK)), 1) + 1)
     states = orbit.at(edges)
-    angle = _angle(plane, q) - _angle(plane, states.q[:, :1])
-    angle -= 2 * np.pi * np.round(angle / (2 * np.pi))
-    today = angle.copy()
-    lag, nearest, t_strip = angle.copy(), np.full(n, np.inf), np.zeros(n)
+    today = _lag(plane, q, states.q[:, :1])
+    angle, lag, chi = today.copy(), today.copy(), np.zeros(n)
+    nearest, t_strip = np.full(n, np.inf), np.zeros(n)
     before = np.stack([_angle(plane, q), np.repeat(_angle(plane, states.q[:, :1]), n)])
     going = np.arange(n)
     for i, t1 in enumerate(edges):
@@ -191,6 +198,7 @@ def rewind(field: Field, orbit: Orbit, q: Array, v: Array) -> Past:
             turned -= 2 * np.pi * np.round(turned / (2 * np.pi))
             before[:, going] = new
             angle[going] += turned[0] - turned[1]
+            chi[going] += (edges[i - 1] - t1) * (np.sqrt((some_q**2).sum(axis=0)) - states.r[i])
         gap = _distance(q[:, going], states.q[:, i]) / states.r_tidal[i]
         nearer = gap < nearest[going]
         nearest[going[nearer]], lag[going[nearer]] = gap[nearer], angle[going[nearer]]
@@ -198,7 +206,13 @@ def rewind(field: Field, orbit: Orbit, q: Array, v: Array) -> Past:
         going = going[gap > 1.0]
     field.check()
     turns = np.where(nearest < RETURNED, np.round(lag / (2 * np.pi)), 0.0)
-    return Past(t_strip, today - 2 * np.pi * turns, nearest)
+    return Past(t_strip, today - 2 * np.pi * turns, chi, nearest)
+
+
+def _lag(plane: Array, q: Array, core: Array) -> Array:
+    """(n,) Angle ahead of the core (3, 1), within half a turn."""
+    angle = _angle(plane, q) - _angle(plane, core)
+    return np.asarray(angle - 2 * np.pi * np.round(angle / (2 * np.pi)))
 
 
 def _angle(plane: Array, q: Array) -> Array:

@@ -4,8 +4,8 @@
 ``Parameters`` or ``Header`` (``UnitLength_in_cm`` and ``UnitVelocity_in_cm_per_s``, or SWIFT's ``Unit length in cgs
 (U_L)`` and ``Unit time in cgs (U_t)``), ``Header/Time``. Optional, and written by streamkit's own N-body plugin:
 ``PartTypeN/StrippingTime`` (the last time inside the tidal radius, in the file's time; -1 for bound particles),
-``PartTypeN/Winding`` (radians, leading positive), and the track of the satellite's core: ``Progenitor/Times``,
-``Coordinates`` and ``Velocities``, which ends at ``Header/Time``.
+``PartTypeN/Winding`` (radians, leading positive), ``StrippingOffset`` and ``StrippingVelocity`` (from the core at that
+time), and the track of the core, which ends at ``Header/Time``: ``Progenitor/Times``, ``Coordinates``, ``Velocities``.
 
 ``.npz``: a plain table. Columns ``x y z`` and ``vx vy vz``; ``meta``, JSON whose ``units`` must name kpc, km/s and Gyr
 and whose ``t_gyr`` is the snapshot's time. Optional: ``t_strip`` (Gyr; -1 for bound particles), ``Lam_unwrapped_deg``
@@ -58,6 +58,8 @@ class Snapshot:
         (n,) phase of Gibbons+ 2014; None likewise.
     core
         (7, T) track of the satellite's core: t, q, v, up to t = 0; None likewise. One column is its state alone.
+    dq_strip, dv_strip
+        (3, n) position and velocity relative to the core at the stripping time, Galactocentric; None likewise.
     """
 
     source: str
@@ -67,6 +69,8 @@ class Snapshot:
     winding: Array | None = None
     chi: Array | None = None
     core: Array | None = None
+    dq_strip: Array | None = None
+    dv_strip: Array | None = None
 
 
 def read(path: str | Path) -> Snapshot:
@@ -189,11 +193,15 @@ def _gadget(file: Path, data: Any, group: str) -> Snapshot:
     if q.ndim != 2 or q.shape[1] != 3 or v.shape != q.shape:
         raise SnapshotError(f"{file}: {chosen}: expected Coordinates and Velocities (n, 3), found {q.shape}, {v.shape}")
     now = float(np.ravel(attributes.get("Time", 0.0))[0])
-    optional = {
-        name: np.array(particles[name], dtype=float) for name in ("StrippingTime", "Winding") if name in particles
+    shapes = {
+        "StrippingTime": (len(q),),
+        "Winding": (len(q),),
+        "StrippingOffset": q.shape,
+        "StrippingVelocity": q.shape,
     }
-    if wrong := [name for name, values in optional.items() if values.shape != (len(q),)]:
-        raise SnapshotError(f"{file}: {chosen}/{wrong[0]}: expected one number per particle ({len(q)})")
+    optional = {name: np.array(particles[name], dtype=float) for name in shapes if name in particles}
+    if wrong := [name for name, values in optional.items() if values.shape != shapes[name]]:
+        raise SnapshotError(f"{file}: {chosen}/{wrong[0]}: expected the shape {shapes[wrong[0]]}")
     core = None
     if "Progenitor" in data:
         track = data["Progenitor"]
@@ -203,7 +211,7 @@ def _gadget(file: Path, data: Any, group: str) -> Snapshot:
             raise SnapshotError(f"{file}: Progenitor: expected Times (T,), Coordinates and Velocities (T, 3)")
         scale = np.array([[time], *3 * [[length]], *3 * [[speed]]])
         core = _core(file, "Progenitor", np.concatenate(rows).astype(float), now) * scale
-    stripped = optional.get("StrippingTime")
+    stripped, offset, kick = (optional.get(name) for name in ("StrippingTime", "StrippingOffset", "StrippingVelocity"))
     return Snapshot(
         source=str(file),
         q=np.ascontiguousarray(q.T) * length,
@@ -211,6 +219,8 @@ def _gadget(file: Path, data: Any, group: str) -> Snapshot:
         t_strip=None if stripped is None else _since(stripped, now) * time,
         winding=optional.get("Winding"),
         core=core,
+        dq_strip=None if offset is None else offset.T * length,
+        dv_strip=None if kick is None else kick.T * speed,
     )
 
 

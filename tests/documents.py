@@ -34,7 +34,8 @@ MOCK = {
     "potential.rs": {"uniform": [11, 13]},
     "potential.alpha": {"uniform": [0.43, 0.47]},
 }
-"""Three or four free parameters, near those of a stream that can be measured."""
+NFW = {"potential.m200": {"uniform": [7e11, 8e11]}, "potential.c200": {"uniform": [19, 21]}}
+"""A few free parameters, near those of a stream that can be measured."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ def reduced(path: Path, particles: int = 500) -> Spec:
     """Return an example with few particles, wide errors and few free parameters."""
     spec = sk.load(path)
     centre = dict(zip(spec.names, spec.centre().tolist(), strict=True))
-    values = centre | (MOCK if path.stem == "mock_tf" else HOST) | NARROW
+    values = centre | {"mock_tf": MOCK, "figure5": NFW}.get(path.stem, HOST) | NARROW
     return spec.with_values(values | {"stripping.particles": particles})
 
 

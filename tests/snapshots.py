@@ -11,7 +11,9 @@ from streamkit import GYR, Integrator, Orbit, Stream, load
 from streamkit.builtin.potentials import NFW, Plummer
 from streamkit.engine import Field, build_field
 from streamkit.march import march
-from streamkit.model import NODE, Model, next_apocentre, tidal_radius
+from streamkit.model import NODE, Model, tidal_radius
+from streamkit.nbody import to_stream
+from streamkit.snapshots import Snapshot
 from streamkit.spec import Spec
 
 DATA = Path(__file__).parent / "data"
@@ -47,27 +49,17 @@ def model_stream(name: str, particles: int = 10000, **stripping: Any) -> Stream:
 
 def nbody_stream(name: str) -> Stream:
     data = np.load(DATA / f"nbody_{name}.npz")
-    setup = run_file(name).bind({})
-    host = build_field(list(setup.potentials.values()))
-    t, *w = data["orbit_txv"].T
-    q, v = np.ascontiguousarray(w[:3]), np.ascontiguousarray(w[3:])
-    orbit = Orbit(t * GYR, q, v, host.acceleration(0.0, q), np.full(len(t), np.nan))
-    n = len(data["t_strip"])
-    return Stream(
+    scale = np.array([[GYR], *6 * [[1.0]]])
+    snapshot = Snapshot(
+        source=f"nbody_{name}.npz",
         q=data["x"].astype(float),
         v=data["v"].astype(float),
-        t_release=np.full(n, t[0] * GYR),
         t_strip=data["t_strip"] * GYR,
-        dq_strip=np.full((3, n), np.nan),
-        dv_strip=np.full((3, n), np.nan),
-        tail=np.ones(n, dtype=np.int64),
         winding=np.radians(data["winding"].astype(float)),
         chi=data["chi"] * GYR,
-        bound=np.zeros(n, dtype=bool),
-        weight=np.ones(n),
-        orbit=orbit,
-        future=next_apocentre(host, setup),
+        core=data["orbit_txv"].T * scale,
     )
+    return to_stream(snapshot, run_file(name).bind())
 
 
 def reference_stream() -> tuple[Field, Orbit, np.ndarray, np.ndarray, np.ndarray]:
