@@ -1,0 +1,83 @@
+"""The command `streamkit-nbody`. Nothing heavy is imported before its use."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from streamkit.arguments import RUN_FILE, SET, load_spec
+from streamkit.errors import StreamkitError
+
+INVALID, INTERRUPTED = 2, 130
+
+
+@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(package_name="streamkit-nbody", message="streamkit-nbody %(version)s")
+@RUN_FILE
+@SET
+@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="DIR",
+              help="Directory of the snapshots; default: the run file's name with -nbody.")  # fmt: skip
+@click.option("--particles", default=20000, show_default=True, type=click.IntRange(100), metavar="N")
+@click.option("--softening", type=click.FloatRange(0, min_open=True), metavar="KPC",
+              help="Softening length; default: the mean distance between particles at the centre.")  # fmt: skip
+@click.option("--theta", default=0.7, show_default=True, type=click.FloatRange(0.1, 1.5),
+              help="Opening angle of the tree.")  # fmt: skip
+@click.option("--step", type=click.FloatRange(0, min_open=True), metavar="MYR",
+              help="Longest step; default: from the softening and the host.")  # fmt: skip
+@click.option("--snapshots", default=1, show_default=True, type=click.IntRange(1), metavar="N",
+              help="Number of snapshots at equal intervals; the last one is today's.")  # fmt: skip
+@click.option("--workers", default=1, show_default=True, type=click.IntRange(1), metavar="N",
+              help="Threads of the tree; the result is the same for any number.")  # fmt: skip
+@click.option("--resume", is_flag=True, help="Go on from the checkpoint in DIR.")
+@click.option("--force", is_flag=True, help="Replace the run in DIR.")
+@click.option("-q", "--quiet", is_flag=True, help="No progress bar and no summary.")
+def command(
+    run_file: Path, settings: tuple[str, ...], output: Path | None, particles: int, softening: float | None,
+    theta: float, step: float | None, snapshots: int, workers: int, resume: bool, force: bool, quiet: bool,
+) -> None:  # fmt: skip
+    """Disrupt a live satellite.
+
+    The progenitor of the run file, integrated back by the look-back time, becomes a Plummer sphere of particles,
+    and is followed to today in the run file's host. Free parameters are at the prior's centre unless --set says
+    otherwise. Ctrl-C and kill lose at most a minute: continue with --resume.
+    """
+    if resume and force:
+        raise click.UsageError("--resume continues the run in DIR and --force replaces it: give one of them")
+    from streamkit_nbody import runner, summary
+    from streamkit_nbody.plan import Options
+    from streamkit_nbody.simulation import Simulation
+
+    options = Options(particles, softening, theta, None if step is None else 1e-3 * step)
+    out = output if output is not None else Path(f"{run_file.stem}-nbody")
+    simulation = Simulation.of(load_spec(run_file, settings), options, workers)
+    if not quiet:
+        click.echo(summary.describe_plan(simulation))
+    state = runner.run(simulation, out, snapshots=snapshots, resume=resume, force=force, progress=not quiet)
+    if not quiet:
+        click.echo(summary.describe(simulation, state))
+        click.echo(f"snapshot of today: {out / runner.SNAPSHOT.format(snapshots)}")
+
+
+def main(arguments: list[str] | None = None) -> Any:
+    """Run the command; an error that is explained is one paragraph and status 2."""
+    try:
+        command.main(arguments, standalone_mode=False)
+    except StreamkitError as error:
+        _fail(str(error), getattr(error, "exit_status", INVALID))
+    except click.ClickException as error:
+        message = error.format_message()
+        _fail(message[:1].lower() + message[1:], INVALID)
+    except click.Abort:
+        _fail("interrupted", INTERRUPTED)
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        _fail(f"{where}cannot be read or written: {error.strerror or error}", INVALID)
+    sys.exit(0)
+
+
+def _fail(message: str, status: int) -> None:
+    click.echo(f"streamkit-nbody: {message}", err=True)
+    sys.exit(status)

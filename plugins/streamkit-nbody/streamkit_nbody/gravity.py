@@ -1,0 +1,98 @@
+"""The particles' own gravity: the tree of pytreegrav behind arrays of shape (3, n)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from streamkit import Array, G
+from streamkit.errors import StreamkitError
+
+SUPPORT = 2.8
+"""Support of the cubic spline kernel per softening length: both have the central potential -G m / softening."""
+GROUP = 16
+"""Neighbouring particles that share one walk of the tree."""
+DIRECT = 1000
+"""Up to so many particles every pair is summed: as fast, exact, and no tree to compile."""
+
+
+class NotFinite(StreamkitError):  # noqa: N818  it names the finding
+    """A particle has left the numbers: a host without a force somewhere, or a step that is far too long."""
+
+
+@dataclass(frozen=True)
+class Gravity:
+    """Forces between equal particles, softened by the cubic spline of Monaghan & Lattanzio 1985, A&A 149, 135.
+
+    Attributes
+    ----------
+    mass
+        Of each particle, Msun.
+    softening
+        Plummer-equivalent softening length, kpc; forces are exact beyond `SUPPORT` times as much.
+    theta
+        Opening angle of the tree; its nodes have quadrupoles.
+    workers
+        Threads. Each force is summed by one thread, in the same order for any number of them.
+    """
+
+    mass: float
+    softening: float
+    theta: float
+    workers: int = 1
+
+    def forces(self, q: Array) -> Array:
+        """(3, n) accelerations in (km/s)^2/kpc of particles at q (3, n), with no net force."""
+        return _without_net_force(self._evaluate(q, accel=True)["accel"])
+
+    def forces_and_potential(self, q: Array) -> tuple[Array, Array]:
+        """Return the accelerations (3, n) and the potentials (n,) in (km/s)^2, from one walk."""
+        found = self._evaluate(q, accel=True, potential=True)
+        return _without_net_force(found["accel"]), found["potential"]
+
+    def potential(self, q: Array) -> Array:
+        """(n,) Potentials in (km/s)^2 of particles at q (3, n)."""
+        return self._evaluate(q, potential=True)["potential"]
+
+    def _evaluate(self, q: Array, *, accel: bool = False, potential: bool = False) -> dict[str, Array]:
+        """Return what is asked for: accelerations (n, 3), potentials (n,).
+
+        Raises
+        ------
+        NotFinite
+            If a position is not.
+        """
+        import numba
+        from pytreegrav import frontend  # type: ignore[import-untyped]  # slow to import
+
+        n = q.shape[1]
+        if not np.isfinite(q).all():
+            lost = int((~np.isfinite(q).all(axis=0)).sum())
+            raise NotFinite(
+                f"the positions of {lost} of {n} particles are not finite: either the host has no force somewhere on "
+                "their way, or the step is far too long"
+            )
+        particles = np.ascontiguousarray(q.T), np.full(n, self.mass), np.full(n, SUPPORT * self.softening)
+        if n <= DIRECT:
+            wanted: dict[str, Any] = {}
+            if accel:
+                wanted["accel"] = frontend.Accel(*particles, G=G, method="bruteforce")
+            if potential:
+                wanted["potential"] = frontend.Potential(*particles, G=G, method="bruteforce")
+            return wanted
+        numba.set_num_threads(self.workers)
+        tree = frontend.Field(
+            *particles, G=G, theta=self.theta, quadrupole=True, group_size=GROUP, parallel=self.workers > 1
+        )
+        return dict(tree.evaluate(accel=accel, potential=potential))
+
+
+def _without_net_force(accelerations: Array) -> Array:
+    """(3, n) The accelerations (n, 3) of equal particles without their mean.
+
+    A force from a node has no reaction, so a tree's forces do not quite add up to nothing. What is left, some 1e-5 of
+    the mean force, would push the satellite off its orbit over some Gyr.
+    """
+    return np.ascontiguousarray((accelerations - accelerations.mean(axis=0)).T)

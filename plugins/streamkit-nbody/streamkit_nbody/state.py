@@ -1,0 +1,110 @@
+"""What a checkpoint holds: the particles and the satellite's track. Engine units; times since the start."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from streamkit import Array, BoolArray, IntArray
+
+
+@dataclass(frozen=True)
+class Track:
+    """The satellite at each record so far, k of them.
+
+    Attributes
+    ----------
+    t
+        (k,) times since the start.
+    q, v
+        (3, k) Galactocentric position and velocity of the core: the mean of the most bound half.
+    mass
+        (k,) bound mass; 0 once the satellite is gone.
+    r_tidal
+        (k,) tidal radius for that mass; where the host has none at that place, the one before.
+    energy
+        (k,) total energy of all particles in Msun (km/s)^2; NaN if the host gives no potential energy.
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    mass: Array
+    r_tidal: Array
+    energy: Array
+
+    def and_then(self, t: float, q: Array, v: Array, mass: float, r_tidal: float, energy: float) -> Track:
+        """Return the track with one more record."""
+        return Track(
+            np.append(self.t, t),
+            np.column_stack([self.q, q]),
+            np.column_stack([self.v, v]),
+            np.append(self.mass, mass),
+            np.append(self.r_tidal, r_tidal),
+            np.append(self.energy, energy),
+        )
+
+
+@dataclass(frozen=True)
+class State:
+    """All there is at a record; the run goes on from it, bit for bit.
+
+    Attributes
+    ----------
+    q, v, a
+        (3, n) Galactocentric positions, velocities and accelerations.
+    bound
+        (n,) bound to the satellite.
+    gap
+        (n,) distance from the satellite's core minus the tidal radius.
+    t_strip
+        (n,) last time inside the tidal radius, since the start.
+    dq_strip, dv_strip
+        (3, n) position and velocity relative to the core at the last record inside, along x, y, z.
+    revolutions
+        (n,) of the particle about the Galactic centre in the orbital plane: its swept angle is its present angle
+        plus 2 pi times as many.
+    track
+        The satellite so far.
+    binding
+        Binding energy of the isolated satellite, the yardstick of the energy error; Msun (km/s)^2.
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    bound: BoolArray
+    gap: Array
+    t_strip: Array
+    dq_strip: Array
+    dv_strip: Array
+    revolutions: IntArray
+    track: Track
+    binding: float
+
+    @property
+    def record(self) -> int:
+        """Number of the record, 0 at the start."""
+        return len(self.track.t) - 1
+
+    @property
+    def time(self) -> float:
+        """Time since the start."""
+        return float(self.track.t[-1])
+
+    @property
+    def energy_error(self) -> float:
+        """Largest change of the total energy so far, in units of the binding energy; NaN if it is not known."""
+        return float(np.abs(self.track.energy - self.track.energy[0]).max() / self.binding)
+
+    def winding(self, plane: Array) -> Array:
+        """(n,) Angle swept in the plane (2, 3) minus the angle swept by the satellite, radians; positive = leading."""
+        swept = np.unwrap(angle(plane, self.track.q))[-1]
+        return np.asarray(angle(plane, self.q) + 2.0 * np.pi * self.revolutions - swept)
+
+
+def angle(plane: Array, q: Array) -> Array:
+    """(n,) Angle in the plane (2, 3) of positions q (3, n), in -pi to pi."""
+    first, second = plane @ q
+    return np.asarray(np.arctan2(second, first))

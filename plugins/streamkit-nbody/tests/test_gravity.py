@@ -1,0 +1,81 @@
+"""The particles' own gravity: kernel, direct sum, tree; and who is bound."""
+
+import numpy as np
+import pytest
+from streamkit_nbody.binding import remnant
+from streamkit_nbody.gravity import DIRECT, Gravity, NotFinite
+from streamkit_nbody.plummer import sample
+
+from streamkit import G
+
+MASS, RADIUS = 6.4e8, 0.85
+
+
+def direct(q, mass):
+    """Accelerations (3, n) and potentials (n,) by Newton's law, every pair."""
+    away = q[:, None, :] - q[:, :, None]
+    r = np.sqrt((away**2).sum(axis=0))
+    np.fill_diagonal(r, np.inf)
+    return G * mass * (away / r**3).sum(axis=2), -G * mass * (1 / r).sum(axis=1)
+
+
+def test_a_pair_beyond_the_softening_follows_newton():
+    q = np.array([[0.0, 3.0], [0.0, 0.0], [0.0, 0.0]])
+    a, potential = Gravity(1e6, 1.0, 0.7).forces_and_potential(q)  # 3 kpc are more than 2.8 softening lengths
+    assert a[0] == pytest.approx([G * 1e6 / 9, -G * 1e6 / 9])
+    assert potential == pytest.approx([-G * 1e6 / 3] * 2)
+
+
+def test_the_softening_is_plummer_equivalent():
+    """At no distance the potential is that of a Plummer sphere of the softening length: -G m / softening."""
+    q = np.array([[0.0, 1e-9], [0.0, 0.0], [0.0, 0.0]])
+    a, potential = Gravity(1e6, 0.5, 0.7).forces_and_potential(q)
+    assert potential == pytest.approx([-G * 1e6 / 0.5] * 2)
+    assert np.abs(a).max() < 1e-3
+
+
+@pytest.mark.parametrize("n", [DIRECT, 3 * DIRECT])
+def test_against_a_direct_sum(n):
+    q, _ = sample(n, MASS, RADIUS, np.random.default_rng(2))
+    exact, potential = direct(q, MASS / n)
+    found, own = Gravity(MASS / n, 1e-7, 0.7).forces_and_potential(q)
+    size = np.sqrt((exact**2).sum(axis=0))
+    error = np.sqrt(((found - exact) ** 2).sum(axis=0)) / size
+    assert np.sqrt((error**2).mean()) < (2e-3 if n > DIRECT else 1e-10)
+    assert own == pytest.approx(potential, rel=5e-3 if n > DIRECT else 1e-10)
+    assert np.abs(found.sum(axis=1)).max() < 1e-9 * size.sum()
+
+
+def test_threads_do_not_change_a_bit():
+    q, _ = sample(2 * DIRECT, MASS, RADIUS, np.random.default_rng(3))
+    one, two = (Gravity(1e4, 0.05, 0.7, workers).forces(q) for workers in (1, 2))
+    assert np.array_equal(one, two)
+
+
+def test_positions_that_are_not_finite_are_named():
+    q = np.zeros((3, 5))
+    q[1, 3] = np.nan
+    with pytest.raises(NotFinite, match="1 of 5 particles"):
+        Gravity(1.0, 0.1, 0.7).forces(q)
+
+
+def test_the_bound_part_is_the_satellite_without_what_flies_through_or_is_far():
+    n = 600
+    q, v = sample(n, MASS, RADIUS, np.random.default_rng(4))
+    rng = np.random.default_rng(5)
+    fast_q, fast_v = 0.3 * rng.standard_normal((3, 60)), 100 * np.ones((3, 60))  # escape speed: 80 km/s
+    far_q = np.array([[60.0], [0.0], [0.0]]) + rng.standard_normal((3, 60))
+    far_v = np.array([[0.0], [30.0], [0.0]]) * np.ones((3, 60))  # 10 would do to escape
+    place, motion = np.array([40.0, -20.0, 10.0]), np.array([100.0, 50.0, -200.0])
+    q = np.concatenate([q, fast_q, far_q], axis=1) + place[:, None]
+    v = np.concatenate([v, fast_v, far_v], axis=1) + motion[:, None]
+    found = remnant(Gravity(MASS / n, 0.1, 0.7), q, v, np.ones(n + 120, dtype=bool))
+    assert not found.bound[n:].any()
+    assert found.bound[:n].mean() > 0.99
+    assert found.q == pytest.approx(place, abs=0.15)  # 300 particles of 0.85 kpc and 23 km/s
+    assert found.v == pytest.approx(motion, abs=4.0)
+
+
+def test_nothing_is_left_of_particles_that_are_too_hot():
+    q, v = sample(300, MASS, RADIUS, np.random.default_rng(6))
+    assert remnant(Gravity(MASS / 300, 0.1, 0.7), q, 10 * v, np.ones(300, dtype=bool)) is None

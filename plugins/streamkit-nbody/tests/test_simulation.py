@@ -1,0 +1,168 @@
+"""The physics of a run: equilibrium, conservation, the host's orbit, the records."""
+
+import numpy as np
+import pytest
+from streamkit_nbody.gravity import DIRECT
+from streamkit_nbody.plan import Options
+from streamkit_nbody.simulation import Simulation, _crossings
+
+from streamkit import GYR, OutOfDomain, SpecError, load
+from streamkit.engine import build_field
+from streamkit.model import NODE
+
+FLAT = {"kind": "tf", "v0": 210.0, "rs": 12.0, "alpha": 0.45}
+EMPTY = {"kind": "kepler", "mass": 1e-6}
+ORBIT = {"x": 20.0, "y": 0.0, "z": 5.0, "vx": 30.0, "vy": 200.0, "vz": 0.0}
+REST = {"x": 50.0, "y": 0.0, "z": 0.0, "vx": 0.0, "vy": 1.0, "vz": 0.0}
+
+
+def simulation(host, place, mass=6.4e8, lookback=0.15, **options):
+    document = {
+        "seed": 3,
+        "potential": host,
+        "progenitor": {"kind": "plummer", "mass": mass, "radius": 0.85, "lookback": lookback, **place},
+        "stripping": {"kind": "mlcs", "sigma": 10.0},
+    }
+    return Simulation.of(load(document), Options(**{"particles": 1000, **options}))
+
+
+def states(run):
+    found = [run.start()]
+    while found[-1].record < run.plan.records:
+        found.append(run.advance(found[-1]))
+    return found
+
+
+@pytest.fixture(scope="module")
+def isolated():
+    run = simulation(EMPTY, REST)
+    return run, states(run)
+
+
+@pytest.fixture(scope="module")
+def disrupted():
+    run = simulation(FLAT, ORBIT, mass=5e7)
+    return run, states(run)
+
+
+def test_an_isolated_satellite_stays_in_equilibrium(isolated):
+    """0.15 Gyr are ten dynamical times. Noise of 1000 particles: 3 % in the energies, 3 % in the radius."""
+    run, found = isolated
+    for state in found[::5]:
+        q, v = state.q - state.q.mean(axis=1, keepdims=True), state.v - state.v.mean(axis=1, keepdims=True)
+        own, _ = run.gravity.forces_and_potential(q)
+        kinetic, virial = 0.5 * (v**2).sum(), (q * own).sum()
+        assert -2 * kinetic / virial == pytest.approx(1.0, abs=0.1)
+        half = np.median(np.sqrt((q**2).sum(axis=0)))
+        assert half == pytest.approx(0.85 / np.sqrt(2 ** (2 / 3) - 1), rel=0.1)
+        assert state.bound.mean() > 0.98
+
+
+def test_energy_and_momenta_of_an_isolated_satellite(isolated):
+    _, found = isolated
+    first, last = found[0], found[-1]
+    assert last.energy_error < 1e-3
+    assert last.v.sum(axis=1) == pytest.approx(first.v.sum(axis=1), rel=1e-7)
+    before, after = (np.cross(s.q.T, s.v.T).sum(axis=0) for s in (first, last))
+    assert after == pytest.approx(before, rel=1e-9, abs=1e-9 * np.abs(before).max())
+
+
+def test_energy_and_angular_momentum_in_a_spherical_host(disrupted):
+    _, found = disrupted
+    energy = found[-1].track.energy
+    assert np.abs(energy / energy[0] - 1).max() < 1e-4
+    before, after = (np.cross(s.q.T, s.v.T).sum(axis=0) for s in (found[0], found[-1]))
+    assert after == pytest.approx(before, rel=1e-9)
+
+
+def test_energy_with_the_tree():
+    run = simulation(FLAT, ORBIT, particles=DIRECT + 1, lookback=0.1)
+    found = states(run)
+    assert found[-1].energy_error < 1e-3
+
+
+def test_the_energy_at_the_start_is_that_of_a_plummer_sphere_on_its_orbit(disrupted):
+    """Binding energy 3 pi / 64 G M^2 / a, less by the softening; the rest is that of a point mass, and the tide."""
+    run, found = disrupted
+    setup, place, motion = run.setup, run.orbit.q[:, 0], run.orbit.v[:, 0]
+    assert found[0].binding == pytest.approx(3 * np.pi / 64 * 4.300917270e-6 * 5e7**2 / 0.85, rel=0.1)
+    host = setup.potentials["potential"]
+    point = setup.mass * (0.5 * motion @ motion + host.potential(*place, 0.0, *host.internal()))
+    assert found[0].track.energy[0] == pytest.approx(point, rel=2e-3)
+
+
+def test_massless_particles_follow_the_engine():
+    """Positions, and the winding from the engine's finely sampled orbit; a leapfrog of 1 Myr is good to 1e-3 kpc."""
+    run = simulation(FLAT, ORBIT, mass=1e-3, particles=100, lookback=0.8, step=0.001)
+    first, *_, last = states(run)
+    host = build_field(list(run.setup.potentials.values()))
+    winding = last.winding(run.plane)
+    progenitor = host.orbit(run.orbit.q[:, 0].copy(), run.orbit.v[:, 0].copy(), 0.0, run.plan.span, NODE)
+    for i in range(5):
+        orbit = host.orbit(first.q[:, i].copy(), first.v[:, i].copy(), 0.0, run.plan.span, NODE)
+        assert last.q[:, i] == pytest.approx(orbit.q[:, -1], abs=2e-3)
+        swept = [np.unwrap(np.arctan2(*(run.plane @ o.q)[::-1])) for o in (orbit, progenitor)]
+        assert winding[i] == pytest.approx(swept[0][-1] - swept[1][-1], abs=1e-3)
+
+
+def test_the_satellite_without_mass_is_followed_as_a_point():
+    """Unbound from the start: its place is the host's orbit, which ends at the run file's place."""
+    run = simulation(FLAT, ORBIT, mass=1e-3, particles=100, lookback=0.3)
+    last = states(run)[-1]
+    assert last.track.mass[-1] == 0.0
+    assert last.track.q[:, -1] == pytest.approx(run.setup.q, abs=0.5)  # from the mean of the 100, not the orbit itself
+
+
+def test_a_particle_is_stripped_between_the_last_record_inside_and_the_next(disrupted):
+    _, found = disrupted
+    gap, times = np.array([s.gap for s in found]), found[-1].track.t
+    last = len(found) - 1 - np.argmax(gap[::-1] <= 0, axis=0)
+    ever = (gap <= 0).any(axis=0)
+    stripped = ever & (last < len(found) - 1)
+    assert stripped.sum() > 50
+    t = found[-1].t_strip
+    assert (t[stripped] >= times[last[stripped]]).all()
+    assert (t[stripped] < times[last[stripped] + 1]).all()
+    assert (t[ever & ~stripped] == times[-1]).all()
+
+
+def test_bound_mass_falls_and_the_tidal_radius_follows_it(disrupted):
+    """At an apse Omega = v / r, and d2Phi/dr2 = -(v_c^2 / r^2) [1 + alpha r^2 / (rs^2 + r^2)]."""
+    _, found = disrupted
+    track = found[-1].track
+    assert track.mass[-1] < track.mass[0]
+    k = np.argmin(np.abs((track.q * track.v).sum(axis=0)))  # an apse
+    r, v = (np.sqrt((x[:, k] ** 2).sum()) for x in (track.q, track.v))
+    circular2 = 210.0**2 * 12**0.45 * (144 + r**2) ** -0.225
+    second = -circular2 / r**2 * (1 + 0.45 * r**2 / (144 + r**2))
+    expected = np.cbrt(4.300917270e-6 * track.mass[k] / (v**2 / r**2 - second))
+    assert track.r_tidal[k] == pytest.approx(expected, rel=0.01)
+
+
+def test_crossings_of_the_branch_complete_the_angle():
+    before, after = np.array([3.1, -3.1, 0.2, -0.1]), np.array([-3.1, 3.1, -0.1, 0.2])
+    assert _crossings(before, after).tolist() == [1, -1, 0, 0]
+
+
+def test_the_step_and_the_softening_follow_the_stated_rules():
+    run = simulation(FLAT, ORBIT, particles=20000)
+    plan = run.plan
+    assert plan.softening**-3 == pytest.approx(3 * 20000 / (4 * np.pi * 0.85**3))
+    speed = np.sqrt(3 * np.pi / 32 * 4.300917270e-6 * 6.4e8 / 0.85)
+    assert 0.4 * plan.softening < speed * plan.step < 0.5 * plan.softening
+    assert plan.step * plan.steps * plan.records == pytest.approx(0.15 * GYR)
+
+
+def test_another_progenitor_is_refused():
+    document = {
+        "potential": FLAT,
+        "progenitor": {"kind": "hernquist", "mass": 1e8, "a": 0.5, "lookback": 1.0, **ORBIT},
+        "stripping": {"kind": "mlcs", "sigma": 10.0},
+    }
+    with pytest.raises(SpecError, match=r"progenitor\.kind: found 'hernquist'.*'plummer'"):
+        Simulation.of(load(document), Options())
+
+
+def test_a_satellite_at_the_centre_of_a_point_mass_is_a_message():
+    with pytest.raises(OutOfDomain, match="not finite"):
+        simulation({"kind": "kepler", "mass": 1e12}, dict.fromkeys(ORBIT, 0.0))
