@@ -1,5 +1,5 @@
 """A live satellite disrupted in any host potential of streamkit.
 
-A Plummer sphere of particles in equilibrium (`plummer`), its own gravity by the tree of pytreegrav (`gravity`), the host's
+A Plummer sphere of particles in equilibrium (`plummer`), its gravity by the tree of pytreegrav (`gravity`), the host's
 by streamkit's engine, a leapfrog (`simulation`), snapshots and checkpoints in the Gadget layout (`snapshot`, `runner`).
 """
