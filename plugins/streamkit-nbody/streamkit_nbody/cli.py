@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from streamkit.arguments import RUN_FILE, SET, load_spec
-from streamkit.errors import StreamkitError
+from streamkit.errors import OutOfDomain, StreamkitError
 
 INVALID, INTERRUPTED = 2, 130
 
@@ -52,7 +52,10 @@ def command(
 
     options = Options(particles, softening, theta, None if step is None else 1e-3 * step)
     out = output if output is not None else Path(f"{run_file.stem}-nbody")
-    simulation = Simulation.of(load_spec(run_file, settings), options, workers)
+    try:
+        simulation = Simulation.of(load_spec(run_file, settings), options, workers)
+    except OutOfDomain as error:
+        raise StreamkitError(f"{run_file}: there is no such simulation: {error}") from None
     if not quiet:
         click.echo(summary.describe_plan(simulation))
     state = runner.run(simulation, out, snapshots=snapshots, resume=resume, force=force, progress=not quiet)

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from streamkit import GYR, output
+from streamkit import GYR, output, toml
 from streamkit.errors import ChainError, StreamkitError
+from streamkit.spec import Spec
 from streamkit_nbody import snapshot
 from streamkit_nbody.plan import content, digest
 from streamkit_nbody.simulation import Simulation
@@ -77,7 +78,7 @@ def run(
         state = _claim(out, run_content, resume, force)
         if state is None:
             state = simulation.start()
-            output.write(out / RUN_FILE, lambda part: part.write_text(simulation.spec.toml()))
+            _write_run_file(out / RUN_FILE, simulation.spec)
             snapshot.write(out / CHECKPOINT, simulation, state, run_content)
         return _march(simulation, state, out, run_content, snapshots, asked, progress)
 
@@ -96,10 +97,8 @@ def _march(
             except StreamkitError as error:
                 snapshot.write(out / CHECKPOINT, simulation, state, run_content)
                 raise type(error)(f"{error}. All until {state.time / GYR:.3f} Gyr is in {out / CHECKPOINT}") from None
-            bar.set_postfix_str(
-                f"{state.time / GYR:.2f}/{span:.2f} Gyr, M/M0 {state.track.mass[-1] / state.track.mass[0]:.3f}, "
-                f"dE/E {state.energy_error:.0e}", refresh=False,
-            )  # fmt: skip
+            left = state.track.mass[-1] / state.track.mass[0]
+            bar.set_postfix_str(f"{state.time / GYR:.2f}/{span:.2f} Gyr, bound {left:.3f}", refresh=False)
             bar.update()
             if state.record in wanted:
                 name = SNAPSHOT.format(wanted.index(state.record) + 1)
@@ -113,6 +112,15 @@ def _march(
                     "To continue: the same command with --resume", asked[0],
                 )  # fmt: skip
     return state
+
+
+def _write_run_file(path: Path, spec: Spec) -> None:
+    """Write the resolved run file; the paths of its plugin files no longer depend on where it lies."""
+    document = dict(spec.document)
+    if "plugins" in document:
+        document["plugins"] = [str(spec.folder / name) for name in document["plugins"]]
+    text = toml.dumps(document, "The run file with every default filled in, as streamkit-nbody used it.")
+    output.write(path, lambda part: part.write_text(text))
 
 
 def _claim(out: Path, run_content: dict[str, Any], resume: bool, force: bool) -> State | None:

@@ -247,6 +247,50 @@ def test_the_command(run_file, capsys):
     assert "cannot read the run file" in call("absent.toml")[2]
 
 
+HOST = """\
+from streamkit import Potential, Speed, hookimpl
+
+class Flat(Potential):
+    kind = "flat"
+    v0: Speed
+    compiled = False
+
+    @staticmethod
+    def acceleration(x, y, z, t, v0):
+        r2 = x * x + y * y + z * z
+        return -v0 * v0 * x / r2, -v0 * v0 * y / r2, -v0 * v0 * z / r2
+
+@hookimpl
+def streamkit_components():
+    return [Flat]
+"""
+
+
+def with_host(fields):
+    return re.sub(r"\[potential\].*\[progenitor\]", f"[potential]\n{fields}\n[progenitor]", RUN, flags=re.DOTALL)
+
+
+def test_a_host_in_python_without_potential_energy(run_file, capsys):
+    Path("flat_host.py").write_text(HOST)
+    text = with_host('kind = "flat"\nv0 = 200')
+    Path("flat.toml").write_text('plugins = ["flat_host.py"]\n' + text)
+    with pytest.raises(SystemExit) as caught:
+        cli.main(["flat.toml", "--particles", str(N), "-o", "elsewhere/out"])
+    assert caught.value.code == 0
+    assert "not monitored: the potential flat gives no potential energy" in re.sub(r"\s+", " ", capsys.readouterr().out)
+    assert load("elsewhere/out/run.toml").bind().potentials["potential"].v0 == 200
+
+
+def test_a_progenitor_that_cannot_be_followed_is_a_message(run_file, capsys):
+    Path("point.toml").write_text(with_host('kind = "kepler"\nmass = 1e12'))
+    at_centre = [f"--set=progenitor.{name}=0" for name in ("x", "z", "vx", "vy")]
+    with pytest.raises(SystemExit) as caught:
+        cli.main(["point.toml", *at_centre])
+    assert caught.value.code == 2
+    complaint = "point.toml: there is no such simulation: the orbit of the progenitor is not finite"
+    assert complaint in capsys.readouterr().err
+
+
 def test_the_commands_of_the_readme_parse():
     text = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
     lines = [shlex.split(line) for line in re.findall(r"^\$ (streamkit-nbody .*)$", text, re.MULTILINE)]
