@@ -170,9 +170,9 @@ class Simulation:
         now = np.array([self._epoch(t)])
         q, v = np.ascontiguousarray(left.q[:, None]), np.ascontiguousarray(left.v[:, None])
         here = Orbit(now, q, v, self.host.acceleration(now, q), np.full(1, np.nan))
-        r_tidal = float(tidal_radius(self.host, here, mass)[0])
+        r_tidal = float(tidal_radius(self.host, here, mass)[0]) if mass else 0.0
         if np.isnan(r_tidal):
-            r_tidal = float(track.r_tidal[-1]) if len(track.t) else np.inf
+            r_tidal = float(track.r_tidal[-1] if len(track.t) else here.r[0])
         return track.and_then(t, left.q, left.v, mass, r_tidal, energy)
 
     def _epoch(self, t: float) -> float:

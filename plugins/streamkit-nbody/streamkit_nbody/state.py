@@ -22,7 +22,8 @@ class Track:
     mass
         (k,) bound mass; 0 once the satellite is gone.
     r_tidal
-        (k,) tidal radius for that mass; where the host has none at that place, the one before.
+        (k,) tidal radius for that mass; where the host has none at that place, the one before (at the start: the
+        distance from the Galactic centre).
     energy
         (k,) total energy of all particles in Msun (km/s)^2; NaN if the host gives no potential energy.
     """

@@ -109,7 +109,7 @@ def test_the_satellite_without_mass_is_followed_as_a_point():
     """Unbound from the start: its place is the host's orbit, which ends at the run file's place."""
     run = simulation(FLAT, ORBIT, mass=1e-3, particles=100, lookback=0.3)
     last = states(run)[-1]
-    assert last.track.mass[-1] == 0.0
+    assert last.track.mass[-1] == last.track.r_tidal[-1] == 0.0
     assert last.track.q[:, -1] == pytest.approx(run.setup.q, abs=0.5)  # from the mean of the 100, not the orbit itself
 
 
@@ -137,6 +137,14 @@ def test_bound_mass_falls_and_the_tidal_radius_follows_it(disrupted):
     second = -circular2 / r**2 * (1 + 0.45 * r**2 / (144 + r**2))
     expected = np.cbrt(4.300917270e-6 * track.mass[k] / (v**2 / r**2 - second))
     assert track.r_tidal[k] == pytest.approx(expected, rel=0.01)
+
+
+def test_a_host_whose_tide_has_no_radius():
+    """Deep in the core of a host the force grows with the radius: slower than a circle, Omega^2 < d2Phi/dr2."""
+    host = {"kind": "plummer", "mass": 1e13, "radius": 300.0}
+    run = simulation(host, {**ORBIT, "vx": 0.0, "vy": 10.0}, lookback=0.05)
+    radius = states(run)[-1].track.r_tidal
+    assert (radius == np.sqrt((run.orbit.q[:, 0] ** 2).sum())).all()
 
 
 def test_crossings_of_the_branch_complete_the_angle():
