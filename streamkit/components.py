@@ -137,11 +137,6 @@ class Stripping(Component):
     burst_fraction: PositiveNumber = Field(
         default=0.7, le=1, description="Fraction of the particles released in the pericentre bursts."
     )
-    focus: Duration | None = Field(
-        default=None,
-        description="Spend the particles on young debris, where the apocentres are made: the number released per "
-        "time falls with the age as 1 / (1 + (age / focus)^2), and weights undo it. Left out: equal weights.",
-    )
 
     @abstractmethod
     def release(self, orbit: Orbit, tail: IntArray, mass: float, normals: Array) -> Release:
@@ -162,41 +157,27 @@ class Stripping(Component):
     def times(self, orbit: Orbit) -> Array:
         """(particles,) Increasing release times; two particles, one per Lagrange point, share each.
 
-        Gibbons+ 2014, section 3.2: equal steps from the look-back time to today; in equal shares of the focused
-        rate with ``focus``.
+        Gibbons+ 2014, section 3.2: equal steps from the look-back time to today.
         """
         n = (self.particles + 1) // 2
         u = np.arange(n) / n
-        if self.release_times == "uniform" and self.focus is None:
+        if self.release_times == "uniform":
             t = orbit.t[0] * (1.0 - u)
-        elif self.release_times == "uniform":
-            t = -self.focus * GYR * np.tan((1.0 - u) * np.arctan(-orbit.t[0] / (self.focus * GYR)))
-            t[0] = orbit.t[0]
         else:
             t = np.interp(u, self._cumulative(orbit), orbit.t)
         return np.repeat(t, 2)[: self.particles]
 
-    def weights(self, times: Array) -> Array:
-        """(n,) How many particles of the scheme's own release rate each particle stands for; their mean is 1."""
-        if self.focus is None:
-            return np.ones_like(times)
-        weight = 1.0 + (times / (self.focus * GYR)) ** 2
-        return np.asarray(weight / weight.mean())
-
     def _cumulative(self, orbit: Orbit) -> Array:
-        """(T,) Fraction of the particles by each time of the track: uniform plus Gaussian bursts at pericentres."""
-        released = (orbit.t - orbit.t[0]) / (orbit.t[-1] - orbit.t[0])
+        """(T,) Fraction released by each time of the track: uniform plus Gaussian bursts at the pericentres."""
+        uniform = (orbit.t - orbit.t[0]) / (orbit.t[-1] - orbit.t[0])
         peri = orbit.pericentres()
-        if len(peri):
-            from scipy.special import ndtr
+        if len(peri) == 0:
+            return np.asarray(uniform)
+        from scipy.special import ndtr
 
-            steps = ndtr((orbit.t[:, None] - peri) / (self.burst_width * GYR)).sum(axis=1)
-            steps = (steps - steps[0]) / (steps[-1] - steps[0])
-            released = (1 - self.burst_fraction) * released + self.burst_fraction * steps
-        if self.focus is not None:
-            middle = 0.5 * (orbit.t[1:] + orbit.t[:-1]) / (self.focus * GYR)
-            released = np.concatenate([[0.0], np.cumsum(np.diff(released) / (1.0 + middle**2))])
-        return np.asarray(released / released[-1])
+        steps = ndtr((orbit.t[:, None] - peri) / (self.burst_width * GYR)).sum(axis=1)
+        steps = (steps - steps[0]) / (steps[-1] - steps[0])
+        return np.asarray((1 - self.burst_fraction) * uniform + self.burst_fraction * steps)
 
 
 class Integrator(Component):

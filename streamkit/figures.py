@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from streamkit.comparison import Portrait
 from streamkit.march import orbital_plane
-from streamkit.model import released, standard_normals
+from streamkit.model import standard_normals
 from streamkit.panels import ACROSS, Portraits, grid, labels, some
 from streamkit.phase import Array, Stream
 from streamkit.streamplots import ARMS, finish
@@ -172,6 +172,7 @@ def crossings(portraits: Portraits) -> Figure:
 def _released(portrait: Portrait) -> Array:
     """(3, n) Velocities at release relative to the progenitor, in its frame."""
     setup, stream = portrait.setup, portrait.stream
-    times, _, _, release = released(setup, stream.orbit, standard_normals(setup.stripping, setup.seed))
-    there = stream.orbit.at(times)
+    there = stream.orbit.at(stream.t_release)
+    normals = standard_normals(setup.stripping, setup.seed)
+    release = setup.stripping.release(there, stream.tail, setup.mass, normals)
     return np.asarray(np.einsum("fcn,cn->fn", np.stack(there.frame), release.v - there.v))

@@ -17,9 +17,9 @@ from streamkit.units import GYR
 
 LONGEST = 0.05 * GYR
 """Longest block."""
-TURN = 0.75
+TURN = 1.2
 """Most that the progenitor turns in a block, radians: a particle of the same angular momentum at half its
-pericentre turns four times as much, still less than half a revolution, and its revolutions are counted right."""
+pericentre turns less than four times as much, three quarters of a revolution, and its revolutions are counted right."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,12 @@ class Records:
     bound: BoolArray
 
 
-def march(field: Field, integrator: Integrator, orbit: Orbit, t_release: Array, q: Array, v: Array) -> Records:
-    """Carry particles released at increasing times t_release (n,) at q, v (3, n) to the end of the orbit."""
+def march(field: Field, integrator: Integrator, orbit: Orbit, start: Orbit, q: Array, v: Array) -> Records:
+    """Carry particles at q, v (3, n) to the end of the orbit.
+
+    ``start`` is the progenitor at their release times (n,), which increase.
+    """
+    t_release = start.t
     n = len(t_release)
     q, v, now = q.copy(), v.copy(), t_release.copy()
     begin, end = float(orbit.t[0]), float(orbit.t[-1])
@@ -48,14 +52,13 @@ def march(field: Field, integrator: Integrator, orbit: Orbit, t_release: Array, 
     plane = orbital_plane(orbit)
     swept = np.unwrap(_angle(plane, orbit.q))
 
-    at_release = orbit.at(t_release)
     planar = np.ascontiguousarray(plane @ q)
     angle = _angle(plane, q)
     progenitor_angle = np.interp(t_release, orbit.t, swept)
     lag = angle - progenitor_angle
     offset = lag - 2 * np.pi * np.round(lag / (2 * np.pi)) - angle + progenitor_angle
     revolutions = np.zeros(n, dtype=np.int64)
-    chi, gap = np.zeros(n), np.sqrt(((q - at_release.q) ** 2).sum(axis=0)) - at_release.r_tidal
+    chi, gap = np.zeros(n), np.sqrt(((q - start.q) ** 2).sum(axis=0)) - start.r_tidal
     gap = np.minimum(gap, 0.0)  # released at the tidal radius: inside until shown to be outside
     t_strip = t_release.copy()
     dq_strip, dv_strip = np.zeros((3, n)), np.zeros((3, n))
@@ -65,10 +68,8 @@ def march(field: Field, integrator: Integrator, orbit: Orbit, t_release: Array, 
         with blamed(f"integrator {integrator.kind}"):
             integrator.advance(field, q[:, :m], v[:, :m], now[:m], t1)
         records.record(
-            now[:m], t1, q[:, :m], v[:, :m], state, r_tidal, plane, revolutions[:m], planar[:, :m], chi[:m],
-            gap[:m], t_strip[:m], dq_strip[:, :m], dv_strip[:, :m],
-        )  # fmt: skip
-        now[:m] = t1
+            m, now, t1, q, v, state, r_tidal, plane, revolutions, planar, chi, gap, t_strip, dq_strip, dv_strip
+        )
     field.check()
 
     winding = offset + np.arctan2(planar[1], planar[0]) + 2 * np.pi * revolutions - swept[-1]

@@ -104,17 +104,17 @@ def simulate(setup: Setup, normals: Array) -> Stream:
     """Return the stream of fully bound components, with normals (draws, n) that belong to the particles."""
     host = build_field(list(setup.potentials.values()))
     orbit = progenitor_track(host, setup)
-    times, weight, tail, release = released(setup, orbit, normals)
+    start, tail, release = released(setup, orbit, normals)
     field = host
     if setup.stripping.progenitor_gravity:
         field = host.with_followers(build_field([setup.satellite]), orbit)
-    done = march(field, setup.integrator, orbit, times, release.q, release.v)
+    done = march(field, setup.integrator, orbit, start, release.q, release.v)
     if not (np.isfinite(done.q).all() and np.isfinite(done.v).all()):
         raise OutOfDomain("the orbit of a particle is not finite")
     return Stream(
         q=done.q,
         v=done.v,
-        t_release=times,
+        t_release=start.t,
         t_strip=np.where(done.bound, 0.0, done.t_strip),
         dq_strip=done.dq_strip,
         dv_strip=done.dv_strip,
@@ -122,15 +122,15 @@ def simulate(setup: Setup, normals: Array) -> Stream:
         winding=done.winding,
         chi=done.chi,
         bound=done.bound,
-        weight=weight,
+        weight=np.ones(len(start.t)),
         orbit=orbit,
         future=next_apocentre(host, setup),
         parameters=dict(setup.values),
     )
 
 
-def released(setup: Setup, orbit: Orbit, normals: Array) -> tuple[Array, Array, IntArray, Release]:
-    """Return the release times (n,), weights (n,), Lagrange points (n,) and states of all particles.
+def released(setup: Setup, orbit: Orbit, normals: Array) -> tuple[Orbit, IntArray, Release]:
+    """Return the progenitor at the release times (n,), the Lagrange points (n,) and states of all particles.
 
     Raises
     ------
@@ -146,14 +146,15 @@ def released(setup: Setup, orbit: Orbit, normals: Array) -> tuple[Array, Array, 
         if not ((np.diff(times) >= 0).all() and orbit.t[0] <= times[0] and times[-1] <= orbit.t[-1]):
             raise ComponentError(f"{name}: the release times must increase from the look-back time to today")
         tail = np.where(np.arange(n) % 2 == 0, LEADING, TRAILING)
-        release = scheme.release(orbit.at(times), tail, setup.mass, normals)
+        start = orbit.at(times)
+        release = scheme.release(start, tail, setup.mass, normals)
         for what, values in (("q", release.q), ("v", release.v)):
             if np.shape(values) != (3, n):
                 found = np.shape(values)
                 raise ComponentError(f"{name}: released `{what}` has the shape {found}, expected (3, {n})")
             if not np.isfinite(values).all():
                 raise ComponentError(f"{name}: released `{what}` holds numbers that are not finite")
-    return times, scheme.weights(times), tail, release
+    return start, tail, release
 
 
 def measure(observable: Observable, stream: Stream) -> Prediction:

@@ -73,9 +73,13 @@ class Orbit:
         t = np.atleast_1d(np.asarray(t, dtype=float))
         i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
         h = self.t[i + 1] - self.t[i]
-        s = (t - self.t[i]) / h
-        q, v, a = _hermite(s, h, self, i)
+        q, v, a = _hermite((t - self.t[i]) / h, h, self._rows[i].T, self._rows[i + 1].T)
         return Orbit(t, q, v, a, np.interp(t, self.t, self.r_tidal))
+
+    @cached_property
+    def _rows(self) -> Array:
+        """(n, 9) Position, velocity and acceleration of a time side by side: gathered at once by `at`."""
+        return np.ascontiguousarray(np.concatenate([self.q, self.v, self.a]).T)
 
     def apocentres(self) -> Array:
         """(k,) times at which r has a maximum inside the track."""
@@ -99,10 +103,10 @@ class Orbit:
         return np.asarray(t)
 
 
-def _hermite(s: Array, h: Array, orbit: Orbit, i: IntArray) -> tuple[Array, Array, Array]:
-    """Quintic Hermite position, velocity and acceleration at fraction ``s`` of the intervals ``i``."""
-    q0, v0, a0 = orbit.q[:, i], orbit.v[:, i] * h, orbit.a[:, i] * h**2
-    q1, v1, a1 = orbit.q[:, i + 1], orbit.v[:, i + 1] * h, orbit.a[:, i + 1] * h**2
+def _hermite(s: Array, h: Array, start: Array, end: Array) -> tuple[Array, Array, Array]:
+    """Quintic Hermite position, velocity and acceleration at fractions s (m,) of steps h between states (9, m)."""
+    q0, v0, a0 = start[:3], start[3:6] * h, start[6:] * h**2
+    q1, v1, a1 = end[:3], end[3:6] * h, end[6:] * h**2
     d = q1 - q0 - v0 - 0.5 * a0
     dv = v1 - v0 - a0
     da = a1 - a0
@@ -202,7 +206,6 @@ class Stream:
         table["arm"] = np.array(["trailing", "bound", "leading"])[self.arm + 1]
         table["lagrange_point"] = np.where(self.tail < 0, "inner", "outer")
         table["bound"] = self.bound
-        table["weight"] = self.weight
         table.meta["parameters"] = dict(self.parameters)
         return table
 

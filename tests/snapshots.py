@@ -79,5 +79,5 @@ def reference_errors(integrator: Integrator) -> np.ndarray:
     field, orbit, t, q, v = reference_stream()
     final = np.load(DATA / "nfw_stream.npz")["final"].T[:3]
     escaped = np.sqrt(((final - orbit.q[:, -1:]) ** 2).sum(axis=0)) > 2 * orbit.r_tidal[-1]
-    done = march(field, integrator, orbit, t, q, v)
+    done = march(field, integrator, orbit, orbit.at(t), q, v)
     return np.asarray(np.sqrt(((done.q - final) ** 2).sum(axis=0))[escaped])

@@ -105,6 +105,7 @@ def empty(stream: Stream, keep: np.ndarray) -> Stream:
         winding=stream.winding[keep],
         chi=stream.chi[keep],
         bound=stream.bound[keep],
+        weight=stream.weight[keep],
     )
 
 

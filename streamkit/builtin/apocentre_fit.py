@@ -21,8 +21,6 @@ WINDOW, EDGE = 40.0, 5.0
 """Half width of the fitted window (Gibbons+ 2014) and the scale of its soft edges, degrees."""
 REACH = 45.0
 """How far from the progenitor's own apocentre the first guess of the maximum is looked for, degrees."""
-ENOUGH = 10.0
-"""Particles per degree below which an angle counts less than a full one in the fit."""
 FEWEST = 30
 """Fewest particles in the window (sum of weights)."""
 
@@ -64,8 +62,8 @@ def fit_arm(angle: Array, r: Array, number: Array, guide: float) -> ArmFit | str
     if abs(fitted[1] - guide) > 2 * REACH:
         return "no Gaussian fits the track near the progenitor's own apocentre"
     p, centre = fitted, float(fitted[1])
-    squared = _cells(angle, grid, number**2, number**2 * r, (number * r) ** 2)
-    variance = _variance(grid, count, *squared, _window(grid - centre), p)
+    one, first, second = _cells(angle, grid, number**2, number**2 * r, (number * r) ** 2)
+    variance = _variance(grid, count, one, first, second, _window(grid - centre), p)
     shown = count > 0.2
     curve = centre + np.linspace(-WINDOW, WINDOW, 81)
     return ArmFit(
@@ -82,7 +80,11 @@ def _cells(angle: Array, grid: Array, *values: Array) -> list[Array]:
     place = (angle - grid[0]) / CELL
     i = place.astype(np.int64)
     f = place - i
-    return [np.bincount(i, (1 - f) * w, len(grid)) + np.bincount(i + 1, f * w, len(grid)) for w in values]
+
+    def summed(w: Array) -> Array:
+        return np.asarray(np.bincount(i, (1 - f) * w, len(grid)) + np.bincount(i + 1, f * w, len(grid)), dtype=float)
+
+    return [summed(w) for w in values]
 
 
 def _convolve(cell: Array) -> Array:
@@ -115,13 +117,8 @@ def _gaussian(x: Array, q: Array) -> tuple[Array, Array]:
     return model, np.array([g, model * u * np.exp(-q[2]), model * u * u])
 
 
-def _weights(count: Array, weight: Array) -> Array:
-    """Weight of each cell: that of its angle where it is well populated, falling with the number where not."""
-    return weight * count / (count + ENOUGH * CELL)
-
-
 def _fit(grid: Array, count: Array, total: Array, centre: float, height: float) -> Array | str:
-    """Least squares of the Gaussian (A, m, s) to the cells' mean radii, in the window centred on its own maximum.
+    """Least squares of the Gaussian (A, m, s) to the particles' radii, in the window centred on its own maximum.
 
     Every step is one of Gauss and Newton, in ln s so that s stays positive, damped where it would make the fit
     worse; the window follows the maximum, until neither moves.
@@ -130,10 +127,9 @@ def _fit(grid: Array, count: Array, total: Array, centre: float, height: float) 
     q = np.array([height, centre, np.log(60.0)])
     damping = 1e-3
     for _ in range(200):
-        weight = _window(grid - q[1])
-        if (weight * count).sum() < FEWEST:
+        w = _window(grid - q[1]) * count
+        if w.sum() < FEWEST:
             return "too few particles near the apocentre"
-        w = _weights(count, weight)
         model, slope = _gaussian(grid, q)
         rest = mean - model
         normal = (slope * w) @ slope.T
@@ -161,7 +157,7 @@ def _variance(
 
     one, first and second are the cells' sums of the squared numbers times 1, r and r^2.
     """
-    w = _weights(count, weight)
+    w = weight * count
     model, slope = _gaussian(grid, p)
     n = np.maximum(count, 1e-12)
     scatter = np.maximum(second - 2 * model * first + model**2 * one, 0.0) / n**2  # of the cell's mean radius

@@ -68,13 +68,17 @@ class Adaptive(Integrator):
     kind = "adaptive"
     reference = "Omelyan+ 2002, Comput. Phys. Commun. 146, 188; Blanes & Moan 2002, J. Comput. Appl. Math. 142, 313"
     order = 4
-    example: ClassVar[dict[str, Any]] = {"method": "rkn4", "eta": 0.25}
+    example: ClassVar[dict[str, Any]] = {"method": "rkn4", "eta": 0.3, "eta_progenitor": 0.2}
 
     method: Literal["pefrl", "rkn4"] = Field(
-        default="pefrl",
-        description="4 forces a step, enough for apocentres; or 6, some thirty times as accurate for equal steps.",
+        default="rkn4", description="4 forces a step, or 6 and some thirty times as accurate for equal steps."
     )
-    eta: PositiveNumber = Field(default=0.2, description="Longest step in units of sqrt(distance/acceleration).")
+    eta: PositiveNumber = Field(
+        default=0.4, description="Longest step in units of sqrt(distance/acceleration) about the Galactic centre."
+    )
+    eta_progenitor: PositiveNumber = Field(
+        default=0.25, description="Longest step in units of sqrt(distance/acceleration) about the progenitor."
+    )
     deepest: int = Field(default=7, ge=0, le=20, description="A block takes at most 2 to this power steps.")
 
     def advance(self, field: ForceField, q: Array, v: Array, t0: Array, t1: float) -> None:
@@ -82,7 +86,8 @@ class Adaptive(Integrator):
         from streamkit.engine import PEFRL, RKN4, adaptive_step
 
         if len(t0):
-            adaptive_step(field, PEFRL if self.method == "pefrl" else RKN4, q, v, t0, t1, self.eta, self.deepest)
+            eta = np.array([self.eta, self.eta_progenitor])
+            adaptive_step(field, PEFRL if self.method == "pefrl" else RKN4, q, v, t0, t1, eta, self.deepest)
 
 
 class Reference(Integrator):

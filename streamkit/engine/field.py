@@ -168,9 +168,7 @@ class Field:
 
 def build_field(potentials: Sequence[Potential]) -> Field:
     """Compile (or load from the disk cache) the forces of the potentials, which add up, fixed at the origin."""
-    built = [
-        kernels.compiled_kernel(type(p)) if p.compiled else kernels.numpy_kernel(type(p)) for p in potentials
-    ]
+    built = [kernels.compiled_kernel(type(p)) if p.compiled else kernels.numpy_kernel(type(p)) for p in potentials]
     values = [p.internal() for p in potentials]
     return Field(
         address=np.array([k.address for k in built], dtype=np.int64),
@@ -186,17 +184,27 @@ def build_field(potentials: Sequence[Potential]) -> Field:
 
 
 def adaptive_step(
-    field: Field, splitting: Splitting, q: Array, v: Array, t0: Array, t1: float, eta: float, deepest: int
+    field: Field, splitting: Splitting, q: Array, v: Array, t0: Array, t1: float, eta: Array, deepest: int
 ) -> None:
     """Advance q, v (3, n), in place, each particle with the power of two of steps that its dynamical time asks for.
 
-    No step is longer than ``eta`` times sqrt(distance / acceleration), about the Galactic centre or the
+    No step is longer than ``eta`` (2,) times sqrt(distance / acceleration), about the Galactic centre and about the
     progenitor, but a block takes at most ``2**deepest`` of them.
     """
-    deepest = min(deepest, DEEPEST)
-    loops.advance(*field._head, q, v, t0, t1, splitting.drift, splitting.kick, eta, deepest)
+    _advance(field, splitting, q, v, t0, t1, eta, min(deepest, DEEPEST))
 
 
 def split_step(field: Field, splitting: Splitting, q: Array, v: Array, t0: Array, t1: float, steps: int) -> None:
     """Advance q, v (3, n), in place, from their own times t0 (n,) to t1 in equal steps."""
-    loops.advance(*field._head, q, v, t0, t1, splitting.drift, splitting.kick, 0.0, steps)
+    _advance(field, splitting, q, v, t0, t1, np.zeros(2), steps)
+
+
+def _advance(
+    field: Field, splitting: Splitting, q: Array, v: Array, t0: Array, t1: float, eta: Array, most: int
+) -> None:
+    """Pass the rows of q and v, which the loops want contiguous, in place where they are."""
+    rows = [np.ascontiguousarray(row) for row in (*q, *v)]
+    loops.advance(*field._head, *rows, t0, t1, splitting.drift, splitting.kick, eta, most)
+    for row, done in zip((*q, *v), rows, strict=True):
+        if not np.shares_memory(row, done):
+            row[:] = done

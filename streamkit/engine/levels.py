@@ -5,25 +5,56 @@ from __future__ import annotations
 from numba import njit
 
 from streamkit.engine.cache import INLINE
-from streamkit.engine.forces import LANES, ROW, call_kernel, track_at
+from streamkit.engine.forces import BATCH, LANES, ROW, call_kernel, track_at
 
 
 @njit(**INLINE)
-def load(q, v, index, t0, begin, m, x, u, t):
-    """Copy m particles into a batch, padded to whole vectors with the last; say whether their times are equal."""
-    uniform = True
-    for i in range(m):
-        j = index[begin + i]
-        t[i] = t0[j]
-        uniform = uniform and t0[j] == t[0]
-        for k in range(3):
-            x[k * ROW + i] = q[k, j]
-            u[k * ROW + i] = v[k, j]
+def alike(t0, index, begin):
+    """Number of particles from begin on that make a batch: of one time, or where only a few are, of any."""
+    most = min(BATCH, index.shape[0] - begin)
+    first, low, high = t0[index[begin]], 1, most
+    if t0[index[begin + most - 1]] == first:
+        return most
+    while high - low > 1:  # the times never decrease: bisect
+        middle = (low + high) // 2
+        low, high = (middle, high) if t0[index[begin + middle - 1]] == first else (low, middle)
+    return low if low > LANES else most
+
+
+@njit(**INLINE)
+def take(source, index, begin, m, out):
+    """Copy the values of m particles into a row of a batch, padded to whole vectors with the last."""
+    first = index[begin]
+    if index[begin + m - 1] - first == m - 1:  # neighbours, as index increases: a vector copy
+        out[:m] = source[first : first + m]
+    else:
+        for i in range(m):
+            out[i] = source[index[begin + i]]
     for i in range(m, (m + LANES - 1) // LANES * LANES):
-        t[i] = t[m - 1]
-        for k in range(3):
-            x[k * ROW + i], u[k * ROW + i] = x[k * ROW + m - 1], u[k * ROW + m - 1]
-    return uniform
+        out[i] = out[m - 1]
+
+
+@njit(**INLINE)
+def scatter(m, slot, row, out):
+    """Copy the lanes of a row that have a slot into it."""
+    for i in range(m):
+        if slot[i] >= 0:
+            out[slot[i]] = row[i]
+
+
+@njit(**INLINE)
+def give_back(m, slot, row, index, begin, out):
+    """Copy the slots of a row back to their particles."""
+    first = index[begin]
+    if index[begin + m - 1] - first == m - 1:
+        place = out[first : first + m]
+        for i in range(m):
+            if slot[i] >= 0:
+                place[i] = row[slot[i]]
+    else:
+        for i in range(m):
+            if slot[i] >= 0:
+                out[index[begin + i]] = row[slot[i]]
 
 
 @njit(**INLINE)
@@ -39,11 +70,13 @@ def closest_approach(m, x, w):
 
 
 @njit(**INLINE)
-def rates(address, offset, follows, p, first, step, track, uniform, m, t, span, x, u, rel, w, a, centre, ahead, rate):
-    """Square of (acceleration / distance) of m lanes during the time span after t, into rate.
+def rates(
+    address, offset, follows, p, first, step, track, eta, uniform, m, t, span, x, u, rel, w, a, centre, ahead, rate
+):  # fmt: skip
+    """Square of (acceleration / distance / eta^2) of m lanes during the time span after t, into rate.
 
-    About the Galactic centre for the fixed forces and about the progenitor for those that follow it, whichever is
-    larger, where the particle would come closest to each on a straight line.
+    About the Galactic centre for the fixed forces, with eta[0], and about the progenitor for those that follow it,
+    with eta[1]; whichever is larger, where the particle would come closest to each on a straight line.
     """
     rate[:m] = 0.0
     for turn in range(2):
@@ -79,18 +112,19 @@ def rates(address, offset, follows, p, first, step, track, uniform, m, t, span, 
                 call_kernel(address[c], m, t, p[offset[c] :], rel, a)
         a0, a1, a2 = a[:m], a[ROW : ROW + m], a[2 * ROW : 2 * ROW + m]
         d0, d1, d2 = rel[:m], rel[ROW : ROW + m], rel[2 * ROW : 2 * ROW + m]
+        scale = eta[turn] ** -4
         for i in range(m):
             acceleration2 = a0[i] * a0[i] + a1[i] * a1[i] + a2[i] * a2[i]
             distance2 = d0[i] * d0[i] + d1[i] * d1[i] + d2[i] * d2[i]
-            rate[i] = max(rate[i], acceleration2 / (distance2 + 1e-300))
+            rate[i] = max(rate[i], scale * acceleration2 / (distance2 + 1e-300))
 
 
 @njit(**INLINE)
-def choose(m, rate, span, eta, deepest, level):
-    """Level of m lanes: the power of two of steps so that none exceeds eta dynamical times, 1 / sqrt(rate)."""
+def choose(m, rate, span, deepest, level):
+    """Level of m lanes: the power of two of steps so that none exceeds eta dynamical times, rate^(-1/4)."""
     for i in range(m):
         level[i] = 0
-        rate[i] = (span[i] / eta) ** 4 * rate[i]  # the fourth power of the number of steps
+        rate[i] = span[i] ** 4 * rate[i]  # the fourth power of the number of steps
     bound = 1.0
     for _ in range(deepest):
         for i in range(m):

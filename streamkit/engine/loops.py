@@ -10,13 +10,14 @@ from numba import njit, types
 
 from streamkit.engine.cache import INLINE, cached
 from streamkit.engine.forces import BATCH, DEEPEST, LANES, ROW, add_forces
-from streamkit.engine.levels import choose, load, place, rates
+from streamkit.engine.levels import alike, choose, give_back, place, rates, scatter, take
 
-LOOK_AGAIN, PARTS = 3, 4
+LOOK_AGAIN, PARTS = 2, 4
 """Particles of higher levels choose their steps anew in every one of these parts of a block."""
 
 _F1, _F2, _S2 = types.float64[::1], types.float64[:, ::1], types.float64[:, :]
 _I1, _B1, _F, _N = types.int64[::1], types.boolean[::1], types.float64, types.intp
+_STATE = (_F1,) * 6  # rows of positions and velocities
 _HEAD = (_I1, _I1, _B1, _F1, _F, _F, _F2)  # address, offset, follows, p, first, step, track
 
 
@@ -53,9 +54,7 @@ def compose(
     for s in range(steps):
         for j in range(stages):
             if j > 0 or s == 0 or not reuse:
-                add_forces(
-                    address, offset, follows, p, first, step, track, uniform, begin, end, t, x, rel, centre, a
-                )
+                add_forces(address, offset, follows, p, first, step, track, uniform, begin, end, t, x, rel, centre, a)
             c, d = drift[j + 1], kick[j]
             if j == stages - 1 and s < steps - 1:
                 c += drift[0]
@@ -75,11 +74,14 @@ def compose(
                 t_i[i] += c * h_i[i]
 
 
-@cached(_N(*_HEAD, _S2, _S2, _I1, _F1, _F1, _F1, _F1, _F, _N, _N, _I1))
-def sweep(address, offset, follows, p, first, step, track, q, v, index, t0, t1, drift, kick, eta, most, limit, later):
+@cached(_N(*_HEAD, *_STATE, _I1, _F1, _F1, _F1, _F1, _F1, _N, _N, _I1))
+def sweep(
+    address, offset, follows, p, first, step, track, q0, q1, q2, v0, v1, v2, index, t0, t1, drift, kick, eta, most,
+    limit, later,
+):  # fmt: skip
     """Compositions of drifts and kicks, in place, of the particles index (n,) from their t0 to their t1.
 
-    With eta = 0 all take ``most`` steps. Otherwise each takes the power of two, up to 2^most, that its dynamical
+    With eta (2,) zero all take ``most`` steps. Otherwise each takes the power of two, up to 2^most, that its dynamical
     time asks for; those beyond the level ``limit`` are left where they are and put into ``later`` (n,), and their
     number is returned. Particles of a level march together, padded to whole vectors with copies whose results
     are dropped.
@@ -88,29 +90,32 @@ def sweep(address, offset, follows, p, first, step, track, q, v, index, t0, t1, 
     a, rel, w, centre, ahead = np.empty(3 * ROW), np.empty(3 * ROW), np.empty(3 * ROW), np.empty(3), np.empty(3)
     t, span, ts, hs, rate = np.empty(ROW), np.empty(ROW), np.empty(ROW), np.empty(ROW), np.empty(ROW)
     level, slot, kept = np.zeros(ROW, np.int64), np.empty(ROW, np.int64), 0
+    x0, x1, x2, u0, u1, u2 = x, x[ROW:], x[2 * ROW :], u, u[ROW:], u[2 * ROW :]
+    xs0, xs1, xs2, us0, us1, us2 = xs, xs[ROW:], xs[2 * ROW :], us, us[ROW:], us[2 * ROW :]
     start, size = np.empty(DEEPEST + 1, np.int64), np.empty(DEEPEST + 1, np.int64)
-    for begin in range(0, index.shape[0], BATCH):
-        m = min(BATCH, index.shape[0] - begin)
+    begin, m = 0, 0
+    while begin + m < index.shape[0]:
+        begin += m
+        m = alike(t0, index, begin)
         whole = (m + LANES - 1) // LANES * LANES
-        uniform = load(q, v, index, t0, begin, m, x, u, t)
+        for source, out in ((q0, x0), (q1, x1), (q2, x2), (v0, u0), (v1, u1), (v2, u2), (t0, t), (t1, span)):
+            take(source, index, begin, m, out)
+        uniform = t[0] == t[m - 1]  # times never decrease
         for i in range(whole):
-            span[i] = t1[index[begin + min(i, m - 1)]] - t[i]
-        if eta > 0.0:
+            span[i] -= t[i]
+        if eta[0] > 0.0:
             rates(
-                address, offset, follows, p, first, step, track, uniform, whole, t, span, x, u, rel, w, a, centre,
+                address, offset, follows, p, first, step, track, eta, uniform, whole, t, span, x, u, rel, w, a, centre,
                 ahead, rate,
             )  # fmt: skip
-            choose(m, rate, span, eta, most, level)
+            choose(m, rate, span, most, level)
         place(m, level, limit, start, size, slot)
         for i in range(m):
-            s = slot[i]
-            if s < 0:
+            if slot[i] < 0:
                 later[kept] = index[begin + i]
                 kept += 1
-                continue
-            ts[s], hs[s] = t[i], span[i]
-            for k in range(3):
-                xs[k * ROW + s], us[k * ROW + s] = x[k * ROW + i], u[k * ROW + i]
+        for row, out in ((x0, xs0), (x1, xs1), (x2, xs2), (u0, us0), (u1, us1), (u2, us2), (t, ts), (span, hs)):
+            scatter(m, slot, row, out)
         for group in range(limit + 1):
             if size[group] == 0:
                 continue
@@ -120,23 +125,23 @@ def sweep(address, offset, follows, p, first, step, track, q, v, index, t0, t1, 
                 ts[i], hs[i] = ts[ends - 1], hs[ends - 1]
                 for k in range(3):
                     xs[k * ROW + i], us[k * ROW + i] = xs[k * ROW + ends - 1], us[k * ROW + ends - 1]
-            steps = 1 << group if eta > 0.0 else most
+            steps = 1 << group if eta[0] > 0.0 else most
             for i in range(begins, last):
                 hs[i] /= steps
             compose(
                 address, offset, follows, p, first, step, track, uniform, begins, last, steps, ts, hs, xs, us, rel,
                 centre, a, drift, kick,
             )  # fmt: skip
-        for i in range(m):
-            if slot[i] >= 0:
-                for k in range(3):
-                    q[k, index[begin + i]], v[k, index[begin + i]] = xs[k * ROW + slot[i]], us[k * ROW + slot[i]]
+        for row, out in ((xs0, q0), (xs1, q1), (xs2, q2), (us0, v0), (us1, v1), (us2, v2)):
+            give_back(m, slot, row, index, begin, out)
     return kept
 
 
-@cached(types.void(*_HEAD, _S2, _S2, _F1, _F, _F1, _F1, _F, _N))
-def advance(address, offset, follows, p, first, step, track, q, v, t0, t1, drift, kick, eta, most):
-    """Advance all particles, in place, from t0 (n,) to t1, in ``most`` equal steps (eta = 0) or adaptively.
+@cached(types.void(*_HEAD, *_STATE, _F1, _F, _F1, _F1, _F1, _N))
+def advance(
+    address, offset, follows, p, first, step, track, q0, q1, q2, v0, v1, v2, t0, t1, drift, kick, eta, most
+):  # fmt: skip
+    """Advance all particles, in place, from t0 (n,) to t1, in ``most`` equal steps (eta (2,) zero) or adaptively.
 
     ``drift`` (s + 1,) and ``kick`` (s,) are the fractions of a step. Where the first and last drift are zero, a
     step begins with the force that ended the one before. Particles that need many steps, deep in the progenitor,
@@ -144,10 +149,11 @@ def advance(address, offset, follows, p, first, step, track, q, v, t0, t1, drift
     """
     n = t0.shape[0]
     every, later, ends, now = np.arange(n), np.empty(n, np.int64), np.full(n, t1), t0.copy()
-    limit = np.int64(0) if eta == 0.0 else min(LOOK_AGAIN, most)
+    limit = np.int64(0) if eta[0] == 0.0 else min(LOOK_AGAIN, most)
     kept = sweep(
-        address, offset, follows, p, first, step, track, q, v, every, t0, ends, drift, kick, eta, most, limit, later
-    )
+        address, offset, follows, p, first, step, track, q0, q1, q2, v0, v1, v2, every, t0, ends, drift, kick, eta,
+        most, limit, later,
+    )  # fmt: skip
     near = later[:kept].copy()
     if kept == 0:
         return
@@ -155,7 +161,7 @@ def advance(address, offset, follows, p, first, step, track, q, v, t0, t1, drift
         for i in near:
             ends[i] = t1 if part == PARTS - 1 else t0[i] + (t1 - t0[i]) * (part + 1) / PARTS
         sweep(
-            address, offset, follows, p, first, step, track, q, v, near, now, ends, drift, kick, eta,
+            address, offset, follows, p, first, step, track, q0, q1, q2, v0, v1, v2, near, now, ends, drift, kick, eta,
             max(most - 2, 0), DEEPEST, later,
         )  # fmt: skip
         for i in near:

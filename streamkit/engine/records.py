@@ -8,34 +8,40 @@ from numba import types
 
 from streamkit.engine.cache import cached
 
-_F1, _F2, _S2 = types.float64[::1], types.float64[:, ::1], types.float64[:, :]
-_I1, _F = types.int64[::1], types.float64
+_F1, _F2 = types.float64[::1], types.float64[:, ::1]
+_I1, _F, _N = types.int64[::1], types.float64, types.intp
 
 
-@cached(types.void(_F1, _F, _S2, _S2, _F1, _F, _F2, _I1, _S2, _F1, _F1, _F1, _S2, _S2))
-def record(t0, t1, q, v, state, r_tidal, plane, revolutions, planar, chi, gap, t_strip, dq_strip, dv_strip):
-    """Update the particles' records at the end of a block: revolutions, phase chi, last time inside r_t.
+@cached(types.void(_N, _F1, _F, _F2, _F2, _F1, _F, _F2, _I1, _F2, _F1, _F1, _F1, _F2, _F2))
+def record(n, t0, t1, q, v, state, r_tidal, plane, revolutions, planar, chi, gap, t_strip, dq_strip, dv_strip):
+    """Update the first n particles' records at the end of a block: revolutions, phase chi, last time inside r_t.
 
-    t0 (n,) is the time of each particle's previous sample, state (9,) the progenitor at t1, r_tidal its tidal
-    radius there. plane (2, 3) spans the orbital plane; planar (2, n) holds the previous projection on it.
-    revolutions (n,) counts crossings of the negative first axis, so that the angle swept needs no unwrapping.
+    t0 (n,) is the time of each particle's previous sample, set to t1; state (9,) the progenitor at t1, r_tidal its
+    tidal radius there. plane (2, 3) spans the orbital plane; planar (2, n) holds the previous projection on it.
+    revolutions (n,) counts crossings of the negative first axis, so that the angle swept needs no unwrapping:
+    a particle that turned by less than 90 degrees took the short way, any other that of its angular momentum.
     gap (n,) is the previous distance to the progenitor minus the tidal radius.
     """
     r_progenitor = math.sqrt(state[0] ** 2 + state[1] ** 2 + state[2] ** 2)
-    for i in range(q.shape[1]):
-        x, y, z = q[0, i], q[1, i], q[2, i]
-        e = plane[0, 0] * x + plane[0, 1] * y + plane[0, 2] * z
-        f = plane[1, 0] * x + plane[1, 1] * y + plane[1, 2] * z
-        e0, f0 = planar[0, i], planar[1, i]
-        if f0 >= 0.0 and f < 0.0 and e0 * f - e * f0 > 0.0:
-            revolutions[i] += 1  # the chord crosses the axis at a negative first coordinate
-        elif f0 < 0.0 and f >= 0.0 and e0 * f - e * f0 < 0.0:
-            revolutions[i] -= 1
-        planar[0, i], planar[1, i] = e, f
-        chi[i] += (t1 - t0[i]) * (math.sqrt(x * x + y * y + z * z) - r_progenitor)
-        dx, dy, dz = x - state[0], y - state[1], z - state[2]
-        new = math.sqrt(dx * dx + dy * dy + dz * dz) - r_tidal
-        old = gap[i]
+    a0, a1, a2, b0, b1, b2 = plane[0, 0], plane[0, 1], plane[0, 2], plane[1, 0], plane[1, 1], plane[1, 2]
+    x, y, z, u, w, s = q[0, :n], q[1, :n], q[2, :n], v[0, :n], v[1, :n], v[2, :n]
+    planar0, planar1 = planar[0, :n], planar[1, :n]
+    for i in range(n):
+        e, f = a0 * x[i] + a1 * y[i] + a2 * z[i], b0 * x[i] + b1 * y[i] + b2 * z[i]
+        e0, f0 = planar0[i], planar1[i]
+        cross, along = e0 * f - e * f0, e0 * e + f0 * f
+        momentum = e * (b0 * u[i] + b1 * w[i] + b2 * s[i]) - f * (a0 * u[i] + a1 * w[i] + a2 * s[i])
+        forward = (momentum if along < 0.0 else cross) > 0.0
+        changes = (f0 < 0.0) != (f < 0.0)
+        grows = (f0 < 0.0) if changes else cross > 0.0  # the angle from -pi to pi at the end above that before
+        revolutions[i] += (1 if forward and not grows else 0) - (1 if grows and not forward and cross != 0.0 else 0)
+        planar0[i], planar1[i] = e, f
+    for i in range(n):
+        chi[i] += (t1 - t0[i]) * (math.sqrt(x[i] * x[i] + y[i] * y[i] + z[i] * z[i]) - r_progenitor)
+    for i in range(n):
+        dx, dy, dz = x[i] - state[0], y[i] - state[1], z[i] - state[2]
+        new, old = math.sqrt(dx * dx + dy * dy + dz * dz) - r_tidal, gap[i]
+        gap[i] = new
         if new <= 0.0:
             t_strip[i] = t1
         elif old <= 0.0:
@@ -44,4 +50,4 @@ def record(t0, t1, q, v, state, r_tidal, plane, revolutions, planar, chi, gap, t
             dq_strip[0, i], dq_strip[1, i], dq_strip[2, i] = dx, dy, dz
             for k in range(3):
                 dv_strip[k, i] = v[k, i] - state[3 + k]
-        gap[i] = new
+        t0[i] = t1

@@ -55,8 +55,7 @@ def vector_log(x):
     # minimax coefficients of fdlibm's e_log.c: |error| < 2^-58.45
     even = w * (0.3999999999940941908 + w * (0.2222219843214978396 + w * 0.1531383769920937332))
     odd = z * (
-        0.6666666666666735130
-        + w * (0.2857142874366239149 + w * (0.1818357216161805012 + w * 0.1479819860511658591))
+        0.6666666666666735130 + w * (0.2857142874366239149 + w * (0.1818357216161805012 + w * 0.1479819860511658591))
     )
     half = 0.5 * f * f
     # k as a double without an int-to-float conversion, which AVX2 lacks for 64 bits
@@ -107,4 +106,3 @@ def _power(x, y):
 @overload(functions.sqrt, jit_options={"forceinline": True, "error_model": "numpy"})
 def _sqrt(x):
     return lambda x: math.sqrt(x)  # noqa: PLW0108  numba wants a Python function
-
