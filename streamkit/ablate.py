@@ -78,7 +78,7 @@ def ablate(
         if found.reference is None or not any(outcome.portraits for outcome in found.outcomes):
             reasons = "; ".join(f"{o.variant.label}: {', '.join(o.reasons)}" for o in found.outcomes)
             raise StreamkitError(f"{run_file}: no variant has a stream. {reasons}")
-        interrupted = any("interrupted" in outcome.reasons for outcome in found.outcomes)
+        interrupted = any(ablation.INTERRUPTED in outcome.reasons for outcome in found.outcomes)
         _write_tables(found, out, reference, seeds)
         if not quiet:
             click.echo(describe(found))
@@ -176,7 +176,7 @@ def _write_tables(found: Ablation, out: Path, reference: str | None, seeds: int)
         "seed": spec.seed,
         "seeds": seeds,
         "vary": vary,
-        "reference": reference or f"the first variant, {found.outcomes[0].variant.label}",
+        "reference": reference or found.beside,
     }
     for name, made in ((TABLE, table(found)), (TRACKS, tracks(found))):
         made.meta = header

@@ -20,6 +20,8 @@ from streamkit.model import Model, measure
 from streamkit.phase import Prediction, Stream
 from streamkit.spec import Setup, Spec
 
+INTERRUPTED = "interrupted"
+"""The reason of a variant that was not run, or not on every seed, since the user stopped it."""
 WARM = 64
 """Particles of the stream that loads the machine code before the clock starts."""
 
@@ -87,6 +89,13 @@ class Ablation:
     reference: Portrait | None
     external: bool
 
+    @property
+    def beside(self) -> str:
+        """What the variants are compared with, in words."""
+        if self.external:
+            return "the snapshot"
+        return next((f"the variant {o.variant.label!r}" for o in self.outcomes if o.first), "nothing")
+
 
 def grid(spec: Spec, vary: Mapping[str, Sequence[Any]]) -> list[Variant]:
     """Return every combination of the values, validated as in the file.
@@ -136,7 +145,8 @@ def _label(name: str, value: Any) -> str:
     """Write a change as a person would say it: ``mlcs``, ``without progenitor gravity``, ``sigma = 10 km/s``."""
     if isinstance(value, bool):
         return f"{'with' if value else 'without'} {name.replace('_', ' ')}"
-    return str(value) if name == "kind" else f"{name} = {value}"
+    text = f"{value:g}" if isinstance(value, float) else str(value)
+    return text if name == "kind" else f"{name} = {text}"
 
 
 @dataclass(frozen=True)
@@ -194,9 +204,10 @@ def run(
     done
         Called after each stream.
     """
+    portrait = None if reference is None else _reference(reference, spec.bind())
     outcomes = tuple(Outcome(variant) for variant in variants)
     jobs = [
-        (i, seed, variant.spec.with_values({"seed": spec.seed + seed}))
+        (i, seed, variant.spec.with_values({"seed": variant.spec.seed + seed}))
         for seed in range(seeds)
         for i, variant in enumerate(variants)
     ]
@@ -208,8 +219,7 @@ def run(
             done()
     except KeyboardInterrupt:
         for i, _ in left:
-            outcomes[i].blame("interrupted")
-    portrait = None if reference is None else _reference(reference, spec.bind())
+            outcomes[i].blame(INTERRUPTED)
     for outcome in outcomes:
         _measure(outcome, portrait, outcomes)
     shown = portrait or next((o.first for o in outcomes if o.first), None)
@@ -260,14 +270,21 @@ def _measure(outcome: Outcome, reference: Portrait | None, outcomes: Sequence[Ou
     """Fill in the measures of every seed; without a reference, each is set against the first variant's same seed."""
     for seed, portrait in outcome.portraits.items():
         other = reference or next((o.portraits[seed] for o in outcomes if seed in o.portraits), portrait)
-        found = {**portrait.own(), **compare(portrait, other), **pulls(portrait, other)}
+        found = {**portrait.own(), **compare(portrait, other), **observables(portrait)}
+        try:
+            found |= pulls(portrait, other)
+        except ComponentError as error:
+            outcome.blame(f"the reference has no observables: {error}")
         outcome.measures[seed] = {**found, "cpu": outcome.cpu[seed]}
 
 
 def pulls(this: Portrait, other: Portrait) -> dict[str, float]:
-    """Return the observables, and their differences from the reference in standard errors of the data.
+    """Return the observables' differences from the reference, measured alike, in standard errors of the data.
 
-    The reference is measured by the same observable.
+    Raises
+    ------
+    ComponentError
+        If the observable fails on the reference.
     """
     found = observables(this)
     observable = this.setup.observable
@@ -276,7 +293,7 @@ def pulls(this: Portrait, other: Portrait) -> dict[str, float]:
     reference = measure(observable, other.stream)
     _, errors = observable.data()
     away = (np.array(list(found.values())) - reference.mean) / np.where(errors > 0, errors, np.nan)
-    return found | {f"pull_{name}": value for name, value in zip(reference.names, away.tolist(), strict=True)}
+    return {f"pull_{name}": value for name, value in zip(reference.names, away.tolist(), strict=True)}
 
 
 def observables(this: Portrait) -> dict[str, float]:

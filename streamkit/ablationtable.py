@@ -27,7 +27,7 @@ MEANING = {
     "length_ratio": "length of both tails over the reference's",
     "track": "rms distance of the mean track from the reference's, across it, over the common length; "
     "the noise of the finite number of particles is taken off",
-    "track_near": f"the same from the progenitor to where the reference's track is first {NEAR:g} kpc away from it",
+    "track_near": f"the same as track, from the progenitor to where the reference is first {NEAR:g} kpc away",
     "width_ratio": "width in the plane of the orbit over the reference's, median along the common length",
     "thickness_ratio": "the same out of the plane",
     "density_distance": "Wasserstein distance of the angles along the tail from the reference's",
@@ -60,11 +60,11 @@ def table(ablation: Ablation) -> QTable:
     out["streams"] = [0 if o is None else len(measures) for _, o, measures in rows]
     for name in names:
         values = [[one.get(name, np.nan) for one in measures] for _, _, measures in rows]
-        unit = u.Unit(UNITS.get(_base(name), ""))
-        out[name] = np.array([_mean(value) for value in values]) * unit
-        out[name].info.description = MEANING.get(_base(name), "")
-        if several:
-            out[f"{name}_sd"] = np.array([_scatter(value) for value in values]) * unit
+        unit = UNITS.get(_base(name))
+        for column, statistic in ((name, _mean), (f"{name}_sd", _scatter))[: 1 + several]:
+            numbers = np.array([statistic(value) for value in values])
+            out[column] = numbers if unit is None else numbers * u.Unit(unit)
+        out[name].info.description = MEANING[_base(name)]
     reasons = ["" if o is None else "; ".join(o.reasons) for _, o, _ in rows]
     out["reason"] = Column(reasons, description="why there is no stream, or no observable")
     return out
@@ -123,25 +123,9 @@ def describe(ablation: Ablation) -> str:
     """Show the table for a terminal, in four parts, with what each column means."""
     rows = _rows(ablation)
     seeds = max((len(measures) for _, _, measures in rows), default=0)
-    other = "the snapshot" if ablation.external else f"the first variant, {ablation.outcomes[0].variant.label}"
     of = f"; means over {seeds} seeds, their scatter is in the table's columns _sd" if seeds > 1 else ""
-    parts = [paragraph(f"{len(ablation.outcomes)} variants beside {other}{of}")]
-    arms = tuple(ARMS)
-    layout = (
-        ("along", ("length", arms), ("length_ratio", ()), ("track_near", arms), ("track", arms)),
-        (
-            "across",
-            ("width_ratio", arms),
-            ("thickness_ratio", arms),
-            ("density_distance", arms),
-            ("bound", ()),
-            ("cpu", ()),
-        ),
-        ("energy", ("energy_offset", arms), ("energy_distance", ())),
-        ("angular momentum", ("angular_momentum_offset", arms), ("angular_momentum_distance", ())),
-    )
-    for _title, *measures in layout:
-        parts.append(_part(rows, measures))
+    parts = [paragraph(f"{len(ablation.outcomes)} variants beside {ablation.beside}{of}; L leading, T trailing")]
+    parts += [_part(rows, measures) for measures in _LAYOUT]
     parts += _observables(rows)
     for label, outcome, _ in rows:
         if outcome is not None and outcome.reasons:
@@ -149,33 +133,36 @@ def describe(ablation: Ablation) -> str:
     return "\n\n".join(part for part in parts if part)
 
 
-def _part(rows: Sequence[Any], measures: Sequence[tuple[str, tuple[str, ...]]]) -> str:
+_LAYOUT = (
+    ("length", "length_ratio", "track_near", "track"),
+    ("width_ratio", "thickness_ratio", "density_distance", "bound", "cpu"),
+    ("energy_offset", "energy_distance", "angular_momentum_offset", "angular_momentum_distance"),
+)
+"""The measures of each printed table."""
+_HEADS = {
+    "length": "length", "length_ratio": "ratio", "track_near": "near", "track": "track", "width_ratio": "width",
+    "thickness_ratio": "thick", "density_distance": "along", "bound": "bound", "cpu": "CPU", "energy_offset": "dE",
+    "energy_distance": "E", "angular_momentum_offset": "dL", "angular_momentum_distance": "L",
+}  # fmt: skip
+"""Their short heads; an arm's initial is added."""
+_WHOLE = ("length_ratio", "bound", "cpu", "energy_distance", "angular_momentum_distance")
+"""Those of the whole stream; the others are of an arm each."""
+
+
+def _part(rows: Sequence[Any], measures: Sequence[str]) -> str:
     head, names, notes = ["variant"], [], []
-    for base, arms in measures:
-        unit = UNITS.get(base, "")
-        title = _title(base)
-        notes.append(paragraph(f"{MEANING[base]}{f' [{_plain(unit)}]' if unit else ''}", f"  {title}: ", "    "))
-        for arm in arms or ("",):
+    for base in measures:
+        unit = f" [{_plain(UNITS[base])}]" if base in UNITS else ""
+        notes.append(paragraph(f"{MEANING[base]}{unit}", f"    {_HEADS[base]}: ", "      "))
+        for arm in ("",) if base in _WHOLE else ARMS:
             names.append(f"{base}_{arm}" if arm else base)
-            head.append(f"{title} {arm[:1].upper()}".strip())
-    body = [[label, *(_cell(measures_, name) for name in names)] for label, _, measures_ in rows]
+            head.append(f"{_HEADS[base]} {arm[:1].upper()}".strip())
+    body = [[label, *(_cell(of_seeds, name) for name in names)] for label, _, of_seeds in rows]
     return "\n".join([columns([head, *body]), *notes])
 
 
-def _title(base: str) -> str:
-    for long, short in (
-        ("angular_momentum", "L"),
-        ("energy", "E"),
-        ("_distance", " dist"),
-        ("_offset", " offset"),
-        ("_ratio", ""),
-    ):
-        base = base.replace(long, short)
-    return base.replace("_", " ")
-
-
 def _plain(unit: str) -> str:
-    return unit.replace(" ", "").replace("km2/s2", "(km/s)^2")
+    return unit.replace("km2 / s2", "(km/s)^2").replace(" / ", "/")
 
 
 def _observables(rows: Sequence[Any]) -> list[str]:

@@ -67,11 +67,11 @@ def mean_track(stream: Stream, arm: int) -> Track:
     x, y = plane @ stream.q[:, chosen]
     r, height = np.hypot(x, y), np.cross(*plane) @ stream.q[:, chosen]
     weight = stream.weight[chosen]
-    cells = int(min(angle.max(initial=0.0), LARGEST) / CELL) + int(4 * KERNEL / CELL) + 2
-    cell = np.minimum(np.rint(angle / CELL).astype(np.int64), cells - 1)
-    half = np.arange(-int(4 * KERNEL / CELL), int(4 * KERNEL / CELL) + 1) * CELL / KERNEL
-    kernel = np.exp(-0.5 * half**2)
+    wing = int(4 * KERNEL / CELL)
+    kernel = np.exp(-0.5 * (np.arange(-wing, wing + 1) * CELL / KERNEL) ** 2)
     kernel /= kernel.sum()
+    cells = int(min(angle.max(initial=0.0), LARGEST) / CELL) + len(kernel)
+    cell = np.minimum(np.rint(angle / CELL).astype(np.int64), cells - 1)
 
     def smooth(values: Array, by: Array = kernel) -> Array:
         return np.convolve(np.bincount(cell, values, cells), by, mode="same")

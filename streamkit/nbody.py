@@ -136,8 +136,8 @@ def _same_place(snapshot: Snapshot, track: Orbit, setup: Setup) -> None:
 def remnant(q: Array, v: Array, r_tidal: float) -> Array | None:
     """(6,) Position and velocity of the densest clump by a shrinking sphere; None without one.
 
-    A clump is no remnant if it holds fewer than `FEWEST` particles within a tidal radius, or is not twice as
-    crowded as the shell around it.
+    A clump is no remnant if it holds fewer than `FEWEST` particles within a tidal radius, or not twice as many as the
+    next tidal radius does: a piece of a stream holds as many.
     """
     centre = np.median(q, axis=1)
     radius = float(np.percentile(_distance(q, centre), 90))
@@ -149,7 +149,7 @@ def remnant(q: Array, v: Array, r_tidal: float) -> Array | None:
         radius *= 0.9
     away = _distance(q, centre)
     near, around = int((away < r_tidal).sum()), int((away < 2 * r_tidal).sum())
-    if near < FEWEST or near < 2 * (around - near) / 7:
+    if near < FEWEST or near < 2 * (around - near):
         return None
     core = away < 0.5 * r_tidal
     return np.concatenate([q[:, core].mean(axis=1), v[:, core].mean(axis=1)])

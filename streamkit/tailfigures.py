@@ -34,9 +34,9 @@ def unwrapped(portraits: Portraits) -> Figure:
         top = max(top, axes.get_ylim()[1])
         axes.set_title(title, fontsize=10)
         axes.set(xlabel="", ylabel="")
-    for axes in panels[:1]:  # the others share its limits
-        axes.set(xlim=(max(e[0] for e in ends), min(e[1] for e in ends)), ylim=(0, top))
-        axes.xaxis.set_major_locator(MultipleLocator(90))
+    if ends:  # the panels share the limits of the first
+        panels[0].set(xlim=(max(e[0] for e in ends), min(e[1] for e in ends)), ylim=(0, top))
+        panels[0].xaxis.set_major_locator(MultipleLocator(90))
     for axes in panels[1:]:
         if legend := axes.get_legend():
             legend.remove()
