@@ -18,6 +18,7 @@ import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -26,13 +27,14 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from snapshots import reference_errors
 
 import streamkit as sk
-from streamkit.builtin.integrators import Adaptive, ForestRuth
-from streamkit.builtin.potentials import NFW, Plummer, TruncatedFlat
+from streamkit.builtin.integrators import Adaptive, ForestRuth, Leapfrog
+from streamkit.builtin.potentials import NFW, Hernquist, MiyamotoNagai, Plummer, TruncatedFlat
 from streamkit.builtin.stripping import LagrangeCloud
 from streamkit.components import Integrator, Potential
 from streamkit.engine import build_field
 from streamkit.model import NODE, simulate, standard_normals
 from streamkit.spec import Setup
+from streamkit.units import Length, Mass
 
 MASS, RADIUS, LOOKBACK, PARTICLES = 6.4e8, 0.85, 4.31, 12660
 HALO = NFW(mass=3.584843593e11, rs=9.370845158)
@@ -41,18 +43,41 @@ DATA = np.load(Path(__file__).parents[1] / "data" / "nfw_stream.npz")
 START = DATA["progenitor_start"]
 
 
-def today(host: Potential) -> tuple[np.ndarray, np.ndarray]:
+class NumpyNFW(Potential):
+    """The halo as a plug-in author without numba writes it: NumPy on whole batches."""
+
+    kind = "numpy_nfw"
+    compiled = False
+    mass: Mass
+    rs: Length
+
+    @staticmethod
+    def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any, rs: Any) -> Any:
+        """Minus the gradient of -G M ln(1 + r / rs) / r."""
+        r = np.sqrt(x * x + y * y + z * z)
+        f = -sk.G * mass * (np.log1p(r / rs) - r / (r + rs)) / r**3
+        return f * x, f * y, f * z
+
+
+HOSTS: dict[str, tuple[Potential, ...]] = {
+    "TF host": (FLAT,),
+    "bulge + disc + halo": (Hernquist(mass=3e10, a=0.5), MiyamotoNagai(mass=3.3e10, a=4.0, b=0.4), HALO),
+    "NFW in NumPy": (NumpyNFW(mass=HALO.mass, rs=HALO.rs),),
+}
+
+
+def today(*host: Potential) -> tuple[np.ndarray, np.ndarray]:
     """The progenitor at the end of the job."""
-    orbit = build_field([host]).orbit(START[:3], START[3:], -LOOKBACK * sk.GYR, 0.0, NODE)
+    orbit = build_field(host).orbit(START[:3], START[3:], -LOOKBACK * sk.GYR, 0.0, NODE)
     return orbit.q[:, -1].copy(), orbit.v[:, -1].copy()
 
 
-def streamkit_job(integrator: Integrator, host: Potential, gravity: bool = True) -> Callable[[], None]:
+def streamkit_job(integrator: Integrator, *host: Potential, gravity: bool = True) -> Callable[[], None]:
     """One whole stream."""
-    q, v = today(host)
+    q, v = today(*host)
     stripping = LagrangeCloud(particles=PARTICLES, sigma=10.0, progenitor_gravity=gravity)
     satellite = Plummer(mass=MASS, radius=RADIUS)
-    setup = Setup({"potential": host}, satellite, MASS, q, v, LOOKBACK, stripping, integrator, None, 1, {})
+    setup = Setup({p.kind: p for p in host}, satellite, MASS, q, v, LOOKBACK, stripping, integrator, None, 1, {})
     normals = standard_normals(stripping, 1)
     return lambda: void(simulate(setup, normals))
 
@@ -111,13 +136,16 @@ def main() -> None:
     rounds = parser.parse_args().rounds
     settings: dict[str, Integrator] = {
         "adaptive (default)": Adaptive(),
-        "adaptive, eta 0.1": Adaptive(eta=0.1),
-        "adaptive, rkn4, eta 0.2": Adaptive(method="rkn4", eta=0.2),
-        "adaptive, rkn4, eta 0.15": Adaptive(method="rkn4", eta=0.15),
+        "adaptive, eta 0.4, 0.35": Adaptive(eta_progenitor=0.35),
+        "adaptive, eta 0.25, 0.16": Adaptive(eta=0.25, eta_progenitor=0.16),
+        "adaptive, pefrl, eta 0.25, 0.2": Adaptive(method="pefrl", eta=0.25, eta_progenitor=0.2),
+        "pefrl, 8 Myr": ForestRuth(step=0.008),
         "pefrl, 4 Myr": ForestRuth(),
+        "leapfrog, 2 Myr": Leapfrog(step=0.002),
     }
     jobs = {f"streamkit {name}": (streamkit_job(i, HALO), 1.0) for name, i in settings.items()}
-    jobs["streamkit default, TF host"] = streamkit_job(Adaptive(), FLAT), 1.0
+    for name, host in HOSTS.items():
+        jobs[f"streamkit default, {name}"] = streamkit_job(Adaptive(), *host), 1.0
     jobs["streamkit default, no progenitor gravity"] = streamkit_job(Adaptive(), HALO, gravity=False), 1.0
     for name, make, scale in (("gala, leapfrog", gala_job, 1.0), ("galpy, dop853_c by hand", galpy_job, 40.0)):
         try:
