@@ -11,9 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
-from streamkit.comparison import Portrait, compare
+from streamkit.comparison import Portrait, compare, observables, pulls
 from streamkit.components import Component
 from streamkit.errors import ComponentError, OutOfDomain, SpecError
 from streamkit.model import Model, measure
@@ -276,29 +274,3 @@ def _measure(outcome: Outcome, reference: Portrait | None, outcomes: Sequence[Ou
         except ComponentError as error:
             outcome.blame(f"the reference has no observables: {error}")
         outcome.measures[seed] = {**found, "cpu": outcome.cpu[seed]}
-
-
-def pulls(this: Portrait, other: Portrait) -> dict[str, float]:
-    """Return the observables' differences from the reference, measured alike, in standard errors of the data.
-
-    Raises
-    ------
-    ComponentError
-        If the observable fails on the reference.
-    """
-    found = observables(this)
-    observable = this.setup.observable
-    if not found or observable is None:
-        return {}
-    reference = measure(observable, other.stream)
-    _, errors = observable.data()
-    away = (np.array(list(found.values())) - reference.mean) / np.where(errors > 0, errors, np.nan)
-    return {f"pull_{name}": value for name, value in zip(reference.names, away.tolist(), strict=True)}
-
-
-def observables(this: Portrait) -> dict[str, float]:
-    """Return the observables of a portrait; none where they have no value."""
-    prediction = this.prediction
-    if prediction is None or prediction.why_not:
-        return {}
-    return {f"observable_{name}": value for name, value in zip(prediction.names, prediction.mean.tolist(), strict=True)}

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from streamkit.ablation import Ablation, Outcome, observables
-from streamkit.comparison import ARMS, NEAR
+from streamkit.ablation import Ablation, Outcome
+from streamkit.comparison import ARMS, NEAR, observables
 from streamkit.listing import toml
 from streamkit.text import columns, paragraph
 
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from astropy.table import QTable
 
 REFERENCE = "reference"
+LABEL = 43
+"""Longest label in a printed table."""
 UNITS = {
     "length": "deg", "track": "kpc", "track_near": "kpc", "density_distance": "deg", "cpu": "s",
     "energy_offset": "km2 / s2", "energy_distance": "km2 / s2",
@@ -70,8 +72,12 @@ def table(ablation: Ablation) -> QTable:
     return out
 
 
-def _rows(ablation: Ablation) -> list[tuple[str, Outcome | None, list[dict[str, float]]]]:
-    rows: list[tuple[str, Outcome | None, list[dict[str, float]]]] = []
+_Row = tuple[str, Outcome | None, list[dict[str, float]]]
+
+
+def _rows(ablation: Ablation) -> list[_Row]:
+    """Return label, outcome and the measures of each seed; the reference, which has no outcome, first."""
+    rows: list[_Row] = []
     if ablation.external and ablation.reference is not None:
         reference = ablation.reference
         rows.append((REFERENCE, None, [{**reference.own(), **observables(reference)}]))
@@ -121,16 +127,26 @@ def tracks(ablation: Ablation) -> QTable:
 
 def describe(ablation: Ablation) -> str:
     """Show the table for a terminal, in four parts, with what each column means."""
-    rows = _rows(ablation)
+    rows, legend = _numbered(_rows(ablation))
     seeds = max((len(measures) for _, _, measures in rows), default=0)
     of = f"; means over {seeds} seeds, their scatter is in the table's columns _sd" if seeds > 1 else ""
     parts = [paragraph(f"{len(ablation.outcomes)} variants beside {ablation.beside}{of}; L leading, T trailing")]
-    parts += [_part(rows, measures) for measures in _LAYOUT]
+    parts += [legend, *(_part(rows, measures) for measures in _LAYOUT)]
     parts += _observables(rows)
     for label, outcome, _ in rows:
         if outcome is not None and outcome.reasons:
             parts.append(paragraph("; ".join(outcome.reasons), f"{label}: ", "  "))
     return "\n\n".join(part for part in parts if part)
+
+
+def _numbered(rows: list[_Row]) -> tuple[list[_Row], str]:
+    """Return the rows with numbers for labels, and a list of these, where the labels leave no room for the columns."""
+    if max(len(label) for label, _, _ in rows) <= LABEL:
+        return rows, ""
+    outcomes = [outcome for _, outcome, _ in rows if outcome is not None]
+    names = {id(outcome): str(i) for i, outcome in enumerate(outcomes, 1)}
+    legend = columns([(names[id(outcome)], outcome.variant.label) for outcome in outcomes])
+    return [(names.get(id(outcome), REFERENCE), outcome, measures) for _, outcome, measures in rows], legend
 
 
 _LAYOUT = (
@@ -140,7 +156,7 @@ _LAYOUT = (
 )
 """The measures of each printed table."""
 _HEADS = {
-    "length": "length", "length_ratio": "ratio", "track_near": "near", "track": "track", "width_ratio": "width",
+    "length": "len", "length_ratio": "ratio", "track_near": "near", "track": "track", "width_ratio": "width",
     "thickness_ratio": "thick", "density_distance": "along", "bound": "bound", "cpu": "CPU", "energy_offset": "dE",
     "energy_distance": "E", "angular_momentum_offset": "dL", "angular_momentum_distance": "L",
 }  # fmt: skip

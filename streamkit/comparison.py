@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from streamkit.integrals import offsets
 from streamkit.march import orbital_plane
+from streamkit.model import Model, measure
 from streamkit.phase import Array, BoolArray, Prediction, Stream
-from streamkit.spec import Setup
+from streamkit.spec import Setup, Spec
 
 ARMS = {"leading": 1, "trailing": -1}
 ENDS = 0.5
@@ -144,6 +146,19 @@ class Portrait:
         return found
 
 
+def portrait(spec: Spec, theta: Array | Mapping[str, Any] | None = None) -> Portrait:
+    """Return the portrait of the stream at parameters (d,), or a mapping of some; the rest at the prior's centre.
+
+    Raises
+    ------
+    OutOfDomain, ComponentError
+        As `Model.stream`.
+    """
+    setup = spec.bind(theta)
+    stream, prediction = Model(spec).observe(setup)
+    return Portrait(stream, setup, prediction)
+
+
 def quantiles(values: Array, weights: Array, percent: Sequence[float]) -> tuple[float, ...]:
     """Return weighted percentiles, which are NumPy's own where the weights are equal."""
     order = np.argsort(values, kind="stable")
@@ -240,3 +255,29 @@ def _distributions(this: Portrait, other: Portrait) -> dict[str, float]:
             else np.nan
         )
     return found
+
+
+def pulls(this: Portrait, other: Portrait) -> dict[str, float]:
+    """Return the observables' differences from the reference, measured alike, in standard errors of the data.
+
+    Raises
+    ------
+    ComponentError
+        If the observable fails on the reference.
+    """
+    found = observables(this)
+    observable = this.setup.observable
+    if not found or observable is None:
+        return {}
+    reference = measure(observable, other.stream)
+    _, errors = observable.data()
+    away = (np.array(list(found.values())) - reference.mean) / np.where(errors > 0, errors, np.nan)
+    return {f"pull_{name}": value for name, value in zip(reference.names, away.tolist(), strict=True)}
+
+
+def observables(this: Portrait) -> dict[str, float]:
+    """Return the observables of a portrait; none where they have no value."""
+    prediction = this.prediction
+    if prediction is None or prediction.why_not:
+        return {}
+    return {f"observable_{name}": value for name, value in zip(prediction.names, prediction.mean.tolist(), strict=True)}

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from streamkit.comparison import Portrait
 from streamkit.march import orbital_plane
 from streamkit.model import standard_normals
-from streamkit.panels import ACROSS, Portraits, grid, labels, some
+from streamkit.panels import ACROSS, Portraits, grid, labels, some, typical
 from streamkit.phase import Array, Stream
 from streamkit.streamplots import ARMS, finish
 
@@ -29,13 +29,15 @@ def bow_tie(portraits: Portraits) -> Figure:
     shown = {title: p for title, p in portraits.items() if p.integrals[0] is not None and (~p.stream.bound).any()}
     figure, panels = grid(len(shown), 3.1, 3.1, share=True)
     free = {title: ~p.stream.bound for title, p in shown.items()}
-    reach = [
-        1.05
-        * max((np.percentile(np.abs(np.asarray(p.integrals[i])[free[t]]), 99.5) for t, p in shown.items()), default=1)
-        for i in (1, 0)
-    ]
-    turn = max((np.degrees(np.percentile(np.abs(p.stream.winding[free[t]]), 97)) for t, p in shown.items()), default=1)
-    extent = (-reach[0] / 1e3, reach[0] / 1e3, -reach[1] / 1e4, reach[1] / 1e4)
+    x, y, turn = (
+        typical(float(np.percentile(np.abs(np.asarray(values)), percent)) for values in columns)
+        for columns, percent in (
+            ([p.integrals[1][free[t]] / 1e3 for t, p in shown.items()], 99.5),
+            ([np.asarray(p.integrals[0])[free[t]] / 1e4 for t, p in shown.items()], 99.5),
+            ([np.degrees(p.stream.winding[free[t]]) for t, p in shown.items()], 97),
+        )
+    )
+    extent = (-x, x, -y, y)
     image, outline = None, None
     for axes, (title, portrait) in zip(panels, shown.items(), strict=False):
         energy, momentum = portrait.integrals
@@ -51,7 +53,7 @@ def bow_tie(portraits: Portraits) -> Figure:
             axes.contour(*outline, colors="black", linewidths=0.9)
         axes.plot(0, 0, marker="*", ms=11, color="black", mec="white", ls="none")
         axes.set(xlim=extent[:2], ylim=extent[2:])
-        axes.set_title(title, fontsize=10)
+        axes.set_title(title, fontsize=9)
         finish(axes)
     labels(
         figure, r"$L - L_{\rm p}\ \,[10^3\,{\rm kpc\,km\,s}^{-1}]$", r"$E - E_{\rm p}\ \,[10^4\,({\rm km\,s}^{-1})^2]$"
@@ -81,7 +83,7 @@ def phase_space(portraits: Portraits) -> Figure:
     for axes in panels.flat:
         axes.set_visible(False)
     for row, (what, axis, unit) in enumerate((("q", ("x'", "y'"), "kpc"), ("v", ("v_x'", "v_y'"), r"km\,s^{-1}"))):
-        reach = max((_reach(portrait.stream, what) for portrait in portraits.values()), default=1.0)
+        reach = typical(_reach(portrait.stream, what) for portrait in portraits.values())
         for i, (title, portrait) in enumerate(portraits.items()):
             axes, stream = panels[2 * (i // ACROSS) + row, i % ACROSS], portrait.stream
             basis = orbital_plane(stream.orbit)
@@ -124,12 +126,12 @@ def crossings(portraits: Portraits) -> Figure:
     shown = {t: p for t, p in portraits.items() if np.isfinite(p.stream.dv_strip).all() and (p.stream.arm < 0).any()}
     n = max(len(shown), 1)
     figure = Figure(figsize=(9.6, 1.9 * n + 0.7), layout="constrained")
-    panels: Any = figure.subplots(n, 3, squeeze=False, sharex=True, sharey="row")
+    panels: Any = figure.subplots(n, 3, squeeze=False, sharex=True)
     components = (r"\Delta v_r", r"\Delta v_t", r"\Delta v_{\rm oop}")
     reach = max(
         (float(np.percentile(np.abs(p.stream.dv_strip[:, p.stream.arm < 0]), 99)) for p in shown.values()), default=1.0
     )
-    bins = np.linspace(-reach, reach, 61)
+    bins = np.linspace(-reach, reach, 51)
     for row, (title, portrait) in zip(panels, shown.items(), strict=False):
         chosen = portrait.stream.arm < 0
         drawn = _released(portrait)[:, chosen]
@@ -159,13 +161,15 @@ def crossings(portraits: Portraits) -> Figure:
                 axes.axvline(float(np.mean(start)), color="black", lw=1.2, label="as released")
             axes.axvline(0, color="black", lw=0.6, ls=":")
             finish(axes)
-            axes.set_yticklabels([])
+            axes.tick_params(which="both", left=False, right=False, labelleft=False)
         row[0].set_ylabel(title.replace(", ", ",\n"), fontsize=9)
     for axes, component in zip(panels[-1], components, strict=True):
         axes.set_xlabel(rf"${component}\ \,[{{\rm km\,s}}^{{-1}}]$", fontsize=12)
     panels[0, 0].set_xlim(-reach, reach)
     if shown:
-        panels[0, 2].legend(fontsize=8, frameon=False)
+        figure.legend(
+            *panels[0, 0].get_legend_handles_labels(), fontsize=9, frameon=False, ncols=2, loc="outside upper center"
+        )
     return figure
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,12 @@ def grid(n: int, width: float, height: float, *, across: int = ACROSS, share: bo
     for axes in every[max(n - columns, 0) : n]:
         axes.tick_params(labelbottom=True)
     return figure, every[: max(n, 1)]
+
+
+def typical(reaches: Iterable[float]) -> float:
+    """Return how far the axes must reach for most streams: one outlier must not shrink all the others."""
+    known = list(reaches)
+    return 1.15 * float(np.median(known)) if known else 1.0
 
 
 def labels(figure: Figure, x: str, y: str) -> None:

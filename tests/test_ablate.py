@@ -81,8 +81,21 @@ def test_it_writes_a_table_the_tracks_and_the_pictures(run_file: Path, tmp_path:
     assert (trailing["angle"] <= 0).all()
     both = tracks[tracks["variant"] == "with progenitor gravity"]
     assert both["density"].sum().value == pytest.approx(1.0, abs=0.03)  # a kernel at the progenitor loses a little
-    for name in ("with progenitor gravity", "without", "length L", "precession", "pull"):
+    for name in ("with progenitor gravity", "without", "len L", "precession", "pull"):
         assert name in result.stdout
+
+
+def test_long_labels_become_numbers_with_a_list(run_file: Path, tmp_path: Path) -> None:
+    line = [f"--set=progenitor.{name}=0" for name in ("y", "z", "vy")]
+    result = call(
+        "ablate", run_file, "--vary=progenitor.vz=201,0", "--vary=stripping.release_times=uniform", GRAVITY, *HERE,
+        "-o", tmp_path / "out", *line,
+    )  # fmt: skip
+    lines = result.stdout.splitlines()
+    assert "  1  vz = 201, release_times = uniform, with progenitor gravity" in lines
+    assert "  4  vz = 0, release_times = uniform, without progenitor gravity" in lines
+    assert any(line.startswith("4: no stream: the progenitor moves on a line") for line in lines)
+    assert all(len(line) <= 100 for line in lines)
 
 
 def test_workers_do_not_change_the_numbers(run_file: Path, tmp_path: Path) -> None:
