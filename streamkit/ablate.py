@@ -33,6 +33,9 @@ INTERRUPTED = 130
 @click.option("--reference", metavar="SNAPSHOT",
               help="N-body snapshot to compare with: HDF5 in the Gadget layout (FILE.hdf5, or "
               "FILE.hdf5:PartType2) or a plain table (FILE.npz). Left out: the first variant.")  # fmt: skip
+@click.option("--match-rate", is_flag=True,
+              help="Weigh the particles so that as many are stripped at each time as in the snapshot: where a scheme "
+              "puts the debris, whatever its rate.")  # fmt: skip
 @click.option("--seeds", default=1, show_default=True, type=click.IntRange(1), metavar="N",
               help="Streams per variant, from the run file's seed on.")  # fmt: skip
 @click.option("--workers", default=1, show_default=True, type=click.IntRange(1), metavar="N",
@@ -46,6 +49,7 @@ def ablate(
     variations: tuple[str, ...],
     settings: tuple[str, ...],
     reference: str | None,
+    match_rate: bool,
     seeds: int,
     workers: int,
     output: Path | None,
@@ -68,18 +72,20 @@ def ablate(
     from streamkit import output as files
     from streamkit.ablationtable import describe
 
+    if match_rate and reference is None:
+        raise click.UsageError("--match-rate needs a --reference, whose stripping rate is taken")
     out = output if output is not None else Path(f"{run_file.stem}-ablation")
     _check_directory(out, force)
     spec = load_spec(run_file, settings)
     variants = ablation.grid(spec, read_variations(variations))
     stream = None if reference is None else _snapshot(reference, spec)
     with files.locked(out):
-        found = _run(spec, variants, stream, seeds, workers, quiet)
+        found = _run(spec, variants, stream, match_rate, seeds, workers, quiet)
         if found.reference is None or not any(outcome.portraits for outcome in found.outcomes):
             reasons = "; ".join(f"{o.variant.label}: {', '.join(o.reasons)}" for o in found.outcomes)
             raise StreamkitError(f"{run_file}: no variant has a stream. {reasons}")
         interrupted = any(ablation.INTERRUPTED in outcome.reasons for outcome in found.outcomes)
-        _write_tables(found, out, reference, seeds)
+        _write_tables(found, out, {"reference": reference or found.beside, "match_rate": match_rate, "seeds": seeds})
         if not quiet:
             click.echo(describe(found))
             click.echo()
@@ -151,16 +157,18 @@ def _snapshot(reference: str, spec: Spec) -> Stream:
         ) from None
 
 
-def _run(spec: Spec, variants: Sequence[Any], stream: Stream | None, seeds: int, workers: int, quiet: bool) -> Ablation:
+def _run(
+    spec: Spec, variants: Sequence[Any], stream: Stream | None, match: bool, seeds: int, workers: int, quiet: bool
+) -> Ablation:
     from tqdm import tqdm
 
     from streamkit import ablation
 
     with tqdm(total=seeds * len(variants), unit="stream", disable=True if quiet else None, leave=False) as bar:
-        return ablation.run(spec, variants, stream, seeds=seeds, workers=workers, done=bar.update)
+        return ablation.run(spec, variants, stream, seeds=seeds, workers=workers, match=match, done=bar.update)
 
 
-def _write_tables(found: Ablation, out: Path, reference: str | None, seeds: int) -> None:
+def _write_tables(found: Ablation, out: Path, options: dict[str, Any]) -> None:
     from streamkit import __version__, export
     from streamkit.ablationtable import table, tracks
 
@@ -174,9 +182,8 @@ def _write_tables(found: Ablation, out: Path, reference: str | None, seeds: int)
         "run_file": Path(spec.source).name,
         "run_digest": spec.digest(),
         "seed": spec.seed,
-        "seeds": seeds,
         "vary": vary,
-        "reference": reference or found.beside,
+        **options,
     }
     for name, made in ((TABLE, table(found)), (TRACKS, tracks(found))):
         made.meta = header

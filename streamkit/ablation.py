@@ -16,6 +16,7 @@ from streamkit.components import Component
 from streamkit.errors import ComponentError, OutOfDomain, SpecError
 from streamkit.model import Model, measure
 from streamkit.phase import Prediction, Stream
+from streamkit.rates import match_rate
 from streamkit.spec import Setup, Spec
 
 INTERRUPTED = "interrupted"
@@ -181,6 +182,7 @@ def run(
     *,
     seeds: int = 1,
     workers: int = 1,
+    match: bool = False,
     done: Callable[[], object] = lambda: None,
 ) -> Ablation:
     """Make every variant on the same seeds and measure it against the reference, or against the first variant.
@@ -199,10 +201,12 @@ def run(
         Streams per variant, with consecutive seeds.
     workers
         Processes.
+    match
+        Whether the particles are weighed so that as many are stripped at each time as in the reference.
     done
         Called after each stream.
     """
-    portrait = None if reference is None else _reference(reference, spec.bind())
+    portrait = None if reference is None else _portrait(reference, spec.bind())
     outcomes = tuple(Outcome(variant) for variant in variants)
     jobs = [
         (i, seed, variant.spec.with_values({"seed": variant.spec.seed + seed}))
@@ -219,12 +223,14 @@ def run(
         for i, _ in left:
             outcomes[i].blame(INTERRUPTED)
     for outcome in outcomes:
+        if match and reference is not None:
+            _match(outcome, reference)
         _measure(outcome, portrait, outcomes)
     shown = portrait or next((o.first for o in outcomes if o.first), None)
     return Ablation(spec, outcomes, shown, reference is not None)
 
 
-def _reference(stream: Stream, setup: Setup) -> Portrait:
+def _portrait(stream: Stream, setup: Setup) -> Portrait:
     observable = setup.observable
     return Portrait(stream, setup, None if observable is None else measure(observable, stream))
 
@@ -262,6 +268,17 @@ def _keep(outcome: Outcome, seed: int, made: _Made) -> None:
         outcome.blame("no particle has left the progenitor")
     elif made.prediction is not None and made.prediction.why_not:
         outcome.blame(f"no observables: {made.prediction.why_not}")
+
+
+def _match(outcome: Outcome, reference: Stream) -> None:
+    """Give every stream the stripping rate of the reference, and measure its observables again."""
+    for seed, portrait in outcome.portraits.items():
+        stream = match_rate(portrait.stream, reference)
+        try:
+            outcome.portraits[seed] = _portrait(stream, portrait.setup)
+        except ComponentError as error:
+            outcome.blame(f"no observables at the reference's stripping rate: {error}")
+            outcome.portraits[seed] = Portrait(stream, portrait.setup)
 
 
 def _measure(outcome: Outcome, reference: Portrait | None, outcomes: Sequence[Outcome]) -> None:

@@ -45,11 +45,10 @@ def labels(figure: Figure, x: str, y: str) -> None:
     figure.supylabel(y, fontsize=11)
 
 
-def some(stream: Stream, chosen: BoolArray, of: BoolArray | None = None) -> IntArray:
-    """Return indices of the chosen particles, thinned at random so that `SHOWN` of the unbound ones would be drawn."""
-    of = ~stream.bound if of is None else of
+def some(stream: Stream, chosen: BoolArray) -> IntArray:
+    """Return the chosen particles to draw: at random by their weights, at most `SHOWN` of all unbound ones."""
+    free = ~stream.bound
     index = np.flatnonzero(chosen)
-    share = SHOWN / max(int(of.sum()), 1)
-    if share >= 1:
-        return index
-    return np.sort(np.random.default_rng(0).choice(index, int(share * len(index)), replace=False))
+    share = stream.weight / stream.weight[free].max(initial=0.0)
+    share *= min(SHOWN / max(float(share[free].sum()), 1.0), 1.0)
+    return index[np.random.default_rng(0).random(len(index)) < share[index]]

@@ -52,7 +52,7 @@ def epochs(portraits: Portraits) -> Figure:
         free = ~stream.bound
         angle = np.degrees(stream.winding)
         for i, (begin, end) in enumerate(pairwise(edges)):
-            chosen = some(stream, free & (stream.t_strip >= begin) & (stream.t_strip < end), of=free)
+            chosen = some(stream, free & (stream.t_strip >= begin) & (stream.t_strip < end))
             colour = colormaps["plasma"](0.85 * (1 - (len(edges) - 2 - i) / max(oldest, 1)))
             span = f"{_gyr(begin, stream)} to {_gyr(end, stream)} Gyr"
             dots: dict[str, Any] = {"s": 1.5, "color": colour, "alpha": 0.6, "lw": 0, "rasterized": True}

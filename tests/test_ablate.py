@@ -167,6 +167,7 @@ def test_an_interruption_keeps_what_is_finished(
         ([GRAVITY, GRAVITY], "stripping.progenitor_gravity: given twice"),
         ([], "missing option '--vary'"),
         ([GRAVITY, "--reference=none.npz"], "none.npz: there is no such file"),
+        ([GRAVITY, "--match-rate"], "--match-rate needs a --reference"),
         ([GRAVITY, "--seeds=0"], "0 is not in the range x>=1"),
     ],
 )

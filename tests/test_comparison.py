@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from streamkit import G, Model, Orbit, Stream
 from streamkit.builtin.potentials import Kepler
 from streamkit.comparison import Portrait, compare, mean_track, quantiles
 from streamkit.integrals import angular_momentum, energy
+from streamkit.rates import match_rate
 
 N = 8000
 RNG = np.random.default_rng(8)
@@ -164,3 +166,32 @@ def test_with_gravity_mlcs_has_the_nbody_stream_and_without_half_of_it(name: str
             assert found[True][key] == pytest.approx(nbody.own()[key], rel=0.15)
             assert abs(found[False][key]) < 0.6 * abs(nbody.own()[key])
     assert found[True]["energy_distance"] < 0.3 * found[False]["energy_distance"]
+
+
+def test_a_matched_rate_gives_the_mean_track_that_releasing_so_would() -> None:
+    """Two epochs at 30 and 40 kpc, three to one in the reference and one to one here: the mean goes from 35 to 32.5."""
+    rng = np.random.default_rng(5)
+    streams = []
+    for share in (0.5, 0.25):
+        late = rng.random(N) < share
+        portrait = by_hand(r=np.where(late, 40.0, 30.0), bound=np.arange(N) % 5 == 0)
+        streams.append(replace(portrait.stream, t_strip=np.where(late, -0.15, -0.75)))
+    stream, reference = streams
+    matched = match_rate(stream, reference)
+    inner = slice(20, 60)
+    assert mean_track(stream, 1).r[inner].mean() == pytest.approx(35.0, abs=0.3)
+    assert mean_track(matched, 1).r[inner].mean() == pytest.approx(32.5, abs=0.3)
+    assert matched.weight.mean() == pytest.approx(1.0)
+    assert matched.weight[stream.bound] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("name", ["A", "B"])
+def test_with_the_mass_and_the_rate_of_the_live_satellite_mlcs_is_the_nbody_stream(name: str) -> None:
+    """Gibbons+ 2014: 'almost indistinguishable'. The satellite ends with 0.66 of its mass (the N-body's README)."""
+    spec = run_file(name).with_values({"progenitor.mass": 0.66 * 6.4e8})
+    nbody = Portrait(nbody_stream(name), spec.bind())
+    model = Portrait(match_rate(Model(spec).stream(), nbody.stream), spec.bind())
+    found = compare(model, nbody)
+    assert found["length_ratio"] == pytest.approx(1.0, abs=0.05)
+    assert found["track_near_leading"] < 1.0
+    assert found["track_near_trailing"] < 1.0

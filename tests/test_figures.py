@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from snapshots import nbody_stream, run_file
 from streamkit import Model
 from streamkit.comparison import Portrait
 from streamkit.figures import _released, bow_tie, crossings, phase_space
+from streamkit.panels import some
 from streamkit.tailfigures import along, epochs, unwrapped
 
 ALL = (bow_tie, phase_space, crossings, unwrapped, epochs, along)
@@ -88,3 +90,12 @@ def test_what_cannot_be_drawn_is_left_out(portraits: dict[str, Portrait]) -> Non
     assert len(panels(crossings({"N-body": portraits["N-body"], "mlcs": portraits["gravity True"]}))) == 3
     for draw in ALL:
         draw({}).draw_without_rendering()
+
+
+def test_particles_are_drawn_as_often_as_they_weigh(portraits: dict[str, Portrait]) -> None:
+    stream = portraits["gravity True"].stream
+    heavy = np.arange(len(stream)) % 2 == 0
+    weighted = replace(stream, weight=np.where(heavy, 1.6, 0.4))
+    drawn = some(weighted, ~stream.bound)
+    assert heavy[drawn].mean() == pytest.approx(0.8, abs=0.03)
+    assert len(some(stream, ~stream.bound)) == (~stream.bound).sum()
