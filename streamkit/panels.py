@@ -51,4 +51,4 @@ def some(stream: Stream, chosen: BoolArray) -> IntArray:
     index = np.flatnonzero(chosen)
     share = stream.weight / stream.weight[free].max(initial=0.0)
     share *= min(SHOWN / max(float(share[free].sum()), 1.0), 1.0)
-    return index[np.random.default_rng(0).random(len(index)) < share[index]]
+    return np.asarray(index[np.random.default_rng(0).random(len(index)) < share[index]])

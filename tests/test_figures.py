@@ -43,13 +43,13 @@ def panels(figure: Figure) -> list[Any]:
 @pytest.mark.parametrize("draw", ALL, ids=lambda draw: draw.__name__)
 def test_each_is_drawn_for_any_number_of_streams(draw: Any, portraits: dict[str, Portrait]) -> None:
     many = {f"{title} {i}": p for i in range(2) for title, p in portraits.items()}
-    for some in (dict(list(portraits.items())[1:2]), portraits, many):
-        figure = draw(some)
+    for shown in (dict(list(portraits.items())[1:2]), portraits, many):
+        figure = draw(shown)
         figure.draw_without_rendering()
-        expected = {"phase_space": 2 * len(some), "along": 2}
-        snapshots = sum(title.startswith("N-body") for title in some)
-        expected["crossings"] = 3 * (len(some) - snapshots)  # a snapshot holds no crossings
-        assert len(panels(figure)) == expected.get(draw.__name__, len(some))
+        expected = {"phase_space": 2 * len(shown), "along": 2}
+        snapshots = sum(title.startswith("N-body") for title in shown)
+        expected["crossings"] = 3 * (len(shown) - snapshots)  # a snapshot holds no crossings
+        assert len(panels(figure)) == expected.get(draw.__name__, len(shown))
 
 
 def test_the_bow_tie_has_the_phase_in_every_cell(portraits: dict[str, Portrait]) -> None:
