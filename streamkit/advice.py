@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from streamkit.course import HORIZON, Course, course
@@ -116,6 +118,18 @@ def sampler_warnings(spec: Spec) -> list[str]:
     if walkers < 4 * d:
         return [f"sampler.walkers = {walkers} is few for {d} free parameters: {4 * d} or more mix better."]
     return []
+
+
+def stranded_warnings(stranded: Sequence[int], walkers: int) -> list[str]:
+    """Say which walkers are stranded, and what to do."""
+    if not len(stranded):
+        return []
+    which = ", ".join(str(walker) for walker in stranded)
+    return [
+        f"{len(stranded)} of {walkers} walkers are stranded (number {which}): their ln p stays far below the "
+        "others', and they hardly move. The intervals are too wide for them. Continue with --resume and a larger "
+        "--steps; if they stay, the likelihood is too rough: take more particles, or noise = 'add', and start again."
+    ]
 
 
 def sun_warnings(sun: Sun) -> list[str]:

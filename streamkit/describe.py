@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from streamkit.advice import coverage_warnings
+from streamkit.advice import coverage_warnings, stranded_warnings
 from streamkit.listing import toml
 from streamkit.phase import Array, Prediction, Stream
 from streamkit.spec import Setup, Spec
@@ -205,9 +205,12 @@ def describe_results(results: Results) -> str:
         ("calls", str(results.calls), f"and {results.search_calls} in the search for a start"),
     ]
     calls += [("rejected", str(n), reason) for reason, n in Counter(results.reasons).most_common()]
+    calls += [("stranded", str(len(results.stranded)), f"of {walkers} walkers")]
     head = f"{steps} steps of {walkers} walkers, {results.discard} of them left out as burn-in"
     parts = [f"{head}\n{paragraph(results.note())}", f"parameters\n{columns(rows)}"]
     parts += [f"mass of the host\n{columns(masses)}", f"sampler\n{columns(calls)}"]
+    if warnings := stranded_warnings(results.stranded.tolist(), walkers):
+        parts.append(_warnings(warnings))
     if results.directory is not None:
         names = sorted(path.name for path in results.directory.iterdir() if not path.name.startswith("."))
         parts.append(paragraph(", ".join(names), f"products in {results.directory}: ", "  "))

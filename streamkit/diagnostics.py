@@ -1,11 +1,16 @@
-"""Is the chain long enough: autocorrelation time, effective samples, split R-hat, burn-in."""
+"""Is the chain long enough: autocorrelation time, effective samples, split R-hat, burn-in, stranded walkers."""
 
 from __future__ import annotations
 
 import emcee
 import numpy as np
 
-from streamkit.phase import Array
+from streamkit.phase import Array, IntArray
+
+LOW = 5.0
+"""A stranded walker's mean ln p lies below the others' by so many standard deviations of such means."""
+NARROW = 0.5
+"""And it roams less than this fraction of what the median walker does."""
 
 
 def autocorrelation_times(chain: Array) -> Array:
@@ -45,3 +50,27 @@ def split_r_hat(chain: Array) -> Array:
     with np.errstate(all="ignore"):
         r_hat = np.sqrt(((half - 1) / half * within + between / half) / within)
     return np.where(np.isfinite(r_hat), r_hat, np.nan)
+
+
+def stranded_walkers(chain: Array, log_prob: Array) -> IntArray:
+    """Return the numbers of the walkers that are stuck on a false maximum, or do not move at all.
+
+    Over the last half of the chain, such a walker's mean ln p lies far below the ensemble's, by the robust standard
+    deviation (from the median absolute deviation) of the walkers' means; and it roams less than half as far as
+    the median walker, by the largest of its standard deviations in units of the ensemble's. One that is only on
+    an excursion into a tail moves, and one that rests near the maximum is not low.
+
+    Parameters
+    ----------
+    chain, log_prob
+        (steps, walkers, d) and (steps, walkers); fewer than 16 steps tell nothing.
+    """
+    steps = len(chain)
+    if steps < 16:
+        return np.empty(0, dtype=np.int64)
+    late, lnp = chain[steps // 2 :], log_prob[steps // 2 :].mean(axis=0)
+    deviation = np.median(lnp) - lnp
+    low = deviation > LOW * 1.4826 * np.median(np.abs(deviation))
+    whole = late.std(axis=(0, 1))
+    roams = np.max(late.std(axis=0) / np.where(whole > 0, whole, 1.0), axis=1)
+    return np.flatnonzero(low & (roams < NARROW * np.median(roams)))

@@ -11,6 +11,7 @@ from streamkit.errors import ComponentError, OutOfDomain, SpecError, blamed
 from streamkit.model import Model
 from streamkit.phase import Array, Prediction, Stream
 from streamkit.spec import Setup, Spec
+from streamkit.surrogate import Data
 
 OUTSIDE = "outside the prior"
 
@@ -84,10 +85,11 @@ class Posterior:
         if observable is None:
             raise SpecError("observable: there is none, and a fit needs one with data")
         with blamed(f"observable {observable.kind}"):
-            data, _ = observable.data()
+            data, sigma = observable.data()
         if not np.isfinite(data).any():
             raise SpecError("observable: there is no datum to compare with")
         self.size = len(data)
+        self.data = Data(np.asarray(data, dtype=float), np.asarray(sigma, dtype=float), self.add_noise)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Posterior, (self.spec,)

@@ -10,10 +10,11 @@ import numpy as np
 
 from streamkit import chain as chain_file
 from streamkit import output
-from streamkit.diagnostics import autocorrelation_times, burn_in, effective_samples, split_r_hat
+from streamkit.diagnostics import autocorrelation_times, burn_in, effective_samples, split_r_hat, stranded_walkers
 from streamkit.errors import ChainError
 from streamkit.mass import profiles
-from streamkit.phase import Array
+from streamkit.moves import learning_steps
+from streamkit.phase import Array, IntArray
 from streamkit.spec import Spec, load
 
 if TYPE_CHECKING:
@@ -112,8 +113,13 @@ class Results:
 
     @cached_property
     def discard(self) -> int:
-        """Steps of burn-in: three times the longest autocorrelation time, at most half."""
-        return len(self.chain) // 2 if self.quick else burn_in(self.chain)
+        """Steps left out: those of learning, then three times the longest autocorrelation time, at most half."""
+        return len(self.chain) // 2 if self.quick else self.learned + burn_in(self.chain[self.learned :])
+
+    @property
+    def learned(self) -> int:
+        """Steps at the beginning in which the moves still learned, at most half of the chain."""
+        return min(learning_steps(self.spec.sampler.moves), len(self.chain) // 2)
 
     @property
     def kept(self) -> Array:
@@ -127,8 +133,8 @@ class Results:
 
     @cached_property
     def tau(self) -> Array:
-        """(d,) Autocorrelation times in steps, of the whole chain; NaN where there is no estimate."""
-        return autocorrelation_times(self.chain)
+        """(d,) Autocorrelation times in steps, of the chain after learning; NaN where there is no estimate."""
+        return autocorrelation_times(self.chain[self.learned :])
 
     @cached_property
     def ess(self) -> Array:
@@ -140,10 +146,15 @@ class Results:
         """(d,) Split R-hat after burn-in, over the halves of all walkers."""
         return split_r_hat(self.kept)
 
+    @cached_property
+    def stranded(self) -> IntArray:
+        """(n,) Numbers of the walkers that are stuck far below the others."""
+        return stranded_walkers(self.chain, self.log_prob)
+
     @property
     def span(self) -> float:
-        """Length of the chain in units of its longest autocorrelation time."""
-        return float(len(self.chain) / np.max(self.tau))
+        """Length of the chain, after learning, in units of its longest autocorrelation time."""
+        return float((len(self.chain) - self.learned) / np.max(self.tau))
 
     def best(self) -> dict[str, float]:
         """Return the parameters of the highest ln posterior."""
@@ -221,15 +232,17 @@ class Results:
         return mass[where.ravel()], v_c[where.ravel()]
 
     def diagnostics(self) -> QTable:
-        """Return what happened to the sampler's calls: how many, and the rejected ones by reason."""
+        """Return the sampler's calls, the rejected ones by reason, and how many walkers are stranded."""
         from astropy.table import QTable
 
         rejected = sorted(self.reasons.items(), key=lambda item: -item[1])
-        rows = [("evaluated proposals", self.calls), *((f"rejected: {reason}", n) for reason, n in rejected)]
+        rows = [("evaluated proposals", self.calls, self.calls)]
+        rows += [(f"rejected: {reason}", n, self.calls) for reason, n in rejected]
+        rows += [("stranded walkers", len(self.stranded), self.chain.shape[1])]
         table = QTable()
-        table["what"] = [name for name, _ in rows]
-        table["count"] = [count for _, count in rows]
-        table["fraction"] = [count / self.calls if self.calls else np.nan for _, count in rows]
+        table["what"] = [name for name, _, _ in rows]
+        table["count"] = [count for _, count, _ in rows]
+        table["fraction"] = [count / whole if whole else np.nan for _, count, whole in rows]
         table.meta.update(self._meta())
         return table
 

@@ -115,7 +115,7 @@ def run(
         stack.enter_context(_explained(pool, directory, backend, _again(spec, directory, quick)))
         sampling = Sampling(
             spec.priors, spec.sampler.walkers, spec.seed, spec.sampler.moves, pool, backend,
-            blob_dtype(posterior.size), progress, lambda theta: _mass_100(spec, theta),
+            blob_dtype(posterior.size), progress, lambda theta: _mass_100(spec, theta), posterior.data,
         )  # fmt: skip
         if going_on and directory is not None:
             sampling.resume(output.read_chain(directory).attributes.get("counts", {}))

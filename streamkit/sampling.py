@@ -14,8 +14,11 @@ from tqdm import tqdm
 
 from streamkit.chain import ChainFile
 from streamkit.diagnostics import autocorrelation_times
+from streamkit.moves import LEARNING, Space, SurrogateMove, learning_steps, proposals
 from streamkit.phase import Array
-from streamkit.start import HasQuantile, Search
+from streamkit.priors import Prior
+from streamkit.start import Search
+from streamkit.surrogate import Data, learn
 from streamkit.workers import Workers
 
 CHECK = 100
@@ -30,7 +33,8 @@ NOTES = 5.0
 class Limits:
     """When the sampling ends: at ``steps``, at ``deadline`` (`time.monotonic`), or with a long enough chain.
 
-    Long enough means longer than ``tau_factor`` times the longest autocorrelation time, if that is stable.
+    Long enough means longer than ``tau_factor`` times the longest autocorrelation time, if that is stable; the steps
+    in which the moves still learn do not count.
     """
 
     steps: int
@@ -47,7 +51,7 @@ class Sampling:
     priors
         d priors, for the start.
     walkers, seed, moves
-        The ensemble: its size, the seed of all its proposals, and "de" or "stretch".
+        The ensemble: its size, the seed of all its proposals, and "surrogate", "de" or "stretch".
     pool
         Evaluates the posteriors "full" and "cheap".
     backend
@@ -58,9 +62,11 @@ class Sampling:
         Whether to show progress bars.
     mass
         The mass inside 100 kpc at a point, for the progress bar.
+    data
+        What the blobs' "mean" is compared with: the surrogate needs it.
     """
 
-    priors: Sequence[HasQuantile]
+    priors: Sequence[Prior]
     walkers: int
     seed: int
     moves: str
@@ -69,6 +75,7 @@ class Sampling:
     dtype: np.dtype[Any]
     progress: bool = True
     mass: Callable[[Array], float] | None = None
+    data: Data | None = None
     counts: dict[str, Any] = field(default_factory=lambda: {"calls": 0, "search_calls": 0, "reasons": {}})
     _state: emcee.State | None = None
 
@@ -109,36 +116,42 @@ class Sampling:
         Stopped
             After a signal. The unfinished step is dropped.
         """
+        done = int(self.backend.iteration)
+        moves = proposals(self.moves, self.priors)
+        self._learn(moves, done)
         sampler = emcee.EnsembleSampler(
             self.walkers,
             len(self.priors),
             _not_called,
             pool=self.pool,
-            moves=proposals(self.moves, len(self.priors)),
+            moves=moves,
             backend=self.backend,
             blobs_dtype=self.dtype,
         )
-        done = int(self.backend.iteration)
-        tau_before = np.nan
-        clock = _Clock(self.pool)
+        if self._is_long_enough(limits):
+            return "converged"
+        tau, clock = np.nan, _Clock(self.pool)
         try:
             with tqdm(total=limits.steps, initial=done, unit="step", disable=not self.progress) as bar:
                 while done < limits.steps:
-                    todo = min(CHECK - done % CHECK, limits.steps - done)
+                    ends = [CHECK * (done // CHECK + 1), limits.steps, *LEARNING]
+                    todo = min(end for end in ends if end > done) - done
                     for state in sampler.sample(self._state, iterations=todo):
                         self._state, done = state, done + 1
                         bar.update()
                         if clock.is_due():
                             self._note()
                             bar.set_postfix_str(
-                                clock.line(sampler, done, tau_before, self._masses(state)), refresh=False
+                                clock.line(sampler, done, tau, self._masses(state)), refresh=False
                             )
                         if monotonic() > limits.deadline:
                             return "time"
-                    tau = float(np.max(autocorrelation_times(self.backend.get_chain())))
-                    if done > limits.tau_factor * tau and abs(tau - tau_before) < STABLE * tau:
-                        return "converged"
-                    tau_before = tau
+                    if done in LEARNING:
+                        self._learn(moves, done)
+                    if done % CHECK == 0 or done == limits.steps:
+                        tau = self._tau()
+                        if self._is_long_enough(limits):
+                            return "converged"
             return "steps"
         finally:
             self._note()
@@ -149,6 +162,31 @@ class Sampling:
         for reason, count in self.pool.reasons["full"].items():
             reasons[reason] = reasons.get(reason, 0) + count
         return self.counts | {"calls": self.counts["calls"] + self.pool.calls["full"], "reasons": reasons}
+
+    def _tau(self, leave_out: int = 0) -> float:
+        """Return the longest autocorrelation time after learning, without the last ``leave_out`` steps."""
+        chain = self.backend.get_chain()[learning_steps(self.moves) :]
+        return float(np.max(autocorrelation_times(chain[: len(chain) - leave_out])))
+
+    def _is_long_enough(self, limits: Limits) -> bool:
+        """Whether the chain can end where it is: a function of the chain alone, the same after a resumption."""
+        length = int(self.backend.iteration) - learning_steps(self.moves)
+        if length <= CHECK:
+            return False
+        tau = self._tau()
+        return bool(length > limits.tau_factor * tau and abs(tau - self._tau(CHECK)) < STABLE * tau)
+
+    def _learn(self, moves: Sequence[tuple[emcee.moves.Move, float]], done: int) -> None:
+        """Give the surrogate moves what the chain knew at the last step of `LEARNING`."""
+        steps = max((step for step in LEARNING if step <= done), default=0)
+        walks = [move for move, _ in moves if isinstance(move, SurrogateMove)]
+        if not (steps and walks and self.data is not None):
+            return
+        blobs = self.backend.get_blobs()[:steps].reshape(-1)
+        points = Space(self.priors).to(self.backend.get_chain()[:steps].reshape(-1, len(self.priors)))
+        surrogate = learn(points, blobs["mean"], blobs["variance"], self.data)
+        for move in walks:
+            move.surrogate = surrogate
 
     def _note(self) -> None:
         if isinstance(self.backend, ChainFile):
@@ -184,20 +222,6 @@ class _Clock:
             low, middle, high = np.percentile(masses / 1e11, [16, 50, 84])
             parts.append(f"M(100 kpc) {middle:.2f} +{high - middle:.2f} -{middle - low:.2f}e11 Msun")
         return ", ".join(parts)
-
-
-def proposals(name: str, d: int) -> list[tuple[emcee.moves.Move, float]]:
-    """Return the moves of the ensemble in d dimensions, with the fraction of the steps that each takes.
-
-    Differential evolution (ter Braak 2006): mostly the length that is best for a Gaussian, a third of it where the
-    posterior is curved or ends at a prior's bound, sometimes 1, which leads from one mode to another. emcee's
-    snooker move is not used: it mixes the units of the parameters, and its acceptance rule is not that of ter Braak
-    & Vrugt (2008), so that it narrows the posterior.
-    """
-    if name == "stretch":
-        return [(emcee.moves.StretchMove(), 1.0)]
-    best = 2.38 / np.sqrt(2 * d)
-    return [(emcee.moves.DEMove(gamma0=gamma), part) for gamma, part in ((best, 0.6), (best / 3, 0.3), (1.0, 0.1))]
 
 
 def _not_called(_theta: Array) -> float:

@@ -19,8 +19,9 @@ class Sampler(BaseModel):
     tau_factor: float = Field(
         default=50.0, gt=0, description="Stop when the chain is longer than so many autocorrelation times."
     )
-    moves: Literal["stretch", "de"] = Field(
-        default="de", description="Goodman & Weare's stretch move, or differential evolution."
+    moves: Literal["surrogate", "de", "stretch"] = Field(
+        default="surrogate",
+        description="Walks on a surrogate learned from the chain, differential evolution, or the stretch move.",
     )
 
 

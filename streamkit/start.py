@@ -235,7 +235,10 @@ class Search:
 
 
 def _reflected(u: Array) -> Array:
-    """(n, d) Points thrown back from the faces of the unit cube: a symmetric proposal stays one."""
+    """(n, d) Points thrown back from the faces of the unit cube.
+
+    For correlated steps such a proposal is not quite symmetric: good enough for a start, not for the sampler.
+    """
     folded = np.abs(u) % 2.0
     return np.asarray(np.clip(np.where(folded > 1, 2 - folded, folded), 1e-9, 1 - 1e-9))
 

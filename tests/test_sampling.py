@@ -10,9 +10,11 @@ from toys import COVARIANCE, MEAN, PRIORS, Gaussian, sampling
 
 import streamkit as sk
 from streamkit import chain
-from streamkit.diagnostics import autocorrelation_times, burn_in, split_r_hat
+from streamkit.diagnostics import autocorrelation_times, burn_in, split_r_hat, stranded_walkers
+from streamkit.moves import proposals
 from streamkit.posterior import Evaluation
-from streamkit.sampling import Limits, proposals
+from streamkit.priors import Uniform
+from streamkit.sampling import Limits
 from streamkit.start import Search
 from streamkit.workers import Workers
 
@@ -119,11 +121,27 @@ def test_r_hat_of_walkers_that_disagree():
     assert np.isnan(autocorrelation_times(np.ones((50, 4, 2)))).all()
 
 
+def test_stranded_walkers_are_recognised():
+    """Of 32 walkers one stands still far out, one is caught by a small island, one rests at the maximum."""
+    rng = np.random.default_rng(3)
+    x = rng.standard_normal((400, 32, 3))
+    assert len(stranded_walkers(x, -0.5 * (x**2).sum(axis=2))) == 0
+    x[150:, 4] = [3, 3, 3]
+    x[:, 9] = [0, 5, 0] + 0.1 * x[:, 9]
+    x[:, 20] *= 0.01
+    lnp = -0.5 * (x**2).sum(axis=2)
+    assert stranded_walkers(x, lnp).tolist() == [4, 9]
+    # a walker that is low but roams as far as the others is on an excursion
+    x[:, 4] = 3 + rng.standard_normal((400, 3))
+    assert stranded_walkers(x, -0.5 * (x**2).sum(axis=2)).tolist() == [9]
+    assert len(stranded_walkers(x[:10], lnp[:10])) == 0
+
+
 @pytest.mark.parametrize("name", ["de", "stretch"])
 def test_every_move_alone_samples_a_gaussian_whatever_the_units(name):
     """Standard deviations within 6 %, for parameters whose scales differ by 10^8 (snooker: off by 15 %)."""
     scale = np.array([1.0, 1e8, 1e-2, 30.0])
-    for move, _ in proposals(name, 4):
+    for move, _ in proposals(name, [Uniform(-1e12, 1e12)] * 4):
         sampler = emcee.EnsembleSampler(
             40, 4, lambda x: -0.5 * (x**2 / scale**2).sum(axis=1), moves=move, vectorize=True
         )

@@ -65,7 +65,7 @@ from runfiles import changed, error_of
         (changed("observable", "recent_debris", "epoch-aware"), ["Did you mean 'epoch_aware'?"]),
         (changed("sampler", "walkers", 7), ["sampler.walkers: found 7, expected at least 8"]),
         (changed("sampler", "walker", 70), ["sampler.walker", "Did you mean 'walkers'?"]),
-        (changed("sampler", "moves", "mh"), ["sampler.moves: found 'mh'", "'stretch' or 'de'"]),
+        (changed("sampler", "moves", "mh"), ["sampler.moves: found 'mh'", "'surrogate', 'de' or 'stretch'"]),
         (changed("likelihood", "noise", True), ["likelihood.noise: found True"]),
         (changed("sun", "r0", "-8 kpc"), ["sun.r0"]),
         (changed("sun", "z", 9), ["sun: |z| must be less than r0"]),

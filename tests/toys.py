@@ -9,6 +9,7 @@ import numpy as np
 from streamkit.posterior import Evaluation, blob_dtype
 from streamkit.priors import Uniform
 from streamkit.sampling import Sampling
+from streamkit.surrogate import Data
 from streamkit.workers import Workers
 
 FIT: dict[str, Any] = {
@@ -51,3 +52,34 @@ class Gaussian:
 
 def sampling(pool: Workers, backend, seed: int = 5, walkers: int = 24, moves: str = "de") -> Sampling:
     return Sampling(PRIORS, walkers, seed, moves, pool, backend, blob_dtype(2), progress=False)
+
+
+class Banana:
+    """Two curved observables of three parameters, uniform between -3 and 3."""
+
+    priors = (Uniform(-3, 3), Uniform(-3, 3), Uniform(-3, 3))
+    data = Data(np.array([0.5, 1.0]), np.array([0.3, 0.5]))
+
+    def mean(self, theta):
+        x, y, z = theta
+        return np.array([x + 0.5 * y**2, z - x + 0.3 * x * y])
+
+    def ln_likelihood(self, theta):
+        return float(-0.5 * np.sum(((self.mean(theta) - self.data.values) / self.data.errors) ** 2))
+
+    def evaluate(self, theta):
+        if (np.abs(theta) > 3).any():
+            return Evaluation(-np.inf, -np.inf, np.full(2, np.nan), np.full(2, np.nan), "outside the prior")
+        lnl = self.ln_likelihood(theta)
+        return Evaluation(lnl - 3 * np.log(6), lnl, self.mean(theta), np.zeros(2))
+
+
+def banana_run(backend, limits, moves: str, resume: bool = False):
+    toy = Banana()
+    with Workers({"full": toy, "cheap": toy}) as pool:
+        run = Sampling(toy.priors, 16, 5, moves, pool, backend, blob_dtype(2), progress=False, data=toy.data)
+        if resume:
+            run.resume({})
+        else:
+            run.begin()
+        return run, run.advance(limits)

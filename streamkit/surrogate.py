@@ -1,0 +1,156 @@
+"""A polynomial stand-in for the model, learned from the chain: what the observables are where walkers have been."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from itertools import combinations_with_replacement
+from typing import Any
+
+import numpy as np
+from scipy.linalg import LinAlgError, cho_factor, cho_solve, solve_triangular
+
+from streamkit.phase import Array, IntArray
+
+DEGREES = (3, 2)
+"""Polynomials that are tried, if there are enough points for them."""
+RIDGES = (1e-5, 1e-3)
+"""Ridge penalties that are tried, in units of the mean diagonal of the normal equations."""
+POINTS_PER_TERM = 2.0
+MAX_TERMS = 1000
+MAX_POINTS = 20000
+NEAR = 3.0
+"""Points with residuals of so many standard errors count half in the fit."""
+
+
+@dataclass(frozen=True)
+class Data:
+    """What the observables are compared with: (m,) values, NaN where there is none, and their standard errors."""
+
+    values: Array
+    errors: Array
+    add_noise: bool = False
+
+
+@dataclass(frozen=True)
+class Surrogate:
+    """Residuals (prediction - datum) / error as polynomials of the whitened coordinates.
+
+    Attributes
+    ----------
+    centre, whiten
+        (d,) and (d, d): x = (y - centre) @ whiten.
+    coefficients
+        (terms, m).
+    variance
+        (m,) of the residuals: 1, plus the polynomial's own error, plus the model's noise if that is added.
+    reach
+        Largest |x|^2 of the training points.
+    points
+        (n, d) the training points themselves.
+    """
+
+    centre: Array
+    whiten: Array
+    degree: int
+    coefficients: Array
+    variance: Array
+    reach: float
+    points: Array
+
+    def ln_likelihood(self, y: Array) -> Array:
+        """(n,) ln likelihood at coordinates y (n, d), less what grows outside the training points.
+
+        Out there a polynomial says nothing; the penalty keeps walks on the surrogate from getting lost.
+        """
+        x = (y - self.centre) @ self.whiten
+        chi2 = np.sum((_terms(x, self.degree) @ self.coefficients) ** 2 / self.variance, axis=1)
+        outside = np.maximum(np.sum(x**2, axis=1) / self.reach - 1.0, 0.0)
+        return np.asarray(-0.5 * chi2 - 2.0 * x.shape[1] * outside)
+
+
+def learn(points: Array, mean: Array, variance: Array, data: Data) -> Surrogate | None:
+    """Fit the observables; None if there are too few distinct points.
+
+    Degree and ridge are those with the smallest leave-one-out error.
+
+    Parameters
+    ----------
+    points
+        (n, d) coordinates, repeated where a walker stood still.
+    mean, variance
+        (n, m) what the model predicts there, and the variance of that estimate.
+    data
+        The m data.
+    """
+    _, first = np.unique(points, axis=0, return_index=True)
+    first = np.sort(first)[-MAX_POINTS:]
+    used = np.isfinite(data.values)
+    y, error = points[first], data.errors[used]
+    residual = (mean[first][:, used] - data.values[used]) / error
+    n, d = y.shape
+    degrees = [k for k in DEGREES if POINTS_PER_TERM * _count(d, k) <= n and _count(d, k) <= MAX_TERMS]
+    try:
+        # half a standard deviation: the powers stay of order one
+        whiten = np.asarray(0.5 * np.linalg.inv(np.linalg.cholesky(np.atleast_2d(np.cov(y.T)))).T, dtype=float)
+        centre = np.asarray(y.mean(axis=0), dtype=float)
+        x = (y - centre) @ whiten
+        fits = [_fit(_terms(x, degree), residual, ridge) for degree in degrees for ridge in RIDGES]
+    except LinAlgError:  # walkers that hardly moved
+        return None
+    if not fits:
+        return None
+    best = int(np.argmin([errors.sum() for _, errors in fits]))
+    coefficients, own = fits[best]
+    noise = np.median(variance[first][:, used], axis=0) / error**2 * data.add_noise
+    return Surrogate(
+        centre,
+        whiten,
+        degrees[best // len(RIDGES)],
+        coefficients,
+        1.0 + own + noise,
+        float(np.max(np.sum(x**2, axis=1))),
+        y,
+    )
+
+
+def _fit(terms: Array, residual: Array, ridge: float) -> tuple[Array, Array]:
+    """Return coefficients (terms, m) and the leave-one-out variance (m,) near the data."""
+    weight = 1 / (1 + np.sum(residual**2, axis=1) / NEAR**2)
+    root = np.sqrt(weight)[:, None]
+    a, b = terms * root, residual * root
+    normal = a.T @ a
+    normal[np.diag_indices_from(normal)] += ridge * np.trace(normal) / len(normal)
+    factor = cho_factor(normal, lower=True)
+    coefficients = cho_solve(factor, a.T @ b)
+    leverage = np.sum(solve_triangular(factor[0], a.T, lower=True) ** 2, axis=0)
+    left_out = (residual - terms @ coefficients) / (1 - np.minimum(leverage, 0.99))[:, None]
+    near = weight >= min(0.5, float(np.median(weight)))
+    # the median of chi^2 with one degree of freedom is 0.455: a variance that outliers leave alone
+    return coefficients, np.median(left_out[near] ** 2, axis=0) / 0.455
+
+
+def _terms(x: Array, degree: int) -> Array:
+    """(n, terms) All monomials of x (n, d) up to the degree, each made from one of a degree less."""
+    blocks = [np.ones((len(x), 1)), x]
+    for k in range(2, degree + 1):
+        parent, factor = _recipe(x.shape[1], k)
+        blocks.append(blocks[-1][:, parent] * x[:, factor])
+    return np.concatenate(blocks, axis=1)
+
+
+@cache
+def _recipe(d: int, degree: int) -> tuple[IntArray, IntArray]:
+    """Return the monomials of a degree as (monomial of one degree less, one more coordinate)."""
+    lower: dict[Any, int] = {c: i for i, c in enumerate(combinations_with_replacement(range(d), degree - 1))}
+    all_of_it = list(combinations_with_replacement(range(d), degree))
+    return np.array([lower[c[:-1]] for c in all_of_it]), np.array([c[-1] for c in all_of_it])
+
+
+def _count(d: int, degree: int) -> int:
+    """Return the number of monomials up to a degree."""
+    total = term = 1
+    for k in range(1, degree + 1):
+        term = term * (d + k - 1) // k
+        total += term
+    return total
