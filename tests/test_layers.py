@@ -111,8 +111,10 @@ def test_built_ins_use_the_doors_only(package):
 
 
 def test_plugins_use_the_doors_only():
-    assert PLUGINS
-    for file in PLUGINS:
+    """Plugins that bring components; streamkit-nbody brings a command, which stands on top of everything."""
+    components = [file for file in PLUGINS if "streamkit-nbody" not in file.parts]
+    assert components
+    for file in components:
         allowed = DOORS | ({"testing"} if file.name.startswith("test_") else set())
         strange = imports(file) - allowed
         assert not strange, f"{file.name} imports {strange}"
