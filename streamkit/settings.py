@@ -13,7 +13,7 @@ class Sampler(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     walkers: int = Field(
-        default=64, ge=2, description="Number of walkers, at least twice the free parameters."
+        default=48, ge=2, description="Number of walkers, at least twice the free parameters."
     )
     steps: int = Field(default=5000, ge=1, description="Longest chain, in steps per walker.")
     tau_factor: float = Field(

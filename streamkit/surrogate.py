@@ -8,7 +8,7 @@ from itertools import combinations_with_replacement
 from typing import Any
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve, solve_triangular
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from streamkit.phase import Array, IntArray
 
@@ -16,7 +16,9 @@ DEGREES = (3, 2)
 """Polynomials that are tried, if there are enough points for them."""
 RIDGES = (1e-5, 1e-3)
 """Ridge penalties that are tried, in units of the mean diagonal of the normal equations."""
-POINTS_PER_TERM = 2.0
+POINTS_PER_TERM = 3.0
+HELD_OUT = 0.25
+"""Fraction of the points, the newest, on which the fits are judged: walkers go on to where they have not been."""
 MAX_TERMS = 1000
 MAX_POINTS = 20000
 NEAR = 3.0
@@ -43,7 +45,7 @@ class Surrogate:
     coefficients
         (terms, m).
     variance
-        (m,) of the residuals: 1, plus the polynomial's own error, plus the model's noise if that is added.
+        (m,) of the residuals: 1, plus the polynomial's own error on new points, plus the model's noise if added.
     reach
         Largest |x|^2 of the training points.
     points
@@ -72,7 +74,7 @@ class Surrogate:
 def learn(points: Array, mean: Array, variance: Array, data: Data) -> Surrogate | None:
     """Fit the observables; None if there are too few distinct points.
 
-    Degree and ridge are those with the smallest leave-one-out error.
+    Degree and ridge are those of which a fit to the older points predicts the newest best.
 
     Parameters
     ----------
@@ -86,8 +88,8 @@ def learn(points: Array, mean: Array, variance: Array, data: Data) -> Surrogate 
     _, first = np.unique(points, axis=0, return_index=True)
     first = np.sort(first)[-MAX_POINTS:]
     used = np.isfinite(data.values)
-    y, error = points[first], data.errors[used]
-    residual = (mean[first][:, used] - data.values[used]) / error
+    y, sigma = points[first], data.errors[used]
+    residual = (mean[first][:, used] - data.values[used]) / sigma
     n, d = y.shape
     degrees = [k for k in DEGREES if POINTS_PER_TERM * _count(d, k) <= n and _count(d, k) <= MAX_TERMS]
     try:
@@ -95,39 +97,36 @@ def learn(points: Array, mean: Array, variance: Array, data: Data) -> Surrogate 
         whiten = np.asarray(0.5 * np.linalg.inv(np.linalg.cholesky(np.atleast_2d(np.cov(y.T)))).T, dtype=float)
         centre = np.asarray(y.mean(axis=0), dtype=float)
         x = (y - centre) @ whiten
-        fits = [_fit(_terms(x, degree), residual, ridge) for degree in degrees for ridge in RIDGES]
+        weight = 1 / (1 + np.sum(residual**2, axis=1) / NEAR**2)
+        choices = [(degree, ridge) for degree in degrees for ridge in RIDGES]
+        own = [_error(_terms(x, degree), residual, weight, ridge) for degree, ridge in choices]
+        if not choices:
+            return None
+        best = int(np.argmin([value.sum() for value in own]))
+        degree, ridge = choices[best]
+        coefficients = _fit(_terms(x, degree), residual, weight, ridge)
     except LinAlgError:  # walkers that hardly moved
         return None
-    if not fits:
-        return None
-    best = int(np.argmin([errors.sum() for _, errors in fits]))
-    coefficients, own = fits[best]
-    noise = np.median(variance[first][:, used], axis=0) / error**2 * data.add_noise
-    return Surrogate(
-        centre,
-        whiten,
-        degrees[best // len(RIDGES)],
-        coefficients,
-        1.0 + own + noise,
-        float(np.max(np.sum(x**2, axis=1))),
-        y,
-    )
+    noise = np.median(variance[first][:, used], axis=0) / sigma**2 * data.add_noise
+    reach = float(np.max(np.sum(x**2, axis=1)))
+    return Surrogate(centre, whiten, degree, coefficients, 1.0 + own[best] + noise, reach, y)
 
 
-def _fit(terms: Array, residual: Array, ridge: float) -> tuple[Array, Array]:
-    """Return coefficients (terms, m) and the leave-one-out variance (m,) near the data."""
-    weight = 1 / (1 + np.sum(residual**2, axis=1) / NEAR**2)
-    root = np.sqrt(weight)[:, None]
-    a, b = terms * root, residual * root
-    normal = a.T @ a
+def _fit(terms: Array, residual: Array, weight: Array, ridge: float) -> Array:
+    """(terms, m) Coefficients of the weighted ridge regression."""
+    a = terms * weight[:, None]
+    normal = a.T @ terms
     normal[np.diag_indices_from(normal)] += ridge * np.trace(normal) / len(normal)
-    factor = cho_factor(normal, lower=True)
-    coefficients = cho_solve(factor, a.T @ b)
-    leverage = np.sum(solve_triangular(factor[0], a.T, lower=True) ** 2, axis=0)
-    left_out = (residual - terms @ coefficients) / (1 - np.minimum(leverage, 0.99))[:, None]
-    near = weight >= min(0.5, float(np.median(weight)))
+    return np.asarray(cho_solve(cho_factor(normal, lower=True), a.T @ residual))
+
+
+def _error(terms: Array, residual: Array, weight: Array, ridge: float) -> Array:
+    """(m,) Variance about a fit to the older points, at the newest points near the data."""
+    old = int((1 - HELD_OUT) * len(terms))
+    coefficients = _fit(terms[:old], residual[:old], weight[:old], ridge)
+    near = weight[old:] >= min(0.5, float(np.median(weight[old:])))
     # the median of chi^2 with one degree of freedom is 0.455: a variance that outliers leave alone
-    return coefficients, np.median(left_out[near] ** 2, axis=0) / 0.455
+    return np.asarray(np.median((residual - terms @ coefficients)[old:][near] ** 2, axis=0) / 0.455)
 
 
 def _terms(x: Array, degree: int) -> Array:

@@ -123,8 +123,8 @@ def test_too_little_to_learn_from():
 def test_walks_on_the_surrogate_save_calls_and_keep_the_answer():
     """Three parameters, two data, curved: expected values by quadrature."""
     backend, plain = Backend(), Backend()
-    banana_run(backend, Limits(700, tau_factor=1e9), "surrogate")
-    banana_run(plain, Limits(700, tau_factor=1e9), "de")
+    banana_run(backend, Limits(900, tau_factor=1e9), "surrogate")
+    banana_run(plain, Limits(900, tau_factor=1e9), "de")
     kept, usual = backend.get_chain(discard=LEARNING[-1]), plain.get_chain(discard=LEARNING[-1])
     grid = np.stack(np.meshgrid(*(np.linspace(-3, 3, 121),) * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     weight = np.exp([Banana().ln_likelihood(point) for point in grid])
