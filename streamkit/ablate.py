@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from streamkit.arguments import RUN_FILE, SET, load_spec
+from streamkit.arguments import FORCE, QUIET, RUN_FILE, SEEDS, SET, WORKERS, directory, load_spec
 from streamkit.errors import StreamkitError
 
 if TYPE_CHECKING:
@@ -36,14 +36,11 @@ INTERRUPTED = 130
 @click.option("--match-rate", is_flag=True,
               help="Weigh the particles so that as many are stripped at each time as in the snapshot: where a scheme "
               "puts the debris, whatever its rate.")  # fmt: skip
-@click.option("--seeds", default=1, show_default=True, type=click.IntRange(1), metavar="N",
-              help="Streams per variant, from the run file's seed on.")  # fmt: skip
-@click.option("--workers", default=1, show_default=True, type=click.IntRange(1), metavar="N",
-              help="Processes that make the streams.")  # fmt: skip
-@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="DIR",
-              help="Directory of the products; default: the run file's name with -ablation.")  # fmt: skip
-@click.option("-f", "--force", is_flag=True, help="Replace the products in DIR.")
-@click.option("-q", "--quiet", is_flag=True, help="No progress bar and no tables printed.")
+@SEEDS
+@WORKERS
+@directory("-ablation")
+@FORCE
+@QUIET
 def ablate(
     run_file: Path,
     variations: tuple[str, ...],
@@ -68,14 +65,14 @@ def ablate(
 
     A variant without a stream is listed with its reason, and the others are kept. Ctrl-C keeps what is finished.
     """
-    from streamkit import ablation
+    from streamkit import ablation, export
     from streamkit import output as files
     from streamkit.ablationtable import describe
 
     if match_rate and reference is None:
         raise click.UsageError("--match-rate needs a --reference, whose stripping rate is taken")
     out = output if output is not None else Path(f"{run_file.stem}-ablation")
-    _check_directory(out, force)
+    export.check_directory(out, PRODUCTS, "an ablation", force)
     spec = load_spec(run_file, settings)
     variants = ablation.grid(spec, read_variations(variations))
     stream = None if reference is None else _snapshot(reference, spec)
@@ -133,16 +130,6 @@ def _split(text: str) -> list[str]:
     return parts
 
 
-def _check_directory(directory: Path, force: bool) -> None:
-    """Refuse to replace the products of another ablation, before anything is computed."""
-    there = [name for name in PRODUCTS if (directory / name).exists()]
-    if there and not force:
-        some = ", ".join(there[:3]) + (" ..." if len(there) > 3 else "")
-        raise StreamkitError(
-            f"{directory}: holds an ablation already ({some}). --force replaces it, or choose another directory."
-        )
-
-
 def _snapshot(reference: str, spec: Spec) -> Stream:
     from streamkit.errors import OutOfDomain
     from streamkit.nbody import to_stream
@@ -169,7 +156,7 @@ def _run(
 
 
 def _write_tables(found: Ablation, out: Path, options: dict[str, Any]) -> None:
-    from streamkit import __version__, export
+    from streamkit import export
     from streamkit.ablationtable import table, tracks
 
     spec = found.spec
@@ -177,14 +164,7 @@ def _write_tables(found: Ablation, out: Path, options: dict[str, Any]) -> None:
     for outcome in found.outcomes:
         for path, value in outcome.variant.values.items():
             vary.setdefault(path, []).extend([] if value in vary.get(path, []) else [value])
-    header = {
-        "streamkit_version": __version__,
-        "run_file": Path(spec.source).name,
-        "run_digest": spec.digest(),
-        "seed": spec.seed,
-        "vary": vary,
-        **options,
-    }
+    header = {**export.origin(spec), "vary": vary, **options}
     for name, made in ((TABLE, table(found)), (TRACKS, tracks(found))):
         made.meta = header
         export.save(out / name, lambda part, made=made: made.write(part, format="ascii.ecsv", overwrite=True))  # type: ignore[misc]

@@ -1,8 +1,8 @@
-"""Arguments that several commands share: the run file, and fields set on the command line."""
+"""Arguments that several commands share: the run file, fields set on the command line, seeds and workers."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,21 @@ SET = click.option(
     "--set", "settings", multiple=True, metavar="PATH=VALUE",
     help="Replace a field, such as progenitor.mass=6.4e8 or 'potential.v0=220 km/s'. Repeatable.",
 )  # fmt: skip
+
+SEEDS = click.option("--seeds", default=1, show_default=True, type=click.IntRange(1), metavar="N",
+                     help="Streams of each kind, from the run file's seed on.")  # fmt: skip
+WORKERS = click.option("--workers", default=1, show_default=True, type=click.IntRange(1), metavar="N",
+                       help="Processes that make the streams.")  # fmt: skip
+FORCE = click.option("-f", "--force", is_flag=True, help="Replace the products in DIR.")
+QUIET = click.option("-q", "--quiet", is_flag=True, help="No progress bar and no tables printed.")
+
+
+def directory(suffix: str) -> Callable[[Any], Any]:
+    """Return the option that names the directory of the products: by default the run file's name and the suffix."""
+    return click.option(
+        "-o", "--output", type=click.Path(path_type=Path), metavar="DIR",
+        help=f"Directory of the products; default: the run file's name with {suffix}.",
+    )  # fmt: skip
 
 
 def load_spec(run_file: Path, settings: Sequence[str] = ()) -> Spec:

@@ -13,6 +13,7 @@ import click
 from streamkit.ablate import ablate
 from streamkit.arguments import RUN_FILE, SET, load_spec, read_settings
 from streamkit.errors import OutOfDomain, StreamkitError, nearest
+from streamkit.sensitivity import sensitivity
 
 INVALID, INTERRUPTED = 2, 130
 
@@ -139,6 +140,7 @@ def stream(
 
 
 main.add_command(ablate)
+main.add_command(sensitivity)
 
 
 @main.command()

@@ -1,4 +1,4 @@
-"""Write the particles of a stream to a file that other programs read: ECSV, HDF5 or FITS."""
+"""Write files: the particles of a stream in ECSV, HDF5 or FITS; what other commands make, whole or not at all."""
 
 from __future__ import annotations
 
@@ -45,6 +45,33 @@ def check_target(path: Path, suffixes: Collection[str], option: str, force: bool
         raise StreamkitError(f"{option} {str(path)!r}: the file exists; add --force to replace it")
 
 
+def check_directory(directory: Path, products: Collection[str], what: str, force: bool) -> None:
+    """Refuse to replace the products of an earlier command, before anything is computed.
+
+    Parameters
+    ----------
+    directory
+        It need not exist.
+    products
+        The files that would be written.
+    what
+        What they are together: ``"an ablation"``.
+    force
+        Whether they may be replaced.
+
+    Raises
+    ------
+    StreamkitError
+        If some of them are there and may not be replaced.
+    """
+    there = [name for name in products if (directory / name).exists()]
+    if there and not force:
+        some = ", ".join(there[:3]) + (" ..." if len(there) > 3 else "")
+        raise StreamkitError(
+            f"{directory}: holds {what} already ({some}). --force replaces it, or choose another directory."
+        )
+
+
 def write(stream: Stream, spec: Spec, path: Path, *, force: bool = False) -> None:
     """Write one row per particle, with units, and in the header what is needed to make the stream again.
 
@@ -86,11 +113,16 @@ def save(path: Path, writer: Callable[[Path], object]) -> None:
 
 
 def provenance(stream: Stream, spec: Spec) -> dict[str, Any]:
-    """Return the header: streamkit's version, the run file, its digest and seed.
+    """Return the header of a stream: the `origin`, and the run file.
 
     ``run`` is the resolved run file with every free parameter at the stream's value: `streamkit.load` takes
     it, and makes the same stream again.
     """
+    return {**origin(spec), "run": spec.with_values(stream.parameters).document}
+
+
+def origin(spec: Spec) -> dict[str, Any]:
+    """Return what every table says of where it comes from: streamkit's version, the run file, its digest and seed."""
     from streamkit import __version__
 
     return {
@@ -98,7 +130,6 @@ def provenance(stream: Stream, spec: Spec) -> dict[str, Any]:
         "run_file": Path(str(spec.source)).name,
         "run_digest": spec.digest(),
         "seed": spec.seed,
-        "run": spec.with_values(stream.parameters).document,
     }
 
 

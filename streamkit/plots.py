@@ -89,9 +89,9 @@ def corner(results: Results) -> Figure:
         low, middle, high = np.percentile(samples[:, i], [16, 50, 84])
         for value, style in ((low, ":"), (middle, "--"), (high, ":")):
             grid[i, i].axvline(value, color="black", lw=0.9, ls=style)
-        grid[-1, i].set_xlabel(_with_unit(*label, "\n"), fontsize=17)
+        grid[-1, i].set_xlabel(with_unit(*label, "\n"), fontsize=17)
         if i:
-            grid[i, 0].set_ylabel(_with_unit(*label, "\n"), fontsize=17)
+            grid[i, 0].set_ylabel(with_unit(*label, "\n"), fontsize=17)
     for axes in figure.axes:
         axes.tick_params(labelsize=12, direction="in", top=True, right=True)
         axes.xaxis.set_label_coords(0.5, -0.42)
@@ -106,10 +106,10 @@ def mass_profile(results: Results, profile: QTable | None = None, axes: Axes | N
     """Draw the mass inside each radius with its 68 % and 95 % bands, and the apocentres of the data."""
     profile = results.mass_profile(radii()) if profile is None else profile
     figure, axes = _axes(results, axes)
-    _bands(axes, profile, "M", 1e-11)
+    bands(axes, profile, "M", 1e-11)
     axes.set_ylabel(r"$M(<r)\ \,[10^{11}\,M_\odot]$", fontsize=13)
     axes.set_ylim(bottom=0)
-    _apocentres(axes, results)
+    apocentres(axes, results)
     axes.legend(frameon=False, loc="upper left", fontsize=10)
     return figure
 
@@ -118,10 +118,10 @@ def rotation_curve(results: Results, profile: QTable | None = None, axes: Axes |
     """Draw the circular velocity with its 68 % and 95 % bands."""
     profile = results.mass_profile(radii()) if profile is None else profile
     figure, axes = _axes(results, axes)
-    _bands(axes, profile, "v_c", 1.0)
+    bands(axes, profile, "v_c", 1.0)
     axes.set_ylabel(r"$v_{\rm c}(r)\ \,[{\rm km\,s}^{-1}]$", fontsize=13)
     axes.set_ylim(bottom=0)
-    _apocentres(axes, results)
+    apocentres(axes, results)
     axes.legend(frameon=False, loc="lower left", fontsize=10)
     return figure
 
@@ -136,7 +136,7 @@ def traces(results: Results) -> Figure:
     panels: Any = figure.subplots(rows, columns, squeeze=False, sharex=True)
     ln_p = np.where(np.isfinite(results.log_prob), results.log_prob, np.nan)
     values = [results.chain[..., i] / scale[i] for i in range(d)] + [ln_p]
-    names = [_with_unit(*label) for label in labels] + [r"$\ln p$"]
+    names = [with_unit(*label) for label in labels] + [r"$\ln p$"]
     x = np.arange(1, steps + 1)
     every = max(steps // 2000, 1)
     for axes, value, name in zip(panels.flat, values, names, strict=False):
@@ -153,7 +153,7 @@ def traces(results: Results) -> Figure:
             axes.axvspan(1, results.discard, color="black", alpha=0.07, lw=0)
         axes.set_ylabel(name, fontsize=12)
         axes.set_xlim(1, max(steps, 2))
-        _ticks(axes)
+        ticks(axes)
     low = np.percentile(ln_p[results.discard :], 0.5)
     if np.isfinite(low):
         panels.flat[d].set_ylim(low - 5, np.nanmax(ln_p) + 2)
@@ -181,11 +181,12 @@ def _axes(results: Results, axes: Axes | None) -> tuple[Figure, Axes]:
     if text := remark(results):
         axes.set_title(text, color=VERMILION, fontsize=12)
     axes.set_xlabel(r"$r\ \,[{\rm kpc}]$", fontsize=13)
-    _ticks(axes)
+    ticks(axes)
     return figure, axes
 
 
-def _bands(axes: Axes, profile: QTable, name: str, factor: float) -> None:
+def bands(axes: Axes, profile: QTable, name: str, factor: float) -> None:
+    """Draw a profile's median, 68 % and 95 % bands: the columns called ``name``, times the factor."""
     r = profile["r"].value
 
     def column(suffix: str) -> Any:
@@ -197,7 +198,7 @@ def _bands(axes: Axes, profile: QTable, name: str, factor: float) -> None:
     axes.set_xlim(0, r[-1])
 
 
-def _apocentres(axes: Axes, results: Results) -> None:
+def apocentres(axes: Axes, results: Results) -> None:
     """Mark the radii of the data that are apocentres, as dashed lines."""
     observable = results.spec.bind(results.best()).observable
     for name in ("leading", "trailing"):
@@ -210,7 +211,8 @@ def _apocentres(axes: Axes, results: Results) -> None:
             )  # fmt: skip
 
 
-def _ticks(axes: Axes) -> None:
+def ticks(axes: Axes) -> None:
+    """Give the axes minor ticks, inwards, on every side, and few numbers."""
     axes.minorticks_on()
     axes.tick_params(which="both", direction="in", top=True, right=True, labelsize=10)
     axes.yaxis.set_major_locator(MaxNLocator(5))
@@ -218,16 +220,21 @@ def _ticks(axes: Axes) -> None:
 
 def _units(results: Results) -> tuple[Array, list[tuple[str, str]]]:
     """(d,) Powers of ten that large parameters are divided by, and a label (symbol, unit) for each."""
-    scale, labels = np.ones(len(results.names)), []
-    for i, (name, unit) in enumerate(zip(results.names, results.spec.units, strict=True)):
-        shown = _latex(unit)
-        typical = float(np.median(np.abs(results.samples[:, i])))
-        if typical >= 1e5:
-            power = int(np.floor(np.log10(typical)))
-            scale[i] = 10.0**power
-            shown = rf"$10^{{{power}}}$ {shown}".strip()
-        labels.append((SYMBOLS.get(name, name), shown))
-    return scale, labels
+    typical = np.median(np.abs(results.samples), axis=0)
+    found = [
+        scaled(*each) for each in zip(results.names, results.spec.units, typical.tolist(), strict=True)
+    ]
+    return np.array([scale for scale, _, _ in found]), [(symbol, unit) for _, symbol, unit in found]
+
+
+def scaled(name: str, unit: str, typical: float) -> tuple[float, str, str]:
+    """Return the power of ten that a parameter's large values are divided by, its symbol, and the unit to show."""
+    shown, scale = latex(unit), 1.0
+    if typical >= 1e5:
+        power = int(np.floor(np.log10(typical)))
+        scale = 10.0**power
+        shown = rf"$10^{{{power}}}$ {shown}".strip()
+    return scale, SYMBOLS.get(name, name), shown
 
 
 def _scaled(results: Results) -> tuple[Array, list[tuple[str, str]]]:
@@ -235,7 +242,8 @@ def _scaled(results: Results) -> tuple[Array, list[tuple[str, str]]]:
     return results.samples / scale, labels
 
 
-def _latex(unit: str) -> str:
+def latex(unit: str) -> str:
+    """Return a unit as pictures write it."""
     if not unit:
         return ""
     from astropy import units as u
@@ -243,7 +251,8 @@ def _latex(unit: str) -> str:
     return str(u.Unit(unit).to_string("latex_inline"))
 
 
-def _with_unit(symbol: str, unit: str, between: str = " ") -> str:
+def with_unit(symbol: str, unit: str, between: str = " ") -> str:
+    """Return a label: the symbol and its unit in brackets."""
     return f"{symbol}{between}[{unit}]" if unit else symbol
 
 

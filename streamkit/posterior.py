@@ -116,14 +116,14 @@ class Posterior:
         theta = np.asarray(theta, dtype=float)
         ln_prior = self.ln_prior(theta)
         if ln_prior == -np.inf:
-            return self._rejected(OUTSIDE)
+            return self.rejected(OUTSIDE)
         try:
             setup = self.spec.bind(theta)
             prediction = self._observed(setup)[1]
         except OutOfDomain as error:
-            return self._rejected(error.reason)
+            return self.rejected(error.reason)
         if prediction.why_not:
-            return self._rejected(prediction.why_not)
+            return self.rejected(prediction.why_not)
         with self.model.naming_parameters(setup):
             ln_likelihood = self._compare(setup, prediction)
         return Evaluation(ln_prior + ln_likelihood, ln_likelihood, prediction.mean, prediction.variance)
@@ -156,6 +156,7 @@ class Posterior:
             )
         return value
 
-    def _rejected(self, reason: str) -> Evaluation:
+    def rejected(self, reason: str) -> Evaluation:
+        """Return what stands for parameters without a stream, or an observable: no numbers, and the reason."""
         nothing = np.full(self.size, np.nan)
         return Evaluation(-np.inf, -np.inf, nothing, nothing, reason)

@@ -6,7 +6,6 @@ import copy
 import functools
 import hashlib
 import json
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -275,15 +274,7 @@ def load(source: str | Path | Mapping[str, Any], registry: Registry | None = Non
     if isinstance(source, Mapping):
         return _make(source, "run mapping", registry, Path.cwd())
     path = Path(source)
-    try:
-        document = tomllib.loads(path.read_bytes().decode())
-    except OSError as error:
-        raise SpecError(f"{path}: cannot read the run file: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise SpecError(f"{path}: not a text file in UTF-8: {error.reason} at byte {error.start}") from None
-    except tomllib.TOMLDecodeError as error:
-        raise SpecError(f"{path}: not valid TOML: {error}") from None
-    return _make(document, str(path), registry, path.parent.absolute())
+    return _make(toml.read(path), str(path), registry, path.parent.absolute())
 
 
 def _make(source: Mapping[str, Any], name: str, registry: Registry | None, folder: Path) -> Spec:

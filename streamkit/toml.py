@@ -1,4 +1,4 @@
-"""Write a resolved run file as TOML (the standard library only reads it); read single values."""
+"""Read a run file; write a resolved one as TOML (the standard library only reads it); read single values."""
 
 from __future__ import annotations
 
@@ -6,7 +6,28 @@ import json
 import re
 import tomllib
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
+
+from streamkit.errors import SpecError
+
+
+def read(path: Path) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Raises
+    ------
+    SpecError
+        If it cannot be read, is not text, or is not TOML.
+    """
+    try:
+        return tomllib.loads(path.read_bytes().decode())
+    except OSError as error:
+        raise SpecError(f"{path}: cannot read the run file: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise SpecError(f"{path}: not a text file in UTF-8: {error.reason} at byte {error.start}") from None
+    except tomllib.TOMLDecodeError as error:
+        raise SpecError(f"{path}: not valid TOML: {error}") from None
 
 
 def dumps(document: Mapping[str, Any], header: str = "") -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 from pydantic import BeforeValidator, Field
 from pydantic.fields import FieldInfo
@@ -97,6 +97,13 @@ PositiveNumber = Annotated[float, BeforeValidator(_NUMBER.parse), _NUMBER, Field
 """A positive dimensionless number."""
 
 
+@dataclass(frozen=True)
+class Datum:
+    """Marks a field that holds a datum and its error, with their unit."""
+
+    unit: str
+
+
 def _measurement(unit: Unit) -> BeforeValidator:
     """Parse ``[value, error]``, each a number or a quantity in the unit."""
 
@@ -111,11 +118,11 @@ def _measurement(unit: Unit) -> BeforeValidator:
     return BeforeValidator(parse, json_schema_input_type=tuple[float | str, float | str])
 
 
-LengthDatum = Annotated[tuple[float, float], _measurement(_LENGTH)]
+LengthDatum = Annotated[tuple[float, float], _measurement(_LENGTH), Datum(_LENGTH.name)]
 """A measured length and its standard error in kpc."""
-AngleDatum = Annotated[tuple[float, float], _measurement(_ANGLE)]
+AngleDatum = Annotated[tuple[float, float], _measurement(_ANGLE), Datum(_ANGLE.name)]
 """A measured angle and its standard error in degrees."""
-VelocityDatum = Annotated[tuple[float, float], _measurement(_SPEED)]
+VelocityDatum = Annotated[tuple[float, float], _measurement(_SPEED), Datum(_SPEED.name)]
 """A measured velocity and its standard error in km/s."""
 
 
@@ -125,3 +132,9 @@ def unit_of(field: FieldInfo) -> Unit | None:
         if isinstance(item, Unit):
             return item
     return None
+
+
+def datum_unit(field: FieldInfo) -> str:
+    """Return the unit of a field that holds a datum and its error, which may be left out; '' for any other field."""
+    optional = (item for part in get_args(field.annotation) for item in getattr(part, "__metadata__", ()))
+    return next((item.unit for item in (*field.metadata, *optional) if isinstance(item, Datum)), "")
