@@ -21,6 +21,8 @@ HELD_OUT = 0.25
 """Fraction of the points, the newest, on which the fits are judged: walkers go on to where they have not been."""
 MAX_TERMS = 1000
 MAX_POINTS = 20000
+FREEDOM = 8.0
+"""Degrees of freedom of the surrogate's likelihood."""
 NEAR = 3.0
 """Points with residuals of so many standard errors count half in the fit."""
 
@@ -63,12 +65,15 @@ class Surrogate:
     def ln_likelihood(self, y: Array) -> Array:
         """(n,) ln likelihood at coordinates y (n, d), less what grows outside the training points.
 
-        Out there a polynomial says nothing; the penalty keeps walks on the surrogate from getting lost.
+        Student's t in place of the Gaussian: where the polynomial errs, and the surrogate is far too low, a walker
+        would stay for good. Outside the training points a polynomial says nothing; the penalty keeps walks on the
+        surrogate from getting lost.
         """
         x = (y - self.centre) @ self.whiten
         chi2 = np.sum((_terms(x, self.degree) @ self.coefficients) ** 2 / self.variance, axis=1)
         outside = np.maximum(np.sum(x**2, axis=1) / self.reach - 1.0, 0.0)
-        return np.asarray(-0.5 * chi2 - 2.0 * x.shape[1] * outside)
+        tail = 0.5 * (FREEDOM + len(self.variance)) * np.log1p(chi2 / FREEDOM)
+        return np.asarray(-tail - 0.5 * x.shape[1] * outside)
 
 
 def learn(points: Array, mean: Array, variance: Array, data: Data) -> Surrogate | None:
