@@ -187,12 +187,26 @@ def run(
 
 @main.command()
 @click.argument("directory", metavar="DIR", type=click.Path(path_type=Path))
-def report(directory: Path) -> None:
-    """Write a run's tables and pictures again."""
+@click.option("--truth", metavar="TRUE.toml", type=click.Path(path_type=Path),
+              help="A run file whose [potential] is the true host of a mock: compare with it.")  # fmt: skip
+def report(directory: Path, truth: Path | None) -> None:
+    """Write a run's tables and pictures again.
+
+    With --truth also the recovery of a mock: the mass profile and rotation curve over the true ones, with the relative
+    difference, and recovered minus true in sigma by radius. The [potential] of TRUE.toml needs numbers, no priors;
+    other sections are not looked at.
+    """
     from streamkit.describe import describe_results
     from streamkit.report import report as write_report
 
-    click.echo(describe_results(write_report(directory)))
+    results = write_report(directory, truth)
+    click.echo(describe_results(results))
+    if truth is not None:
+        from astropy.table import QTable
+
+        from streamkit import output, recovery
+
+        click.echo(f"\n{recovery.describe(QTable.read(directory / output.RECOVERY[0]))}")
 
 
 @main.command()

@@ -26,7 +26,9 @@ PRODUCTS = (
     RUN_FILE, MANIFEST, chain.NAME, "summary.ecsv", "mass_profile.ecsv", "diagnostics.ecsv",
     "corner.png", "mass_profile.png", "rotation_curve.png", "best_stream.png", "traces.png",
 )  # fmt: skip
-"""Every file that streamkit writes into an output directory."""
+"""Every file that a run writes into its output directory."""
+RECOVERY = ("recovery.ecsv", "recovery.png")
+"""What a report beside the truth adds."""
 
 
 def write(path: Path, writer: Callable[[Path], object]) -> None:
@@ -98,7 +100,7 @@ def claim(directory: Path, spec: Spec, options: dict[str, Any], resume: bool, fo
         going_on = _same_run(directory, spec, files)
     elif files and force:
         _only_ours(directory, files)
-        for name in PRODUCTS:
+        for name in (*PRODUCTS, *RECOVERY):
             if name != MANIFEST:  # it says whose the directory is, until the new one takes its place
                 (directory / name).unlink(missing_ok=True)
     elif files:
@@ -175,7 +177,7 @@ def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
 
 def _only_ours(directory: Path, files: list[str]) -> None:
     """Refuse to overwrite files that only happen to have our names: without a manifest they are not ours."""
-    clash = [name for name in files if name in PRODUCTS]
+    clash = [name for name in files if name in (*PRODUCTS, *RECOVERY)]
     if odd := [name for name in clash if (directory / name).is_dir()]:
         raise ChainError(f"{directory}: {_some(odd)} is a directory, expected a file. Choose another directory.")
     if clash and MANIFEST not in files:

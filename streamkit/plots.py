@@ -207,7 +207,7 @@ def apocentres(axes: Axes, results: Results) -> None:
             axes.axvline(datum[0], color="black", lw=0.9, ls="--")
             axes.text(
                 datum[0] + 1.5, 0.02, f"{name} apocentre", rotation=90, fontsize=8,
-                transform=axes.get_xaxis_transform(), va="bottom", ha="left", color="black",
+                transform=axes.get_xaxis_transform(), va="bottom", ha="left", color="black", clip_on=True,
             )  # fmt: skip
 
 

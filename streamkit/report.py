@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from streamkit import output, plots
+from streamkit import output, plots, recovery
 from streamkit.errors import ChainError, OutOfDomain
 from streamkit.results import Results
 
@@ -19,18 +19,31 @@ RADII = np.unique(np.concatenate([np.arange(5.0, 201.0, 5.0)]))
 """Radii in kpc of the table of masses: 5 to 200, with 50, 100, 150 and 200 among them."""
 
 
-def report(run: Results | str | Path) -> Results:
+def report(run: Results | str | Path, truth: str | Path | None = None) -> Results:
     """Write every table and picture of a run into its directory, and return its results.
+
+    Parameters
+    ----------
+    run
+        The run, or its directory.
+    truth
+        A TOML file whose ``[potential]`` is the true host of a mock: the recovery is written too.
 
     Raises
     ------
     ChainError
         If there is no readable run.
+    SpecError
+        If the truth is not valid. Nothing has then been written.
     """
     results = run if isinstance(run, Results) else Results(run)
     where = results.directory
     if where is None:
         raise ChainError("these results are in memory only: a report needs a directory")
+    if truth is not None:
+        host = recovery.true_host(truth, results.spec)
+        _table(where / output.RECOVERY[0], recovery.recovery(results, host))
+        _picture(where / output.RECOVERY[1], recovery.picture(results, host))
     _table(where / "summary.ecsv", results.summary())
     _table(where / "mass_profile.ecsv", results.mass_profile(RADII))
     _table(where / "diagnostics.ecsv", results.diagnostics())
