@@ -49,7 +49,8 @@ def sensitivity(response: Response) -> Figure:
                 axes.set_ylabel(with_unit(response.names[i].replace("_", " "), response.units[i]), fontsize=11)
             if i < m - 1:
                 axes.tick_params(which="both", labelbottom=False)
-        panels[m * block + m - 1, column].set_xlabel(with_unit(symbol, unit), fontsize=12)
+        between, size = (" ", 12) if symbol.startswith("$") else ("\n", 9)  # a name without a symbol needs room
+        panels[m * block + m - 1, column].set_xlabel(with_unit(symbol, unit, between), fontsize=size)
         if gaps := without(curve):
             panels[m * block, column].set_title(f"{gaps} of {len(curve.x)} without a value", fontsize=8, color=GREY)
     for axes in panels[m * (blocks - 1) :, len(curves) - across * (blocks - 1) :].flat:
@@ -91,9 +92,9 @@ def _panel(axes: Axes, response: Response, curve: Curve, i: int, scale: float) -
 
 
 def _tangent(axes: Axes, curve: Curve, i: int, scale: float) -> None:
-    """Draw the slope at the fixed point, half a standard deviation of the prior to either side."""
+    """Draw the slope at the fixed point, a third of a standard deviation of the prior to either side."""
     slope = curve.slope
-    z = np.linspace(-0.5, 0.5, 21)
+    z = np.linspace(-1 / 3, 1 / 3, 21)
     x = curve.fixed * np.exp(z * slope.sd) if isinstance(curve.prior, LogUniform) else curve.fixed + z * slope.sd
     axes.plot(x / scale, slope.at[i] + z * slope.per_sd[i], color="black", lw=0.7)
 
