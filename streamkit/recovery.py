@@ -1,4 +1,7 @@
-"""A fit beside the truth: recovered mass profile and rotation curve over the known ones (Gibbons+ 2014, figures 10, 11)."""
+"""A fit beside the truth: the recovered mass profile and rotation curve over those of a known host.
+
+Gibbons+ 2014, figures 10 and 11.
+"""
 
 from __future__ import annotations
 
