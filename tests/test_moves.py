@@ -104,8 +104,9 @@ def test_a_cubic_model_is_learned_exactly():
     surrogate = learn(y, mean, np.ones((200, 3)), data)
     assert surrogate is not None
     near = np.abs(x).max(axis=1) < 1.2  # inside the cloud
-    chi2 = ((mean[near, :2] - [0.5, 0.2]) / [2, 3]) ** 2
-    np.testing.assert_allclose(surrogate.ln_likelihood(y[near]), -0.5 * chi2.sum(axis=1), atol=0.02)
+    chi2 = (((mean[near, :2] - [0.5, 0.2]) / [2, 3]) ** 2).sum(axis=1)
+    # Student's t of two data with 8 degrees of freedom
+    np.testing.assert_allclose(surrogate.ln_likelihood(y[near]), -5 * np.log(1 + chi2 / 8), atol=0.02)
     noisy = learn(y, mean, np.ones((200, 3)), Data(data.values, data.errors, add_noise=True))
     assert noisy is not None
     np.testing.assert_allclose(noisy.variance, 1 + 1 / np.array([4, 9]), rtol=0.01)
