@@ -4,7 +4,7 @@
 
 OUT is the directory of a fit. Each line has 200 points over one posterior standard deviation about the best sample
 (one unit of Mahalanobis distance in a random direction). The roughness of a line is the rms of ln p about a
-polynomial of degree 6, where that lies within 4 of its maximum.
+polynomial (of degree 6, or 3 for fewer than 48 points), where it lies within 4 of its maximum.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import argparse
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 import streamkit as sk
 from streamkit import chain
@@ -36,16 +37,19 @@ def lines(directory: Path, count: int, seed: int) -> tuple[np.ndarray, np.ndarra
 
 
 def roughness(s: np.ndarray, lnp: np.ndarray) -> tuple[float, np.ndarray]:
-    """The rms about the smooth curve near its maximum, and that curve (n,)."""
-    good = np.isfinite(lnp)
-    for _ in range(3):
-        smooth = np.polynomial.Polynomial.fit(s[good], lnp[good], DEGREE)(s)
-        near = np.isfinite(lnp) & (smooth > smooth[good].max() - NEAR)
-        if near.sum() < 4 * DEGREE:
-            return float("nan"), smooth
-        good = near
+    """The rms about the smooth curve near its maximum, and that curve (n,); NaN where it is too narrow to tell."""
+    level = median_filter(np.where(np.isfinite(lnp), lnp, -1e300), 5)
+    low = np.flatnonzero(level < level.max() - NEAR)
+    peak = int(np.argmax(level))
+    begin, end = low[low < peak].max(initial=-1) + 1, low[low > peak].min(initial=len(s))
+    near = (np.arange(len(s)) >= begin) & (np.arange(len(s)) < end) & np.isfinite(lnp)
+    degree = DEGREE if near.sum() >= 8 * DEGREE else 3
+    smooth = np.full(len(s), np.nan)
+    if near.sum() < 12:
+        return float("nan"), smooth
+    smooth[near] = np.polynomial.Polynomial.fit(s[near], lnp[near], degree)(s[near])
     rest = (lnp - smooth)[near]
-    return float(np.sqrt((rest**2).sum() / (len(rest) - DEGREE - 1))), np.where(near, smooth, np.nan)
+    return float(np.sqrt((rest**2).sum() / (len(rest) - degree - 1))), smooth
 
 
 def draw(path: Path, s: np.ndarray, names: list[str], sets: list[tuple[str, str, np.ndarray]]) -> None:
@@ -59,7 +63,7 @@ def draw(path: Path, s: np.ndarray, names: list[str], sets: list[tuple[str, str,
         text = []
         for label, colour, lnp in sets:
             rms, smooth = roughness(s, lnp[k])
-            offset = np.nanmax(smooth)
+            offset = np.nanmax(smooth) if np.isfinite(smooth).any() else np.nanmax(lnp[k])
             axes.plot(s, lnp[k] - offset, ".", ms=2, color=colour, label=label)
             axes.plot(s, smooth - offset, color=colour, lw=1)
             text.append(f"{rms:.2f}")
