@@ -55,13 +55,12 @@ def main() -> None:
 
     few = Posterior(spec.with_values({"stripping.particles": 300, "progenitor.lookback": POINT["progenitor.lookback"]}))
     some = np.array([POINT[name] for name in few.spec.names])
-    for done in (given.calls // 10, given.calls):
-        for _ in range(done - (0 if done < given.calls else given.calls // 10)):
-            few.evaluate(some)
-        print(f"{done:8d} calls of 300 particles  {resident():7.1f} MB")
-    print(f"memory with {spec.with_values({}).centre().size} parameters and the default particles: ", end="")
+    for call in range(1, given.calls + 1):
+        few.evaluate(some)
+        if call in (given.calls // 10, given.calls):
+            print(f"{call:8d} calls of 300 particles  {resident():7.1f} MB")
     Posterior(spec).evaluate(theta)
-    print(f"{resident():.1f} MB")
+    print(f"one call with the run file's own number of particles: {resident():.1f} MB")
 
     for lookback in (1.0, 2.0, 4.0, 8.0):
         print(f"{lookback:8.1f} Gyr  {seconds(spec, lookback):8.4f} s")

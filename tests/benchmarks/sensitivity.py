@@ -70,15 +70,14 @@ def main() -> None:
     added = np.array([e.lnp - e.ln_likelihood + gaussian(e.mean, e.variance, data, sigma, True) for e in base])
     ignored = np.array([e.lnp - e.ln_likelihood + gaussian(e.mean, e.variance, data, sigma, False) for e in base])
     weigh("likelihood.noise = add", added, ignored)
+    other_rule = {"literal": "epoch_aware", "epoch_aware": "literal"}[spec.document["observable"]["recent_debris"]]
     choices = {
         "stripping.particles = 30000": {"stripping.particles": 30000},
         "another seed": {"seed": spec.seed + 1000},
         "stripping.release_radius = 0.8": {"stripping.release_radius": 0.8},
         "stripping.release_radius = 1.2": {"stripping.release_radius": 1.2},
         "stripping.release_times = pericentre": {"stripping.release_times": "pericentre"},
-        "observable.recent_debris = the other": {
-            "observable.recent_debris": "literal" if _rule(spec) == "epoch_aware" else "epoch_aware"
-        },
+        f"observable.recent_debris = {other_rule}": {"observable.recent_debris": other_rule},
         "integrator.eta_progenitor = 0.15": {"integrator.eta_progenitor": 0.15},
     }
     for label, values in choices.items():
@@ -92,10 +91,6 @@ def main() -> None:
         for low, high in ((0.0, 1 / 3), (2 / 3, 1.0)):
             a, b = np.quantile(values, [low, high])
             line(f"{name} in {a:.3g} to {b:.3g}", mass, ((values >= a) & (values <= b)).astype(float))
-
-
-def _rule(spec: sk.Spec) -> str:
-    return str(spec.document["observable"]["recent_debris"])
 
 
 if __name__ == "__main__":
