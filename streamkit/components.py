@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from streamkit.errors import PluginError, StreamkitError
 from streamkit.phase import Array, IntArray, Orbit, Prediction, Release, Stream
-from streamkit.units import GYR, Duration, PositiveNumber, Unit, unit_of
+from streamkit.units import GYR, Duration, Number, PositiveNumber, Unit, unit_of
 
 if TYPE_CHECKING:
     from streamkit.engine import Field as ForceField
@@ -137,9 +137,16 @@ class Stripping(Component):
     burst_fraction: PositiveNumber = Field(
         default=0.7, le=1, description="Fraction of the particles released in the pericentre bursts."
     )
+    mass_loss: Number = Field(
+        default=0.0,
+        ge=0,
+        lt=1,
+        description="Fraction of its mass that the progenitor loses from the look-back time to today, in step with the "
+        "release of particles. Its tidal radius and its gravity follow.",
+    )
 
     @abstractmethod
-    def release(self, orbit: Orbit, tail: IntArray, mass: float, normals: Array) -> Release:
+    def release(self, orbit: Orbit, tail: IntArray, mass: float | Array, normals: Array) -> Release:
         """Place the particles.
 
         Parameters
@@ -149,7 +156,7 @@ class Stripping(Component):
         tail
             (n,) -1 for the inner Lagrange point (leading), +1 for the outer one (trailing).
         mass
-            Mass of the progenitor in Msun.
+            Mass of the progenitor in Msun, a number or (n,) at the release times.
         normals
             (draws, n) standard normals that belong to the particles: the only source of chance.
         """

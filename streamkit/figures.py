@@ -178,5 +178,5 @@ def _released(portrait: Portrait) -> Array:
     setup, stream = portrait.setup, portrait.stream
     there = stream.orbit.at(stream.t_release)
     normals = standard_normals(setup.stripping, setup.seed)
-    release = setup.stripping.release(there, stream.tail, setup.mass, normals)
+    release = setup.stripping.release(there, stream.tail, setup.mass * there.mass_left, normals)
     return np.asarray(np.einsum("fcn,cn->fn", np.stack(there.frame), release.v - there.v))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -103,7 +104,7 @@ def standard_normals(stripping: Stripping, seed: int) -> Array:
 def simulate(setup: Setup, normals: Array) -> Stream:
     """Return the stream of fully bound components, with normals (draws, n) that belong to the particles."""
     host = build_field(list(setup.potentials.values()))
-    orbit = progenitor_track(host, setup)
+    orbit = losing_mass(setup, progenitor_track(host, setup))
     start, tail, release = released(setup, orbit, normals)
     field = host
     if setup.stripping.progenitor_gravity:
@@ -140,14 +141,9 @@ def released(setup: Setup, orbit: Orbit, normals: Array) -> tuple[Orbit, IntArra
     scheme, n = setup.stripping, setup.stripping.particles
     name = f"stripping {scheme.kind}"
     with blamed(name):
-        times = np.asarray(scheme.times(orbit), dtype=float)
-        if times.shape != (n,):
-            raise ComponentError(f"{name}: `times` returned the shape {times.shape}, expected ({n},)")
-        if not ((np.diff(times) >= 0).all() and orbit.t[0] <= times[0] and times[-1] <= orbit.t[-1]):
-            raise ComponentError(f"{name}: the release times must increase from the look-back time to today")
         tail = np.where(np.arange(n) % 2 == 0, LEADING, TRAILING)
-        start = orbit.at(times)
-        release = scheme.release(start, tail, setup.mass, normals)
+        start = orbit.at(release_times(scheme, orbit))
+        release = scheme.release(start, tail, setup.mass * start.mass_left, normals)
         for what, values in (("q", release.q), ("v", release.v)):
             if np.shape(values) != (3, n):
                 found = np.shape(values)
@@ -155,6 +151,38 @@ def released(setup: Setup, orbit: Orbit, normals: Array) -> tuple[Orbit, IntArra
             if not np.isfinite(values).all():
                 raise ComponentError(f"{name}: released `{what}` holds numbers that are not finite")
     return start, tail, release
+
+
+def release_times(scheme: Stripping, orbit: Orbit) -> Array:
+    """(n,) When the scheme releases its particles.
+
+    Raises
+    ------
+    ComponentError
+        If it does not say so for all particles, within the orbit and in order.
+    """
+    name, n = f"stripping {scheme.kind}", scheme.particles
+    with blamed(name):
+        times = np.asarray(scheme.times(orbit), dtype=float)
+    if times.shape != (n,):
+        raise ComponentError(f"{name}: `times` returned the shape {times.shape}, expected ({n},)")
+    if not ((np.diff(times) >= 0).all() and orbit.t[0] <= times[0] and times[-1] <= orbit.t[-1]):
+        raise ComponentError(f"{name}: the release times must increase from the look-back time to today")
+    return times
+
+
+def losing_mass(setup: Setup, orbit: Orbit) -> Orbit:
+    """Return the orbit with the mass that the progenitor has left, and the tidal radius of that mass.
+
+    It goes with the particles: all of them together carry `mass_loss`.
+    """
+    loss = setup.stripping.mass_loss
+    if loss == 0:
+        return orbit
+    pairs = release_times(setup.stripping, orbit)[::2]
+    gone = np.interp(orbit.t, [*pairs, orbit.t[-1]], np.linspace(0.0, 1.0, len(pairs) + 1))
+    left = 1.0 - loss * gone
+    return replace(orbit, r_tidal=orbit.r_tidal * np.cbrt(left), mass_left=left)
 
 
 def measure(observable: Observable, stream: Stream) -> Prediction:

@@ -42,6 +42,8 @@ class Orbit:
         (3, n) accelerations by the host.
     r_tidal
         (n,) tidal radius; NaN where there is none (and where it was not asked for).
+    mass_left
+        (n,) fraction of its mass at first that the progenitor still has; all of it unless given.
     """
 
     t: Array
@@ -49,6 +51,11 @@ class Orbit:
     v: Array
     a: Array
     r_tidal: Array
+    mass_left: Array = None  # type: ignore[assignment]  # ones, see below
+
+    def __post_init__(self) -> None:
+        if self.mass_left is None:
+            object.__setattr__(self, "mass_left", np.ones(len(self.t)))
 
     @cached_property
     def r(self) -> Array:
@@ -69,12 +76,12 @@ class Orbit:
         return e_r, np.ascontiguousarray(np.cross(e_z.T, e_r.T).T), e_z
 
     def at(self, t: Array) -> Orbit:
-        """Return the states at times ``t`` (m,) by quintic Hermite interpolation; r_t is interpolated linearly."""
+        """Return the states at times ``t`` (m,) by quintic Hermite interpolation; r_t and the mass linearly."""
         t = np.atleast_1d(np.asarray(t, dtype=float))
         i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
         h = self.t[i + 1] - self.t[i]
         q, v, a = _hermite((t - self.t[i]) / h, h, self._rows[i].T, self._rows[i + 1].T)
-        return Orbit(t, q, v, a, np.interp(t, self.t, self.r_tidal))
+        return Orbit(t, q, v, a, np.interp(t, self.t, self.r_tidal), np.interp(t, self.t, self.mass_left))
 
     @cached_property
     def _rows(self) -> Array:

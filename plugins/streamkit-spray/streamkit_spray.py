@@ -54,7 +54,7 @@ class Fardal15(Stripping):
     sigma_kz: Number = Field(default=0.5, ge=0, description="Dispersion of the vertical offset, in r_t.")
     sigma_kvz: Number = Field(default=0.5, ge=0, description="Dispersion of the vertical kick, in V.")
 
-    def release(self, orbit: Orbit, tail: IntArray, mass: float, normals: Array) -> Release:
+    def release(self, orbit: Orbit, tail: IntArray, mass: float | Array, normals: Array) -> Release:
         """Draw k_r, k_vphi, k_z and k_vz independently, one row of normals each."""
         k_r = self.k_r + self.sigma_kr * normals[0]
         k_vphi = self.k_vphi + self.sigma_kvphi * normals[1]
@@ -81,7 +81,7 @@ class Fardal15Gala(Stripping):
     sigma_kz: Number = Field(default=0.5, ge=0, description="Dispersion of the vertical offset, in r_t.")
     sigma_kvz: Number = Field(default=0.5, ge=0, description="Dispersion of the vertical kick, in V.")
 
-    def release(self, orbit: Orbit, tail: IntArray, mass: float, normals: Array) -> Release:
+    def release(self, orbit: Orbit, tail: IntArray, mass: float | Array, normals: Array) -> Release:
         """Draw k_r, k_vphi, k_z and k_vz, one row of normals each; the tangential kick is their product."""
         k_r = self.k_r + self.sigma_kr * normals[0]
         k_vphi = k_r * (self.k_vphi + self.sigma_kvphi * normals[1])
@@ -116,7 +116,7 @@ class Chen25(Stripping):
     sigma_beta: Angle = Field(default=22.0, ge=0, description="Dispersion of beta.")
     correlation: Number = Field(default=-0.7, ge=-1, le=1, description="Correlation of D and alpha.")
 
-    def release(self, orbit: Orbit, tail: IntArray, mass: float, normals: Array) -> Release:
+    def release(self, orbit: Orbit, tail: IntArray, mass: float | Array, normals: Array) -> Release:
         """Draw D, phi, theta, alpha and beta, one row of normals each."""
         n_distance, n_phi, n_theta, n_alpha, n_beta = normals
         n_alpha = self.correlation * n_distance + np.sqrt(1.0 - self.correlation**2) * n_alpha

@@ -21,7 +21,7 @@ class LagrangeCloud(Stripping):
     release_radius: PositiveNumber = Field(default=1.0, description="Release radius in units of r_t.")
     sigma: Speed = Field(default=10.0, description="Velocity dispersion per axis.")
 
-    def release(self, orbit: Orbit, tail: IntArray, mass: float, normals: Array) -> Release:
+    def release(self, orbit: Orbit, tail: IntArray, mass: float | Array, normals: Array) -> Release:
         """Place the particles at x_p (1 -+ r_t / |x_p|), with v_p + N(0, sigma) on each axis."""
         e_r, _, _ = orbit.frame
         q = orbit.q + tail * self.release_radius * orbit.r_tidal * e_r
@@ -41,7 +41,7 @@ class Streakline(Stripping):
     release_radius: PositiveNumber = Field(default=1.0, description="Release radius in units of r_t.")
     sigma: Speed = Field(default=0.0, description="Velocity dispersion per axis.")
 
-    def release(self, orbit: Orbit, tail: IntArray, mass: float, normals: Array) -> Release:
+    def release(self, orbit: Orbit, tail: IntArray, mass: float | Array, normals: Array) -> Release:
         """Place the particles as mLCS does, with the tangential offset -+ Omega r_t."""
         e_r, e_phi, _ = orbit.frame
         offset = tail * self.release_radius * orbit.r_tidal

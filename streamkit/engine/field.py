@@ -76,7 +76,8 @@ class Field:
     parameters
         Packed parameters in engine units.
     first, step, track
-        The progenitor's states (T, 9) at times ``first + k * step``; unused without a follower.
+        The progenitor's states (T, 10) at times ``first + k * step``: position, velocity, acceleration and the fraction
+        of its mass that is left, by which the forces that follow it are multiplied. Unused without a follower.
     kernels
         Keeps the machine code alive.
     names
@@ -143,7 +144,7 @@ class Field:
             parameters=np.concatenate([self.parameters[: self.offset[-1]], other.parameters]),
             first=float(orbit.t[0]),
             step=float((orbit.t[-1] - orbit.t[0]) / (len(orbit.t) - 1)),
-            track=np.ascontiguousarray(np.concatenate([orbit.q, orbit.v, orbit.a]).T),
+            track=np.ascontiguousarray(np.concatenate([orbit.q, orbit.v, orbit.a, orbit.mass_left[None]]).T),
             kernels=self.kernels + other.kernels,
             names=self.names + other.names,
         )
@@ -177,7 +178,7 @@ def build_field(potentials: Sequence[Potential]) -> Field:
         parameters=np.concatenate([*values, np.zeros(1)]),  # never empty: its address is passed on
         first=0.0,
         step=1.0,
-        track=np.zeros((2, 9)),
+        track=np.zeros((2, 10)),
         kernels=tuple(built),
         names=tuple(p.kind for p in potentials),
     )

@@ -39,7 +39,7 @@ def call_kernel(typing_context, address, n, t, p, q, a):
 
 @njit(**INLINE)
 def track_at(t, first, step, track, out):
-    """Quintic Hermite position of the progenitor at time t from its states (T, 9), into out (3,)."""
+    """Quintic Hermite position of the progenitor at time t from its states (T, 10), into out (3,)."""
     last = track.shape[0] - 2
     i = min(max(int((t - first) / step), 0), last)
     s = (t - first) / step - i
@@ -56,6 +56,14 @@ def track_at(t, first, step, track, out):
 
 
 @njit(**INLINE)
+def mass_left_at(t, first, step, track):
+    """Fraction of its mass that the progenitor still has at time t: the last column of its states, linearly."""
+    i = min(max(int((t - first) / step), 0), track.shape[0] - 2)
+    s = (t - first) / step - i
+    return (1.0 - s) * track[i, 9] + s * track[i + 1, 9]
+
+
+@njit(**INLINE)
 def add_forces(address, offset, follows, p, first, step, track, uniform, begin, end, t, x, rel, centre, a):
     """Sum the accelerations of lanes begin to end at x, times t, into a (rows ROW apart); rel is scratch."""
     for k in range(3):
@@ -63,7 +71,6 @@ def add_forces(address, offset, follows, p, first, step, track, uniform, begin, 
     shifted = False
     for c in range(address.shape[0]):
         if not follows[c]:
-            call_kernel(address[c], end - begin, t[begin:], p[offset[c] :], x[begin:], a[begin:])
             continue
         if not shifted:
             shifted = True
@@ -80,3 +87,11 @@ def add_forces(address, offset, follows, p, first, step, track, uniform, begin, 
                     for k in range(3):
                         rel[k * ROW + i] = x[k * ROW + i] - centre[k]
         call_kernel(address[c], end - begin, t[begin:], p[offset[c] :], rel[begin:], a[begin:])
+    if shifted and track[track.shape[0] - 1, 9] != 1.0:  # the progenitor loses mass
+        for i in range(begin, end):
+            left = mass_left_at(t[begin if uniform else i], first, step, track)
+            for k in range(3):
+                a[k * ROW + i] *= left
+    for c in range(address.shape[0]):
+        if not follows[c]:
+            call_kernel(address[c], end - begin, t[begin:], p[offset[c] :], x[begin:], a[begin:])

@@ -76,7 +76,8 @@ def rates(
     """Square of (acceleration / distance / eta^2) of m lanes during the time span after t, into rate.
 
     About the Galactic centre for the fixed forces, with eta[0], and about the progenitor for those that follow it,
-    with eta[1]; whichever is larger, where the particle would come closest to each on a straight line.
+    with eta[1] and its mass at first; whichever is larger, where the particle would come closest to each on a straight
+    line.
     """
     rate[:m] = 0.0
     for turn in range(2):
