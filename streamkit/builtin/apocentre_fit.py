@@ -3,6 +3,8 @@
 There are no hard edges: angles are shared between the two nearest cells of a fine grid, the window about the
 maximum has soft edges, and it is re-centred on the fitted maximum until both agree. Nothing jumps when a particle
 moves a little, which is what a sampler needs.
+
+`fit_arm` fits the mean of all particles, `fit_turning` the branch that turns round where several overlap.
 """
 
 from __future__ import annotations
@@ -23,6 +25,17 @@ REACH = 45.0
 """How far from the progenitor's own apocentre the first guess of the maximum is looked for, degrees."""
 FEWEST = 30
 """Fewest particles in the window (sum of weights)."""
+BEYOND = (10.0, 45.0)
+"""Where beyond the progenitor's own apocentre, in degrees, only debris that turns round there has come."""
+FEWEST_BEYOND = 10
+"""Fewest particles there (sum of weights)."""
+START = 50.0
+"""Width (standard deviation) of the Gaussian that the fit of that branch begins with, degrees."""
+KERNELS = (0.25, 0.16, 0.1)
+"""Standard deviations of the kernel about that branch, one after the other, in units of its apocentre."""
+
+NO_GAUSSIAN = "no Gaussian fits the track near the progenitor's own apocentre"
+TOO_FEW = "too few particles near the apocentre"
 
 
 @dataclass(frozen=True)
@@ -60,7 +73,7 @@ def fit_arm(angle: Array, r: Array, number: Array, guide: float) -> ArmFit | str
     if isinstance(fitted, str):
         return fitted
     if abs(fitted[1] - guide) > 2 * REACH:
-        return "no Gaussian fits the track near the progenitor's own apocentre"
+        return NO_GAUSSIAN
     p, centre = fitted, float(fitted[1])
     one, first, second = _cells(angle, grid, number**2, number**2 * r, (number * r) ** 2)
     variance = _variance(grid, count, one, first, second, _window(grid - centre), p)
@@ -73,6 +86,82 @@ def fit_arm(angle: Array, r: Array, number: Array, guide: float) -> ArmFit | str
         track=(grid[shown], smooth[shown]),
         curve=(curve, _gaussian(curve, p)[0]),
     )
+
+
+def fit_turning(angle: Array, r: Array, number: Array, guide: float) -> ArmFit | str:
+    """Fit, as `fit_arm`, the branch that turns round, among others that pass through the same angles.
+
+    The Gaussian r(angle) is the ridge of the particles and not their mean: each counts by a Gaussian kernel of its
+    distance in radius (modal regression; Yao & Li 2014, Scand. J. Statist. 41, 656). The fit begins beyond the
+    apocentre, where the debris on its way out has not come, with a wide kernel that it narrows.
+
+    Or say why there is no apocentre.
+    """
+    if len(angle) < FEWEST:
+        return "too few particles"
+    near = np.abs(angle - guide) < 2 * REACH + WINDOW + 3 * EDGE
+    angle, r, number = angle[near], r[near], number[near]
+    q = _from_beyond(angle, r, number, guide)
+    for kernel in KERNELS:
+        if isinstance(q, str):
+            return q
+        q = _ridge(angle, r, number, q, kernel, 1e-8 if kernel == KERNELS[-1] else 1e-2)
+    if isinstance(q, str):
+        return q
+    if abs(q[1] - guide) > 2 * REACH:
+        return NO_GAUSSIAN
+    centre = float(q[1])
+    slope, rest, share = _shares(angle, r, number, q, KERNELS[-1])
+    bread = np.linalg.inv((slope * (share * (1 - (rest / (KERNELS[-1] * q[0])) ** 2))) @ slope.T)
+    covariance = bread @ ((slope * (share * rest) ** 2) @ slope.T) @ bread
+    grid = centre + np.arange(-WINDOW, WINDOW + CELL, CELL)
+    inside = np.abs(angle - centre) < WINDOW
+    count, total = map(_convolve, _cells(angle[inside], grid, share[inside], (share * r)[inside]))
+    shown = count > 0.2
+    curve = centre + np.linspace(-WINDOW, WINDOW, 81)
+    return ArmFit(
+        angle=centre,
+        radius=float(q[0]),
+        variance=(float(covariance[0, 0]), float(covariance[1, 1])),
+        track=(grid[shown], total[shown] / count[shown]),
+        curve=(curve, _gaussian(curve, q)[0]),
+    )
+
+
+def _from_beyond(angle: Array, r: Array, number: Array, guide: float) -> Array | str:
+    """A Gaussian at the guide through the particles beyond it."""
+    x = (angle - guide) * np.sign(guide)
+    weight = 0.5 * (np.tanh((x - BEYOND[0]) / EDGE) - np.tanh((x - BEYOND[1]) / EDGE)) * number
+    if weight.sum() < FEWEST_BEYOND:
+        return "too few particles beyond the apocentre"
+    shape = np.exp(-0.5 * (x / START) ** 2)
+    return np.array([(weight * shape * r).sum() / (weight * shape**2).sum(), guide, np.log(START)])
+
+
+def _ridge(angle: Array, r: Array, number: Array, q: Array, kernel: float, tolerance: float) -> Array | str:
+    """Climb to the ridge from q = (A, m, ln s): least squares with the particles' shares, until neither moves."""
+    for _ in range(300):
+        slope, rest, share = _shares(angle, r, number, q, kernel)
+        if share.sum() < FEWEST / 2:
+            return TOO_FEW
+        normal = (slope * share) @ slope.T
+        normal[np.diag_indices(3)] *= 1 + 1e-9
+        limit = np.array([0.1 * q[0], 8.0, 0.3])
+        step = np.clip(np.linalg.solve(normal, slope @ (share * rest)), -limit, limit)
+        q = q + step
+        if not 0 < q[0] < 1e4 or not np.log(5.0) < q[2] < np.log(1e3):
+            return NO_GAUSSIAN
+        if np.abs(step / (np.abs(q) + 1)).max() < tolerance:
+            return q
+    return "the ridge about the apocentre does not settle"
+
+
+def _shares(angle: Array, r: Array, number: Array, q: Array, kernel: float) -> tuple[Array, Array, Array]:
+    """Slopes (3, n), residuals (n,), and what each particle counts (n,): its number by the window and by the kernel."""
+    model, slope = _gaussian(angle, q)
+    rest = r - model
+    share = number * _window(angle - q[1]) * np.exp(-0.5 * (rest / (kernel * q[0])) ** 2)
+    return slope, rest, share
 
 
 def _cells(angle: Array, grid: Array, *values: Array) -> list[Array]:
@@ -129,7 +218,7 @@ def _fit(grid: Array, count: Array, total: Array, centre: float, height: float) 
     for _ in range(200):
         w = _window(grid - q[1]) * count
         if w.sum() < FEWEST:
-            return "too few particles near the apocentre"
+            return TOO_FEW
         model, slope = _gaussian(grid, q)
         rest = mean - model
         normal = (slope * w) @ slope.T
@@ -138,7 +227,7 @@ def _fit(grid: Array, count: Array, total: Array, centre: float, height: float) 
         step = np.clip(step, (-0.3 * height, -10.0, -0.5), (0.3 * height, 10.0, 0.5))
         trial = q + step
         if not 0 < trial[0] < 1e4 or not np.log(5.0) < trial[2] < np.log(1e3):
-            return "no Gaussian fits the track near the progenitor's own apocentre"
+            return NO_GAUSSIAN
         worse = (w * (mean - _gaussian(grid, trial)[0]) ** 2).sum() > (w * rest**2).sum() * (1 + 1e-9)
         if worse and damping < 1e6:
             damping = 10 * damping

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from streamkit import AngleDatum, Array, BoolArray, LengthDatum, Observable, Orbit, Prediction, Stream
-from streamkit.builtin.apocentre_fit import ArmFit, fit_arm
+from streamkit.builtin.apocentre_fit import ArmFit, fit_arm, fit_turning
 from streamkit.builtin.unwrap import unwrap_by_phase
 
 NAMES = ("leading", "trailing", "precession")
@@ -18,7 +18,8 @@ class Apocentres(Observable):
     """Leading and trailing apocentre radius, and the differential precession between them.
 
     Each arm's track r(angle) has its first maximum near the progenitor's own next (leading) or previous
-    (trailing) apocentre; a Gaussian in angle fitted within 40 degrees of it gives radius and angle. The precession
+    (trailing) apocentre; a Gaussian in angle fitted within 40 degrees of it gives radius and angle. Debris of several
+    stripping passages overlaps at the trailing one: `recent_debris` says what is done about it. The precession
     is 360 deg - (m_L + |m_T|), angles at the Galactic centre in the progenitor's orbital plane.
     """
 
@@ -39,11 +40,12 @@ class Apocentres(Observable):
     precession: AngleDatum | None = Field(
         default=None, description="Differential precession and its error, in degrees. Left out: not used."
     )
-    recent_debris: Literal["literal", "epoch_aware"] = Field(
+    recent_debris: Literal["literal", "epoch_aware", "turning"] = Field(
         default="literal",
         description="Which trailing debris is too recent to count. 'literal' (the paper): stripped since the "
         "progenitor's last apocentre. 'epoch_aware': stripped since its second-to-last apocentre, that is in the "
-        "last completed stripping passage.",
+        "last completed stripping passage. 'turning': what passes by the branch that turns round, whenever stripped: "
+        "it asks nothing of a star but its place.",
     )
     phase: Literal["winding", "chi"] = Field(
         default="winding",
@@ -75,11 +77,12 @@ class Apocentres(Observable):
         if self.phase == "chi":
             angle = unwrap_by_phase(angle, stream.chi, stream.bound)
         fits = {}
-        for arm, guide, chosen in (
-            ("leading", guide_lead, ~stream.bound & (angle > 0)),
-            ("trailing", guide_trail, self._trailing(stream, angle)),
+        fit_trailing = fit_turning if self.recent_debris == "turning" else fit_arm
+        for arm, fitted, guide, chosen in (
+            ("leading", fit_arm, guide_lead, ~stream.bound & (angle > 0)),
+            ("trailing", fit_trailing, guide_trail, self._trailing(stream, angle)),
         ):
-            fit = fit_arm(angle[chosen], stream.r[chosen], stream.weight[chosen], guide)
+            fit = fitted(angle[chosen], stream.r[chosen], stream.weight[chosen], guide)
             if isinstance(fit, str):
                 raise _NoValue(f"{arm} arm: {fit}")
             fits[arm] = fit
@@ -99,9 +102,11 @@ class Apocentres(Observable):
 
     def _trailing(self, stream: Stream, angle: Array) -> BoolArray:
         """Trailing particles stripped early enough."""
-        past = stream.orbit.apocentres()
-        cut = past[-1] if self.recent_debris == "literal" else past[-2]
-        return np.asarray(~stream.bound & (angle < 0) & (stream.t_strip < cut))
+        trailing = np.asarray(~stream.bound & (angle < 0))
+        if self.recent_debris == "turning":
+            return trailing
+        cut = stream.orbit.apocentres()[-1 if self.recent_debris == "literal" else -2]
+        return np.asarray(trailing & (stream.t_strip < cut))
 
 
 class _NoValue(Exception):  # noqa: N818  a reason on its way to Prediction.why_not
