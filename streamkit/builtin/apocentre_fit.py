@@ -25,14 +25,18 @@ REACH = 45.0
 """How far from the progenitor's own apocentre the first guess of the maximum is looked for, degrees."""
 FEWEST = 30
 """Fewest particles in the window (sum of weights)."""
-BEYOND = (10.0, 45.0)
+BEYOND = (10.0, 60.0)
 """Where beyond the progenitor's own apocentre, in degrees, only debris that turns round there has come."""
 FEWEST_BEYOND = 10
 """Fewest particles there (sum of weights)."""
 START = 50.0
 """Width (standard deviation) of the Gaussian that the fit of that branch begins with, degrees."""
-KERNELS = (0.25, 0.16, 0.1)
-"""Standard deviations of the kernel about that branch, one after the other, in units of its apocentre."""
+FALLING = 0.05
+"""Least share of the branch that must be beyond its maximum: a track that only rises does not turn round."""
+LOW = 4
+"""Power of the mean height there, minus: a branch three times as high counts 1 % of the lower one."""
+BREADTH = 0.1
+"""Standard deviation in radius of the kernel about that branch, in units of its apocentre."""
 
 NO_GAUSSIAN = "no Gaussian fits the track near the progenitor's own apocentre"
 TOO_FEW = "too few particles near the apocentre"
@@ -92,8 +96,8 @@ def fit_turning(angle: Array, r: Array, number: Array, guide: float) -> ArmFit |
     """Fit, as `fit_arm`, the branch that turns round, among others that pass through the same angles.
 
     The Gaussian r(angle) is the ridge of the particles and not their mean: each counts by a Gaussian kernel of its
-    distance in radius (modal regression; Yao & Li 2014, Scand. J. Statist. 41, 656). The fit begins beyond the
-    apocentre, where the debris on its way out has not come, with a wide kernel that it narrows.
+    distance in radius (modal regression; Yao & Li 2014, Scand. J. Statist. 41, 656). The fit begins with what is beyond
+    the apocentre, where the debris on its way out has hardly come.
 
     Or say why there is no apocentre.
     """
@@ -102,17 +106,17 @@ def fit_turning(angle: Array, r: Array, number: Array, guide: float) -> ArmFit |
     near = np.abs(angle - guide) < 2 * REACH + WINDOW + 3 * EDGE
     angle, r, number = angle[near], r[near], number[near]
     q = _from_beyond(angle, r, number, guide)
-    for kernel in KERNELS:
-        if isinstance(q, str):
-            return q
-        q = _ridge(angle, r, number, q, kernel, 1e-8 if kernel == KERNELS[-1] else 1e-2)
+    if not isinstance(q, str):
+        q = _ridge(angle, r, number, q)
     if isinstance(q, str):
         return q
     if abs(q[1] - guide) > 2 * REACH:
         return NO_GAUSSIAN
     centre = float(q[1])
-    slope, rest, share = _shares(angle, r, number, q, KERNELS[-1])
-    bread = np.linalg.inv((slope * (share * (1 - (rest / (KERNELS[-1] * q[0])) ** 2))) @ slope.T)
+    slope, rest, share = _shares(angle, r, number, q)
+    if share[np.abs(angle) > abs(centre)].sum() < FALLING * share.sum():
+        return "the track does not come down beyond its maximum"
+    bread = np.linalg.inv((slope * (share * (1 - (rest / (BREADTH * q[0])) ** 2))) @ slope.T)
     covariance = bread @ ((slope * (share * rest) ** 2) @ slope.T) @ bread
     grid = centre + np.arange(-WINDOW, WINDOW + CELL, CELL)
     inside = np.abs(angle - centre) < WINDOW
@@ -129,19 +133,19 @@ def fit_turning(angle: Array, r: Array, number: Array, guide: float) -> ArmFit |
 
 
 def _from_beyond(angle: Array, r: Array, number: Array, guide: float) -> Array | str:
-    """A Gaussian at the guide through the particles beyond it."""
+    """A Gaussian at the guide through the particles beyond it, the lower ones where the others have come too."""
     x = (angle - guide) * np.sign(guide)
     weight = 0.5 * (np.tanh((x - BEYOND[0]) / EDGE) - np.tanh((x - BEYOND[1]) / EDGE)) * number
     if weight.sum() < FEWEST_BEYOND:
         return "too few particles beyond the apocentre"
-    shape = np.exp(-0.5 * (x / START) ** 2)
-    return np.array([(weight * shape * r).sum() / (weight * shape**2).sum(), guide, np.log(START)])
+    height = r * np.exp(0.5 * (x / START) ** 2)
+    return np.array([((weight * height**-LOW).sum() / weight.sum()) ** (-1 / LOW), guide, np.log(START)])
 
 
-def _ridge(angle: Array, r: Array, number: Array, q: Array, kernel: float, tolerance: float) -> Array | str:
+def _ridge(angle: Array, r: Array, number: Array, q: Array) -> Array | str:
     """Climb to the ridge from q = (A, m, ln s): least squares with the particles' shares, until neither moves."""
     for _ in range(300):
-        slope, rest, share = _shares(angle, r, number, q, kernel)
+        slope, rest, share = _shares(angle, r, number, q)
         if share.sum() < FEWEST / 2:
             return TOO_FEW
         normal = (slope * share) @ slope.T
@@ -151,16 +155,16 @@ def _ridge(angle: Array, r: Array, number: Array, q: Array, kernel: float, toler
         q = q + step
         if not 0 < q[0] < 1e4 or not np.log(5.0) < q[2] < np.log(1e3):
             return NO_GAUSSIAN
-        if np.abs(step / (np.abs(q) + 1)).max() < tolerance:
+        if np.abs(step / (np.abs(q) + 1)).max() < 1e-8:
             return q
     return "the ridge about the apocentre does not settle"
 
 
-def _shares(angle: Array, r: Array, number: Array, q: Array, kernel: float) -> tuple[Array, Array, Array]:
+def _shares(angle: Array, r: Array, number: Array, q: Array) -> tuple[Array, Array, Array]:
     """Slopes (3, n), residuals (n,), and what each particle counts (n,): its number by the window and by the kernel."""
     model, slope = _gaussian(angle, q)
     rest = r - model
-    share = number * _window(angle - q[1]) * np.exp(-0.5 * (rest / (kernel * q[0])) ** 2)
+    share = number * _window(angle - q[1]) * np.exp(-0.5 * (rest / (BREADTH * q[0])) ** 2)
     return slope, rest, share
 
 
