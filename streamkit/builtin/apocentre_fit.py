@@ -31,6 +31,8 @@ FEWEST_BEYOND = 10
 """Fewest particles there (sum of weights)."""
 START = 50.0
 """Width (standard deviation) of the Gaussian that the fit of that branch begins with, degrees."""
+SPARSE = 0.2
+"""Density along the arm, in units of its largest, below which angles begin to count less."""
 FALLING = 0.05
 """Least share of the branch that must be beyond its maximum: a track that only rises does not turn round."""
 LOW = 4
@@ -96,8 +98,9 @@ def fit_turning(angle: Array, r: Array, number: Array, guide: float) -> ArmFit |
     """Fit, as `fit_arm`, the branch that turns round, among others that pass through the same angles.
 
     The Gaussian r(angle) is the ridge of the particles and not their mean: each counts by a Gaussian kernel of its
-    distance in radius (modal regression; Yao & Li 2014, Scand. J. Statist. 41, 656). The fit begins with what is beyond
-    the apocentre, where the debris on its way out has hardly come.
+    distance in radius (modal regression; Yao & Li 2014, Scand. J. Statist. 41, 656). All angles count alike, many
+    particles or few, which leaves the stripping rate out. The fit begins with what is beyond the apocentre, where the
+    debris on its way out has hardly come.
 
     Or say why there is no apocentre.
     """
@@ -105,6 +108,7 @@ def fit_turning(angle: Array, r: Array, number: Array, guide: float) -> ArmFit |
         return "too few particles"
     near = np.abs(angle - guide) < 2 * REACH + WINDOW + 3 * EDGE
     angle, r, number = angle[near], r[near], number[near]
+    number = _alike(angle, number, guide)
     q = _from_beyond(angle, r, number, guide)
     if not isinstance(q, str):
         q = _ridge(angle, r, number, q)
@@ -132,6 +136,16 @@ def fit_turning(angle: Array, r: Array, number: Array, guide: float) -> ArmFit |
     )
 
 
+def _alike(angle: Array, number: Array, guide: float) -> Array:
+    """Numbers (n,) of the same sum that make all angles count alike, but for those with hardly any particle."""
+    reach = np.abs(angle - guide).max() + CELL
+    grid = np.arange(-reach, reach + 2 * CELL, CELL) + guide
+    (count,) = _cells(angle, grid, number)
+    density = _convolve(count)
+    even = number / (np.interp(angle, grid, density) + SPARSE * density.max())
+    return np.asarray(even * number.sum() / even.sum())
+
+
 def _from_beyond(angle: Array, r: Array, number: Array, guide: float) -> Array | str:
     """A Gaussian at the guide through the particles beyond it, the lower ones where the others have come too."""
     x = (angle - guide) * np.sign(guide)
@@ -155,7 +169,7 @@ def _ridge(angle: Array, r: Array, number: Array, q: Array) -> Array | str:
         q = q + step
         if not 0 < q[0] < 1e4 or not np.log(5.0) < q[2] < np.log(1e3):
             return NO_GAUSSIAN
-        if np.abs(step / (np.abs(q) + 1)).max() < 1e-8:
+        if np.abs(step / (np.abs(q) + 1)).max() < 1e-7:
             return q
     return "the ridge about the apocentre does not settle"
 
