@@ -8,7 +8,7 @@ from numba.extending import intrinsic
 
 from streamkit.engine.cache import INLINE
 
-BATCH = 2048
+BATCH = 4096
 """Particles taken together."""
 LANES = 8
 """Doubles in the widest vector register: groups of equal steps are padded to a multiple of it."""

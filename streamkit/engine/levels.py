@@ -35,11 +35,12 @@ def take(source, index, begin, m, out):
 
 
 @njit(**INLINE)
-def scatter(m, slot, row, out):
-    """Copy the lanes of a row that have a slot into it."""
-    for i in range(m):
-        if slot[i] >= 0:
-            out[slot[i]] = row[i]
+def scatter(rows, m, slot, source, out):
+    """Copy the lanes of some rows that have a slot into it."""
+    for k in range(rows):
+        for i in range(m):
+            if slot[i] >= 0:
+                out[k * ROW + slot[i]] = source[k * ROW + i]
 
 
 @njit(**INLINE)
@@ -58,26 +59,56 @@ def give_back(m, slot, row, index, begin, out):
 
 
 @njit(**INLINE)
-def closest_approach(m, x, w):
-    """Move offsets x along straight lines x + s w, 0 <= s <= 1, to where they are closest to zero."""
-    x0, x1, x2 = x[:m], x[ROW : ROW + m], x[2 * ROW : 2 * ROW + m]
-    w0, w1, w2 = w[:m], w[ROW : ROW + m], w[2 * ROW : 2 * ROW + m]
-    for i in range(m):
-        a, b, c = x0[i], x1[i], x2[i]
-        d, e, f = w0[i], w1[i], w2[i]
-        s = min(max(-(a * d + b * e + c * f) / (d * d + e * e + f * f + 1e-300), 0.0), 1.0)
-        x0[i], x1[i], x2[i] = a + s * d, b + s * e, c + s * f
+def nearest(begin, end, x, u, a, span, path, near):
+    """Put into near where the lanes begin to end come closest to a moving centre, as offsets from it.
+
+    They are taken along parabolas of their accelerations a at first, in two straight pieces. path (9,) is the
+    centre at the beginning, the middle and the end of the time span.
+    """
+    c0, c1, c2, d0, d1, d2 = path[0], path[1], path[2], path[3], path[4], path[5]
+    e0, e1, e2 = path[6], path[7], path[8]
+    x0, x1, x2 = x[begin:end], x[ROW + begin : ROW + end], x[2 * ROW + begin : 2 * ROW + end]
+    u0, u1, u2 = u[begin:end], u[ROW + begin : ROW + end], u[2 * ROW + begin : 2 * ROW + end]
+    a0, a1, a2 = a[begin:end], a[ROW + begin : ROW + end], a[2 * ROW + begin : 2 * ROW + end]
+    n0, n1, n2 = near[begin:end], near[ROW + begin : ROW + end], near[2 * ROW + begin : 2 * ROW + end]
+    h = span[begin:end]
+    for i in range(h.shape[0]):
+        s, r = 0.5 * h[i], 0.125 * h[i] * h[i]
+        w0, w1, w2 = s * u0[i], s * u1[i], s * u2[i]
+        b0, b1, b2 = r * a0[i], r * a1[i], r * a2[i]
+        f0, f1, f2 = x0[i] - c0, x1[i] - c1, x2[i] - c2  # at the beginning, the middle and the end
+        m0, m1, m2 = x0[i] + w0 + b0 - d0, x1[i] + w1 + b1 - d1, x2[i] + w2 + b2 - d2
+        l0, l1, l2 = (
+            x0[i] + 2.0 * w0 + 4.0 * b0 - e0,
+            x1[i] + 2.0 * w1 + 4.0 * b1 - e1,
+            x2[i] + 2.0 * w2 + 4.0 * b2 - e2,
+        )
+        f0, f1, f2, first = foot(f0, f1, f2, m0, m1, m2)
+        l0, l1, l2, last = foot(l0, l1, l2, m0, m1, m2)
+        n0[i] = f0 if first < last else l0
+        n1[i] = f1 if first < last else l1
+        n2[i] = f2 if first < last else l2
+
+
+@njit(**INLINE)
+def foot(a, b, c, d, e, f):
+    """Point of the straight piece from (a, b, c) to (d, e, f) that is closest to zero, and its distance squared."""
+    d, e, f = d - a, e - b, f - c
+    s = min(max(-(a * d + b * e + c * f) / (d * d + e * e + f * f + 1e-300), 0.0), 1.0)
+    a, b, c = a + s * d, b + s * e, c + s * f
+    return a, b, c, a * a + b * b + c * c
 
 
 @njit(**INLINE)
 def rates(
-    address, offset, follows, p, first, step, track, eta, uniform, m, t, span, x, u, rel, w, a, centre, ahead, rate
+    address, offset, follows, p, first, step, track, eta, uniform, m, t, span, x, u, initial, near, a, centre, path,
+    rate,
 ):  # fmt: skip
     """Square of (acceleration / distance / eta^2) of m lanes during the time span after t, into rate.
 
     About the Galactic centre for the fixed forces, with eta[0], and about the progenitor for those that follow it,
-    with eta[1] and its mass at first; whichever is larger, where the particle would come closest to each on a straight
-    line.
+    with eta[1] and its mass at first; whichever is larger, where the particle would come closest to each with its
+    ``initial`` acceleration.
     """
     rate[:m] = 0.0
     for turn in range(2):
@@ -87,32 +118,23 @@ def rates(
             found = found or follows[c] == moving
         if not found:
             continue
-        centre[:], ahead[:] = 0.0, 0.0
-        if moving:
-            track_at(t[0], first, step, track, centre)
-            track_at(t[0] + span[0], first, step, track, ahead)
-        for k in range(3):
-            rel_k, w_k, x_k, u_k = rel[k * ROW :], w[k * ROW :], x[k * ROW :], u[k * ROW :]
-            shift, motion = centre[k], ahead[k] - centre[k]
-            for i in range(m):
-                rel_k[i] = x_k[i] - shift
-                w_k[i] = u_k[i] * span[i] - motion
-        if moving and not uniform:
-            for i in range(m):
-                track_at(t[i], first, step, track, centre)
-                track_at(t[i] + span[i], first, step, track, ahead)
+        path[:] = 0.0
+        if not moving:
+            nearest(0, m, x, u, initial, span, path, near)
+        else:
+            lanes = m if uniform else 1
+            for i in range(0, m, lanes):
                 for k in range(3):
-                    j = k * ROW + i
-                    rel[j] = x[j] - centre[k]
-                    w[j] = u[j] * span[i] - (ahead[k] - centre[k])
-        closest_approach(m, rel, w)
+                    track_at(t[i] + 0.5 * k * span[i], first, step, track, centre)
+                    path[3 * k : 3 * k + 3] = centre
+                nearest(i, i + lanes, x, u, initial, span, path, near)
         for k in range(3):
             a[k * ROW : k * ROW + m] = 0.0
         for c in range(address.shape[0]):
             if follows[c] == moving:
-                call_kernel(address[c], m, t, p[offset[c] :], rel, a)
+                call_kernel(address[c], m, t, p[offset[c] :], near, a)
         a0, a1, a2 = a[:m], a[ROW : ROW + m], a[2 * ROW : 2 * ROW + m]
-        d0, d1, d2 = rel[:m], rel[ROW : ROW + m], rel[2 * ROW : 2 * ROW + m]
+        d0, d1, d2 = near[:m], near[ROW : ROW + m], near[2 * ROW : 2 * ROW + m]
         scale = eta[turn] ** -4
         for i in range(m):
             acceleration2 = a0[i] * a0[i] + a1[i] * a1[i] + a2[i] * a2[i]
@@ -128,8 +150,13 @@ def choose(m, rate, span, deepest, level):
         rate[i] = span[i] ** 4 * rate[i]  # the fourth power of the number of steps
     bound = 1.0
     for _ in range(deepest):
+        more = 0
         for i in range(m):
-            level[i] += 1 if rate[i] > bound else 0
+            above = 1 if rate[i] > bound else 0
+            level[i] += above
+            more += above
+        if more == 0:
+            break
         bound *= 16.0
 
 

@@ -12,7 +12,7 @@ from streamkit.engine.cache import INLINE, cached
 from streamkit.engine.forces import BATCH, DEEPEST, LANES, ROW, add_forces
 from streamkit.engine.levels import alike, choose, give_back, place, rates, scatter, take
 
-LOOK_AGAIN, PARTS = 2, 4
+LOOK_AGAIN, PARTS = 3, 4
 """Particles of higher levels choose their steps anew in every one of these parts of a block."""
 
 _F1, _F2, _S2 = types.float64[::1], types.float64[:, ::1], types.float64[:, :]
@@ -41,9 +41,10 @@ def accelerations(address, offset, follows, p, first, step, track, t, q, out):
 
 @njit(**INLINE)
 def compose(
-    address, offset, follows, p, first, step, track, uniform, begin, end, steps, t, h, x, u, rel, centre, a, drift, kick
+    address, offset, follows, p, first, step, track, uniform, begin, end, steps, t, h, x, u, rel, centre, a, known,
+    drift, kick,
 ):  # fmt: skip
-    """Steps of drifts and kicks for the lanes begin to end, each with its own step h."""
+    """Steps of drifts and kicks for the lanes begin to end, each with its own step h; known: a is that at first."""
     stages = kick.shape[0]
     reuse = drift[0] == 0.0 and drift[stages] == 0.0
     if not reuse:
@@ -53,7 +54,7 @@ def compose(
                 x[k * ROW + i] += drift[0] * h[i] * u[k * ROW + i]
     for s in range(steps):
         for j in range(stages):
-            if j > 0 or s == 0 or not reuse:
+            if j > 0 or not reuse or (s == 0 and not known):
                 add_forces(address, offset, follows, p, first, step, track, uniform, begin, end, t, x, rel, centre, a)
             c, d = drift[j + 1], kick[j]
             if j == stages - 1 and s < steps - 1:
@@ -87,12 +88,13 @@ def sweep(
     are dropped.
     """
     x, u, xs, us = np.empty(3 * ROW), np.empty(3 * ROW), np.empty(3 * ROW), np.empty(3 * ROW)
-    a, rel, w, centre, ahead = np.empty(3 * ROW), np.empty(3 * ROW), np.empty(3 * ROW), np.empty(3), np.empty(3)
+    a, rel, force, centre, path = np.empty(3 * ROW), np.empty(3 * ROW), np.empty(3 * ROW), np.empty(3), np.empty(9)
     t, span, ts, hs, rate = np.empty(ROW), np.empty(ROW), np.empty(ROW), np.empty(ROW), np.empty(ROW)
     level, slot, kept = np.zeros(ROW, np.int64), np.empty(ROW, np.int64), 0
     x0, x1, x2, u0, u1, u2 = x, x[ROW:], x[2 * ROW :], u, u[ROW:], u[2 * ROW :]
     xs0, xs1, xs2, us0, us1, us2 = xs, xs[ROW:], xs[2 * ROW :], us, us[ROW:], us[2 * ROW :]
     start, size = np.empty(DEEPEST + 1, np.int64), np.empty(DEEPEST + 1, np.int64)
+    adapts = eta[0] > 0.0
     begin, m = 0, 0
     while begin + m < index.shape[0]:
         begin += m
@@ -103,10 +105,11 @@ def sweep(
         uniform = t[0] == t[m - 1]  # times never decrease
         for i in range(whole):
             span[i] -= t[i]
-        if eta[0] > 0.0:
+        if adapts:
+            add_forces(address, offset, follows, p, first, step, track, uniform, 0, whole, t, x, rel, centre, a)
             rates(
-                address, offset, follows, p, first, step, track, eta, uniform, whole, t, span, x, u, rel, w, a, centre,
-                ahead, rate,
+                address, offset, follows, p, first, step, track, eta, uniform, whole, t, span, x, u, a, rel, force,
+                centre, path, rate,
             )  # fmt: skip
             choose(m, rate, span, most, level)
         place(m, level, limit, start, size, slot)
@@ -114,8 +117,10 @@ def sweep(
             if slot[i] < 0:
                 later[kept] = index[begin + i]
                 kept += 1
-        for row, out in ((x0, xs0), (x1, xs1), (x2, xs2), (u0, us0), (u1, us1), (u2, us2), (t, ts), (span, hs)):
-            scatter(m, slot, row, out)
+        scatter(1, m, slot, t, ts)
+        scatter(1, m, slot, span, hs)
+        for rows, out in ((x, xs), (u, us), (a, force)):
+            scatter(3, m, slot, rows, out)
         for group in range(limit + 1):
             if size[group] == 0:
                 continue
@@ -125,12 +130,13 @@ def sweep(
                 ts[i], hs[i] = ts[ends - 1], hs[ends - 1]
                 for k in range(3):
                     xs[k * ROW + i], us[k * ROW + i] = xs[k * ROW + ends - 1], us[k * ROW + ends - 1]
-            steps = 1 << group if eta[0] > 0.0 else most
+                    force[k * ROW + i] = force[k * ROW + ends - 1]
+            steps = 1 << group if adapts else most
             for i in range(begins, last):
                 hs[i] /= steps
             compose(
                 address, offset, follows, p, first, step, track, uniform, begins, last, steps, ts, hs, xs, us, rel,
-                centre, a, drift, kick,
+                centre, force, adapts, drift, kick,
             )  # fmt: skip
         for row, out in ((xs0, q0), (xs1, q1), (xs2, q2), (us0, v0), (us1, v1), (us2, v2)):
             give_back(m, slot, row, index, begin, out)
@@ -184,5 +190,5 @@ def carry(address, offset, follows, p, q0, v0, t0, step, substeps, drift, kick, 
         if node < out.shape[0] - 1:
             compose(
                 address, offset, follows, p, 0.0, 1.0, track, True, 0, 1, substeps, t, h, x, u, rel, centre, a,
-                drift, kick,
+                False, drift, kick,
             )  # fmt: skip
