@@ -70,9 +70,7 @@ def test_winding_and_chi_give_the_same_apocentres(name):
 @pytest.mark.parametrize("rule", ["literal", "epoch_aware", "turning"])
 def test_no_wrong_peak_and_little_scatter_over_seeds(rule):
     """Below 0.2 kpc, 1 kpc and 0.9 deg at 10 000 particles (the paper's data errors: 0.5, 2.5, 3.5)."""
-    values = np.array(
-        [Apocentres(recent_debris=rule).predict(model_stream("B", seed=seed)).mean for seed in range(16)]
-    )
+    values = np.array([Apocentres(recent_debris=rule).predict(model_stream("B", seed=seed)).mean for seed in range(16)])
     scatter = values.std(axis=0, ddof=1)
 
     assert (scatter < (0.2, 1.0, 0.9)).all()
@@ -200,7 +198,7 @@ def test_the_reported_variance_of_the_turning_branch_is_the_scatter_over_draws()
     [(-79.0, -60.0, "does not come down"), (-70.0, -70.0, "too few particles beyond the apocentre")],
 )
 def test_debris_that_only_climbs_does_not_turn_round(ends, guide, reason):
-    """A Gaussian fits an arm too that ends before its apocentre at -80 degrees; and one may end before the progenitor's."""
+    """A Gaussian fits an arm too that ends before its apocentre, at -80 degrees."""
     angle, r, number = arm(0)
     near = -angle > ends
 
