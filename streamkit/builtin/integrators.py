@@ -77,7 +77,7 @@ class Adaptive(Integrator):
         default=0.4, description="Longest step in units of sqrt(distance/acceleration) about the Galactic centre."
     )
     eta_progenitor: PositiveNumber = Field(
-        default=0.4, description="Longest step in units of sqrt(distance/acceleration) about the progenitor."
+        default=0.45, description="Longest step in units of sqrt(distance/acceleration) about the progenitor."
     )
     deepest: int = Field(default=7, ge=0, le=20, description="A block takes at most 2 to this power steps.")
 

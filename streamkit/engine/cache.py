@@ -17,8 +17,8 @@ import numpy as np
 from numba import njit
 from numba.core.caching import FunctionCache
 
-OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}}
-"""For all compiled code. contract: fused multiply-add, nothing else of fast math."""
+OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "arcp"}}
+"""For all compiled code. contract: fused multiply-add; arcp: one reciprocal for divisions by the same number."""
 
 INLINE: dict[str, Any] = {"inline": "always", "error_model": "numpy"}
 """For the helpers, which become part of the function that calls them."""
