@@ -17,7 +17,7 @@ USUAL_SUN = {"r0": (7.0, 9.0, "kpc"), "z": (-0.1, 0.1, "kpc"), "v_circ": (180.0,
 """Ranges that hold every recent measurement of the Sun's place and of the rotation there."""
 WINDOW = 40.0
 """Degrees on either side of an apocentre in which it is fitted (Gibbons+ 2014, section 3.4)."""
-APOCENTRES_NEEDED = {"literal": 1, "epoch_aware": 2}
+APOCENTRES_NEEDED = {"literal": 1, "turning": 1, "epoch_aware": 2}
 """Completed apocentres that the rules for recent debris refer to."""
 
 

@@ -228,7 +228,8 @@ def test_the_table_of_the_two_rules_is_what_comes_out() -> None:
         stated = [float(cell.split()[0]) for cell in row[1].split("|")]
         literal = Apocentres(recent_debris="literal").predict(stream).mean
         aware = Apocentres(recent_debris="epoch_aware").predict(stream).mean
-        found = [literal[0], literal[1], aware[1], aware[2]]
+        turning = Apocentres(recent_debris="turning").predict(stream).mean
+        found = [literal[0], literal[1], aware[1], turning[1], aware[2], turning[2]]
         assert stated == pytest.approx(found, abs=0.06 if name == "N-body" else 1.0), name
 
 

@@ -41,11 +41,11 @@ class Apocentres(Observable):
         default=None, description="Differential precession and its error, in degrees. Left out: not used."
     )
     recent_debris: Literal["literal", "epoch_aware", "turning"] = Field(
-        default="literal",
+        default="turning",
         description="Which trailing debris is too recent to count. 'literal' (the paper): stripped since the "
         "progenitor's last apocentre. 'epoch_aware': stripped since its second-to-last apocentre, that is in the "
-        "last completed stripping passage. 'turning': what passes by the branch that turns round, whenever stripped: "
-        "it asks nothing of a star but its place.",
+        "last completed stripping passage. 'turning' (the default): what passes by the branch that turns round, "
+        "whenever stripped: it asks nothing of a star but its place.",
     )
     phase: Literal["winding", "chi"] = Field(
         default="winding",

@@ -70,14 +70,14 @@ def main() -> None:
     added = np.array([e.lnp - e.ln_likelihood + gaussian(e.mean, e.variance, data, sigma, True) for e in base])
     ignored = np.array([e.lnp - e.ln_likelihood + gaussian(e.mean, e.variance, data, sigma, False) for e in base])
     weigh("likelihood.noise = add", added, ignored)
-    other_rule = {"literal": "epoch_aware", "epoch_aware": "literal"}[spec.document["observable"]["recent_debris"]]
+    rules = {"literal", "epoch_aware", "turning"} - {spec.document["observable"]["recent_debris"]}
     choices = {
         "stripping.particles = 30000": {"stripping.particles": 30000},
         "another seed": {"seed": spec.seed + 1000},
         "stripping.release_radius = 0.8": {"stripping.release_radius": 0.8},
         "stripping.release_radius = 1.2": {"stripping.release_radius": 1.2},
         "stripping.release_times = pericentre": {"stripping.release_times": "pericentre"},
-        f"observable.recent_debris = {other_rule}": {"observable.recent_debris": other_rule},
+        **{f"observable.recent_debris = {rule}": {"observable.recent_debris": rule} for rule in sorted(rules)},
         "integrator.eta_progenitor = 0.15": {"integrator.eta_progenitor": 0.15},
     }
     for label, values in choices.items():
