@@ -6,7 +6,7 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
-from streamkit.engine.cache import INLINE
+from streamkit.engine.cache import INLINE, OPTIONS
 
 BATCH = 4096
 """Particles taken together."""
@@ -63,7 +63,7 @@ def mass_left_at(t, first, step, track):
     return (1.0 - s) * track[i, 9] + s * track[i + 1, 9]
 
 
-@njit(**INLINE)
+@njit(**OPTIONS)
 def add_forces(address, offset, follows, p, first, step, track, uniform, begin, end, t, x, rel, centre, a):
     """Sum the accelerations of lanes begin to end at x, times t, into a (rows ROW apart); rel is scratch."""
     for k in range(3):
