@@ -158,6 +158,7 @@ def _from_beyond(angle: Array, r: Array, number: Array, guide: float) -> Array |
 
 def _ridge(angle: Array, r: Array, number: Array, q: Array) -> Array | str:
     """Climb to the ridge from q = (A, m, ln s): least squares with the particles' shares, until neither moves."""
+    gain, last = 1.0, np.zeros(3)
     for _ in range(300):
         slope, rest, share = _shares(angle, r, number, q)
         if share.sum() < FEWEST / 2:
@@ -166,7 +167,10 @@ def _ridge(angle: Array, r: Array, number: Array, q: Array) -> Array | str:
         normal[np.diag_indices(3)] *= 1 + 1e-9
         limit = np.array([0.1 * q[0], 8.0, 0.3])
         step = np.clip(np.linalg.solve(normal, slope @ (share * rest)), -limit, limit)
-        q = q + step
+        if (step / limit) @ last < 0:  # it went too far, as the window and the kernel move with it
+            gain *= 0.5
+        last = step / limit
+        q = q + gain * step
         if not 0 < q[0] < 1e4 or not np.log(5.0) < q[2] < np.log(1e3):
             return NO_GAUSSIAN
         if np.abs(step / (np.abs(q) + 1)).max() < 1e-7:

@@ -51,11 +51,13 @@ MASS = 6.4e8
 """Mass of the progenitor in Msun."""
 
 
-def progenitor_orbit(start: float, end: float = 0.0, max_step: float = 0.01) -> Orbit:
-    """Return the progenitor's track from ``start`` to ``end`` in Gyr, one of them 0, with tidal radii."""
+def progenitor_orbit(
+    start: float, end: float = 0.0, max_step: float = 0.01, today: tuple[Array, Array] = TODAY
+) -> Orbit:
+    """Return the progenitor's track from ``start`` to ``end`` in Gyr, one of them 0 (today), with tidal radii."""
     field = build_field([Isochrone()])
     other = start if end == 0.0 else end
-    orbit = field.orbit(*TODAY, 0.0, other * GYR, max_step)
+    orbit = field.orbit(*today, 0.0, other * GYR, max_step)
     return with_tidal_radius(orbit)
 
 

@@ -22,8 +22,14 @@ PARTICLES = ("q", "v", "t_release", "t_strip", "dq_strip", "dv_strip", "tail", "
 
 @cache
 def example_stream(count: int = 4000, seed: int = 3) -> Stream:
-    """Release particles at the Lagrange points over 3 Gyr and follow them in the host alone."""
-    orbit, future = progenitor_orbit(LOOKBACK), progenitor_orbit(0.0, 2.0)
+    """Release particles at the Lagrange points over 3 Gyr and follow them in the host alone.
+
+    The progenitor is just past a pericentre, with an apocentre well behind and one well ahead of it.
+    """
+    past = progenitor_orbit(LOOKBACK)
+    here = past.at(past.pericentres()[-1:] + 0.03 * GYR)
+    today = here.q[:, 0], here.v[:, 0]
+    orbit, future = progenitor_orbit(LOOKBACK, today=today), progenitor_orbit(0.0, 2.0, today=today)
     e_r, e_phi, _ = orbit.frame
 
     def angle(x: Array) -> Array:
