@@ -77,11 +77,14 @@ class Orbit:
 
     def at(self, t: Array) -> Orbit:
         """Return the states at times ``t`` (m,) by quintic Hermite interpolation; r_t and the mass linearly."""
-        t = np.atleast_1d(np.asarray(t, dtype=float))
-        i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
-        h = self.t[i + 1] - self.t[i]
-        q, v, a = _hermite((t - self.t[i]) / h, h, self._rows[i].T, self._rows[i + 1].T)
-        return Orbit(t, q, v, a, np.interp(t, self.t, self.r_tidal), np.interp(t, self.t, self.mass_left))
+        from streamkit.engine.tracks import states_at  # compiled code: slow to import
+
+        t = np.ascontiguousarray(np.atleast_1d(t), dtype=float)
+        node = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
+        out = np.empty((9, len(t)))
+        states_at(np.ascontiguousarray(self.t), self._rows, node, t, out)
+        mass_left = np.interp(t, self.t, self.mass_left)
+        return Orbit(t, out[:3], out[3:6], out[6:], np.interp(t, self.t, self.r_tidal), mass_left)
 
     @cached_property
     def _rows(self) -> Array:
@@ -108,22 +111,6 @@ class Orbit:
             slope = sign * ((s.v**2).sum(axis=0) + (s.q * s.a).sum(axis=0))
             t = np.clip(t - rv_t / slope, self.t[i], self.t[i + 1])
         return np.asarray(t)
-
-
-def _hermite(s: Array, h: Array, start: Array, end: Array) -> tuple[Array, Array, Array]:
-    """Quintic Hermite position, velocity and acceleration at fractions s (m,) of steps h between states (9, m)."""
-    q0, v0, a0 = start[:3], start[3:6] * h, start[6:] * h**2
-    q1, v1, a1 = end[:3], end[3:6] * h, end[6:] * h**2
-    d = q1 - q0 - v0 - 0.5 * a0
-    dv = v1 - v0 - a0
-    da = a1 - a0
-    c3 = 10 * d - 4 * dv + 0.5 * da
-    c4 = -15 * d + 7 * dv - da
-    c5 = 6 * d - 3 * dv + 0.5 * da
-    q = q0 + s * (v0 + s * (0.5 * a0 + s * (c3 + s * (c4 + s * c5))))
-    v = (v0 + s * (a0 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))) / h
-    a = (a0 + s * (6 * c3 + s * (12 * c4 + s * 20 * c5))) / h**2
-    return q, v, a
 
 
 @dataclass(frozen=True)
