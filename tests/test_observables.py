@@ -205,6 +205,14 @@ def test_debris_that_only_climbs_does_not_turn_round(ends, guide, reason):
     assert reason in fit_turning(-angle[near], r[near], number[near], guide)
 
 
+@pytest.mark.parametrize("angles", [(-300.0, -290.0), (-90.0, -89.99), (20.0, 60.0)])
+def test_a_turning_branch_that_is_not_there_has_a_reason(angles):
+    """Far from the guide, all at one angle, or on the other side: never an exception."""
+    angle = np.linspace(*angles, 500)
+
+    assert isinstance(fit_turning(angle, np.full(500, 40.0), np.ones(500), guide=-90.0), str)
+
+
 def test_the_turning_branch_of_mock_1_needs_no_stripping_times():
     """The N-body's apocentre of the old debris, to 1 kpc, with all epochs in and none known; so has mLCS.
 

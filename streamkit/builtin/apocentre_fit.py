@@ -23,6 +23,8 @@ WINDOW, EDGE = 40.0, 5.0
 """Half width of the fitted window (Gibbons+ 2014) and the scale of its soft edges, degrees."""
 REACH = 45.0
 """How far from the progenitor's own apocentre the first guess of the maximum is looked for, degrees."""
+NEAR = 2 * REACH + WINDOW + 3 * EDGE
+"""Particles farther than this from the progenitor's own apocentre cannot matter, degrees."""
 FEWEST = 30
 """Fewest particles in the window (sum of weights)."""
 BEYOND = (10.0, 60.0)
@@ -37,6 +39,8 @@ FALLING = 0.05
 """Least share of the branch that must be beyond its maximum: a track that only rises does not turn round."""
 LOW = 4
 """Power of the mean height there, minus: a branch three times as high counts 1 % of the lower one."""
+FLAT = 1e-9
+"""Least eigenvalue of the ridge's curvature, scaled to a unit diagonal: below it, the particles do not fix a Gaussian."""
 BREADTH = 0.1
 """Standard deviation in radius of the kernel about that branch, in units of its apocentre."""
 
@@ -104,10 +108,10 @@ def fit_turning(angle: Array, r: Array, number: Array, guide: float) -> ArmFit |
 
     Or say why there is no apocentre.
     """
-    if len(angle) < FEWEST:
-        return "too few particles"
-    near = np.abs(angle - guide) < 2 * REACH + WINDOW + 3 * EDGE
+    near = np.abs(angle - guide) < NEAR
     angle, r, number = angle[near], r[near], number[near]
+    if len(angle) < FEWEST:
+        return TOO_FEW
     number = _alike(angle, number, guide)
     q = _from_beyond(angle, r, number, guide)
     if not isinstance(q, str):
@@ -120,7 +124,11 @@ def fit_turning(angle: Array, r: Array, number: Array, guide: float) -> ArmFit |
     slope, rest, share = _shares(angle, r, number, q)
     if share[np.abs(angle) > abs(centre)].sum() < FALLING * share.sum():
         return "the track does not come down beyond its maximum"
-    bread = np.linalg.inv((slope * (share * (1 - (rest / (BREADTH * q[0])) ** 2))) @ slope.T)
+    curvature = (slope * (share * (1 - (rest / (BREADTH * q[0])) ** 2))) @ slope.T
+    scale = np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+    if not np.linalg.eigvalsh(curvature / np.outer(scale, scale))[0] > FLAT:
+        return "the ridge about the apocentre is flat"
+    bread = np.linalg.inv(curvature)
     covariance = bread @ ((slope * (share * rest) ** 2) @ slope.T) @ bread
     grid = centre + np.arange(-WINDOW, WINDOW + CELL, CELL)
     inside = np.abs(angle - centre) < WINDOW
@@ -138,8 +146,7 @@ def fit_turning(angle: Array, r: Array, number: Array, guide: float) -> ArmFit |
 
 def _alike(angle: Array, number: Array, guide: float) -> Array:
     """Numbers (n,) of the same sum that make all angles count alike, but for those with hardly any particle."""
-    reach = np.abs(angle - guide).max() + CELL
-    grid = np.arange(-reach, reach + 2 * CELL, CELL) + guide
+    grid = np.arange(-NEAR - CELL, NEAR + 2 * CELL, CELL) + guide
     (count,) = _cells(angle, grid, number)
     density = _convolve(count)
     even = number / (np.interp(angle, grid, density) + SPARSE * density.max())
