@@ -40,7 +40,7 @@ FALLING = 0.05
 LOW = 4
 """Power of the mean height there, minus: a branch three times as high counts 1 % of the lower one."""
 FLAT = 1e-9
-"""Least eigenvalue of the ridge's curvature, scaled to a unit diagonal: below it, the particles do not fix a Gaussian."""
+"""Least eigenvalue of the ridge's curvature, its diagonal scaled to 1: below, the particles do not fix a Gaussian."""
 BREADTH = 0.1
 """Standard deviation in radius of the kernel about that branch, in units of its apocentre."""
 
