@@ -5,6 +5,7 @@ from __future__ import annotations
 from numba import types
 
 from streamkit.engine.cache import cached
+from streamkit.engine.forces import quintic
 
 _F1, _F2, _I1 = types.float64[::1], types.float64[:, ::1], types.int64[::1]
 
@@ -22,12 +23,7 @@ def states_at(nodes, rows, node, t, out):
         for k in range(3):
             q0, v0, a0 = rows[i, k], rows[i, 3 + k] * h, rows[i, 6 + k] * h * h
             q1, v1, a1 = rows[i + 1, k], rows[i + 1, 3 + k] * h, rows[i + 1, 6 + k] * h * h
-            d = q1 - q0 - v0 - 0.5 * a0
-            dv = v1 - v0 - a0
-            da = a1 - a0
-            c3 = 10.0 * d - 4.0 * dv + 0.5 * da
-            c4 = -15.0 * d + 7.0 * dv - da
-            c5 = 6.0 * d - 3.0 * dv + 0.5 * da
+            c3, c4, c5 = quintic(q0, v0, a0, q1, v1, a1)
             out[k, j] = q0 + s * (v0 + s * (0.5 * a0 + s * (c3 + s * (c4 + s * c5))))
             out[3 + k, j] = (v0 + s * (a0 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))) / h
             out[6 + k, j] = (a0 + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))) / (h * h)
