@@ -77,19 +77,28 @@ class Orbit:
 
     def at(self, t: Array) -> Orbit:
         """Return the states at times ``t`` (m,) by quintic Hermite interpolation; r_t and the mass linearly."""
-        from streamkit.engine.tracks import states_at  # compiled code: slow to import
-
-        t = np.ascontiguousarray(np.atleast_1d(t), dtype=float)
-        node = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
-        out = np.empty((9, len(t)))
-        states_at(np.ascontiguousarray(self.t), self._rows, node, t, out)
-        mass_left = np.interp(t, self.t, self.mass_left)
-        return Orbit(t, out[:3], out[3:6], out[6:], np.interp(t, self.t, self.r_tidal), mass_left)
+        t = np.atleast_1d(np.asarray(t, dtype=float))
+        i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
+        h = self.t[i + 1] - self.t[i]
+        s = (t - self.t[i]) / h
+        c0, c1, c2, c3, c4, c5 = self._polynomials.take(i, axis=2)
+        q = c0 + s * (c1 + s * (c2 + s * (c3 + s * (c4 + s * c5))))
+        v = (c1 + s * (2 * c2 + s * (3 * c3 + s * (4 * c4 + 5 * s * c5)))) / h
+        a = (2 * c2 + s * (6 * c3 + s * (12 * c4 + 20 * s * c5))) / h**2
+        return Orbit(t, q, v, a, np.interp(t, self.t, self.r_tidal), np.interp(t, self.t, self.mass_left))
 
     @cached_property
-    def _rows(self) -> Array:
-        """(n, 9) Position, velocity and acceleration of a time side by side: gathered at once by `at`."""
-        return np.ascontiguousarray(np.concatenate([self.q, self.v, self.a]).T)
+    def _polynomials(self) -> Array:
+        """(6, 3, n - 1) Coefficients of the quintic Hermite polynomials between the nodes, in units of their steps."""
+        h = np.diff(self.t)
+        q0, v0, a0 = self.q[:, :-1], self.v[:, :-1] * h, self.a[:, :-1] * h**2
+        q1, v1, a1 = self.q[:, 1:], self.v[:, 1:] * h, self.a[:, 1:] * h**2
+        d = q1 - q0 - v0 - 0.5 * a0
+        dv = v1 - v0 - a0
+        da = a1 - a0
+        return np.array(
+            [q0, v0, 0.5 * a0, 10 * d - 4 * dv + 0.5 * da, -15 * d + 7 * dv - da, 6 * d - 3 * dv + 0.5 * da]
+        )
 
     def apocentres(self) -> Array:
         """(k,) times at which r has a maximum inside the track."""

@@ -17,7 +17,8 @@ import numpy as np
 from numba import njit
 from numba.core.caching import FunctionCache
 
-OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "arcp"}}
+FASTMATH = ("arcp", "contract")
+OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": set(FASTMATH)}
 """For all compiled code. contract: fused multiply-add; arcp: one reciprocal for divisions by the same number."""
 
 INLINE: dict[str, Any] = {"inline": "always", "error_model": "numpy"}
@@ -37,7 +38,8 @@ class ContentCache(FunctionCache):  # type: ignore[misc]  # numba is untyped her
 
 def digest_of_parts(parts: list[str]) -> str:
     """Return a hash of the parts and of the versions and options that every compilation depends on."""
-    versions = [numba.__version__, np.__version__, repr(sorted(map(str, OPTIONS.items())))]
+    options = [OPTIONS["error_model"], *FASTMATH]  # not the set: its order is another one in every process
+    versions = [numba.__version__, np.__version__, *options]
     return hashlib.sha256("\n".join([*versions, *parts]).encode()).hexdigest()
 
 

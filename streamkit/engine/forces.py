@@ -38,15 +38,6 @@ def call_kernel(typing_context, address, n, t, p, q, a):
 
 
 @njit(**INLINE)
-def quintic(q0, v0, a0, q1, v1, a1):
-    """Highest three coefficients of the quintic Hermite polynomial between two states, in units of the step."""
-    d = q1 - q0 - v0 - 0.5 * a0
-    dv = v1 - v0 - a0
-    da = a1 - a0
-    return 10.0 * d - 4.0 * dv + 0.5 * da, -15.0 * d + 7.0 * dv - da, 6.0 * d - 3.0 * dv + 0.5 * da
-
-
-@njit(**INLINE)
 def track_at(t, first, step, track, out):
     """Quintic Hermite position of the progenitor at time t from its states (T, 10), into out (3,)."""
     last = track.shape[0] - 2
@@ -55,7 +46,12 @@ def track_at(t, first, step, track, out):
     for k in range(3):
         q0, v0, a0 = track[i, k], track[i, 3 + k] * step, track[i, 6 + k] * step * step
         q1, v1, a1 = track[i + 1, k], track[i + 1, 3 + k] * step, track[i + 1, 6 + k] * step * step
-        c3, c4, c5 = quintic(q0, v0, a0, q1, v1, a1)
+        d = q1 - q0 - v0 - 0.5 * a0
+        dv = v1 - v0 - a0
+        da = a1 - a0
+        c3 = 10.0 * d - 4.0 * dv + 0.5 * da
+        c4 = -15.0 * d + 7.0 * dv - da
+        c5 = 6.0 * d - 3.0 * dv + 0.5 * da
         out[k] = q0 + s * (v0 + s * (0.5 * a0 + s * (c3 + s * (c4 + s * c5))))
 
 
