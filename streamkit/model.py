@@ -104,8 +104,10 @@ def standard_normals(stripping: Stripping, seed: int) -> Array:
 def simulate(setup: Setup, normals: Array) -> Stream:
     """Return the stream of fully bound components, with normals (draws, n) that belong to the particles."""
     host = build_field(list(setup.potentials.values()))
-    orbit = losing_mass(setup, progenitor_track(host, setup))
-    start, tail, release = released(setup, orbit, normals)
+    track = progenitor_track(host, setup)
+    times = release_times(setup.stripping, track)
+    orbit = losing_mass(track, setup.stripping.mass_loss, times)
+    start, tail, release = released(setup, orbit, times, normals)
     field = host
     if setup.stripping.progenitor_gravity:
         field = host.with_followers(build_field([setup.satellite]), orbit)
@@ -130,19 +132,19 @@ def simulate(setup: Setup, normals: Array) -> Stream:
     )
 
 
-def released(setup: Setup, orbit: Orbit, normals: Array) -> tuple[Orbit, IntArray, Release]:
+def released(setup: Setup, orbit: Orbit, times: Array, normals: Array) -> tuple[Orbit, IntArray, Release]:
     """Return the progenitor at the release times (n,), the Lagrange points (n,) and states of all particles.
 
     Raises
     ------
     ComponentError
-        If the stripping scheme fails, or returns other shapes, times or numbers than it should.
+        If the stripping scheme fails, or returns other shapes or numbers than it should.
     """
     scheme, n = setup.stripping, setup.stripping.particles
     name = f"stripping {scheme.kind}"
     with blamed(name):
         tail = np.where(np.arange(n) % 2 == 0, LEADING, TRAILING)
-        start = orbit.at(release_times(scheme, orbit))
+        start = orbit.at(times)
         release = scheme.release(start, tail, setup.mass * start.mass_left, normals)
         for what, values in (("q", release.q), ("v", release.v)):
             if np.shape(values) != (3, n):
@@ -171,15 +173,14 @@ def release_times(scheme: Stripping, orbit: Orbit) -> Array:
     return times
 
 
-def losing_mass(setup: Setup, orbit: Orbit) -> Orbit:
+def losing_mass(orbit: Orbit, loss: float, times: Array) -> Orbit:
     """Return the orbit with the mass that the progenitor has left, and the tidal radius of that mass.
 
-    It goes with the particles: all of them together carry `mass_loss`.
+    It goes with the particles, released at ``times`` (n,): all of them together carry the fraction ``loss``.
     """
-    loss = setup.stripping.mass_loss
     if loss == 0:
         return orbit
-    pairs = release_times(setup.stripping, orbit)[::2]
+    pairs = times[::2]
     gone = np.interp(orbit.t, [*pairs, orbit.t[-1]], np.linspace(0.0, 1.0, len(pairs) + 1))
     left = 1.0 - loss * gone
     return replace(orbit, r_tidal=orbit.r_tidal * np.cbrt(left), mass_left=left)

@@ -87,15 +87,7 @@ def fit_arm(angle: Array, r: Array, number: Array, guide: float) -> ArmFit | str
     p, centre = fitted, float(fitted[1])
     one, first, second = _cells(angle, grid, number**2, number**2 * r, (number * r) ** 2)
     variance = _variance(grid, count, one, first, second, _window(grid - centre), p)
-    shown = count > 0.2
-    curve = centre + np.linspace(-WINDOW, WINDOW, 81)
-    return ArmFit(
-        angle=centre,
-        radius=float(p[0]),
-        variance=variance,
-        track=(grid[shown], smooth[shown]),
-        curve=(curve, _gaussian(curve, p)[0]),
-    )
+    return _found(p, variance, grid, smooth, count)
 
 
 def fit_turning(angle: Array, r: Array, number: Array, guide: float) -> ArmFit | str:
@@ -133,13 +125,19 @@ def fit_turning(angle: Array, r: Array, number: Array, guide: float) -> ArmFit |
     grid = centre + np.arange(-WINDOW, WINDOW + CELL, CELL)
     inside = np.abs(angle - centre) < WINDOW
     count, total = map(_convolve, _cells(angle[inside], grid, share[inside], (share * r)[inside]))
+    variance = float(covariance[0, 0]), float(covariance[1, 1])
+    return _found(q, variance, grid, total / np.maximum(count, 1e-12), count)
+
+
+def _found(q: Array, variance: tuple[float, float], grid: Array, track: Array, count: Array) -> ArmFit:
+    """Return the fit q = (A, m, ln s), and for plots the track where there are particles, and the curve."""
     shown = count > 0.2
-    curve = centre + np.linspace(-WINDOW, WINDOW, 81)
+    curve = q[1] + np.linspace(-WINDOW, WINDOW, 81)
     return ArmFit(
-        angle=centre,
+        angle=float(q[1]),
         radius=float(q[0]),
-        variance=(float(covariance[0, 0]), float(covariance[1, 1])),
-        track=(grid[shown], total[shown] / count[shown]),
+        variance=variance,
+        track=(grid[shown], track[shown]),
         curve=(curve, _gaussian(curve, q)[0]),
     )
 
@@ -156,7 +154,7 @@ def _alike(angle: Array, number: Array, guide: float) -> Array:
 def _from_beyond(angle: Array, r: Array, number: Array, guide: float) -> Array | str:
     """A Gaussian at the guide through the particles beyond it, the lower ones where the others have come too."""
     x = (angle - guide) * np.sign(guide)
-    weight = 0.5 * (np.tanh((x - BEYOND[0]) / EDGE) - np.tanh((x - BEYOND[1]) / EDGE)) * number
+    weight = _between(x, *BEYOND) * number
     if weight.sum() < FEWEST_BEYOND:
         return "too few particles beyond the apocentre"
     height = r * np.exp(0.5 * (x / START) ** 2)
@@ -178,7 +176,7 @@ def _ridge(angle: Array, r: Array, number: Array, q: Array) -> Array | str:
             gain *= 0.5
         last = step / limit
         q = q + gain * step
-        if not 0 < q[0] < 1e4 or not np.log(5.0) < q[2] < np.log(1e3):
+        if not _sensible(q):
             return NO_GAUSSIAN
         if np.abs(step / (np.abs(q) + 1)).max() < 1e-7:
             return q
@@ -223,8 +221,12 @@ def _first_guess(grid: Array, smooth: Array, density: Array, guide: float) -> fl
 
 
 def _window(x: Array) -> Array:
-    """1 within the window, 0 outside, with soft edges."""
-    return np.asarray(0.5 * (np.tanh((x + WINDOW) / EDGE) - np.tanh((x - WINDOW) / EDGE)))
+    return _between(x, -WINDOW, WINDOW)
+
+
+def _between(x: Array, low: float, high: float) -> Array:
+    """1 between low and high, 0 outside, with soft edges."""
+    return np.asarray(0.5 * (np.tanh((x - low) / EDGE) - np.tanh((x - high) / EDGE)))
 
 
 def _gaussian(x: Array, q: Array) -> tuple[Array, Array]:
@@ -233,6 +235,11 @@ def _gaussian(x: Array, q: Array) -> tuple[Array, Array]:
     g = np.exp(-0.5 * u * u)
     model = q[0] * g
     return model, np.array([g, model * u * np.exp(-q[2]), model * u * u])
+
+
+def _sensible(q: Array) -> bool:
+    """Whether height and width of the Gaussian q = (A, m, ln s) are those of any apocentre."""
+    return bool(0 < q[0] < 1e4 and np.log(5.0) < q[2] < np.log(1e3))
 
 
 def _fit(grid: Array, count: Array, total: Array, centre: float, height: float) -> Array | str:
@@ -255,7 +262,7 @@ def _fit(grid: Array, count: Array, total: Array, centre: float, height: float) 
         step = np.linalg.solve(normal, slope @ (w * rest))
         step = np.clip(step, (-0.3 * height, -10.0, -0.5), (0.3 * height, 10.0, 0.5))
         trial = q + step
-        if not 0 < trial[0] < 1e4 or not np.log(5.0) < trial[2] < np.log(1e3):
+        if not _sensible(trial):
             return NO_GAUSSIAN
         worse = (w * (mean - _gaussian(grid, trial)[0]) ** 2).sum() > (w * rest**2).sum() * (1 + 1e-9)
         if worse and damping < 1e6:
