@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from streamkit.arguments import FORCE, QUIET, RUN_FILE, SEEDS, SET, WORKERS, directory, load_spec
+from streamkit.arguments import FORCE, INTERRUPTED, QUIET, RUN_FILE, SEEDS, SET, WORKERS, directory, load_spec
 from streamkit.errors import StreamkitError
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 TABLE, TRACKS, RUN = "ablation.ecsv", "tracks.ecsv", "ablation.toml"
 PICTURES = ("bow_tie", "phase_space", "crossings", "unwrapped", "epochs", "along")
 PRODUCTS = (TABLE, TRACKS, RUN, *(f"{name}.png" for name in PICTURES))
-INTERRUPTED = 130
 
 
 @click.command()
@@ -167,7 +166,7 @@ def _write_tables(found: Ablation, out: Path, options: dict[str, Any]) -> None:
     header = {**export.origin(spec), "vary": vary, **options}
     for name, made in ((TABLE, table(found)), (TRACKS, tracks(found))):
         made.meta = header
-        export.save(out / name, lambda part, made=made: made.write(part, format="ascii.ecsv", overwrite=True))  # type: ignore[misc]
+        export.save_table(out / name, made)
     text = spec.toml()
     export.save(out / RUN, lambda part: part.write_text(text))
 
@@ -182,4 +181,4 @@ def _draw(found: Ablation, out: Path) -> None:
     for name in PICTURES:
         draw = getattr(figures, name, None) or getattr(tailfigures, name)
         figure: Figure = draw(portraits)
-        export.save(out / f"{name}.png", lambda part, figure=figure: figure.savefig(part, dpi=200))  # type: ignore[misc]
+        export.save_picture(out / f"{name}.png", figure)

@@ -1,4 +1,4 @@
-"""Arguments that several commands share: the run file, fields set on the command line, seeds and workers."""
+"""What several commands share: the run file, fields set on the command line, seeds, workers; exit statuses."""
 
 from __future__ import annotations
 
@@ -10,6 +10,9 @@ import click
 
 if TYPE_CHECKING:
     from streamkit.spec import Spec
+
+INVALID, INTERRUPTED = 2, 130
+"""Exit statuses of the commands: bad input, and stopped by Ctrl-C."""
 
 RUN_FILE = click.argument("run_file", metavar="RUN.toml", type=click.Path(path_type=Path))
 SET = click.option(

@@ -11,11 +11,9 @@ from typing import Any
 import click
 
 from streamkit.ablate import ablate
-from streamkit.arguments import RUN_FILE, SET, load_spec, read_settings
+from streamkit.arguments import INTERRUPTED, INVALID, RUN_FILE, SET, load_spec, read_settings
 from streamkit.errors import OutOfDomain, StreamkitError, nearest
 from streamkit.sensitivity import sensitivity
-
-INVALID, INTERRUPTED = 2, 130
 
 
 class Commands(click.Group):

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
     from astropy.table import QTable
+    from matplotlib.figure import Figure
 
     from streamkit.phase import Stream
     from streamkit.spec import Spec
@@ -110,6 +111,16 @@ def save(path: Path, writer: Callable[[Path], object]) -> None:
     except OSError as error:
         reason = error.strerror or str(error)
         raise StreamkitError(f"output {str(path)!r}: cannot be written ({reason})") from error
+
+
+def save_table(path: Path, table: QTable) -> None:
+    """Write a table as ECSV, as `save` does."""
+    save(path, lambda part: table.write(part, format="ascii.ecsv", overwrite=True))
+
+
+def save_picture(path: Path, figure: Figure) -> None:
+    """Write a picture, as `save` does."""
+    save(path, lambda part: figure.savefig(part, dpi=200))
 
 
 def provenance(stream: Stream, spec: Spec) -> dict[str, Any]:

@@ -10,6 +10,8 @@ import click
 
 from streamkit.arguments import (
     FORCE,
+    INTERRUPTED,
+    INVALID,
     QUIET,
     RUN_FILE,
     SEEDS,
@@ -26,7 +28,6 @@ if TYPE_CHECKING:
 
 TABLE, SLOPES, PICTURE, RUN = "sensitivity.ecsv", "slopes.ecsv", "sensitivity.png", "sensitivity.toml"
 PRODUCTS = (TABLE, SLOPES, PICTURE, RUN)
-INVALID, INTERRUPTED = 2, 130
 
 
 @click.command()
@@ -118,8 +119,7 @@ def _write(found: Response, out: Path) -> None:
     }
     for name, table in ((TABLE, points(found)), (SLOPES, slopes(found))):
         table.meta = header
-        export.save(out / name, lambda part, table=table: table.write(part, format="ascii.ecsv", overwrite=True))  # type: ignore[misc]
+        export.save_table(out / name, table)
     text = found.spec.toml()
     export.save(out / RUN, lambda part: part.write_text(text))
-    figure = draw(found)
-    export.save(out / PICTURE, lambda part: figure.savefig(part, dpi=200))
+    export.save_picture(out / PICTURE, draw(found))
