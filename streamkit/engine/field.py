@@ -78,6 +78,8 @@ class Field:
     first, step, track
         The progenitor's states (T, 10) at times ``first + k * step``: position, velocity, acceleration and the fraction
         of its mass that is left, by which the forces that follow it are multiplied. Unused without a follower.
+    work, numbers
+        Scratch of the loops: a field advances one set of particles at a time.
     kernels
         Keeps the machine code alive.
     names
@@ -91,6 +93,8 @@ class Field:
     first: float
     step: float
     track: Array
+    work: Array
+    numbers: IntArray
     kernels: tuple[Any, ...]
     names: tuple[str, ...]
 
@@ -179,6 +183,8 @@ def build_field(potentials: Sequence[Potential]) -> Field:
         first=0.0,
         step=1.0,
         track=np.zeros((2, 10)),
+        work=np.empty(loops.WORK),
+        numbers=np.empty(loops.NUMBERS, dtype=np.int64),
         kernels=tuple(built),
         names=tuple(p.kind for p in potentials),
     )
@@ -205,7 +211,8 @@ def _advance(
 ) -> None:
     """Pass the rows of q and v, which the loops want contiguous, in place where they are."""
     rows = [np.ascontiguousarray(row) for row in (*q, *v)]
-    loops.advance(*field._head, *rows, t0, t1, splitting.drift, splitting.kick, eta, most)
+    method = splitting.drift, splitting.kick, eta, most
+    loops.advance(*field._head, *rows, t0, t1, *method, field.work, field.numbers)
     for row, done in zip((*q, *v), rows, strict=True):
         if not np.shares_memory(row, done):
             row[:] = done

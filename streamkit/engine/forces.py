@@ -20,21 +20,28 @@ ROW = BATCH + LANES * (DEEPEST + 1)
 
 
 @intrinsic
-def call_kernel(typing_context, address, n, t, p, q, a):
-    """Call ``void (*)(intp, double*, double*, double*, double*)`` at an integer address, with arrays."""
+def call_kernel(typing_context, address, begin, n, t, p, offset, centre, q, a, fresh):
+    """Call the C function of `kernels.SIGNATURE` at an integer address for n lanes from begin on.
+
+    t, q and a are passed from begin on, p from offset on: as pointers, since a slice of an array counts references.
+    """
 
     def codegen(context, builder, signature, args):
         integer, double = ir.IntType(64), ir.DoubleType().as_pointer()
-        function = ir.FunctionType(ir.VoidType(), [integer, double, double, double, double])
+        function = ir.FunctionType(ir.VoidType(), [integer, *[double] * 5, integer])
         pointer = builder.inttoptr(args[0], function.as_pointer())
-        data = [
-            context.make_array(kind)(context, builder, value).data
-            for kind, value in zip(signature.args[2:], args[2:])  # noqa: B905  numba tuples
-        ]
-        builder.call(pointer, [args[1], *data])
+
+        def data(i, first):
+            array = context.make_array(signature.args[i])(context, builder, args[i])
+            return builder.gep(array.data, [first])
+
+        begin, n, zero = args[1], args[2], ir.Constant(integer, 0)
+        places = data(3, begin), data(4, args[5]), data(6, zero), data(7, begin), data(8, begin)
+        builder.call(pointer, [n, *places, args[9]])
         return context.get_dummy_value()
 
-    return types.void(types.int64, types.intp, t, p, q, a), codegen
+    count = types.intp
+    return types.void(types.int64, count, count, t, p, types.int64, centre, q, a, count), codegen
 
 
 @njit(**INLINE)
@@ -66,32 +73,31 @@ def mass_left_at(t, first, step, track):
 @njit(**OPTIONS)
 def add_forces(address, offset, follows, p, first, step, track, uniform, begin, end, t, x, rel, centre, a):
     """Sum the accelerations of lanes begin to end at x, times t, into a (rows ROW apart); rel is scratch."""
-    for k in range(3):
-        a[k * ROW + begin : k * ROW + end] = 0.0
-    shifted = False
+    n, fresh, shifted = end - begin, 1, False
     for c in range(address.shape[0]):
         if not follows[c]:
             continue
-        if not shifted:
-            shifted = True
-            if uniform:
-                track_at(t[begin], first, step, track, centre)
+        if not uniform and not shifted:
+            for i in range(begin, end):
+                track_at(t[i], first, step, track, centre)
                 for k in range(3):
-                    shift = centre[k]
-                    from_row, to_row = x[k * ROW + begin : k * ROW + end], rel[k * ROW + begin : k * ROW + end]
-                    for i in range(to_row.shape[0]):
-                        to_row[i] = from_row[i] - shift
-            else:
-                for i in range(begin, end):
-                    track_at(t[i], first, step, track, centre)
-                    for k in range(3):
-                        rel[k * ROW + i] = x[k * ROW + i] - centre[k]
-        call_kernel(address[c], end - begin, t[begin:], p[offset[c] :], rel[begin:], a[begin:])
+                    rel[k * ROW + i] = x[k * ROW + i] - centre[k]
+            centre[:] = 0.0
+        elif not shifted:
+            track_at(t[begin], first, step, track, centre)
+        shifted = True
+        call_kernel(address[c], begin, n, t, p, offset[c], centre, x if uniform else rel, a, fresh)
+        fresh = 0
     if shifted and track[track.shape[0] - 1, 9] != 1.0:  # the progenitor loses mass
         for i in range(begin, end):
             left = mass_left_at(t[begin if uniform else i], first, step, track)
             for k in range(3):
                 a[k * ROW + i] *= left
+    centre[:] = 0.0
     for c in range(address.shape[0]):
         if not follows[c]:
-            call_kernel(address[c], end - begin, t[begin:], p[offset[c] :], x[begin:], a[begin:])
+            call_kernel(address[c], begin, n, t, p, offset[c], centre, x, a, fresh)
+            fresh = 0
+    if fresh == 1:  # no force at all
+        for k in range(3):
+            a[k * ROW + begin : k * ROW + end] = 0.0

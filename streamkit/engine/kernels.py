@@ -1,7 +1,8 @@
 """From an elementwise `acceleration` to a C function over a batch, cached on disk by content.
 
-Every force in the hot loop is ``void kernel(n, t[n], p[k], q, a)``, which *adds* to the rows x, y, z of ``a``, ``ROW``
-doubles apart as those of ``q``. The key of its machine code is the content of the author's function: bytecode,
+Every force in the hot loop is ``void kernel(n, t[n], p[k], centre[3], q, a, fresh)``: the acceleration at ``q`` about
+a centre replaces what is in ``a`` if fresh, and is added to it otherwise. The rows x, y, z of both are ``ROW`` doubles
+apart. The key of its machine code is the content of the author's function: bytecode,
 constants and, followed to the end, everything its globals refer to.
 """
 
@@ -29,7 +30,7 @@ from streamkit.engine.forces import ROW
 from streamkit.errors import PluginError
 
 _POINTER = types.CPointer(types.float64)
-SIGNATURE = types.void(types.intp, _POINTER, _POINTER, _POINTER, _POINTER)
+SIGNATURE = types.void(types.intp, *[_POINTER] * 5, types.intp)
 
 
 @functools.cache
@@ -44,16 +45,19 @@ def compiled_kernel(cls: type[Potential]) -> Any:
     count = len(cls.numbers())
     acceleration = njit(forceinline=True, **OPTIONS)(cls.acceleration)
 
-    def kernel(n, t, p, q, a):
+    def kernel(n, t, p, centre, q, a, fresh):
         parameters = to_fixed_tuple(carray(p, (count,)), count)
         times = carray(t, (n,))
         place = carray(q, (3 * ROW,))
         total = carray(a, (3 * ROW,))
+        c = carray(centre, (3,))
+        x, y, z = c[0], c[1], c[2]
         for i in range(n):
-            ax, ay, az = acceleration(place[i], place[ROW + i], place[2 * ROW + i], times[i], *parameters)
-            total[i] += ax
-            total[ROW + i] += ay
-            total[2 * ROW + i] += az
+            dx, dy, dz = place[i] - x, place[ROW + i] - y, place[2 * ROW + i] - z
+            ax, ay, az = acceleration(dx, dy, dz, times[i], *parameters)
+            total[i] = ax if fresh else total[i] + ax
+            total[ROW + i] = ay if fresh else total[ROW + i] + ay
+            total[2 * ROW + i] = az if fresh else total[2 * ROW + i] + az
 
     args, return_type = sigutils.normalize_signature(SIGNATURE)
     cfunc: Any = CFunc(kernel, (args, return_type), locals={}, options=dict(OPTIONS))
@@ -124,7 +128,7 @@ def _describe_code(
     )
 
 
-_CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_ssize_t, *[ctypes.POINTER(ctypes.c_double)] * 4)
+_CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_ssize_t, *[ctypes.POINTER(ctypes.c_double)] * 5, ctypes.c_ssize_t)
 
 
 class NumpyKernel:
@@ -141,12 +145,14 @@ class NumpyKernel:
         self._callback = _CALLBACK(self._call)
         self.address = ctypes.cast(self._callback, ctypes.c_void_p).value
 
-    def _call(self, n: int, t: Any, p: Any, q: Any, a: Any) -> None:
+    def _call(self, n: int, t: Any, p: Any, centre: Any, q: Any, a: Any, fresh: int) -> None:
         total = np.ctypeslib.as_array(a, (3, ROW))[:, :n]
         try:
-            x, y, z = np.ctypeslib.as_array(q, (3, ROW))[:, :n]
+            x, y, z = (np.ctypeslib.as_array(q, (3, ROW))[k, :n] - centre[k] for k in range(3))
             parameters = [p[i] for i in range(self._count)]
-            total += self._acceleration(x, y, z, np.ctypeslib.as_array(t, (n,)), *parameters)
+            found = self._acceleration(x, y, z, np.ctypeslib.as_array(t, (n,)), *parameters)
+            for k in range(3):
+                total[k] = found[k] if fresh else total[k] + found[k]
         except Exception as error:
             self.error = self.error or error
             total[:] = np.nan

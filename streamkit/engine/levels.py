@@ -128,11 +128,12 @@ def rates(
                     track_at(t[i] + 0.5 * k * span[i], first, step, track, centre)
                     path[3 * k : 3 * k + 3] = centre
                 nearest(i, i + lanes, x, u, initial, span, path, near)
-        for k in range(3):
-            a[k * ROW : k * ROW + m] = 0.0
+        centre[:] = 0.0
+        fresh = 1
         for c in range(address.shape[0]):
             if follows[c] == moving:
-                call_kernel(address[c], m, t, p[offset[c] :], near, a)
+                call_kernel(address[c], 0, m, t, p, offset[c], centre, near, a, fresh)
+                fresh = 0
         a0, a1, a2 = a[:m], a[ROW : ROW + m], a[2 * ROW : 2 * ROW + m]
         d0, d1, d2 = near[:m], near[ROW : ROW + m], near[2 * ROW : 2 * ROW + m]
         scale = eta[turn] ** -4

@@ -12,6 +12,9 @@ from streamkit.engine.cache import INLINE, cached
 from streamkit.engine.forces import BATCH, DEEPEST, LANES, ROW, add_forces
 from streamkit.engine.levels import alike, choose, give_back, place, rates, scatter, take
 
+WORK, NUMBERS = 26 * ROW, 2 * ROW
+"""Doubles and integers of scratch that `advance` needs. Its caller keeps them: to allocate costs as much as to use."""
+
 LOOK_AGAIN, PARTS = 3, 4
 """Particles of higher levels choose their steps anew in every one of these parts of a block."""
 
@@ -75,22 +78,22 @@ def compose(
                 t_i[i] += c * h_i[i]
 
 
-@cached(_N(*_HEAD, *_STATE, _I1, _F1, _F1, _F1, _F1, _F1, _N, _N, _I1))
+@cached(_N(*_HEAD, *_STATE, _I1, _F1, _F1, _F1, _F1, _F1, _N, _N, _I1, _F1, _I1))
 def sweep(
     address, offset, follows, p, first, step, track, q0, q1, q2, v0, v1, v2, index, t0, t1, drift, kick, eta, most,
-    limit, later,
+    limit, later, work, numbers,
 ):  # fmt: skip
     """Compositions of drifts and kicks, in place, of the particles index (n,) from their t0 to their t1.
 
     With eta (2,) zero all take ``most`` steps. Otherwise each takes the power of two, up to 2^most, that its dynamical
     time asks for; those beyond the level ``limit`` are left where they are and put into ``later`` (n,), and their
     number is returned. Particles of a level march together, padded to whole vectors with copies whose results
-    are dropped.
+    are dropped. work and numbers are scratch.
     """
-    x, u, xs, us = np.empty(3 * ROW), np.empty(3 * ROW), np.empty(3 * ROW), np.empty(3 * ROW)
-    a, rel, force, centre, path = np.empty(3 * ROW), np.empty(3 * ROW), np.empty(3 * ROW), np.empty(3), np.empty(9)
-    t, span, ts, hs, rate = np.empty(ROW), np.empty(ROW), np.empty(ROW), np.empty(ROW), np.empty(ROW)
-    level, slot, kept = np.zeros(ROW, np.int64), np.empty(ROW, np.int64), 0
+    x, u, xs, us = work, work[3 * ROW :], work[6 * ROW :], work[9 * ROW :]
+    a, rel, force, centre, path = work[12 * ROW :], work[15 * ROW :], work[18 * ROW :], np.empty(3), np.empty(9)
+    t, span, ts, hs = work[21 * ROW :], work[22 * ROW :], work[23 * ROW :], work[24 * ROW :]
+    rate, level, slot, kept = work[25 * ROW :], numbers, numbers[ROW:], 0
     x0, x1, x2, u0, u1, u2 = x, x[ROW:], x[2 * ROW :], u, u[ROW:], u[2 * ROW :]
     xs0, xs1, xs2, us0, us1, us2 = xs, xs[ROW:], xs[2 * ROW :], us, us[ROW:], us[2 * ROW :]
     start, size = np.empty(DEEPEST + 1, np.int64), np.empty(DEEPEST + 1, np.int64)
@@ -112,6 +115,8 @@ def sweep(
                 centre, path, rate,
             )  # fmt: skip
             choose(m, rate, span, most, level)
+        else:
+            level[:m] = 0
         place(m, level, limit, start, size, slot)
         for i in range(m):
             if slot[i] < 0:
@@ -143,9 +148,10 @@ def sweep(
     return kept
 
 
-@cached(types.void(*_HEAD, *_STATE, _F1, _F, _F1, _F1, _F1, _N))
+@cached(types.void(*_HEAD, *_STATE, _F1, _F, _F1, _F1, _F1, _N, _F1, _I1))
 def advance(
-    address, offset, follows, p, first, step, track, q0, q1, q2, v0, v1, v2, t0, t1, drift, kick, eta, most
+    address, offset, follows, p, first, step, track, q0, q1, q2, v0, v1, v2, t0, t1, drift, kick, eta, most, work,
+    numbers,
 ):  # fmt: skip
     """Advance all particles, in place, from t0 (n,) to t1, in ``most`` equal steps (eta (2,) zero) or adaptively.
 
@@ -158,7 +164,7 @@ def advance(
     limit = np.int64(0) if eta[0] == 0.0 else min(LOOK_AGAIN, most)
     kept = sweep(
         address, offset, follows, p, first, step, track, q0, q1, q2, v0, v1, v2, every, t0, ends, drift, kick, eta,
-        most, limit, later,
+        most, limit, later, work, numbers,
     )  # fmt: skip
     near = later[:kept].copy()
     if kept == 0:
@@ -168,7 +174,7 @@ def advance(
             ends[i] = t1 if part == PARTS - 1 else t0[i] + (t1 - t0[i]) * (part + 1) / PARTS
         sweep(
             address, offset, follows, p, first, step, track, q0, q1, q2, v0, v1, v2, near, now, ends, drift, kick, eta,
-            max(most - 2, 0), DEEPEST, later,
+            max(most - 2, 0), DEEPEST, later, work, numbers,
         )  # fmt: skip
         for i in near:
             now[i] = ends[i]

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import types
 
 from streamkit.engine.cache import cached
 
 _F1, _F2 = types.float64[::1], types.float64[:, ::1]
 _I1, _F, _N = types.int64[::1], types.float64, types.intp
+
+CHUNK = 512
+"""Particles whose distances are computed together."""
 
 
 @cached(types.void(_N, _F1, _F, _F2, _F2, _F1, _F, _F2, _I1, _F2, _F1, _F1, _F1, _F2, _F2))
@@ -38,16 +42,22 @@ def record(n, t0, t1, q, v, state, r_tidal, plane, revolutions, planar, chi, gap
         planar0[i], planar1[i] = e, f
     for i in range(n):
         chi[i] += (t1 - t0[i]) * (math.sqrt(x[i] * x[i] + y[i] * y[i] + z[i] * z[i]) - r_progenitor)
-    for i in range(n):
-        dx, dy, dz = x[i] - state[0], y[i] - state[1], z[i] - state[2]
-        new, old = math.sqrt(dx * dx + dy * dy + dz * dz) - r_tidal, gap[i]
-        gap[i] = new
-        if new <= 0.0:
-            t_strip[i] = t1
-        elif old <= 0.0:
-            # left during this block: the crossing by linear interpolation of the gap, smooth in the parameters
-            t_strip[i] = t0[i] + (t1 - t0[i]) * (old / (old - new))
-            dq_strip[0, i], dq_strip[1, i], dq_strip[2, i] = dx, dy, dz
-            for k in range(3):
-                dv_strip[k, i] = v[k, i] - state[3 + k]
-        t0[i] = t1
+    px, py, pz, now = state[0], state[1], state[2], np.empty(CHUNK)
+    for begin in range(0, n, CHUNK):
+        end = min(begin + CHUNK, n)
+        xs, ys, zs = x[begin:end], y[begin:end], z[begin:end]
+        for i in range(end - begin):  # without branches: vectors
+            dx, dy, dz = xs[i] - px, ys[i] - py, zs[i] - pz
+            now[i] = math.sqrt(dx * dx + dy * dy + dz * dz) - r_tidal
+        for i in range(begin, end):
+            new, old = now[i - begin], gap[i]
+            gap[i] = new
+            if new <= 0.0:
+                t_strip[i] = t1
+            elif old <= 0.0:
+                # left during this block: the crossing by linear interpolation of the gap, smooth in the parameters
+                t_strip[i] = t0[i] + (t1 - t0[i]) * (old / (old - new))
+                for k in range(3):
+                    dq_strip[k, i] = q[k, i] - state[k]
+                    dv_strip[k, i] = v[k, i] - state[3 + k]
+            t0[i] = t1
