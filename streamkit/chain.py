@@ -36,6 +36,18 @@ class ChainFile(HDFBackend):  # type: ignore[misc]  # emcee has no types
             for key, value in attributes.items():
                 file.attrs[key] = json.dumps(value) if isinstance(value, dict | list) else value
 
+    def put(self, name: str, shape: tuple[int, ...], index: int, row: Array) -> None:
+        """Store a row of an array of this shape, which is NaN where nothing was stored."""
+        with self.open("a") as file:
+            if name not in file:
+                file.create_dataset(name, shape, dtype=float, fillvalue=np.nan)
+            file[name][index] = row
+
+    def get(self, name: str) -> Array | None:
+        """Return the array of `put`; None if there is none."""
+        with self.open() as file:
+            return np.asarray(file[name][...]) if name in file else None
+
 
 @dataclass(frozen=True)
 class Chain:

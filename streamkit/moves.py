@@ -15,7 +15,7 @@ from streamkit.surrogate import Surrogate
 
 WALK = 25
 """Steps of a walk on the surrogate, per parameter: about the autocorrelation time of differential evolution."""
-SURROGATE_SHARE = 0.7
+SURROGATE_SHARE = 0.85
 """Fraction of the ensemble's steps that are walks on the surrogate; the others do not rely on it."""
 
 LEARNING = (25, 50, 100, 200, 400)

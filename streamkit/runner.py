@@ -101,6 +101,7 @@ def run(
     limits = Limits(
         spec.sampler.steps if steps is None else steps,
         spec.sampler.tau_factor,
+        spec.sampler.r_hat,
         begin + QUICK_SAMPLING if quick else np.inf,
     )
     directory = None if out is None else Path(out)

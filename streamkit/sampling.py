@@ -13,12 +13,13 @@ from emcee.backends import Backend
 from tqdm import tqdm
 
 from streamkit.chain import ChainFile
-from streamkit.diagnostics import autocorrelation_times
+from streamkit.diagnostics import autocorrelation_times, burn_in, split_r_hat
 from streamkit.moves import LEARNING, Space, SurrogateMove, learning_steps, proposals
 from streamkit.phase import Array
 from streamkit.priors import Prior
 from streamkit.start import Search
 from streamkit.surrogate import Data, learn
+from streamkit.trials import Trials
 from streamkit.workers import Workers
 
 CHECK = 100
@@ -33,12 +34,13 @@ NOTES = 5.0
 class Limits:
     """When the sampling ends: at ``steps``, at ``deadline`` (`time.monotonic`), or with a long enough chain.
 
-    Long enough means longer than ``tau_factor`` times the longest autocorrelation time, if that is stable; the steps
-    in which the moves still learn do not count.
+    Long enough means longer than ``tau_factor`` times the longest autocorrelation time, if that is stable, and a split
+    R-hat below ``r_hat`` for every parameter; the steps in which the moves still learn do not count.
     """
 
     steps: int
     tau_factor: float = 50.0
+    r_hat: float = np.inf
     deadline: float = np.inf
 
 
@@ -78,6 +80,12 @@ class Sampling:
     data: Data | None = None
     counts: dict[str, Any] = field(default_factory=lambda: {"calls": 0, "search_calls": 0, "reasons": {}})
     _state: emcee.State | None = None
+    _trials: Trials = field(init=False)
+
+    def __post_init__(self) -> None:
+        m = self.dtype["mean"].shape[0]
+        steps = learning_steps(self.moves)
+        self._trials = Trials(self.pool, steps, self.walkers, len(self.priors), m)
 
     def begin(self, deadline: float = np.inf) -> None:
         """Find starting points and empty the backend. The first step is not taken yet."""
@@ -107,6 +115,8 @@ class Sampling:
         """Go on from the last stored step, with the generator's state stored there: as if never stopped."""
         self.counts = {key: counts.get(key, value) for key, value in self.counts.items()}
         self._state = self.backend.get_last_sample()
+        if isinstance(self.backend, ChainFile):
+            self._trials.load(self.backend)
 
     def advance(self, limits: Limits) -> str:
         """Take steps until a limit is reached; return which: "converged", "steps" or "time".
@@ -123,7 +133,7 @@ class Sampling:
             self.walkers,
             len(self.priors),
             _not_called,
-            pool=self.pool,
+            pool=self._trials,
             moves=moves,
             backend=self.backend,
             blobs_dtype=self.dtype,
@@ -137,6 +147,7 @@ class Sampling:
                     ends = [CHECK * (done // CHECK + 1), limits.steps, *LEARNING]
                     todo = min(end for end in ends if end > done) - done
                     for state in sampler.sample(self._state, iterations=todo):
+                        self._trials.keep(done, self.backend)
                         self._state, done = state, done + 1
                         bar.update()
                         if clock.is_due():
@@ -163,9 +174,13 @@ class Sampling:
             reasons[reason] = reasons.get(reason, 0) + count
         return self.counts | {"calls": self.counts["calls"] + self.pool.calls["full"], "reasons": reasons}
 
+    def _learned(self) -> Array:
+        """(steps, walkers, d) The chain after learning."""
+        return np.asarray(self.backend.get_chain()[learning_steps(self.moves) :])
+
     def _tau(self, leave_out: int = 0) -> float:
         """Return the longest autocorrelation time after learning, without the last ``leave_out`` steps."""
-        chain = self.backend.get_chain()[learning_steps(self.moves) :]
+        chain = self._learned()
         return float(np.max(autocorrelation_times(chain[: len(chain) - leave_out])))
 
     def _is_long_enough(self, limits: Limits) -> bool:
@@ -173,8 +188,10 @@ class Sampling:
         length = int(self.backend.iteration) - learning_steps(self.moves)
         if length <= CHECK:
             return False
-        tau = self._tau()
-        return bool(length > limits.tau_factor * tau and abs(tau - self._tau(CHECK)) < STABLE * tau)
+        tau, chain = self._tau(), self._learned()
+        if not (length > limits.tau_factor * tau and abs(tau - self._tau(CHECK)) < STABLE * tau):
+            return False
+        return bool(np.isinf(limits.r_hat) or split_r_hat(chain[burn_in(chain) :]).max() < limits.r_hat)
 
     def _learn(self, moves: Sequence[tuple[emcee.moves.Move, float]], done: int) -> None:
         """Give the surrogate moves what the chain knew at the last step of `LEARNING`."""
@@ -182,9 +199,8 @@ class Sampling:
         walks = [move for move, _ in moves if isinstance(move, SurrogateMove)]
         if not (steps and walks and self.data is not None):
             return
-        blobs = self.backend.get_blobs()[:steps].reshape(-1)
-        points = Space(self.priors).to(self.backend.get_chain()[:steps].reshape(-1, len(self.priors)))
-        surrogate = learn(points, blobs["mean"], blobs["variance"], self.data)
+        points, mean, variance = self._trials.until(steps)
+        surrogate = learn(Space(self.priors).to(points), mean, variance, self.data)
         for move in walks:
             move.surrogate = surrogate
 

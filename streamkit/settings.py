@@ -13,11 +13,14 @@ class Sampler(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     walkers: int = Field(
-        default=48, ge=2, description="Number of walkers, at least twice the free parameters."
+        default=32, ge=2, description="Number of walkers, at least twice the free parameters."
     )
     steps: int = Field(default=5000, ge=1, description="Longest chain, in steps per walker.")
     tau_factor: float = Field(
         default=50.0, gt=0, description="Stop when the chain is longer than so many autocorrelation times."
+    )
+    r_hat: float = Field(
+        default=1.02, gt=1, description="Stop only when the split R-hat of every parameter is below this."
     )
     moves: Literal["surrogate", "de", "stretch"] = Field(
         default="surrogate",

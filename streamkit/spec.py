@@ -24,7 +24,7 @@ from streamkit.resolve import Parts, resolve
 from streamkit.settings import Likelihood, Sampler
 from streamkit.units import Unit
 
-NOT_PHYSICS = ("steps", "tau_factor")
+NOT_PHYSICS = ("steps", "tau_factor", "r_hat")
 """Fields of the sampler that a resumed run may change."""
 
 

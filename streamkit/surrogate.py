@@ -1,4 +1,4 @@
-"""A polynomial stand-in for the model, learned from the chain: what the observables are where walkers have been."""
+"""A polynomial stand-in for the model, learned from what the walkers tried: the observables as far as they have been."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from streamkit.phase import Array, IntArray
+from streamkit.phase import Array, BoolArray, IntArray
 
 DEGREES = (3, 2)
 """Polynomials that are tried, if there are enough points for them."""
@@ -49,9 +49,9 @@ class Surrogate:
     variance
         (m,) of the residuals: 1, plus the polynomial's own error on new points, plus the model's noise if added.
     reach
-        Largest |x|^2 of the training points.
+        Largest |x|^2 of the training points near the data.
     points
-        (n, d) the training points themselves.
+        (n, d) those points.
     """
 
     centre: Array
@@ -77,44 +77,56 @@ class Surrogate:
 
 
 def learn(points: Array, mean: Array, variance: Array, data: Data) -> Surrogate | None:
-    """Fit the observables; None if there are too few distinct points.
+    """Fit the observables; None if there are too few points, or if they do not span the space.
 
     Degree and ridge are those of which a fit to the older points predicts the newest best.
 
     Parameters
     ----------
     points
-        (n, d) coordinates, repeated where a walker stood still.
+        (n, d) coordinates at which the model was evaluated, the oldest first.
     mean, variance
         (n, m) what the model predicts there, and the variance of that estimate.
     data
         The m data.
     """
-    _, first = np.unique(points, axis=0, return_index=True)
-    first = np.sort(first)[-MAX_POINTS:]
     used = np.isfinite(data.values)
-    y, sigma = points[first], data.errors[used]
-    residual = (mean[first][:, used] - data.values[used]) / sigma
+    y, sigma = points[-MAX_POINTS:], data.errors[used]
+    residual = (mean[-MAX_POINTS:, used] - data.values[used]) / sigma
+    weight = 1 / (1 + np.sum(residual**2, axis=1) / NEAR**2)
     n, d = y.shape
     degrees = [k for k in DEGREES if POINTS_PER_TERM * _count(d, k) <= n and _count(d, k) <= MAX_TERMS]
+    choices = [(degree, ridge) for degree in degrees for ridge in RIDGES]
+    if not choices:
+        return None
     try:
-        # half a standard deviation: the powers stay of order one
-        whiten = np.asarray(0.5 * np.linalg.inv(np.linalg.cholesky(np.atleast_2d(np.cov(y.T)))).T, dtype=float)
-        centre = np.asarray(y.mean(axis=0), dtype=float)
+        centre, whiten = _whitening(y, weight)
         x = (y - centre) @ whiten
-        weight = 1 / (1 + np.sum(residual**2, axis=1) / NEAR**2)
-        choices = [(degree, ridge) for degree in degrees for ridge in RIDGES]
         own = [_error(_terms(x, degree), residual, weight, ridge) for degree, ridge in choices]
-        if not choices:
-            return None
         best = int(np.argmin([value.sum() for value in own]))
         degree, ridge = choices[best]
         coefficients = _fit(_terms(x, degree), residual, weight, ridge)
     except LinAlgError:  # walkers that hardly moved
         return None
-    noise = np.median(variance[first][:, used], axis=0) / sigma**2 * data.add_noise
-    reach = float(np.max(np.sum(x**2, axis=1)))
-    return Surrogate(centre, whiten, degree, coefficients, 1.0 + own[best] + noise, reach, y)
+    noise = np.median(variance[-MAX_POINTS:, used], axis=0) / sigma**2 * data.add_noise
+    near = _near(weight)
+    reach = float(np.max(np.sum(x[near] ** 2, axis=1)))
+    return Surrogate(centre, whiten, degree, coefficients, 1.0 + own[best] + noise, reach, y[near])
+
+
+def _whitening(y: Array, weight: Array) -> tuple[Array, Array]:
+    """(d,) and (d, d) Centre and matrix of x = (y - centre) @ matrix: half a standard deviation is 1.
+
+    The powers of x then stay of order one.
+    """
+    covariance = np.atleast_2d(np.cov(y.T, aweights=weight))
+    centre = np.asarray(np.average(y, axis=0, weights=weight), dtype=float)
+    return centre, np.asarray(0.5 * np.linalg.inv(np.linalg.cholesky(covariance)).T, dtype=float)
+
+
+def _near(weight: Array) -> BoolArray:
+    """(n,) The points near the data, or the nearer half of all."""
+    return np.asarray(weight >= min(0.5, float(np.median(weight))))
 
 
 def _fit(terms: Array, residual: Array, weight: Array, ridge: float) -> Array:
@@ -129,7 +141,7 @@ def _error(terms: Array, residual: Array, weight: Array, ridge: float) -> Array:
     """(m,) Variance about a fit to the older points, at the newest points near the data."""
     old = int((1 - HELD_OUT) * len(terms))
     coefficients = _fit(terms[:old], residual[:old], weight[:old], ridge)
-    near = weight[old:] >= min(0.5, float(np.median(weight[old:])))
+    near = _near(weight[old:])
     # the median of chi^2 with one degree of freedom is 0.455: a variance that outliers leave alone
     return np.asarray(np.median((residual - terms @ coefficients)[old:][near] ** 2, axis=0) / 0.455)
 

@@ -7,12 +7,11 @@ import os
 import signal
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any, Protocol
 
-import numpy as np
 
 from streamkit.errors import StreamkitError
 from streamkit.phase import Array
@@ -39,7 +38,7 @@ class Stopped(Exception):  # noqa: N818  a request, not a fault
 class Workers:
     """Evaluates one of several posteriors ("full", "cheap") on many points, in this or in other processes.
 
-    Use as a context manager. Given to emcee as ``pool``, for its method `map`.
+    Use as a context manager.
 
     Attributes
     ----------
@@ -67,10 +66,6 @@ class Workers:
     def __exit__(self, *_: object) -> None:
         if self._executor is not None:
             self._executor.shutdown(wait=True, cancel_futures=True)
-
-    def map(self, _function: Callable[..., Any], points: Iterable[Array]) -> list[Row]:
-        """Evaluate the full posterior: what emcee calls. Its function is not sent: workers hold it."""
-        return [result.row() for result in self.evaluate(np.array(list(points)))]
 
     def evaluate(self, points: Array, which: str = "full") -> list[Evaluation]:
         """Evaluate at points (n, d), in order.

@@ -15,6 +15,7 @@ from streamkit.moves import LEARNING, Space, SurrogateMove, proposals
 from streamkit.priors import LogUniform, Normal, TruncatedNormal, Uniform
 from streamkit.sampling import Limits
 from streamkit.surrogate import Data, learn
+from streamkit.trials import Trials
 from streamkit.workers import Workers
 
 PRIORS = (Uniform(0, 1), Uniform(-1, 1), Normal(1, 2), LogUniform(0.1, 10), TruncatedNormal(0, 1, -0.5, math.inf))
@@ -116,7 +117,6 @@ def test_too_little_to_learn_from():
     y = np.random.default_rng(2).standard_normal((60, 3))
     data = Data(np.zeros(1), np.ones(1))
     assert learn(y[:12], y[:12, :1], y[:12, :1], data) is None
-    assert learn(np.repeat(y[:6], 10, axis=0), y[:, :1], y[:, :1], data) is None
     still = y * [1, 1, 0]
     assert learn(still, still[:, :1], still[:, :1], data) is None
 
@@ -132,6 +132,23 @@ def test_walks_on_the_surrogate_save_calls_and_keep_the_answer():
     expected = np.average(np.column_stack([grid, grid**2]), axis=0, weights=weight)
     check_moments(np.concatenate([kept, kept**2], axis=2), expected, 0.06)
     assert autocorrelation_times(kept).max() < 0.5 * autocorrelation_times(usual).max()
+
+
+def test_refused_proposals_are_learned_from_and_those_without_an_observable_are_not(tmp_path):
+    """Every call inside the prior is kept, in its order, with what the model says there."""
+    file = chain.ChainFile(str(tmp_path / "chain.h5"))
+    run, _ = banana_run(file, Limits(30), "surrogate")
+    pool = Workers({"full": Banana()})
+    kept = Trials(pool, LEARNING[-1], 16, 3, 2)
+    kept.load(file)
+    points, mean, variance = kept.until(30)
+    inside = run.totals()["calls"] - run.totals()["reasons"].get("outside the prior", 0)
+    assert len(points) == inside > 1.2 * len(np.unique(file.get_chain(flat=True), axis=0))
+    np.testing.assert_array_equal(mean, [Banana().mean(point) for point in points])
+    assert not variance.any()
+    accepted = {tuple(point) for point in file.get_chain()[1:].reshape(-1, 3)}
+    assert accepted <= {tuple(point) for point in points} | {tuple(point) for point in file.get_chain()[0]}
+    assert [len(part) for part in kept.until(0)] == [0, 0, 0]
 
 
 @pytest.mark.parametrize("stop", [17, 60])

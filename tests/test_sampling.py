@@ -14,7 +14,7 @@ from streamkit.diagnostics import autocorrelation_times, burn_in, split_r_hat, s
 from streamkit.moves import proposals
 from streamkit.posterior import Evaluation
 from streamkit.priors import Uniform
-from streamkit.sampling import Limits
+from streamkit.sampling import CHECK, Limits
 from streamkit.start import Search
 from streamkit.workers import Workers
 
@@ -48,6 +48,16 @@ def test_it_stops_when_the_chain_is_long_enough():
     _, status = toy_chain(backend, Limits(20000, tau_factor=20))
     assert status == "converged"
     assert backend.iteration > 20 * autocorrelation_times(backend.get_chain()).max()
+
+
+def test_it_goes_on_until_the_walkers_agree():
+    backend = Backend()
+    _, status = toy_chain(backend, Limits(20000, tau_factor=5, r_hat=1.01))
+    assert status == "converged"
+    kept = [backend.get_chain()[:length] for length in (backend.iteration - CHECK, backend.iteration)]
+    before, after = (split_r_hat(part[burn_in(part) :]).max() for part in kept)
+    assert after < 1.01 <= before
+    assert backend.iteration > 10 * autocorrelation_times(backend.get_chain()).max()
 
 
 def test_every_rejection_is_counted_and_no_walker_stands_on_one():
