@@ -1,4 +1,4 @@
-"""A polynomial stand-in for the model, learned from what the walkers tried: the observables as far as they have been."""
+"""A polynomial stand-in for the model, learned from what the walkers tried: what the observables are there."""
 
 from __future__ import annotations
 

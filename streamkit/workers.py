@@ -12,7 +12,6 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any, Protocol
 
-
 from streamkit.errors import StreamkitError
 from streamkit.phase import Array
 from streamkit.posterior import Evaluation
