@@ -200,7 +200,10 @@ class Sampling:
         if not (steps and walks and self.data is not None):
             return
         points, mean, variance = self._trials.until(steps)
-        surrogate = learn(Space(self.priors).to(points), mean, variance, self.data)
+        space = Space(self.priors)
+        y = space.to(points)
+        inside = np.isfinite(space.ln_prior(y))
+        surrogate = learn(y[inside], mean[inside], variance[inside], self.data)
         for move in walks:
             move.surrogate = surrogate
 

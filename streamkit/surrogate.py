@@ -23,6 +23,14 @@ MAX_TERMS = 1000
 MAX_POINTS = 20000
 FREEDOM = 8.0
 """Degrees of freedom of the surrogate's likelihood."""
+REACH = 2.0
+"""How far out the fit is trusted, in |x|^2 of the farthest point near the data: walkers go on into the tails."""
+LEAST, WILD = 0.25, 25.0
+"""Least and largest square of a polynomial's error, in units of the typical one."""
+SMOOTH = 1e-2
+"""Ridge penalty of the fit of these squares."""
+UNLIKELY = 0.01
+"""Least probability of an observable: that the fit of it is never trusted to the end."""
 NEAR = 3.0
 """Points with residuals of so many standard errors count half in the fit."""
 
@@ -47,11 +55,15 @@ class Surrogate:
     coefficients
         (terms, m).
     variance
-        (m,) of the residuals: 1, plus the polynomial's own error on new points, plus the model's noise if added.
+        (m,) of the data, in units of their own: 1, plus the model's noise if added.
+    spread, least
+        (quadratic terms, m) coefficients of the square of the polynomial's own error, and (m,) the least it is.
     reach
-        Largest |x|^2 of the training points near the data.
+        Largest |x|^2 at which the polynomials are trusted.
     points
-        (n, d) those points.
+        (n, d) training points near the data.
+    exists
+        (terms,) coefficients of the probability that there is an observable at all.
     """
 
     centre: Array
@@ -59,21 +71,28 @@ class Surrogate:
     degree: int
     coefficients: Array
     variance: Array
+    spread: Array
+    least: Array
     reach: float
     points: Array
+    exists: Array
 
     def ln_likelihood(self, y: Array) -> Array:
-        """(n,) ln likelihood at coordinates y (n, d), less what grows outside the training points.
+        """(n,) ln likelihood at coordinates y (n, d), times the probability that there is an observable at all.
 
-        Student's t in place of the Gaussian: where the polynomial errs, and the surrogate is far too low, a walker
-        would stay for good. Outside the training points a polynomial says nothing; the penalty keeps walks on the
-        surrogate from getting lost.
+        Wider where the polynomial errs more, and Student's t in place of the Gaussian: where the surrogate is far too
+        low, a walker would stay for good. Far outside the training points a polynomial says nothing; a penalty keeps
+        walks on the surrogate from getting lost there.
         """
         x = (y - self.centre) @ self.whiten
-        chi2 = np.sum((_terms(x, self.degree) @ self.coefficients) ** 2 / self.variance, axis=1)
+        terms = _terms(x, self.degree)
+        error2 = np.maximum(terms[:, : len(self.spread)] @ self.spread, self.least)
+        variance = self.variance + error2
+        chi2 = np.sum((terms @ self.coefficients) ** 2 / variance, axis=1)
+        exists = np.log(np.clip(terms @ self.exists, UNLIKELY, 1.0))
         outside = np.maximum(np.sum(x**2, axis=1) / self.reach - 1.0, 0.0)
-        tail = 0.5 * (FREEDOM + len(self.variance)) * np.log1p(chi2 / FREEDOM)
-        return np.asarray(-tail - 0.5 * x.shape[1] * outside)
+        tail = 0.5 * (FREEDOM + len(self.variance)) * np.log1p(chi2 / FREEDOM) + 0.5 * np.log(variance).sum(axis=1)
+        return np.asarray(exists - tail - 0.5 * x.shape[1] * outside)
 
 
 def learn(points: Array, mean: Array, variance: Array, data: Data) -> Surrogate | None:
@@ -86,13 +105,15 @@ def learn(points: Array, mean: Array, variance: Array, data: Data) -> Surrogate 
     points
         (n, d) coordinates at which the model was evaluated, the oldest first.
     mean, variance
-        (n, m) what the model predicts there, and the variance of that estimate.
+        (n, m) what the model predicts there, and the variance of that estimate; NaN where there is no observable.
     data
         The m data.
     """
     used = np.isfinite(data.values)
-    y, sigma = points[-MAX_POINTS:], data.errors[used]
-    residual = (mean[-MAX_POINTS:, used] - data.values[used]) / sigma
+    points, mean, variance = points[-MAX_POINTS:], mean[-MAX_POINTS:, used], variance[-MAX_POINTS:, used]
+    there: BoolArray = np.asarray(np.isfinite(mean).all(axis=1), dtype=bool)
+    y, sigma = points[there], data.errors[used]
+    residual = (mean[there] - data.values[used]) / sigma
     weight = 1 / (1 + np.sum(residual**2, axis=1) / NEAR**2)
     n, d = y.shape
     degrees = [k for k in DEGREES if POINTS_PER_TERM * _count(d, k) <= n and _count(d, k) <= MAX_TERMS]
@@ -105,13 +126,20 @@ def learn(points: Array, mean: Array, variance: Array, data: Data) -> Surrogate 
         own = [_error(_terms(x, degree), residual, weight, ridge) for degree, ridge in choices]
         best = int(np.argmin([value.sum() for value in own]))
         degree, ridge = choices[best]
-        coefficients = _fit(_terms(x, degree), residual, weight, ridge)
+        terms = _terms(x, degree)
+        coefficients = _fit(terms, residual, weight, ridge)
+        spread = _spread(terms[:, : _count(d, 2)], residual - terms @ coefficients, weight, own[best])
+        # Points without an observable count as much as a typical one of the others.
+        full = np.full(len(points), np.median(weight))
+        full[there] = weight
+        exists = _fit(_terms((points - centre) @ whiten, degree), there[:, None].astype(float), full, ridge)[:, 0]
     except LinAlgError:  # walkers that hardly moved
         return None
-    noise = np.median(variance[-MAX_POINTS:, used], axis=0) / sigma**2 * data.add_noise
+    noise = np.median(variance[there], axis=0) / sigma**2 * data.add_noise
     near = _near(weight)
-    reach = float(np.max(np.sum(x[near] ** 2, axis=1)))
-    return Surrogate(centre, whiten, degree, coefficients, 1.0 + own[best] + noise, reach, y[near])
+    reach = REACH * float(np.max(np.sum(x[near] ** 2, axis=1)))
+    least = LEAST * own[best]
+    return Surrogate(centre, whiten, degree, coefficients, 1.0 + noise, spread, least, reach, y[near], exists)
 
 
 def _whitening(y: Array, weight: Array) -> tuple[Array, Array]:
@@ -126,7 +154,18 @@ def _whitening(y: Array, weight: Array) -> tuple[Array, Array]:
 
 def _near(weight: Array) -> BoolArray:
     """(n,) The points near the data, or the nearer half of all."""
-    return np.asarray(weight >= min(0.5, float(np.median(weight))))
+    return np.asarray(weight >= min(0.5, float(np.median(weight))), dtype=bool)
+
+
+def _spread(terms: Array, left: Array, weight: Array, own: Array) -> Array:
+    """(terms, m) The squares of what a fit left over (n, m), as a fit, on the scale of its error on new points (m,)."""
+    scale = own / np.maximum(_robust(left[_near(weight)]), 1e-12)
+    return _fit(terms, np.minimum(left**2 * scale, WILD * own), weight, SMOOTH)
+
+
+def _robust(left: Array) -> Array:
+    """(m,) Variance from the median: that of chi^2 with one degree of freedom is 0.455. Outliers leave it alone."""
+    return np.asarray(np.median(left**2, axis=0) / 0.455)
 
 
 def _fit(terms: Array, residual: Array, weight: Array, ridge: float) -> Array:
@@ -142,8 +181,7 @@ def _error(terms: Array, residual: Array, weight: Array, ridge: float) -> Array:
     old = int((1 - HELD_OUT) * len(terms))
     coefficients = _fit(terms[:old], residual[:old], weight[:old], ridge)
     near = _near(weight[old:])
-    # the median of chi^2 with one degree of freedom is 0.455: a variance that outliers leave alone
-    return np.asarray(np.median((residual - terms @ coefficients)[old:][near] ** 2, axis=0) / 0.455)
+    return _robust((residual - terms @ coefficients)[old:][near])
 
 
 def _terms(x: Array, degree: int) -> Array:

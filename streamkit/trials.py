@@ -58,7 +58,10 @@ class Trials:
             self._table[:] = kept
 
     def until(self, step: int) -> tuple[Array, Array, Array]:
-        """Return the points (n, d) tried before a step, the means (n, m) and their variances (n, m) found there."""
+        """Return the points (n, d) tried before a step, the means (n, m) and their variances (n, m) found there.
+
+        Outside the prior, and where there is no stream or no observable, these are NaN.
+        """
         rows = self._table[:step].reshape(-1, self._table.shape[2])
-        rows = rows[np.isfinite(rows).all(axis=1)]
+        rows = rows[np.isfinite(rows[:, : self._d]).all(axis=1)]
         return rows[:, : self._d], rows[:, self._d : self._d + self._m], rows[:, self._d + self._m :]
