@@ -36,6 +36,11 @@ def orbit_warnings(spec: Spec, setup: Setup, path: Course) -> list[str]:
             f"The look-back time, {setup.lookback:.3g} Gyr, is shorter than the radial period, "
             f"{path.period:.3g} Gyr: the arms have not grown. Raise progenitor.lookback."
         )
+    if setup.lookback > HORIZON:
+        found.append(
+            f"The look-back time, {setup.lookback:.3g} Gyr, exceeds the age of the Universe, {HORIZON:g} Gyr. "
+            "Lower progenitor.lookback."
+        )
     rule = getattr(setup.observable, "recent_debris", "")
     needed = APOCENTRES_NEEDED.get(rule, 0)
     if path.completed < needed:
@@ -113,10 +118,10 @@ def sampler_warnings(spec: Spec) -> list[str]:
     if walkers < 2 * d + 2:
         return [
             f"sampler.walkers = {walkers} is too few for {d} free parameters: the sampler needs at least "
-            f"{2 * d} and moves badly below {2 * d + 2}. Use {4 * d} or more."
+            f"{2 * d} and moves badly below {2 * d + 2}. Use {3 * d} or more."
         ]
-    if walkers < 4 * d:
-        return [f"sampler.walkers = {walkers} is few for {d} free parameters: {4 * d} or more mix better."]
+    if walkers < 2.5 * d:
+        return [f"sampler.walkers = {walkers} is few for {d} free parameters: {3 * d} or more mix better."]
     return []
 
 

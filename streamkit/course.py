@@ -59,7 +59,7 @@ def course(setup: Setup) -> Course:
             break
         reach = min(2 * reach, HORIZON)
     try:
-        track = progenitor_track(host, setup)
+        track, _ = progenitor_track(host, setup)
         completed = len(track.apocentres())
         r_tidal = float(track.r_tidal.min()), float(track.r_tidal.max())
     except OutOfDomain:

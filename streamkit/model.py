@@ -104,9 +104,7 @@ def standard_normals(stripping: Stripping, seed: int) -> Array:
 def simulate(setup: Setup, normals: Array) -> Stream:
     """Return the stream of fully bound components, with normals (draws, n) that belong to the particles."""
     host = build_field(list(setup.potentials.values()))
-    track = progenitor_track(host, setup)
-    times = release_times(setup.stripping, track)
-    orbit = losing_mass(track, setup.stripping.mass_loss, times)
+    orbit, times = progenitor_track(host, setup)
     start, tail, release = released(setup, orbit, times, normals)
     field = host
     if setup.stripping.progenitor_gravity:
@@ -213,15 +211,18 @@ def measure(observable: Observable, stream: Stream) -> Prediction:
     return prediction
 
 
-def progenitor_track(host: Field, setup: Setup) -> Orbit:
-    """Integrate the progenitor back over the look-back time in the host alone, with its tidal radius.
+def progenitor_track(host: Field, setup: Setup) -> tuple[Orbit, Array]:
+    """Return the progenitor over the look-back time in the host alone, and when it releases its particles (n,).
 
+    With the mass that it has left, and the tidal radius of that mass:
     r_t = [G M / (Omega^2 - d^2 Phi / dr^2)]^(1/3), Omega = |L| / r^2 instantaneous (Gibbons+ 2014, eq. 1).
 
     Raises
     ------
     OutOfDomain
         If there is no such orbit, no such radius, or no orbital plane.
+    ComponentError
+        As `release_times`.
     """
     with np.errstate(all="ignore"):  # what is not finite is found below, and has a reason of its own
         orbit = host.orbit(setup.q, setup.v, 0.0, -setup.lookback * GYR, NODE)
@@ -234,7 +235,9 @@ def progenitor_track(host: Field, setup: Setup) -> Orbit:
         r_tidal = tidal_radius(host, orbit, setup.mass)
     if np.isnan(r_tidal).any():
         raise OutOfDomain("the progenitor has no tidal radius somewhere on its track (Omega^2 <= d2Phi/dr2)")
-    return Orbit(orbit.t, orbit.q, orbit.v, orbit.a, r_tidal)
+    track = Orbit(orbit.t, orbit.q, orbit.v, orbit.a, r_tidal)
+    times = release_times(setup.stripping, track)
+    return losing_mass(track, setup.stripping.mass_loss, times), times
 
 
 def _not_finite(setup: Setup) -> str:

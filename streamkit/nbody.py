@@ -46,7 +46,7 @@ def to_stream(snapshot: Snapshot, setup: Setup) -> Stream:
         If the snapshot cannot be this progenitor's: other units, another place, another velocity.
     """
     host = build_field(list(setup.potentials.values()))
-    model_track = progenitor_track(host, setup)
+    model_track, _ = progenitor_track(host, setup)
     _same_scale(snapshot, model_track)
     _same_place(snapshot, model_track, setup)
     orbit = _track(snapshot, host, setup, model_track)
@@ -96,7 +96,8 @@ def _track(snapshot: Snapshot, host: Field, setup: Setup, model_track: Orbit) ->
         return model_track
     t, q, v = snapshot.core[0], np.ascontiguousarray(snapshot.core[1:4]), np.ascontiguousarray(snapshot.core[4:])
     bare = Orbit(t, q, v, host.acceleration(0.0, q), np.full(len(t), np.nan))
-    return Orbit(t, q, v, bare.a, tidal_radius(host, bare, setup.mass))
+    left = np.interp(t, model_track.t, model_track.mass_left)
+    return Orbit(t, q, v, bare.a, tidal_radius(host, bare, setup.mass) * np.cbrt(left), left)
 
 
 def _distance(a: Array, b: Array) -> Array:
