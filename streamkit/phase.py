@@ -81,14 +81,15 @@ class Orbit:
         i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
         h = self.t[i + 1] - self.t[i]
         s = (t - self.t[i]) / h
-        c0, c1, c2, c3, c4, c5 = self._polynomials.take(i, axis=2)
+        c0, c1, c2, c3, c4, c5 = self.polynomials.take(i, axis=2)
         q = c0 + s * (c1 + s * (c2 + s * (c3 + s * (c4 + s * c5))))
         v = (c1 + s * (2 * c2 + s * (3 * c3 + s * (4 * c4 + 5 * s * c5)))) / h
         a = (2 * c2 + s * (6 * c3 + s * (12 * c4 + 20 * s * c5))) / h**2
-        return Orbit(t, q, v, a, np.interp(t, self.t, self.r_tidal), np.interp(t, self.t, self.mass_left))
+        r_tidal, mass_left = (x[i] + s * (x[i + 1] - x[i]) for x in (self.r_tidal, self.mass_left))
+        return Orbit(t, q, v, a, r_tidal, mass_left)
 
     @cached_property
-    def _polynomials(self) -> Array:
+    def polynomials(self) -> Array:
         """(6, 3, n - 1) Coefficients of the quintic Hermite polynomials between the nodes, in units of their steps."""
         h = np.diff(self.t)
         q0, v0, a0 = self.q[:, :-1], self.v[:, :-1] * h, self.a[:, :-1] * h**2

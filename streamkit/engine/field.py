@@ -76,8 +76,9 @@ class Field:
     parameters
         Packed parameters in engine units.
     first, step, track
-        The progenitor's states (T, 10) at times ``first + k * step``: position, velocity, acceleration and the fraction
-        of its mass that is left, by which the forces that follow it are multiplied. Unused without a follower.
+        The progenitor's path (T, 20) from ``first + k * step`` on: the six coefficients of `Orbit.polynomials`, and the
+        fraction of its mass that is left, with its change to the next, by which the forces that follow it are
+        multiplied. Unused without a follower.
     work, numbers
         Scratch of the loops: a field advances one set of particles at a time.
     kernels
@@ -140,6 +141,7 @@ class Field:
 
     def with_followers(self, other: Field, orbit: Orbit) -> Field:
         """Add another field's forces, centred on the progenitor that moves along ``orbit`` (equal time steps)."""
+        left = orbit.mass_left
         return replace(
             self,
             address=np.concatenate([self.address, other.address]),
@@ -148,7 +150,7 @@ class Field:
             parameters=np.concatenate([self.parameters[: self.offset[-1]], other.parameters]),
             first=float(orbit.t[0]),
             step=float((orbit.t[-1] - orbit.t[0]) / (len(orbit.t) - 1)),
-            track=np.ascontiguousarray(np.concatenate([orbit.q, orbit.v, orbit.a, orbit.mass_left[None]]).T),
+            track=np.vstack([orbit.polynomials.reshape(18, -1), left[:-1], np.diff(left)]).T.copy(),
             kernels=self.kernels + other.kernels,
             names=self.names + other.names,
         )
@@ -182,7 +184,7 @@ def build_field(potentials: Sequence[Potential]) -> Field:
         parameters=np.concatenate([*values, np.zeros(1)]),  # never empty: its address is passed on
         first=0.0,
         step=1.0,
-        track=np.zeros((2, 10)),
+        track=np.zeros((1, 20)),
         work=np.empty(loops.WORK),
         numbers=np.empty(loops.NUMBERS, dtype=np.int64),
         kernels=tuple(built),

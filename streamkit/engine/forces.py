@@ -46,28 +46,19 @@ def call_kernel(typing_context, address, begin, n, t, p, offset, centre, q, a, f
 
 @njit(**INLINE)
 def track_at(t, first, step, track, out):
-    """Quintic Hermite position of the progenitor at time t from its states (T, 10), into out (3,)."""
-    last = track.shape[0] - 2
-    i = min(max(int((t - first) / step), 0), last)
+    """Position of the progenitor at time t, from the polynomials (T, 20) between its states, into out (3,)."""
+    i = min(max(int((t - first) / step), 0), track.shape[0] - 1)
     s = (t - first) / step - i
     for k in range(3):
-        q0, v0, a0 = track[i, k], track[i, 3 + k] * step, track[i, 6 + k] * step * step
-        q1, v1, a1 = track[i + 1, k], track[i + 1, 3 + k] * step, track[i + 1, 6 + k] * step * step
-        d = q1 - q0 - v0 - 0.5 * a0
-        dv = v1 - v0 - a0
-        da = a1 - a0
-        c3 = 10.0 * d - 4.0 * dv + 0.5 * da
-        c4 = -15.0 * d + 7.0 * dv - da
-        c5 = 6.0 * d - 3.0 * dv + 0.5 * da
-        out[k] = q0 + s * (v0 + s * (0.5 * a0 + s * (c3 + s * (c4 + s * c5))))
+        last = track[i, 9 + k] + s * (track[i, 12 + k] + s * track[i, 15 + k])
+        out[k] = track[i, k] + s * (track[i, 3 + k] + s * (track[i, 6 + k] + s * last))
 
 
 @njit(**INLINE)
 def mass_left_at(t, first, step, track):
-    """Fraction of its mass that the progenitor still has at time t: the last column of its states, linearly."""
-    i = min(max(int((t - first) / step), 0), track.shape[0] - 2)
-    s = (t - first) / step - i
-    return (1.0 - s) * track[i, 9] + s * track[i + 1, 9]
+    """Fraction of its mass that the progenitor still has at time t: the last two columns of its track, linearly."""
+    i = min(max(int((t - first) / step), 0), track.shape[0] - 1)
+    return track[i, 18] + ((t - first) / step - i) * track[i, 19]
 
 
 @njit(**OPTIONS)
@@ -88,7 +79,7 @@ def add_forces(address, offset, follows, p, first, step, track, uniform, begin, 
         shifted = True
         call_kernel(address[c], begin, n, t, p, offset[c], centre, x if uniform else rel, a, fresh)
         fresh = 0
-    if shifted and track[track.shape[0] - 1, 9] != 1.0:  # the progenitor loses mass
+    if shifted and mass_left_at(first + step * track.shape[0], first, step, track) != 1.0:  # it loses mass
         for i in range(begin, end):
             left = mass_left_at(t[begin if uniform else i], first, step, track)
             for k in range(3):

@@ -184,7 +184,7 @@ def advance(
 def carry(address, offset, follows, p, q0, v0, t0, step, substeps, drift, kick, out):
     """March one orbit in fixed forces, writing its states (T, 9) at t0 + k * step (step may be negative)."""
     x, u, a, rel = np.zeros(3 * ROW), np.zeros(3 * ROW), np.zeros(3 * ROW), np.zeros(3 * ROW)
-    t, h, centre, track = np.empty(1), np.empty(1), np.empty(3), np.empty((2, 10))
+    t, h, centre, track = np.empty(1), np.empty(1), np.empty(3), np.zeros((1, 20))
     h[0] = step / substeps
     for k in range(3):
         x[k * ROW], u[k * ROW] = q0[k], v0[k]
