@@ -18,7 +18,7 @@ WALK = 25
 SURROGATE_SHARE = 0.85
 """Fraction of the ensemble's steps that are walks on the surrogate; the others do not rely on it."""
 
-LEARNING = (25, 50, 100, 200, 400)
+LEARNING = (25, 50, 100, 200)
 """Steps after which the surrogate is learned from all steps so far: the last time for good."""
 
 
