@@ -13,9 +13,11 @@ from streamkit.phase import Array
 from streamkit.priors import LogUniform, Normal, Prior, TruncatedNormal
 from streamkit.surrogate import Surrogate
 
-WALK = 25
-"""Steps of a walk on the surrogate, per parameter: about the autocorrelation time of differential evolution."""
-SURROGATE_SHARE = 0.85
+WALKS = ((25, 0.65), (1, 0.35))
+"""Steps of a walk on the surrogate, per parameter, and the fraction of such walks. The long ones have about the
+autocorrelation time of differential evolution. The short ones end nearby, where the surrogate errs alike: where it is
+far too low, these are what leads a walker out."""
+SURROGATE_SHARE = 0.9
 """Fraction of the ensemble's steps that are walks on the surrogate; the others do not rely on it."""
 
 LEARNING = (25, 50, 100, 200)
@@ -86,7 +88,9 @@ class SurrogateMove(RedBlueMove):  # type: ignore[misc]
             return new, factor
         start = y = self.space.to(s)
         first = lnp = self._ln_density(self.surrogate, y)
-        for gamma in random.choice(self._gammas, p=self._parts, size=WALK * y.shape[1]):
+        lengths, parts = zip(*WALKS, strict=True)
+        steps = random.choice(lengths, p=parts) * y.shape[1]
+        for gamma in random.choice(self._gammas, p=self._parts, size=steps):
             new = y + gamma * _differences(self.surrogate.points, len(y), random)
             lnp_new = self._ln_density(self.surrogate, new)
             taken = np.log(random.rand(len(y))) < lnp_new - lnp
