@@ -10,13 +10,13 @@ import numpy as np
 from emcee.moves.red_blue import RedBlueMove
 
 from streamkit.phase import Array
-from streamkit.priors import LogUniform, Normal, Prior, TruncatedNormal
+from streamkit.priors import LogUniform, Normal, Prior, TruncatedNormal, Uniform
 from streamkit.surrogate import Surrogate
 
-WALKS = ((25, 0.65), (1, 0.35))
-"""Steps of a walk on the surrogate, per parameter, and the fraction of such walks. The long ones have about the
-autocorrelation time of differential evolution. The short ones end nearby, where the surrogate errs alike: where it is
-far too low, these are what leads a walker out."""
+WALKS = ((25, 1.0), (25, 1.0), (1, 1.0), (1, 0.1))
+"""Walks on the surrogate, equally often: steps per parameter, and their length in units of differential evolution's.
+The long ones have about its autocorrelation time. The short ones end nearby, where the surrogate errs alike: where it
+is far too low, or the posterior very narrow, these are what leads a walker out."""
 SURROGATE_SHARE = 0.9
 """Fraction of the ensemble's steps that are walks on the surrogate; the others do not rely on it."""
 
@@ -30,17 +30,23 @@ def learning_steps(name: str) -> int:
 
 
 class Space:
-    """The coordinates y of the walks: the parameters, or their logarithms under a log-uniform prior."""
+    """The coordinates y of the walks: the parameters, or the logarithms of those that are positive by their prior.
+
+    Masses, lengths and speeds enter the model as products of powers, which polynomials of the logarithms follow better.
+    """
 
     def __init__(self, priors: Sequence[Prior]) -> None:
-        self._log = np.array([isinstance(prior, LogUniform) for prior in priors])
+        uniform = np.array([isinstance(prior, Uniform) and prior.low > 0 for prior in priors])
+        self._log = np.array([isinstance(prior, LogUniform) for prior in priors]) | uniform
+        self._slope = uniform.astype(float)
         self._low, self._high = np.array([prior.support for prior in priors]).T
         normal = [(p.mean, p.sd) if isinstance(p, Normal | TruncatedNormal) else (0.0, np.inf) for p in priors]
         self._mean, self._sd = np.array(normal).T
 
     def to(self, theta: Array) -> Array:
         """(n, d) Coordinates of parameters (n, d)."""
-        return np.where(self._log, np.log(np.where(self._log, theta, 1.0)), theta)
+        with np.errstate(invalid="ignore", divide="ignore"):  # not positive: outside the prior
+            return np.where(self._log, np.log(np.where(self._log, theta, 1.0)), theta)
 
     def back(self, y: Array) -> Array:
         """(n, d) Parameters at coordinates (n, d)."""
@@ -50,7 +56,8 @@ class Space:
         """(n,) ln density of the prior in the coordinates, up to a constant; -inf outside."""
         theta = self.back(y)
         inside = ((theta >= self._low) & (theta <= self._high)).all(axis=1)
-        return np.where(inside, -0.5 * np.sum(((y - self._mean) / self._sd) ** 2, axis=1), -np.inf)
+        density = np.sum(self._slope * y - 0.5 * ((y - self._mean) / self._sd) ** 2, axis=1)
+        return np.where(inside, density, -np.inf)
 
     def ln_jacobian(self, y: Array) -> Array:
         """(n,) ln |d theta / d y|."""
@@ -88,9 +95,8 @@ class SurrogateMove(RedBlueMove):  # type: ignore[misc]
             return new, factor
         start = y = self.space.to(s)
         first = lnp = self._ln_density(self.surrogate, y)
-        lengths, parts = zip(*WALKS, strict=True)
-        steps = random.choice(lengths, p=parts) * y.shape[1]
-        for gamma in random.choice(self._gammas, p=self._parts, size=steps):
+        steps, scale = WALKS[random.randint(len(WALKS))]
+        for gamma in scale * random.choice(self._gammas, p=self._parts, size=steps * y.shape[1]):
             new = y + gamma * _differences(self.surrogate.points, len(y), random)
             lnp_new = self._ln_density(self.surrogate, new)
             taken = np.log(random.rand(len(y))) < lnp_new - lnp

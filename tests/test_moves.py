@@ -18,7 +18,10 @@ from streamkit.surrogate import Data, learn
 from streamkit.trials import Trials
 from streamkit.workers import Workers
 
-PRIORS = (Uniform(0, 1), Uniform(-1, 1), Normal(1, 2), LogUniform(0.1, 10), TruncatedNormal(0, 1, -0.5, math.inf))
+PRIORS = (
+    Uniform(0, 1), Uniform(-1, 1), Normal(1, 2), LogUniform(0.1, 10), TruncatedNormal(0, 1, -0.5, math.inf),
+    Uniform(0.5, 8),
+)  # fmt: skip
 CENTRE, SD, RHO = np.array([0.1, -0.7]), np.array([0.3, 0.6]), 0.7
 INVERSE = np.linalg.inv(np.outer(SD, SD) * np.array([[1, RHO], [RHO, 1]]))
 
@@ -74,7 +77,7 @@ def test_every_move_alone_samples_the_prior(move):
     found = sampled(move, ln_prior, 8000)
     exact = [
         stats.uniform(0, 1), stats.uniform(-1, 2), stats.norm(1, 2), stats.loguniform(0.1, 10),
-        stats.truncnorm(-0.5, np.inf),
+        stats.truncnorm(-0.5, np.inf), stats.uniform(0.5, 7.5),
     ]  # fmt: skip
     u = np.stack([density.cdf(found[..., i]) for i, density in enumerate(exact)], axis=2)
     check_moments(u, 0.5)
@@ -87,13 +90,14 @@ def test_every_move_alone_samples_the_prior(move):
 def test_every_move_alone_samples_a_cut_gaussian(move):
     found = sampled(move, ln_posterior, 600 if isinstance(move, SurrogateMove) else 8000)
     a, b = np.meshgrid(np.linspace(0, 1, 1001), np.linspace(-1, 1, 1001), indexing="ij")
-    weight = np.exp(ln_posterior(np.stack([a, b, 0 * a + 1, 0 * a + 1, 0 * a], axis=2).reshape(-1, 5)))
+    weight = np.exp(ln_posterior(np.stack([a, b, 0 * a + 1, 0 * a + 1, 0 * a, 0 * a + 1], axis=2).reshape(-1, 6)))
     mean = [np.average(value.ravel(), weights=weight) for value in (a, b, a**2, b**2, a * b)]
     x, y, z = found[..., 0], found[..., 1], found[..., 2]
     # N(1, 2) times N(2, 1): precision 1.25, mean (1/4 + 2) / 1.25
     log = np.log(found[..., 3]) / np.log(10)  # uniform between -1 and 1
-    values = [x, y, x**2, y**2, x * y, z, (z - 1.8) ** 2, log, log**2]
-    check_moments(np.stack(values, axis=2), [*mean, 1.8, 0.8, 0, 1 / 3], 0.05)
+    flat = (found[..., 5] - 4.25) / 3.75  # walked in its logarithm, and uniform all the same
+    values = [x, y, x**2, y**2, x * y, z, (z - 1.8) ** 2, log, log**2, flat, flat**2]
+    check_moments(np.stack(values, axis=2), [*mean, 1.8, 0.8, 0, 1 / 3, 0, 1 / 3], 0.05)
 
 
 def test_a_cubic_model_is_learned_exactly():
