@@ -20,7 +20,7 @@ is far too low, or the posterior very narrow, these are what leads a walker out.
 SURROGATE_SHARE = 0.9
 """Fraction of the ensemble's steps that are walks on the surrogate; the others do not rely on it."""
 
-LEARNING = (25, 50, 100, 200)
+LEARNING = (25, 50, 100, 200, 400)
 """Steps after which the surrogate is learned from all steps so far: the last time for good."""
 
 

@@ -23,13 +23,14 @@ MAX_TERMS = 1000
 MAX_POINTS = 20000
 FREEDOM = 8.0
 """Degrees of freedom of the surrogate's likelihood."""
-REACH = 2.0
-"""How far out the fit is trusted, in |x|^2 of the farthest point near the data: walkers go on into the tails."""
+REACH, EXTRAPOLATED = 4.0, 2.0
+"""How far out walks may go, in |x|^2 of the farthest point near the data; and the power of it by which the square of
+the polynomial's error grows beyond that point. Walkers go on into tails that were not known when it was learned."""
 LEAST, WILD = 0.25, 25.0
 """Least and largest square of a polynomial's error, in units of the typical one."""
 SMOOTH = 1e-2
 """Ridge penalty of the fit of these squares."""
-UNLIKELY = 0.01
+UNLIKELY = 0.1
 """Least probability of an observable: that the fit of it is never trusted to the end."""
 NEAR = 3.0
 """Points with residuals of so many standard errors count half in the fit."""
@@ -58,8 +59,8 @@ class Surrogate:
         (m,) of the data, in units of their own: 1, plus the model's noise if added.
     spread, least
         (quadratic terms, m) coefficients of the square of the polynomial's own error, and (m,) the least it is.
-    reach
-        Largest |x|^2 at which the polynomials are trusted.
+    known
+        Largest |x|^2 of the training points near the data.
     points
         (n, d) training points near the data.
     exists
@@ -73,7 +74,7 @@ class Surrogate:
     variance: Array
     spread: Array
     least: Array
-    reach: float
+    known: float
     points: Array
     exists: Array
 
@@ -86,11 +87,12 @@ class Surrogate:
         """
         x = (y - self.centre) @ self.whiten
         terms = _terms(x, self.degree)
-        error2 = np.maximum(terms[:, : len(self.spread)] @ self.spread, self.least)
+        beyond = np.maximum(np.sum(x**2, axis=1) / self.known, 1.0)
+        error2 = np.maximum(terms[:, : len(self.spread)] @ self.spread, self.least) * beyond[:, None] ** EXTRAPOLATED
         variance = self.variance + error2
         chi2 = np.sum((terms @ self.coefficients) ** 2 / variance, axis=1)
         exists = np.log(np.clip(terms @ self.exists, UNLIKELY, 1.0))
-        outside = np.maximum(np.sum(x**2, axis=1) / self.reach - 1.0, 0.0)
+        outside = np.maximum(beyond / REACH - 1.0, 0.0)
         tail = 0.5 * (FREEDOM + len(self.variance)) * np.log1p(chi2 / FREEDOM) + 0.5 * np.log(variance).sum(axis=1)
         return np.asarray(exists - tail - 0.5 * x.shape[1] * outside)
 
@@ -137,9 +139,9 @@ def learn(points: Array, mean: Array, variance: Array, data: Data) -> Surrogate 
         return None
     noise = np.median(variance[there], axis=0) / sigma**2 * data.add_noise
     near = _near(weight)
-    reach = REACH * float(np.max(np.sum(x[near] ** 2, axis=1)))
+    known = float(np.max(np.sum(x[near] ** 2, axis=1)))
     least = LEAST * own[best]
-    return Surrogate(centre, whiten, degree, coefficients, 1.0 + noise, spread, least, reach, y[near], exists)
+    return Surrogate(centre, whiten, degree, coefficients, 1.0 + noise, spread, least, known, y[near], exists)
 
 
 def _whitening(y: Array, weight: Array) -> tuple[Array, Array]:
