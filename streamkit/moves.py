@@ -13,10 +13,10 @@ from streamkit.phase import Array
 from streamkit.priors import LogUniform, Normal, Prior, TruncatedNormal, Uniform
 from streamkit.surrogate import Surrogate
 
-WALKS = ((25, 1.0), (25, 1.0), (1, 1.0), (1, 0.1))
+WALKS = ((100, 1.0), (25, 1.0), (1, 1.0), (1, 0.1))
 """Walks on the surrogate, equally often: steps per parameter, and their length in units of differential evolution's.
-The long ones have about its autocorrelation time. The short ones end nearby, where the surrogate errs alike: where it
-is far too low, or the posterior very narrow, these are what leads a walker out."""
+Its autocorrelation time is about 25 steps per parameter, more into and out of curved tails. The short walks end nearby,
+where the surrogate errs alike: where it is far too low, or the posterior very narrow, they lead a walker out."""
 SURROGATE_SHARE = 0.9
 """Fraction of the ensemble's steps that are walks on the surrogate; the others do not rely on it."""
 
