@@ -130,13 +130,13 @@ def test_round_trips() -> None:
 
 def test_digest_sees_the_physics_only() -> None:
     digest = sk.load(BASE).digest()
-    assert sk.load(BASE | {"sampler": {"steps": 9, "tau_factor": 10}}).digest() == digest
+    assert sk.load(BASE | {"sampler": {"steps": 9, "tau_factor": 10, "r_hat": 1.1}}).digest() == digest
     assert sk.load(changed("potential", "rs", "12000 pc")).digest() == digest
     for other in (
         changed("seed", 8),
         changed("potential", "rs", 12.1),
         changed("stripping", "kind", "streakline"),
-        BASE | {"sampler": {"walkers": 32}},
+        BASE | {"sampler": {"walkers": 48}},
         BASE | {"likelihood": {"noise": "add"}},
         {"stripping": BASE["stripping"]} | BASE,  # another order of the chain's columns
     ):
