@@ -6,6 +6,7 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 from time import sleep
+from types import EllipsisType
 from typing import Any
 
 import h5py
@@ -36,8 +37,8 @@ class ChainFile(HDFBackend):  # type: ignore[misc]  # emcee has no types
             for key, value in attributes.items():
                 file.attrs[key] = json.dumps(value) if isinstance(value, dict | list) else value
 
-    def put(self, name: str, shape: tuple[int, ...], index: int, row: Array) -> None:
-        """Store a row of an array of this shape, which is NaN where nothing was stored."""
+    def put(self, name: str, shape: tuple[int, ...], index: int | EllipsisType, row: Array) -> None:
+        """Store a row, or all (...), of an array of this shape, which is NaN where nothing was stored."""
         with self.open("a") as file:
             if name not in file:
                 file.create_dataset(name, shape, dtype=float, fillvalue=np.nan)

@@ -1,4 +1,4 @@
-"""Moves of the ensemble: differential evolution, and walks on a surrogate that never leave the prior."""
+"""Moves of the ensemble: differential evolution, and exchanges and walks on a surrogate that never leave the prior."""
 
 from __future__ import annotations
 
@@ -9,16 +9,21 @@ import emcee
 import numpy as np
 from emcee.moves.red_blue import RedBlueMove
 
-from streamkit.phase import Array
+from streamkit.phase import Array, IntArray
 from streamkit.priors import LogUniform, Normal, Prior, TruncatedNormal, Uniform
 from streamkit.surrogate import Surrogate
 
-WALKS = ((100, 1.0), (25, 1.0), (1, 1.0), (1, 0.1))
-"""Walks on the surrogate, equally often: steps per parameter, and their length in units of differential evolution's.
-Its autocorrelation time is about 25 steps per parameter, more into and out of curved tails. The short walks end nearby,
-where the surrogate errs alike: where it is far too low, or the posterior very narrow, they lead a walker out."""
+EXCHANGES = 0.6
+"""Fraction of the moves with a surrogate that exchange walkers with replicas; the others are walks of walkers."""
+REPLICAS = 256
+"""Least number of replicas."""
+SETTLE, STIR = 200, 2
+"""Steps of the replicas, per parameter: after learning, and before an exchange."""
+WALKS = (1.0, 0.1)
+"""Lengths of the steps of walks, in units of differential evolution's. They end nearby, where the surrogate errs alike:
+where it is far too low, or the posterior very narrow, they lead a walker out."""
 SURROGATE_SHARE = 0.9
-"""Fraction of the ensemble's steps that are walks on the surrogate; the others do not rely on it."""
+"""Fraction of the ensemble's steps that rely on the surrogate."""
 
 LEARNING = (25, 50, 100, 200, 400)
 """Steps after which the surrogate is learned from all steps so far: the last time for good."""
@@ -65,56 +70,91 @@ class Space:
 
 
 class SurrogateMove(RedBlueMove):  # type: ignore[misc]
-    """A Metropolis walk on a cheap surrogate of the posterior, whose end the posterior accepts or refuses.
+    """Exchanges with replicas that sample a cheap surrogate of the posterior, and short walks on it.
 
-    Each step of the walk, differential evolution between training points that is refused outside the prior, is
-    reversible under the surrogate, and so is the walk: with the ratio of the surrogates as its factor, the move leaves
-    the posterior exactly as it is (surrogate transition: Liu 2001, section 9.4.3; delayed acceptance: Christen & Fox
-    2005). How good the surrogate is only decides how many ends are accepted. Reflection at the prior's ends would not
-    do: it is symmetric only for steps whose components are independent.
+    The replicas are walkers of their own, whose density is the surrogate: many, and stirred all the time by
+    differential evolution between training points. A walker and a replica exchange their places, accepted with the
+    ratio that leaves the product of all densities as it is: that gives the walker a point that owes nothing to where it
+    was (replica exchange, Swendsen & Wang 1986, with a surrogate in place of a temperature). Walks are short: each
+    step is reversible under the surrogate, so that the end is accepted with the ratio of the surrogates as its factor
+    (surrogate transition, Liu 2001, section 9.4.3). How good the surrogate is only decides how many are accepted.
+    Reflection at the prior's ends would not do: it is symmetric only for steps whose components are independent.
 
     Without a surrogate it is differential evolution.
 
     Attributes
     ----------
-    surrogate
-        What has been learned; may be set between two steps of the ensemble.
+    replicas
+        (k, d) their coordinates, to be stored and restored with the chain; none without a surrogate.
     """
 
     def __init__(self, space: Space, gammas: Sequence[tuple[float, float]]) -> None:
         super().__init__()
         self.space = space
+        self.replicas: Array = np.empty((0, 0))
         self._gammas, self._parts = np.array(gammas).T
         self._plain = [_differential(gamma) for gamma in self._gammas]
-        self.surrogate: Surrogate | None = None
+        self._surrogate: Surrogate | None = None
+        self._offered: tuple[IntArray, Array] | None = None
+
+    def learn(self, surrogate: Surrogate | None, walkers: int, seed: int) -> None:
+        """Take up a surrogate, and let replicas settle on it."""
+        self._surrogate, self.replicas = surrogate, np.empty((0, 0))
+        if surrogate is not None:
+            random, points = np.random.RandomState(seed), surrogate.points
+            lnp = self._ln_density(points)
+            weight = np.exp(lnp - lnp.max())
+            chosen = random.choice(len(points), max(REPLICAS, 2 * walkers), p=weight / weight.sum())
+            self.replicas, _, _ = self._walk(points[chosen], SETTLE, 1.0, random)
 
     def get_proposal(self, s: Array, c: list[Array], random: Any) -> tuple[Array, Array]:
-        """Return the ends (n, d) of walks from s, and what they add to ln acceptance (n,)."""
-        if self.surrogate is None:
+        """Return new places (n, d) for s, and what they add to ln acceptance (n,)."""
+        self._offered = None
+        if self._surrogate is None:
             new, factor = self._plain[random.choice(len(self._plain), p=self._parts)].get_proposal(s, c, random)
             return new, factor
-        start = y = self.space.to(s)
-        first = lnp = self._ln_density(self.surrogate, y)
-        steps, scale = WALKS[random.randint(len(WALKS))]
+        start = self.space.to(s)
+        if random.rand() < EXCHANGES:
+            self.replicas, _, lnp = self._walk(self.replicas, STIR, 1.0, random)
+            chosen = random.choice(len(lnp), len(s), replace=False)
+            self._offered, y = (chosen, start), self.replicas[chosen]
+            factor = self._ln_density(start) - lnp[chosen]
+        else:
+            y, first, lnp = self._walk(start, 1, WALKS[random.randint(len(WALKS))], random)
+            factor = first - lnp
+        return self.space.back(y), factor + self.space.ln_jacobian(y) - self.space.ln_jacobian(start)
+
+    def update(self, old: Any, new: Any, accepted: Array, subset: Array | None = None) -> Any:
+        """Give accepted walkers their new places, and the replicas of an exchange the old ones."""
+        if self._offered is not None:
+            chosen, start = self._offered
+            taken = accepted if subset is None else accepted[subset]
+            self.replicas[chosen[taken]] = start[taken]
+        return super().update(old, new, accepted, subset)
+
+    def _walk(self, y: Array, steps: int, scale: float, random: Any) -> tuple[Array, Array, Array]:
+        """Walk on the surrogate from y (n, d), so many steps per parameter; return the ends, and ln p at both."""
+        assert self._surrogate is not None  # noqa: S101  callers have looked
+        first = lnp = self._ln_density(y)
         for gamma in scale * random.choice(self._gammas, p=self._parts, size=steps * y.shape[1]):
-            new = y + gamma * _differences(self.surrogate.points, len(y), random)
-            lnp_new = self._ln_density(self.surrogate, new)
+            new = y + gamma * _differences(self._surrogate.points, len(y), random)
+            lnp_new = self._ln_density(new)
             taken = np.log(random.rand(len(y))) < lnp_new - lnp
             y, lnp = np.where(taken[:, None], new, y), np.where(taken, lnp_new, lnp)
-        jacobian = self.space.ln_jacobian(y) - self.space.ln_jacobian(start)
-        return self.space.back(y), first - lnp + jacobian
+        return y, first, lnp
 
-    def _ln_density(self, surrogate: Surrogate, y: Array) -> Array:
-        return self.space.ln_prior(y) + surrogate.ln_likelihood(y)
+    def _ln_density(self, y: Array) -> Array:
+        assert self._surrogate is not None  # noqa: S101  as above
+        return self.space.ln_prior(y) + self._surrogate.ln_likelihood(y)
 
 
 def proposals(name: str, priors: Sequence[Prior]) -> list[tuple[emcee.moves.Move, float]]:
     """Return the moves of the ensemble, with the fraction of the steps that each takes.
 
     "de": mostly the length that is best for a Gaussian, a third of it where the posterior is curved, sometimes 1,
-    which leads from one mode to another. "surrogate": walks on a surrogate, and a share of "de" that does not rely on
-    it. "stretch": Goodman & Weare's (2010). emcee's snooker move is not used: it mixes the units of the parameters,
-    and its acceptance rule is not that of ter Braak & Vrugt (2008), so that it narrows the posterior.
+    which leads from one mode to another. "surrogate": replicas and walks on a surrogate, and a share of "de" that does
+    not rely on it. "stretch": Goodman & Weare's (2010). emcee's snooker move is not used: it mixes the units of the
+    parameters, and its acceptance rule is not that of ter Braak & Vrugt (2008), so that it narrows the posterior.
     """
     if name == "stretch":
         return [(emcee.moves.StretchMove(), 1.0)]

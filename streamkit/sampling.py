@@ -26,6 +26,8 @@ CHECK = 100
 """Steps between two looks at the autocorrelation time."""
 STABLE = 0.05
 """The autocorrelation time must have changed by less than this fraction since the last look."""
+REPLICAS = "replicas"
+"""Where the chain file keeps the replicas of the surrogate."""
 NOTES = 5.0
 """Seconds between two notes of the counts in the chain file, and between two looks at the mass."""
 
@@ -147,7 +149,7 @@ class Sampling:
                     ends = [CHECK * (done // CHECK + 1), limits.steps, *LEARNING]
                     todo = min(end for end in ends if end > done) - done
                     for state in sampler.sample(self._state, iterations=todo):
-                        self._trials.keep(done, self.backend)
+                        self._keep(moves, done)
                         self._state, done = state, done + 1
                         bar.update()
                         if clock.is_due():
@@ -205,7 +207,18 @@ class Sampling:
         inside = np.isfinite(space.ln_prior(y))
         surrogate = learn(y[inside], mean[inside], variance[inside], self.data)
         for move in walks:
-            move.surrogate = surrogate
+            move.learn(surrogate, self.walkers, self.seed)
+            if done > steps and isinstance(self.backend, ChainFile):  # resumed
+                kept = self.backend.get(REPLICAS)
+                if kept is not None and kept.shape == move.replicas.shape:
+                    move.replicas = kept
+
+    def _keep(self, moves: Sequence[tuple[emcee.moves.Move, float]], step: int) -> None:
+        """Store beside the chain what the moves know, so that a resumed run goes on as an unbroken one would."""
+        self._trials.keep(step, self.backend)
+        for move, _ in moves:
+            if isinstance(move, SurrogateMove) and len(move.replicas) and isinstance(self.backend, ChainFile):
+                self.backend.put(REPLICAS, move.replicas.shape, ..., move.replicas)
 
     def _note(self) -> None:
         if isinstance(self.backend, ChainFile):

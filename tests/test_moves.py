@@ -53,7 +53,7 @@ def sampled(move, ln_density, steps):
     rng = np.random.default_rng(4)
     start = np.stack([prior.sample(rng, 30) for prior in PRIORS], axis=1)
     if isinstance(move, SurrogateMove):
-        move.surrogate = wrong_surrogate()
+        move.learn(wrong_surrogate(), 30, seed=7)
     sampler = emcee.EnsembleSampler(30, len(PRIORS), ln_density, moves=move, vectorize=True)
     sampler.run_mcmc(emcee.State(start, random_state=np.random.RandomState(6).get_state()), steps)
     found = sampler.get_chain(discard=steps // 10)
