@@ -100,6 +100,22 @@ def test_every_move_alone_samples_a_cut_gaussian(move):
     check_moments(np.stack(values, axis=2), [*mean, 1.8, 0.8, 0, 1 / 3, 0, 1 / 3], 0.05)
 
 
+def test_an_exchange_gives_the_replica_the_walkers_place(monkeypatch):
+    monkeypatch.setattr("streamkit.moves.EXCHANGES", 1.0)
+    (move, _), *_ = proposals("surrogate", PRIORS)
+    move.learn(wrong_surrogate(), 8, seed=7)
+    here = np.stack([prior.sample(np.random.default_rng(4), 8) for prior in PRIORS], axis=1)
+    there, _ = move.get_proposal(here, [], np.random.RandomState(1))
+    accepted = np.arange(8) % 3 == 0
+    state = emcee.State(here.copy(), log_prob=np.zeros(8))
+    move.update(state, emcee.State(there, log_prob=np.ones(8)), accepted, np.full(8, True))
+    np.testing.assert_array_equal(state.coords, np.where(accepted[:, None], there, here))
+    replicas = move.space.back(move.replicas)
+    for own, offered, taken in zip(here, there, accepted, strict=True):
+        held = [np.isclose(replicas, point).all(axis=1).any() for point in (own, offered)]
+        assert held == [taken, not taken]
+
+
 def test_a_cubic_model_is_learned_exactly():
     rng = np.random.default_rng(2)
     y = rng.normal([3, -1, 1e8], [1, 0.1, 1e7], (200, 3))
