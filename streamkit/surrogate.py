@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.special import expit
 
 from streamkit.phase import Array, BoolArray, IntArray
 
@@ -21,17 +22,20 @@ HELD_OUT = 0.25
 """Fraction of the points, the newest, on which the fits are judged: walkers go on to where they have not been."""
 MAX_TERMS = 1000
 MAX_POINTS = 20000
-FREEDOM = 8.0
-"""Degrees of freedom of the surrogate's likelihood."""
-REACH, EXTRAPOLATED = 4.0, 2.0
-"""How far out walks may go, in |x|^2 of the farthest point near the data; and the power of it by which the square of
-the polynomial's error grows beyond that point. Walkers go on into tails that were not known when it was learned."""
+FREEDOM, MISFIT = 8.0, 3.0
+"""Degrees of freedom of the surrogate's likelihood: the first, plus the second times the chi^2 of the best points.
+Where even these are far from the data, a heavier tail would not tell them from worse ones."""
+EXTRAPOLATED = 2.0
+"""Power of |x|^2 by which the square of the polynomial's error grows beyond the farthest point near the data."""
 LEAST, WILD = 0.25, 25.0
 """Least and largest square of a polynomial's error, in units of the typical one."""
 SMOOTH = 1e-2
 """Ridge penalty of the fit of these squares."""
-UNLIKELY = 0.1
-"""Least probability of an observable: that the fit of it is never trusted to the end."""
+SHARP, UNLIKELY = 12.0, 0.05
+"""How fast the probability of an observable goes from 0 to 1 with a polynomial fitted to these; and the least it is, as
+that fit is never trusted to the end."""
+BEST = 0.02
+"""Fraction of the points that are the best ones."""
 NEAR = 3.0
 """Points with residuals of so many standard errors count half in the fit."""
 
@@ -59,12 +63,14 @@ class Surrogate:
         (m,) of the data, in units of their own: 1, plus the model's noise if added.
     spread, least
         (quadratic terms, m) coefficients of the square of the polynomial's own error, and (m,) the least it is.
+    freedom
+        Degrees of freedom of its Student's t.
     known
         Largest |x|^2 of the training points near the data.
     points
         (n, d) training points near the data.
     exists
-        (terms,) coefficients of the probability that there is an observable at all.
+        (terms,) coefficients of what is 1 where there is an observable and 0 where there is none.
     """
 
     centre: Array
@@ -74,6 +80,7 @@ class Surrogate:
     variance: Array
     spread: Array
     least: Array
+    freedom: float
     known: float
     points: Array
     exists: Array
@@ -91,10 +98,10 @@ class Surrogate:
         error2 = np.maximum(terms[:, : len(self.spread)] @ self.spread, self.least) * beyond[:, None] ** EXTRAPOLATED
         variance = self.variance + error2
         chi2 = np.sum((terms @ self.coefficients) ** 2 / variance, axis=1)
-        exists = np.log(np.clip(terms @ self.exists, UNLIKELY, 1.0))
-        outside = np.maximum(beyond / REACH - 1.0, 0.0)
-        tail = 0.5 * (FREEDOM + len(self.variance)) * np.log1p(chi2 / FREEDOM) + 0.5 * np.log(variance).sum(axis=1)
-        return np.asarray(exists - tail - 0.5 * x.shape[1] * outside)
+        exists = np.log(np.maximum(expit(SHARP * (terms @ self.exists - 0.5)), UNLIKELY))
+        tail = 0.5 * (self.freedom + len(self.variance)) * np.log1p(chi2 / self.freedom)
+        tail += 0.5 * np.log(variance).sum(axis=1)
+        return np.asarray(exists - tail - 0.5 * x.shape[1] * (beyond - 1.0))
 
 
 def learn(points: Array, mean: Array, variance: Array, data: Data) -> Surrogate | None:
@@ -141,7 +148,8 @@ def learn(points: Array, mean: Array, variance: Array, data: Data) -> Surrogate 
     near = _near(weight)
     known = float(np.max(np.sum(x[near] ** 2, axis=1)))
     least = LEAST * own[best]
-    return Surrogate(centre, whiten, degree, coefficients, 1.0 + noise, spread, least, known, y[near], exists)
+    freedom = FREEDOM + MISFIT * float(np.quantile(np.sum(residual**2, axis=1), BEST))
+    return Surrogate(centre, whiten, degree, coefficients, 1.0 + noise, spread, least, freedom, known, y[near], exists)
 
 
 def _whitening(y: Array, weight: Array) -> tuple[Array, Array]:
