@@ -148,11 +148,14 @@ class NumpyKernel:
     def _call(self, n: int, t: Any, p: Any, centre: Any, q: Any, a: Any, fresh: int) -> None:
         total = np.ctypeslib.as_array(a, (3, ROW))[:, :n]
         try:
-            x, y, z = (np.ctypeslib.as_array(q, (3, ROW))[k, :n] - centre[k] for k in range(3))
-            parameters = [p[i] for i in range(self._count)]
+            place, about = np.ctypeslib.as_array(q, (3, ROW))[:, :n], centre[:3]
+            x, y, z = place - np.array(about)[:, None] if any(about) else place
+            parameters = p[: self._count]
             found = self._acceleration(x, y, z, np.ctypeslib.as_array(t, (n,)), *parameters)
-            for k in range(3):
-                total[k] = found[k] if fresh else total[k] + found[k]
+            if fresh:
+                total[:] = found
+            else:
+                total += found
         except Exception as error:
             self.error = self.error or error
             total[:] = np.nan
