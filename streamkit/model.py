@@ -248,7 +248,7 @@ def _not_finite(setup: Setup) -> str:
     return "the orbit of the progenitor is not finite"
 
 
-def tidal_radius(host: Field, orbit: Orbit, mass: float) -> Array:
+def tidal_radius(host: Field, orbit: Orbit, mass: float | Array) -> Array:
     """(n,) Tidal radius along an orbit; NaN where Omega^2 - d^2 Phi / dr^2 is not positive and there is none."""
     bracket = orbit.omega**2 - host.radial_second_derivative(orbit.t, orbit.q)
     return np.cbrt(G * mass / np.where(bracket > 0, bracket, np.nan))

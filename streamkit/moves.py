@@ -15,7 +15,7 @@ from streamkit.surrogate import Surrogate
 
 EXCHANGES = 0.6
 """Fraction of the moves with a surrogate that exchange walkers with replicas; the others are walks of walkers."""
-REPLICAS = 256
+FEWEST = 256
 """Least number of replicas."""
 SETTLE, STIR = 200, 2
 """Steps of the replicas, per parameter: after learning, and before an exchange."""
@@ -104,7 +104,7 @@ class SurrogateMove(RedBlueMove):  # type: ignore[misc]
             random, points = np.random.RandomState(seed), surrogate.points
             lnp = self._ln_density(points)
             weight = np.exp(lnp - lnp.max())
-            chosen = random.choice(len(points), max(REPLICAS, 2 * walkers), p=weight / weight.sum())
+            chosen = random.choice(len(points), max(FEWEST, 2 * walkers), p=weight / weight.sum())
             self.replicas, _, _ = self._walk(points[chosen], SETTLE, 1.0, random)
 
     def get_proposal(self, s: Array, c: list[Array], random: Any) -> tuple[Array, Array]:

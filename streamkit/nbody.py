@@ -97,7 +97,7 @@ def _track(snapshot: Snapshot, host: Field, setup: Setup, model_track: Orbit) ->
     t, q, v = snapshot.core[0], np.ascontiguousarray(snapshot.core[1:4]), np.ascontiguousarray(snapshot.core[4:])
     bare = Orbit(t, q, v, host.acceleration(0.0, q), np.full(len(t), np.nan))
     left = np.interp(t, model_track.t, model_track.mass_left)
-    return Orbit(t, q, v, bare.a, tidal_radius(host, bare, setup.mass) * np.cbrt(left), left)
+    return Orbit(t, q, v, bare.a, tidal_radius(host, bare, setup.mass * left), left)
 
 
 def _distance(a: Array, b: Array) -> Array:

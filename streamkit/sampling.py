@@ -180,18 +180,18 @@ class Sampling:
         """(steps, walkers, d) The chain after learning."""
         return np.asarray(self.backend.get_chain()[learning_steps(self.moves) :])
 
-    def _tau(self, leave_out: int = 0) -> float:
-        """Return the longest autocorrelation time after learning, without the last ``leave_out`` steps."""
-        chain = self._learned()
-        return float(np.max(autocorrelation_times(chain[: len(chain) - leave_out])))
+    def _tau(self) -> float:
+        """Return the longest autocorrelation time after learning."""
+        return float(np.max(autocorrelation_times(self._learned())))
 
     def _is_long_enough(self, limits: Limits) -> bool:
         """Whether the chain can end where it is: a function of the chain alone, the same after a resumption."""
         length = int(self.backend.iteration) - learning_steps(self.moves)
         if length <= CHECK:
             return False
-        tau, chain = self._tau(), self._learned()
-        if not (length > limits.tau_factor * tau and abs(tau - self._tau(CHECK)) < STABLE * tau):
+        chain = self._learned()
+        tau, before = (float(np.max(autocorrelation_times(part))) for part in (chain, chain[:-CHECK]))
+        if not (length > limits.tau_factor * tau and abs(tau - before) < STABLE * tau):
             return False
         return bool(np.isinf(limits.r_hat) or split_r_hat(chain[burn_in(chain) :]).max() < limits.r_hat)
 

@@ -24,7 +24,7 @@ class Sampler(BaseModel):
     )
     moves: Literal["surrogate", "de", "stretch"] = Field(
         default="surrogate",
-        description="Walks on a surrogate learned from the chain, differential evolution, or the stretch move.",
+        description="Exchange with a learned surrogate of the posterior, differential evolution, or the stretch move.",
     )
 
 

@@ -131,22 +131,23 @@ def learn(points: Array, mean: Array, variance: Array, data: Data) -> Surrogate 
         return None
     try:
         centre, whiten = _whitening(y, weight)
-        x = (y - centre) @ whiten
-        own = [_error(_terms(x, degree), residual, weight, ridge) for degree, ridge in choices]
+        x = (points - centre) @ whiten
+        terms = {degree: _terms(x, degree) for degree in degrees}
+        own = [_error(terms[degree][there], residual, weight, ridge) for degree, ridge in choices]
         best = int(np.argmin([value.sum() for value in own]))
         degree, ridge = choices[best]
-        terms = _terms(x, degree)
-        coefficients = _fit(terms, residual, weight, ridge)
-        spread = _spread(terms[:, : _count(d, 2)], residual - terms @ coefficients, weight, own[best])
+        every, found = terms[degree], terms[degree][there]
+        coefficients = _fit(found, residual, weight, ridge)
+        spread = _spread(found[:, : _count(d, 2)], residual - found @ coefficients, weight, own[best])
         # Points without an observable count as much as a typical one of the others.
         full = np.full(len(points), np.median(weight))
         full[there] = weight
-        exists = _fit(_terms((points - centre) @ whiten, degree), there[:, None].astype(float), full, ridge)[:, 0]
+        exists = _fit(every, there[:, None].astype(float), full, ridge)[:, 0]
     except LinAlgError:  # walkers that hardly moved
         return None
     noise = np.median(variance[there], axis=0) / sigma**2 * data.add_noise
     near = _near(weight)
-    known = float(np.max(np.sum(x[near] ** 2, axis=1)))
+    known = float(np.max(np.sum(x[there][near] ** 2, axis=1)))
     least = LEAST * own[best]
     freedom = FREEDOM + MISFIT * float(np.quantile(np.sum(residual**2, axis=1), BEST))
     return Surrogate(centre, whiten, degree, coefficients, 1.0 + noise, spread, least, freedom, known, y[near], exists)
