@@ -205,6 +205,17 @@ def test_debris_that_only_climbs_does_not_turn_round(ends, guide, reason):
     assert reason in fit_turning(-angle[near], r[near], number[near], guide)
 
 
+def test_an_arm_that_has_not_reached_its_apocentre_has_none_yet():
+    """At -80 degrees: a Gaussian through the debris would turn where that ends. Beyond, there is nothing to see."""
+    for seed in range(4):
+        angle, r, number = arm(seed)
+        short, long = (fit_arm(-angle[near], r[near], number[near], -75.0) for near in (angle < 76, angle < 95))
+
+        assert "does not come down" in short
+        assert long.radius == pytest.approx(60.0, abs=0.5)
+        assert long.angle == pytest.approx(-80.0, abs=5.0)
+
+
 @pytest.mark.parametrize("angles", [(-300.0, -290.0), (-90.0, -89.99), (20.0, 60.0)])
 def test_a_turning_branch_that_is_not_there_has_a_reason(angles):
     """Far from the guide, all at one angle, or on the other side: never an exception."""

@@ -36,7 +36,8 @@ START = 50.0
 SPARSE = 0.2
 """Density along the arm, in units of its largest, below which angles begin to count less."""
 FALLING = 0.05
-"""Least share of the branch that must be beyond its maximum: a track that only rises does not turn round."""
+"""Least share of the particles in the window that must be beyond the maximum: debris that only rises has not yet
+reached its apocentre, and a Gaussian through it says where it ends."""
 LOW = 4
 """Power of the mean height there, minus: a branch three times as high counts 1 % of the lower one."""
 FLAT = 1e-9
@@ -45,6 +46,7 @@ BREADTH = 0.1
 """Standard deviation in radius of the kernel about that branch, in units of its apocentre."""
 
 NO_GAUSSIAN = "no Gaussian fits the track near the progenitor's own apocentre"
+NOT_YET = "the track does not come down beyond its maximum"
 TOO_FEW = "too few particles near the apocentre"
 
 
@@ -78,15 +80,17 @@ def fit_arm(angle: Array, r: Array, number: Array, guide: float) -> ArmFit | str
     smooth = _convolve(total) / np.maximum(density, 1e-12)  # kernel-smoothed mean radius
     start = _first_guess(grid, smooth, density, guide)
     if start is None:
-        return "no maximum of the track near the progenitor's own apocentre"
-    fitted = _fit(grid, count, total, start, float(np.interp(start, grid, smooth)))
-    if isinstance(fitted, str):
-        return fitted
-    if abs(fitted[1] - guide) > 2 * REACH:
+        return TOO_FEW
+    p = _fit(grid, count, total, start, float(np.interp(start, grid, smooth)))
+    if isinstance(p, str):
+        return p
+    if abs(p[1] - guide) > 2 * REACH:
         return NO_GAUSSIAN
-    p, centre = fitted, float(fitted[1])
+    window = _window(grid - p[1])
+    if not _comes_down(grid, window * count, p[1]):
+        return NOT_YET
     one, first, second = _cells(angle, grid, number**2, number**2 * r, (number * r) ** 2)
-    variance = _variance(grid, count, one, first, second, _window(grid - centre), p)
+    variance = _variance(grid, count, one, first, second, window, p)
     return _found(p, variance, grid, smooth, count)
 
 
@@ -114,8 +118,8 @@ def fit_turning(angle: Array, r: Array, number: Array, guide: float) -> ArmFit |
         return NO_GAUSSIAN
     centre = float(q[1])
     slope, rest, share = _shares(angle, r, number, q)
-    if share[np.abs(angle) > abs(centre)].sum() < FALLING * share.sum():
-        return "the track does not come down beyond its maximum"
+    if not _comes_down(angle, share, centre):
+        return NOT_YET
     curvature = (slope * (share * (1 - (rest / (BREADTH * q[0])) ** 2))) @ slope.T
     scale = np.sqrt(np.maximum(np.diag(curvature), 1e-300))
     if not np.linalg.eigvalsh(curvature / np.outer(scale, scale))[0] > FLAT:
@@ -210,12 +214,12 @@ def _convolve(cell: Array) -> Array:
 
 
 def _first_guess(grid: Array, smooth: Array, density: Array, guide: float) -> float | None:
-    """The local maximum of the smoothed track nearest the guide, among those that stand out of the noise."""
+    """Where to begin: the maximum of the smoothed track nearest the guide, or its highest place if it has none."""
     near = (np.abs(grid - guide) <= REACH) & (density > 0.05 * density.max())
     inner = smooth[1:-1]
     peak = np.flatnonzero((inner >= smooth[:-2]) & (inner > smooth[2:]) & near[1:-1]) + 1
     if len(peak) == 0:
-        return None
+        return float(grid[near][np.argmax(smooth[near])]) if near.any() else None  # the fit says whether it is one
     high = peak[smooth[peak] > 0.9 * smooth[peak].max()]
     return float(grid[high[np.argmin(np.abs(grid[high] - guide))]])
 
@@ -235,6 +239,11 @@ def _gaussian(x: Array, q: Array) -> tuple[Array, Array]:
     g = np.exp(-0.5 * u * u)
     model = q[0] * g
     return model, np.array([g, model * u * np.exp(-q[2]), model * u * u])
+
+
+def _comes_down(angle: Array, share: Array, centre: float) -> bool:
+    """Whether enough of the shares (n,) at angles (n,) are beyond the maximum, away from the progenitor."""
+    return bool(share[np.abs(angle) > abs(centre)].sum() >= FALLING * share.sum())
 
 
 def _sensible(q: Array) -> bool:

@@ -106,37 +106,43 @@ def rates(
 ):  # fmt: skip
     """Square of (acceleration / distance / eta^2) of m lanes during the time span after t, into rate.
 
-    About the Galactic centre for the fixed forces, with eta[0], and about the progenitor for those that follow it,
-    with eta[1] and its mass at first; whichever is larger, where the particle would come closest to each with its
-    ``initial`` acceleration.
+    About the Galactic centre, with eta[0], and about the progenitor for the forces that follow it, with eta[1] and its
+    mass at first; whichever is larger, where the particle would come closest to each with its ``initial`` acceleration.
+    The host's there is not evaluated but taken as the initial one times the inverse square of the distances: around no
+    sphere does it rise faster.
     """
     rate[:m] = 0.0
-    for turn in range(2):
-        moving = turn == 1
-        found = False
-        for c in range(address.shape[0]):
-            found = found or follows[c] == moving
-        if not found:
-            continue
+    fixed, moving = False, False
+    for c in range(address.shape[0]):
+        fixed, moving = fixed or not follows[c], moving or follows[c]
+    if fixed:
         path[:] = 0.0
-        if not moving:
-            nearest(0, m, x, u, initial, span, path, near)
-        else:
-            lanes = m if uniform else 1
-            for i in range(0, m, lanes):
-                for k in range(3):
-                    track_at(t[i] + 0.5 * k * span[i], first, step, track, centre)
-                    path[3 * k : 3 * k + 3] = centre
-                nearest(i, i + lanes, x, u, initial, span, path, near)
+        nearest(0, m, x, u, initial, span, path, near)
+        a0, a1, a2 = initial[:m], initial[ROW : ROW + m], initial[2 * ROW : 2 * ROW + m]
+        d0, d1, d2 = near[:m], near[ROW : ROW + m], near[2 * ROW : 2 * ROW + m]
+        x0, x1, x2 = x[:m], x[ROW : ROW + m], x[2 * ROW : 2 * ROW + m]
+        scale = eta[0] ** -4
+        for i in range(m):
+            acceleration2 = a0[i] * a0[i] + a1[i] * a1[i] + a2[i] * a2[i]
+            distance2 = d0[i] * d0[i] + d1[i] * d1[i] + d2[i] * d2[i] + 1e-300
+            now2 = x0[i] * x0[i] + x1[i] * x1[i] + x2[i] * x2[i]
+            rate[i] = scale * acceleration2 * now2 * now2 / (distance2 * distance2 * distance2)
+    if moving:
+        lanes = m if uniform else 1
+        for i in range(0, m, lanes):
+            for k in range(3):
+                track_at(t[i] + 0.5 * k * span[i], first, step, track, centre)
+                path[3 * k : 3 * k + 3] = centre
+            nearest(i, i + lanes, x, u, initial, span, path, near)
         centre[:] = 0.0
         fresh = 1
         for c in range(address.shape[0]):
-            if follows[c] == moving:
+            if follows[c]:
                 call_kernel(address[c], 0, m, t, p, offset[c], centre, near, a, fresh)
                 fresh = 0
         a0, a1, a2 = a[:m], a[ROW : ROW + m], a[2 * ROW : 2 * ROW + m]
         d0, d1, d2 = near[:m], near[ROW : ROW + m], near[2 * ROW : 2 * ROW + m]
-        scale = eta[turn] ** -4
+        scale = eta[1] ** -4
         for i in range(m):
             acceleration2 = a0[i] * a0[i] + a1[i] * a1[i] + a2[i] * a2[i]
             distance2 = d0[i] * d0[i] + d1[i] * d1[i] + d2[i] * d2[i]
