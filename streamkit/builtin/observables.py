@@ -18,9 +18,10 @@ class Apocentres(Observable):
     """Leading and trailing apocentre radius, and the differential precession between them.
 
     Each arm's track r(angle) has its first maximum near the progenitor's own next (leading) or previous
-    (trailing) apocentre; a Gaussian in angle fitted within 40 degrees of it gives radius and angle. Debris of several
-    stripping passages overlaps at the trailing one: `recent_debris` says what is done about it. The precession
-    is 360 deg - (m_L + |m_T|), angles at the Galactic centre in the progenitor's orbital plane.
+    (trailing) apocentre; a Gaussian in angle fitted within 40 degrees of it gives radius and angle. There is none where
+    less than 5 % of the fitted debris has come down beyond it. Debris of several stripping passages overlaps at the
+    trailing one: `recent_debris` says what is done about it. The precession is 360 deg - (m_L + |m_T|), angles at the
+    Galactic centre in the progenitor's orbital plane.
     """
 
     kind = "apocentres"
