@@ -31,9 +31,8 @@ LEAST, WILD = 0.25, 25.0
 """Least and largest square of a polynomial's error, in units of the typical one."""
 SMOOTH = 1e-2
 """Ridge penalty of the fit of these squares."""
-SHARP, UNLIKELY = 12.0, 0.05
-"""How fast the probability of an observable goes from 0 to 1 with a polynomial fitted to these; and the least it is, as
-that fit is never trusted to the end."""
+UNLIKELY, ITERATIONS = 0.05, 12
+"""Least probability of an observable, as its fit is never trusted to the end, and the iterations of that fit."""
 BEST = 0.02
 """Fraction of the points that are the best ones."""
 NEAR = 3.0
@@ -70,7 +69,7 @@ class Surrogate:
     points
         (n, d) training points near the data.
     exists
-        (terms,) coefficients of what is 1 where there is an observable and 0 where there is none.
+        (quadratic terms,) coefficients of the log odds that there is an observable.
     """
 
     centre: Array
@@ -98,7 +97,7 @@ class Surrogate:
         error2 = np.maximum(terms[:, : len(self.spread)] @ self.spread, self.least) * beyond[:, None] ** EXTRAPOLATED
         variance = self.variance + error2
         chi2 = np.sum((terms @ self.coefficients) ** 2 / variance, axis=1)
-        exists = np.log(np.maximum(expit(SHARP * (terms @ self.exists - 0.5)), UNLIKELY))
+        exists = np.log(np.maximum(expit(terms[:, : len(self.exists)] @ self.exists), UNLIKELY))
         tail = 0.5 * (self.freedom + len(self.variance)) * np.log1p(chi2 / self.freedom)
         tail += 0.5 * np.log(variance).sum(axis=1)
         return np.asarray(exists - tail - 0.5 * x.shape[1] * (beyond - 1.0))
@@ -136,13 +135,10 @@ def learn(points: Array, mean: Array, variance: Array, data: Data) -> Surrogate 
         own = [_error(terms[degree][there], residual, weight, ridge) for degree, ridge in choices]
         best = int(np.argmin([value.sum() for value in own]))
         degree, ridge = choices[best]
-        every, found = terms[degree], terms[degree][there]
+        quadratic, found = terms[degree][:, : _count(d, 2)], terms[degree][there]
         coefficients = _fit(found, residual, weight, ridge)
-        spread = _spread(found[:, : _count(d, 2)], residual - found @ coefficients, weight, own[best])
-        # Points without an observable count as much as a typical one of the others.
-        full = np.full(len(points), np.median(weight))
-        full[there] = weight
-        exists = _fit(every, there[:, None].astype(float), full, ridge)[:, 0]
+        spread = _spread(quadratic[there], residual - found @ coefficients, weight, own[best])
+        exists = _log_odds(quadratic, there.astype(float), RIDGES[0])
     except LinAlgError:  # walkers that hardly moved
         return None
     noise = np.median(variance[there], axis=0) / sigma**2 * data.add_noise
@@ -177,6 +173,17 @@ def _spread(terms: Array, left: Array, weight: Array, own: Array) -> Array:
 def _robust(left: Array) -> Array:
     """(m,) Variance from the median: that of chi^2 with one degree of freedom is 0.455. Outliers leave it alone."""
     return np.asarray(np.median(left**2, axis=0) / 0.455)
+
+
+def _log_odds(terms: Array, there: Array, ridge: float) -> Array:
+    """(terms,) Coefficients of the log odds of 1 against 0 in there (n,): logistic regression by reweighting."""
+    odds = np.zeros(len(there))
+    for _ in range(ITERATIONS):
+        p = expit(odds)
+        weight = np.maximum(p * (1 - p), 1e-4)
+        coefficients = _fit(terms, odds + (there - p) / weight, weight, ridge)
+        odds = np.clip(terms @ coefficients, -20.0, 20.0)
+    return coefficients
 
 
 def _fit(terms: Array, residual: Array, weight: Array, ridge: float) -> Array:

@@ -149,6 +149,21 @@ def test_where_there_is_no_observable_is_learned():
     assert outside.max() < -1
 
 
+def test_the_odds_of_an_observable_are_learned():
+    """A chance that depends on the place, as the noise of a model's particles makes it: logistic, known."""
+    rng = np.random.default_rng(3)
+    y = rng.uniform(-2, 2, (6000, 2))
+    chance = 1 / (1 + np.exp(-(1.0 + 2.0 * y[:, 0] - y[:, 1] ** 2)))
+    there = rng.random(6000) < chance
+    learned = learn(y, np.where(there[:, None], y, np.nan), np.zeros_like(y), Data(np.zeros(2), np.ones(2)))
+    assert learned is not None
+    x = (y - learned.centre) @ learned.whiten
+    terms = np.column_stack([np.ones(6000), x, x[:, 0] ** 2, x[:, 0] * x[:, 1], x[:, 1] ** 2])
+    found = 1 / (1 + np.exp(-terms @ learned.exists))
+    assert np.abs(found - chance).mean() < 0.02  # the error of 6 coefficients from 6000 coins: 0.5 sqrt(6 / 6000)
+    assert np.abs(found - chance).max() < 0.1
+
+
 def test_too_little_to_learn_from():
     y = np.random.default_rng(2).standard_normal((60, 3))
     data = Data(np.zeros(1), np.ones(1))
