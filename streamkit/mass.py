@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import cache
 
 import numpy as np
 
@@ -17,6 +18,7 @@ AZIMUTH = 16
 """Equal angles: exact for every harmonic below this order."""
 
 
+@cache
 def _sphere() -> tuple[Array, Array]:
     """Directions (3, k) over the sphere and weights (k,) of a mean over it.
 
@@ -33,6 +35,7 @@ def _sphere() -> tuple[Array, Array]:
     return directions.reshape(3, -1), np.repeat(weight / weight.sum() / AZIMUTH, AZIMUTH)
 
 
+@cache
 def _circle() -> Array:
     """Directions (3, k) around the plane z = 0."""
     phi = (np.arange(AZIMUTH) + 0.5) * 2 * np.pi / AZIMUTH

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 LEVELS = {"lo95": 2.5, "lo68": 16.0, "median": 50.0, "hi68": 84.0, "hi95": 97.5}
 """Percentiles in tables and pictures: the median with its central 68 % and 95 % intervals."""
-MAX_MODELS = 2000
+MAX_MODELS = 5000
 """Samples that a mass profile is computed for."""
 TRUSTED = 50.0
 """Autocorrelation times that a chain must span before its percentiles are called converged."""
@@ -205,7 +205,7 @@ class Results:
         """Return the mass inside radii (kpc, or a Quantity), and the circular velocity there.
 
         Median with 68 % and 95 % intervals, today, for the sum of all potentials of the host; from at most
-        2000 of the samples, evenly spaced.
+        5000 of the samples, evenly spaced.
         """
         from astropy import units as u
         from astropy.table import QTable
@@ -222,7 +222,7 @@ class Results:
         return table
 
     def profiles(self, radii: Array) -> tuple[Array, Array]:
-        """Return M (n, nr) in Msun and v_c (n, nr) in km/s of at most 2000 samples at radii (nr,) in kpc."""
+        """Return M (n, nr) in Msun and v_c (n, nr) in km/s of at most 5000 samples at radii (nr,) in kpc."""
         samples = self.samples
         if len(samples) > MAX_MODELS:
             samples = samples[np.linspace(0, len(samples) - 1, MAX_MODELS).astype(int)]
