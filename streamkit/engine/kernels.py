@@ -28,6 +28,7 @@ from streamkit.engine import vector
 from streamkit.engine.cache import ENGINE, OPTIONS, ContentCache, digest_of_parts
 from streamkit.engine.forces import ROW
 from streamkit.errors import PluginError
+from streamkit.phase import Array
 
 _POINTER = types.CPointer(types.float64)
 SIGNATURE = types.void(types.intp, *[_POINTER] * 5, types.intp)
@@ -128,7 +129,13 @@ def _describe_code(
     )
 
 
-_CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_ssize_t, *[ctypes.POINTER(ctypes.c_double)] * 5, ctypes.c_ssize_t)
+_CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_ssize_t, *[ctypes.c_void_p] * 5, ctypes.c_ssize_t)
+_ROWS, _PLACE, _TIMES = ctypes.c_double * (3 * ROW), ctypes.c_double * 3, ctypes.c_double * ROW
+
+
+def _view(kind: Any, address: int) -> Array:
+    """View of what is at an address: quicker than numpy.ctypeslib, and many a call is for one particle."""
+    return np.frombuffer(memoryview(kind.from_address(address)))
 
 
 class NumpyKernel:
@@ -140,18 +147,17 @@ class NumpyKernel:
 
     def __init__(self, cls: type[Potential]) -> None:
         self.error: Exception | None = None
-        self._count = len(cls.numbers())
+        self._parameters = ctypes.c_double * len(cls.numbers())
         self._acceleration = cls.acceleration
         self._callback = _CALLBACK(self._call)
         self.address = ctypes.cast(self._callback, ctypes.c_void_p).value
 
-    def _call(self, n: int, t: Any, p: Any, centre: Any, q: Any, a: Any, fresh: int) -> None:
-        total = np.ctypeslib.as_array(a, (3, ROW))[:, :n]
+    def _call(self, n: int, t: int, p: int, centre: int, q: int, a: int, fresh: int) -> None:
+        total = _view(_ROWS, a).reshape(3, ROW)[:, :n]
         try:
-            place, about = np.ctypeslib.as_array(q, (3, ROW))[:, :n], centre[:3]
+            place, about = _view(_ROWS, q).reshape(3, ROW)[:, :n], _PLACE.from_address(centre)[:]
             x, y, z = place - np.array(about)[:, None] if any(about) else place
-            parameters = p[: self._count]
-            found = self._acceleration(x, y, z, np.ctypeslib.as_array(t, (n,)), *parameters)
+            found = self._acceleration(x, y, z, _view(_TIMES, t)[:n], *self._parameters.from_address(p))
             if fresh:
                 total[:] = found
             else:
