@@ -17,6 +17,9 @@ EXCHANGES = 0.6
 """Fraction of the moves with a surrogate that exchange walkers with replicas; the others are walks of walkers."""
 FEWEST = 256
 """Least number of replicas."""
+HEAT = (1.0, 0.3, 0.1)
+"""What multiplies the surrogate's ln likelihood for the replicas, in equal numbers, as long as it learns. Hot ones lead
+to where it knows nothing yet, and it learns what is found there: without them a chain may never see a thin tail."""
 SETTLE, STIR = 200, 2
 """Steps of the replicas, per parameter: after learning, and before an exchange."""
 WALKS = (1.0, 0.1)
@@ -95,17 +98,19 @@ class SurrogateMove(RedBlueMove):  # type: ignore[misc]
         self._gammas, self._parts = np.array(gammas).T
         self._plain = [_differential(gamma) for gamma in self._gammas]
         self._surrogate: Surrogate | None = None
+        self._heat: Array = np.empty(0)
         self._offered: tuple[IntArray, Array] | None = None
 
-    def learn(self, surrogate: Surrogate | None, walkers: int, seed: int) -> None:
-        """Take up a surrogate, and let replicas settle on it."""
+    def learn(self, surrogate: Surrogate | None, walkers: int, seed: int, last: bool) -> None:
+        """Take up a surrogate, and let replicas settle on it; the last one for good."""
         self._surrogate, self.replicas = surrogate, np.empty((0, 0))
         if surrogate is not None:
-            random, points = np.random.RandomState(seed), surrogate.points
+            random, points, number = np.random.RandomState(seed), surrogate.points, max(FEWEST, 2 * walkers)
             lnp = self._ln_density(points)
             weight = np.exp(lnp - lnp.max())
-            chosen = random.choice(len(points), max(FEWEST, 2 * walkers), p=weight / weight.sum())
-            self.replicas, _, _ = self._walk(points[chosen], SETTLE, 1.0, random)
+            chosen = random.choice(len(points), number, p=weight / weight.sum())
+            self._heat = np.ones(number) if last else np.resize(HEAT, number)
+            self.replicas, _, _ = self._walk(points[chosen], SETTLE, 1.0, random, self._heat)
 
     def get_proposal(self, s: Array, c: list[Array], random: Any) -> tuple[Array, Array]:
         """Return new places (n, d) for s, and what they add to ln acceptance (n,)."""
@@ -115,10 +120,10 @@ class SurrogateMove(RedBlueMove):  # type: ignore[misc]
             return new, factor
         start = self.space.to(s)
         if random.rand() < EXCHANGES:
-            self.replicas, _, lnp = self._walk(self.replicas, STIR, 1.0, random)
+            self.replicas, _, lnp = self._walk(self.replicas, STIR, 1.0, random, self._heat)
             chosen = random.choice(len(lnp), len(s), replace=False)
             self._offered, y = (chosen, start), self.replicas[chosen]
-            factor = self._ln_density(start) - lnp[chosen]
+            factor = self._ln_density(start, self._heat[chosen]) - lnp[chosen]
         else:
             y, first, lnp = self._walk(start, 1, WALKS[random.randint(len(WALKS))], random)
             factor = first - lnp
@@ -132,20 +137,22 @@ class SurrogateMove(RedBlueMove):  # type: ignore[misc]
             self.replicas[chosen[taken]] = start[taken]
         return super().update(old, new, accepted, subset)
 
-    def _walk(self, y: Array, steps: int, scale: float, random: Any) -> tuple[Array, Array, Array]:
+    def _walk(
+        self, y: Array, steps: int, scale: float, random: Any, heat: Array | float = 1.0
+    ) -> tuple[Array, Array, Array]:
         """Walk on the surrogate from y (n, d), so many steps per parameter; return the ends, and ln p at both."""
         assert self._surrogate is not None  # noqa: S101  callers have looked
-        first = lnp = self._ln_density(y)
+        first = lnp = self._ln_density(y, heat)
         for gamma in scale * random.choice(self._gammas, p=self._parts, size=steps * y.shape[1]):
             new = y + gamma * _differences(self._surrogate.points, len(y), random)
-            lnp_new = self._ln_density(new)
+            lnp_new = self._ln_density(new, heat)
             taken = np.log(random.rand(len(y))) < lnp_new - lnp
             y, lnp = np.where(taken[:, None], new, y), np.where(taken, lnp_new, lnp)
         return y, first, lnp
 
-    def _ln_density(self, y: Array) -> Array:
+    def _ln_density(self, y: Array, heat: Array | float = 1.0) -> Array:
         assert self._surrogate is not None  # noqa: S101  as above
-        return self.space.ln_prior(y) + self._surrogate.ln_likelihood(y)
+        return self.space.ln_prior(y) + heat * self._surrogate.ln_likelihood(y)
 
 
 def proposals(name: str, priors: Sequence[Prior]) -> list[tuple[emcee.moves.Move, float]]:

@@ -207,7 +207,7 @@ class Sampling:
         inside = np.isfinite(space.ln_prior(y))
         surrogate = learn(y[inside], mean[inside], variance[inside], self.data)
         for move in walks:
-            move.learn(surrogate, self.walkers, self.seed)
+            move.learn(surrogate, self.walkers, self.seed, steps == LEARNING[-1])
             if done > steps and isinstance(self.backend, ChainFile):  # resumed
                 kept = self.backend.get(REPLICAS)
                 if kept is not None and kept.shape == move.replicas.shape:

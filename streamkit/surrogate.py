@@ -26,7 +26,7 @@ FREEDOM, MISFIT = 8.0, 3.0
 """Degrees of freedom of the surrogate's likelihood: the first, plus the second times the chi^2 of the best points.
 Where even these are far from the data, a heavier tail would not tell them from worse ones."""
 EXTRAPOLATED = 2.0
-"""Power of |x|^2 by which the square of the polynomial's error grows beyond the farthest point near the data."""
+"""Power of |x|^2 by which the square of the polynomial's error grows beyond the farthest point that it knows."""
 LEAST, WILD = 0.25, 25.0
 """Least and largest square of a polynomial's error, in units of the typical one."""
 SMOOTH = 1e-2
@@ -35,8 +35,9 @@ UNLIKELY, ITERATIONS = 0.05, 12
 """Least probability of an observable, as its fit is never trusted to the end, and the iterations of that fit."""
 BEST = 0.02
 """Fraction of the points that are the best ones."""
-NEAR = 3.0
-"""Points with residuals of so many standard errors count half in the fit."""
+NEAR, FAR = 3.0, 0.02
+"""Points with residuals of so many standard errors count half in the fit; those that count less than the second number
+say nothing of how far it reaches."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ class Surrogate:
     freedom
         Degrees of freedom of its Student's t.
     known
-        Largest |x|^2 of the training points near the data.
+        Largest |x|^2 of the training points but for those with residuals far too large.
     points
         (n, d) training points near the data.
     exists
@@ -143,7 +144,7 @@ def learn(points: Array, mean: Array, variance: Array, data: Data) -> Surrogate 
         return None
     noise = np.median(variance[there], axis=0) / sigma**2 * data.add_noise
     near = _near(weight)
-    known = float(np.max(np.sum(x[there][near] ** 2, axis=1)))
+    known = float(np.max(np.sum(x[there][near | (weight >= FAR)] ** 2, axis=1)))
     least = LEAST * own[best]
     freedom = FREEDOM + MISFIT * float(np.quantile(np.sum(residual**2, axis=1), BEST))
     return Surrogate(centre, whiten, degree, coefficients, 1.0 + noise, spread, least, freedom, known, y[near], exists)

@@ -11,7 +11,7 @@ from toys import Banana, banana_run
 
 from streamkit import chain
 from streamkit.diagnostics import autocorrelation_times
-from streamkit.moves import LEARNING, Space, SurrogateMove, proposals
+from streamkit.moves import HEAT, LEARNING, Space, SurrogateMove, proposals
 from streamkit.priors import LogUniform, Normal, TruncatedNormal, Uniform
 from streamkit.sampling import Limits
 from streamkit.surrogate import Data, learn
@@ -49,11 +49,11 @@ def wrong_surrogate():
     return surrogate
 
 
-def sampled(move, ln_density, steps):
+def sampled(move, ln_density, steps, last=True):
     rng = np.random.default_rng(4)
     start = np.stack([prior.sample(rng, 30) for prior in PRIORS], axis=1)
     if isinstance(move, SurrogateMove):
-        move.learn(wrong_surrogate(), 30, seed=7)
+        move.learn(wrong_surrogate(), 30, seed=7, last=last)
     sampler = emcee.EnsembleSampler(30, len(PRIORS), ln_density, moves=move, vectorize=True)
     sampler.run_mcmc(emcee.State(start, random_state=np.random.RandomState(6).get_state()), steps)
     found = sampler.get_chain(discard=steps // 10)
@@ -86,9 +86,13 @@ def test_every_move_alone_samples_the_prior(move):
     check_moments((u > 0.9).astype(float), 0.1)
 
 
-@pytest.mark.parametrize("move", MOVES[:3], ids=["surrogate", "best", "third"])
-def test_every_move_alone_samples_a_cut_gaussian(move):
-    found = sampled(move, ln_posterior, 600 if isinstance(move, SurrogateMove) else 8000)
+@pytest.mark.parametrize(
+    ("move", "steps", "last"),
+    [(MOVES[0], 600, True), (MOVES[0], 900, False), (MOVES[1], 8000, True), (MOVES[2], 8000, True)],
+    ids=["surrogate", "hot replicas", "best", "third"],
+)
+def test_every_move_alone_samples_a_cut_gaussian(move, steps, last):
+    found = sampled(move, ln_posterior, steps, last)
     a, b = np.meshgrid(np.linspace(0, 1, 1001), np.linspace(-1, 1, 1001), indexing="ij")
     weight = np.exp(ln_posterior(np.stack([a, b, 0 * a + 1, 0 * a + 1, 0 * a, 0 * a + 1], axis=2).reshape(-1, 6)))
     mean = [np.average(value.ravel(), weights=weight) for value in (a, b, a**2, b**2, a * b)]
@@ -103,7 +107,7 @@ def test_every_move_alone_samples_a_cut_gaussian(move):
 def test_an_exchange_gives_the_replica_the_walkers_place(monkeypatch):
     monkeypatch.setattr("streamkit.moves.EXCHANGES", 1.0)
     (move, _), *_ = proposals("surrogate", PRIORS)
-    move.learn(wrong_surrogate(), 8, seed=7)
+    move.learn(wrong_surrogate(), 8, seed=7, last=True)
     here = np.stack([prior.sample(np.random.default_rng(4), 8) for prior in PRIORS], axis=1)
     there, _ = move.get_proposal(here, [], np.random.RandomState(1))
     accepted = np.arange(8) % 3 == 0
@@ -114,6 +118,17 @@ def test_an_exchange_gives_the_replica_the_walkers_place(monkeypatch):
     for own, offered, taken in zip(here, there, accepted, strict=True):
         held = [np.isclose(replicas, point).all(axis=1).any() for point in (own, offered)]
         assert held == [taken, not taken]
+
+
+def test_replicas_are_hot_while_the_surrogate_learns():
+    """The third parameter is a Gaussian of variance 1 in the data and 4 in the prior: 1 / (1/4 + heat)."""
+    (move, _), *_ = proposals("surrogate", PRIORS)
+    for last in (False, True):
+        move.learn(wrong_surrogate(), 8, seed=7, last=last)
+        z = move.replicas[:, 2].reshape(-1)
+        for i, heat in enumerate(HEAT):
+            expected = 1 / (0.25 + (1.0 if last else heat))
+            assert np.var(z[i :: len(HEAT)]) == pytest.approx(expected, rel=0.6)  # 85 of them, and Student's tails
 
 
 def test_a_cubic_model_is_learned_exactly():
