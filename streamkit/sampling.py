@@ -162,7 +162,7 @@ class Sampling:
                     if done in LEARNING:
                         self._learn(moves, done)
                     if done % CHECK == 0 or done == limits.steps:
-                        tau = self._tau()
+                        tau = _longest(self._learned())
                         if self._is_long_enough(limits):
                             return "converged"
             return "steps"
@@ -180,17 +180,13 @@ class Sampling:
         """(steps, walkers, d) The chain after learning."""
         return np.asarray(self.backend.get_chain()[learning_steps(self.moves) :])
 
-    def _tau(self) -> float:
-        """Return the longest autocorrelation time after learning."""
-        return float(np.max(autocorrelation_times(self._learned())))
-
     def _is_long_enough(self, limits: Limits) -> bool:
         """Whether the chain can end where it is: a function of the chain alone, the same after a resumption."""
         length = int(self.backend.iteration) - learning_steps(self.moves)
         if length <= CHECK:
             return False
         chain = self._learned()
-        tau, before = (float(np.max(autocorrelation_times(part))) for part in (chain, chain[:-CHECK]))
+        tau, before = _longest(chain), _longest(chain[:-CHECK])
         if not (length > limits.tau_factor * tau and abs(tau - before) < STABLE * tau):
             return False
         return bool(np.isinf(limits.r_hat) or split_r_hat(chain[burn_in(chain) :]).max() < limits.r_hat)
@@ -254,6 +250,11 @@ class _Clock:
             low, middle, high = np.percentile(masses / 1e11, [16, 50, 84])
             parts.append(f"M(100 kpc) {middle:.2f} +{high - middle:.2f} -{middle - low:.2f}e11 Msun")
         return ", ".join(parts)
+
+
+def _longest(chain: Array) -> float:
+    """Return the longest autocorrelation time of a chain (steps, walkers, d)."""
+    return float(np.max(autocorrelation_times(chain)))
 
 
 def _not_called(_theta: Array) -> float:

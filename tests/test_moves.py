@@ -125,7 +125,7 @@ def test_replicas_are_hot_while_the_surrogate_learns():
     (move, _), *_ = proposals("surrogate", PRIORS)
     for last in (False, True):
         move.learn(wrong_surrogate(), 8, seed=7, last=last)
-        z = move.replicas[:, 2].reshape(-1)
+        z = move.replicas[:, 2]
         for i, heat in enumerate(HEAT):
             expected = 1 / (0.25 + (1.0 if last else heat))
             assert np.var(z[i :: len(HEAT)]) == pytest.approx(expected, rel=0.6)  # 85 of them, and Student's tails
