@@ -20,6 +20,9 @@ FEWEST = 256
 HEAT = (1.0, 0.3, 0.1)
 """What multiplies the surrogate's ln likelihood for the replicas, in equal numbers, as long as it learns. Hot ones lead
 to where it knows nothing yet, and it learns what is found there: without them a chain may never see a thin tail."""
+WARM = 0.8
+"""The same after learning, for all replicas: where the surrogate is too low a walker stays for long. Flatter, it lets go
+three times as soon for a fifth of the acceptance."""
 SETTLE, STIR = 200, 2
 """Steps of the replicas, per parameter: after learning, and before an exchange."""
 WALKS = (1.0, 0.1)
@@ -109,7 +112,7 @@ class SurrogateMove(RedBlueMove):  # type: ignore[misc]
             lnp = self._ln_density(points)
             weight = np.exp(lnp - lnp.max())
             chosen = random.choice(len(points), number, p=weight / weight.sum())
-            self._heat = np.ones(number) if last else np.resize(HEAT, number)
+            self._heat = np.full(number, WARM) if last else np.resize(HEAT, number)
             self.replicas, _, _ = self._walk(points[chosen], SETTLE, 1.0, random, self._heat)
 
     def get_proposal(self, s: Array, c: list[Array], random: Any) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ from toys import Banana, banana_run
 
 from streamkit import chain
 from streamkit.diagnostics import autocorrelation_times
-from streamkit.moves import HEAT, LEARNING, Space, SurrogateMove, proposals
+from streamkit.moves import HEAT, LEARNING, WARM, Space, SurrogateMove, proposals
 from streamkit.priors import LogUniform, Normal, TruncatedNormal, Uniform
 from streamkit.sampling import Limits
 from streamkit.surrogate import Data, learn
@@ -127,7 +127,7 @@ def test_replicas_are_hot_while_the_surrogate_learns():
         move.learn(wrong_surrogate(), 8, seed=7, last=last)
         z = move.replicas[:, 2]
         for i, heat in enumerate(HEAT):
-            expected = 1 / (0.25 + (1.0 if last else heat))
+            expected = 1 / (0.25 + (WARM if last else heat))
             assert np.var(z[i :: len(HEAT)]) == pytest.approx(expected, rel=0.6)  # 85 of them, and Student's tails
 
 
