@@ -21,8 +21,8 @@ HEAT = (1.0, 0.3, 0.1)
 """What multiplies the surrogate's ln likelihood for the replicas, in equal numbers, as long as it learns. Hot ones lead
 to where it knows nothing yet, and it learns what is found there: without them a chain may never see a thin tail."""
 WARM = 0.8
-"""The same after learning, for all replicas: where the surrogate is too low a walker stays for long. Flatter, it lets go
-three times as soon for a fifth of the acceptance."""
+"""The same after learning, for all replicas: where the surrogate is too low a walker stays for long. A little flatter,
+it lets go three times as soon for a fifth of the acceptance."""
 SETTLE, STIR = 200, 2
 """Steps of the replicas, per parameter: after learning, and before an exchange."""
 WALKS = (1.0, 0.1)
