@@ -216,6 +216,16 @@ def test_an_arm_that_has_not_reached_its_apocentre_has_none_yet():
         assert long.angle == pytest.approx(-80.0, abs=5.0)
 
 
+def test_debris_beyond_the_apocentre_only_does_not_measure_it():
+    """Each side of it needs a share ``coverage``. The window is 80 degrees wide, 40 of them before the apocentre."""
+    angle, r, number = arm(0)
+    far, near = angle > 79, angle > 70
+
+    assert "does not rise" in fit_arm(-angle[far], r[far], number[far], -85.0)
+    assert fit_arm(-angle[near], r[near], number[near], -85.0).radius == pytest.approx(60.0, abs=0.5)
+    assert "does not rise" in fit_arm(-angle[near], r[near], number[near], -85.0, coverage=0.3)  # of 10 / 50
+
+
 @pytest.mark.parametrize("angles", [(-300.0, -290.0), (-90.0, -89.99), (20.0, 60.0)])
 def test_a_turning_branch_that_is_not_there_has_a_reason(angles):
     """Far from the guide, all at one angle, or on the other side: never an exception."""

@@ -35,9 +35,9 @@ START = 50.0
 """Width (standard deviation) of the Gaussian that the fit of that branch begins with, degrees."""
 SPARSE = 0.2
 """Density along the arm, in units of its largest, below which angles begin to count less."""
-FALLING = 0.05
-"""Least share of the particles in the window that must be beyond the maximum: debris that only rises has not yet
-reached its apocentre, and a Gaussian through it says where it ends."""
+COVERAGE = 0.05
+"""Least share of the particles in the window on either side of the maximum: a Gaussian through debris that only rises,
+or only falls, says where it ends."""
 LOW = 4
 """Power of the mean height there, minus: a branch three times as high counts 1 % of the lower one."""
 FLAT = 1e-9
@@ -47,6 +47,7 @@ BREADTH = 0.1
 
 NO_GAUSSIAN = "no Gaussian fits the track near the progenitor's own apocentre"
 NOT_YET = "the track does not come down beyond its maximum"
+NO_RISE = "the track does not rise to its maximum"
 TOO_FEW = "too few particles near the apocentre"
 
 
@@ -65,10 +66,10 @@ class ArmFit:
     curve: tuple[Array, Array]
 
 
-def fit_arm(angle: Array, r: Array, number: Array, guide: float) -> ArmFit | str:
+def fit_arm(angle: Array, r: Array, number: Array, guide: float, coverage: float = COVERAGE) -> ArmFit | str:
     """Fit particles at angles (n,), radii r (n,), each standing for a number (n,), near the guiding angle.
 
-    Or say why there is no apocentre.
+    Or say why there is no apocentre: with less than a share ``coverage`` of them on either side there is none.
     """
     if len(angle) < FEWEST:
         return "too few particles"
@@ -87,22 +88,20 @@ def fit_arm(angle: Array, r: Array, number: Array, guide: float) -> ArmFit | str
     if abs(p[1] - guide) > 2 * REACH:
         return NO_GAUSSIAN
     window = _window(grid - p[1])
-    if not _comes_down(grid, window * count, p[1]):
-        return NOT_YET
+    if reason := _one_sided(grid, window * count, p[1], coverage):
+        return reason
     one, first, second = _cells(angle, grid, number**2, number**2 * r, (number * r) ** 2)
     variance = _variance(grid, count, one, first, second, window, p)
     return _found(p, variance, grid, smooth, count)
 
 
-def fit_turning(angle: Array, r: Array, number: Array, guide: float) -> ArmFit | str:
+def fit_turning(angle: Array, r: Array, number: Array, guide: float, coverage: float = COVERAGE) -> ArmFit | str:
     """Fit, as `fit_arm`, the branch that turns round, among others that pass through the same angles.
 
     The Gaussian r(angle) is the ridge of the particles and not their mean: each counts by a Gaussian kernel of its
     distance in radius (modal regression; Yao & Li 2014, Scand. J. Statist. 41, 656). All angles count alike, many
     particles or few, which leaves the stripping rate out. The fit begins with what is beyond the apocentre, where the
     debris on its way out has hardly come.
-
-    Or say why there is no apocentre.
     """
     near = np.abs(angle - guide) < NEAR
     angle, r, number = angle[near], r[near], number[near]
@@ -118,8 +117,8 @@ def fit_turning(angle: Array, r: Array, number: Array, guide: float) -> ArmFit |
         return NO_GAUSSIAN
     centre = float(q[1])
     slope, rest, share = _shares(angle, r, number, q)
-    if not _comes_down(angle, share, centre):
-        return NOT_YET
+    if reason := _one_sided(angle, share, centre, coverage):
+        return reason
     curvature = (slope * (share * (1 - (rest / (BREADTH * q[0])) ** 2))) @ slope.T
     scale = np.sqrt(np.maximum(np.diag(curvature), 1e-300))
     if not np.linalg.eigvalsh(curvature / np.outer(scale, scale))[0] > FLAT:
@@ -201,10 +200,10 @@ def _cells(angle: Array, grid: Array, *values: Array) -> list[Array]:
     i = place.astype(np.int64)
     f = place - i
 
-    def summed(w: Array) -> Array:
-        return np.asarray(np.bincount(i, (1 - f) * w, len(grid)) + np.bincount(i + 1, f * w, len(grid)), dtype=float)
-
-    return [summed(w) for w in values]
+    return [
+        np.asarray(np.bincount(i, (1 - f) * w, len(grid)) + np.bincount(i + 1, f * w, len(grid)), dtype=float)
+        for w in values
+    ]
 
 
 def _convolve(cell: Array) -> Array:
@@ -241,9 +240,10 @@ def _gaussian(x: Array, q: Array) -> tuple[Array, Array]:
     return model, np.array([g, model * u * np.exp(-q[2]), model * u * u])
 
 
-def _comes_down(angle: Array, share: Array, centre: float) -> bool:
-    """Whether enough of the shares (n,) at angles (n,) are beyond the maximum, away from the progenitor."""
-    return bool(share[np.abs(angle) > abs(centre)].sum() >= FALLING * share.sum())
+def _one_sided(angle: Array, share: Array, centre: float, coverage: float) -> str:
+    """Say if too little of the shares (n,) at angles (n,) is beyond the maximum, or short of it."""
+    beyond = share[np.abs(angle) > abs(centre)].sum() / share.sum()
+    return NOT_YET if beyond < coverage else NO_RISE if beyond > 1 - coverage else ""
 
 
 def _sensible(q: Array) -> bool:

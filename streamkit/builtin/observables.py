@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from streamkit import AngleDatum, Array, BoolArray, LengthDatum, Observable, Orbit, Prediction, Stream
-from streamkit.builtin.apocentre_fit import ArmFit, fit_arm, fit_turning
+from streamkit.builtin.apocentre_fit import COVERAGE, ArmFit, fit_arm, fit_turning
 from streamkit.builtin.unwrap import unwrap_by_phase
 
 NAMES = ("leading", "trailing", "precession")
@@ -17,11 +17,11 @@ NAMES = ("leading", "trailing", "precession")
 class Apocentres(Observable):
     """Leading and trailing apocentre radius, and the differential precession between them.
 
-    Each arm's track r(angle) has its first maximum near the progenitor's own next (leading) or previous
-    (trailing) apocentre; a Gaussian in angle fitted within 40 degrees of it gives radius and angle. There is none where
-    less than 5 % of the fitted debris has come down beyond it. Debris of several stripping passages overlaps at the
-    trailing one: `recent_debris` says what is done about it. The precession is 360 deg - (m_L + |m_T|), angles at the
-    Galactic centre in the progenitor's orbital plane.
+    Each arm's track r(angle) has its first maximum near the progenitor's own next (leading) or previous (trailing)
+    apocentre; a Gaussian in angle fitted within 40 degrees of it gives radius and angle. There is none where too
+    little of the fitted debris is on either side of it (`coverage`). Debris of several stripping passages overlaps at
+    the trailing one: `recent_debris` says what is done about it. The precession is 360 deg - (m_L + |m_T|), angles at
+    the Galactic centre in the progenitor's orbital plane.
     """
 
     kind = "apocentres"
@@ -47,6 +47,12 @@ class Apocentres(Observable):
         "progenitor's last apocentre. 'epoch_aware': stripped since its second-to-last apocentre, that is in the "
         "last completed stripping passage. 'turning' (the default): what passes by the branch that turns round, "
         "whenever stripped: it asks nothing of a star but its place.",
+    )
+    coverage: float = Field(
+        default=COVERAGE,
+        ge=0,
+        lt=0.5,
+        description="Least share of the fitted debris on either side of an apocentre: with less there is none.",
     )
     phase: Literal["winding", "chi"] = Field(
         default="winding",
@@ -83,7 +89,7 @@ class Apocentres(Observable):
             ("leading", fit_arm, guide_lead, ~stream.bound & (angle > 0)),
             ("trailing", fit_trailing, guide_trail, self._trailing(stream, angle)),
         ):
-            fit = fitted(angle[chosen], stream.r[chosen], stream.weight[chosen], guide)
+            fit = fitted(angle[chosen], stream.r[chosen], stream.weight[chosen], guide, self.coverage)
             if isinstance(fit, str):
                 raise _NoValue(f"{arm} arm: {fit}")
             fits[arm] = fit
