@@ -74,6 +74,7 @@ def main() -> None:
     choices = {
         "stripping.particles = 30000": {"stripping.particles": 30000},
         "another seed": {"seed": spec.seed + 1000},
+        "observable.coverage = 0.2": {"observable.coverage": 0.2},
         "stripping.release_radius = 0.8": {"stripping.release_radius": 0.8},
         "stripping.release_radius = 1.2": {"stripping.release_radius": 1.2},
         "stripping.release_times = pericentre": {"stripping.release_times": "pericentre"},
