@@ -130,7 +130,7 @@ class Field:
         step = (t1 - t0) / count
         out = np.empty((count + 1, 9))
         head = (self.address, self.offset, self.follows, self.parameters)
-        loops.carry(*head, q, v, t0, step, 2, PEFRL.drift, PEFRL.kick, out)
+        loops.carry(*head, q, v, t0, step, RKN4.drift, RKN4.kick, out)
         self.check()
         t = t0 + step * np.arange(count + 1)
         t[-1] = t1
@@ -185,11 +185,18 @@ def build_field(potentials: Sequence[Potential]) -> Field:
         first=0.0,
         step=1.0,
         track=np.zeros((1, 20)),
-        work=np.empty(loops.WORK),
+        work=_aligned(loops.WORK),
         numbers=np.empty(loops.NUMBERS, dtype=np.int64),
         kernels=tuple(built),
         names=tuple(p.kind for p in potentials),
     )
+
+
+def _aligned(n: int) -> Array:
+    """(n,) Doubles that begin at a cache line, so that no vector straddles two."""
+    raw = np.empty(n + 8)
+    first = -raw.ctypes.data % 64 // raw.itemsize
+    return raw[first : first + n]
 
 
 def adaptive_step(
@@ -212,9 +219,10 @@ def _advance(
     field: Field, splitting: Splitting, q: Array, v: Array, t0: Array, t1: float, eta: Array, most: int
 ) -> None:
     """Pass the rows of q and v, which the loops want contiguous, in place where they are."""
-    rows = [np.ascontiguousarray(row) for row in (*q, *v)]
+    given = [*q, *v]
+    rows = [np.ascontiguousarray(row) for row in given]
     method = splitting.drift, splitting.kick, eta, most
     loops.advance(*field._head, *rows, t0, t1, *method, field.work, field.numbers)
-    for row, done in zip((*q, *v), rows, strict=True):
-        if not np.shares_memory(row, done):
+    for row, done in zip(given, rows, strict=True):
+        if done is not row:
             row[:] = done

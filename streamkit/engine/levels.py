@@ -150,18 +150,22 @@ def rates(
 
 
 @njit(**INLINE)
-def choose(m, rate, span, deepest, level):
-    """Level of m lanes: the power of two of steps so that none exceeds eta dynamical times, rate^(-1/4)."""
+def choose(m, rate, span, deepest, level, size):
+    """Level of m lanes: the power of two of steps so that none exceeds eta dynamical times, rate^(-1/4).
+
+    level is zero and size (levels,), the number of lanes of each level, is m and zeros at first.
+    """
     for i in range(m):
-        level[i] = 0
         rate[i] = span[i] ** 4 * rate[i]  # the fourth power of the number of steps
     bound = 1.0
-    for _ in range(deepest):
+    for k in range(deepest):
         more = 0
         for i in range(m):
             above = 1 if rate[i] > bound else 0
             level[i] += above
             more += above
+        size[k] -= more
+        size[k + 1] = more
         if more == 0:
             break
         bound *= 16.0
@@ -171,17 +175,15 @@ def choose(m, rate, span, deepest, level):
 def place(m, level, limit, start, size, slot):
     """Give each of m lanes up to the level limit a slot, grouped by level, stable, groups in multiples of LANES.
 
-    start and size (limit + 1,) receive each level's first slot and its lanes; lanes of higher levels get slot -1.
+    start (levels,) receives each level's first slot, from its lanes in size; lanes of higher levels get slot -1.
     """
-    size[:] = 0
-    for i in range(m):
-        size[level[i]] += 1
     place_at = 0
     for k in range(size.shape[0]):
         start[k] = place_at
         place_at += (size[k] + LANES - 1) // LANES * LANES
-        size[k] = 0
     for i in range(m):
         k = level[i]
-        slot[i] = start[k] + size[k] if k <= limit else -1
-        size[k] += 1
+        slot[i] = start[k] if k <= limit else -1
+        start[k] += 1
+    for k in range(size.shape[0]):
+        start[k] -= size[k]

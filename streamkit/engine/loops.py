@@ -108,15 +108,14 @@ def sweep(
         uniform = t[0] == t[m - 1]  # times never decrease
         for i in range(whole):
             span[i] -= t[i]
+        level[:m], size[:], size[0] = 0, 0, m
         if adapts:
             add_forces(address, offset, follows, p, first, step, track, uniform, 0, whole, t, x, rel, centre, a)
             rates(
                 address, offset, follows, p, first, step, track, eta, uniform, whole, t, span, x, u, a, rel, force,
                 centre, path, rate,
             )  # fmt: skip
-            choose(m, rate, span, most, level)
-        else:
-            level[:m] = 0
+            choose(m, rate, span, most, level, size)
         place(m, level, limit, start, size, slot)
         for i in range(m):
             if slot[i] < 0:
@@ -180,21 +179,23 @@ def advance(
             now[i] = ends[i]
 
 
-@cached(types.void(_I1, _I1, _B1, _F1, _F1, _F1, _F, _F, _N, _F1, _F1, _F2))
-def carry(address, offset, follows, p, q0, v0, t0, step, substeps, drift, kick, out):
-    """March one orbit in fixed forces, writing its states (T, 9) at t0 + k * step (step may be negative)."""
+@cached(types.void(_I1, _I1, _B1, _F1, _F1, _F1, _F, _F, _F1, _F1, _F2))
+def carry(address, offset, follows, p, q0, v0, t0, step, drift, kick, out):
+    """March one orbit in fixed forces, writing its states (T, 9) at t0 + k * step (step may be negative).
+
+    By a method that begins and ends with a kick: the force that ends a step is that of the next state.
+    """
     x, u, a, rel = np.zeros(3 * ROW), np.zeros(3 * ROW), np.zeros(3 * ROW), np.zeros(3 * ROW)
     t, h, centre, track = np.empty(1), np.empty(1), np.empty(3), np.zeros((1, 20))
-    h[0] = step / substeps
+    h[0] = step
     for k in range(3):
         x[k * ROW], u[k * ROW] = q0[k], v0[k]
+    t[0] = t0
+    add_forces(address, offset, follows, p, 0.0, 1.0, track, True, 0, 1, t, x, rel, centre, a)
     for node in range(out.shape[0]):
-        t[0] = t0 + node * step
-        add_forces(address, offset, follows, p, 0.0, 1.0, track, True, 0, 1, t, x, rel, centre, a)
         for k in range(3):
             out[node, k], out[node, 3 + k], out[node, 6 + k] = x[k * ROW], u[k * ROW], a[k * ROW]
-        if node < out.shape[0] - 1:
-            compose(
-                address, offset, follows, p, 0.0, 1.0, track, True, 0, 1, substeps, t, h, x, u, rel, centre, a,
-                False, drift, kick,
-            )  # fmt: skip
+        t[0] = t0 + node * step
+        compose(
+            address, offset, follows, p, 0.0, 1.0, track, True, 0, 1, 1, t, h, x, u, rel, centre, a, True, drift, kick
+        )
