@@ -284,5 +284,5 @@ def test_units_are_those_of_the_data(small: sk.Spec) -> None:
     observable = small.parts.observable
     assert observable is not None
     assert {name: datum_unit(field) for name, field in observable.cls.model_fields.items()} == {
-        "leading": "kpc", "trailing": "kpc", "precession": "deg", "recent_debris": "", "phase": "",
+        "leading": "kpc", "trailing": "kpc", "precession": "deg", "recent_debris": "", "coverage": "", "phase": "",
     }  # fmt: skip

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from streamkit import AngleDatum, Array, BoolArray, LengthDatum, Observable, Orbit, Prediction, Stream
+from streamkit import AngleDatum, Array, BoolArray, LengthDatum, Number, Observable, Orbit, Prediction, Stream
 from streamkit.builtin.apocentre_fit import COVERAGE, ArmFit, fit_arm, fit_turning
 from streamkit.builtin.unwrap import unwrap_by_phase
 
@@ -48,7 +48,7 @@ class Apocentres(Observable):
         "last completed stripping passage. 'turning' (the default): what passes by the branch that turns round, "
         "whenever stripped: it asks nothing of a star but its place.",
     )
-    coverage: float = Field(
+    coverage: Number = Field(
         default=COVERAGE,
         ge=0,
         lt=0.5,
