@@ -159,6 +159,26 @@ class Broken(sk.Potential):
         return -x, -y, -z
 
 
+class Recorded(sk.Potential):
+    """Known for the last Gyr only, as a potential from snapshots would be."""
+
+    kind = "test_recorded"
+    compiled = False
+    mass: sk.Mass = Field(default=1e11, description="Mass.")
+
+    @staticmethod
+    def acceleration(x, y, z, t, mass):
+        if np.min(t) < -sk.GYR * (1 + 1e-9) or np.max(t) > 1e-9:
+            raise ValueError("off the record")
+        return tuple(-sk.G * mass * np.stack([x, y, z]) / (x**2 + y**2 + z**2) ** 1.5)
+
+
+def test_an_orbit_asks_for_no_force_beyond_its_time():
+    orbit = build_field([Recorded()]).orbit(Q, V, 0.0, -sk.GYR, 0.01 * sk.GYR)
+    assert np.isfinite(orbit.q).all()
+    assert orbit.t[0] == -sk.GYR
+
+
 def test_a_numpy_body_gives_the_same_force_and_mixes_with_compiled_ones():
     q, t = positions(1e-1, 3e2, 500), times(500)
     compiled = build_field([*HOST, Plummer(mass=6.4e8, radius=0.85)]).acceleration(t, q)

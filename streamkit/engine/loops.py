@@ -195,6 +195,8 @@ def carry(address, offset, follows, p, q0, v0, t0, step, drift, kick, out):
     for node in range(out.shape[0]):
         for k in range(3):
             out[node, k], out[node, 3 + k], out[node, 6 + k] = x[k * ROW], u[k * ROW], a[k * ROW]
+        if node == out.shape[0] - 1:
+            break  # no force is asked for beyond the last state
         t[0] = t0 + node * step
         compose(
             address, offset, follows, p, 0.0, 1.0, track, True, 0, 1, 1, t, h, x, u, rel, centre, a, True, drift, kick
