@@ -73,7 +73,6 @@ def march(field: Field, integrator: Integrator, orbit: Orbit, start: Orbit, q: A
     field.check()
 
     winding = offset + np.arctan2(planar[1], planar[0]) + 2 * np.pi * revolutions - swept[-1]
-    dq_strip, dv_strip = _turn(orbit, t_strip, dq_strip, dv_strip)
     return Records(q, v, t_strip, dq_strip, dv_strip, winding, chi, gap <= 0)
 
 
@@ -88,9 +87,3 @@ def orbital_plane(orbit: Orbit) -> Array:
 def _angle(plane: Array, q: Array) -> Array:
     first, second = plane @ q
     return np.asarray(np.arctan2(second, first))
-
-
-def _turn(orbit: Orbit, t: Array, dq: Array, dv: Array) -> tuple[Array, Array]:
-    """Turn offsets from the progenitor at times t into its frame (radial, tangential, out of the plane)."""
-    frame = np.stack(orbit.at(t).frame)
-    return np.einsum("fcn,cn->fn", frame, dq), np.einsum("fcn,cn->fn", frame, dv)

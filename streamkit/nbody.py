@@ -66,14 +66,13 @@ def to_stream(snapshot: Snapshot, setup: Setup) -> Stream:
     winding = today + 2 * np.pi * np.round((np.where(bound, 0.0, winding) - today) / (2 * np.pi))
     nowhere = np.full((3, n), np.nan)
     dq, dv = (nowhere if x is None else x for x in (snapshot.dq_strip, snapshot.dv_strip))
-    frame = np.stack(orbit.at(np.where(bound, 0.0, t_strip)).frame)
     return Stream(
         q=snapshot.q,
         v=snapshot.v,
         t_release=np.full(n, orbit.t[0]),
         t_strip=np.where(bound, 0.0, t_strip),
-        dq_strip=np.einsum("fcn,cn->fn", frame, dq),
-        dv_strip=np.einsum("fcn,cn->fn", frame, dv),
+        dq_galactocentric=dq,
+        dv_galactocentric=dv,
         tail=np.where(winding > 0, LEADING, TRAILING),
         winding=winding,
         chi=chi,

@@ -143,9 +143,8 @@ class Stream:
         (n,) time of release.
     t_strip
         (n,) stripping time: the last time inside the instantaneous tidal radius; 0 for bound particles.
-    dq_strip, dv_strip
-        (3, n) position and velocity relative to the progenitor at the last sample inside the tidal radius, in the
-        progenitor's frame (radial, tangential, out of the plane).
+    dq_galactocentric, dv_galactocentric
+        (3, n) position and velocity relative to the progenitor at the last sample inside the tidal radius.
     tail
         (n,) Lagrange point of release: -1 inner ("leading"), +1 outer ("trailing").
     winding
@@ -168,8 +167,8 @@ class Stream:
     v: Array
     t_release: Array
     t_strip: Array
-    dq_strip: Array
-    dv_strip: Array
+    dq_galactocentric: Array
+    dv_galactocentric: Array
     tail: IntArray
     winding: Array
     chi: Array
@@ -191,6 +190,20 @@ class Stream:
     def arm(self) -> IntArray:
         """(n,) 1 leading, -1 trailing, by the sign of the winding; 0 bound."""
         return np.where(self.bound, 0, np.where(self.winding > 0, 1, -1)).astype(np.int64)
+
+    @cached_property
+    def dq_strip(self) -> Array:
+        """(3, n) ``dq_galactocentric`` in the progenitor's frame then: radial, tangential, out of the plane."""
+        return self._turned(self.dq_galactocentric)
+
+    @cached_property
+    def dv_strip(self) -> Array:
+        """(3, n) ``dv_galactocentric`` in the progenitor's frame then: radial, tangential, out of the plane."""
+        return self._turned(self.dv_galactocentric)
+
+    def _turned(self, x: Array) -> Array:
+        frame = np.stack(self.orbit.at(self.t_strip).frame)  # when asked for: no likelihood call needs it
+        return np.asarray(np.einsum("fcn,cn->fn", frame, x))
 
     def table(self) -> QTable:
         """Return one row per particle with units, as an astropy QTable."""

@@ -37,8 +37,8 @@ def by_hand(
     stream = Stream(
         q=np.array([radius * np.cos(a), radius * np.sin(a), z]),
         v=210 * np.array([-np.sin(a), np.cos(a), 0 * a]),
-        t_release=np.full(n, -1.0), t_strip=np.full(n, -0.5), dq_strip=none, dv_strip=none,
-        tail=np.ones(n, dtype=np.int64), winding=a, chi=-a,
+        t_release=np.full(n, -1.0), t_strip=np.full(n, -0.5), dq_galactocentric=none,
+        dv_galactocentric=none, tail=np.ones(n, dtype=np.int64), winding=a, chi=-a,
         bound=np.broadcast_to(bound, n).copy(), weight=np.broadcast_to(weight, n).astype(float), orbit=orbit,
     )  # fmt: skip
     return Portrait(stream, run_file("A").bind())

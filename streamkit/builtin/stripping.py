@@ -23,7 +23,7 @@ class LagrangeCloud(Stripping):
 
     def release(self, orbit: Orbit, tail: IntArray, mass: float | Array, normals: Array) -> Release:
         """Place the particles at x_p (1 -+ r_t / |x_p|), with v_p + N(0, sigma) on each axis."""
-        e_r, _, _ = orbit.frame
+        e_r = orbit.q / orbit.r
         q = orbit.q + tail * self.release_radius * orbit.r_tidal * e_r
         return Release(q, orbit.v + self.sigma * normals)
 

@@ -16,7 +16,10 @@ LOOKBACK = -3.0
 BLOCK = 0.02
 """Gyr."""
 
-PARTICLES = ("q", "v", "t_release", "t_strip", "dq_strip", "dv_strip", "tail", "winding", "chi", "bound", "weight")
+PARTICLES = (
+    "q", "v", "t_release", "t_strip", "dq_galactocentric", "dv_galactocentric", "tail", "winding", "chi", "bound",
+    "weight",
+)  # fmt: skip
 """The arrays of a stream with one entry per particle."""
 
 
@@ -58,8 +61,9 @@ def example_stream(count: int = 4000, seed: int = 3) -> Stream:
         q[:, out], v[:, out] = x, u
     zero = np.zeros((3, count))
     return Stream(
-        q=q, v=v, t_release=edges[born], t_strip=inside, dq_strip=zero, dv_strip=zero.copy(), tail=tail,
-        winding=winding, chi=chi, bound=inside == edges[-1], weight=np.ones(count), orbit=orbit, future=future,
+        q=q, v=v, t_release=edges[born], t_strip=inside, dq_galactocentric=zero, dv_galactocentric=zero.copy(),
+        tail=tail, winding=winding, chi=chi, bound=inside == edges[-1], weight=np.ones(count), orbit=orbit,
+        future=future,
     )  # fmt: skip
 
 
