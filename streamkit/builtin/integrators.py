@@ -62,11 +62,16 @@ class Adaptive(Integrator):
     """Splitting whose step follows each particle's own dynamical time, by powers of two per block.
 
     Particles deep in the progenitor take many steps, escaped ones few: the adaptive stepping that Gibbons+ 2014
-    ask for, in batches of equal steps. Between blocks the step changes, so it is not strictly symplectic.
+    ask for, in batches of equal steps. Where one step would do for the whole block, Nystrom's fifth-order method
+    takes it in one or two of half the length: 4 forces each. Between blocks the step changes, so nothing is
+    strictly symplectic.
     """
 
     kind = "adaptive"
-    reference = "Omelyan+ 2002, Comput. Phys. Commun. 146, 188; Blanes & Moan 2002, J. Comput. Appl. Math. 142, 313"
+    reference = (
+        "Omelyan+ 2002, Comput. Phys. Commun. 146, 188; Blanes & Moan 2002, J. Comput. Appl. Math. 142, 313; "
+        "Hairer, Norsett & Wanner 1993, Solving Ordinary Differential Equations I, section II.14"
+    )
     order = 4
     example: ClassVar[dict[str, Any]] = {"method": "rkn4", "eta": 0.3, "eta_progenitor": 0.2}
 

@@ -13,9 +13,11 @@ BATCH = 4096
 LANES = 8
 """Doubles in the widest vector register: groups of equal steps are padded to a multiple of it."""
 DEEPEST = 20
-"""Most levels of power-of-two steps."""
+"""A block takes at most 2 to this power steps."""
+LEVELS = DEEPEST + 2
+"""Groups of equal steps: one and two half steps of Nystrom's method, and 2 to 2^DEEPEST steps of another one."""
 
-ROW = BATCH + LANES * (DEEPEST + 1)
+ROW = BATCH + LANES * LEVELS
 """Distance between the x, y and z of a particle in a batch. A constant: it proves to LLVM that rows are apart."""
 
 

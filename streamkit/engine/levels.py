@@ -151,13 +151,13 @@ def rates(
 
 @njit(**INLINE)
 def choose(m, rate, span, deepest, level, size):
-    """Level of m lanes: the power of two of steps so that none exceeds eta dynamical times, rate^(-1/4).
+    """Level of m lanes: the power of two of half steps so that no step exceeds eta dynamical times, rate^(-1/4).
 
     level is zero and size (levels,), the number of lanes of each level, is m and zeros at first.
     """
     for i in range(m):
         rate[i] = span[i] ** 4 * rate[i]  # the fourth power of the number of steps
-    bound = 1.0
+    bound = 0.5**4
     for k in range(deepest):
         more = 0
         for i in range(m):

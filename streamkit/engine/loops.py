@@ -9,13 +9,13 @@ import numpy as np
 from numba import njit, types
 
 from streamkit.engine.cache import INLINE, cached
-from streamkit.engine.forces import BATCH, DEEPEST, LANES, ROW, add_forces
+from streamkit.engine.forces import BATCH, LANES, LEVELS, ROW, add_forces
 from streamkit.engine.levels import alike, choose, give_back, place, rates, scatter, take
 
 WORK, NUMBERS = 26 * ROW, 2 * ROW
 """Doubles and integers of scratch that `advance` needs. Its caller keeps them: to allocate costs as much as to use."""
 
-LOOK_AGAIN, PARTS = 3, 4
+LOOK_AGAIN, PARTS = 4, 4
 """Particles of higher levels choose their steps anew in every one of these parts of a block."""
 
 _F1, _F2, _S2 = types.float64[::1], types.float64[:, ::1], types.float64[:, :]
@@ -78,6 +78,53 @@ def compose(
                 t_i[i] += c * h_i[i]
 
 
+@njit(**INLINE)
+def nystrom(
+    address, offset, follows, p, first, step, track, uniform, begin, end, steps, t, h, x, u, rel, centre, k1, k2, k3, y,
+):  # fmt: skip
+    """Steps of Nystrom's fifth-order method; k1 is the acceleration at first, k2, k3 and y are scratch.
+
+    Hairer, Norsett & Wanner 1993, Solving Ordinary Differential Equations I, table II.14.2. Four forces a step, of
+    which the first is known already where a particle takes one: it was needed to choose the step.
+    """
+    for s in range(steps):
+        if s > 0:
+            add_forces(address, offset, follows, p, first, step, track, uniform, begin, end, t, x, rel, centre, k1)
+        t_i, h_i = t[begin:end], h[begin:end]
+        for k in range(3):
+            low, high = k * ROW + begin, k * ROW + end
+            x_i, u_i, a, out = x[low:high], u[low:high], k1[low:high], y[low:high]
+            for i in range(out.shape[0]):
+                out[i] = x_i[i] + h_i[i] * (0.2 * u_i[i] + h_i[i] * (0.02 * a[i]))
+        for i in range(t_i.shape[0]):
+            t_i[i] += 0.2 * h_i[i]
+        add_forces(address, offset, follows, p, first, step, track, uniform, begin, end, t, y, rel, centre, k2)
+        for k in range(3):
+            low, high = k * ROW + begin, k * ROW + end
+            x_i, u_i, a, b, out = x[low:high], u[low:high], k1[low:high], k2[low:high], y[low:high]
+            for i in range(out.shape[0]):
+                out[i] = x_i[i] + h_i[i] * (2 / 3 * u_i[i] + h_i[i] * (7 / 27 * b[i] - 1 / 27 * a[i]))
+        for i in range(t_i.shape[0]):
+            t_i[i] += (2 / 3 - 0.2) * h_i[i]
+        add_forces(address, offset, follows, p, first, step, track, uniform, begin, end, t, y, rel, centre, k3)
+        for k in range(3):
+            low, high = k * ROW + begin, k * ROW + end
+            x_i, u_i, a, b, c = x[low:high], u[low:high], k1[low:high], k2[low:high], k3[low:high]
+            out = y[low:high]
+            for i in range(out.shape[0]):
+                h1, x1, u1, a1, b1, c1 = h_i[i], x_i[i], u_i[i], a[i], b[i], c[i]
+                out[i] = x1 + h1 * (u1 + h1 * (0.3 * a1 - 2 / 35 * b1 + 9 / 35 * c1))
+                x_i[i] = x1 + h1 * (u1 + h1 * (1 / 24 * a1 + 25 / 84 * b1 + 9 / 56 * c1))
+                u_i[i] = u1 + h1 * (1 / 24 * a1 + 125 / 336 * b1 + 27 / 56 * c1)
+        for i in range(t_i.shape[0]):
+            t_i[i] += (1 - 2 / 3) * h_i[i]
+        add_forces(address, offset, follows, p, first, step, track, uniform, begin, end, t, y, rel, centre, k2)
+        for k in range(3):
+            u_i, d = u[k * ROW + begin : k * ROW + end], k2[k * ROW + begin : k * ROW + end]
+            for i in range(u_i.shape[0]):
+                u_i[i] += 5 / 48 * h_i[i] * d[i]
+
+
 @cached(_N(*_HEAD, *_STATE, _I1, _F1, _F1, _F1, _F1, _F1, _N, _N, _I1, _F1, _I1))
 def sweep(
     address, offset, follows, p, first, step, track, q0, q1, q2, v0, v1, v2, index, t0, t1, drift, kick, eta, most,
@@ -86,9 +133,10 @@ def sweep(
     """Compositions of drifts and kicks, in place, of the particles index (n,) from their t0 to their t1.
 
     With eta (2,) zero all take ``most`` steps. Otherwise each takes the power of two, up to 2^most, that its dynamical
-    time asks for; those beyond the level ``limit`` are left where they are and put into ``later`` (n,), and their
-    number is returned. Particles of a level march together, padded to whole vectors with copies whose results
-    are dropped. work and numbers are scratch.
+    time asks for; where one step would do, one or two of Nystrom's of half the length, which are cheaper and better.
+    Those beyond the level ``limit`` are left where they are and put into ``later`` (n,), and their number is returned.
+    Particles of a level march together, padded to whole vectors with copies whose results are dropped. work and
+    numbers are scratch.
     """
     x, u, xs, us = work, work[3 * ROW :], work[6 * ROW :], work[9 * ROW :]
     a, rel, force, centre, path = work[12 * ROW :], work[15 * ROW :], work[18 * ROW :], np.empty(3), np.empty(9)
@@ -96,7 +144,7 @@ def sweep(
     rate, level, slot, kept = work[25 * ROW :], numbers, numbers[ROW:], 0
     x0, x1, x2, u0, u1, u2 = x, x[ROW:], x[2 * ROW :], u, u[ROW:], u[2 * ROW :]
     xs0, xs1, xs2, us0, us1, us2 = xs, xs[ROW:], xs[2 * ROW :], us, us[ROW:], us[2 * ROW :]
-    start, size = np.empty(DEEPEST + 1, np.int64), np.empty(DEEPEST + 1, np.int64)
+    start, size = np.empty(LEVELS, np.int64), np.empty(LEVELS, np.int64)
     adapts = eta[0] > 0.0
     begin, m = 0, 0
     while begin + m < index.shape[0]:
@@ -115,7 +163,7 @@ def sweep(
                 address, offset, follows, p, first, step, track, eta, uniform, whole, t, span, x, u, a, rel, force,
                 centre, path, rate,
             )  # fmt: skip
-            choose(m, rate, span, most, level, size)
+            choose(m, rate, span, most + 1, level, size)
         place(m, level, limit, start, size, slot)
         for i in range(m):
             if slot[i] < 0:
@@ -135,13 +183,20 @@ def sweep(
                 for k in range(3):
                     xs[k * ROW + i], us[k * ROW + i] = xs[k * ROW + ends - 1], us[k * ROW + ends - 1]
                     force[k * ROW + i] = force[k * ROW + ends - 1]
-            steps = 1 << group if adapts else most
+            calm = adapts and group < 2
+            steps = 1 << (group if calm else group - 1) if adapts else most
             for i in range(begins, last):
                 hs[i] /= steps
-            compose(
-                address, offset, follows, p, first, step, track, uniform, begins, last, steps, ts, hs, xs, us, rel,
-                centre, force, adapts, drift, kick,
-            )  # fmt: skip
+            if calm:
+                nystrom(
+                    address, offset, follows, p, first, step, track, uniform, begins, last, steps, ts, hs, xs, us, rel,
+                    centre, force, x, u, a,
+                )  # fmt: skip
+            else:
+                compose(
+                    address, offset, follows, p, first, step, track, uniform, begins, last, steps, ts, hs, xs, us, rel,
+                    centre, force, adapts, drift, kick,
+                )  # fmt: skip
         for row, out in ((xs0, q0), (xs1, q1), (xs2, q2), (us0, v0), (us1, v1), (us2, v2)):
             give_back(m, slot, row, index, begin, out)
     return kept
@@ -160,7 +215,7 @@ def advance(
     """
     n = t0.shape[0]
     every, later, ends, now = np.arange(n), np.empty(n, np.int64), np.full(n, t1), t0.copy()
-    limit = np.int64(0) if eta[0] == 0.0 else min(LOOK_AGAIN, most)
+    limit = np.int64(0) if eta[0] == 0.0 else min(LOOK_AGAIN, most + 1)
     kept = sweep(
         address, offset, follows, p, first, step, track, q0, q1, q2, v0, v1, v2, every, t0, ends, drift, kick, eta,
         most, limit, later, work, numbers,
@@ -173,7 +228,7 @@ def advance(
             ends[i] = t1 if part == PARTS - 1 else t0[i] + (t1 - t0[i]) * (part + 1) / PARTS
         sweep(
             address, offset, follows, p, first, step, track, q0, q1, q2, v0, v1, v2, near, now, ends, drift, kick, eta,
-            max(most - 2, 0), DEEPEST, later, work, numbers,
+            max(most - 2, 0), LEVELS - 1, later, work, numbers,
         )  # fmt: skip
         for i in near:
             now[i] = ends[i]

@@ -19,7 +19,7 @@ SPAN = 0.4
 COUNT = 5
 STEPS = (0.008, 0.004, 0.002, 0.001, 0.0005)
 """Gyr."""
-BLOCKS = (0.004, 0.002, 0.001)
+BLOCKS = (0.002, 0.001, 0.0005)
 """Gyr: so short that an integrator which chooses its own steps takes one in each."""
 FLOOR = 1e-10
 """Relative error below which rounding, the track's interpolation and the oracle's own error show."""
