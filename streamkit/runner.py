@@ -23,8 +23,6 @@ from streamkit.sampling import Limits, Sampling
 from streamkit.spec import Spec
 from streamkit.workers import Signals, Stopped, Workers
 
-CHEAP_PARTICLES = 1000
-"""Particles of the model that searches for a start."""
 QUICK_PARTICLES = 2000
 QUICK_WALKERS = 24
 QUICK_SEARCH = 50.0
@@ -144,7 +142,7 @@ def quick_spec(spec: Spec) -> Spec:
 
 def cheap_spec(spec: Spec) -> Spec:
     """Return the spec that searches for a start: few particles, their noise added to the data's."""
-    return _with_particles(spec, CHEAP_PARTICLES, {})
+    return _with_particles(spec, spec.sampler.start_particles, {})
 
 
 def _with_particles(spec: Spec, particles: int, values: dict[str, Any]) -> Spec:

@@ -22,6 +22,12 @@ class Sampler(BaseModel):
     r_hat: float = Field(
         default=1.02, gt=1, description="Stop only when the split R-hat of every parameter is below this."
     )
+    start_particles: int = Field(
+        default=1000,
+        ge=2,
+        description="Particles of the streams that the search for a start tries, the run's own number at most. Where "
+        "an observable is made of little of the debris, such small streams have none of it: take more.",
+    )
     moves: Literal["surrogate", "de", "stretch"] = Field(
         default="surrogate",
         description="Exchange with a learned surrogate of the posterior, differential evolution, or the stretch move.",

@@ -16,6 +16,7 @@ from toys import FIT
 
 import streamkit as sk
 from streamkit import chain, output
+from streamkit.runner import cheap_spec
 
 SCRIPT = """
 import json, sys
@@ -226,6 +227,19 @@ def test_a_component_that_raises_is_named_and_finished_steps_stay(tmp_path, monk
     assert len(sk.Results(out).chain) == 2
     assert (out / "plugins" / "fragile.py").exists()
     assert str(tmp_path) not in (out / output.RUN_FILE).read_text()
+
+
+@pytest.mark.parametrize("asked", [50, 10_000])
+def test_the_search_for_a_start_tries_streams_of_the_size_asked_for(asked):
+    document = copy.deepcopy(FIT)
+    document["sampler"]["start_particles"] = asked
+    full = sk.load(document).bind().stripping.particles
+
+    search = cheap_spec(sk.load(document))
+
+    assert 50 < full < 10_000
+    assert search.bind().stripping.particles == min(asked, full)
+    assert search.likelihood.noise == "add"
 
 
 def test_too_few_walkers_are_refused(tmp_path):

@@ -137,7 +137,7 @@ def main() -> None:
     settings: dict[str, Integrator] = {
         "adaptive (default)": Adaptive(),
         "adaptive, eta 0.5, 0.55": Adaptive(eta=0.5, eta_progenitor=0.55),
-        "adaptive, eta 0.25, 0.22": Adaptive(eta=0.25, eta_progenitor=0.22),
+        "adaptive, eta 0.3, 0.25": Adaptive(eta=0.3, eta_progenitor=0.25),
         "adaptive, pefrl, eta 0.25, 0.2": Adaptive(method="pefrl", eta=0.25, eta_progenitor=0.2),
         "pefrl, 8 Myr": ForestRuth(step=0.008),
         "pefrl, 4 Myr": ForestRuth(),
