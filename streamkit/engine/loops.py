@@ -88,41 +88,36 @@ def nystrom(
     which the first is known already where a particle takes one: it was needed to choose the step.
     """
     for s in range(steps):
-        if s > 0:
-            add_forces(address, offset, follows, p, first, step, track, uniform, begin, end, t, x, rel, centre, k1)
         t_i, h_i = t[begin:end], h[begin:end]
-        for k in range(3):
-            low, high = k * ROW + begin, k * ROW + end
-            x_i, u_i, a, out = x[low:high], u[low:high], k1[low:high], y[low:high]
-            for i in range(out.shape[0]):
-                out[i] = x_i[i] + h_i[i] * (0.2 * u_i[i] + h_i[i] * (0.02 * a[i]))
-        for i in range(t_i.shape[0]):
-            t_i[i] += 0.2 * h_i[i]
-        add_forces(address, offset, follows, p, first, step, track, uniform, begin, end, t, y, rel, centre, k2)
-        for k in range(3):
-            low, high = k * ROW + begin, k * ROW + end
-            x_i, u_i, a, b, out = x[low:high], u[low:high], k1[low:high], k2[low:high], y[low:high]
-            for i in range(out.shape[0]):
-                out[i] = x_i[i] + h_i[i] * (2 / 3 * u_i[i] + h_i[i] * (7 / 27 * b[i] - 1 / 27 * a[i]))
-        for i in range(t_i.shape[0]):
-            t_i[i] += (2 / 3 - 0.2) * h_i[i]
-        add_forces(address, offset, follows, p, first, step, track, uniform, begin, end, t, y, rel, centre, k3)
-        for k in range(3):
-            low, high = k * ROW + begin, k * ROW + end
-            x_i, u_i, a, b, c = x[low:high], u[low:high], k1[low:high], k2[low:high], k3[low:high]
-            out = y[low:high]
-            for i in range(out.shape[0]):
-                h1, x1, u1, a1, b1, c1 = h_i[i], x_i[i], u_i[i], a[i], b[i], c[i]
-                out[i] = x1 + h1 * (u1 + h1 * (0.3 * a1 - 2 / 35 * b1 + 9 / 35 * c1))
-                x_i[i] = x1 + h1 * (u1 + h1 * (1 / 24 * a1 + 25 / 84 * b1 + 9 / 56 * c1))
-                u_i[i] = u1 + h1 * (1 / 24 * a1 + 125 / 336 * b1 + 27 / 56 * c1)
-        for i in range(t_i.shape[0]):
-            t_i[i] += (1 - 2 / 3) * h_i[i]
-        add_forces(address, offset, follows, p, first, step, track, uniform, begin, end, t, y, rel, centre, k2)
-        for k in range(3):
-            u_i, d = u[k * ROW + begin : k * ROW + end], k2[k * ROW + begin : k * ROW + end]
-            for i in range(u_i.shape[0]):
-                u_i[i] += 5 / 48 * h_i[i] * d[i]
+        for stage in range(4):  # one call for all stages: what is inlined four times takes long to compile
+            if stage > 0 or s > 0:
+                place = x if stage == 0 else y
+                out = k1 if stage == 0 else k3 if stage == 2 else k2
+                add_forces(
+                    address, offset, follows, p, first, step, track, uniform, begin, end, t, place, rel, centre, out
+                )
+            for k in range(3):
+                low, high = k * ROW + begin, k * ROW + end
+                x_i, u_i, y_i = x[low:high], u[low:high], y[low:high]
+                a, b, c = k1[low:high], k2[low:high], k3[low:high]
+                if stage == 0:
+                    for i in range(x_i.shape[0]):
+                        y_i[i] = x_i[i] + h_i[i] * (0.2 * u_i[i] + h_i[i] * (0.02 * a[i]))
+                elif stage == 1:
+                    for i in range(x_i.shape[0]):
+                        y_i[i] = x_i[i] + h_i[i] * (2 / 3 * u_i[i] + h_i[i] * (7 / 27 * b[i] - 1 / 27 * a[i]))
+                elif stage == 2:
+                    for i in range(x_i.shape[0]):
+                        h1, x1, u1, a1, b1, c1 = h_i[i], x_i[i], u_i[i], a[i], b[i], c[i]
+                        y_i[i] = x1 + h1 * (u1 + h1 * (0.3 * a1 - 2 / 35 * b1 + 9 / 35 * c1))
+                        x_i[i] = x1 + h1 * (u1 + h1 * (1 / 24 * a1 + 25 / 84 * b1 + 9 / 56 * c1))
+                        u_i[i] = u1 + h1 * (1 / 24 * a1 + 125 / 336 * b1 + 27 / 56 * c1)
+                else:
+                    for i in range(x_i.shape[0]):
+                        u_i[i] += 5 / 48 * h_i[i] * b[i]
+            ahead = 0.2 if stage == 0 else 2 / 3 - 0.2 if stage == 1 else 1 / 3 if stage == 2 else 0.0
+            for i in range(t_i.shape[0]):
+                t_i[i] += ahead * h_i[i]
 
 
 @cached(_N(*_HEAD, *_STATE, _I1, _F1, _F1, _F1, _F1, _F1, _N, _N, _I1, _F1, _I1))
@@ -169,10 +164,8 @@ def sweep(
             if slot[i] < 0:
                 later[kept] = index[begin + i]
                 kept += 1
-        scatter(1, m, slot, t, ts)
-        scatter(1, m, slot, span, hs)
-        for rows, out in ((x, xs), (u, us), (a, force)):
-            scatter(3, m, slot, rows, out)
+        for rows, source, out in ((6, x, xs), (3, a, force), (2, t, ts)):  # u is behind x, span behind t
+            scatter(rows, m, slot, source, out)
         for group in range(limit + 1):
             if size[group] == 0:
                 continue
