@@ -46,7 +46,7 @@ class Results:
     discard
         Steps of burn-in that `samples` leaves out.
     acceptance
-        Fraction of the proposals that were accepted.
+        Fraction of the proposals that were accepted, those of the steps of learning left out.
     calls, search_calls
         Evaluations of the posterior while sampling, and while looking for a start.
     reasons
@@ -94,7 +94,6 @@ class Results:
     ) -> None:
         self.spec = spec
         self.chain, self.log_prob, self.blobs = found.chain, found.log_prob, found.blobs
-        self.acceptance = float(np.mean(found.accepted)) / max(len(found.chain), 1)
         self.calls, self.search_calls = int(counts.get("calls", 0)), int(counts.get("search_calls", 0))
         self.reasons: dict[str, int] = counts.get("reasons", {})
         self.status, self.quick = status, quick
@@ -105,6 +104,8 @@ class Results:
             )
         if not len(self.chain):
             raise ChainError("the run ended before its first step: there are no samples")
+        moved = np.diff(self.chain[self.learned :], axis=0).any(axis=2)
+        self.acceptance = float(moved.mean() if moved.size else np.mean(found.accepted) / len(self.chain))
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -240,6 +241,26 @@ def test_the_search_for_a_start_tries_streams_of_the_size_asked_for(asked):
     assert 50 < full < 10_000
     assert search.bind().stripping.particles == min(asked, full)
     assert search.likelihood.noise == "add"
+
+
+@pytest.mark.parametrize(("steps", "expected"), [(8, 1 / 6), (1, 0.5)])
+def test_the_acceptance_is_that_of_the_samples_and_not_of_the_learning(steps, expected):
+    """Both walkers move at every step of the first half, one of them at one step of three in the second.
+
+    A single step has only the sampler's own count.
+    """
+    spec = sk.load(FIT)
+    trace = np.zeros((steps, 2, len(spec.names)))
+    trace[: steps // 2] = np.arange(steps // 2)[:, None, None] + 1.0
+    trace[-1, 0] = 7.0
+    values = SimpleNamespace(
+        iteration=steps, accepted=np.full(2, 0.5 * steps), get_chain=lambda: trace,
+        get_log_prob=lambda: np.zeros((steps, 2)), get_blobs=lambda: None,
+    )  # fmt: skip
+
+    found = sk.Results.in_memory(spec, values, {}, "steps", quick=False)
+
+    assert found.acceptance == pytest.approx(expected)
 
 
 def test_too_few_walkers_are_refused(tmp_path):
