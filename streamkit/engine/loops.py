@@ -78,6 +78,10 @@ def compose(
                 t_i[i] += c * h_i[i]
 
 
+AHEAD = 0.2, 2 / 3 - 0.2, 1 / 3, 0.0
+"""From each stage of Nystrom's method to the time of the next, in units of its step."""
+
+
 @njit(**INLINE)
 def nystrom(
     address, offset, follows, p, first, step, track, uniform, begin, end, steps, t, h, x, u, rel, centre, k1, k2, k3, y,
@@ -115,9 +119,8 @@ def nystrom(
                 else:
                     for i in range(x_i.shape[0]):
                         u_i[i] += 5 / 48 * h_i[i] * b[i]
-            ahead = 0.2 if stage == 0 else 2 / 3 - 0.2 if stage == 1 else 1 / 3 if stage == 2 else 0.0
             for i in range(t_i.shape[0]):
-                t_i[i] += ahead * h_i[i]
+                t_i[i] += AHEAD[stage] * h_i[i]
 
 
 @cached(_N(*_HEAD, *_STATE, _I1, _F1, _F1, _F1, _F1, _F1, _N, _N, _I1, _F1, _I1))
