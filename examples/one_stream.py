@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import streamkit as sk
-from streamkit.streamplots import save_stream
+from streamkit.report import save_stream
 
 particles = int(sys.argv[1]) if len(sys.argv) > 1 else 12660
 picture = Path(sys.argv[2]) if len(sys.argv) > 2 else Path("one_stream.png")

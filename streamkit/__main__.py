@@ -1,5 +1,5 @@
 """``python -m streamkit``: the same as the command ``streamkit``."""
 
-from streamkit.cli import main
+from streamkit.cli.main import main
 
 main()

@@ -1,7 +1,7 @@
 """Units: kpc, km/s and Msun inside; annotated float types that carry a unit and parse ``"8 kpc"``.
 
 Inside the engine time is measured in kpc/(km/s) and angles in radians. Fields of components hold the units of
-the run file (Gyr and degrees); `Component.internal` converts once, where a field enters the engine.
+the run file (Gyr and degrees); `Component.in_engine_units` converts once, where a field enters the engine.
 """
 
 from __future__ import annotations

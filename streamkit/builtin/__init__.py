@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from streamkit import Component, hookimpl
-from streamkit.builtin import integrators, observables, potentials, stripping
+from streamkit.builtin import apocentres, integrators, potentials, stripping
 
 
 @hookimpl
@@ -25,5 +25,5 @@ def streamkit_components() -> list[type[Component]]:
         integrators.ForestRuth,
         integrators.Adaptive,
         integrators.Reference,
-        observables.Apocentres,
+        apocentres.Apocentres,
     ]

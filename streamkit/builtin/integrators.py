@@ -3,28 +3,31 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 
-from streamkit import GYR, Array, Duration, Integrator, PositiveNumber
+from streamkit import (
+    GYR,
+    Array,
+    Duration,
+    Integrator,
+    PositiveNumber,
+    engine,  # loaded when it is used: it brings numba, and listing plugins need not wait for it
+)
 
-if TYPE_CHECKING:  # the engine is loaded when it is needed: it brings numba, and listing plugins need not wait for it
-    from streamkit.engine import Field as ForceField
-    from streamkit.engine import Splitting
 
-
-def _fixed(method: Splitting, step: float, field: ForceField, q: Array, v: Array, t0: Array, t1: float) -> None:
+def _fixed(
+    method: engine.Splitting, step: float, field: engine.Field, q: Array, v: Array, t0: Array, t1: float
+) -> None:
     """Take equal steps of at most ``step`` Gyr. Particles released inside the block take fewer."""
-    from streamkit.engine import split_step
-
     counts = np.maximum(np.ceil((t1 - t0) / (step * GYR) - 1e-9), 1).astype(int)
     edges = [0, *(np.flatnonzero(np.diff(counts)) + 1), len(t0)]
     for begin, end in pairwise(edges):
         if end > begin:
             part = slice(begin, end)
-            split_step(field, method, q[:, part], v[:, part], t0[part], t1, int(counts[begin]))
+            engine.split_step(field, method, q[:, part], v[:, part], t0[part], t1, int(counts[begin]))
 
 
 class Leapfrog(Integrator):
@@ -35,11 +38,9 @@ class Leapfrog(Integrator):
 
     step: Duration = Field(default=0.001, description="Longest step.")
 
-    def advance(self, field: ForceField, q: Array, v: Array, t0: Array, t1: float) -> None:
+    def advance(self, field: engine.Field, q: Array, v: Array, t0: Array, t1: float) -> None:
         """Advance in place."""
-        from streamkit.engine import LEAPFROG
-
-        _fixed(LEAPFROG, self.step, field, q, v, t0, t1)
+        _fixed(engine.LEAPFROG, self.step, field, q, v, t0, t1)
 
 
 class ForestRuth(Integrator):
@@ -51,11 +52,9 @@ class ForestRuth(Integrator):
 
     step: Duration = Field(default=0.004, description="Longest step.")
 
-    def advance(self, field: ForceField, q: Array, v: Array, t0: Array, t1: float) -> None:
+    def advance(self, field: engine.Field, q: Array, v: Array, t0: Array, t1: float) -> None:
         """Advance in place."""
-        from streamkit.engine import PEFRL
-
-        _fixed(PEFRL, self.step, field, q, v, t0, t1)
+        _fixed(engine.PEFRL, self.step, field, q, v, t0, t1)
 
 
 class Adaptive(Integrator):
@@ -86,13 +85,13 @@ class Adaptive(Integrator):
     )
     deepest: int = Field(default=7, ge=0, le=20, description="A block takes at most 2 to this power steps.")
 
-    def advance(self, field: ForceField, q: Array, v: Array, t0: Array, t1: float) -> None:
+    def advance(self, field: engine.Field, q: Array, v: Array, t0: Array, t1: float) -> None:
         """Advance in place."""
-        from streamkit.engine import PEFRL, RKN4, adaptive_step
-
         if len(t0):
             eta = np.array([self.eta, self.eta_progenitor])
-            adaptive_step(field, PEFRL if self.method == "pefrl" else RKN4, q, v, t0, t1, eta, self.deepest)
+            engine.adaptive_step(
+                field, engine.PEFRL if self.method == "pefrl" else engine.RKN4, q, v, t0, t1, eta, self.deepest
+            )
 
 
 class Reference(Integrator):
@@ -105,7 +104,7 @@ class Reference(Integrator):
     rtol: PositiveNumber = Field(default=1e-10, description="Relative tolerance.")
     atol: PositiveNumber = Field(default=1e-10, description="Absolute tolerance, in kpc and km/s.")
 
-    def advance(self, field: ForceField, q: Array, v: Array, t0: Array, t1: float) -> None:
+    def advance(self, field: engine.Field, q: Array, v: Array, t0: Array, t1: float) -> None:
         """Advance in place. Each particle's time runs linearly with a common s from 0 to 1."""
         from scipy.integrate import solve_ivp
 

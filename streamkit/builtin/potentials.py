@@ -231,9 +231,7 @@ class Logarithmic(Potential):
     phi: Angle = Field(default=0.0, description="Direction of the first axis, from x towards y.")
 
     @staticmethod
-    def acceleration(
-        x: Any, y: Any, z: Any, t: Any, v_h: Any, r_h: Any, q1: Any, q2: Any, qz: Any, phi: Any
-    ) -> Any:
+    def acceleration(x: Any, y: Any, z: Any, t: Any, v_h: Any, r_h: Any, q1: Any, q2: Any, qz: Any, phi: Any) -> Any:
         """Return minus the gradient of the potential."""
         c, s = np.cos(phi), np.sin(phi)
         p, q = 1.0 / (q1 * q1), 1.0 / (q2 * q2)
@@ -245,9 +243,7 @@ class Logarithmic(Potential):
         return k * (2.0 * c1 * x + c3 * y), k * (2.0 * c2 * y + c3 * x), k * 2.0 * w * z
 
     @staticmethod
-    def potential(
-        x: Any, y: Any, z: Any, t: Any, v_h: Any, r_h: Any, q1: Any, q2: Any, qz: Any, phi: Any
-    ) -> Any:
+    def potential(x: Any, y: Any, z: Any, t: Any, v_h: Any, r_h: Any, q1: Any, q2: Any, qz: Any, phi: Any) -> Any:
         """Return v_h^2 ln(C1 x^2 + C2 y^2 + C3 x y + (z/qz)^2 + r_h^2)."""
         c, s = np.cos(phi), np.sin(phi)
         c1 = (c / q1) ** 2 + (s / q2) ** 2

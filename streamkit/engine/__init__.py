@@ -1,25 +1,5 @@
 """The compiled part: what an integrator author may use beside the names of `streamkit`."""
 
-from streamkit.engine.field import (
-    LEAPFROG,
-    PEFRL,
-    RKN4,
-    RKN6,
-    Field,
-    Splitting,
-    adaptive_step,
-    build_field,
-    split_step,
-)
+import lazy_loader
 
-__all__ = [
-    "LEAPFROG",
-    "PEFRL",
-    "RKN4",
-    "RKN6",
-    "Field",
-    "Splitting",
-    "adaptive_step",
-    "build_field",
-    "split_step",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -8,57 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from streamkit.components import Potential
 from streamkit.engine import kernels, loops
 from streamkit.engine.forces import DEEPEST
+from streamkit.engine.kernels import Force
+from streamkit.engine.methods import RKN4, Splitting
 from streamkit.errors import ComponentError
-from streamkit.phase import Array, BoolArray, IntArray, Orbit
-
-
-@dataclass(frozen=True)
-class Splitting:
-    """A composition method: fractions of the step drifted (s + 1) and kicked (s) in turn."""
-
-    drift: Array
-    kick: Array
-    order: int
-
-
-LEAPFROG = Splitting(np.array([0.5, 0.5]), np.array([1.0]), 2)
-
-_XI, _LAMBDA, _CHI = 0.1786178958448091, -0.2123418310626054, -0.6626458266981849e-1
-PEFRL = Splitting(
-    np.array([_XI, _CHI, 1 - 2 * (_CHI + _XI), _CHI, _XI]),
-    np.array([(1 - 2 * _LAMBDA) / 2, _LAMBDA, _LAMBDA, (1 - 2 * _LAMBDA) / 2]),
-    4,
-)
-"""Position-extended Forest-Ruth-like method, Omelyan, Mryglod & Folk 2002, Comput. Phys. Commun. 146, 188, eq. 22."""
-
-
-def _symmetric(kick: list[float], drift: list[float], order: int) -> Splitting:
-    """A method that kicks first, from the first half of its coefficients; the middle one completes the sum."""
-    if len(kick) == len(drift):  # the middle one is a kick: b1 a1 ... bs as | 1 - 2 sum b | as bs ... a1 b1
-        drift = [*drift[:-1], 0.5 - sum(drift[:-1])]
-        kicks = [*kick, 1 - 2 * sum(kick), *kick[::-1]]
-        drifts = [*drift, *drift[::-1]]
-    else:  # the middle one is a drift
-        kick = [*kick[:-1], 0.5 - sum(kick[:-1])]
-        kicks = [*kick, *kick[::-1]]
-        drifts = [*drift, 1 - 2 * sum(drift), *drift[::-1]]
-    return Splitting(np.array([0.0, *drifts, 0.0]), np.array(kicks), order)
-
-
-RKN4 = _symmetric(
-    [0.0829844064174052, 0.396309801498368, -0.0390563049223486], [0.245298957184271, 0.604872665711080, 0.0], 4
-)
-"""Runge-Kutta-Nystroem splitting SRKN_6^b of Blanes & Moan 2002, J. Comput. Appl. Math. 142, 313, table 3."""
-
-RKN6 = _symmetric(
-    [0.0414649985182624, 0.198128671918067, -0.0400061921041533, 0.0752539843015807, -0.0115113874206879, 0.0],
-    [0.123229775946271, 0.290553797799558, -0.127049212625417, -0.246331761062075, 0.357208872795928],
-    6,
-)
-"""SRKN_11^b of the same paper."""
+from streamkit.stream import Array, BoolArray, IntArray, Orbit
 
 
 @dataclass(frozen=True)
@@ -139,7 +94,7 @@ class Field:
         states = np.ascontiguousarray(out.T)
         return Orbit(np.ascontiguousarray(t), states[:3], states[3:6], states[6:], np.full(count + 1, np.nan))
 
-    def with_followers(self, other: Field, orbit: Orbit) -> Field:
+    def with_moving(self, other: Field, orbit: Orbit) -> Field:
         """Add another field's forces, centred on the progenitor that moves along ``orbit`` (equal time steps)."""
         left = orbit.mass_left
         return replace(
@@ -173,10 +128,10 @@ class Field:
                 ) from error
 
 
-def build_field(potentials: Sequence[Potential]) -> Field:
+def build_field(potentials: Sequence[Force]) -> Field:
     """Compile (or load from the disk cache) the forces of the potentials, which add up, fixed at the origin."""
     built = [kernels.compiled_kernel(type(p)) if p.compiled else kernels.numpy_kernel(type(p)) for p in potentials]
-    values = [p.internal() for p in potentials]
+    values = [p.in_engine_units() for p in potentials]
     return Field(
         address=np.array([k.address for k in built], dtype=np.int64),
         offset=np.cumsum([0, *map(len, values)]).astype(np.int64),

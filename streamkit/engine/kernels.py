@@ -11,8 +11,8 @@ from __future__ import annotations
 import ctypes
 import functools
 import types as python_types
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numba import carray, njit, types
@@ -22,20 +22,37 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from streamkit import functions
-from streamkit.components import Potential
+from streamkit import elementary
 from streamkit.engine import vector
 from streamkit.engine.cache import ENGINE, OPTIONS, ContentCache, digest_of_parts
 from streamkit.engine.forces import ROW
 from streamkit.errors import PluginError
-from streamkit.phase import Array
+from streamkit.stream import Array
 
 _POINTER = types.CPointer(types.float64)
 SIGNATURE = types.void(types.intp, *[_POINTER] * 5, types.intp)
 
 
+class Force(Protocol):
+    """What the engine needs of a potential: `streamkit.Potential` has it."""
+
+    kind: ClassVar[str]
+    compiled: ClassVar[bool]
+
+    @staticmethod
+    def acceleration(x: Any, y: Any, z: Any, t: Any, *parameters: Any) -> Any:
+        """Return ``(ax, ay, az)``, elementwise."""
+
+    @classmethod
+    def parameters(cls) -> Mapping[str, object]:
+        """Return the arguments of `acceleration` after t, by name."""
+
+    def in_engine_units(self) -> Array:
+        """(k,) The values of these."""
+
+
 @functools.cache
-def compiled_kernel(cls: type[Potential]) -> Any:
+def compiled_kernel(cls: type[Force]) -> Any:
     """Return the machine code of a potential class: an object with an ``address``. Once per class and process.
 
     Raises
@@ -43,7 +60,7 @@ def compiled_kernel(cls: type[Potential]) -> Any:
     PluginError
         If numba cannot compile the author's function.
     """
-    count = len(cls.numbers())
+    count = len(cls.parameters())
     acceleration = njit(forceinline=True, **OPTIONS)(cls.acceleration)
 
     def kernel(n, t, p, centre, q, a, fresh):
@@ -96,7 +113,7 @@ def _describe(thing: Any, parts: list[str], seen: set[int]) -> bool:
         return all(_describe(item, parts, seen) for item in thing)
     if isinstance(thing, python_types.ModuleType):
         parts.append(thing.__name__)  # numpy and math: their functions are numba's, whose version is in
-        return thing.__name__ in {"numpy", "math"} or thing is functions
+        return thing.__name__ in {"numpy", "math"} or thing is elementary
     if isinstance(thing, np.ufunc | python_types.BuiltinFunctionType | type):
         parts.append(f"{thing!r}")
         return True
@@ -109,7 +126,7 @@ def _describe_function(function: python_types.FunctionType, parts: list[str], se
     if id(function) in seen:
         return True
     seen.add(id(function))
-    if function.__module__ in {functions.__name__, vector.__name__}:  # their text is part of the engine's digest
+    if function.__module__ in {elementary.__name__, vector.__name__}:  # their text is part of the engine's digest
         parts.append(f"{function.__module__}.{function.__name__}")
         return True
     return _describe_code(function.__code__, function, parts, seen)
@@ -145,9 +162,9 @@ class NumpyKernel:
     accelerations become NaN.
     """
 
-    def __init__(self, cls: type[Potential]) -> None:
+    def __init__(self, cls: type[Force]) -> None:
         self.error: Exception | None = None
-        self._parameters = ctypes.c_double * len(cls.numbers())
+        self._parameters = ctypes.c_double * len(cls.parameters())
         self._acceleration = cls.acceleration
         self._callback = _CALLBACK(self._call)
         self.address = ctypes.cast(self._callback, ctypes.c_void_p).value
@@ -168,6 +185,6 @@ class NumpyKernel:
 
 
 @functools.cache
-def numpy_kernel(cls: type[Potential]) -> NumpyKernel:
+def numpy_kernel(cls: type[Force]) -> NumpyKernel:
     """Return the Python kernel of a class with ``compiled = False``. Once per class and process."""
     return NumpyKernel(cls)

@@ -1,4 +1,4 @@
-"""Elementary functions as straight arithmetic that LLVM vectorises, put in place of `streamkit.functions`.
+"""Elementary functions as straight arithmetic that LLVM vectorises, put in place of `streamkit.elementary`.
 
 The scalar ``log`` and ``exp`` of the C library keep a loop scalar. These take the exponent of a double apart by
 its bits and leave only a polynomial, so that a loop around them runs on every lane. Accurate to a few units in
@@ -13,7 +13,7 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic, overload
 
-from streamkit import functions
+from streamkit import elementary
 
 LN2_HI = 6.93147180369123816490e-01  # ln 2 in two pieces, so that k * LN2_HI is exact (fdlibm)
 LN2_LO = 1.90821492927058770002e-10
@@ -88,21 +88,21 @@ def vector_exp(x):
     return scale + scale * p
 
 
-@overload(functions.log, jit_options={"forceinline": True, "error_model": "numpy"})
+@overload(elementary.log, jit_options={"forceinline": True, "error_model": "numpy"})
 def _log(x):
     return lambda x: vector_log(float(x))
 
 
-@overload(functions.exp, jit_options={"forceinline": True, "error_model": "numpy"})
+@overload(elementary.exp, jit_options={"forceinline": True, "error_model": "numpy"})
 def _exp(x):
     return lambda x: vector_exp(float(x))
 
 
-@overload(functions.power, jit_options={"forceinline": True, "error_model": "numpy"})
+@overload(elementary.power, jit_options={"forceinline": True, "error_model": "numpy"})
 def _power(x, y):
     return lambda x, y: vector_exp(y * vector_log(float(x)))
 
 
-@overload(functions.sqrt, jit_options={"forceinline": True, "error_model": "numpy"})
+@overload(elementary.sqrt, jit_options={"forceinline": True, "error_model": "numpy"})
 def _sqrt(x):
     return lambda x: math.sqrt(x)  # noqa: PLW0108  numba wants a Python function

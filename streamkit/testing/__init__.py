@@ -47,9 +47,7 @@ def check(cls: type[Component], **options: Any) -> None:
         raise AssertionError("\n  ".join([head, *lines]))
 
 
-def checks(
-    cls: type[Component], *, negative_density: bool = False, accuracy: float = 1e-5
-) -> tuple[Check, ...]:
+def checks(cls: type[Component], *, negative_density: bool = False, accuracy: float = 1e-5) -> tuple[Check, ...]:
     """Return the checks that `check` runs on a class. Each takes the example component."""
     if issubclass(cls, Potential):
         return COMMON + potentials.checks(negative_density)

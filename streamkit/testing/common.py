@@ -61,7 +61,7 @@ def fields_are_described(component: Component) -> None:
     cls = type(component)
     silent = [name for name, field in cls.model_fields.items() if not field.description]
     require(not silent, f"no description: {', '.join(silent)} (write Field(description=...))")
-    bare = [n for n, f in cls.model_fields.items() if f.annotation is float and n not in cls.numbers()]
+    bare = [n for n, f in cls.model_fields.items() if f.annotation is float and n not in cls.parameters()]
     require(not bare, f"plain float: {', '.join(bare)} (declare it as Mass, Length, Speed, Number, ...)")
 
 

@@ -35,7 +35,7 @@ def _problem(name: str) -> tuple[Field, Array, Array, Array, Array]:
     if name != "moving progenitor":
         return field, q, v, *reference.advance(host, q, v, start, SPAN * GYR)
     orbit = progenitor_orbit(0.0, SPAN, max_step=0.0005)
-    field = field.with_followers(build_field([Satellite()]), orbit)
+    field = field.with_moving(build_field([Satellite()]), orbit)
     return field, q, v, *reference.advance(host, q, v, start, SPAN * GYR, [Satellite()], (*TODAY, 0.0))
 
 
@@ -57,7 +57,7 @@ def _error(state: Array, q: Array, v: Array) -> float:
 
 def has_step(cls: type[Integrator]) -> bool:
     """Say whether an integrator has a longest step that the checks can vary: a field called ``step``."""
-    return "step" in cls.numbers()
+    return "step" in cls.parameters()
 
 
 def _in_blocks(integrator: Integrator, problem: str, block: float) -> float:

@@ -40,7 +40,7 @@ def arrays_in_arrays_out(potential: Potential) -> None:
     """Check that arrays of one shape give three arrays of that shape and are left alone."""
     q, t = positions(1e-2, 1e3), times()
     x, y, z = q.copy()
-    result = type(potential).acceleration(x, y, z, t.copy(), *potential.internal())
+    result = type(potential).acceleration(x, y, z, t.copy(), *potential.in_engine_units())
     require(isinstance(result, tuple) and len(result) == 3, "acceleration must return a tuple (ax, ay, az)")
     shapes = [np.shape(part) for part in result]
     require(shapes == [(COUNT,)] * 3, f"arrays of shape {(COUNT,)} gave shapes {shapes}")
@@ -53,7 +53,7 @@ def floats_agree_with_arrays(potential: Potential) -> None:
         return
     q, t = positions(1e-2, 1e3), times()
     whole = acceleration([potential], t, q)
-    values = [float(p) for p in potential.internal()]
+    values = [float(p) for p in potential.in_engine_units()]
     single = np.array(
         [type(potential).acceleration(*map(float, point), *values) for point in zip(*q, t, strict=True)]
     ).T

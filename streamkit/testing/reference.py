@@ -19,7 +19,7 @@ Rates = Callable[[float, Array], Array]
 def acceleration(potentials: Sequence[Potential], t: Array | float, q: Array) -> Array:
     """(3, n) sum of the NumPy accelerations at positions q (3, n) in kpc and times t (n,)."""
     t = np.broadcast_to(np.asarray(t, dtype=float), q.shape[1:])
-    parts = [np.stack(np.broadcast_arrays(*type(p).acceleration(*q, t, *p.internal()))) for p in potentials]
+    parts = [np.stack(np.broadcast_arrays(*type(p).acceleration(*q, t, *p.in_engine_units()))) for p in potentials]
     return np.asarray(np.sum(parts, axis=0))
 
 
@@ -27,7 +27,7 @@ def energy(potentials: Sequence[Potential], t: Array | float, q: Array, v: Array
     """(n,) energy per mass in (km/s)^2 of particles q, v (3, n)."""
     t = np.broadcast_to(np.asarray(t, dtype=float), q.shape[1:])
     return np.asarray(
-        0.5 * (v**2).sum(axis=0) + sum(type(p).potential(*q, t, *p.internal()) for p in potentials)
+        0.5 * (v**2).sum(axis=0) + sum(type(p).potential(*q, t, *p.in_engine_units()) for p in potentials)
     )
 
 
@@ -60,7 +60,7 @@ def gradient(potential: Potential, t: Array, q: Array) -> Array:
     r = np.sqrt((q**2).sum(axis=0))
 
     def phi(x: Array) -> Array:
-        return np.asarray(type(potential).potential(*x, t, *potential.internal()), dtype=float)
+        return np.asarray(type(potential).potential(*x, t, *potential.in_engine_units()), dtype=float)
 
     return _settled([_slopes(phi, q, h * r) for h in _STEPS])
 

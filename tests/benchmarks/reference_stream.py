@@ -32,7 +32,8 @@ from streamkit.builtin.potentials import NFW, Hernquist, MiyamotoNagai, Plummer,
 from streamkit.builtin.stripping import LagrangeCloud
 from streamkit.components import Integrator, Potential
 from streamkit.engine import build_field
-from streamkit.model import NODE, simulate, standard_normals
+from streamkit.model import NODE, standard_normals
+from streamkit.model.model import simulate
 from streamkit.spec import Setup
 from streamkit.units import Length, Mass
 

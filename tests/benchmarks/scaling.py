@@ -15,8 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import streamkit as sk
-from streamkit.posterior import Posterior
-from streamkit.workers import Workers
+from streamkit.sample import Posterior, Workers
 
 RUN = Path(__file__).parents[2] / "examples" / "sagittarius.toml"
 POINT = {

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 
 import streamkit as sk
-from streamkit.mass import mass_inside
-from streamkit.posterior import Evaluation, Posterior, gaussian
-from streamkit.results import Results
-from streamkit.workers import Workers
+from streamkit.model import mass_inside
+from streamkit.sample import Evaluation, Posterior, Workers
+from streamkit.sample.posterior import gaussian
+from streamkit.study.fit.results import Results
 
 RADII = np.array([50.0, 100.0, 150.0, 200.0])
 TERCILES = ("progenitor.lookback", "stripping.sigma", "progenitor.mass", "progenitor.radius", "potential.alpha")

@@ -16,15 +16,14 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 import streamkit as sk
-from streamkit import chain
-from streamkit.posterior import Posterior
+from streamkit.sample import CHAIN, Posterior, read_chain_file
 
 POINTS, NEAR, DEGREE = 200, 4.0, 6
 
 
 def lines(directory: Path, count: int, seed: int) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """The best sample (d,), steps (lines, d) that are one standard deviation long, and what each line is."""
-    found = chain.read(directory / chain.NAME)
+    found = read_chain_file(directory / CHAIN)
     half = len(found.chain) // 2
     samples, lnp = found.chain[half:].reshape(-1, found.chain.shape[2]), found.log_prob[half:].ravel()
     best = samples[np.argmax(lnp)]

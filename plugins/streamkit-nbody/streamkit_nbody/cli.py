@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from streamkit.arguments import RUN_FILE, SET, load_spec
+from streamkit.cli.options import RUN_FILE, SET, load_spec
 from streamkit.errors import OutOfDomain, StreamkitError
 
 INVALID, INTERRUPTED = 2, 130

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from streamkit import GYR, output, toml
+from streamkit import GYR
 from streamkit.errors import ChainError, StreamkitError
-from streamkit.spec import Spec
+from streamkit.report import locked, replace_whole
+from streamkit.spec import Spec, differences, to_toml
 from streamkit_nbody import snapshot
 from streamkit_nbody.plan import content, digest
 from streamkit_nbody.simulation import Simulation
@@ -119,8 +120,8 @@ def _write_run_file(path: Path, spec: Spec) -> None:
     document = dict(spec.document)
     if "plugins" in document:
         document["plugins"] = [str(spec.folder / name) for name in document["plugins"]]
-    text = toml.dumps(document, "The run file with every default filled in, as streamkit-nbody used it.")
-    output.write(path, lambda part: part.write_text(text))
+    text = to_toml(document, "The run file with every default filled in, as streamkit-nbody used it.")
+    replace_whole(path, lambda part: part.write_text(text))
 
 
 def _claim(out: Path, run_content: dict[str, Any], resume: bool, force: bool) -> State | None:
@@ -145,7 +146,7 @@ def _claim(out: Path, run_content: dict[str, Any], resume: bool, force: bool) ->
         )
     state, found = snapshot.read(out / CHECKPOINT)
     if digest(found) != digest(run_content):
-        changed = "; ".join(output.differences(found, run_content))
+        changed = "; ".join(differences(found, run_content))
         raise CheckpointError(
             f"{out / CHECKPOINT}: is of another run (digest {digest(found)[:12]}, this one has "
             f"{digest(run_content)[:12]}). What differs (there -> here): {changed}. Choose another directory, or "
@@ -157,7 +158,7 @@ def _claim(out: Path, run_content: dict[str, Any], resume: bool, force: bool) ->
 @contextmanager
 def _locked(out: Path) -> Iterator[None]:
     try:
-        with output.locked(out):
+        with locked(out):
             yield
     except ChainError as error:
         raise CheckpointError(str(error)) from None

@@ -9,9 +9,9 @@ import numpy as np
 
 from streamkit import GYR, Array, BoolArray, IntArray, Orbit, OutOfDomain, Potential, SpecError
 from streamkit.engine import Field, build_field
-from streamkit.march import orbital_plane
 from streamkit.model import NODE, tidal_radius
 from streamkit.spec import Setup, Spec
+from streamkit.stream import orbital_plane
 from streamkit_nbody import plummer
 from streamkit_nbody.binding import Remnant, remnant
 from streamkit_nbody.gravity import Gravity
@@ -188,7 +188,7 @@ class Simulation:
         if self.without_energy:
             return float("nan")
         hosts = self.setup.potentials.values()
-        host = sum(np.asarray(p.potential(*q, self._epoch(t), *p.internal())) for p in hosts)
+        host = sum(np.asarray(p.potential(*q, self._epoch(t), *p.in_engine_units())) for p in hosts)
         return self.gravity.mass * float((0.5 * (v * v).sum(axis=0) + 0.5 * own + host).sum())
 
 

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from streamkit import Array, output
+from streamkit import Array
 from streamkit.errors import StreamkitError
+from streamkit.report import replace_whole
 from streamkit_nbody.plan import digest
 from streamkit_nbody.simulation import Simulation
 from streamkit_nbody.state import State, Track
@@ -50,7 +51,7 @@ def write(path: Path, simulation: Simulation, state: State, content: dict[str, A
             _write_particles(file.create_group(PARTICLES), simulation, state)
             _write_track(file.create_group("Progenitor"), simulation, state)
 
-    output.write(path, save)
+    replace_whole(path, save)
 
 
 def _write_header(file: Any, simulation: Simulation, state: State, content: dict[str, Any]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from streamkit import GYR
-from streamkit.text import columns, number
+from streamkit.report import columns, number
 from streamkit_nbody.gravity import DIRECT
 from streamkit_nbody.simulation import Simulation
 from streamkit_nbody.state import State, angle

@@ -17,7 +17,8 @@ from streamkit_nbody.runner import CHECKPOINT, Interrupted
 from streamkit_nbody.simulation import Simulation
 from streamkit_nbody.snapshot import CheckpointError
 
-from streamkit import GYR, load, snapshots
+from streamkit import GYR, load
+from streamkit.nbody import read_snapshot
 
 RUN = """
 seed = 3
@@ -213,7 +214,7 @@ def test_the_layout_of_a_snapshot(simulation, tmp_path):
 
 def test_streamkit_reads_the_snapshot(simulation, tmp_path):
     last = runner.run(simulation, tmp_path / "out", progress=False)
-    found = snapshots.read(tmp_path / "out" / "snapshot_001.hdf5")
+    found = read_snapshot(tmp_path / "out" / "snapshot_001.hdf5")
     assert found.q == pytest.approx(last.q, rel=1e-12)
     assert found.v == pytest.approx(last.v, rel=1e-12)
     stripped = ~last.bound & (last.gap > 0)

@@ -87,7 +87,7 @@ def test_the_energy_at_the_start_is_that_of_a_plummer_sphere_on_its_orbit(disrup
     setup, place, motion = run.setup, run.orbit.q[:, 0], run.orbit.v[:, 0]
     assert found[0].binding == pytest.approx(3 * np.pi / 64 * 4.300917270e-6 * 5e7**2 / 0.85, rel=0.1)
     host = setup.potentials["potential"]
-    point = setup.mass * (0.5 * motion @ motion + host.potential(*place, 0.0, *host.internal()))
+    point = setup.mass * (0.5 * motion @ motion + host.potential(*place, 0.0, *host.in_engine_units()))
     assert found[0].track.energy[0] == pytest.approx(point, rel=2e-3)
 
 

@@ -60,9 +60,7 @@ def test_chen25_mean_direction_and_escape_speed(orbit):
 def test_chen25_has_the_covariance_of_the_paper(orbit):
     """Variances 0.1225, 529, 144, 400, 484 and cov(D, alpha) = -4.9, read back from the particles."""
     n = 40000
-    state = Orbit(
-        *(np.repeat(a[..., :1], n, axis=-1) for a in (orbit.t, orbit.q, orbit.v, orbit.a, orbit.r_tidal))
-    )
+    state = Orbit(*(np.repeat(a[..., :1], n, axis=-1) for a in (orbit.t, orbit.q, orbit.v, orbit.a, orbit.r_tidal)))
     normals = np.random.default_rng(5).standard_normal((5, n))
     release = Chen25().release(state, np.full(n, TRAILING), MASS, normals)
     dq, dv = release.q - state.q, release.v - state.v

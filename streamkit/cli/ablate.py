@@ -1,0 +1,138 @@
+"""The command `streamkit ablate`: variants of a run file beside each other and an N-body snapshot, as files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+import streamkit as sk
+from streamkit import nbody, report
+from streamkit import spec as run_files
+from streamkit.cli.options import FORCE, INTERRUPTED, QUIET, RUN_FILE, SEEDS, SET, WORKERS, directory, load_spec
+from streamkit.errors import OutOfDomain, StreamkitError
+from streamkit.study import ablation as study
+
+
+@click.command()
+@RUN_FILE
+@click.option("--vary", "variations", multiple=True, required=True, metavar="PATH=V1,V2,...",
+              help="A field and its values, such as stripping.kind=mlcs,streakline. "
+              "Repeated: every combination.")  # fmt: skip
+@SET
+@click.option("--reference", metavar="SNAPSHOT",
+              help="N-body snapshot to compare with: HDF5 in the Gadget layout (FILE.hdf5, or "
+              "FILE.hdf5:PartType2) or a plain table (FILE.npz). Left out: the first variant.")  # fmt: skip
+@click.option("--match-rate", is_flag=True,
+              help="Weigh the particles so that as many are stripped at each time as in the snapshot: where a scheme "
+              "puts the debris, whatever its rate.")  # fmt: skip
+@SEEDS
+@WORKERS
+@directory("-ablation")
+@FORCE
+@QUIET
+def ablate(
+    run_file: Path,
+    variations: tuple[str, ...],
+    settings: tuple[str, ...],
+    reference: str | None,
+    match_rate: bool,
+    seeds: int,
+    workers: int,
+    output: Path | None,
+    force: bool,
+    quiet: bool,
+) -> None:
+    """Compare variants of a model with each other and with an N-body snapshot.
+
+    Every combination of the values is run on the same seeds. Free parameters are at the prior's centre unless --set or
+    --vary says otherwise. Printed and written to DIR: the length of each tail, the distance of its mean track from the
+    reference's, widths, density, observables, energies and angular momenta; and the pictures.
+
+    A kind that is not the run file's starts from its own defaults: what is particular to the run file's kind (the
+    sigma of mlcs) stays with it, and what all kinds have (particles, progenitor_gravity) is kept. What --vary sets
+    holds for every kind in the grid.
+
+    A variant without a stream is listed with its reason, and the others are kept. Ctrl-C keeps what is finished.
+    """
+    if match_rate and reference is None:
+        raise click.UsageError("--match-rate needs a --reference, whose stripping rate is taken")
+    out = output if output is not None else Path(f"{run_file.stem}-ablation")
+    report.check_directory(out, study.PRODUCTS, "an ablation", force)
+    spec = load_spec(run_file, settings)
+    variants = study.variants_of(spec, read_variations(variations))
+    stream = None if reference is None else _snapshot(reference, spec)
+    with report.locked(out):
+        found = _run(spec, variants, stream, match_rate, seeds, workers, quiet)
+        if found.reference is None or not any(outcome.portraits for outcome in found.outcomes):
+            reasons = "; ".join(f"{o.variant.label}: {', '.join(o.reasons)}" for o in found.outcomes)
+            raise StreamkitError(f"{run_file}: no variant has a stream. {reasons}")
+        interrupted = any(study.INTERRUPTED in outcome.reasons for outcome in found.outcomes)
+        study.write_tables(
+            found, out, {"reference": reference or found.beside, "match_rate": match_rate, "seeds": seeds}
+        )
+        if not quiet:
+            click.echo(study.describe_ablation(found))
+            click.echo()
+        study.draw_pictures(found, out)
+    if not quiet:
+        click.echo(f"tables and pictures: {out}")
+    if interrupted:
+        click.echo("streamkit: interrupted; the tables hold what was finished", err=True)
+        click.get_current_context().exit(INTERRUPTED)
+
+
+def read_variations(variations: Sequence[str]) -> dict[str, list[Any]]:
+    """Turn ``PATH=V1,V2,...`` arguments into fields and their values, read as a run file reads them.
+
+    A comma inside quotes, brackets or braces does not separate values.
+    """
+    found: dict[str, list[Any]] = {}
+    for variation in variations:
+        path, equals, text = (part.strip() for part in variation.partition("="))
+        values = [run_files.literal(value.strip()) for value in _split(text)]
+        if not (equals and path) or any(value == "" for value in values):
+            raise click.UsageError(
+                f"--vary {variation!r}: expected PATH=V1,V2,..., such as stripping.kind=mlcs,streakline"
+            )
+        if path in found:
+            raise click.UsageError(f"--vary {path}: given twice; give all its values at once")
+        found[path] = values
+    return found
+
+
+def _split(text: str) -> list[str]:
+    parts, depth, quote = [""], 0, ""
+    for letter in text:
+        if quote:
+            quote = "" if letter == quote else quote
+        elif letter in "\"'":
+            quote = letter
+        depth += (letter in "[{") - (letter in "]}") if not quote else 0
+        if letter == "," and not quote and depth == 0:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    return parts
+
+
+def _snapshot(reference: str, spec: sk.Spec) -> sk.Stream:
+
+    snapshot = nbody.read_snapshot(reference)
+    try:
+        return nbody.as_stream(snapshot, spec.bind())
+    except OutOfDomain as error:
+        raise StreamkitError(
+            f"{spec.source}: the progenitor has no orbit to compare the snapshot with: {error}"
+        ) from None
+
+
+def _run(
+    spec: sk.Spec, variants: Sequence[Any], stream: sk.Stream | None, match: bool, seeds: int, workers: int, quiet: bool
+) -> study.Ablation:
+    from tqdm import tqdm
+
+    with tqdm(total=seeds * len(variants), unit="stream", disable=True if quiet else None, leave=False) as bar:
+        return study.run_ablation(spec, variants, stream, seeds=seeds, workers=workers, match=match, done=bar.update)

@@ -1,0 +1,28 @@
+"""The command ``streamkit check``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from streamkit.cli.options import RUN_FILE, SET, load_spec
+from streamkit.study import preflight
+
+
+@click.command()
+@RUN_FILE
+@SET
+@click.option("--draws", default=64, show_default=True, type=click.IntRange(0), metavar="N",
+              help="Trial streams over the prior, with few particles; 0 for none.")  # fmt: skip
+def check(run_file: Path, settings: tuple[str, ...], draws: int) -> None:
+    """Validate a run file and look at its physics.
+
+    Prints the components and who supplies them, the free parameters with their priors, the progenitor's
+    orbit at the prior's centre, and what a call and the run will cost in CPU time. Warns of what makes a
+    fit fail. Exit status 0: valid; 2: not.
+    """
+    spec = load_spec(run_file, settings)
+    click.echo(preflight.describe_spec(spec))
+    click.echo()
+    click.echo(preflight.describe_preflight(spec, preflight.run_preflight(spec, draws=draws)))

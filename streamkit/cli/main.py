@@ -1,0 +1,25 @@
+"""The command ``streamkit``: the group with its commands, one file each. Nothing heavy is loaded before its use."""
+
+from __future__ import annotations
+
+import click
+
+from streamkit.cli.ablate import ablate
+from streamkit.cli.check import check
+from streamkit.cli.group import Commands
+from streamkit.cli.plugins import plugins
+from streamkit.cli.report import report
+from streamkit.cli.run import run
+from streamkit.cli.schema import schema
+from streamkit.cli.sensitivity import sensitivity
+from streamkit.cli.stream import stream
+
+
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(package_name="streamkit", message="streamkit %(version)s")
+def main() -> None:
+    """Weigh a galaxy with a tidal stream."""
+
+
+for command in (check, stream, ablate, sensitivity, run, report, plugins, schema):
+    main.add_command(command)

@@ -1,0 +1,56 @@
+"""What several commands share: the run file, fields set on the command line, seeds, workers; exit statuses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+import streamkit as sk
+from streamkit import spec as run_files
+
+INVALID, INTERRUPTED = 2, 130
+"""Exit statuses of the commands: bad input, and stopped by Ctrl-C."""
+
+RUN_FILE = click.argument("run_file", metavar="RUN.toml", type=click.Path(path_type=Path))
+SET = click.option(
+    "--set", "settings", multiple=True, metavar="PATH=VALUE",
+    help="Replace a field, such as progenitor.mass=6.4e8 or 'potential.v0=220 km/s'. Repeatable.",
+)  # fmt: skip
+
+SEEDS = click.option("--seeds", default=1, show_default=True, type=click.IntRange(1), metavar="N",
+                     help="Streams of each kind, from the run file's seed on.")  # fmt: skip
+WORKERS = click.option("--workers", default=1, show_default=True, type=click.IntRange(1), metavar="N",
+                       help="Processes that make the streams.")  # fmt: skip
+FORCE = click.option("-f", "--force", is_flag=True, help="Replace the products in DIR.")
+QUIET = click.option("-q", "--quiet", is_flag=True, help="No progress bar and no tables printed.")
+
+
+def directory(suffix: str) -> Callable[[Any], Any]:
+    """Return the option that names the directory of the products: by default the run file's name and the suffix."""
+    return click.option(
+        "-o", "--output", type=click.Path(path_type=Path), metavar="DIR",
+        help=f"Directory of the products; default: the run file's name with {suffix}.",
+    )  # fmt: skip
+
+
+def load_spec(run_file: Path, settings: Sequence[str] = ()) -> sk.Spec:
+    """Read the run file and apply the settings."""
+    spec = sk.load(run_file)
+    return spec.with_values(read_settings(settings)) if settings else spec
+
+
+def read_settings(settings: Sequence[str]) -> dict[str, Any]:
+    """Turn ``PATH=VALUE`` arguments into fields and values, the values read as a run file reads them."""
+    values: dict[str, Any] = {}
+    for setting in settings:
+        path, equals, text = setting.partition("=")
+        path, text = path.strip(), text.strip()
+        if not (equals and path and text):
+            raise click.UsageError(f"--set {setting!r}: expected PATH=VALUE, such as progenitor.mass=6.4e8")
+        if path in values:
+            raise click.UsageError(f"--set {path}: given twice, {values[path]!r} and {text!r}")
+        values[path] = run_files.literal(text)
+    return values

@@ -1,0 +1,26 @@
+"""The command ``streamkit report``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from streamkit.study import fit
+
+
+@click.command()
+@click.argument("directory", metavar="DIR", type=click.Path(path_type=Path))
+@click.option("--truth", metavar="TRUE.toml", type=click.Path(path_type=Path),
+              help="A run file whose [potential] is the true host of a mock: compare with it.")  # fmt: skip
+def report(directory: Path, truth: Path | None) -> None:
+    """Write a run's tables and pictures again.
+
+    With --truth also the recovery of a mock: the mass profile and rotation curve over the true ones, with the relative
+    difference, and recovered minus true in sigma by radius. The [potential] of TRUE.toml needs numbers, no priors;
+    other sections are not looked at.
+    """
+    results = fit.write_products(directory, truth)
+    click.echo(fit.describe_results(results))
+    if truth is not None:
+        click.echo(f"\n{fit.describe_recovery(directory)}")

@@ -1,0 +1,47 @@
+"""The command ``streamkit run``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from streamkit.cli.options import RUN_FILE, load_spec
+from streamkit.study import fit
+
+
+@click.command()
+@RUN_FILE
+@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="DIR",
+              help="Directory of the products; default: the run file's name without .toml.")  # fmt: skip
+@click.option("--workers", default=1, show_default=True, type=click.IntRange(1), metavar="N",
+              help="Processes that evaluate the posterior.")  # fmt: skip
+@click.option("--steps", type=click.IntRange(1), metavar="N",
+              help="Longest chain in steps per walker, in place of the run file's.")  # fmt: skip
+@click.option("--quick", is_flag=True, help="A coarse look within minutes; says so on every product.")
+@click.option("--resume", is_flag=True, help="Continue the chain in DIR.")
+@click.option("--force", is_flag=True, help="Replace the run in DIR.")
+@click.option("-q", "--quiet", is_flag=True, help="No progress bar and no summary.")
+def run(
+    run_file: Path,
+    output: Path | None,
+    workers: int,
+    steps: int | None,
+    quick: bool,
+    resume: bool,
+    force: bool,
+    quiet: bool,
+) -> None:
+    """Fit: write the chain, tables and pictures.
+
+    Ctrl-C and kill lose no finished step: continue with --resume.
+    """
+    if resume and force:
+        raise click.UsageError("--resume continues the run in DIR and --force replaces it: give one of them")
+    spec = load_spec(run_file)
+    out = output if output is not None else Path(run_file.stem)
+    results = fit.run(
+        spec, out=out, workers=workers, steps=steps, quick=quick, resume=resume, force=force, progress=not quiet
+    )
+    if not quiet:
+        click.echo(fit.describe_results(results))

@@ -1,0 +1,18 @@
+"""The command ``streamkit schema``."""
+
+from __future__ import annotations
+
+import json
+
+import click
+
+from streamkit import components, spec
+
+
+@click.command()
+def schema() -> None:
+    """Print the JSON Schema of the run file.
+
+    It covers the installed plugins; editors use it to complete and check run files.
+    """
+    click.echo(json.dumps(spec.json_schema(components.load_registry()), indent=2))

@@ -1,0 +1,9 @@
+from .bases import Component as Component
+from .bases import Integrator as Integrator
+from .bases import Observable as Observable
+from .bases import Potential as Potential
+from .bases import Stripping as Stripping
+from .hookspecs import hookimpl as hookimpl
+from .registry import ROLES as ROLES
+from .registry import Registry as Registry
+from .registry import load_registry as load_registry

@@ -1,0 +1,214 @@
+"""The abstract bases. A component is one final pydantic class whose fields are its parameters."""
+
+from __future__ import annotations
+
+import dis
+import inspect
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from streamkit.errors import PluginError, StreamkitError
+from streamkit.stream import Array, IntArray, Orbit, Prediction, Release, Stream
+from streamkit.units import GYR, Duration, Number, PositiveNumber, Unit, unit_of
+
+if TYPE_CHECKING:  # the engine brings numba, which naming a component does not need
+    from streamkit.engine import Field as ForceField
+
+
+class Component(BaseModel, ABC):
+    """Something a run file can name by its ``kind``. Its fields are its parameters, with units."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    role: ClassVar[str]
+    """potential, stripping, integrator or observable: the section of the run file; set by the four bases."""
+    kind: ClassVar[str]
+    """What a run file calls it; unique within its role."""
+    example: ClassVar[dict[str, Any]] = {}
+    """Values for the fields without defaults: shown in listings, used by the conformance tests."""
+    reference: ClassVar[str] = ""
+    """The paper it follows."""
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
+        """Enforce 'abstract or final', and check the author's signature where the class is written."""
+        super().__pydantic_init_subclass__(**kwargs)
+        for base in cls.__mro__[1:]:
+            if issubclass(base, Component) and base.__dict__.get("kind"):
+                raise PluginError(
+                    f"{cls.__name__} derives from the component {base.__name__}: components are final. "
+                    f"Derive from {base.role.capitalize()} and hold a {base.__name__} instead."
+                )
+        if cls.__dict__.get("kind") and issubclass(cls, Potential):
+            _check_signature(cls)
+
+    def in_engine_units(self) -> Array:
+        """(k,) The values of the numeric fields in engine units, in the order of declaration."""
+        values = [
+            getattr(self, name) * unit.to_internal
+            for name, field in type(self).model_fields.items()
+            if (unit := unit_of(field)) is not None
+        ]
+        return np.array(values, dtype=float)
+
+    @classmethod
+    def parameters(cls) -> dict[str, Unit]:
+        """Return the fields that are physical numbers, and may thus have a prior, with their units."""
+        return {name: unit for name, field in cls.model_fields.items() if (unit := unit_of(field)) is not None}
+
+
+def _check_signature(cls: type[Potential]) -> None:
+    found = tuple(inspect.signature(cls.acceleration).parameters)
+    wanted = ("x", "y", "z", "t", *cls.parameters())
+    if found != wanted:
+        raise PluginError(
+            f"{cls.__module__}.{cls.__name__}.acceleration: the arguments must be ({', '.join(wanted)}), "
+            f"that is x, y, z, t and then the fields by name; found ({', '.join(found)})"
+        )
+    if cls.compiled and any(step.opname == "RAISE_VARARGS" for step in dis.get_instructions(cls.acceleration)):
+        raise PluginError(
+            f"{cls.__module__}.{cls.__name__}.acceleration: compiled code cannot raise or assert, the exception "
+            "would be lost: return NaN where there is no force, bound the fields, or set `compiled = False`"
+        )
+    if len(cls.parameters()) != len(cls.model_fields):
+        odd = sorted(set(cls.model_fields) - set(cls.parameters()))
+        raise PluginError(
+            f"{cls.__module__}.{cls.__name__}: every field of a potential must be a number with a unit "
+            f"(Mass, Length, Number, ...); {', '.join(odd)} is not"
+        )
+
+
+class Potential(Component):
+    """A gravitational potential, centred on the origin."""
+
+    role: ClassVar[str] = "potential"
+    compiled: ClassVar[bool] = True
+    """False: `acceleration` is called with whole arrays through NumPy, for bodies that numba cannot take."""
+
+    @staticmethod
+    @abstractmethod
+    def acceleration(x: Any, y: Any, z: Any, t: Any, *parameters: Any) -> Any:
+        """Return ``(ax, ay, az)`` in (km/s)^2/kpc at position (kpc) and time t (kpc/(km/s)).
+
+        The arguments after t are the fields, by name and in order, in engine units (kpc, km/s, Msun, radians).
+        Elementwise: floats in, floats out; arrays of one shape in, arrays of that shape out. Write ``log``,
+        ``exp`` and ``power`` with the functions that streamkit exports: they compile to vector code.
+        """
+
+    @staticmethod
+    def potential(x: Any, y: Any, z: Any, t: Any, *parameters: Any) -> Any:
+        """Return the potential in (km/s)^2 for the same arguments. Optional: energies need it."""
+        raise StreamkitError("this potential gives no potential energy: define `potential` beside `acceleration`")
+
+    @classmethod
+    def has_energy(cls) -> bool:
+        """Say whether the class defines `potential`."""
+        return cls.potential is not Potential.potential
+
+
+class Stripping(Component):
+    """When, where and how fast particles leave the progenitor.
+
+    The fields below belong to every scheme.
+    """
+
+    role: ClassVar[str] = "stripping"
+    draws: ClassVar[int]
+    """Standard normals wanted per particle."""
+
+    particles: int = Field(default=10000, ge=2, description="Number of particles, both tails together.")
+    progenitor_gravity: bool = Field(
+        default=True, description="Whether the particles feel the progenitor after their release."
+    )
+    quasi_random: bool = Field(
+        default=True,
+        description="Draw the normals from a scrambled Sobol sequence per tail (half the noise), or independently.",
+    )
+    release_times: Literal["uniform", "pericentre"] = Field(
+        default="uniform",
+        description="Equal time steps (Gibbons+ 2014), or bursts at the pericentres on top of a uniform rate.",
+    )
+    burst_width: Duration = Field(default=0.1, description="Standard deviation in time of a pericentre burst.")
+    burst_fraction: PositiveNumber = Field(
+        default=0.7, le=1, description="Fraction of the particles released in the pericentre bursts."
+    )
+    mass_loss: Number = Field(
+        default=0.0,
+        ge=0,
+        lt=1,
+        description="Fraction of its mass that the progenitor loses from the look-back time to today, in step with the "
+        "release of particles. Its tidal radius and its gravity follow.",
+    )
+
+    @abstractmethod
+    def release(self, orbit: Orbit, tail: IntArray, mass: float | Array, normals: Array) -> Release:
+        """Place the particles.
+
+        Parameters
+        ----------
+        orbit
+            The progenitor at the n release times, with tidal radii.
+        tail
+            (n,) -1 for the inner Lagrange point (leading), +1 for the outer one (trailing).
+        mass
+            Mass of the progenitor in Msun, a number or (n,) at the release times.
+        normals
+            (draws, n) standard normals that belong to the particles: the only source of chance.
+        """
+
+    def times(self, orbit: Orbit) -> Array:
+        """(particles,) Increasing release times; two particles, one per Lagrange point, share each.
+
+        Gibbons+ 2014, section 3.2: equal steps from the look-back time to today.
+        """
+        n = (self.particles + 1) // 2
+        u = np.arange(n) / n
+        if self.release_times == "uniform":
+            t = orbit.t[0] * (1.0 - u)
+        else:
+            t = np.interp(u, self._cumulative(orbit), orbit.t)
+        return np.repeat(t, 2)[: self.particles]
+
+    def _cumulative(self, orbit: Orbit) -> Array:
+        """(T,) Fraction released by each time of the track: uniform plus Gaussian bursts at the pericentres."""
+        uniform = (orbit.t - orbit.t[0]) / (orbit.t[-1] - orbit.t[0])
+        peri = orbit.pericentres()
+        if len(peri) == 0:
+            return np.asarray(uniform)
+        from scipy.special import ndtr
+
+        steps = ndtr((orbit.t[:, None] - peri) / (self.burst_width * GYR)).sum(axis=1)
+        steps = (steps - steps[0]) / (steps[-1] - steps[0])
+        return np.asarray((1 - self.burst_fraction) * uniform + self.burst_fraction * steps)
+
+
+class Integrator(Component):
+    """Carries particles over one block of time, nothing else: the model releases them and keeps their records."""
+
+    role: ClassVar[str] = "integrator"
+    order: ClassVar[int]
+    """Order of convergence: measured by the conformance tests."""
+
+    @abstractmethod
+    def advance(self, field: ForceField, q: Array, v: Array, t0: Array, t1: float) -> None:
+        """Advance q, v (3, n), in place, from their own times t0 (n,), never decreasing, to t1.
+
+        Particles are independent: what one does must not depend on the others.
+        """
+
+
+class Observable(Component):
+    """What a survey would report about a stream, and the data it is compared with."""
+
+    role: ClassVar[str] = "observable"
+
+    @abstractmethod
+    def predict(self, stream: Stream) -> Prediction:
+        """Measure the stream. Never raises for a stream without the feature: says why_not instead."""
+
+    @abstractmethod
+    def data(self) -> tuple[Array, Array]:
+        """Return the observed values and their standard errors, (m,) each, NaN where there is no datum."""

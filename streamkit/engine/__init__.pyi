@@ -1,0 +1,9 @@
+from .field import Field as Field
+from .field import adaptive_step as adaptive_step
+from .field import build_field as build_field
+from .field import split_step as split_step
+from .methods import LEAPFROG as LEAPFROG
+from .methods import PEFRL as PEFRL
+from .methods import RKN4 as RKN4
+from .methods import Splitting as Splitting
+from .records import record as record

@@ -1,0 +1,144 @@
+"""From an N-body snapshot to a `Stream`, by the conventions of the model: what measures one measures the other.
+
+What the file does not say is found by following the particles back in the host with the run file's progenitor: the
+stripping time, the number of turns of the winding, and the phase chi.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from streamkit.engine import Field, build_field
+from streamkit.errors import StreamkitError
+from streamkit.model import next_apocentre, progenitor_track, tidal_radius
+from streamkit.nbody.rewind import distances, rewind
+from streamkit.nbody.snapshot import Snapshot
+from streamkit.spec import Setup
+from streamkit.stream import LEADING, TRAILING, Array, BoolArray, Orbit, Stream, lag_in_plane, orbital_plane
+
+FEWEST = 50
+"""Particles that make a remnant."""
+OFFSET = 1.0
+"""How far, in tidal radii, the remnant may be from the run file's progenitor."""
+SPEED_OFFSET = 0.1
+"""The same for the velocity, in units of the progenitor's speed."""
+BEYOND = 10.0
+"""Factor by which the median particle may be nearer, farther, slower or faster than the progenitor ever is."""
+
+
+def as_stream(snapshot: Snapshot, setup: Setup) -> Stream:
+    """Return the snapshot's particles as a stream in the host, and about the progenitor, of a bound run file.
+
+    The track of the core is the snapshot's own, if it has one, else the progenitor's orbit. Bound is who the file says,
+    else who is inside the tidal radius today. Of the file's windings the whole turns are used: codes differ in where
+    they begin to count, by the size of the satellite.
+
+    Raises
+    ------
+    StreamkitError
+        If the snapshot cannot be this progenitor's: other units, another place, another velocity.
+    """
+    host = build_field(list(setup.potentials.values()))
+    model_track, _ = progenitor_track(host, setup)
+    _same_scale(snapshot, model_track)
+    _same_place(snapshot, model_track, setup)
+    orbit = _track(snapshot, host, setup, model_track)
+    n = snapshot.q.shape[1]
+    if snapshot.t_strip is not None:
+        bound = np.isnan(snapshot.t_strip)
+    else:
+        bound = distances(snapshot.q, orbit.q[:, -1]) <= orbit.r_tidal[-1]
+    t_strip, winding, chi = snapshot.t_strip, snapshot.winding, snapshot.chi
+    if t_strip is None or winding is None or chi is None:
+        field = host.with_moving(build_field([setup.satellite]), model_track)
+        past = rewind(field, model_track, snapshot.q[:, ~bound], snapshot.v[:, ~bound])
+        t_strip = _filled(bound, past.t_strip) if t_strip is None else t_strip
+        winding = _filled(bound, past.winding) if winding is None else winding
+        chi = _filled(bound, past.chi) if chi is None else chi
+    today = lag_in_plane(orbital_plane(orbit), snapshot.q, orbit.q[:, -1:])
+    winding = today + 2 * np.pi * np.round((np.where(bound, 0.0, winding) - today) / (2 * np.pi))
+    nowhere = np.full((3, n), np.nan)
+    dq, dv = (nowhere if x is None else x for x in (snapshot.dq_strip, snapshot.dv_strip))
+    return Stream(
+        q=snapshot.q,
+        v=snapshot.v,
+        t_release=np.full(n, orbit.t[0]),
+        t_strip=np.where(bound, 0.0, t_strip),
+        dq_galactocentric=dq,
+        dv_galactocentric=dv,
+        tail=np.where(winding > 0, LEADING, TRAILING),
+        winding=winding,
+        chi=chi,
+        bound=bound,
+        weight=np.ones(n),
+        orbit=orbit,
+        future=next_apocentre(host, setup),
+        parameters=dict(setup.values),
+    )
+
+
+def _filled(bound: BoolArray, values: Array) -> Array:
+    out = np.zeros(len(bound))
+    out[~bound] = values
+    return out
+
+
+def _track(snapshot: Snapshot, host: Field, setup: Setup, model_track: Orbit) -> Orbit:
+    if snapshot.core is None or snapshot.core.shape[1] < 2:
+        return model_track
+    t, q, v = snapshot.core[0], np.ascontiguousarray(snapshot.core[1:4]), np.ascontiguousarray(snapshot.core[4:])
+    bare = Orbit(t, q, v, host.acceleration(0.0, q), np.full(len(t), np.nan))
+    left = np.interp(t, model_track.t, model_track.mass_left)
+    return Orbit(t, q, v, bare.a, tidal_radius(host, bare, setup.mass * left), left)
+
+
+def _same_scale(snapshot: Snapshot, track: Orbit) -> None:
+    """Refuse particles whose distances or speeds are far from any of the progenitor's: their units are not as said."""
+    speed = np.sqrt((track.v**2).sum(axis=0))
+    for what, values, known, unit in (("distance", snapshot.q, track.r, "kpc"), ("speed", snapshot.v, speed, "km/s")):
+        found = float(np.median(np.sqrt((values**2).sum(axis=0))))
+        if not known.min() / BEYOND < found < known.max() * BEYOND:
+            raise StreamkitError(
+                f"{snapshot.source}: the median {what} is {found:.3g} {unit} in the units that the file states; the "
+                f"progenitor of the run file has {known.min():.3g} to {known.max():.3g} {unit}. Are the units right, "
+                "the host's centre at the origin, and the snapshot of this satellite?"
+            )
+
+
+def _same_place(snapshot: Snapshot, track: Orbit, setup: Setup) -> None:
+    """Refuse a snapshot whose remnant is elsewhere: angles along the stream are counted from it."""
+    found = snapshot.core[1:, -1] if snapshot.core is not None else remnant(snapshot.q, snapshot.v, track.r_tidal[-1])
+    if found is None:
+        return  # dissolved: nothing to compare with
+    away = float(distances(found[:3, None], setup.q)[0])
+    faster = float(distances(found[3:, None], setup.v)[0])
+    if away > OFFSET * track.r_tidal[-1] or faster > SPEED_OFFSET * np.sqrt(setup.v @ setup.v):
+        names = ("x", "y", "z", "vx", "vy", "vz")
+        numbers = ", ".join(f"{name} = {value:.8g}" for name, value in zip(names, found, strict=True))
+        raise StreamkitError(
+            f"{snapshot.source}: its remnant is {away:.3g} kpc and {faster:.3g} km/s away from the run file's "
+            f"progenitor, whose tidal radius is {track.r_tidal[-1]:.3g} kpc. To start the model from it, put into "
+            f"[progenitor]: {numbers} (kpc and km/s, Galactocentric)."
+        )
+
+
+def remnant(q: Array, v: Array, r_tidal: float) -> Array | None:
+    """(6,) Position and velocity of the densest clump by a shrinking sphere; None without one.
+
+    A clump is no remnant if it holds fewer than `FEWEST` particles within a tidal radius, or not twice as many as the
+    next tidal radius does: a piece of a stream holds as many.
+    """
+    centre = np.median(q, axis=1)
+    radius = float(np.percentile(distances(q, centre), 90))
+    while radius > 0.25 * r_tidal:
+        inside = distances(q, centre) < radius
+        if inside.sum() < FEWEST:
+            break
+        centre = q[:, inside].mean(axis=1)
+        radius *= 0.9
+    away = distances(q, centre)
+    near, around = int((away < r_tidal).sum()), int((away < 2 * r_tidal).sum())
+    if near < FEWEST or near < 2 * (around - near):
+        return None
+    core = away < 0.5 * r_tidal
+    return np.concatenate([q[:, core].mean(axis=1), v[:, core].mean(axis=1)])

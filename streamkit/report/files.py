@@ -1,0 +1,148 @@
+"""Write files whole or not at all, hold a directory for one process, and say where a file comes from."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from streamkit.errors import ChainError, StreamkitError, nearest
+from streamkit.spec import Spec
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from astropy.table import QTable
+    from matplotlib.figure import Figure
+
+PICTURES = (".png", ".pdf", ".svg")
+"""Suffixes a picture can be written to."""
+
+
+def check_target(path: Path, suffixes: Collection[str], option: str, force: bool) -> None:
+    """Refuse a file that could not be written, before anything is computed.
+
+    Raises
+    ------
+    StreamkitError
+        For a suffix that is not one of ``suffixes``, a directory that does not exist, or a file that does and
+        may not be replaced.
+    """
+    if path.suffix not in suffixes:
+        raise StreamkitError(
+            f"{option} {str(path)!r}: the suffix says the format and must be one of {', '.join(suffixes)}; "
+            f"found {path.suffix!r}.{nearest(path.suffix, suffixes)}"
+        )
+    if not path.parent.is_dir():
+        raise StreamkitError(f"{option} {str(path)!r}: the directory {str(path.parent)!r} does not exist")
+    if path.is_dir():
+        raise StreamkitError(f"{option} {str(path)!r}: this is a directory, a file name is wanted")
+    if path.exists() and not force:
+        raise StreamkitError(f"{option} {str(path)!r}: the file exists; add --force to replace it")
+
+
+def check_directory(directory: Path, products: Collection[str], what: str, force: bool) -> None:
+    """Refuse to replace the products of an earlier command, before anything is computed.
+
+    Parameters
+    ----------
+    directory
+        It need not exist.
+    products
+        The files that would be written.
+    what
+        What they are together: ``"an ablation"``.
+    force
+        Whether they may be replaced.
+
+    Raises
+    ------
+    StreamkitError
+        If some of them are there and may not be replaced.
+    """
+    there = [name for name in products if (directory / name).exists()]
+    if there and not force:
+        some = ", ".join(there[:3]) + (" ..." if len(there) > 3 else "")
+        raise StreamkitError(
+            f"{directory}: holds {what} already ({some}). --force replaces it, or choose another directory."
+        )
+
+
+def save(path: Path, writer: Callable[[Path], object]) -> None:
+    """Let ``writer`` write the file: the whole of it comes into place, or nothing.
+
+    Raises
+    ------
+    StreamkitError
+        If the file cannot be written.
+    """
+    try:
+        replace_whole(path, writer)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise StreamkitError(f"output {str(path)!r}: cannot be written ({reason})") from error
+
+
+def save_table(path: Path, table: QTable) -> None:
+    """Write a table as ECSV, as `save` does."""
+    save(path, lambda part: table.write(part, format="ascii.ecsv", overwrite=True))
+
+
+def save_picture(path: Path, figure: Figure) -> None:
+    """Write a picture, as `save` does."""
+    save(path, lambda part: figure.savefig(part, dpi=200))
+
+
+def origin(spec: Spec) -> dict[str, Any]:
+    """Return what every table says of where it comes from: streamkit's version, the run file, its digest and seed."""
+    return {
+        "streamkit_version": version("streamkit"),
+        "run_file": Path(str(spec.source)).name,
+        "run_digest": spec.digest(),
+        "seed": spec.seed,
+    }
+
+
+def replace_whole(path: Path, writer: Callable[[Path], object]) -> None:
+    """Let ``writer`` write a temporary file beside ``path``, then put it in place in one step."""
+    part = path.with_name(f".{path.stem}.part{path.suffix}")
+    try:
+        writer(part)
+        os.replace(part, path)  # noqa: PTH105  the one call that is atomic by contract
+    finally:
+        part.unlink(missing_ok=True)
+
+
+@contextmanager
+def locked(directory: Path) -> Iterator[None]:
+    """Hold the directory for one run, made if missing. The lock dies with the process: a kill leaves none behind.
+
+    Raises
+    ------
+    ChainError
+        If another run holds it, or it cannot be a directory.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise ChainError(f"{directory}: is a file, and the output needs a directory") from None
+    except OSError as error:
+        raise ChainError(f"{directory}: cannot be made: {error.strerror}") from None
+    try:
+        import fcntl
+    except ImportError:  # no such locks on this system
+        yield
+        return
+    handle = os.open(directory, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(handle)
+        raise ChainError(f"{directory}: another run is writing here right now") from None
+    try:
+        yield
+    finally:
+        os.close(handle)

@@ -1,0 +1,122 @@
+"""Pictures of one stream: in its orbital plane, and unwrapped with the fitted apocentres and the data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MultipleLocator
+
+from streamkit.report.style import ARM_STYLE, finish
+from streamkit.spec import Setup
+from streamkit.stream import Prediction, Stream, orbital_plane
+from streamkit.units import GYR
+
+BEYOND = 180.0
+"""How far the picture goes on beyond the apocentres, degrees."""
+SHOWN = 8000
+"""Most particles drawn."""
+
+
+def draw_stream(
+    particles: Stream, prediction: Prediction | None = None, setup: Setup | None = None, note: str = ""
+) -> Figure:
+    """Draw a stream in its orbital plane, and unwrapped with the fitted apocentres and the data over it."""
+    figure = Figure(figsize=(12.5, 5.2), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(1, 1.25))
+    draw_plane(particles, left)
+    draw_unwrapped(particles, prediction, setup, right)
+    if note:
+        figure.suptitle(note, color="#D55E00", fontsize=13)
+    return figure
+
+
+def save_stream(particles: Stream, prediction: Prediction | None, setup: Setup | None, path: Path) -> None:
+    """Draw a stream into a file; its suffix says the format."""
+    draw_stream(particles, prediction, setup).savefig(path, dpi=200)
+
+
+def draw_plane(particles: Stream, axes: Axes) -> None:
+    """Draw the particles in the progenitor's orbital plane: x towards it, y ahead along its motion."""
+    basis = orbital_plane(particles.orbit)
+    x, y = basis @ particles.q
+    _points(particles, x, y, axes)
+    t_past = particles.orbit.t > -1.5 * GYR
+    ox, oy = basis @ particles.orbit.q[:, t_past]
+    axes.plot(ox, oy, color="black", lw=0.9, label="orbit, last 1.5 Gyr")
+    axes.plot(*(basis @ particles.orbit.q[:, -1]), marker="*", ms=13, color="black", mec="white", ls="none")
+    axes.plot(0, 0, marker="+", ms=11, mew=1.6, color="black", ls="none")
+    reach = 1.08 * max(np.percentile(np.abs(np.concatenate([x, y])), 98.5), np.abs([ox, oy]).max())
+    axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
+    axes.set_xlabel(r"$x'\ \,[{\rm kpc}]$  (towards the progenitor)", fontsize=12)
+    axes.set_ylabel(r"$y'\ \,[{\rm kpc}]$  (along its motion)", fontsize=12)
+    finish(axes)
+    axes.legend(frameon=True, framealpha=0.85, edgecolor="none", fontsize=9, loc="upper left", markerscale=4)
+
+
+def draw_unwrapped(particles: Stream, prediction: Prediction | None, setup: Setup | None, axes: Axes) -> None:
+    """Draw radius against the angle along the stream, with the measured track, the fits and the data."""
+    angle = np.degrees(particles.winding)
+    _points(particles, angle, particles.r, axes)
+    axes.plot(0, particles.orbit.r[-1], marker="*", ms=13, color="black", mec="white", ls="none", zorder=6)
+    details = {} if prediction is None else prediction.details
+    peaks = []
+    for arm in ("leading", "trailing"):
+        first = arm == "leading"
+        if f"{arm}_track" in details:
+            x, y = details[f"{arm}_angle"], details[f"{arm}_track"]
+            axes.plot(x, y, color="black", lw=1.0, ls=":", label="smoothed track" if first else None)
+        if f"{arm}_fit" in details:
+            x, y = details[f"{arm}_fit_angle"], details[f"{arm}_fit"]
+            axes.plot(x, y, color="black", lw=2.2, label="Gaussian fit" if first else None)
+        if f"{arm}_peak" in details:
+            peaks.append(details[f"{arm}_peak"])
+            axes.plot(*peaks[-1], marker="o", ms=6, mfc="white", mec="black", mew=1.3, ls="none", zorder=6)
+    if len(peaks) == 2 and setup is not None:
+        _data(axes, setup.observable, float(peaks[0][0]), float(peaks[1][0]))
+    low, high = np.percentile(angle, [0.5, 99.5]) + np.array([-15.0, 15.0])
+    if len(peaks) == 2:
+        low, high = max(low, peaks[1][0] - BEYOND), min(high, peaks[0][0] + BEYOND)
+    inside = (angle > low) & (angle < high)
+    axes.set(xlim=(high, low), ylim=(0, 1.12 * np.percentile(particles.r[inside], 99.8)))
+    axes.xaxis.set_major_locator(MultipleLocator(60 if high - low < 700 else 120))
+    axes.set_xlabel("angle along the stream [deg]  (leading > 0)", fontsize=12)
+    axes.set_ylabel(r"$r\ \,[{\rm kpc}]$", fontsize=12)
+    finish(axes)
+    handles, labels = axes.get_legend_handles_labels()
+    own = [(h, name) for h, name in zip(handles, labels, strict=True) if name not in {n for n, _ in ARM_STYLE.values()}]
+    if own:
+        axes.legend(*zip(*own, strict=True), frameon=True, framealpha=0.85, edgecolor="none", fontsize=9)
+
+
+def _data(axes: Axes, observable: Any, leading: float, trailing: float) -> None:
+    """Draw the apocentres of the data at the angles of the model's.
+
+    The data fix only the sum of the two angles, 360 deg - precession: the trailing one is set against the
+    model's leading one, with the error of the precession.
+    """
+    radius = {name: getattr(observable, name, None) for name in ("leading", "trailing")}
+    precession = getattr(observable, "precession", None)
+    style: dict[str, Any] = {
+        "fmt": "s", "ms": 5, "color": "#CC79A7", "mec": "black", "ecolor": "black", "capsize": 3, "zorder": 7,
+    }  # fmt: skip
+    label: str | None = "data"
+    if radius["leading"] is not None:
+        axes.errorbar(leading, radius["leading"][0], yerr=radius["leading"][1], label=label, **style)
+        label = None
+    if radius["trailing"] is not None:
+        x = trailing if precession is None else leading - (360.0 - precession[0])
+        error = None if precession is None else precession[1]
+        axes.errorbar(x, radius["trailing"][0], yerr=radius["trailing"][1], xerr=error, label=label, **style)
+
+
+def _points(particles: Stream, x: Any, y: Any, axes: Axes) -> None:
+    every = max(int((~particles.bound).sum()) // SHOWN, 1)
+    size = 1.0 if len(particles) > 3000 else 3.0
+    for arm, (name, colour) in ARM_STYLE.items():
+        chosen = np.flatnonzero(particles.arm == arm)
+        chosen = chosen[:: max(every, len(chosen) // SHOWN)]
+        axes.scatter(x[chosen], y[chosen], s=size, color=colour, alpha=0.6, lw=0, rasterized=True, label=name)

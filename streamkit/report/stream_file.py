@@ -1,0 +1,75 @@
+"""The particles of a stream as a file: ECSV, HDF5 or FITS."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from streamkit.report.files import check_target, origin, save
+from streamkit.spec import Spec
+from streamkit.stream import Stream
+
+if TYPE_CHECKING:
+    from astropy.table import QTable
+
+
+FORMATS = {".ecsv": "ascii.ecsv", ".hdf5": "hdf5", ".h5": "hdf5", ".fits": "fits"}
+"""Suffixes a stream can be written to, with astropy's name of the format."""
+
+
+def write_stream(stream: Stream, spec: Spec, path: Path, *, force: bool = False) -> None:
+    """Write one row per particle, with units, and in the header what is needed to make the stream again.
+
+    Parameters
+    ----------
+    stream
+        The stream; its particles are written as `Stream.table` gives them.
+    spec
+        The run file it was made from: its digest, seed and resolved text go into the header.
+    path
+        Ends in one of `FORMATS`.
+    force
+        Whether an existing file may be replaced. It is replaced whole, or not at all.
+
+    Raises
+    ------
+    StreamkitError
+        If the file exists, cannot be written, or has another suffix.
+    """
+    check_target(path, FORMATS, "output", force)
+    table = stream.table()
+    table.meta.update(provenance(stream, spec))
+    save(path, lambda part: _write_table(table, part, FORMATS[path.suffix]))
+
+
+def provenance(stream: Stream, spec: Spec) -> dict[str, Any]:
+    """Return the header of a stream: the `origin`, and the run file.
+
+    ``run`` is the resolved run file with every free parameter at the stream's value: `streamkit.load` takes
+    it, and makes the same stream again.
+    """
+    return {**origin(spec), "run": spec.with_values(stream.parameters).document}
+
+
+def _write_table(table: QTable, path: Path, form: str) -> None:
+    if form == "fits":
+        table.meta = fits_cards(table.meta)
+        table.write(path, format=form, overwrite=True)
+    elif form == "hdf5":
+        table.write(str(path), format=form, path="stream", serialize_meta=True, overwrite=True)
+    else:
+        table.write(path, format=form, overwrite=True)
+
+
+def fits_cards(meta: dict[str, Any]) -> dict[str, Any]:
+    """Flatten a header into FITS cards; names beyond eight letters need the HIERARCH convention."""
+    cards: dict[str, Any] = {}
+    for name, value in meta.items():
+        if name == "parameters":
+            cards.update({f"HIERARCH {path}": number for path, number in value.items()})
+        elif isinstance(value, dict):
+            cards[name.upper()] = json.dumps(value)
+        else:
+            cards[f"HIERARCH {name}" if len(name) > 8 else name.upper()] = value
+    return cards

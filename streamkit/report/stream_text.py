@@ -1,0 +1,121 @@
+"""One stream as text for a terminal: parameters, counts, observables beside the data."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from streamkit.report.text import columns, number, paragraph, seconds
+from streamkit.spec import Setup, Spec, as_written
+from streamkit.stream import Prediction, Stream
+
+
+def warning_list(texts: Sequence[str]) -> str:
+    """Return the warnings as a list; nothing without any."""
+    return "\n".join(["warnings", *(paragraph(text, "  - ") for text in texts)]) if texts else ""
+
+
+def describe_prediction(setup: Setup, prediction: Prediction) -> str:
+    """Show the observables beside the data, and the difference in standard errors of the data."""
+    if setup.observable is None:
+        return "observables: the run file has none"
+    if prediction.why_not:
+        return f"observables ({setup.observable.kind}): no value, {prediction.why_not}"
+    data, errors = setup.observable.data()
+    rows = [("", "model", "own noise", "data", "model - data")]
+    for name, mean, variance, datum, error in zip(
+        prediction.names, prediction.mean, prediction.variance, data, errors, strict=True
+    ):
+        known = np.isfinite(datum)
+        rows.append((
+            name, f"{mean:.2f}", f"{np.sqrt(variance):.2f}", f"{datum:g} +- {error:g}" if known else "-",
+            f"{(mean - datum) / error:+.1f} sigma" if known else "-",
+        ))  # fmt: skip
+    return "\n".join([f"observables ({setup.observable.kind})", columns(rows)])
+
+
+def describe_stream(
+    spec: Spec,
+    setup: Setup,
+    stream: Stream,
+    prediction: Prediction | None,
+    spent: float,
+    changed: Collection[str],
+) -> str:
+    """Show one stream: its parameters, the counts per arm, the observables and the CPU time.
+
+    Parameters
+    ----------
+    spec, setup
+        What the stream was made from; free parameters stand at the prior's centre.
+    stream, prediction
+        The stream, and what the observable says of it.
+    spent
+        CPU seconds, machine code loaded included.
+    changed
+        Fields set by hand.
+    """
+    units = dict(zip(spec.names, spec.units, strict=True))
+    rows = []
+    for path, value in fields(spec.document):
+        if path in units:
+            rows.append((path, number(setup.values[path], units[path].replace(" ", "")), "prior's centre"))
+        elif path in changed:
+            rows.append((path, value, "set"))
+    bound = int(stream.bound.sum())
+    counts = [
+        ("particles", str(len(stream))),
+        ("leading arm", str(int((stream.arm == 1).sum()))),
+        ("trailing arm", str(int((stream.arm == -1).sum()))),
+        ("bound", f"{bound} ({bound / len(stream):.1%})"),
+        ("CPU time", f"{seconds(spent)}, machine code loaded included"),
+    ]
+    parts = [f"{spec.source}: one stream (seed {spec.seed})"]
+    parts += [f"parameters\n{columns(rows)}"] if rows else []
+    parts.append(f"stream\n{columns(counts)}")
+    if setup.observable is None:
+        parts.append("observables: the run file has none")
+    elif prediction is not None:
+        parts += [describe_prediction(setup, prediction), warning_list(coverage_warnings(prediction))]
+    return "\n\n".join(part for part in parts if part)
+
+
+def fields(document: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the path of every field of a resolved run file, and its value as text."""
+    for name, value in document.items():
+        path = f"{prefix}{name}"
+        yield path, _tidy(value)
+        if isinstance(value, Mapping):
+            yield from fields(value, f"{path}.")
+
+
+def _tidy(value: object) -> str:
+    """Write a quantity of a resolved run file with four digits, anything else as the run file does."""
+    digits, _, unit = str(value).partition(" ")
+    try:
+        return number(float(digits), unit) if isinstance(value, str) else as_written(value)
+    except ValueError:
+        return as_written(value)
+
+
+WINDOW = 40.0
+"""Degrees on either side of an apocentre in which it is fitted (Gibbons+ 2014, section 3.4)."""
+
+
+def coverage_warnings(prediction: Prediction | None) -> list[str]:
+    """Say where an arm does not reach across the window in which its apocentre is fitted."""
+    found = []
+    details = prediction.details if prediction is not None else {}
+    for arm in ("leading", "trailing"):
+        if f"{arm}_angle" not in details or f"{arm}_peak" not in details:
+            continue
+        angles, peak = np.abs(details[f"{arm}_angle"]), abs(float(details[f"{arm}_peak"][0]))
+        for reach, side in ((peak - angles.min(), "before"), (angles.max() - peak, "beyond")):
+            if reach < WINDOW:
+                found.append(
+                    f"The {arm} arm ends {max(reach, 0):.0f} deg {side} its apocentre, inside the window of "
+                    f"{WINDOW:g} deg that is fitted: the apocentre is in part extrapolated."
+                )
+    return found

@@ -1,0 +1,102 @@
+"""What all pictures share: colours, symbols, ticks, panels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+ACROSS = 4
+"""Most panels beside each other."""
+
+
+def panel_grid(n: int, width: float, height: float, *, across: int = ACROSS, share: bool) -> tuple[Figure, list[Axes]]:
+    """Return a figure and n panels, in rows of at most ``across``."""
+    columns = max(min(n, across), 1)
+    rows = max(-(-n // columns), 1)
+    figure = Figure(figsize=(width * columns + 0.9, height * rows + 0.5), layout="constrained")
+    panels: Any = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=share)
+    every = list(panels.flat)
+    for axes in every[n:]:
+        axes.set_visible(False)
+    for axes in every[max(n - columns, 0) : n]:
+        axes.tick_params(labelbottom=True)
+    return figure, every[: max(n, 1)]
+
+
+def typical_reach(reaches: Iterable[float]) -> float:
+    """Return how far the axes must reach for most streams: one outlier must not shrink all the others."""
+    known = list(reaches)
+    return 1.15 * float(np.median(known)) if known else 1.0
+
+
+def label_all(figure: Figure, x: str, y: str) -> None:
+    """Label all panels at once."""
+    figure.supxlabel(x, fontsize=11)
+    figure.supylabel(y, fontsize=11)
+
+
+BLUE, VERMILION, GREY = "#0072B2", "#D55E00", "#666666"
+"""Okabe & Ito's colours, told apart by every eye."""
+
+SYMBOLS = {
+    "potential.v0": r"$v_0$",
+    "potential.rs": r"$r_{\rm s}$",
+    "potential.alpha": r"$\alpha$",
+    "progenitor.mass": r"$M_{\rm sat}$",
+    "progenitor.radius": r"$a_{\rm sat}$",
+    "progenitor.distance": r"$d$",
+    "progenitor.v_los": r"$v_{\rm los}$",
+    "progenitor.pm_l_cosb": r"$\mu_l \cos b$",
+    "progenitor.pm_b": r"$\mu_b$",
+    "progenitor.lookback": r"$t_{\rm back}$",
+    "stripping.sigma": r"$\sigma$",
+    "sun.r0": r"$R_0$",
+    "sun.v_circ": r"$v_{\rm c}(R_0)$",
+}
+"""The field's symbols for parameters of the built-in components; others show their name."""
+
+
+def ticks(axes: Axes) -> None:
+    """Give the axes minor ticks, inwards, on every side, and few numbers."""
+    axes.minorticks_on()
+    axes.tick_params(which="both", direction="in", top=True, right=True, labelsize=10)
+    axes.yaxis.set_major_locator(MaxNLocator(5))
+
+
+def scaled(name: str, unit: str, typical: float) -> tuple[float, str, str]:
+    """Return the power of ten that a parameter's large values are divided by, its symbol, and the unit to show."""
+    shown, scale = latex(unit), 1.0
+    if typical >= 1e5:
+        power = int(np.floor(np.log10(typical)))
+        scale = 10.0**power
+        shown = rf"$10^{{{power}}}$ {shown}".strip()
+    return scale, SYMBOLS.get(name, name), shown
+
+
+def latex(unit: str) -> str:
+    """Return a unit as pictures write it."""
+    if not unit:
+        return ""
+    from astropy import units as u
+
+    return str(u.Unit(unit).to_string("latex_inline"))
+
+
+def with_unit(symbol: str, unit: str, between: str = " ") -> str:
+    """Return a label: the symbol and its unit in brackets."""
+    return f"{symbol}{between}[{unit}]" if unit else symbol
+
+
+ARM_STYLE = {1: ("leading", "#0072B2"), -1: ("trailing", "#D55E00"), 0: ("bound", "#666666")}
+"""Name and colour of each arm: Okabe & Ito's blue and vermilion, told apart by every eye."""
+
+
+def finish(axes: Axes) -> None:
+    """Give the axes minor ticks, inwards, on every side."""
+    axes.minorticks_on()
+    axes.tick_params(which="both", direction="in", top=True, right=True, labelsize=10)

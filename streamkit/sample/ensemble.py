@@ -1,0 +1,238 @@
+"""The sampling itself: start an ensemble, advance it until a limit, keep the counts beside the chain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from time import monotonic
+from typing import Any
+
+import emcee
+import numpy as np
+from emcee.backends import Backend
+from tqdm import tqdm
+
+from streamkit.observe import Data
+from streamkit.sample.chain import ChainFile
+from streamkit.sample.convergence import CHECK, STABLE, Limits, burn_in, longest_time, split_r_hat
+from streamkit.sample.coordinates import Space
+from streamkit.sample.history import Trials
+from streamkit.sample.moves import LEARNING, SurrogateMove, learning_steps, proposals
+from streamkit.sample.start import Search
+from streamkit.sample.surrogate import learn
+from streamkit.sample.workers import Workers
+from streamkit.spec import Prior
+from streamkit.stream import Array
+
+REPLICAS = "replicas"
+"""Where the chain file keeps the replicas of the surrogate."""
+NOTES = 5.0
+"""Seconds between two notes of the counts in the chain file, and between two looks at the mass."""
+
+
+@dataclass
+class Sampling:
+    """An ensemble and where it is stored.
+
+    Parameters
+    ----------
+    priors
+        d priors, for the start.
+    walkers, seed, moves
+        The ensemble: its size, the seed of all its proposals, and "surrogate", "de" or "stretch".
+    pool
+        Evaluates the posteriors "full" and "cheap".
+    backend
+        Where emcee stores the chain.
+    dtype
+        The record stored with each sample.
+    progress
+        Whether to show progress bars.
+    mass
+        The mass inside 100 kpc at a point, for the progress bar.
+    data
+        What the blobs' "mean" is compared with: the surrogate needs it.
+    """
+
+    priors: Sequence[Prior]
+    walkers: int
+    seed: int
+    moves: str
+    pool: Workers
+    backend: Backend
+    dtype: np.dtype[Any]
+    progress: bool = True
+    mass: Callable[[Array], float] | None = None
+    data: Data | None = None
+    counts: dict[str, Any] = field(default_factory=lambda: {"calls": 0, "search_calls": 0, "reasons": {}})
+    _state: emcee.State | None = None
+    _trials: Trials = field(init=False)
+
+    def __post_init__(self) -> None:
+        m = self.dtype["mean"].shape[0]
+        steps = learning_steps(self.moves)
+        self._trials = Trials(self.pool, steps, self.walkers, len(self.priors), m)
+
+    def begin(self, deadline: float = np.inf) -> None:
+        """Find starting points and empty the backend. The first step is not taken yet."""
+        self.backend.reset(self.walkers, len(self.priors))
+        with tqdm(desc="searching the prior", unit=" calls", disable=not self.progress, leave=False) as bar:
+
+            def tell(line: str) -> None:
+                bar.set_description_str(line, refresh=False)
+                bar.update(search.calls - bar.n)
+
+            rng = np.random.default_rng([self.seed, 1])
+            search = Search(self.priors, self.pool.evaluate, self.walkers, rng, deadline, tell)
+            points, results = search.run()
+        self.counts["search_calls"] = search.calls
+        rows = [result.row() for result in results]
+        self._state = emcee.State(
+            points,
+            log_prob=np.array([row[0] for row in rows]),
+            blobs=np.array([row[1:] for row in rows], dtype=self.dtype),
+            random_state=np.random.RandomState(self.seed).get_state(),  # what emcee uses
+        )
+        # the search is reported by itself; from here on every call is a proposal of the sampler
+        self.pool.calls["full"] = 0
+        self.pool.reasons["full"].clear()
+
+    def resume(self, counts: dict[str, Any]) -> None:
+        """Go on from the last stored step, with the generator's state stored there: as if never stopped."""
+        self.counts = {key: counts.get(key, value) for key, value in self.counts.items()}
+        self._state = self.backend.get_last_sample()
+        if isinstance(self.backend, ChainFile):
+            self._trials.load(self.backend)
+
+    def advance(self, limits: Limits) -> str:
+        """Take steps until a limit is reached; return which: "converged", "steps" or "time".
+
+        Raises
+        ------
+        Stopped
+            After a signal. The unfinished step is dropped.
+        """
+        done = int(self.backend.iteration)
+        moves = proposals(self.moves, self.priors)
+        self._learn(moves, done)
+        sampler = emcee.EnsembleSampler(
+            self.walkers,
+            len(self.priors),
+            _not_called,
+            pool=self._trials,
+            moves=moves,
+            backend=self.backend,
+            blobs_dtype=self.dtype,
+        )
+        if self._is_long_enough(limits):
+            return "converged"
+        tau, clock = np.nan, _Clock(self.pool)
+        try:
+            with tqdm(total=limits.steps, initial=done, unit="step", disable=not self.progress) as bar:
+                while done < limits.steps:
+                    ends = [CHECK * (done // CHECK + 1), limits.steps, *LEARNING]
+                    todo = min(end for end in ends if end > done) - done
+                    for state in sampler.sample(self._state, iterations=todo):
+                        self._keep(moves, done)
+                        self._state, done = state, done + 1
+                        bar.update()
+                        if clock.is_due():
+                            self._note()
+                            bar.set_postfix_str(clock.line(sampler, done, tau, self._masses(state)), refresh=False)
+                        if monotonic() > limits.deadline:
+                            return "time"
+                    if done in LEARNING:
+                        self._learn(moves, done)
+                    if done % CHECK == 0 or done == limits.steps:
+                        tau = longest_time(self._learned())
+                        if self._is_long_enough(limits):
+                            return "converged"
+            return "steps"
+        finally:
+            self._note()
+
+    def totals(self) -> dict[str, Any]:
+        """Return the counts of all calls, those before a resumption included."""
+        reasons = dict(self.counts["reasons"])
+        for reason, count in self.pool.reasons["full"].items():
+            reasons[reason] = reasons.get(reason, 0) + count
+        return self.counts | {"calls": self.counts["calls"] + self.pool.calls["full"], "reasons": reasons}
+
+    def _learned(self) -> Array:
+        """(steps, walkers, d) The chain after learning."""
+        return np.asarray(self.backend.get_chain()[learning_steps(self.moves) :])
+
+    def _is_long_enough(self, limits: Limits) -> bool:
+        """Whether the chain can end where it is: a function of the chain alone, the same after a resumption."""
+        length = int(self.backend.iteration) - learning_steps(self.moves)
+        if length <= CHECK:
+            return False
+        chain = self._learned()
+        tau, before = longest_time(chain), longest_time(chain[:-CHECK])
+        if not (length > limits.tau_factor * tau and abs(tau - before) < STABLE * tau):
+            return False
+        return bool(np.isinf(limits.r_hat) or split_r_hat(chain[burn_in(chain) :]).max() < limits.r_hat)
+
+    def _learn(self, moves: Sequence[tuple[emcee.moves.Move, float]], done: int) -> None:
+        """Give the surrogate moves what the chain knew at the last step of `LEARNING`."""
+        steps = max((step for step in LEARNING if step <= done), default=0)
+        walks = [move for move, _ in moves if isinstance(move, SurrogateMove)]
+        if not (steps and walks and self.data is not None):
+            return
+        points, mean, variance = self._trials.until(steps)
+        space = Space(self.priors)
+        y = space.to(points)
+        inside = np.isfinite(space.ln_prior(y))
+        surrogate = learn(y[inside], mean[inside], variance[inside], self.data)
+        for move in walks:
+            move.learn(surrogate, self.walkers, self.seed, steps == LEARNING[-1])
+            if done > steps and isinstance(self.backend, ChainFile):  # resumed
+                kept = self.backend.get(REPLICAS)
+                if kept is not None and kept.shape == move.replicas.shape:
+                    move.replicas = kept
+
+    def _keep(self, moves: Sequence[tuple[emcee.moves.Move, float]], step: int) -> None:
+        """Store beside the chain what the moves know, so that a resumed run goes on as an unbroken one would."""
+        self._trials.keep(step, self.backend)
+        for move, _ in moves:
+            if isinstance(move, SurrogateMove) and len(move.replicas) and isinstance(self.backend, ChainFile):
+                self.backend.put(REPLICAS, move.replicas.shape, ..., move.replicas)
+
+    def _note(self) -> None:
+        if isinstance(self.backend, ChainFile):
+            self.backend.note(counts=self.totals())
+
+    def _masses(self, state: emcee.State) -> Array | None:
+        """(walkers,) Masses inside 100 kpc of the ensemble."""
+        return None if self.mass is None else np.array([self.mass(point) for point in state.coords])
+
+
+class _Clock:
+    """Speed, and when it is time to say something."""
+
+    def __init__(self, pool: Workers) -> None:
+        self._begin = self._last = monotonic()
+        self._pool, self._calls = pool, pool.calls["full"]
+
+    def is_due(self) -> bool:
+        now = monotonic()
+        if now - self._last < NOTES:
+            return False
+        self._last = now
+        return True
+
+    def line(self, sampler: emcee.EnsembleSampler, done: int, tau: float, masses: Array | None) -> str:
+        """Return acceptance, speed, autocorrelation time and running mass in one line."""
+        rate = (self._pool.calls["full"] - self._calls) / (monotonic() - self._begin)
+        accepted = float(np.mean(sampler.backend.accepted)) / done
+        parts = [f"accepted {100 * accepted:.0f} %", f"{rate:.1f} calls/s"]
+        if np.isfinite(tau):
+            parts.append(f"tau {tau:.0f}")
+        if masses is not None:
+            low, middle, high = np.percentile(masses / 1e11, [16, 50, 84])
+            parts.append(f"M(100 kpc) {middle:.2f} +{high - middle:.2f} -{middle - low:.2f}e11 Msun")
+        return ", ".join(parts)
+
+
+def _not_called(_theta: Array) -> float:
+    raise AssertionError("the workers hold the posterior themselves")

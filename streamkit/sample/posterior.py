@@ -1,0 +1,162 @@
+"""The posterior: ln prior, then the stream, then a Gaussian comparison of its observables with the data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from streamkit.errors import ComponentError, OutOfDomain, SpecError, blamed
+from streamkit.model import Model
+from streamkit.observe import Data
+from streamkit.spec import Setup, Spec
+from streamkit.stream import Array, Prediction, Stream
+
+OUTSIDE = "outside the prior"
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What one call of the posterior found.
+
+    Attributes
+    ----------
+    lnp
+        ln prior + ln likelihood; -inf where there is no stream or no observable.
+    ln_likelihood
+        The second term alone; -inf likewise.
+    mean, variance
+        (m,) what the observable predicts, and the variance of that estimate; NaN if none.
+    reason
+        Why lnp is -inf, else empty.
+    """
+
+    lnp: float
+    ln_likelihood: float
+    mean: Array
+    variance: Array
+    reason: str = ""
+
+    def row(self) -> tuple[float, float, Array, Array]:
+        """Return what emcee wants: lnp, then the blobs of `blob_dtype`."""
+        return self.lnp, self.ln_likelihood, self.mean, self.variance
+
+
+def blob_dtype(m: int) -> np.dtype[Any]:
+    """Return the record stored with each sample for m data: ln likelihood, predicted mean and variance."""
+    return np.dtype([("ln_likelihood", float), ("mean", float, (m,)), ("variance", float, (m,))])
+
+
+def gaussian(mean: Array, variance: Array, data: Array, sigma: Array, add_noise: bool) -> float:
+    """Return the ln likelihood of independent Gaussians; a NaN datum is not used.
+
+    Parameters
+    ----------
+    mean, variance
+        (m,) prediction, and the variance of that estimate.
+    data, sigma
+        (m,) data and their standard errors.
+    add_noise
+        Whether to add ``variance`` to ``sigma**2``.
+    """
+    used = np.isfinite(data)
+    total = sigma[used] ** 2 + (variance[used] if add_noise else 0.0)
+    chi2 = (data[used] - mean[used]) ** 2 / total
+    return float(-0.5 * np.sum(chi2 + np.log(2 * np.pi * total)))
+
+
+class Posterior:
+    """The log-probability of the free parameters of a run file. It pickles as its spec.
+
+    Raises
+    ------
+    SpecError
+        If the spec has no free parameter, no observable or no datum: nothing can be fitted.
+    """
+
+    def __init__(self, spec: Spec) -> None:
+        self.spec = spec
+        self.model = Model(spec)
+        self.add_noise = spec.document["likelihood"]["noise"] == "add"
+        if not spec.names:
+            raise SpecError("no field has a prior: a fit needs at least one free parameter")
+        observable = spec.bind().observable
+        if observable is None:
+            raise SpecError("observable: there is none, and a fit needs one with data")
+        with blamed(f"observable {observable.kind}"):
+            data, sigma = observable.data()
+        if not np.isfinite(data).any():
+            raise SpecError("observable: there is no datum to compare with")
+        self.size = len(data)
+        self.data = Data(np.asarray(data, dtype=float), np.asarray(sigma, dtype=float), self.add_noise)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Posterior, (self.spec,)
+
+    def __call__(self, theta: Array) -> tuple[float, float, Array, Array]:
+        """Return ``(lnp, ln_likelihood, mean, variance)`` at parameters theta (d,): what emcee wants."""
+        return self.evaluate(theta).row()
+
+    def ln_prior(self, theta: Array) -> float:
+        """Return the ln prior density; -inf outside its support."""
+        total = 0.0
+        for prior, value in zip(self.spec.priors, theta, strict=True):
+            total += float(prior.lnpdf(float(value)))
+        return total if np.isfinite(total) else -np.inf
+
+    def evaluate(self, theta: Array) -> Evaluation:
+        """Evaluate at theta (d,).
+
+        Raises
+        ------
+        ComponentError
+            If a component fails, or predicts no number without a reason. Names it and the parameters.
+        """
+        theta = np.asarray(theta, dtype=float)
+        ln_prior = self.ln_prior(theta)
+        if ln_prior == -np.inf:
+            return self.rejected(OUTSIDE)
+        try:
+            setup = self.spec.bind(theta)
+            prediction = self._observed(setup)[1]
+        except OutOfDomain as error:
+            return self.rejected(error.reason)
+        if prediction.why_not:
+            return self.rejected(prediction.why_not)
+        with self.model.naming_parameters(setup):
+            ln_likelihood = self._compare(setup, prediction)
+        return Evaluation(ln_prior + ln_likelihood, ln_likelihood, prediction.mean, prediction.variance)
+
+    def predict(self, theta: Array) -> tuple[Stream, Prediction]:
+        """Return the stream at theta (d,) and what the observable says of it.
+
+        Raises
+        ------
+        OutOfDomain
+            If there is no stream there.
+        ComponentError
+            As `evaluate`.
+        """
+        return self._observed(self.spec.bind(theta))
+
+    def _observed(self, setup: Setup) -> tuple[Stream, Prediction]:
+        stream, prediction = self.model.observe(setup)
+        assert prediction is not None  # noqa: S101  __init__ has made sure of an observable
+        return stream, prediction
+
+    def _compare(self, setup: Setup, prediction: Prediction) -> float:
+        assert setup.observable is not None  # noqa: S101  checked in __init__
+        data, sigma = setup.observable.data()
+        value = gaussian(prediction.mean, prediction.variance, data, sigma, self.add_noise)
+        if not np.isfinite(value):
+            raise ComponentError(
+                f"observable {setup.observable.kind}: predicted {prediction.mean.tolist()} for data "
+                f"{data.tolist()} with errors {sigma.tolist()}: the likelihood is no finite number"
+            )
+        return value
+
+    def rejected(self, reason: str) -> Evaluation:
+        """Return what stands for parameters without a stream, or an observable: no numbers, and the reason."""
+        nothing = np.full(self.size, np.nan)
+        return Evaluation(-np.inf, -np.inf, nothing, nothing, reason)

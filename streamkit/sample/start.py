@@ -1,0 +1,271 @@
+"""Where the walkers start: draws from the prior where a stream exists, moved to where it can be fitted.
+
+Prior draws, then sequential Monte Carlo (Del Moral, Doucet & Jasra 2006): the likelihood is switched on in
+steps of inverse temperature, each followed by resampling and by differential-evolution moves (ter Braak 2006)
+in the unit cube of the priors' cumulative probabilities, where the prior is flat, on a cheap model with few
+particles whose own noise is added to the data's. The survivors are evaluated with the full model.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from time import monotonic
+from typing import Protocol
+
+import numpy as np
+from scipy.stats import qmc
+
+from streamkit.errors import StreamkitError
+from streamkit.sample.posterior import Evaluation
+from streamkit.stream import Array, IntArray
+
+BATCH = 1024
+"""Prior draws at a time: a power of two, as Sobol sequences want."""
+MAX_BATCHES = 8
+GIVE_UP = 2
+"""Batches without a single stream after which the search ends."""
+ENOUGH = 4
+"""Draws with streams, in units of the population, after which no more are needed."""
+SWEEPS = 5
+"""Largest number of moves per particle and temperature."""
+ROUNDS = 6
+"""Times that the walkers' places are filled up."""
+SPREAD = 12.0
+"""A walker may start this far in ln p below the best, plus half the number of parameters."""
+
+
+class HasQuantile(Protocol):
+    """What the search needs of a prior."""
+
+    def ppf(self, u: Array) -> Array:
+        """Return the values below which lie the fractions u of the prior."""
+
+
+Evaluate = Callable[[Array, str], list[Evaluation]]
+
+
+@dataclass
+class Search:
+    """The search for a starting ensemble.
+
+    Parameters
+    ----------
+    priors
+        d priors.
+    evaluate
+        ``evaluate(points (n, d), "cheap" or "full")``.
+    walkers
+        How many starting points are wanted.
+    rng
+        The only source of chance.
+    deadline
+        Value of `time.monotonic` after which the cheap search ends where it stands; infinity for none.
+    tell
+        Called with a line about the progress after every batch of evaluations.
+    """
+
+    priors: Sequence[HasQuantile]
+    evaluate: Evaluate
+    walkers: int
+    rng: np.random.Generator
+    deadline: float = np.inf
+    tell: Callable[[str], None] = lambda _: None
+    calls: int = 0
+    inverse_temperature: float = 0.0
+    reasons: Counter[str] = field(default_factory=Counter)
+
+    def run(self) -> tuple[Array, list[Evaluation]]:
+        """Return ``walkers`` distinct points (walkers, d) with their full evaluations, all finite.
+
+        Raises
+        ------
+        StreamkitError
+            If streams that can be fitted are too rare; gives the counted reasons.
+        """
+        u, lnl = self._draw()
+        u, lnl = self._temper(u, lnl)
+        u = self._make_distinct(u, lnl)
+        return self._choose(u)
+
+    @property
+    def population(self) -> int:
+        """Particles of the sequential Monte Carlo."""
+        return max(2 * self.walkers, 4 * len(self.priors), 16)
+
+    def _theta(self, u: Array) -> Array:
+        """(n, d) Parameters at unit-cube points (n, d)."""
+        columns = [prior.ppf(column) for prior, column in zip(self.priors, u.T, strict=True)]
+        return np.ascontiguousarray(np.stack(columns, axis=1))
+
+    def _ln_likelihood(self, u: Array) -> Array:
+        """(n,) ln likelihood of the cheap model at unit-cube points."""
+        results = self.evaluate(self._theta(u), "cheap")
+        self.calls += len(results)
+        self.reasons.update(result.reason for result in results if result.reason)
+        return np.array([result.ln_likelihood for result in results])
+
+    def _draw(self) -> tuple[Array, Array]:
+        """Draw from the prior until enough streams with observables are found; keep those."""
+        d = len(self.priors)
+        sobol = qmc.Sobol(d, scramble=True, seed=self.rng)
+        u, lnl = np.empty((0, d)), np.empty(0)
+        drawn = 0
+        for batch in range(MAX_BATCHES):
+            if batch == GIVE_UP and not len(lnl):
+                break
+            # ppf(0) and ppf(1) may be infinite: keep a hair's breadth away
+            points = np.clip(sobol.random(BATCH), 1e-9, 1 - 1e-9)
+            for part in np.array_split(points, 16):
+                values = self._ln_likelihood(part)
+                drawn += len(part)
+                good = np.isfinite(values)
+                u, lnl = np.concatenate([u, part[good]]), np.concatenate([lnl, values[good]])
+                self.tell(f"{len(lnl)} of {drawn} draws of the prior give a stream with observables")
+                late = monotonic() > self.deadline
+                if len(lnl) >= (self.population if late else ENOUGH * self.population):
+                    return u, lnl
+            if len(lnl) >= self.population:
+                return u, lnl
+        if len(lnl) < d + 2:
+            counted = "; ".join(f"{reason}: {n} of {drawn}" for reason, n in self.reasons.most_common())
+            raise StreamkitError(
+                f"found no place to start: of {drawn} draws of the prior only {len(lnl)} give a stream with "
+                f"observables ({counted}). Check the priors with `streamkit check`."
+            )
+        return u, lnl
+
+    def _temper(self, u: Array, lnl: Array) -> tuple[Array, Array]:
+        """Switch the likelihood on, keeping half of the population effective at every step."""
+        while self.inverse_temperature < 1:
+            target = min(0.5 * self.population, 0.9 * len(u))
+            step = _largest_step(lnl, target, 1 - self.inverse_temperature)
+            self.inverse_temperature += step
+            keep = _systematic(_weights(lnl, step), self.population, self.rng)
+            u, lnl = u[keep], lnl[keep]
+            moved = 0
+            for _ in range(SWEEPS):
+                if monotonic() > self.deadline:
+                    return u, lnl
+                u, lnl, accepted = self._sweep(u, lnl)
+                moved += accepted
+                if moved > len(u):
+                    break
+        return u, lnl
+
+    def _sweep(self, u: Array, lnl: Array) -> tuple[Array, Array, int]:
+        """Move every particle once along the difference of two of the other half of the population."""
+        u, lnl = u.copy(), lnl.copy()
+        n, d = u.shape
+        halves = np.array_split(self.rng.permutation(n), 2)
+        accepted = 0
+        for mine, others in (halves, halves[::-1]):
+            first = self.rng.integers(len(others), size=len(mine))
+            second = (first + self.rng.integers(1, len(others), size=len(mine))) % len(others)
+            # from the best length for a Gaussian down to a fifth: far from Gaussian, short steps are taken
+            gamma = 2.38 / np.sqrt(2 * d) * np.exp(self.rng.uniform(np.log(0.2), 0.0, len(mine)))
+            jitter = 0.02 * u.std(axis=0) * self.rng.standard_normal((len(mine), d))
+            proposal = u[mine] + gamma[:, None] * (u[others[first]] - u[others[second]]) + jitter
+            proposal = _reflected(proposal)
+            values = self._ln_likelihood(proposal)
+            with np.errstate(invalid="ignore"):  # -inf against -inf: refused
+                ratio = self.inverse_temperature * (values - lnl[mine])
+            taken = np.log(self.rng.random(len(mine))) < ratio
+            u[mine[taken]], lnl[mine[taken]] = proposal[taken], values[taken]
+            accepted += int(taken.sum())
+        self.tell(
+            f"inverse temperature {self.inverse_temperature:.3g}, best ln L {lnl.max():.1f}, "
+            f"{100 * accepted / n:.0f} % of the moves accepted"
+        )
+        return u, lnl, accepted
+
+    def _make_distinct(self, u: Array, lnl: Array) -> Array:
+        """Undo the copies that resampling made, by more moves; return the distinct points (n, d)."""
+        for _ in range(5 * SWEEPS):
+            distinct = np.unique(u, axis=0)
+            if len(distinct) >= min(1.25 * self.walkers, len(u)):
+                return distinct
+            u, lnl, _ = self._sweep(u, lnl)
+        return np.unique(u, axis=0)
+
+    def _choose(self, u: Array) -> tuple[Array, list[Evaluation]]:
+        """Evaluate with the full model; keep ``walkers`` points near the best, filling up around them.
+
+        Where too few are near, the best there are must do: the sampler takes them on from there.
+        """
+        floor = SPREAD + 0.5 * len(self.priors)
+        u = self.rng.permutation(u, axis=0)
+        u_good, points = np.empty((0, u.shape[1])), np.empty((0, u.shape[1]))
+        results: list[Evaluation] = []
+        for _ in range(ROUNDS):
+            theta = self._theta(u)
+            found = self.evaluate(theta, "full")
+            self.calls += len(found)
+            self.reasons.update(result.reason for result in found if result.reason)
+            good = [i for i, result in enumerate(found) if np.isfinite(result.lnp)]
+            u_good, points = np.concatenate([u_good, u[good]]), np.concatenate([points, theta[good]])
+            results.extend(found[i] for i in good)
+            lnp = np.array([result.lnp for result in results])
+            near = np.flatnonzero(lnp > lnp.max(initial=-np.inf) - floor)
+            self.tell(f"{min(len(near), self.walkers)} of {self.walkers} walkers placed")
+            if len(near) < self.walkers <= len(results) and monotonic() > self.deadline:
+                near = np.sort(np.argsort(-lnp)[: self.walkers])
+            if len(near) >= self.walkers:
+                return points[near[: self.walkers]], [results[i] for i in near[: self.walkers]]
+            if len(results) < 3:
+                break
+            best = np.argsort(-lnp)[: max(self.walkers, 3)]
+            u = self._around(u_good[best], self.walkers)
+        if len(results) >= self.walkers:
+            near = np.argsort(-lnp)[: self.walkers]
+            return points[near], [results[i] for i in near]
+        counted = "; ".join(f"{reason}: {n}" for reason, n in self.reasons.most_common())
+        raise StreamkitError(
+            f"found only {len(results)} places for {self.walkers} walkers with the full number of particles "
+            f"({self.calls} calls, rejected: {counted}). "
+            "Fewer walkers, more particles or narrower priors may help."
+        )
+
+    def _around(self, u: Array, n: int) -> Array:
+        """(n, d) New points, short differential steps away from known good ones, inside the cube."""
+        base, first, second = (u[self.rng.integers(len(u), size=n)] for _ in range(3))
+        jitter = 0.02 * u.std(axis=0) * self.rng.standard_normal(base.shape)
+        return _reflected(base + 0.3 * (first - second) + jitter)
+
+
+def _reflected(u: Array) -> Array:
+    """(n, d) Points thrown back from the faces of the unit cube.
+
+    For correlated steps such a proposal is not quite symmetric: good enough for a start, not for the sampler.
+    """
+    folded = np.abs(u) % 2.0
+    return np.asarray(np.clip(np.where(folded > 1, 2 - folded, folded), 1e-9, 1 - 1e-9))
+
+
+def _weights(lnl: Array, step: float) -> Array:
+    """(n,) Normalised weights exp(step * ln L)."""
+    w = np.exp(step * (lnl - lnl.max()))
+    return np.asarray(w / w.sum())
+
+
+def _largest_step(lnl: Array, target: float, rest: float) -> float:
+    """Return the largest step in inverse temperature, up to ``rest``, that leaves ``target`` effective."""
+
+    def effective(step: float) -> float:
+        return float(1 / np.sum(_weights(lnl, step) ** 2))
+
+    if effective(rest) >= target:
+        return rest
+    low, high = 0.0, rest
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if effective(middle) >= target else (low, middle)
+    return max(low, 1e-6 * rest)
+
+
+def _systematic(weights: Array, n: int, rng: np.random.Generator) -> IntArray:
+    """(n,) Indices by systematic resampling: each is taken n * weight times, to one."""
+    edges = np.cumsum(weights)
+    edges[-1] = 1.0
+    return np.searchsorted(edges, (np.arange(n) + rng.random()) / n)

@@ -1,0 +1,16 @@
+from .document import as_written as as_written
+from .document import differences as differences
+from .document import literal as literal
+from .document import read_toml as read_toml
+from .document import to_toml as to_toml
+from .priors import LogUniform as LogUniform
+from .priors import Normal as Normal
+from .priors import Prior as Prior
+from .priors import TruncatedNormal as TruncatedNormal
+from .priors import Uniform as Uniform
+from .progenitor import Sun as Sun
+from .reader import resolve as resolve
+from .schema import json_schema as json_schema
+from .setup import Setup as Setup
+from .spec import Spec as Spec
+from .spec import load as load

@@ -1,0 +1,152 @@
+"""The progenitor's place today, given in one of three ways, and the Sun it was observed from."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from typing import ClassVar
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from streamkit.stream import Array, to_galactocentric
+from streamkit.units import Angle, Coordinate, Duration, Length, ProperMotion, Speed, Velocity
+
+
+class Sun(BaseModel):
+    """The Sun: right-handed Galactocentric axes, the Sun at (-r0, 0, 0) with velocity (u, v_circ + v, w).
+
+    The defaults are those of Gibbons+ 2014; v_circ is not tied to the potential of the model.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    r0: Length = Field(default=8.0, description="Distance from the Galactic centre.")
+    v_circ: Speed = Field(default=237.0, description="Rotation speed of the local standard of rest.")
+    u: Velocity = Field(default=11.1, description="Peculiar velocity towards the Galactic centre.")
+    v: Velocity = Field(default=12.24, description="Peculiar velocity along the rotation.")
+    w: Velocity = Field(default=7.25, description="Peculiar velocity towards the north Galactic pole.")
+    z: Coordinate = Field(default=0.0, description="Height above the plane.")
+
+    @model_validator(mode="after")
+    def _near_the_plane(self) -> Sun:
+        if abs(self.z) >= self.r0:
+            raise ValueError(f"|z| must be less than r0, found z = {self.z:g} kpc and r0 = {self.r0:g} kpc")
+        return self
+
+    @property
+    def velocity(self) -> Array:
+        """(3,) Galactocentric velocity in km/s."""
+        return np.array([self.u, self.v_circ + self.v, self.w])
+
+
+class PhaseSpace(BaseModel, ABC):
+    """Where the progenitor is today, and how far its orbit is followed back."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    title: ClassVar[str]
+
+    lookback: Duration = Field(description="Time over which the progenitor has been stripped.")
+
+    @abstractmethod
+    def today(self, sun: Sun) -> tuple[Array, Array]:
+        """Return the Galactocentric position (3,) in kpc and velocity (3,) in km/s."""
+
+    @classmethod
+    def coordinates(cls) -> tuple[str, ...]:
+        """Return the names of the six coordinates."""
+        return tuple(name for name in cls.model_fields if name != "lookback")
+
+
+class GalacticSky(PhaseSpace):
+    """Galactic coordinates and proper motions."""
+
+    title: ClassVar[str] = "Galactic sky"
+
+    l: Angle = Field(description="Galactic longitude.")  # noqa: E741  the field's own name
+    b: Angle = Field(ge=-90, le=90, description="Galactic latitude.")
+    distance: Length = Field(description="Heliocentric distance.")
+    pm_l_cosb: ProperMotion = Field(description="Proper motion in l, times cos b.")
+    pm_b: ProperMotion = Field(description="Proper motion in b.")
+    v_los: Velocity = Field(description="Heliocentric line-of-sight velocity.")
+
+    def today(self, sun: Sun) -> tuple[Array, Array]:
+        """Transform from the sky."""
+        return to_galactocentric(
+            "galactic", self.l, self.b, self.distance, self.pm_l_cosb, self.pm_b, self.v_los,
+            sun.r0, sun.z, sun.velocity,
+        )  # fmt: skip
+
+
+class EquatorialSky(PhaseSpace):
+    """Equatorial (ICRS) coordinates and proper motions."""
+
+    title: ClassVar[str] = "equatorial sky (ICRS)"
+
+    ra: Angle = Field(description="Right ascension.")
+    dec: Angle = Field(ge=-90, le=90, description="Declination.")
+    distance: Length = Field(description="Heliocentric distance.")
+    pm_ra_cosdec: ProperMotion = Field(description="Proper motion in right ascension, times cos dec.")
+    pm_dec: ProperMotion = Field(description="Proper motion in declination.")
+    v_los: Velocity = Field(description="Heliocentric line-of-sight velocity.")
+
+    def today(self, sun: Sun) -> tuple[Array, Array]:
+        """Transform from the sky."""
+        return to_galactocentric(
+            "icrs", self.ra, self.dec, self.distance, self.pm_ra_cosdec, self.pm_dec, self.v_los,
+            sun.r0, sun.z, sun.velocity,
+        )  # fmt: skip
+
+
+class Galactocentric(PhaseSpace):
+    """Galactocentric Cartesian coordinates; the Sun does not enter."""
+
+    title: ClassVar[str] = "Galactocentric"
+
+    x: Coordinate = Field(description="Position away from the Sun, through the Galactic centre.")
+    y: Coordinate = Field(description="Position along the Galactic rotation at the Sun.")
+    z: Coordinate = Field(description="Position towards the north Galactic pole.")
+    vx: Velocity = Field(description="Velocity along x.")
+    vy: Velocity = Field(description="Velocity along y.")
+    vz: Velocity = Field(description="Velocity along z.")
+
+    def today(self, sun: Sun) -> tuple[Array, Array]:
+        """Return the coordinates themselves."""
+        return np.array([self.x, self.y, self.z]), np.array([self.vx, self.vy, self.vz])
+
+
+WAYS: tuple[type[PhaseSpace], ...] = (GalacticSky, EquatorialSky, Galactocentric)
+
+
+def choose_coordinates(given: Iterable[str], taken: Iterable[str] = ()) -> type[PhaseSpace]:
+    """Return the way in which the progenitor's place is given.
+
+    Parameters
+    ----------
+    given
+        The keys of the section, without the fields of the progenitor's potential.
+    taken
+        The fields of the progenitor's potential: a way that uses one of these names is not available.
+
+    Raises
+    ------
+    ValueError
+        If the keys fit none of the three ways, or several; the message names the sets.
+    """
+    given, taken = set(given), set(taken)
+    free = [way for way in WAYS if not taken & {*way.coordinates(), "lookback"}]
+    shared = {"distance", "v_los"}
+    fits = [way for way in free if given & (set(way.coordinates()) - shared)]
+    if len(fits) == 1:
+        return fits[0]
+    sets = "; ".join(f"{way.title}: {', '.join(way.coordinates())}" for way in free)
+    clash = "".join(
+        f" ({way.title} is not available here: the progenitor's potential has a field "
+        f"{', '.join(sorted(taken & set(way.coordinates())))} of its own.)"
+        for way in WAYS
+        if way not in free
+    )
+    found = "coordinates of several sets" if fits else "no phase-space coordinates"
+    names = ", ".join(sorted(given & {name for way in free for name in way.coordinates()}))
+    raise ValueError(f"found {found}{f' ({names})' if names else ''}, expected exactly one of the sets {sets}.{clash}")

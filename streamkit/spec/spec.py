@@ -1,0 +1,258 @@
+"""The run file: read, validated with the installed components, and bound to parameter values."""
+
+from __future__ import annotations
+
+import copy
+import functools
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from streamkit.components import Component, Registry
+from streamkit.errors import SpecError, nearest
+from streamkit.spec.document import read_toml, to_toml
+from streamkit.spec.priors import Prior
+from streamkit.spec.reader import Parts, resolve
+from streamkit.spec.settings import Likelihood, Sampler
+from streamkit.spec.setup import Setup
+from streamkit.stream import Array
+from streamkit.units import Unit
+
+NOT_PHYSICS = ("steps", "tau_factor", "r_hat")
+"""Fields of the sampler that a resumed run may change."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spec:
+    """A validated run file. Pickles as its document; the components are found again on unpickling.
+
+    Attributes
+    ----------
+    document
+        The run file with every default filled in and quantities as text: what TOML and JSON can hold.
+    source
+        Name of the file, for messages.
+    registry
+        The components it was validated with.
+    parts
+        The validated sections.
+    folder
+        What the paths of its plugin files are relative to.
+    """
+
+    document: dict[str, Any]
+    source: str
+    registry: Registry
+    parts: Parts
+    folder: Path
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _make, (self.document, self.source, None, self.folder)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Spec) and (self.document, self.names) == (other.document, other.names)
+
+    def __hash__(self) -> int:
+        return hash(self.digest())
+
+    @property
+    def seed(self) -> int:
+        """The seed of every random draw of the model."""
+        return self.parts.seed
+
+    @property
+    def sampler(self) -> Sampler:
+        """The settings of the sampler."""
+        return self.parts.sampler
+
+    @property
+    def likelihood(self) -> Likelihood:
+        """The settings of the likelihood."""
+        return self.parts.likelihood
+
+    @cached_property
+    def _free(self) -> dict[str, Prior]:
+        known = {f"{s.path}.{name}": prior for s in self.parts.sections for name, prior in s.priors.items()}
+        return {path: known[path] for path in _paths(self.document) if path in known}
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Free parameters as paths into the run file, in its order."""
+        return tuple(self._free)
+
+    @cached_property
+    def priors(self) -> tuple[Prior, ...]:
+        """The priors of the free parameters."""
+        return tuple(self._free.values())
+
+    @cached_property
+    def units(self) -> tuple[str, ...]:
+        """The units of the free parameters, as astropy reads them; '' for none."""
+        return tuple(self._units[name].name for name in self._free)
+
+    @cached_property
+    def _units(self) -> dict[str, Unit]:
+        return {f"{s.path}.{name}": unit for s in self.parts.sections for name, unit in s.parameters().items()}
+
+    def centre(self) -> Array:
+        """(d,) The centres of the priors."""
+        return np.array([prior.centre for prior in self.priors])
+
+    def bind(self, theta: Array | Mapping[str, Any] | None = None) -> Setup:
+        """Return the components at the given parameters.
+
+        Parameters
+        ----------
+        theta
+            (d,) values in the order of `names`, or some of them by name (numbers or quantities; the others
+            take the centre of their prior), or None for all centres.
+
+        Raises
+        ------
+        OutOfDomain
+            If a value breaks the constraint of its field.
+        SpecError
+            If a name is no free parameter, or the number of values is wrong.
+        """
+        parts, values = self.parts, self._values(theta)
+        phase = parts.phase.build(values)
+        q, v = phase.today(parts.sun.build(values))
+        satellite = parts.satellite.build(values)
+        return Setup(
+            potentials={name: section.build(values) for name, section in parts.potentials.items()},
+            satellite=satellite,
+            mass=float(satellite.mass),  # type: ignore[attr-defined]  # resolve() has made sure of it
+            q=q,
+            v=v,
+            lookback=phase.lookback,
+            stripping=parts.stripping.build(values),
+            integrator=parts.integrator.build(values),
+            observable=parts.observable.build(values) if parts.observable else None,
+            seed=parts.seed,
+            values=values,
+        )
+
+    def _values(self, theta: Array | Mapping[str, Any] | None) -> dict[str, float]:
+        theta = {} if theta is None else theta
+        if not isinstance(theta, Mapping):
+            numbers = np.asarray(theta, dtype=float)
+            if numbers.shape != (len(self.names),):
+                raise SpecError(
+                    f"{self.source}: found parameters of shape {numbers.shape}, expected "
+                    f"({len(self.names)},): {', '.join(self.names)}"
+                )
+            return dict(zip(self.names, numbers.tolist(), strict=True))
+        values = dict(zip(self.names, self.centre().tolist(), strict=True))
+        for name, value in theta.items():
+            if name not in values:
+                fixed = " It is fixed in the run file: use with_values." if name in self._units else ""
+                raise SpecError(
+                    f"{self.source}: {name!r} is no free parameter.{fixed or nearest(name, self.names)} "
+                    f"Free: {', '.join(self.names) or 'none'}."
+                )
+            try:
+                values[name] = float(self._units[name].parse(value))
+            except (ValueError, TypeError) as error:
+                raise SpecError(f"{self.source}: {name}: {error}") from None
+        return values
+
+    def with_values(self, values: Mapping[str, Any]) -> Spec:
+        """Return the spec with some fields replaced, validated as in the file.
+
+        Parameters
+        ----------
+        values
+            Path -> number, quantity, prior or other value: ``{"progenitor.mass": "6.4e8 Msun"}``. A new
+            ``kind`` keeps the fields that differ from the old one's defaults.
+
+        Raises
+        ------
+        SpecError
+            If a path or a value is not allowed.
+        """
+        document = copy.deepcopy(self.document)
+        for path, value in sorted(values.items(), key=lambda item: not item[0].endswith(".kind")):
+            self._check_path(path, values)
+            *tables, name = path.split(".")
+            if name == "kind":
+                self._drop_defaults(document, ".".join(tables))
+            table = document
+            for key in tables:
+                table = table.setdefault(key, {})
+            table[name] = value
+        return _make(document, self.source, self.registry, self.folder)
+
+    def _check_path(self, path: str, values: Mapping[str, Any]) -> None:
+        parent = path.rpartition(".")[0]
+        tables = [section.path for section in self.parts.sections] + ["observable"]
+        known = [f"{s.path}.{name}" for s in self.parts.sections for name in s.cls.model_fields]
+        known += ["seed", *(f"{table}.kind" for table in tables)]
+        renewed = f"{parent}.kind" in values or (parent == "observable" and self.parts.observable is None)
+        if path not in known and not (renewed and parent in tables):
+            raise SpecError(f"{self.source}: there is no field {path!r}.{nearest(path, known)}")
+
+    def _drop_defaults(self, document: dict[str, Any], path: str) -> None:
+        for section in (section for section in self.parts.sections if section.path == path):
+            table = functools.reduce(dict.__getitem__, path.split("."), document)
+            for name in [name for name, value in section.defaults().items() if table.get(name) == value]:
+                del table[name]
+
+    def components(self) -> list[tuple[str, type[Component], str]]:
+        """Return path, class and supplier of every component in use."""
+        used = [s for s in self.parts.sections if issubclass(s.cls, Component)]
+        return [(section.path, section.cls, self.registry.supplier(section.cls)) for section in used]
+
+    def digest(self) -> str:
+        """Return the SHA-256 of what determines a run: all but the chain's length, and who supplies it."""
+        physics = {k: v for k, v in self.document.items() if k != "plugins"}
+        physics["sampler"] = {k: v for k, v in physics["sampler"].items() if k not in NOT_PHYSICS}
+        suppliers = [[path, cls.kind, supplier] for path, cls, supplier in self.components()]
+        text = json.dumps([physics, self.names, suppliers], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def toml(self) -> str:
+        """Return the resolved run file as TOML."""
+        head = [f"Resolved from {Path(self.source).name}: every default filled in."]
+        used = [f"{path}: {cls.kind} ({supplier})" for path, cls, supplier in self.components()]
+        return to_toml(self.document, "\n".join([*head, *used]))
+
+
+def load(source: str | Path | Mapping[str, Any], registry: Registry | None = None) -> Spec:
+    """Read and validate a run file, or a mapping of the same form.
+
+    Parameters
+    ----------
+    source
+        Path of a TOML file, or the mapping it would give; numbers may then be astropy quantities too.
+    registry
+        The components to validate with; by default the installed ones and the file's own ``plugins``.
+
+    Raises
+    ------
+    SpecError
+        Lists every error, one per line: file, path, what was found, what is allowed, the nearest name.
+    PluginError
+        If a plugin is broken.
+    """
+    if isinstance(source, Mapping):
+        return _make(source, "run mapping", registry, Path.cwd())
+    path = Path(source)
+    return _make(read_toml(path), str(path), registry, path.parent.absolute())
+
+
+def _make(source: Mapping[str, Any], name: str, registry: Registry | None, folder: Path) -> Spec:
+    return Spec(*resolve(source, name, registry, folder), folder)
+
+
+def _paths(table: Mapping[str, Any], prefix: str = "") -> list[str]:
+    """Return the path of every entry, nested ones too, in order."""
+    paths = []
+    for key, value in table.items():
+        paths += [prefix + key, *(_paths(value, f"{prefix}{key}.") if isinstance(value, Mapping) else [])]
+    return paths

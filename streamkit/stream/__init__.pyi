@@ -1,0 +1,13 @@
+from .arrays import LEADING as LEADING
+from .arrays import TRAILING as TRAILING
+from .arrays import Array as Array
+from .arrays import BoolArray as BoolArray
+from .arrays import IntArray as IntArray
+from .frames import to_galactocentric as to_galactocentric
+from .orbit import Orbit as Orbit
+from .prediction import Prediction as Prediction
+from .stream import Release as Release
+from .stream import Stream as Stream
+from .winding import angle_in_plane as angle_in_plane
+from .winding import lag_in_plane as lag_in_plane
+from .winding import orbital_plane as orbital_plane

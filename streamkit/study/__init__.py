@@ -1,0 +1,1 @@
+"""Four studies of a run file. None imports another."""

@@ -1,0 +1,5 @@
+"""The ablation: variants of a run file beside each other and a snapshot."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,73 @@
+"""The grid of an ablation: every combination of the values of some fields, validated as in the file."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from streamkit.components import Component
+from streamkit.errors import SpecError
+from streamkit.spec import Spec
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One point of the grid: its label, the fields it changes, and the run file with them."""
+
+    label: str
+    values: dict[str, Any]
+    spec: Spec
+
+
+def variants_of(spec: Spec, vary: Mapping[str, Sequence[Any]]) -> list[Variant]:
+    """Return every combination of the values, validated as in the file.
+
+    A kind that is not the run file's own starts from its own defaults: what is particular to the run file's kind does
+    not belong to it. What all kinds of a section share (particles, progenitor_gravity ...) is kept.
+
+    Raises
+    ------
+    SpecError
+        If a field does not exist or a value is not allowed, in any of the variants.
+    """
+    if not vary:
+        raise SpecError(f"{spec.source}: nothing is varied: name a field and its values")
+    labels = _short(list(vary))
+    variants = []
+    for point in itertools.product(*vary.values()):
+        values = dict(zip(vary, point, strict=True))
+        label = ", ".join(_label(labels[path], value) for path, value in values.items())
+        try:
+            variants.append(Variant(label, values, _without_own(spec, values).with_values(values)))
+        except SpecError as error:
+            raise SpecError(f"variant {label!r}: {error}") from None
+    return variants
+
+
+def _without_own(spec: Spec, values: Mapping[str, Any]) -> Spec:
+    """Put the fields that only the present kinds have back to their defaults, where another kind is asked for."""
+    reset: dict[str, Any] = {}
+    for path, cls, _ in spec.components():
+        if not issubclass(cls, Component) or values.get(f"{path}.kind", cls.kind) == cls.kind:
+            continue
+        base = next(base for base in cls.__mro__[1:] if issubclass(base, Component) and "kind" not in base.__dict__)
+        for name, info in cls.model_fields.items():
+            if name not in base.model_fields and not info.is_required():
+                reset[f"{path}.{name}"] = info.get_default(call_default_factory=True)
+    return spec.with_values(reset) if reset else spec
+
+
+def _short(paths: list[str]) -> dict[str, str]:
+    """Return the last part of each path, or the whole where two end alike."""
+    last = [path.rpartition(".")[2] for path in paths]
+    return {path: name if last.count(name) == 1 else path for path, name in zip(paths, last, strict=True)}
+
+
+def _label(name: str, value: Any) -> str:
+    """Write a change as a person would say it: ``mlcs``, ``without progenitor gravity``, ``sigma = 10 km/s``."""
+    if isinstance(value, bool):
+        return f"{'with' if value else 'without'} {name.replace('_', ' ')}"
+    text = f"{value:g}" if isinstance(value, float) else str(value)
+    return text if name == "kind" else f"{name} = {text}"

@@ -1,0 +1,202 @@
+"""What is measured of a stream, and between a stream and a reference: another stream, or an N-body snapshot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from streamkit.model import Model, offsets
+from streamkit.observe import ARMS, CELL, ENOUGH, Track, mean_track, measure_stream, quantiles
+from streamkit.spec import Setup, Spec
+from streamkit.stream import Array, BoolArray, Prediction, Stream
+
+ENDS = 0.5
+"""Per cent of the unbound particles beyond each end of the stream."""
+NEAR = 60.0
+"""Radius about the progenitor, in kpc, of the near part of a track."""
+
+
+@dataclass(frozen=True)
+class Portrait:
+    """A stream with what is measured of it alone.
+
+    Attributes
+    ----------
+    stream
+        The stream.
+    setup
+        The run file it was made from, or is compared with: its host gives the energies.
+    prediction
+        What the observable says of it; None without one.
+    """
+
+    stream: Stream
+    setup: Setup
+    prediction: Prediction | None = None
+
+    @cached_property
+    def tracks(self) -> dict[str, Track]:
+        """The mean track of each arm."""
+        return {name: mean_track(self.stream, arm) for name, arm in ARMS.items()}
+
+    @cached_property
+    def integrals(self) -> tuple[Array | None, Array]:
+        """Energy (n,) and angular momentum (n,) of the particles minus the progenitor's."""
+        return offsets(self.stream, self.setup.potentials.values())
+
+    @cached_property
+    def ends(self) -> tuple[float, float]:
+        """Windings in degrees at the end of the trailing and of the leading tail; NaN without a stream."""
+        free = ~self.stream.bound
+        if not free.any():
+            return np.nan, np.nan
+        low, high = quantiles(np.degrees(self.stream.winding[free]), self.stream.weight[free], (ENDS, 100 - ENDS))
+        return low, high
+
+    def own(self) -> dict[str, float]:
+        """Return what is measured of the stream alone: lengths, mean offsets of the tails, fraction bound."""
+        stream = self.stream
+        weight = stream.weight / stream.weight.sum()
+        found = {"length_leading": max(self.ends[1], 0.0), "length_trailing": max(-self.ends[0], 0.0)}
+        for what, values in zip(("energy", "angular_momentum"), self.integrals, strict=True):
+            for name, arm in ARMS.items():
+                chosen = stream.arm == arm
+                found[f"{what}_offset_{name}"] = (
+                    float(np.average(values[chosen], weights=weight[chosen]))
+                    if values is not None and chosen.any()
+                    else np.nan
+                )
+        found["bound"] = float(weight[stream.bound].sum())
+        return found
+
+
+def portrait(spec: Spec, theta: Array | Mapping[str, Any] | None = None) -> Portrait:
+    """Return the portrait of the stream at parameters (d,), or a mapping of some; the rest at the prior's centre.
+
+    Raises
+    ------
+    OutOfDomain, ComponentError
+        As `Model.stream`.
+    """
+    setup = spec.bind(theta)
+    stream, prediction = Model(spec).observe(setup)
+    return Portrait(stream, setup, prediction)
+
+
+def compare(this: Portrait, other: Portrait) -> dict[str, float]:
+    """Return what is measured between a stream and a reference; NaN where there is nothing to measure."""
+    found: dict[str, float] = {}
+    lengths = [portrait.ends[1] - portrait.ends[0] for portrait in (this, other)]
+    found["length_ratio"] = lengths[0] / lengths[1]
+    for name in ARMS:
+        found |= {f"{what}_{name}": value for what, value in _tracks(this, other, name).items()}
+    found |= _distributions(this, other)
+    return found
+
+
+def _tracks(this: Portrait, other: Portrait, name: str) -> dict[str, float]:
+    """Measure one arm's mean track against the reference's, point by point at equal angle, across the track.
+
+    The distances are free of the noise that comes from the finite number of particles: its variance is taken off
+    their mean square.
+    """
+    a, b = this.tracks[name], other.tracks[name]
+    common = min(len(a.angle), len(b.angle))
+    reach = min(arm.ends[1] if name == "leading" else -arm.ends[0] for arm in (this, other))
+    cut = slice(0, common)
+    good = (a.count[cut] >= ENOUGH) & (b.count[cut] >= ENOUGH) & (a.angle[cut] <= reach)
+    slant = b.slant[cut]
+    square = ((a.r[cut] - b.r[cut]) * slant) ** 2 + (a.height[cut] - b.height[cut]) ** 2
+    noise = np.zeros(common)
+    for track in (a, b):
+        variance = (track.width[cut] * slant) ** 2 + track.thickness[cut] ** 2
+        noise += variance / np.maximum(track.count[cut], 1.0)
+    step = np.radians(CELL) * b.r[cut] / slant  # length of the reference's track in a cell
+    near = good & _near(b, other)[cut]
+    return {
+        "track_near": _rms(square - noise, step, near),
+        "track": _rms(square - noise, step, good),
+        "width_ratio": _ratio(a.width[cut], b.width[cut], good),
+        "thickness_ratio": _ratio(a.thickness[cut], b.thickness[cut], good),
+    }
+
+
+def _near(track: Track, of: Portrait) -> BoolArray:
+    """(k,) True from the progenitor to where the track first leaves its surroundings."""
+    q = of.stream.orbit.q[:, -1]
+    angle = np.radians(track.angle)
+    square = (track.r * np.cos(angle) - np.sqrt(q @ q)) ** 2 + (track.r * np.sin(angle)) ** 2 + track.height**2
+    outside = (square > NEAR**2) & (track.count >= ENOUGH)
+    return np.asarray(np.cumsum(outside) == 0)
+
+
+def _rms(square: Array, step: Array, chosen: BoolArray) -> float:
+    if not chosen.any():
+        return np.nan
+    return float(np.sqrt(max(np.average(square[chosen], weights=step[chosen]), 0.0)))
+
+
+def _ratio(a: Array, b: Array, chosen: BoolArray) -> float:
+    chosen = chosen & (b > 0)
+    return float(np.median(a[chosen] / b[chosen])) if chosen.any() else np.nan
+
+
+def _distributions(this: Portrait, other: Portrait) -> dict[str, float]:
+    """Return Wasserstein distances: of E, L, and of the angle along each arm."""
+    from scipy.stats import wasserstein_distance  # slow to import
+
+    found: dict[str, float] = {}
+    streams = this.stream, other.stream
+    for what, i in (("energy", 0), ("angular_momentum", 1)):
+        u, v = this.integrals[i], other.integrals[i]
+        free = [~stream.bound for stream in streams]
+        found[f"{what}_distance"] = (
+            float(
+                wasserstein_distance(u[free[0]], v[free[1]], *(s.weight[f] for s, f in zip(streams, free, strict=True)))
+            )
+            if u is not None and v is not None and free[0].any() and free[1].any()
+            else np.nan
+        )
+    for name, arm in ARMS.items():
+        members = [stream.arm == arm for stream in streams]
+        found[f"density_distance_{name}"] = (
+            float(
+                wasserstein_distance(
+                    *(np.degrees(s.winding[m]) for s, m in zip(streams, members, strict=True)),
+                    *(s.weight[m] for s, m in zip(streams, members, strict=True)),
+                )
+            )
+            if members[0].any() and members[1].any()
+            else np.nan
+        )
+    return found
+
+
+def pulls(this: Portrait, other: Portrait) -> dict[str, float]:
+    """Return the observables' differences from the reference, measured alike, in standard errors of the data.
+
+    Raises
+    ------
+    ComponentError
+        If the observable fails on the reference.
+    """
+    found = observables(this)
+    observable = this.setup.observable
+    if not found or observable is None:
+        return {}
+    reference = measure_stream(observable, other.stream)
+    _, errors = observable.data()
+    away = (np.array(list(found.values())) - reference.mean) / np.where(errors > 0, errors, np.nan)
+    return {f"pull_{name}": value for name, value in zip(reference.names, away.tolist(), strict=True)}
+
+
+def observables(this: Portrait) -> dict[str, float]:
+    """Return the observables of a portrait; none where they have no value."""
+    prediction = this.prediction
+    if prediction is None or prediction.why_not:
+        return {}
+    return {f"observable_{name}": value for name, value in zip(prediction.names, prediction.mean.tolist(), strict=True)}

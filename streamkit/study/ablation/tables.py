@@ -1,0 +1,208 @@
+"""The tables of an ablation: one row per variant as an astropy table, the same for a terminal, and the mean tracks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from streamkit.observe import ARMS
+from streamkit.report import columns, paragraph
+from streamkit.spec import as_written
+from streamkit.study.ablation.measures import NEAR, observables
+from streamkit.study.ablation.runner import Ablation, Outcome
+
+if TYPE_CHECKING:
+    from astropy.table import QTable
+
+
+REFERENCE = "reference"
+LABEL = 43
+"""Longest label in a printed table."""
+UNITS = {
+    "length": "deg", "track": "kpc", "track_near": "kpc", "density_distance": "deg", "cpu": "s",
+    "energy_offset": "km2 / s2", "energy_distance": "km2 / s2",
+    "angular_momentum_offset": "kpc km / s", "angular_momentum_distance": "kpc km / s",
+}  # fmt: skip
+"""Units of the measures, by their names without the arm."""
+MEANING = {
+    "length": "angle from the progenitor to the end of the tail: 0.5 and 99.5 % of the winding",
+    "length_ratio": "length of both tails over the reference's",
+    "track": "rms distance of the mean track from the reference's, across it, over the common length; "
+    "the noise of the finite number of particles is taken off",
+    "track_near": f"the same as track, from the progenitor to where the reference is first {NEAR:g} kpc away",
+    "width_ratio": "width in the plane of the orbit over the reference's, median along the common length",
+    "thickness_ratio": "the same out of the plane",
+    "density_distance": "Wasserstein distance of the angles along the tail from the reference's",
+    "energy_offset": "mean energy of the tail minus the progenitor's",
+    "energy_distance": "Wasserstein distance of the unbound particles' energies from the reference's",
+    "angular_momentum_offset": "mean angular momentum of the tail minus the progenitor's",
+    "angular_momentum_distance": "Wasserstein distance of the angular momenta from the reference's",
+    "bound": "fraction of the particles inside the tidal radius today",
+    "observable": "as the run file measures it",
+    "pull": "difference of the observable from the reference's in standard errors of the data",
+    "cpu": "CPU seconds of one stream with its observables",
+}
+
+
+def measures_table(ablation: Ablation) -> QTable:
+    """Return one row per variant, the reference first if it is a snapshot: means over the seeds, and their scatter.
+
+    A variant without a stream has its reason and no numbers.
+    """
+    from astropy import units as u
+    from astropy.table import Column, QTable
+
+    rows = _rows(ablation)
+    names = list(dict.fromkeys(name for _, _, measures in rows for one in measures for name in one))
+    several = any(len(measures) > 1 for _, _, measures in rows)
+    out = QTable()
+    out["variant"] = [label for label, _, _ in rows]
+    for path in ablation.outcomes[0].variant.values:
+        out[path] = ["" if o is None else as_written(o.variant.values[path]).strip('"') for _, o, _ in rows]
+    out["streams"] = [0 if o is None else len(measures) for _, o, measures in rows]
+    for name in names:
+        values = [[one.get(name, np.nan) for one in measures] for _, _, measures in rows]
+        unit = UNITS.get(_base(name))
+        for column, statistic in ((name, _mean), (f"{name}_sd", _scatter))[: 1 + several]:
+            numbers = np.array([statistic(value) for value in values])
+            out[column] = numbers if unit is None else numbers * u.Unit(unit)
+        out[name].info.description = MEANING[_base(name)]
+    reasons = ["" if o is None else "; ".join(o.reasons) for _, o, _ in rows]
+    out["reason"] = Column(reasons, description="why there is no stream, or no observable")
+    return out
+
+
+_Row = tuple[str, Outcome | None, list[dict[str, float]]]
+
+
+def _rows(ablation: Ablation) -> list[_Row]:
+    """Return label, outcome and the measures of each seed; the reference, which has no outcome, first."""
+    rows: list[_Row] = []
+    if ablation.external and ablation.reference is not None:
+        reference = ablation.reference
+        rows.append((REFERENCE, None, [{**reference.own(), **observables(reference)}]))
+    return rows + [(o.variant.label, o, [o.measures[seed] for seed in sorted(o.measures)]) for o in ablation.outcomes]
+
+
+def _mean(values: Sequence[float]) -> float:
+    known = [value for value in values if np.isfinite(value)]
+    return float(np.mean(known)) if known else np.nan
+
+
+def _scatter(values: Sequence[float]) -> float:
+    known = [value for value in values if np.isfinite(value)]
+    return float(np.std(known, ddof=1)) if len(known) > 1 else np.nan
+
+
+def _base(name: str) -> str:
+    """Return a measure's name without the arm, or the name of the observable."""
+    for prefix in ("observable", "pull"):
+        if name.startswith(f"{prefix}_"):
+            return prefix
+    return name.removesuffix("_leading").removesuffix("_trailing")
+
+
+def tracks_table(ablation: Ablation) -> QTable:
+    """Return the mean tracks of the reference and of every variant at its first seed, one row per arm and angle."""
+    from astropy import units as u
+    from astropy.table import QTable, vstack
+
+    named = {REFERENCE: ablation.reference} if ablation.external else {}
+    named |= {outcome.variant.label: outcome.first for outcome in ablation.outcomes}
+    portraits = {label: portrait for label, portrait in named.items() if portrait is not None}
+    parts = []
+    for label, portrait in portraits.items():
+        for arm, track in portrait.tracks.items():
+            part = QTable()
+            part["variant"] = [label] * len(track.angle)
+            part["arm"] = arm
+            part["angle"] = track.angle * ARMS[arm] * u.deg
+            for name in ("r", "height", "width", "thickness"):
+                part[name] = np.where(track.count > 0, getattr(track, name), np.nan) * u.kpc
+            part["density"] = track.density / u.deg
+            part["count"] = track.count
+            parts.append(part)
+    return vstack(parts, metadata_conflicts="silent")
+
+
+def describe_ablation(ablation: Ablation) -> str:
+    """Show the table for a terminal, in four parts, with what each column means."""
+    rows, legend = _numbered(_rows(ablation))
+    seeds = max((len(measures) for _, _, measures in rows), default=0)
+    of = f"; means over {seeds} seeds, their scatter is in the table's columns _sd" if seeds > 1 else ""
+    parts = [paragraph(f"{len(ablation.outcomes)} variants beside {ablation.beside}{of}; L leading, T trailing")]
+    parts += [legend, *(_part(rows, measures) for measures in _LAYOUT)]
+    parts += _observables(rows)
+    for label, outcome, _ in rows:
+        if outcome is not None and outcome.reasons:
+            parts.append(paragraph("; ".join(outcome.reasons), f"{label}: ", "  "))
+    return "\n\n".join(part for part in parts if part)
+
+
+def _numbered(rows: list[_Row]) -> tuple[list[_Row], str]:
+    """Return the rows with numbers for labels, and a list of these, where the labels leave no room for the columns."""
+    if max(len(label) for label, _, _ in rows) <= LABEL:
+        return rows, ""
+    outcomes = [outcome for _, outcome, _ in rows if outcome is not None]
+    names = {id(outcome): str(i) for i, outcome in enumerate(outcomes, 1)}
+    legend = columns([(names[id(outcome)], outcome.variant.label) for outcome in outcomes])
+    return [(names.get(id(outcome), REFERENCE), outcome, measures) for _, outcome, measures in rows], legend
+
+
+_LAYOUT = (
+    ("length", "length_ratio", "track_near", "track"),
+    ("width_ratio", "thickness_ratio", "density_distance", "bound", "cpu"),
+    ("energy_offset", "energy_distance", "angular_momentum_offset", "angular_momentum_distance"),
+)
+"""The measures of each printed table."""
+_HEADS = {
+    "length": "len", "length_ratio": "ratio", "track_near": "near", "track": "track", "width_ratio": "width",
+    "thickness_ratio": "thick", "density_distance": "along", "bound": "bound", "cpu": "CPU", "energy_offset": "dE",
+    "energy_distance": "E", "angular_momentum_offset": "dL", "angular_momentum_distance": "L",
+}  # fmt: skip
+"""Their short heads; an arm's initial is added."""
+_WHOLE = ("length_ratio", "bound", "cpu", "energy_distance", "angular_momentum_distance")
+"""Those of the whole stream; the others are of an arm each."""
+
+
+def _part(rows: Sequence[Any], measures: Sequence[str]) -> str:
+    head, names, notes = ["variant"], [], []
+    for base in measures:
+        unit = f" [{_plain(UNITS[base])}]" if base in UNITS else ""
+        notes.append(paragraph(f"{MEANING[base]}{unit}", f"    {_HEADS[base]}: ", "      "))
+        for arm in ("",) if base in _WHOLE else ARMS:
+            names.append(f"{base}_{arm}" if arm else base)
+            head.append(f"{_HEADS[base]} {arm[:1].upper()}".strip())
+    body = [[label, *(_cell(of_seeds, name) for name in names)] for label, _, of_seeds in rows]
+    return "\n".join([columns([head, *body]), *notes])
+
+
+def _plain(unit: str) -> str:
+    return unit.replace("km2 / s2", "(km/s)^2").replace(" / ", "/")
+
+
+def _observables(rows: Sequence[Any]) -> list[str]:
+    names = list(dict.fromkeys(n for _, _, ms in rows for one in ms for n in one if _base(n) == "observable"))
+    if not names:
+        return []
+    head = ["variant"]
+    for name in names:
+        head += [name.removeprefix("observable_"), "pull"]
+    body = []
+    for label, _, measures in rows:
+        cells = [label]
+        for name in names:
+            cells += [_cell(measures, name), _cell(measures, name.replace("observable", "pull", 1), "+.1f")]
+        body.append(cells)
+    return ["\n".join([columns([head, *body]), paragraph(MEANING["pull"], "  pull: ", "    ")])]
+
+
+def _cell(measures: Sequence[dict[str, float]], name: str, form: str = "") -> str:
+    """Write the mean over the seeds."""
+    mean = _mean([one.get(name, np.nan) for one in measures])
+    if not np.isfinite(mean):
+        return "-"
+    digits = 0 if abs(mean) >= 100 else 1 if abs(mean) >= 10 else 2
+    return format(mean, form or f".{digits}f")

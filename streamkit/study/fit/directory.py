@@ -1,0 +1,189 @@
+"""The output directory: whose it is, what may be written into it, and each product whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import platform
+import shutil
+import tomllib
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from streamkit.errors import ChainError
+from streamkit.report import replace_whole
+from streamkit.sample import CHAIN, Chain, read_chain_file
+from streamkit.spec import Spec, differences, to_toml
+
+RUN_FILE = "run.toml"
+MANIFEST = "manifest.json"
+PLUGIN_COPIES = "plugins"
+"""Folder with copies of the run's plugin files."""
+PRODUCTS = (
+    RUN_FILE, MANIFEST, CHAIN, "summary.ecsv", "mass_profile.ecsv", "diagnostics.ecsv",
+    "corner.png", "mass_profile.png", "rotation_curve.png", "best_stream.png", "traces.png",
+)  # fmt: skip
+"""Every file that a run writes into its output directory."""
+RECOVERY = ("recovery.ecsv", "recovery.png")
+"""What a report beside the truth adds."""
+
+
+def claim(directory: Path, spec: Spec, options: dict[str, Any], resume: bool, force: bool) -> bool:
+    """Make the directory this run's own; return whether there is a chain to continue.
+
+    Parameters
+    ----------
+    directory
+        It exists, and is `locked`.
+    spec
+        The run.
+    options
+        Command options for the manifest.
+    resume, force
+        Continue the same run; overwrite the products of another one.
+
+    Raises
+    ------
+    ChainError
+        If it holds something that must not be touched; says what. Nothing has then been changed.
+    """
+    if resume and force:
+        raise ChainError("resume and force exclude each other: continue the chain, or throw it away?")
+    files = sorted(p.name for p in directory.iterdir())
+    going_on = False
+    if files and resume:
+        going_on = _same_run(directory, spec, files)
+    elif files and force:
+        _only_ours(directory, files)
+        for name in (*PRODUCTS, *RECOVERY):
+            if name != MANIFEST:  # it says whose the directory is, until the new one takes its place
+                (directory / name).unlink(missing_ok=True)
+    elif files:
+        raise ChainError(_occupied(directory, files))
+    if not going_on:
+        _write_run_file(directory, spec, options)
+    manifest = json.dumps(_manifest(spec, options), indent=2) + "\n"
+    replace_whole(directory / MANIFEST, lambda part: part.write_text(manifest))
+    return going_on
+
+
+def _write_run_file(directory: Path, spec: Spec, options: dict[str, Any]) -> None:
+    """Write the resolved run file, with copies of its plugin files: the directory can be read anywhere."""
+    sources = [spec.folder / name for name in spec.document.get("plugins", [])]
+    for source in sources:
+        (directory / PLUGIN_COPIES).mkdir(exist_ok=True)
+        replace_whole(directory / PLUGIN_COPIES / source.name, partial(shutil.copyfile, source))
+    document = dict(spec.document)
+    if sources:
+        document["plugins"] = [f"{PLUGIN_COPIES}/{source.name}" for source in sources]
+    components = [f"{path}: {cls.kind} ({supplier})" for path, cls, supplier in spec.components()]
+    text = to_toml(document, "\n".join([header(options), *components]))
+    replace_whole(directory / RUN_FILE, lambda part: part.write_text(text))
+
+
+def header(options: dict[str, Any]) -> str:
+    """Return the comment on top of the resolved run file."""
+    text = "The run file with every default filled in, as streamkit used it."
+    if options.get("quick"):
+        text += "\nQUICK LOOK: few particles, few steps, not converged. Not for science."
+    return text
+
+
+def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
+    """Check that the directory holds the run of this spec; return whether its chain has begun."""
+    if MANIFEST not in files or RUN_FILE not in files:
+        raise ChainError(
+            f"{directory}: holds no run to resume ({MANIFEST} or {RUN_FILE} is missing, found "
+            f"{_some(files)}). Choose another directory."
+        )
+    digest = manifest(directory)["digest"]
+    try:
+        document = tomllib.loads((directory / RUN_FILE).read_text())
+    except (OSError, ValueError) as error:
+        raise ChainError(f"{directory / RUN_FILE}: not readable ({error})") from None
+    if digest != spec.digest():
+        here = {key: value for key, value in spec.document.items() if key != "plugins"}
+        document.pop("plugins", None)
+        changed = differences(document, here) or ["a plugin or streamkit itself"]
+        raise ChainError(
+            f"{directory}: holds another run, and its chain cannot be continued with this run file. "
+            f"What differs (there -> here): {'; '.join(changed)}. "
+            "Choose another directory, or --force to overwrite."
+        )
+    if CHAIN not in files:
+        return False
+    return len(read_chain(directory).chain) > 0
+
+
+def _only_ours(directory: Path, files: list[str]) -> None:
+    """Refuse to overwrite files that only happen to have our names: without a manifest they are not ours."""
+    clash = [name for name in files if name in (*PRODUCTS, *RECOVERY)]
+    if odd := [name for name in clash if (directory / name).is_dir()]:
+        raise ChainError(f"{directory}: {_some(odd)} is a directory, expected a file. Choose another directory.")
+    if clash and MANIFEST not in files:
+        raise ChainError(
+            f"{directory}: {_some(clash)} would be overwritten, but without a {MANIFEST} "
+            "they are not known to be streamkit's. Choose another directory."
+        )
+
+
+def _occupied(directory: Path, files: list[str]) -> str:
+    if MANIFEST in files:
+        return (
+            f"{directory}: holds a run already. --resume continues it (with the same run file), "
+            "--force overwrites it, or choose another directory."
+        )
+    return f"{directory}: is not empty (found {_some(files)}). Choose another directory."
+
+
+def _some(files: list[str]) -> str:
+    return ", ".join(files[:4]) + (f" and {len(files) - 4} more" if len(files) > 4 else "")
+
+
+def _manifest(spec: Spec, options: dict[str, Any]) -> dict[str, Any]:
+    packages = ("streamkit", "numpy", "scipy", "numba", "emcee", "astropy")
+    return {
+        "digest": spec.digest(),
+        "seed": spec.seed,
+        "versions": {"python": platform.python_version()} | {name: version(name) for name in packages},
+        "components": {path: f"{cls.kind} from {supplier}" for path, cls, supplier in spec.components()},
+        "options": options,
+    }
+
+
+def manifest(directory: Path) -> dict[str, Any]:
+    """Read the manifest of a run.
+
+    Raises
+    ------
+    ChainError
+        If there is none, or it is not readable.
+    """
+    try:
+        found = json.loads((directory / MANIFEST).read_text())
+    except (OSError, ValueError) as error:
+        raise ChainError(f"{directory}: no streamkit run: {MANIFEST} is not readable ({error})") from None
+    if not (
+        isinstance(found, dict) and isinstance(found.get("digest"), str) and isinstance(found.get("options", {}), dict)
+    ):
+        raise ChainError(f"{directory / MANIFEST}: not the manifest of a streamkit run")
+    return found
+
+
+def read_chain(directory: Path) -> Chain:
+    """Read the chain of a run.
+
+    Raises
+    ------
+    ChainError
+        If it cannot be read, or is not the chain of this directory's run.
+    """
+    found, wanted = read_chain_file(directory / CHAIN), manifest(directory)["digest"]
+    digest = found.attributes.get("digest", wanted)
+    if digest != wanted:
+        raise ChainError(
+            f"{directory / CHAIN}: is the chain of another run, of digest {str(digest)[:12]}; that of "
+            f"{MANIFEST} is {wanted[:12]}. Nothing was changed: put the right file back, or start again with --force."
+        )
+    return found

@@ -1,0 +1,215 @@
+"""Pictures of a run: one function each, on figures of their own, with no global state."""
+
+from __future__ import annotations
+
+import logging
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from streamkit.report import BLUE, GREY, VERMILION, scaled, ticks, with_unit
+from streamkit.stream import Array
+from streamkit.study.fit.results import Results
+
+if TYPE_CHECKING:
+    from astropy.table import QTable
+
+FEW = 200
+"""Samples below which a corner plot shows points without contours."""
+
+
+def radii() -> Array:
+    """(nr,) Radii in kpc that the pictures of a profile are drawn at."""
+    return np.linspace(5.0, 200.0, 79)
+
+
+def remark(results: Results) -> str:
+    """Return what every picture says above its axes: how far to trust it; nothing once converged."""
+    if results.quick:
+        return "QUICK LOOK, not for science"
+    return "" if results.converged else "not converged"
+
+
+def corner(results: Results) -> Figure:
+    """Draw the marginal distributions of all pairs of parameters, with 68 % and 95 % contours."""
+    from corner import corner as draw  # it loads pyplot, which nothing else here needs
+
+    samples, labels = _scaled(results)
+    d = samples.shape[1]
+    size = 1.9 * d + 1.2
+    figure = Figure(figsize=(size, size))
+    many = len(samples) >= FEW
+    logging.getLogger("root").addFilter(_no_contour_warning)
+    try:
+        draw(
+            samples,
+            fig=figure,
+            range=[_range(column) for column in samples.T],
+            bins=30 if many else 12,
+            color=BLUE,
+            smooth=1.0 if many else None,
+            levels=(0.68, 0.95),
+            plot_contours=many,
+            plot_density=many,
+            plot_datapoints=not many,
+            fill_contours=many,
+            max_n_ticks=3,
+            hist_kwargs={"linewidth": 1.4},
+            data_kwargs={"alpha": 0.5, "ms": 2},
+        )
+    finally:
+        logging.getLogger("root").removeFilter(_no_contour_warning)
+    grid = np.array(figure.axes).reshape(d, d)
+    for i, label in enumerate(labels):
+        grid[i, i].set_title(f"{label[0]} = {_interval(samples[:, i])}", fontsize=13)
+        low, middle, high = np.percentile(samples[:, i], [16, 50, 84])
+        for value, style in ((low, ":"), (middle, "--"), (high, ":")):
+            grid[i, i].axvline(value, color="black", lw=0.9, ls=style)
+        grid[-1, i].set_xlabel(with_unit(*label, "\n"), fontsize=17)
+        if i:
+            grid[i, 0].set_ylabel(with_unit(*label, "\n"), fontsize=17)
+    for axes in figure.axes:
+        axes.tick_params(labelsize=12, direction="in", top=True, right=True)
+        axes.xaxis.set_label_coords(0.5, -0.42)
+        axes.yaxis.set_label_coords(-0.42, 0.5)
+    figure.subplots_adjust(left=0.09, right=0.98, bottom=0.09, top=0.95, wspace=0.06, hspace=0.06)
+    if text := remark(results):
+        figure.suptitle(text, color=VERMILION, fontsize=24, x=0.98, ha="right")
+    return figure
+
+
+def mass_profile(results: Results, profile: QTable | None = None, axes: Axes | None = None) -> Figure:
+    """Draw the mass inside each radius with its 68 % and 95 % bands, and the apocentres of the data."""
+    profile = results.mass_profile(radii()) if profile is None else profile
+    figure, axes = _axes(results, axes)
+    bands(axes, profile, "M", 1e-11)
+    axes.set_ylabel(r"$M(<r)\ \,[10^{11}\,M_\odot]$", fontsize=13)
+    axes.set_ylim(bottom=0)
+    apocentres(axes, results)
+    axes.legend(frameon=False, loc="upper left", fontsize=10)
+    return figure
+
+
+def rotation_curve(results: Results, profile: QTable | None = None, axes: Axes | None = None) -> Figure:
+    """Draw the circular velocity with its 68 % and 95 % bands."""
+    profile = results.mass_profile(radii()) if profile is None else profile
+    figure, axes = _axes(results, axes)
+    bands(axes, profile, "v_c", 1.0)
+    axes.set_ylabel(r"$v_{\rm c}(r)\ \,[{\rm km\,s}^{-1}]$", fontsize=13)
+    axes.set_ylim(bottom=0)
+    apocentres(axes, results)
+    axes.legend(frameon=False, loc="lower left", fontsize=10)
+    return figure
+
+
+def traces(results: Results) -> Figure:
+    """Draw the walkers' paths: every parameter and ln p against the step, with the burn-in shaded."""
+    steps, walkers, d = results.chain.shape
+    scale, labels = _units(results)
+    columns = min(3, d + 1)
+    rows = -(-(d + 1) // columns)
+    figure = Figure(figsize=(4.3 * columns, 1.75 * rows + 0.8), layout="constrained")
+    panels: Any = figure.subplots(rows, columns, squeeze=False, sharex=True)
+    ln_p = np.where(np.isfinite(results.log_prob), results.log_prob, np.nan)
+    values = [results.chain[..., i] / scale[i] for i in range(d)] + [ln_p]
+    names = [with_unit(*label) for label in labels] + [r"$\ln p$"]
+    x = np.arange(1, steps + 1)
+    every = max(steps // 2000, 1)
+    for axes, value, name in zip(panels.flat, values, names, strict=False):
+        axes.plot(
+            x[::every],
+            value[::every],
+            color=GREY,
+            lw=0.4,
+            alpha=min(max(0.25, 10 / walkers), 1),
+            rasterized=True,
+        )
+        axes.plot(x[::every], np.median(value, axis=1)[::every], color=BLUE, lw=1.6)
+        if results.discard:
+            axes.axvspan(1, results.discard, color="black", alpha=0.07, lw=0)
+        axes.set_ylabel(name, fontsize=12)
+        axes.set_xlim(1, max(steps, 2))
+        ticks(axes)
+    low = np.percentile(ln_p[results.discard :], 0.5)
+    if np.isfinite(low):
+        panels.flat[d].set_ylim(low - 5, np.nanmax(ln_p) + 2)
+    for axes in list(panels.flat)[d + 1 :]:
+        axes.set_visible(False)
+    for column in range(columns):
+        bottom = max(row for row in range(rows) if row * columns + column <= d)
+        panels[bottom, column].set_xlabel("step", fontsize=12)
+        panels[bottom, column].tick_params(labelbottom=True)
+    title = "grey: walkers; blue: their median; shaded: burn-in"
+    figure.suptitle(f"{text} ({title})" if (text := remark(results)) else title, fontsize=11)
+    return figure
+
+
+def _no_contour_warning(record: logging.LogRecord) -> bool:
+    """Silence corner's warning about sparse contours: the picture shows as much."""
+    return "Too few points to create valid contours" not in record.getMessage()
+
+
+def _axes(results: Results, axes: Axes | None) -> tuple[Figure, Axes]:
+    if axes is None:
+        axes = Figure(figsize=(6.0, 4.5), layout="constrained").subplots()
+    figure = axes.get_figure(root=True)
+    assert isinstance(figure, Figure)  # noqa: S101  axes always have one
+    if text := remark(results):
+        axes.set_title(text, color=VERMILION, fontsize=12)
+    axes.set_xlabel(r"$r\ \,[{\rm kpc}]$", fontsize=13)
+    ticks(axes)
+    return figure, axes
+
+
+def bands(axes: Axes, profile: QTable, name: str, factor: float) -> None:
+    """Draw a profile's median, 68 % and 95 % bands: the columns called ``name``, times the factor."""
+    r = profile["r"].value
+
+    def column(suffix: str) -> Any:
+        return profile[name + suffix].value * factor
+
+    axes.fill_between(r, column("_lo95"), column("_hi95"), color=BLUE, alpha=0.18, lw=0, label="95 %")
+    axes.fill_between(r, column("_lo68"), column("_hi68"), color=BLUE, alpha=0.38, lw=0, label="68 %")
+    axes.plot(r, column(""), color=BLUE, lw=1.8, label="median")
+    axes.set_xlim(0, r[-1])
+
+
+def apocentres(axes: Axes, results: Results) -> None:
+    """Mark the radii of the data that are apocentres, as dashed lines."""
+    observable = results.spec.bind(results.best()).observable
+    for name in ("leading", "trailing"):
+        datum = getattr(observable, name, None)
+        if datum is not None:
+            axes.axvline(datum[0], color="black", lw=0.9, ls="--")
+            axes.text(
+                datum[0] + 1.5, 0.02, f"{name} apocentre", rotation=90, fontsize=8,
+                transform=axes.get_xaxis_transform(), va="bottom", ha="left", color="black", clip_on=True,
+            )  # fmt: skip
+
+
+def _units(results: Results) -> tuple[Array, list[tuple[str, str]]]:
+    """(d,) Powers of ten that large parameters are divided by, and a label (symbol, unit) for each."""
+    typical = np.median(np.abs(results.samples), axis=0)
+    found = [scaled(*each) for each in zip(results.names, results.spec.units, typical.tolist(), strict=True)]
+    return np.array([scale for scale, _, _ in found]), [(symbol, unit) for _, symbol, unit in found]
+
+
+def _scaled(results: Results) -> tuple[Array, list[tuple[str, str]]]:
+    scale, labels = _units(results)
+    return results.samples / scale, labels
+
+
+def _interval(values: Array) -> str:
+    """Return median and 68 % interval, with two significant digits of the smaller error."""
+    low, middle, high = np.percentile(values, [16, 50, 84])
+    error = min(high - middle, middle - low)
+    digits = int(np.clip(1 - np.floor(np.log10(error)), 0, 6)) if error > 0 else 3
+    return rf"${middle:.{digits}f}^{{+{high - middle:.{digits}f}}}_{{-{middle - low:.{digits}f}}}$"
+
+
+def _range(values: Array) -> tuple[float, float]:
+    low, high = np.percentile(values, [0.2, 99.8])
+    margin = 0.08 * (high - low) or 1e-3 * max(abs(low), 1.0)
+    return float(low - margin), float(high + margin)

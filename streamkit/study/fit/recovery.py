@@ -1,0 +1,169 @@
+"""A fit beside the truth: the recovered mass profile and rotation curve over those of a known host.
+
+Gibbons+ 2014, figures 10 and 11.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from streamkit.components import Potential
+from streamkit.errors import SpecError
+from streamkit.model import circular_velocity, mass_inside
+from streamkit.report import BLUE, VERMILION, columns, finish, paragraph
+from streamkit.spec import Spec, read_toml, resolve
+from streamkit.stream import Array
+from streamkit.study.fit.directory import RECOVERY
+from streamkit.study.fit.figures import apocentres, bands, remark
+from streamkit.study.fit.results import Results
+
+if TYPE_CHECKING:
+    from astropy.table import QTable
+
+
+RADII = np.arange(10.0, 121.0, 5.0)
+"""Radii in kpc of the table: where Gibbons+ 2014 test their recovery."""
+PRINTED = 10.0
+"""Spacing in kpc of the rows that are printed."""
+QUANTITIES = ("M", "v_c")
+
+
+def true_host(path: str | Path, fit: Spec) -> dict[str, Potential]:
+    """Return the potentials of a run file by name, all their fields numbers.
+
+    Only its ``[potential]`` and its ``plugins`` count; it may hold nothing else, or be a whole run file.
+
+    Parameters
+    ----------
+    path
+        The TOML file.
+    fit
+        The run that is compared, in whose place the host is validated.
+
+    Raises
+    ------
+    SpecError
+        If the file cannot be read, has no potential, or one that is not valid, or has a prior.
+    PluginError
+        If one of its plugins is broken.
+    """
+    path = Path(path)
+    given = read_toml(path)
+    if "potential" not in given:
+        found = f"found {', '.join(given)}" if given else "it is empty"
+        raise SpecError(f"{path}: the section [potential] is missing, which holds the true host; {found}")
+    own = given.get("plugins", [])
+    document = {**fit.document, "potential": given["potential"], "plugins": own}
+    if isinstance(own, list):  # if not, the error says so; the fit's own files hold its other components
+        names = {Path(str(file)).name for file in own}
+        others = (fit.folder / file for file in fit.document.get("plugins", []))
+        document["plugins"] = [*own, *(str(file) for file in others if file.name not in names)]
+    sections = resolve(document, str(path), None, path.parent.absolute())[3].potentials
+    free = [f"{section.path}.{name}" for section in sections.values() for name in section.priors]
+    if free:
+        raise SpecError(f"{path}: the true host needs numbers, found a prior at {', '.join(free)}")
+    return {name: section.centre for name, section in sections.items()}
+
+
+def recovery_table(results: Results, host: Mapping[str, Potential], radii: Array = RADII) -> QTable:
+    """Return the recovered profile beside the true one at radii (nr,) in kpc.
+
+    For M (mass inside r) and v_c (circular velocity in the plane): median and intervals as in the mass profile;
+    ``_true``; ``_sigma``, the half of the 68 % interval on the side of the truth; ``_deviation``, recovered minus true
+    in sigma (within -1 and 1 the truth is inside the 68 % interval); ``_relative``, recovered over true minus 1;
+    ``_error``, half the 68 % interval over the true value.
+    """
+    from astropy import units as u
+
+    table = results.mass_profile(radii)
+    r, parts = table["r"].to_value(u.kpc), list(host.values())
+    table.meta["truth"] = {name: {"kind": part.kind, **part.model_dump()} for name, part in host.items()}
+    for name, true in (("M", mass_inside(parts, r) * u.Msun), ("v_c", circular_velocity(parts, r) * u.km / u.s)):
+        median, low, high = table[name], table[f"{name}_lo68"], table[f"{name}_hi68"]
+        table[f"{name}_true"] = true
+        table[f"{name}_sigma"] = np.where(true > median, high - median, median - low)
+        with np.errstate(divide="ignore", invalid="ignore"):  # a chain that never moved has no width
+            deviation = (median - true) / table[f"{name}_sigma"]
+        table[f"{name}_deviation"] = deviation.to_value(u.one)
+        table[f"{name}_relative"] = (median / true - 1).to_value(u.one)
+        table[f"{name}_error"] = (0.5 * (high - low) / true).to_value(u.one)
+    return table
+
+
+def largest(table: QTable, name: str) -> tuple[float, float]:
+    """Return the largest deviation in sigma, of either sign, and its radius in kpc."""
+    k = int(np.argmax(np.abs(table[f"{name}_deviation"])))
+    return float(table[f"{name}_deviation"][k]), float(table["r"][k].to_value("kpc"))
+
+
+def describe_recovery(directory: Path) -> str:
+    """Show the recovery that a report has written into a run's directory, for a terminal."""
+    from astropy.table import QTable
+
+    table = QTable.read(directory / RECOVERY[0])
+    r = table["r"].to_value("kpc")
+    head = ("r", "true", "M(<r)", "68 %", "M - true", "error", "", "true", "v_c", "68 %", "v_c - true", "error")
+    rows: list[Sequence[str]] = [head]
+    for k in np.flatnonzero(np.isclose(r % PRINTED, 0)):
+        mass, speed = _recovery_cells(table[k], "M", "Msun", 1e11, 2), _recovery_cells(table[k], "v_c", "km/s", 1, 0)
+        rows.append((f"{r[k]:g} kpc", *mass, "", *speed))
+    said = [
+        f"largest deviation of {label}: {deviation:+.2f} sigma at {radius:g} kpc"
+        for label, (deviation, radius) in (("M", largest(table, "M")), ("v_c", largest(table, "v_c")))
+    ]
+    text = (
+        "M in 1e11 Msun, v_c in km/s. Sigma is the half of the 68 % interval on the side of the truth; error is half "
+        "the interval over the true value."
+    )
+    title = f"recovered over true, {r[0]:g} to {r[-1]:g} kpc"
+    return "\n".join([title, columns(rows), *(f"  {line}" for line in said), paragraph(text, "  ", "  ")])
+
+
+def _recovery_cells(row: Any, name: str, unit: str, scale: float, digits: int) -> list[str]:
+    """Write one quantity at one radius: true, recovered, interval, deviation, relative error."""
+    true, median, low, high = (
+        f"{row[name + suffix].to_value(unit) / scale:.{digits}f}" for suffix in ("_true", "", "_lo68", "_hi68")
+    )
+    deviation = f"{row[f'{name}_deviation']:+.1f} sigma"
+    return [true, median, f"{low} to {high}", deviation, f"{100 * row[f'{name}_error']:.1f} %"]
+
+
+def recovery_figure(results: Results, host: Mapping[str, Potential]) -> Figure:
+    """Draw M(r) and v_c(r) with their 68 % and 95 % bands over the true ones, the relative difference below."""
+    table = recovery_table(results, host, np.linspace(RADII[0], RADII[-1], 56))
+    figure = Figure(figsize=(10.4, 5.6), layout="constrained")
+    panels: Any = figure.subplots(2, 2, sharex=True, height_ratios=(2.4, 1))
+    labels = (r"$M(<r)\ \,[10^{11}\,M_\odot]$", r"$v_{\rm c}(r)\ \,[{\rm km\,s}^{-1}]$")
+    for name, label, factor, (above, below) in zip(QUANTITIES, labels, (1e-11, 1.0), panels.T, strict=True):
+        r = table["r"].value
+        bands(above, table, name, factor)
+        above.plot(r, table[f"{name}_true"].value * factor, color=VERMILION, lw=1.8, ls=(0, (5, 2)), label="true")
+        above.set_ylabel(label, fontsize=13)
+        above.set_ylim(bottom=0 if name == "M" else 0.6 * table["v_c_lo95"].value.min())
+        apocentres(above, results)
+        above.legend(frameon=False, fontsize=10, loc="upper left" if name == "M" else "lower left")
+        _difference(below, table, name)
+        below.set_xlabel(r"$r\ \,[{\rm kpc}]$", fontsize=13)
+        below.set_xlim(r[0], r[-1])
+        for axes in (above, below):
+            finish(axes)
+    panels[1, 0].set_ylabel("difference  [%]", fontsize=12)
+    if text := remark(results):
+        figure.suptitle(text, color=VERMILION, fontsize=12)
+    return figure
+
+
+def _difference(axes: Axes, table: QTable, name: str) -> None:
+    """Draw the relative difference with its bands, in per cent."""
+    r, true = table["r"].value, table[f"{name}_true"]
+    values = {s: 100 * (table[name + s] / true - 1).value for s in ("", "_lo68", "_hi68", "_lo95", "_hi95")}
+    axes.fill_between(r, values["_lo95"], values["_hi95"], color=BLUE, alpha=0.18, lw=0)
+    axes.fill_between(r, values["_lo68"], values["_hi68"], color=BLUE, alpha=0.38, lw=0)
+    axes.plot(r, values[""], color=BLUE, lw=1.8)
+    axes.axhline(0, color=VERMILION, lw=1.8, ls=(0, (5, 2)))

@@ -1,0 +1,189 @@
+"""Run a fit from a spec to its products, and never lose a finished step."""
+
+from __future__ import annotations
+
+import shlex
+import signal
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+import numpy as np
+from emcee.backends import Backend
+
+from streamkit.errors import ComponentError, SpecError, StreamkitError
+from streamkit.model import mass_inside
+from streamkit.report import locked
+from streamkit.sample import CHAIN, ChainFile, Limits, Posterior, Sampling, Signals, Stopped, Workers, blob_dtype
+from streamkit.spec import Spec
+from streamkit.stream import Array
+from streamkit.study.fit.directory import claim, read_chain
+from streamkit.study.fit.products import write_products
+from streamkit.study.fit.results import Results
+
+QUICK_PARTICLES = 2000
+QUICK_WALKERS = 24
+QUICK_SEARCH = 50.0
+"""Seconds after the beginning of a quick run when its search ends."""
+QUICK_SAMPLING = 140.0
+"""The same for its sampling: a report must still fit in 3 minutes."""
+
+
+class Interrupted(StreamkitError):  # noqa: N818  a request, not a fault
+    """The run was asked to stop (Ctrl-C or SIGTERM) and did. Its message says where the samples are.
+
+    Attributes
+    ----------
+    exit_status
+        What a command should exit with: 130 after Ctrl-C, 143 after SIGTERM.
+    """
+
+    def __init__(self, message: str, signum: int = signal.SIGINT) -> None:
+        super().__init__(message)
+        self.exit_status = 128 + int(signum)
+
+
+def run(
+    spec: Spec,
+    out: str | Path | None = None,
+    workers: int = 1,
+    steps: int | None = None,
+    quick: bool = False,
+    resume: bool = False,
+    force: bool = False,
+    progress: bool = True,
+    products: bool = True,
+) -> Results:
+    """Sample the posterior of a spec.
+
+    Parameters
+    ----------
+    spec
+        What to fit.
+    out
+        Directory for the chain and all products; None keeps the samples in memory.
+    workers
+        Processes that evaluate the posterior. The samples do not depend on their number.
+    steps
+        Largest length of the chain, steps of a resumed run included; else ``sampler.steps`` of the spec.
+    quick
+        A coarse look within 3 minutes on two cores: few particles, few steps. Says so on every product.
+    resume, force
+        Continue the run in ``out``; or overwrite what streamkit wrote there.
+    progress
+        Show progress bars.
+    products
+        Write tables and pictures at the end, if there is a directory.
+
+    Returns
+    -------
+    Results
+        The samples.
+
+    Raises
+    ------
+    ChainError
+        If ``out`` holds something else, or a chain that cannot be read. Nothing is then changed.
+    ComponentError
+        If a component fails: with its name and the parameters. All finished steps stay readable.
+    Interrupted
+        After Ctrl-C or SIGTERM. All finished steps stay readable.
+    """
+    begin = monotonic()
+    if quick:
+        spec = quick_spec(spec)
+    _check_walkers(spec)
+    posterior, cheap = Posterior(spec), Posterior(cheap_spec(spec))
+    limits = Limits(
+        spec.sampler.steps if steps is None else steps,
+        spec.sampler.tau_factor,
+        spec.sampler.r_hat,
+        begin + QUICK_SAMPLING if quick else np.inf,
+    )
+    directory = None if out is None else Path(out)
+    posterior.evaluate(spec.centre())  # compiles once, before the workers fork; fails before anything is written
+    with ExitStack() as stack:
+        going_on, backend = False, Backend()
+        if directory is not None:
+            stack.enter_context(locked(directory))
+            going_on = claim(directory, spec, {"quick": quick, "steps": limits.steps}, resume, force)
+            backend = ChainFile(str(directory / CHAIN))
+        pool = stack.enter_context(Workers({"full": posterior, "cheap": cheap}, workers))
+        stack.enter_context(_explained(pool, directory, backend, _again(spec, directory, quick)))
+        sampling = Sampling(
+            spec.priors, spec.sampler.walkers, spec.seed, spec.sampler.moves, pool, backend,
+            blob_dtype(posterior.size), progress, lambda theta: _mass_100(spec, theta), posterior.data,
+        )  # fmt: skip
+        if going_on and directory is not None:
+            sampling.resume(read_chain(directory).attributes.get("counts", {}))
+        else:
+            sampling.begin(begin + QUICK_SEARCH if quick else np.inf)
+        if isinstance(backend, ChainFile):
+            backend.note(status="unfinished", quick=quick, digest=spec.digest())
+        status = sampling.advance(limits)
+        if isinstance(backend, ChainFile):
+            backend.note(status=status)
+    if directory is None:
+        return Results.in_memory(spec, backend, sampling.totals(), status, quick)
+    if products:
+        return write_products(directory)
+    return Results(directory)
+
+
+def quick_spec(spec: Spec) -> Spec:
+    """Return the spec of the coarse look: fewer particles and walkers, the noise of the former added."""
+    walkers = min(spec.sampler.walkers, max(QUICK_WALKERS, 2 * len(spec.names) + 2))
+    return _with_particles(spec, QUICK_PARTICLES, {"sampler.walkers": walkers})
+
+
+def cheap_spec(spec: Spec) -> Spec:
+    """Return the spec that searches for a start: few particles, their noise added to the data's."""
+    return _with_particles(spec, spec.sampler.start_particles, {})
+
+
+def _with_particles(spec: Spec, particles: int, values: dict[str, Any]) -> Spec:
+    now = spec.bind(spec.centre()).stripping.particles
+    return spec.with_values(values | {"stripping.particles": min(now, particles), "likelihood.noise": "add"})
+
+
+def _check_walkers(spec: Spec) -> None:
+    wanted = 2 * len(spec.names)
+    if spec.sampler.walkers < wanted:
+        raise SpecError(
+            f"sampler.walkers: found {spec.sampler.walkers} for {len(spec.names)} free parameters; "
+            f"the sampler needs at least twice as many, {wanted}"
+        )
+
+
+def _mass_100(spec: Spec, theta: Array) -> float:
+    """Return the mass inside 100 kpc in Msun."""
+    return float(mass_inside(list(spec.bind(theta).potentials.values()), np.array([100.0]))[0])
+
+
+@contextmanager
+def _explained(pool: Workers, directory: Path | None, backend: Backend, again: str) -> Iterator[None]:
+    """Turn signals into a clean stop; say at every untimely end what is left and how to go on."""
+    try:
+        with Signals(pool):
+            yield
+    except Stopped as stop:
+        raise Interrupted(f"stopped after {_left(directory, backend, again)}", stop.signum) from None
+    except ComponentError as error:
+        raise ComponentError(f"{error}. The run stopped after {_left(directory, backend, again)}") from error
+
+
+def _again(spec: Spec, directory: Path | None, quick: bool) -> str:
+    """Return the command that goes on with a run."""
+    options = ["--quick"] if quick else []
+    return shlex.join(["streamkit", "run", spec.source, "-o", str(directory), *options, "--resume"])
+
+
+def _left(directory: Path | None, backend: Backend, again: str) -> str:
+    steps = int(backend.iteration) if backend.initialized else 0
+    if directory is None:
+        return f"{steps} steps, which were kept in memory only and are lost: give `out` to keep them."
+    if steps == 0:
+        return f"no finished step. To begin again: {again}"
+    return f"{steps} finished steps, all of them in {directory / CHAIN}. To continue: {again}"

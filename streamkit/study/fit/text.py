@@ -1,0 +1,76 @@
+"""A fit as text for a terminal."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from streamkit.report import columns, paragraph, warning_list
+from streamkit.stream import Array
+from streamkit.study.fit.results import Results
+
+if TYPE_CHECKING:
+    from astropy.table import QTable
+
+
+def stuck_warnings(stranded: Sequence[int], walkers: int) -> list[str]:
+    """Say which walkers are stranded, and what to do."""
+    if not len(stranded):
+        return []
+    which = ", ".join(str(walker) for walker in stranded)
+    return [
+        f"{len(stranded)} of {walkers} walkers are stranded (number {which}): their ln p stays far below the "
+        "others', and they hardly move. The intervals are too wide for them. Continue with --resume and a larger "
+        "--steps; if they stay, the likelihood is too rough: take more particles, or noise = 'add', and start again."
+    ]
+
+
+PRINTED_RADII = (50.0, 100.0, 150.0, 200.0)
+"""Radii in kpc of the masses that a run prints: those of Gibbons+ 2014, table 3."""
+
+
+def describe_results(results: Results) -> str:
+    """Show a run: whether it can be trusted, the parameters, the masses, what became of its calls."""
+    steps, walkers, _ = results.chain.shape
+    summary, profile = results.summary(), results.mass_profile(PRINTED_RADII)
+    rows = [("parameter", "median", "68 %", "95 %", "unit", "tau", "eff. samples")]
+    rows += [
+        (
+            row["parameter"], f"{row['median']:.4g}", _interval(row, 68), _interval(row, 95),
+            row["unit"] or "-", f"{row['autocorrelation_time']:.0f}", f"{row['effective_samples']:.0f}",
+        )
+        for row in summary
+    ]  # fmt: skip
+    masses = [("r", "M(<r)", "68 %", "95 %", "in 1e11 Msun")]
+    masses += [
+        (f"{r:g} kpc", f"{m[0]:.2f}", f"{m[1]:.2f} to {m[2]:.2f}", f"{m[3]:.2f} to {m[4]:.2f}", "")
+        for r, m in zip(PRINTED_RADII, _masses(profile), strict=True)
+    ]
+    calls = [
+        ("acceptance", f"{results.acceptance:.3f}", ""),
+        ("calls", str(results.calls), f"and {results.search_calls} in the search for a start"),
+    ]
+    calls += [("rejected", str(n), reason) for reason, n in Counter(results.reasons).most_common()]
+    calls += [("stranded", str(len(results.stranded)), f"of {walkers} walkers")]
+    head = f"{steps} steps of {walkers} walkers, {results.discard} of them left out as burn-in"
+    parts = [f"{head}\n{paragraph(results.note())}", f"parameters\n{columns(rows)}"]
+    parts += [f"mass of the host\n{columns(masses)}", f"sampler\n{columns(calls)}"]
+    if warnings := stuck_warnings(results.stranded.tolist(), walkers):
+        parts.append(warning_list(warnings))
+    if results.directory is not None:
+        names = sorted(path.name for path in results.directory.iterdir() if not path.name.startswith("."))
+        parts.append(paragraph(", ".join(names), f"products in {results.directory}: ", "  "))
+    return "\n\n".join(parts)
+
+
+def _interval(row: Any, percent: int) -> str:
+    return f"{row[f'lo{percent}']:.4g} to {row[f'hi{percent}']:.4g}"
+
+
+def _masses(profile: QTable) -> Array:
+    """(nr, 5) Median and the ends of the 68 % and 95 % intervals, in 1e11 Msun."""
+    names = ("M", "M_lo68", "M_hi68", "M_lo95", "M_hi95")
+    return np.stack([profile[name].to_value("Msun") for name in names], axis=1) / 1e11

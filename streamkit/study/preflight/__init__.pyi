@@ -1,0 +1,4 @@
+from .preflight import Preflight as Preflight
+from .preflight import run_preflight as run_preflight
+from .text import describe_preflight as describe_preflight
+from .text import describe_spec as describe_spec

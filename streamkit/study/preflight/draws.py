@@ -1,0 +1,74 @@
+"""Trial streams over the prior: how often is there one that the observable can measure, and what do they cost."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from streamkit.errors import OutOfDomain
+from streamkit.model import Model
+from streamkit.spec import Spec
+from streamkit.stream import Array, Prediction
+
+TRIAL_PARTICLES = 1000
+"""Particles of the trial streams over the prior: enough to say whether there is a stream."""
+BUDGET = 15.0
+"""CPU seconds after which no further trial stream is started."""
+
+
+@dataclass(frozen=True)
+class PriorDraws:
+    """Trial streams of `TRIAL_PARTICLES` particles at draws from the prior.
+
+    Attributes
+    ----------
+    draws
+        Number of draws.
+    good
+        (good, d) The draws with a stream that the observable can measure.
+    seconds
+        (good,) CPU seconds of each of them.
+    reasons
+        Why the others have none, and how many.
+    """
+
+    draws: int
+    good: Array
+    seconds: Array
+    reasons: Counter[str]
+
+
+def predict(model: Model, theta: Array) -> tuple[Prediction | None, str]:
+    """Return what the observable says of the stream at theta (d,), and the reason if it says nothing."""
+    try:
+        _, prediction = model.observe(model.spec.bind(theta))
+    except OutOfDomain as error:
+        return None, error.reason
+    return prediction, "" if prediction is None else prediction.why_not
+
+
+def try_prior_draws(spec: Spec, draws: int) -> PriorDraws:
+    """Try streams with few particles at random points of the prior, drawn from the run's seed."""
+    few = min(TRIAL_PARTICLES, spec.bind(spec.centre()).stripping.particles)
+    model = Model(spec.with_values({"stripping.particles": few}))
+    rng = np.random.default_rng(spec.seed)
+    points = np.stack([prior.sample(rng, draws) for prior in spec.priors], axis=1)
+    reasons: Counter[str] = Counter()
+    good: list[Array] = []
+    seconds: list[float] = []
+    done, start = 0, time.process_time()
+    for theta in points:
+        begin = time.process_time()
+        if begin - start > BUDGET:
+            break
+        done += 1
+        _, reason = predict(model, theta)
+        if reason:
+            reasons[reason] += 1
+        else:
+            good.append(theta)
+            seconds.append(time.process_time() - begin)
+    return PriorDraws(done, np.array(good).reshape(-1, len(spec.names)), np.array(seconds), reasons)

@@ -1,0 +1,85 @@
+"""The progenitor's orbit in the host, as far as a preflight needs to know it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from streamkit.engine import build_field
+from streamkit.errors import OutOfDomain
+from streamkit.model import NODE, escapes, next_apocentre, progenitor_track
+from streamkit.spec import Setup
+from streamkit.stream import Array, Orbit
+from streamkit.units import GYR
+
+HORIZON = 13.8
+"""How far back, in Gyr, the progenitor's turning points are looked for: the age of the Universe."""
+
+
+@dataclass(frozen=True)
+class OrbitSummary:
+    """The progenitor's orbit in the host alone, as far back as its period needs.
+
+    Attributes
+    ----------
+    pericentres, apocentres
+        (k,) turning radii in kpc, the latest first; empty where there are none within `HORIZON`.
+    period
+        Radial period in Gyr, the mean over the turning points found; NaN without two of them.
+    escapes
+        Whether the energy exceeds the potential at infinity; None where a component gives no potential.
+    completed
+        Apocentres within the look-back time.
+    returns
+        Whether the progenitor has another apocentre ahead.
+    r_tidal
+        Smallest and largest tidal radius in kpc within the look-back time; NaN where there is none.
+    """
+
+    pericentres: Array
+    apocentres: Array
+    period: float
+    escapes: bool | None
+    completed: int
+    returns: bool
+    r_tidal: tuple[float, float]
+
+
+def summarise_orbit(setup: Setup) -> OrbitSummary:
+    """Follow the progenitor back until it has turned twice at each end, at most to `HORIZON`."""
+    host = build_field(list(setup.potentials.values()))
+    reach = 1.0
+    while True:
+        past = host.orbit(setup.q, setup.v, 0.0, -reach * GYR, NODE)
+        peri, apo = past.pericentres()[::-1], past.apocentres()[::-1]
+        if min(len(peri), len(apo)) >= 2 or reach >= HORIZON or not np.isfinite(past.q).all():
+            break
+        reach = min(2 * reach, HORIZON)
+    try:
+        track, _ = progenitor_track(host, setup)
+        completed = len(track.apocentres())
+        r_tidal = float(track.r_tidal.min()), float(track.r_tidal.max())
+    except OutOfDomain:
+        completed, r_tidal = int((apo > -setup.lookback * GYR).sum()), (np.nan, np.nan)
+    return OrbitSummary(
+        pericentres=_radii(past, peri),
+        apocentres=_radii(past, apo),
+        period=_period(peri, apo) / GYR,
+        escapes=escapes(setup),
+        completed=completed,
+        returns=next_apocentre(host, setup) is not None,
+        r_tidal=r_tidal,
+    )
+
+
+def _radii(orbit: Orbit, times: Array) -> Array:
+    return orbit.at(times).r if len(times) else np.empty(0)
+
+
+def _period(peri: Array, apo: Array) -> float:
+    """Return the mean time between like turning points, or twice that between two unlike ones."""
+    gaps = [np.diff(times[::-1]) for times in (peri, apo) if len(times) > 1]
+    if gaps:
+        return float(np.concatenate(gaps).mean())
+    return 2.0 * abs(float(peri[0] - apo[0])) if len(peri) and len(apo) else float("nan")

@@ -1,0 +1,82 @@
+"""A preflight as text for a terminal."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from streamkit.report import columns, describe_prediction, number, seconds, span, warning_list
+from streamkit.spec import Setup, Spec
+from streamkit.stream import Array
+from streamkit.study.preflight.draws import PriorDraws
+from streamkit.study.preflight.orbit import OrbitSummary
+from streamkit.study.preflight.preflight import Cost, Preflight
+
+
+def describe_spec(spec: Spec) -> str:
+    """List the components with their suppliers, and the free parameters with priors and units."""
+    parts = [f"{spec.source}: valid (digest {spec.digest()[:12]}, seed {spec.seed})"]
+    used = columns((path, cls.kind, supplier) for path, cls, supplier in spec.components())
+    parts.append(f"components\n{used}")
+    if not spec.names:
+        return "\n\n".join([*parts, "free parameters: none"])
+    rows = [("parameter", "prior", "centre", "unit")]
+    rows += [
+        (name, prior.text(), f"{centre:.4g}", unit.replace(" ", "") or "-")
+        for name, prior, centre, unit in zip(spec.names, spec.priors, spec.centre(), spec.units, strict=True)
+    ]
+    return "\n\n".join([*parts, f"free parameters ({len(spec.names)})\n{columns(rows)}"])
+
+
+def describe_preflight(spec: Spec, found: Preflight) -> str:
+    """Say what the preflight found: the orbit, the streams over the prior, the cost and the warnings."""
+    setup = found.setup
+    place = "the prior's centre" if spec.names else "the given parameters"
+    parts = [f"at {place}\n" + columns(_orbit_rows(setup, found.course))]
+    if setup.observable is not None and found.prediction is not None:
+        parts.append(describe_prediction(setup, found.prediction))
+    if found.survey is not None:
+        parts.append(_prior_draws(found.survey))
+    parts.append(_cost(spec, found.cost))
+    parts.append(warning_list(found.warnings) or "no warnings")
+    return "\n\n".join(parts)
+
+
+def _orbit_rows(setup: Setup, path: OrbitSummary) -> list[tuple[str, str]]:
+    tidal = span(*path.r_tidal, "kpc") if np.isfinite(path.r_tidal[0]) else "none somewhere on the orbit"
+    periods = ""
+    if np.isfinite(path.period):
+        periods = f": {setup.lookback / path.period:.1f} radial periods, {path.completed} completed apocentre"
+        periods += "s" * (path.completed != 1)
+    return [
+        ("pericentre", _radii(path.pericentres)),
+        ("apocentre", _radii(path.apocentres)),
+        ("radial period", number(path.period, "Gyr") if np.isfinite(path.period) else "none"),
+        ("look-back time", number(setup.lookback, "Gyr") + periods),
+        ("tidal radius", tidal),
+        ("particles", f"{setup.stripping.particles}, progenitor's gravity {_switch(setup)}"),
+    ]
+
+
+def _radii(radii: Array) -> str:
+    return span(float(radii.min()), float(radii.max()), "kpc") if len(radii) else "none"
+
+
+def _switch(setup: Setup) -> str:
+    return "on" if setup.stripping.progenitor_gravity else "off"
+
+
+def _prior_draws(trial: PriorDraws) -> str:
+    head = f"streams over the prior: {len(trial.good)} of {trial.draws} draws have one that can be measured"
+    rows = [(str(n), f"have none: {reason}") for reason, n in trial.reasons.most_common()]
+    return "\n".join([head, columns(rows)] if rows else [head])
+
+
+def _cost(spec: Spec, cost: Cost) -> str:
+    first = f"the first of a process {seconds(cost.first)}"
+    rows = [("one call", f"{seconds(cost.call)} at {cost.where}; {first}")]
+    if spec.names:
+        walkers, steps = spec.sampler.walkers, spec.sampler.steps
+        total = walkers * steps
+        calls = f"{walkers} walkers x at most {steps} steps = {total} calls"
+        rows.append(("the run", f"{calls}: {seconds(total * cost.call)}, shared by the workers"))
+    return "\n".join(["cost in CPU time", columns(rows)])

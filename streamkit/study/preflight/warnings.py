@@ -1,0 +1,112 @@
+"""The warnings of a preflight: what makes a fit fail, and what to do about it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from streamkit.errors import OutOfDomain
+from streamkit.spec import Setup, Spec, Sun
+from streamkit.study.preflight.draws import PriorDraws
+from streamkit.study.preflight.orbit import HORIZON, OrbitSummary, summarise_orbit
+
+USUAL_SUN = {"r0": (7.0, 9.0, "kpc"), "z": (-0.1, 0.1, "kpc"), "v_circ": (180.0, 280.0, "km/s")}
+"""Ranges that hold every recent measurement of the Sun's place and of the rotation there."""
+APOCENTRES_NEEDED = {"literal": 1, "turning": 1, "epoch_aware": 2}
+"""Completed apocentres that the rules for recent debris refer to."""
+
+
+def orbit_warnings(spec: Spec, setup: Setup, path: OrbitSummary) -> list[str]:
+    """Say what is wrong with the progenitor's orbit as the source of a stream."""
+    if len(path.apocentres) == 0:
+        why = f"has no apocentre within the last {HORIZON:g} Gyr"
+        if path.escapes:
+            why = "is unbound: its energy is above the host's potential at infinity"
+        return [f"The progenitor {why}, so there is no stream with apocentres.{_swapped(spec)}"]
+    found = []
+    if not path.returns:
+        found.append("The progenitor has no apocentre in the next 6 Gyr: the leading arm cannot be measured.")
+    if setup.lookback < path.period:
+        found.append(
+            f"The look-back time, {setup.lookback:.3g} Gyr, is shorter than the radial period, "
+            f"{path.period:.3g} Gyr: the arms have not grown. Raise progenitor.lookback."
+        )
+    if setup.lookback > HORIZON:
+        found.append(
+            f"The look-back time, {setup.lookback:.3g} Gyr, exceeds the age of the Universe, {HORIZON:g} Gyr. "
+            "Lower progenitor.lookback."
+        )
+    rule = getattr(setup.observable, "recent_debris", "")
+    needed = APOCENTRES_NEEDED.get(rule, 0)
+    if path.completed < needed:
+        found.append(
+            f"The look-back time covers {path.completed} apocentre{'s' * (path.completed != 1)} of the "
+            f"progenitor, but observable.recent_debris = {rule!r} needs {needed}. Raise progenitor.lookback."
+        )
+    if np.isnan(path.r_tidal[0]):
+        found.append("The progenitor has no tidal radius somewhere on its track (Omega^2 <= d2Phi/dr2).")
+    return found
+
+
+def _swapped(spec: Spec) -> str:
+    """Ask whether the two proper motions are swapped, if exchanging them binds the orbit."""
+    section = spec.document["progenitor"]
+    pair = [f"progenitor.{name}" for name in section if name.startswith("pm_")]
+    if len(pair) != 2:
+        return ""
+    first, second = (section[path.removeprefix("progenitor.")] for path in pair)
+    other = spec.with_values({pair[0]: second, pair[1]: first})
+    try:
+        turned = summarise_orbit(other.bind(other.centre()))
+    except OutOfDomain:
+        return ""
+    if len(turned.apocentres) == 0 or turned.escapes:
+        return ""
+    ends = f"{turned.pericentres[0]:.3g} to {turned.apocentres[0]:.3g} kpc"
+    return (
+        f" Are the two proper motions swapped? With {pair[0]} and {pair[1]} exchanged, the orbit is bound "
+        f"and runs from {ends}."
+    )
+
+
+def survey_warnings(trial: PriorDraws | None) -> list[str]:
+    """Say when streams are rare over the prior, and when some cost far more than most."""
+    if trial is None:
+        return []
+    found = []
+    good = len(trial.good)
+    if good < 0.1 * trial.draws:
+        found.append(
+            f"Only {good} of {trial.draws} points drawn from the prior have a stream that can be measured: "
+            "the walkers will be hard to start. Narrow the priors."
+        )
+    if good >= 8:
+        middle, dear = np.percentile(trial.seconds, [50, 95])
+        if dear > 5 * middle:
+            found.append(
+                f"Some points of the prior cost {dear / middle:.0f} times the usual call, and all walkers "
+                "wait for the slowest."
+            )
+    return found
+
+
+def sampler_warnings(spec: Spec) -> list[str]:
+    """Say when there are too few walkers for the number of free parameters."""
+    walkers, d = spec.sampler.walkers, len(spec.names)
+    if walkers < 2 * d + 2:
+        return [
+            f"sampler.walkers = {walkers} is too few for {d} free parameters: the sampler needs at least "
+            f"{2 * d} and moves badly below {2 * d + 2}. Use {3 * d} or more."
+        ]
+    if walkers < 2.5 * d:
+        return [f"sampler.walkers = {walkers} is few for {d} free parameters: {3 * d} or more mix better."]
+    return []
+
+
+def sun_warnings(sun: Sun) -> list[str]:
+    """Say when the Sun's place or motion is far from anything measured."""
+    found = []
+    for name, (low, high, unit) in USUAL_SUN.items():
+        value = getattr(sun, name)
+        if not low <= value <= high:
+            found.append(f"sun.{name} = {value:g} {unit}: measurements lie between {low:g} and {high:g} {unit}.")
+    return found

@@ -1,0 +1,124 @@
+"""The observables against one parameter: the grid, the curve, and its slope."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.special import ndtr
+
+from streamkit.sample import Evaluation
+from streamkit.spec import LogUniform, Prior, Spec
+from streamkit.stream import Array, IntArray
+
+CENTRAL = 0.95
+"""Probability of the prior in the range that a parameter is varied over, the same on either side of it left out."""
+SAME = 1e-9
+"""A point of the grid is the fixed one if it is nearer than so many of the grid's ranges."""
+
+
+@dataclass(frozen=True)
+class Slope:
+    """The slope of a curve at the fixed point, of a parabola through the points within one sd of the prior.
+
+    Attributes
+    ----------
+    sd
+        One standard deviation of the prior: half its central 68 %. Of ln x for a log-uniform prior.
+    at
+        (m,) the parabola at the fixed point.
+    per_sd, error
+        (m,) change of each observable over one sd at the slope there, and its standard error from the scatter
+        about the parabola. NaN with fewer than three points that have a value; with three it is a straight line.
+    per_unit
+        (m,) derivative per unit of the parameter.
+    """
+
+    sd: float
+    at: Array
+    per_sd: Array
+    error: Array
+    per_unit: Array
+
+
+@dataclass(frozen=True)
+class Curve:
+    """The observables against one parameter.
+
+    Attributes
+    ----------
+    name, unit, prior
+        Of the parameter.
+    fixed
+        Its value while others are varied.
+    x
+        (n,) values in order, the fixed one among them.
+    mean, scatter, noise
+        (n, m) mean over the seeds that have a value, NaN where none has; their standard deviation, NaN below two;
+        the mean of what the observable says of its own noise.
+    streams
+        (n,) number of seeds that have a value.
+    reasons
+        Why the others have none, for each point.
+    """
+
+    name: str
+    unit: str
+    prior: Prior
+    fixed: float
+    x: Array
+    mean: Array
+    scatter: Array
+    noise: Array
+    streams: IntArray
+    reasons: tuple[Counter[str], ...]
+
+    @cached_property
+    def slope(self) -> Slope:
+        """The slope at the fixed point."""
+        logarithmic = isinstance(self.prior, LogUniform)
+        x, fixed = (np.log(self.x), np.log(self.fixed)) if logarithmic else (self.x, self.fixed)
+        low, high = self.prior.ppf(ndtr(np.array([-1.0, 1.0])))
+        sd = float(0.5 * (np.log(high / low) if logarithmic else high - low))
+        near = (np.abs(x - fixed) <= (1 + SAME) * sd) & (self.streams > 0)
+        z, degree = (x[near] - fixed) / sd, min(int(near.sum()) - 2, 2)
+        if degree < 1:
+            nothing = np.full(self.mean.shape[1], np.nan)
+            return Slope(sd, nothing, nothing, nothing, nothing)
+        powers = np.stack([z**k for k in range(degree + 1)], axis=1)
+        solve = np.linalg.inv(powers.T @ powers)
+        found = solve @ powers.T @ self.mean[near]
+        scatter = ((self.mean[near] - powers @ found) ** 2).sum(axis=0) / (len(z) - degree - 1)
+        per_unit = found[1] / sd / (self.fixed if logarithmic else 1.0)
+        return Slope(sd, found[0], found[1], np.sqrt(solve[1, 1] * scatter), per_unit)
+
+
+def prior_grid(prior: Prior, points: int) -> Array:
+    """(points,) Even steps over the central 95 % of the prior; in ln x if it is log-uniform."""
+    low, high = prior.ppf(0.5 + 0.5 * CENTRAL * np.array([-1.0, 1.0]))
+    return np.geomspace(low, high, points) if isinstance(prior, LogUniform) else np.linspace(low, high, points)
+
+
+def without_fixed(x: Array, fixed: float) -> Array:
+    """Return the points of a grid without the fixed one."""
+    return np.asarray(x[np.abs(x - fixed) > SAME * (x[-1] - x[0])])
+
+
+def collect(spec: Spec, name: str, fixed: float, x: Array, found: Sequence[Evaluation], seeds: int) -> Curve:
+    """Return the curve of what was found at x (n,) in any order: for each, all seeds in turn."""
+    order = np.argsort(x)
+    i = spec.names.index(name)
+    by_point = [found[k * seeds : (k + 1) * seeds] for k in order]
+    good = [[one for one in some if not one.reason] for some in by_point]
+    nothing = np.full(len(found[0].mean), np.nan)
+    return Curve(
+        name, spec.units[i].replace(" ", ""), spec.priors[i], fixed, x[order],
+        np.array([np.mean([e.mean for e in some], axis=0) if some else nothing for some in good]),
+        np.array([np.std([e.mean for e in some], axis=0, ddof=1) if len(some) > 1 else nothing for some in good]),
+        np.array([np.sqrt(np.mean([e.variance for e in some], axis=0)) if some else nothing for some in good]),
+        np.array([len(some) for some in good]),
+        tuple(Counter(one.reason for one in some if one.reason) for some in by_point),
+    )  # fmt: skip

@@ -1,0 +1,115 @@
+"""The tables of a sensitivity: every point of every curve, the slopes, and the same for a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from streamkit.report import columns, paragraph
+from streamkit.study.sensitivity.curves import CENTRAL, Curve
+from streamkit.study.sensitivity.runner import Sensitivity
+
+if TYPE_CHECKING:
+    from astropy.table import QTable
+
+
+def points_table(response: Sensitivity) -> QTable:
+    """Return one row per parameter and value: the observables' means over the seeds, scatter and own noise.
+
+    Parameters have different units, so their values stand in a plain column beside the column ``unit``.
+    """
+    from astropy import units as u
+    from astropy.table import Column, QTable
+
+    curves = response.curves
+    out = QTable()
+    out["parameter"] = [curve.name for curve in curves for _ in curve.x]
+    out["value"] = np.concatenate([curve.x for curve in curves])
+    out["unit"] = [curve.unit or "1" for curve in curves for _ in curve.x]
+    for i, (name, unit) in enumerate(zip(response.names, response.units, strict=True)):
+        for suffix, part in (("", "mean"), ("_sd", "scatter"), ("_noise", "noise")):
+            if suffix != "_sd" or response.seeds > 1:
+                out[name + suffix] = np.concatenate([getattr(curve, part)[:, i] for curve in curves]) * u.Unit(unit)
+    out["streams"] = np.concatenate([curve.streams for curve in curves])
+    out["reason"] = Column(
+        [_reasons(reasons) for curve in curves for reasons in curve.reasons],
+        description="why there is no stream, or no value, and for how many of the seeds",
+    )
+    return out
+
+
+def _reasons(reasons: Any) -> str:
+    return "; ".join(f"{n} x {reason}" for reason, n in reasons.most_common())
+
+
+def slopes_table(response: Sensitivity) -> QTable:
+    """Return one row per parameter: where it is fixed, one standard deviation of its prior, and the slopes there.
+
+    For each observable: the derivative (its unit by the parameter's), the change per standard deviation of the
+    prior at that slope, its standard error, and the same change in standard errors of the datum.
+    """
+    from astropy import units as u
+    from astropy.table import Column, QTable
+
+    out = QTable()
+    out["parameter"] = [curve.name for curve in response.curves]
+    out["value"] = [curve.fixed for curve in response.curves]
+    out["unit"] = [curve.unit or "1" for curve in response.curves]
+    out["sd"] = Column(
+        [curve.slope.sd for curve in response.curves],
+        description="half the central 68 % of the prior; of ln(value) for a log-uniform prior",
+    )
+    for i, (name, unit, error) in enumerate(zip(response.names, response.units, response.data.errors, strict=True)):
+        per_sd = np.array([curve.slope.per_sd[i] for curve in response.curves])
+        out[f"{name}_slope"] = Column(
+            [curve.slope.per_unit[i] for curve in response.curves],
+            description=f"derivative, {unit or '1'} per unit of the parameter",
+        )
+        out[f"{name}_per_sd"] = per_sd * u.Unit(unit)
+        out[f"{name}_per_sd_error"] = np.array([curve.slope.error[i] for curve in response.curves]) * u.Unit(unit)
+        out[f"{name}_pull"] = Column(
+            per_sd / error, description="change per sd of the prior, in standard errors of the datum"
+        )
+    out["without"] = Column(
+        [without(curve) for curve in response.curves], description="points of the curve without a value"
+    )
+    return out
+
+
+def without(curve: Curve) -> int:
+    """Return the number of points without a value."""
+    return int((curve.streams == 0).sum())
+
+
+def describe_sensitivity(response: Sensitivity) -> str:
+    """Show the slopes for a terminal, and why points have no value."""
+    n, seeds = sum(len(curve.x) for curve in response.curves), response.seeds
+    head = f"{len(response.curves)} parameters varied over the central {CENTRAL:.0%} of their priors, {n} points"
+    head += f", means over {seeds} seeds" if seeds > 1 else f", seed {response.spec.seed}"
+    rows: list[Sequence[str]] = [("parameter", "fixed at", "prior sd", *response.names, "without a value")]
+    for curve in response.curves:
+        sd = f"{curve.slope.sd:.3g}"
+        pulls = [_pull(*each) for each in zip(curve.slope.per_sd, response.data.errors, response.units, strict=True)]
+        gaps = f"{without(curve)} of {len(curve.x)}" if without(curve) else ""
+        rows.append((curve.name, f"{curve.fixed:.4g} {curve.unit}".strip(), sd, *pulls, gaps))
+    parts = [paragraph(head), columns(rows)]
+    parts.append(
+        paragraph(
+            "Each number is the slope at the fixed point: change of the observable, in standard errors of the datum, "
+            "per standard deviation of the prior (half its central 68 %; of ln x for a log-uniform prior). It is that "
+            "of a parabola through the points within one such deviation."
+        )
+    )
+    if response.reasons:
+        rows = [(str(count), reason) for reason, count in response.reasons.most_common()]
+        parts.append(f"streams without a value\n{columns(rows)}")
+    return "\n\n".join(parts)
+
+
+def _pull(per_sd: float, error: float, unit: str) -> str:
+    """Write a slope in standard errors of the datum, or in the observable's unit where there is no datum."""
+    if not np.isfinite(per_sd):
+        return "-"
+    return f"{per_sd / error:+.2f}" if np.isfinite(error) else f"{per_sd:+.2g} {unit}".strip()

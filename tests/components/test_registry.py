@@ -1,0 +1,266 @@
+"""Loading plugins: who supplies what, and a clear message for everything that can be wrong with them."""
+
+from importlib.metadata import distributions, entry_points
+
+import pytest
+from pydantic import Field
+
+import streamkit as sk
+from streamkit.builtin.potentials import Plummer
+from streamkit.components import load_registry
+
+BODY = '''
+"""A plugin."""
+from pydantic import Field
+from streamkit import Component, Mass, Potential, hookimpl
+{imports}
+
+class {name}(Potential):
+    """A harmonic trap."""
+
+    kind = "{kind}"
+    mass: Mass = Field(default=1.0, description="Mass.")
+
+    @staticmethod
+    def acceleration(x, y, z, t, mass):
+        """Return minus the position."""
+        return -x, -y, -z
+
+
+@hookimpl
+def {hook}():
+    """List the components."""
+    return [{listed}]
+'''
+
+
+def text(kind="trap", name="Trap", hook="streamkit_components", listed=None, imports=""):
+    return BODY.format(kind=kind, name=name, hook=hook, listed=name if listed is None else listed, imports=imports)
+
+
+@pytest.fixture
+def install(tmp_path, monkeypatch):
+    """Lay distributions on the path as pip would; return their entry points and the built-in one."""
+    monkeypatch.syspath_prepend(tmp_path)
+    builtin = [p for p in entry_points(group="streamkit") if p.name == "builtin"]
+
+    def lay(distribution, module, body, point=None):
+        (tmp_path / f"{module}.py").write_text(body)
+        info = tmp_path / f"{distribution.replace('-', '_')}-1.2.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {distribution}\nVersion: 1.2\n")
+        (info / "entry_points.txt").write_text(f"[streamkit]\n{point or module} = {module}\n")
+        found = [p for d in distributions(path=[str(tmp_path)]) for p in d.entry_points]
+        return builtin + found
+
+    return lay
+
+
+def test_the_built_ins_are_found_through_their_entry_point():
+    found = load_registry()
+    wanted = {
+        "potential": {"tf", "nfw", "nfw_m200", "hernquist", "miyamoto_nagai", "plummer", "kepler",
+                      "isochrone", "logarithmic"},
+        "stripping": {"mlcs", "streakline"},
+        "integrator": {"leapfrog", "pefrl", "dop853"},
+        "observable": {"apocentres"},
+    }  # fmt: skip
+    for role, kinds in wanted.items():
+        assert kinds <= set(found.entries[role])
+        for kind in kinds:
+            assert found.supplier(found.find(role, kind, role)) == f"streamkit {sk.__version__}"
+
+
+def test_a_plugin_is_found_and_named(install):
+    found = load_registry(points=install("streamkit-trap", "reg_trap", text()))
+    cls = found.find("potential", "trap", "potential.kind")
+    assert cls.__name__ == "Trap"
+    assert found.supplier(cls) == "streamkit-trap 1.2"
+    assert found.failed == ()
+
+
+def test_an_unknown_kind_names_the_place_the_nearest_and_the_installed(install):
+    found = load_registry(points=install("streamkit-trap", "reg_trap2", text()))
+    with pytest.raises(sk.SpecError) as caught:
+        found.find("potential", "plumer", "progenitor.kind")
+    message = str(caught.value)
+    assert message.startswith("progenitor.kind: no potential is called 'plumer'. Did you mean 'plummer'?")
+    assert "Installed: hernquist, isochrone, kepler," in message
+    assert "trap" in message
+
+
+@pytest.mark.parametrize("kind", [None, 3, ["tf"], {"tf": 1}])
+def test_a_kind_that_is_no_text(kind):
+    with pytest.raises(sk.SpecError, match=r"potential\.kind: no potential is called"):
+        load_registry().find("potential", kind, "potential.kind")
+
+
+def test_a_plugin_that_fails_to_import_is_named_when_something_is_missing(install):
+    points = install("streamkit-agama", "reg_broken", text(imports="import agama_of_the_future"))
+    found = load_registry(points=points)
+    assert found.find("potential", "tf", "potential.kind").kind == "tf"
+    (record,) = found.failed
+    wanted = "ModuleNotFoundError: No module named 'agama_of_the_future'"
+    assert record.startswith("streamkit-agama 1.2, entry point 'reg_broken'")
+    assert wanted in record
+    with pytest.raises(sk.SpecError, match=r"A plugin failed to load: streamkit-agama 1\.2") as caught:
+        found.find("potential", "trap", "potential.kind")
+    assert wanted in str(caught.value)
+
+
+def test_two_plugins_of_one_name(install):
+    install("streamkit-one", "reg_one", text(), point="same")
+    points = install("streamkit-two", "reg_two", text(kind="other"), point="same")
+    with pytest.raises(sk.PluginError, match="two distributions use the entry-point name 'same'") as caught:
+        load_registry(points=points)
+    assert "streamkit-one 1.2 and streamkit-two 1.2" in str(caught.value)
+    with pytest.raises(sk.PluginError) as again:  # whatever the order in which the file system lists them
+        load_registry(points=points[::-1])
+    assert str(again.value) == str(caught.value)
+
+
+def test_two_components_of_one_kind(install):
+    points = install("streamkit-twin", "reg_twin", text(kind="plummer"))
+    message = r"two potential components are called 'plummer': one from streamkit .*, one from streamkit-twin"
+    with pytest.raises(sk.PluginError, match=message):
+        load_registry(points=points)
+
+
+def test_one_kind_in_two_roles_is_no_clash(install):
+    scheme = '''
+from streamkit import Release, Stripping, hookimpl
+
+class Plummer(Stripping):
+    """Released where the progenitor is."""
+    kind = "plummer"
+    draws = 0
+
+    def release(self, orbit, tail, mass, normals):
+        """Return the progenitor's own states."""
+        return Release(orbit.q.copy(), orbit.v.copy())
+
+@hookimpl
+def streamkit_components():
+    """List the components."""
+    return [Plummer]
+'''
+    found = load_registry(points=install("streamkit-same", "reg_roles", scheme))
+    assert found.find("potential", "plummer", "") is Plummer
+    assert found.find("stripping", "plummer", "").__module__ == "reg_roles"
+
+
+def test_a_misspelled_hook(install):
+    points = install("streamkit-typo", "reg_typo", text(hook="streamkit_component"))
+    with pytest.raises(sk.PluginError, match=r"streamkit-typo 1\.2: .*streamkit_component"):
+        load_registry(points=points)
+
+
+def test_a_second_misspelled_hook_beside_the_right_one(install):
+    body = text() + "\n\n@hookimpl\ndef streamkit_potentials():\n    return []\n"
+    points = install("streamkit-extra", "reg_extra", body)
+    message = r"streamkit-extra 1\.2: .*streamkit_potentials.* The only hook is 'streamkit_components'"
+    with pytest.raises(sk.PluginError, match=message):
+        load_registry(points=points)
+
+
+def test_a_module_without_the_hook(install):
+    points = install("streamkit-empty", "reg_empty", '"""Nothing."""\n')
+    with pytest.raises(sk.PluginError, match=r"streamkit-empty 1\.2: the module reg_empty has no hook"):
+        load_registry(points=points)
+
+
+@pytest.mark.parametrize(
+    ("listed", "message"),
+    [
+        ("Trap, 42", "streamkit-odd 1.2: 42 is no component class"),
+        ("Trap()", r"streamkit-odd 1\.2: Trap\(mass=1\.0\) is no component class"),
+        ("dict", "streamkit-odd 1.2: <class 'dict'> is no component class"),
+        ("Potential", "streamkit-odd 1.2: Potential is abstract, it does not define acceleration"),
+    ],
+)
+def test_things_that_are_no_components(install, listed, message):
+    points = install("streamkit-odd", f"reg_odd{len(listed)}", text(listed=listed))
+    with pytest.raises(sk.PluginError, match=message):
+        load_registry(points=points)
+
+
+def test_a_class_without_a_kind_is_abstract(install):
+    points = install("streamkit-kindless", "reg_kindless", text(kind=""))
+    with pytest.raises(sk.PluginError, match="Trap is abstract, it does not define kind"):
+        load_registry(points=points)
+
+
+def test_components_are_final():
+    with pytest.raises(sk.PluginError, match="Heavier derives from the component Plummer: components are final"):
+
+        class Heavier(Plummer):
+            """A Plummer sphere, heavier."""
+
+            kind = "heavier"
+
+
+def test_an_abstract_base_of_ones_own_is_allowed():
+    class Spherical(sk.Potential):
+        """A base without a kind."""
+
+    class Trap(Spherical):
+        """A trap."""
+
+        kind = "own_trap"
+        mass: sk.Mass = Field(default=1.0, description="Mass.")
+
+        @staticmethod
+        def acceleration(x, y, z, t, mass):
+            return -x, -y, -z
+
+    assert Trap().mass == 1.0
+
+
+def test_the_arguments_of_an_acceleration_are_the_fields():
+    with pytest.raises(sk.PluginError) as caught:
+
+        class Swapped(sk.Potential):
+            """Arguments in another order."""
+
+            kind = "swapped"
+            mass: sk.Mass
+            a: sk.Length
+
+            @staticmethod
+            def acceleration(x, y, z, t, a, mass):
+                return -x, -y, -z
+
+    message = str(caught.value)
+    assert message.endswith(
+        "Swapped.acceleration: the arguments must be (x, y, z, t, mass, a), that is x, y, z, t and then the "
+        "fields by name; found (x, y, z, t, a, mass)"
+    )
+
+
+def test_a_one_off_file_carries_the_hash_of_its_text(tmp_path):
+    file = tmp_path / "my_trap.py"
+    file.write_text(text())
+    suppliers = []
+    for body in (text(), text(), text() + "\n# a second edition\n"):
+        file.write_text(body)
+        found = load_registry([file])
+        suppliers.append(found.supplier(found.find("potential", "trap", "")))
+    assert suppliers[0].startswith("my_trap.py sha256:")
+    assert suppliers[0] == suppliers[1] != suppliers[2]
+
+
+def test_a_one_off_file_that_fails_says_so_at_once(tmp_path):
+    """Unlike an installed plugin, which a run may not need, it was asked for by name."""
+    file = tmp_path / "bad_trap.py"
+    file.write_text("import agama_of_the_future\n")
+    with pytest.raises(sk.PluginError, match=r"bad_trap\.py failed to load \(ModuleNotFoundError"):
+        load_registry([file])
+    with pytest.raises(sk.SpecError, match=r"plugins: cannot read .*missing\.py"):
+        load_registry([tmp_path / "missing.py"])
+    (tmp_path / "trap.txt").write_text(text())
+    with pytest.raises(sk.SpecError, match=r"trap\.txt' is not a Python file"):
+        load_registry([tmp_path / "trap.txt"])
+
+
+def test_loading_twice_gives_the_same():
+    assert load_registry() == load_registry()

@@ -1,0 +1,218 @@
+"""Every installed component passes the conformance kit, and the kit fails what is wrong."""
+
+import numpy as np
+import pytest
+from pydantic import ConfigDict, Field
+
+import streamkit as sk
+from streamkit.components import load_registry
+from streamkit.testing import check, checks
+from streamkit.testing.common import example_of, title
+
+COMPONENTS = [entry.cls for kinds in load_registry().entries.values() for entry in kinds.values()]
+CASES = [(cls, check) for cls in COMPONENTS for check in checks(cls)]
+
+
+@pytest.mark.parametrize(("cls", "check"), CASES, ids=[f"{cls.role}-{cls.kind}-{title(check)}" for cls, check in CASES])
+def test_conforms(cls, check):
+    check(example_of(cls))
+
+
+def report(cls, **options):
+    """The lines of the report on a class that fails: check name -> message."""
+    with pytest.raises(AssertionError) as caught:
+        check(cls, **options)
+    head, *lines = str(caught.value).split("\n  ")
+    assert f"({cls.role} {cls.kind!r}) fails {len(lines)} of" in head
+    return dict(line.split(": ", 1) for line in lines)
+
+
+class Twisted(sk.Potential):
+    kind = "Twisted"
+    mass: sk.Mass = Field(default=1e9)
+
+    @staticmethod
+    def acceleration(x, y, z, t, mass):
+        k = sk.G * mass / (1.0 + x * x + y * y + z * z)
+        return k * x - k * y, k * y + k * x, k * z
+
+    @staticmethod
+    def potential(x, y, z, t, mass):
+        return 0.0 * x
+
+
+def test_a_twisted_repulsive_potential():
+    assert set(report(Twisted)) == {
+        "names itself", "fields are described", "is curl free", "energy matches force", "density is positive",
+    }  # fmt: skip
+    assert "density is positive" not in report(Twisted, negative_density=True)
+
+
+class Careless(sk.Potential):
+    """Writes into its arguments, returns one array, thaws its fields and lets anything in."""
+
+    model_config = ConfigDict(frozen=False, extra="ignore")
+    kind = "careless"
+    compiled = False
+    mass: sk.Mass = Field(default=1e9, description="Mass.")
+
+    @staticmethod
+    def acceleration(x, y, z, t, mass):
+        x += 1.0
+        return -sk.G * mass / (x * y * z), -y, -z
+
+
+def test_a_careless_potential():
+    found = report(Careless)
+    assert {"rejects unknown fields", "is frozen", "arrays in arrays out", "is finite"} <= set(found)
+    assert found["arrays in arrays out"] == "acceleration changes the positions it is given"
+
+
+def plain_helper(r2):
+    return 1.0 / (r2 + 1.0)
+
+
+class Uncompilable(sk.Potential):
+    """Calls a function that is not compiled."""
+
+    kind = "uncompilable"
+    mass: sk.Mass = Field(default=1e9, description="Mass.")
+
+    @staticmethod
+    def acceleration(x, y, z, t, mass):
+        k = -sk.G * mass * plain_helper(x * x + y * y + z * z)
+        return k * x, k * y, k * z
+
+
+def test_a_body_that_does_not_compile():
+    found = report(Uncompilable)
+    assert set(found) == {"engine agrees with numpy", "engine adds"}
+    assert "plain_helper" in found["engine adds"]
+    assert "\n" not in found["engine adds"]
+
+
+class Unwritten(sk.Potential):
+    """Has no example for its field."""
+
+    kind = "unwritten"
+    mass: sk.Mass = Field(description="Mass.")
+
+    @staticmethod
+    def acceleration(x, y, z, t, mass):
+        return -x * mass, -y * mass, -z * mass
+
+
+def test_an_example_that_does_not_validate_is_the_first_thing_said():
+    with pytest.raises(AssertionError, match=r"Unwritten\(\*\*Unwritten.example\) raised 1 validation error .*\nmass"):
+        check(Unwritten)
+
+
+class Dice(sk.Stripping):
+    """Draws its own numbers, mixes the particles, swaps the tails and kicks along the x axis."""
+
+    kind = "dice"
+    draws = 1
+    length: float = Field(default=1.0, description="A length.")
+
+    def times(self, orbit):
+        return super().times(orbit)[:-1]
+
+    def release(self, orbit, tail, mass, normals):
+        q = orbit.q - tail * orbit.r_tidal * orbit.frame[0] + normals.mean()
+        v = orbit.v + np.random.default_rng().normal(size=orbit.v.shape)
+        v[0] += 50.0
+        return sk.Release(q, v)
+
+
+def test_a_scheme_that_throws_dice():
+    found = report(Dice)
+    assert set(found) == {
+        "fields are described", "releases as many as asked", "chance is an argument",
+        "tails lie on their sides", "turns with the orbit",
+    }  # fmt: skip
+    assert found["releases as many as asked"] == "2 particles asked for, times has shape (1,)"
+    assert found["fields are described"].startswith("plain float: length")
+
+
+class Euler(sk.Integrator):
+    """First order, declared as second; forgets the particles' own times; steps depend on their number."""
+
+    kind = "euler"
+    order = 2
+    step: sk.Duration = Field(default=0.001, description="Step.")
+
+    def advance(self, field, q, v, t0, t1):
+        if q.shape[1] == 0:
+            return
+        steps = int(np.ceil((t1 - t0[0]) / (self.step * sk.GYR))) + q.shape[1] % 7
+        h = (t1 - t0[0]) / steps
+        for i in range(steps):
+            a = field.acceleration(t0[0] + i * h, q)
+            q += h * v
+            v += h * a
+
+
+def test_an_integrator_of_lower_order_than_it_says():
+    found = report(Euler)
+    assert {"reaches its order", "takes any number", "takes releases off the grid"} <= set(found)
+    assert float(found["reaches its order"].split("measured ")[1].split()[0]) == pytest.approx(1.0, abs=0.3)
+
+
+class Coarse(sk.Integrator):
+    """Takes one leapfrog step per block, however long."""
+
+    kind = "coarse"
+    order = 2
+
+    def advance(self, field, q, v, t0, t1):
+        h = t1 - t0
+        q += 0.5 * h * v
+        v += h * field.acceleration(t0 + 0.5 * h, q)
+        q += 0.5 * h * v
+
+
+def test_an_integrator_that_misses_its_accuracy():
+    assert "fixed: relative error" in report(Coarse)["reaches its accuracy"]
+    check(Coarse, accuracy=0.5)
+
+
+class Hasty(sk.Observable):
+    """Divides by what may be nothing, looks at the first particle and writes into the stream."""
+
+    kind = "hasty"
+
+    def predict(self, stream):
+        mean = np.array([stream.r[0] + stream.r.sum() / len(stream), stream.r[stream.arm > 0].mean()])
+        stream.chi[:] = 0.0
+        return sk.Prediction(("first", "leading"), mean, np.array([-1.0, 0.0]))
+
+    def data(self):
+        return np.zeros(2), np.array([1.0, -1.0])
+
+
+def test_an_observable_in_a_hurry():
+    found = report(Hasty)
+    assert set(found) == {
+        "has a fixed length", "measures a stream", "does not care for the order", "leaves the stream alone",
+        "says why not",
+    }  # fmt: skip
+    assert "for a stream with no particles" in found["says why not"]
+
+
+def test_only_components_can_be_checked():
+    with pytest.raises(AssertionError, match="is no potential, stripping scheme, integrator or observable"):
+        check(sk.Component)
+
+
+def test_fields_of_a_potential_must_carry_units():
+    with pytest.raises(sk.PluginError, match="every field of a potential must be a number with a unit"):
+
+        class Bare(sk.Potential):
+            """Nothing."""
+
+            kind = "bare"
+            width: float = 1.0
+
+            @staticmethod
+            def acceleration(x, y, z, t):
+                return x, y, z

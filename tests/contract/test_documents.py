@@ -1,0 +1,293 @@
+"""If it is written, it runs: the code, run files and commands of the documents."""
+
+import ast
+import inspect
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable
+from importlib import import_module
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+from commands import call
+from documents import DOCUMENTS, ROOT, Block, blocks, lay_desk
+from runfiles import BASE
+from snapshots import model_stream, nbody_stream
+
+import streamkit as sk
+from streamkit.builtin.apocentres import Apocentres
+from streamkit.cli.main import main
+from streamkit.components import Component, load_registry
+from streamkit.spec import to_toml
+from streamkit.study.fit.directory import PRODUCTS
+from streamkit.testing import __all__, check
+
+README, CONTRIBUTING = DOCUMENTS[0], DOCUMENTS[1]
+SHELL = [block for language in ("sh", "console", "") for block in blocks(language)]
+PLUGIN_BLOCKS = [block for block in blocks("python") if "@hookimpl" in block.text]
+PLAIN_BLOCKS = [block for block in blocks("python") if "@hookimpl" not in block.text]
+
+
+def commands(block: Block) -> list[str]:
+    """The command lines of a shell block, without prompts and comments."""
+    lines = [line.removeprefix("$ ").strip() for line in block.text.splitlines()]
+    return [line for line in lines if line and not line.startswith("#")]
+
+
+def streamkit_arguments(line: str) -> list[list[str]]:
+    """The arguments of every streamkit command in a line."""
+    parts = [shlex.split(part, comments=True) for part in line.split("&&")]
+    return [part[1:] for part in parts if part and Path(part[0]).name == "streamkit"]
+
+
+CALLS = [
+    pytest.param(arguments, id=f"{block} {shlex.join(arguments[:2])}")
+    for block in SHELL
+    for line in commands(block)
+    for arguments in streamkit_arguments(line)
+]
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    where = tmp_path_factory.mktemp("desk")
+    lay_desk(where)
+    return where
+
+
+def run_in(desk: Path, *command: str | Path) -> str:
+    done = subprocess.run(
+        [sys.executable, *command], cwd=desk, capture_output=True, text=True, timeout=300,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+@pytest.mark.parametrize("arguments", CALLS)
+def test_every_command_line_parses(arguments: list[str]) -> None:
+    name, *rest = arguments
+    main.commands[name].make_context(name, rest)
+
+
+def test_the_commands_of_the_readme_run_in_their_order(desk: Path) -> None:
+    done = set()
+    for block in blocks("console", README):
+        for line in commands(block):
+            for arguments in streamkit_arguments(line):
+                shorter = re.sub(r"--steps \d+", "--steps 6", shlex.join(arguments))
+                assert run_in(desk, "-m", "streamkit", *shlex.split(shorter))
+                done.add(arguments[0])
+    assert done == set(main.commands)  # the README shows every command
+    out = desk / "out-sagittarius"
+    found = {path.name for path in out.iterdir() if not path.name.startswith(".")}
+    assert found == set(PRODUCTS)
+    assert all(f"`{name}`" in README.read_text() for name in found)
+
+
+def test_the_programs_of_the_readme_run(desk: Path) -> None:
+    shown = blocks("python", README)
+    assert shown
+    script = desk / "readme.py"
+    script.write_text("\n".join(block.text for block in shown))
+    printed = run_in(desk, "-W", "error", script)
+    assert "potential.v0" in printed  # the summary
+    assert "200.0" in printed  # the last radius of the mass profile
+    assert len([line for line in shown[0].text.splitlines() if line]) <= 10  # a fit from Python in ten lines
+
+
+@pytest.mark.parametrize("block", [b for b in PLAIN_BLOCKS if b.document != README], ids=str)
+def test_a_python_block_runs(block: Block, desk: Path) -> None:
+    run_in(desk, "-W", "error", "-c", block.text)
+
+
+@pytest.fixture
+def shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Block], list[type[Component]]]:
+    """Write a block to a module, load it as a plugin file, and return its components."""
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def load(block: Block) -> list[type[Component]]:
+        path = tmp_path / f"shown_{block.line}.py"
+        path.write_text(block.text)
+        known = load_registry([path])
+        suppliers = [entry.supplier for kinds in known.entries.values() for entry in kinds.values()]
+        classes: list[type[Component]] = import_module(path.stem).streamkit_components()
+        assert len([name for name in suppliers if path.name in name]) == len(classes) == 1
+        return classes
+
+    return load
+
+
+@pytest.mark.parametrize("block", PLUGIN_BLOCKS, ids=str)
+def test_a_plugin_block_loads_as_a_file_and_conforms(
+    block: Block, shown: Callable[[Block], list[type[Component]]]
+) -> None:
+    for cls in shown(block):
+        check(cls)
+
+
+def test_a_plugin_file_works_in_a_second_process(tmp_path: Path) -> None:
+    """Numba looks for a kernel's module by name when it reads the machine code back from the disk."""
+    (tmp_path / "my_potential.py").write_text(PLUGIN_BLOCKS[0].text + "# a file of its own")
+    host = {"kind": "jaffe", "mass": 1e12, "a": 80.0}
+    document = {"plugins": ["my_potential.py"]} | BASE | {"potential": host}
+    (tmp_path / "run.toml").write_text(to_toml(document))
+    first, second = (run_in(tmp_path, "-m", "streamkit", "stream", "run.toml") for _ in range(2))
+    assert first.split("CPU time")[0] == second.split("CPU time")[0]
+
+
+def test_contributing_shows_how_to_write_each_kind_of_component(
+    shown: Callable[[Block], list[type[Component]]],
+) -> None:
+    roles = {cls.role for block in PLUGIN_BLOCKS for cls in shown(block)}
+    assert roles == {"potential", "stripping", "integrator", "observable"}
+
+
+def test_the_package_shown_is_the_one_that_is_tested() -> None:
+    package = ROOT / "tests" / "third_party"
+    assert (package / "pyproject.toml").read_text() in [block.text for block in blocks("toml", CONTRIBUTING)]
+    assert (package / "streamkit_jaffe.py").read_text() in [block.text for block in PLUGIN_BLOCKS]
+
+
+def fragments(document: Path) -> list[tuple[Block, dict[str, Any]]]:
+    parsed = [(block, tomllib.loads(block.text)) for block in blocks("toml", document)]
+    return [(block, table) for block, table in parsed if "project" not in table]
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.parent.name)
+def test_every_part_of_a_run_file_is_valid(document: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "my_potential.py").write_text(PLUGIN_BLOCKS[0].text)
+    monkeypatch.chdir(tmp_path)
+    for _, table in fragments(document):
+        assert sk.load(BASE | table).names
+
+
+def test_the_run_file_explained_is_the_example() -> None:
+    whole: dict[str, Any] = {}
+    for _, table in fragments(README):
+        whole |= table
+    example = sk.load(ROOT / "examples" / "sagittarius.toml").document
+    explained = sk.load(whole).document
+    assert set(explained) == set(example)
+    for section in ("sun", "progenitor", "stripping", "observable", "likelihood"):
+        assert explained[section] == example[section], section
+
+
+def test_the_second_command_line_is_what_ci_runs() -> None:
+    first, second, *_ = (commands(block) for block in blocks("sh", README))
+    assert len(first) == len(second) == 1
+    script = ROOT / ".ci" / "run"
+    assert script.read_text().splitlines()[-1] == second[0]
+    assert "set -euo pipefail" in script.read_text()
+    assert os.access(script, os.X_OK)
+    assert "--quick" in first[0]
+
+
+def test_the_set_up_names_what_exists() -> None:
+    extras = {}
+    for project in [ROOT, *ROOT.glob("plugins/*")]:
+        found = tomllib.loads((project / "pyproject.toml").read_text())["project"]
+        extras[project.resolve()] = set(found.get("optional-dependencies", {}))
+    for block in SHELL:
+        for line in commands(block):
+            for part in line.split("&&"):
+                words = shlex.split(part, comments=True)
+                if "install" in words:
+                    for word in (w for w in words[words.index("install") + 1 :] if not w.startswith("-")):
+                        path, _, extra = word.rstrip("]").partition("[")
+                        assert (ROOT / path).resolve() in extras, line
+                        assert not extra or extra in extras[(ROOT / path).resolve()], line
+                if words and Path(words[0]).name in ("pytest", "python"):
+                    paths = [word for word in words[1:] if "/" in word or word in ("tests", "plugins")]
+                    assert paths, line
+                    assert all((ROOT / path).exists() for path in paths), line
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.parent.name)
+def test_links_lead_somewhere(document: Path) -> None:
+    for target in re.findall(r"\]\(([^)#]+)\)", document.read_text(encoding="utf-8")):
+        assert target.startswith("https://") or (document.parent / target).exists(), target
+
+
+def test_the_table_of_the_two_rules_is_what_comes_out() -> None:
+    """Within the noise of 10 000 particles (the README's are 20 000)."""
+    text = README.read_text(encoding="utf-8")
+    streams = {
+        "N-body": nbody_stream("B"),
+        "mLCS": model_stream("B"),
+        "mLCS without the progenitor's gravity": model_stream("B", progenitor_gravity=False),
+    }
+    for name, stream in streams.items():
+        row = re.search(rf"^\| {re.escape(name)} \|(.*)\|$", text, re.MULTILINE)
+        assert row is not None, name
+        stated = [float(cell.split()[0]) for cell in row[1].split("|")]
+        literal = Apocentres(recent_debris="literal").predict(stream).mean
+        aware = Apocentres(recent_debris="epoch_aware").predict(stream).mean
+        turning = Apocentres(recent_debris="turning").predict(stream).mean
+        found = [literal[0], literal[1], aware[1], turning[1], aware[2], turning[2]]
+        assert stated == pytest.approx(found, abs=0.06 if name == "N-body" else 1.0), name
+
+
+def test_every_component_is_in_a_readme() -> None:
+    text = "\n".join(document.read_text(encoding="utf-8") for document in DOCUMENTS)
+    for kinds in load_registry().entries.values():
+        for kind in kinds:
+            assert f"`{kind}`" in text or f'"{kind}"' in text, kind
+
+
+def test_contributing_names_the_hook_the_bases_and_the_number_types() -> None:
+    text = CONTRIBUTING.read_text(encoding="utf-8")
+    assert "`streamkit_components`" in text
+    public = {name: getattr(sk, name) for name in sk.__all__}
+    components = [v for v in public.values() if inspect.isclass(v) and issubclass(v, Component)]
+    bases = [cls.__name__ for cls in components if cls is not Component]
+    numbers = [n for n, v in vars(import_module("streamkit.units")).items() if hasattr(v, "__metadata__")]
+    assert len(bases) == 4
+    assert len(numbers) > 10
+    assert set(numbers) <= set(sk.__all__)
+    for name in (*bases, *numbers, *__all__[:1]):
+        assert re.search(rf"`{name}`", text), name
+
+
+def test_the_map_names_every_file() -> None:
+    text = CONTRIBUTING.read_text(encoding="utf-8")
+    package = Path(sk.__file__).parent
+    files = [path.name for path in package.glob("*.py") if path.name != "__main__.py"]
+    folders = [f"{path.name}/" for path in package.iterdir() if (path / "__init__.py").exists()]
+    missing = [name for name in (*files, *folders) if not re.search(rf"[`/]{re.escape(name)}`", text)]
+    assert not missing, f"not in CONTRIBUTING's map: {missing}"
+    named = re.findall(r"`(\w+\.py)`", text)
+    assert all((package / name).exists() for name in named), named
+
+
+def documented_constants(module: str) -> set[str]:
+    """Names that are assigned in a module with a docstring on the next line."""
+    body = ast.parse(inspect.getsource(import_module(module))).body
+    found = set()
+    for statement, following in pairwise(body):
+        text = following.value if isinstance(following, ast.Expr) else None
+        if isinstance(statement, ast.Assign) and isinstance(text, ast.Constant):
+            found |= {n.id for t in statement.targets for n in ast.walk(t) if isinstance(n, ast.Name)}
+    return found
+
+
+def test_every_public_name_has_a_docstring() -> None:
+    constants = documented_constants("streamkit.units") | documented_constants("streamkit.stream.arrays")
+    for name in sk.__all__:
+        value = getattr(sk, name)
+        own = inspect.isclass(value) or inspect.isfunction(value)
+        if name == "hookimpl":  # pluggy's own marker
+            continue
+        assert inspect.getdoc(value) if own else name in constants, name
+
+
+def test_the_help_of_every_command_names_what_it_does() -> None:
+    for name, command in main.commands.items():
+        assert command.help, name
+        assert call(name, "--help").exit_code == 0

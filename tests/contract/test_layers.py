@@ -1,0 +1,162 @@
+"""The architecture: packages in layers, entered by their doors; one place caches; the door opens fast."""
+
+import ast
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+import streamkit
+
+PACKAGE = Path(streamkit.__file__).parent
+ROOT = PACKAGE.parent
+SOURCES = sorted(PACKAGE.rglob("*.py"))
+PLUGINS = sorted((ROOT / "plugins").rglob("*.py")) + sorted((ROOT / "tests" / "third_party").rglob("*.py"))
+
+LAYERS = (
+    {"__main__"},
+    {"cli"},
+    {"study.fit", "study.ablation", "study.sensitivity", "study.preflight"},
+    {"sample", "nbody"},
+    {"model", "report"},
+    {"observe", "spec"},
+    {"components"},
+    {"engine"},
+    {"stream"},
+    {"errors", "units", "elementary"},
+)
+"""From the top to the bottom. A package imports from those below it, and nothing beside or above."""
+
+OUTSIDE = {"builtin", "testing"}
+"""What stands beside the layers: it uses the doors, and nothing else, and no layer imports it."""
+DOORS = {"", "engine"}
+"""What built-ins, the conformance kit and plugins may use: `streamkit` and `streamkit.engine`."""
+
+
+def module_of(file):
+    """Dotted name inside the package: ``builtin.potentials``; a package is its own name."""
+    parts = file.relative_to(PACKAGE).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {module_of(file) for file in SOURCES}
+
+
+def package_of(module):
+    """The room that a module stands in: ``spec``, ``study.fit``, or the module itself at the top level."""
+    parts = module.split(".")
+    return ".".join(parts[: 2 if parts[0] == "study" else 1])
+
+
+@cache
+def imports(file):
+    """Modules of streamkit that a file imports, at its top or inside functions, by dotted name."""
+    found = set()
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{file.name}: relative import"
+            for alias in node.names:
+                inner = f"{node.module}.{alias.name}"
+                found.add(inner if inner.removeprefix("streamkit.") in MODULES else node.module)
+    ours = {name for name in found if name.split(".")[0] == "streamkit"}
+    return {name.removeprefix("streamkit").removeprefix(".") for name in ours}
+
+
+GRAPH = {module_of(file): imports(file) for file in SOURCES}
+INSIDE = sorted(m for m in GRAPH if m and package_of(m) not in OUTSIDE)
+
+
+def test_every_package_has_a_layer():
+    named = set().union(*LAYERS) | OUTSIDE | {"study"}
+    assert {package_of(module) for module in MODULES if module} == named
+
+
+@pytest.mark.parametrize("module", INSIDE)
+def test_imports_point_down_and_enter_by_the_door(module):
+    """Another package by its door; the whole door of streamkit for commands alone, which stand on top."""
+    own = package_of(module)
+    (level,) = (i for i, names in enumerate(LAYERS) if own in names) if own != "study" else (0,)
+    below = set().union(*LAYERS[level + 1 :])
+    for other in GRAPH[module]:
+        if package_of(other) == own:
+            continue
+        if other == "":
+            assert own == "cli", f"{module} imports all of streamkit"
+            continue
+        assert package_of(other) in below, f"{module} imports {other}, which is not below it"
+        entered = other == package_of(other) or own == "__main__"
+        assert entered, f"{module} reaches into {other}: take it from the door of {package_of(other)}"
+
+
+def test_no_circles():
+    for module in INSIDE:
+        seen, todo = set(), {m for m in GRAPH[module] if m in GRAPH}
+        while todo:
+            name = todo.pop()
+            seen.add(name)
+            todo |= {m for m in GRAPH.get(name, ()) if m} - seen
+        assert module not in seen, f"{module} imports itself in a circle"
+
+
+@pytest.mark.parametrize("package", sorted(OUTSIDE))
+def test_built_ins_use_the_doors_only(package):
+    for file in SOURCES:
+        name = module_of(file)
+        if package_of(name) == package:
+            strange = {m for m in imports(file) if m not in DOORS and package_of(m) != package}
+            assert not strange, f"{name} imports {strange}"
+
+
+@pytest.mark.parametrize("package", sorted(p.parent for p in PACKAGE.rglob("__init__.pyi")), ids=lambda p: p.name)
+def test_a_door_opens_on_what_exists(package):
+    """Every name of a door is there, and a door that is asked for another one says so."""
+    door = ".".join(("streamkit", *package.relative_to(PACKAGE).parts))
+    module = __import__(door, fromlist=["_"])
+    for name in module.__all__:
+        assert getattr(module, name) is not None
+        assert name in dir(module)
+    with pytest.raises(AttributeError, match="attribute"):
+        module.no_such_name  # noqa: B018
+
+
+def test_plugins_use_the_doors_only():
+    """Plugins that bring components; streamkit-nbody brings a command, which stands on top of everything."""
+    components = [file for file in PLUGINS if "streamkit-nbody" not in file.parts]
+    assert components
+    for file in components:
+        allowed = DOORS | ({"testing"} if file.name.startswith("test_") else set())
+        strange = imports(file) - allowed
+        assert not strange, f"{file.name} imports {strange}"
+
+
+def test_no_file_is_longer_than_400_lines():
+    files = [*SOURCES, *PLUGINS, *(ROOT / "tests").rglob("*.py"), *(ROOT / "examples").rglob("*.py")]
+    long = {f.name: n for f in files if (n := len(f.read_text(encoding="utf-8").splitlines())) > 400}
+    assert not long
+
+
+def test_numbas_own_cache_is_not_used():
+    """It misses changes in other files: what is cached goes through engine/cache.py, keyed by content."""
+    for file in SOURCES:
+        calls = [n for n in ast.walk(ast.parse(file.read_text(encoding="utf-8"))) if isinstance(n, ast.Call)]
+        assert not any(keyword.arg == "cache" for call in calls for keyword in call.keywords), file.name
+
+
+def test_the_door_is_light():
+    """Naming a component or writing a plugin needs neither the compiler nor the plots."""
+    heavy = ("numba", "astropy", "emcee", "matplotlib", "scipy", "h5py", "corner")
+    code = f"import sys, streamkit; print([m for m in {heavy!r} if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_every_public_name_is_there():
+    assert len(set(streamkit.__all__)) == len(streamkit.__all__)
+    for name in streamkit.__all__:
+        assert getattr(streamkit, name) is not None
+    with pytest.raises(AttributeError, match="Potentiel"):
+        streamkit.Potentiel  # noqa: B018

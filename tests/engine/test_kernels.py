@@ -1,0 +1,162 @@
+"""From an `acceleration` to machine code: the elementary functions, and the disk cache keyed by content."""
+
+import importlib.util
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from numba import njit
+
+import streamkit as sk
+from streamkit.engine.kernels import content_digest
+
+
+@njit
+def compiled_log(x):
+    return sk.log(x)
+
+
+@njit
+def compiled_exp(x):
+    return sk.exp(x)
+
+
+@njit
+def compiled_power(x, y):
+    return sk.power(x, y)
+
+
+@njit
+def compiled_sqrt(x):
+    return sk.sqrt(x)
+
+
+def apply(function, *columns):
+    return np.array([function(*map(float, row)) for row in zip(*columns, strict=True)])
+
+
+def test_compiled_log_is_numpys():
+    step = np.geomspace(1e-15, 0.4, 400)
+    near = 1.0 + np.concatenate([-step, step])
+    for x in (np.geomspace(1e-300, 1e300, 4000), near):
+        assert np.allclose(apply(compiled_log, x), np.log(x), rtol=1e-14, atol=0)
+
+
+def test_compiled_exp_is_numpys():
+    x = np.concatenate([np.linspace(-700, 700, 4001), np.linspace(-1e-3, 1e-3, 101)])
+    assert np.allclose(apply(compiled_exp, x), np.exp(x), rtol=1e-14, atol=0)
+
+
+def test_compiled_power_is_numpys():
+    """exp(y ln x) loses |y ln x| units in the last place; the powers in potentials are small."""
+    rng = np.random.default_rng(3)
+    x, y = 10.0 ** rng.uniform(-6, 6, 2000), rng.uniform(-3, 3, 2000)
+    error = np.abs(apply(compiled_power, x, y) / x**y - 1)
+    assert (error <= 1e-14 + 3e-16 * np.abs(y * np.log(x))).all()
+    assert np.allclose(sk.power(x, y), x**y, rtol=1e-13)
+
+
+def test_compiled_sqrt_is_numpys():
+    x = np.geomspace(1e-300, 1e300, 1000)
+    assert np.array_equal(apply(compiled_sqrt, x), np.sqrt(x))
+
+
+CONSTANT = """
+from numba import njit
+from pydantic import Field
+from streamkit import G, Mass, Potential
+
+SCALE = {scale}
+
+@njit
+def helper(r2):
+    return SCALE * G / r2
+
+class Point(Potential):
+    \"\"\"A point of adjustable strength.\"\"\"
+
+    kind = "point"
+    mass: Mass = Field(default=1e11, description="Mass.")
+
+    @staticmethod
+    def acceleration(x, y, z, t, mass):
+        \"\"\"Return the acceleration.\"\"\"
+        r2 = x * x + y * y + z * z
+        k = -{inline} * helper(r2) * mass / r2**0.5
+        return k * x, k * y, k * z
+"""
+PROBE = """
+import ctypes
+import numba
+import numpy as np
+import point
+from streamkit.engine.kernels import compiled_kernel, content_digest
+from streamkit.engine.loops import ROW
+numba.config.CACHE_DIR = "cache"  # for the kernel alone: the loops have been loaded by now
+kernel = compiled_kernel(point.Point)
+q, a = np.zeros(3 * ROW), np.full(3 * ROW, np.nan)  # a is replaced
+q[0], q[ROW] = 3.0, 4.0
+arrays = [np.zeros(1), np.array([1e11]), np.zeros(3), q, a]
+kernel.ctypes(1, *(a.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for a in arrays), 1)
+print(content_digest(point.Point.acceleration, 1), arrays[4][0].hex(), kernel.cache_hits)
+"""
+
+
+def probe(folder):
+    """Digest, acceleration along x, and whether the machine code came from the disk, in a fresh process."""
+    environment = {**os.environ, "PYTHONPATH": str(folder)}
+    done = subprocess.run([sys.executable, "-c", PROBE], env=environment, capture_output=True, text=True, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    digest, value, hits = done.stdout.split()
+    return digest, float.fromhex(value), int(hits)
+
+
+def test_kernels_are_cached_by_content(tmp_path):
+    """The same text gives the same machine code from the disk; a changed constant elsewhere does not."""
+    file = tmp_path / "point.py"
+    expected = -sk.G * 1e11 * 3.0 / 125.0
+    file.write_text(CONSTANT.format(scale=1.0, inline=1.0))
+    digest, value, hits = probe(tmp_path)
+    assert value == pytest.approx(expected, rel=1e-12)
+    assert hits == 0
+    assert probe(tmp_path) == (digest, value, 1)
+    file.write_text(CONSTANT.format(scale=2.0, inline=1.0))
+    other, value, hits = probe(tmp_path)
+    assert value == pytest.approx(2 * expected, rel=1e-12)
+    assert hits == 0
+    assert other != digest
+
+
+def digest_of(file, text):
+    """Digest of the class Point in a file with this text."""
+    file.write_text(text)
+    spec = importlib.util.spec_from_file_location(file.stem, file)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return content_digest(module.Point.acceleration, 1)
+
+
+def test_the_digest_follows_the_content_and_not_the_place(tmp_path):
+    text = CONSTANT.format(scale=1.0, inline=1.0)
+    (tmp_path / "elsewhere").mkdir()
+    places = (tmp_path / "one.py", text), (tmp_path / "elsewhere" / "one.py", "\n\n# moved\n" + text)
+    same = {digest_of(*place) for place in places}
+    assert len(same) == 1
+    changes = (
+        CONSTANT.format(scale=2.0, inline=1.0),
+        CONSTANT.format(scale=1.0, inline=2.0),
+        text.replace("r2**0.5", "r2**0.75"),
+        text.replace("x * x + y * y", "x * x - y * y"),
+        text.replace("helper(r2)", "helper(mass)"),
+    )
+    others = {digest_of(tmp_path / f"change{i}.py", change) for i, change in enumerate(changes)}
+    assert len(others) == len(changes)
+    assert None not in others
+    assert not same & others
+
+
+def test_what_cannot_be_described_is_not_cached():
+    table = [1.0, 2.0]
+    assert content_digest(lambda x: table[0] * x, 0) is None

@@ -1,0 +1,238 @@
+"""The moves on densities known in closed form or by quadrature: a wrong acceptance factor would fail."""
+
+import math
+
+import emcee
+import numpy as np
+import pytest
+from emcee.backends import Backend
+from scipy import stats
+from toys import Banana, banana_run
+
+from streamkit.observe import Data
+from streamkit.sample import ChainFile, Limits, Workers, autocorrelation_times
+from streamkit.sample.coordinates import Space
+from streamkit.sample.history import Trials
+from streamkit.sample.moves import HEAT, LEARNING, WARM, SurrogateMove, proposals
+from streamkit.sample.surrogate import learn
+from streamkit.spec import LogUniform, Normal, TruncatedNormal, Uniform
+
+PRIORS = (
+    Uniform(0, 1), Uniform(-1, 1), Normal(1, 2), LogUniform(0.1, 10), TruncatedNormal(0, 1, -0.5, math.inf),
+    Uniform(0.5, 8),
+)  # fmt: skip
+CENTRE, SD, RHO = np.array([0.1, -0.7]), np.array([0.3, 0.6]), 0.7
+INVERSE = np.linalg.inv(np.outer(SD, SD) * np.array([[1, RHO], [RHO, 1]]))
+
+
+def ln_prior(theta):
+    each = [[prior.lnpdf(x) for x in column] for prior, column in zip(PRIORS, theta.T, strict=True)]
+    return np.sum(each, axis=0)
+
+
+def ln_posterior(theta):
+    """A correlated Gaussian cut by two uniform priors, and N(2, 1) times the normal prior."""
+    x = theta[:, :2] - CENTRE
+    return ln_prior(theta) - 0.5 * np.einsum("ni,ij,nj->n", x, INVERSE, x) - 0.5 * (theta[:, 2] - 2) ** 2
+
+
+def wrong_surrogate():
+    """Learned from data that are off by more than half a standard error."""
+    rng = np.random.default_rng(8)
+    theta = np.stack([prior.sample(rng, 400) for prior in PRIORS], axis=1)
+    root = np.linalg.cholesky(INVERSE)
+    mean = np.column_stack([(theta[:, :2] - CENTRE) @ root, theta[:, 2] - 2])
+    data = Data(np.array([0.6, -0.6, 0.8]), np.ones(3))
+    surrogate = learn(Space(PRIORS).to(theta), mean, np.zeros_like(mean), data)
+    assert surrogate is not None
+    return surrogate
+
+
+def sampled(move, ln_density, steps, last=True):
+    rng = np.random.default_rng(4)
+    start = np.stack([prior.sample(rng, 30) for prior in PRIORS], axis=1)
+    if isinstance(move, SurrogateMove):
+        move.learn(wrong_surrogate(), 30, seed=7, last=last)
+    sampler = emcee.EnsembleSampler(30, len(PRIORS), ln_density, moves=move, vectorize=True)
+    sampler.run_mcmc(emcee.State(start, random_state=np.random.RandomState(6).get_state()), steps)
+    found = sampler.get_chain(discard=steps // 10)
+    assert np.isfinite(ln_prior(found[::50].reshape(-1, len(PRIORS)))).all()  # never outside
+    return found
+
+
+def check_moments(chain, expected, precision=0.03):
+    """Means of columns (steps, walkers, m) within 4.5 standard errors."""
+    flat = chain.reshape(-1, chain.shape[2])
+    error = flat.std(axis=0) * np.sqrt(autocorrelation_times(chain) / len(flat))
+    assert (error < precision * flat.std(axis=0)).all()
+    np.testing.assert_array_less(np.abs(flat.mean(axis=0) - expected) / error, 4.5)
+
+
+MOVES = [move for move, _ in proposals("surrogate", PRIORS)]
+
+
+@pytest.mark.parametrize("move", MOVES[1:], ids=["best", "third", "one"])
+def test_every_move_alone_samples_the_prior(move):
+    found = sampled(move, ln_prior, 8000)
+    exact = [
+        stats.uniform(0, 1), stats.uniform(-1, 2), stats.norm(1, 2), stats.loguniform(0.1, 10),
+        stats.truncnorm(-0.5, np.inf), stats.uniform(0.5, 7.5),
+    ]  # fmt: skip
+    u = np.stack([density.cdf(found[..., i]) for i, density in enumerate(exact)], axis=2)
+    check_moments(u, 0.5)
+    check_moments(u**2, 1 / 3)
+    check_moments((u < 0.1).astype(float), 0.1)
+    check_moments((u > 0.9).astype(float), 0.1)
+
+
+@pytest.mark.parametrize(
+    ("move", "steps", "last"),
+    [(MOVES[0], 600, True), (MOVES[0], 900, False), (MOVES[1], 8000, True), (MOVES[2], 8000, True)],
+    ids=["surrogate", "hot replicas", "best", "third"],
+)
+def test_every_move_alone_samples_a_cut_gaussian(move, steps, last):
+    found = sampled(move, ln_posterior, steps, last)
+    a, b = np.meshgrid(np.linspace(0, 1, 1001), np.linspace(-1, 1, 1001), indexing="ij")
+    weight = np.exp(ln_posterior(np.stack([a, b, 0 * a + 1, 0 * a + 1, 0 * a, 0 * a + 1], axis=2).reshape(-1, 6)))
+    mean = [np.average(value.ravel(), weights=weight) for value in (a, b, a**2, b**2, a * b)]
+    x, y, z = found[..., 0], found[..., 1], found[..., 2]
+    # N(1, 2) times N(2, 1): precision 1.25, mean (1/4 + 2) / 1.25
+    log = np.log(found[..., 3]) / np.log(10)  # uniform between -1 and 1
+    flat = (found[..., 5] - 4.25) / 3.75  # walked in its logarithm, and uniform all the same
+    values = [x, y, x**2, y**2, x * y, z, (z - 1.8) ** 2, log, log**2, flat, flat**2]
+    check_moments(np.stack(values, axis=2), [*mean, 1.8, 0.8, 0, 1 / 3, 0, 1 / 3], 0.05)
+
+
+def test_an_exchange_gives_the_replica_the_walkers_place(monkeypatch):
+    monkeypatch.setattr("streamkit.sample.moves.EXCHANGES", 1.0)
+    (move, _), *_ = proposals("surrogate", PRIORS)
+    move.learn(wrong_surrogate(), 8, seed=7, last=True)
+    here = np.stack([prior.sample(np.random.default_rng(4), 8) for prior in PRIORS], axis=1)
+    there, _ = move.get_proposal(here, [], np.random.RandomState(1))
+    accepted = np.arange(8) % 3 == 0
+    state = emcee.State(here.copy(), log_prob=np.zeros(8))
+    move.update(state, emcee.State(there, log_prob=np.ones(8)), accepted, np.full(8, True))
+    np.testing.assert_array_equal(state.coords, np.where(accepted[:, None], there, here))
+    replicas = move.space.back(move.replicas)
+    for own, offered, taken in zip(here, there, accepted, strict=True):
+        held = [np.isclose(replicas, point).all(axis=1).any() for point in (own, offered)]
+        assert held == [taken, not taken]
+
+
+def test_replicas_are_hot_while_the_surrogate_learns():
+    """The third parameter is a Gaussian of variance 1 in the data and 4 in the prior: 1 / (1/4 + heat)."""
+    (move, _), *_ = proposals("surrogate", PRIORS)
+    for last in (False, True):
+        move.learn(wrong_surrogate(), 8, seed=7, last=last)
+        z = move.replicas[:, 2]
+        for i, heat in enumerate(HEAT):
+            expected = 1 / (0.25 + (WARM if last else heat))
+            assert np.var(z[i :: len(HEAT)]) == pytest.approx(expected, rel=0.6)  # 85 of them, and Student's tails
+
+
+def test_a_cubic_model_is_learned_exactly():
+    rng = np.random.default_rng(2)
+    y = rng.normal([3, -1, 1e8], [1, 0.1, 1e7], (200, 3))
+    x = (y - [3, -1, 1e8]) / [1, 0.1, 1e7]
+    mean = np.column_stack([x[:, 0] + x[:, 1] ** 2 * x[:, 2], x[:, 2] - x[:, 0] ** 3, np.full(200, 7.0)])
+    data = Data(np.array([0.5, 0.2, np.nan]), np.array([2.0, 3.0, 1.0]))
+    surrogate = learn(y, mean, np.ones((200, 3)), data)
+    assert surrogate is not None
+    near = np.abs(x).max(axis=1) < 1.2  # inside the cloud
+    chi2 = (((mean[near, :2] - [0.5, 0.2]) / [2, 3]) ** 2).sum(axis=1)
+    # Student's t of two data with 8 degrees of freedom
+    np.testing.assert_allclose(surrogate.ln_likelihood(y[near]), -5 * np.log(1 + chi2 / 8), atol=0.02)
+    noisy = learn(y, mean, np.ones((200, 3)), Data(data.values, data.errors, add_noise=True))
+    assert noisy is not None
+    np.testing.assert_allclose(noisy.variance, 1 + 1 / np.array([4, 9]), rtol=0.01)
+
+
+def test_where_there_is_no_observable_is_learned():
+    """Half of a plane has none: nearly forbidden there, and as before on the other side."""
+    y = np.random.default_rng(2).uniform(-2, 2, (900, 2))
+    data = Data(np.zeros(2), np.ones(2))
+    whole, half = (
+        learn(y, np.where(there[:, None], y, np.nan), np.zeros_like(y), data)
+        for there in (np.full(900, True), y[:, 0] > 0)
+    )
+    assert whole is not None
+    assert half is not None
+    inside, outside = (half.ln_likelihood(p) - whole.ln_likelihood(p) for p in (y[y[:, 0] > 0.6], y[y[:, 0] < -0.6]))
+    assert np.median(inside) > -0.1
+    assert np.median(outside) < -2
+    assert outside.max() < -1
+
+
+def test_the_odds_of_an_observable_are_learned():
+    """A chance that depends on the place, as the noise of a model's particles makes it: logistic, known."""
+    rng = np.random.default_rng(3)
+    y = rng.uniform(-2, 2, (6000, 2))
+    chance = 1 / (1 + np.exp(-(1.0 + 2.0 * y[:, 0] - y[:, 1] ** 2)))
+    there = rng.random(6000) < chance
+    learned = learn(y, np.where(there[:, None], y, np.nan), np.zeros_like(y), Data(np.zeros(2), np.ones(2)))
+    assert learned is not None
+    x = (y - learned.centre) @ learned.whiten
+    terms = np.column_stack([np.ones(6000), x, x[:, 0] ** 2, x[:, 0] * x[:, 1], x[:, 1] ** 2])
+    found = 1 / (1 + np.exp(-terms @ learned.exists))
+    assert np.abs(found - chance).mean() < 0.02  # the error of 6 coefficients from 6000 coins: 0.5 sqrt(6 / 6000)
+    assert np.abs(found - chance).max() < 0.1
+
+
+def test_too_little_to_learn_from():
+    y = np.random.default_rng(2).standard_normal((60, 3))
+    data = Data(np.zeros(1), np.ones(1))
+    assert learn(y[:12], y[:12, :1], y[:12, :1], data) is None
+    still = y * [1, 1, 0]
+    assert learn(still, still[:, :1], still[:, :1], data) is None
+
+
+def test_walks_on_the_surrogate_save_calls_and_keep_the_answer():
+    """Three parameters, two data, curved: expected values by quadrature."""
+    backend, plain = Backend(), Backend()
+    banana_run(backend, Limits(900, tau_factor=1e9), "surrogate")
+    banana_run(plain, Limits(900, tau_factor=1e9), "de")
+    kept, usual = backend.get_chain(discard=LEARNING[-1]), plain.get_chain(discard=LEARNING[-1])
+    grid = np.stack(np.meshgrid(*(np.linspace(-3, 3, 121),) * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    weight = np.exp([Banana().ln_likelihood(point) for point in grid])
+    expected = np.average(np.column_stack([grid, grid**2]), axis=0, weights=weight)
+    check_moments(np.concatenate([kept, kept**2], axis=2), expected, 0.06)
+    assert autocorrelation_times(kept).max() < 0.5 * autocorrelation_times(usual).max()
+
+
+def test_what_is_learned_from_is_all_that_was_tried(tmp_path):
+    """Refused proposals too, which the chain does not hold."""
+    file = ChainFile(str(tmp_path / "chain.h5"))
+    run, _ = banana_run(file, Limits(30), "surrogate")
+    pool = Workers({"full": Banana()})
+    kept = Trials(pool, LEARNING[-1], 16, 3, 2)
+    kept.load(file)
+    points, mean, variance = kept.until(30)
+    inside = run.totals()["calls"] - run.totals()["reasons"].get("outside the prior", 0)
+    found = (np.abs(points) <= 3).all(axis=1)
+    assert len(points) == 30 * 16
+    assert found.sum() == inside > 1.2 * len(np.unique(file.get_chain(flat=True), axis=0))
+    np.testing.assert_array_equal(mean[found], [Banana().mean(point) for point in points[found]])
+    assert not variance[found].any()
+    assert np.isnan(mean[~found]).all()
+    assert [len(part) for part in kept.until(0)] == [0, 0, 0]
+
+
+@pytest.mark.parametrize("stop", [17, 60])
+def test_a_chain_that_learns_is_resumed_bit_for_bit(tmp_path, stop):
+    whole, parts = (ChainFile(str(tmp_path / f"{name}.h5")) for name in ("whole", "parts"))
+    banana_run(whole, Limits(70), "surrogate")
+    banana_run(parts, Limits(stop), "surrogate")
+    banana_run(ChainFile(parts.filename), Limits(70), "surrogate", resume=True)
+    for name in ("get_chain", "get_log_prob", "get_blobs"):
+        np.testing.assert_array_equal(getattr(whole, name)(), getattr(parts, name)())
+
+
+def test_a_finished_chain_stays_finished():
+    backend = Backend()
+    run, status = banana_run(backend, Limits(9000, tau_factor=5), "de")
+    length = backend.iteration
+    assert (status, length < 9000) == ("converged", True)
+    with Workers({"full": Banana(), "cheap": Banana()}) as run.pool:
+        for steps in (length, 9000):  # nothing left to do, or more allowed than is needed
+            assert run.advance(Limits(steps, tau_factor=5)) == "converged"
+        assert backend.iteration == length

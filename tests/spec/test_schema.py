@@ -1,0 +1,48 @@
+"""The JSON Schema: accepts the examples, refuses what `load` refuses."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from runfiles import BASE, EXAMPLES, accepts, changed, error_of
+
+import streamkit as sk
+from streamkit.components import load_registry
+from streamkit.spec import json_schema
+
+
+@pytest.fixture(scope="module")
+def schema() -> dict[str, Any]:
+    return json_schema(load_registry())
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_examples_satisfy_the_schema(path: Path, schema: dict[str, Any]) -> None:
+    document = tomllib.loads(path.read_text())
+    assert accepts(schema, document, schema)
+    assert accepts(schema, sk.load(path).document, schema)
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        changed("potential", "r_s", 3),
+        changed("potential", "rs", -1),
+        changed("potential", "rs", ...),
+        changed("potential", "v0", {"unifrom": [1, 2]}),
+        changed("potential", "v0", {"uniform": [1, 2, 3]}),
+        changed("stripping", "kind", "mlsc"),
+        changed("stripping", "particles", "10"),
+        changed("stripping", ...),
+        changed("progenitor", "l", 3),
+        changed("progenitor", "kind", "tf"),
+        changed("version", 2),
+        changed("potenial", {}),
+        changed("observable", {"kind": "apocentres", "leading": [1]}),
+    ],
+)
+def test_the_schema_refuses_what_load_refuses(source: dict[str, Any], schema: dict[str, Any]) -> None:
+    assert accepts(schema, BASE, schema)
+    assert not accepts(schema, source, schema)
+    error_of(source)

@@ -1,0 +1,240 @@
+"""The command `ablate`: the grid, its tables and files, and what it refuses."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from astropy import units as u
+from astropy.table import QTable
+from commands import call, refused
+from snapshot_files import write_table
+from snapshots import DATA
+
+import streamkit as sk
+from streamkit.cli.ablate import read_variations
+from streamkit.study.ablation import PRODUCTS, variants_of
+from streamkit.study.ablation.runner import _make
+
+GRAVITY = "--vary=stripping.progenitor_gravity=true,false"
+HERE = ("--set=potential.v0=210", "--set=progenitor.mass=6.4e8", "--set=stripping.particles=600")
+
+
+def test_variations_are_read_as_a_run_file_reads_them() -> None:
+    found = read_variations(
+        ("stripping.kind=mlcs, streakline", "stripping.progenitor_gravity=true,false", "a.b=10 km/s,5",
+         "c=[1, 2],[3, 4]", "d='x, y',{ uniform = [1, 2] }")
+    )  # fmt: skip
+    assert found == {
+        "stripping.kind": ["mlcs", "streakline"],
+        "stripping.progenitor_gravity": [True, False],
+        "a.b": ["10 km/s", 5],
+        "c": [[1, 2], [3, 4]],
+        "d": ["x, y", {"uniform": [1, 2]}],
+    }
+
+
+def test_the_grid_has_every_combination(run_file: Path) -> None:
+    vary = {"stripping.kind": ["mlcs", "streakline"], "progenitor.mass": ["3e8 Msun", 6e8]}
+    variants = variants_of(sk.load(run_file), vary)
+    assert [v.label for v in variants] == [
+        "mlcs, mass = 3e8 Msun", "mlcs, mass = 6e+08", "streakline, mass = 3e8 Msun", "streakline, mass = 6e+08"
+    ]  # fmt: skip
+    setups = [v.spec.bind() for v in variants]
+    assert [s.stripping.kind for s in setups] == ["mlcs", "mlcs", "streakline", "streakline"]
+    assert [s.mass for s in setups] == [3e8, 6e8, 3e8, 6e8]
+
+
+@pytest.mark.parametrize("sigma", ["10 km/s", "7 km/s", {"uniform": [1, 20]}])
+def test_another_kind_starts_from_its_own_defaults_and_keeps_what_all_kinds_have(run_file: Path, sigma: object) -> None:
+    """Whatever sigma the file gives mLCS, Küpper's streakline has none."""
+    spec = sk.load(run_file).with_values({"stripping.sigma": sigma, "stripping.burst_fraction": 0.5})
+    mlcs, streakline = (v.spec.bind().stripping for v in variants_of(spec, {"stripping.kind": ["mlcs", "streakline"]}))
+    assert mlcs == spec.bind().stripping
+    assert streakline.model_dump() == {**streakline.model_dump(), "sigma": 0.0, "particles": 400, "burst_fraction": 0.5}
+    both = variants_of(spec, {"stripping.kind": ["mlcs", "streakline"], "stripping.sigma": [4.0]})
+    assert [v.spec.bind().stripping.model_dump()["sigma"] for v in both] == [4.0, 4.0]
+
+
+def test_it_writes_a_table_the_tracks_and_the_pictures(run_file: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    result = call("ablate", run_file, GRAVITY, *HERE, "--seeds", "2", "-o", out)
+    assert result.exit_code == 0, result.output
+    assert sorted(path.name for path in out.iterdir()) == sorted(PRODUCTS)
+    table = QTable.read(out / "ablation.ecsv")
+    assert table["variant"].tolist() == ["with progenitor gravity", "without progenitor gravity"]
+    assert table["stripping.progenitor_gravity"].tolist() == ["true", "false"]
+    assert table["streams"].tolist() == [2, 2]
+    assert table["track_leading"].unit == u.kpc
+    assert table["length_ratio"][0] == pytest.approx(1.0)
+    assert table["track_trailing"][0].value == 0
+    assert table["length_ratio"][1] < 0.7
+    assert (table["length_leading_sd"] > 0).all()
+    assert (table["cpu"] > 0).all()
+    assert table.meta["vary"] == {"stripping.progenitor_gravity": [True, False]}
+    assert table.meta["run_digest"] == sk.load(out / "ablation.toml").digest()
+    tracks = QTable.read(out / "tracks.ecsv")
+    assert set(tracks["variant"]) == set(table["variant"])
+    trailing = tracks[(tracks["arm"] == "trailing") & (tracks["variant"] == "with progenitor gravity")]
+    assert (trailing["angle"] <= 0).all()
+    both = tracks[tracks["variant"] == "with progenitor gravity"]
+    assert both["density"].sum().value == pytest.approx(1.0, abs=0.03)  # a kernel at the progenitor loses a little
+    for name in ("with progenitor gravity", "without", "len L", "precession", "pull"):
+        assert name in result.stdout
+
+
+def test_long_labels_become_numbers_with_a_list(run_file: Path, tmp_path: Path) -> None:
+    line = [f"--set=progenitor.{name}=0" for name in ("y", "z", "vy")]
+    result = call(
+        "ablate", run_file, "--vary=progenitor.vz=201,0", "--vary=stripping.release_times=uniform", GRAVITY, *HERE,
+        "-o", tmp_path / "out", *line,
+    )  # fmt: skip
+    lines = result.stdout.splitlines()
+    assert "  1  vz = 201, release_times = uniform, with progenitor gravity" in lines
+    assert "  4  vz = 0, release_times = uniform, without progenitor gravity" in lines
+    assert any(line.startswith("4: no stream: the progenitor moves on a line") for line in lines)
+    assert all(len(line) <= 100 for line in lines)
+
+
+def test_workers_do_not_change_the_numbers(run_file: Path, tmp_path: Path) -> None:
+    made = []
+    for workers in ("1", "2"):
+        out = tmp_path / workers
+        result = call("ablate", run_file, GRAVITY, *HERE, "--seeds=2", "--workers", workers, "-o", out, "-q")
+        assert result.exit_code == 0, result.output
+        assert result.stdout == ""
+        made.append(QTable.read(out / "ablation.ecsv"))
+    for name in made[0].colnames:
+        if not name.startswith("cpu"):
+            one, two = (np.asarray(table[name]) for table in made)
+            assert np.array_equal(one, two, equal_nan=one.dtype.kind == "f"), name
+
+
+def test_a_variant_without_a_stream_has_its_reason_and_the_others_their_results(run_file: Path, tmp_path: Path) -> None:
+    """On a line through the Galactic centre there is no orbital plane; 0.02 Gyr leave no one unbound."""
+    line = ("--set=progenitor.y=0", "--set=progenitor.z=0", "--set=progenitor.vy=0")
+    out = tmp_path / "out"
+    result = call(
+        "ablate", run_file, "--vary=progenitor.vz=0,201", "--vary=progenitor.lookback=0.02 Gyr,3.7 Gyr", *line, *HERE,
+        "-o", out,
+    )  # fmt: skip
+    assert result.exit_code == 0, result.output
+    table = QTable.read(out / "ablation.ecsv")
+    reasons = table["reason"].filled("").tolist()
+    assert ["line through the Galactic centre" in reason for reason in reasons] == [True, True, False, False]
+    assert reasons[3] == ""
+    assert table["streams"].tolist() == [0, 0, 1, 1]
+    assert np.isfinite(table["length_leading"][3])
+    assert "vz = 0, lookback = 3.7 Gyr: no stream: the progenitor moves on a line" in " ".join(result.stdout.split())
+
+
+def test_if_no_variant_has_a_stream_it_says_why(run_file: Path, tmp_path: Path) -> None:
+    line = [f"--set=progenitor.{name}=0" for name in ("y", "z", "vy", "vz")]
+    message = refused("ablate", run_file, "--vary=stripping.kind=mlcs,streakline", *line, "-o", tmp_path / "out")
+    assert "no variant has a stream. mlcs: no stream: the progenitor moves on a line" in message
+
+
+def test_an_interruption_keeps_what_is_finished(
+    run_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = _make
+
+    def make(spec: sk.Spec) -> object:
+        if not spec.bind().stripping.progenitor_gravity:
+            raise KeyboardInterrupt
+        return made(spec)
+
+    monkeypatch.setattr("streamkit.study.ablation.runner._make", make)
+    result = call("ablate", run_file, GRAVITY, *HERE, "-o", tmp_path / "out")
+    assert result.exit_code == 130
+    assert "interrupted; the tables hold what was finished" in result.stderr
+    table = QTable.read(tmp_path / "out" / "ablation.ecsv")
+    assert table["reason"].filled("").tolist() == ["", "interrupted"]
+    assert table["length_leading"][0] > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--vary=stripping.knd=mlcs,streakline"], "there is no field 'stripping.knd'. Did you mean 'stripping.kind'?"),
+        (["--vary=stripping.kind=mlcs,streaklin"], "variant 'streaklin': .*Did you mean 'streakline'?"),
+        (["--vary=stripping.progenitor_gravity=yes"], "found 'yes', expected true or false"),
+        (["--vary=progenitor.mass=1e8,1 kpc"], "variant 'mass = 1 kpc'.*expected a quantity in Msun"),
+        (["--vary=stripping.kind"], "expected PATH=V1,V2,..., such as stripping.kind=mlcs,streakline"),
+        (["--vary=stripping.kind=mlcs,"], "expected PATH=V1,V2,..."),
+        ([GRAVITY, GRAVITY], "stripping.progenitor_gravity: given twice"),
+        ([], "missing option '--vary'"),
+        ([GRAVITY, "--reference=none.npz"], "none.npz: there is no such file"),
+        ([GRAVITY, "--match-rate"], "--match-rate needs a --reference"),
+        ([GRAVITY, "--seeds=0"], "0 is not in the range x>=1"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_is_run(
+    run_file: Path, tmp_path: Path, arguments: list[str], message: str
+) -> None:
+    assert re.search(message.replace("?", r"\?").replace("...,", r"\.\.\.,"), refused("ablate", run_file, *arguments))
+    assert not list(tmp_path.glob("*-ablation"))
+
+
+def test_the_products_of_another_ablation_are_not_replaced(run_file: Path, tmp_path: Path) -> None:
+    out = tmp_path / "small-ablation"
+    out.mkdir()
+    (out / "ablation.ecsv").write_text("mine")
+    assert "holds an ablation already (ablation.ecsv). --force replaces it" in refused("ablate", run_file, GRAVITY)
+    assert (out / "ablation.ecsv").read_text() == "mine"
+    assert call("ablate", run_file, GRAVITY, *HERE, "--force", "-q").exit_code == 0
+    assert QTable.read(out / "ablation.ecsv")["variant"][0] == "with progenitor gravity"
+
+
+def nbody(path: Path, **changes: object) -> Path:
+    """The extract of mock 1, as a plain table."""
+    data = np.load(DATA / "nbody_B.npz")
+    orbit = data["orbit_txv"].copy()
+    orbit[:, 0] -= orbit[0, 0]
+    columns: dict[str, object] = dict(zip(("x", "y", "z", "vx", "vy", "vz"), [*data["x"], *data["v"]], strict=True))
+    meta = f'{{"units": "kpc, km/s, Gyr", "t_gyr": {orbit[-1, 0]}}}'
+    columns |= {
+        "t_strip": data["t_strip"] + orbit[-1, 0], "Lam_unwrapped_deg": data["winding"], "chi": data["chi"],
+        "orbit_txv": orbit, "meta": meta,
+    }  # fmt: skip
+    return write_table(path, **(columns | changes))
+
+
+def test_beside_a_snapshot_the_reference_has_its_own_row(run_file: Path, tmp_path: Path) -> None:
+    """Mock 1 at 2000 particles: lengths within 10 %, the N-body's apocentres by the N-body simulation's own README."""
+    result = call(
+        "ablate", run_file, GRAVITY, *HERE[:2], "--set=stripping.particles=2000",
+        "--set=observable.recent_debris=epoch_aware", "--reference", nbody(tmp_path / "b.npz"), "-o", tmp_path / "out",
+    )  # fmt: skip
+    assert result.exit_code == 0, result.output
+    table = QTable.read(tmp_path / "out" / "ablation.ecsv")
+    assert table["variant"].tolist() == ["reference", "with progenitor gravity", "without progenitor gravity"]
+    assert table["observable_leading"][0] == pytest.approx(57.0, abs=1.0)
+    assert table["observable_trailing"][0] == pytest.approx(96.2, abs=1.0)
+    assert table["length_ratio"][1] == pytest.approx(1.0, abs=0.1)
+    assert 0.4 < table["length_ratio"][2] < 0.6
+    pull = (table["observable_leading"][1] - table["observable_leading"][0]) / 1.0  # the file's error is 1 kpc
+    assert table["pull_leading"][1] == pytest.approx(pull)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"vx": None}, "vx missing; a snapshot needs positions and velocities"),
+        ({"meta": '{"units": "kpc, km/s, Myr", "t_gyr": 1}'}, "its units are 'kpc, km/s, Myr', without Gyr"),
+        ({"meta": None}, "does not state its units"),
+    ],
+)
+def test_a_snapshot_that_cannot_be_used_is_refused(
+    run_file: Path, tmp_path: Path, changes: dict[str, object], message: str
+) -> None:
+    path = nbody(tmp_path / "b.npz", **changes)
+    assert message in refused("ablate", run_file, GRAVITY, *HERE, "--reference", path)
+
+
+def test_a_snapshot_of_another_satellite_is_refused(run_file: Path, tmp_path: Path) -> None:
+    path = nbody(tmp_path / "b.npz")
+    message = refused("ablate", run_file, GRAVITY, *HERE, "--set=progenitor.x=-19", "--reference", path)
+    assert "put into [progenitor]: x = 19.1555" in message

@@ -1,0 +1,101 @@
+"""The paper's figures of streams beside each other: what is drawn is what the streams hold."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.collections import PathCollection, PolyCollection
+from matplotlib.figure import Figure
+from snapshots import nbody_stream, run_file
+
+from streamkit import Model
+from streamkit.study.ablation.figures import _released, bow_tie, crossings, phase_space
+from streamkit.study.ablation.measures import Portrait
+from streamkit.study.ablation.panels import some
+from streamkit.study.ablation.tail_figures import along, epochs, unwrapped
+
+ALL = (bow_tie, phase_space, crossings, unwrapped, epochs, along)
+
+
+@pytest.fixture(scope="module")
+def portraits() -> dict[str, Portrait]:
+    """N-body, and mLCS with and without gravity, of mock 1."""
+    spec = run_file("B", 2000).with_values({"observable.kind": "apocentres"})
+    setup = spec.bind()
+    assert setup.observable is not None
+    nbody = nbody_stream("B")
+    made = {"N-body": Portrait(nbody, setup, setup.observable.predict(nbody))}
+    for on in (True, False):
+        variant = spec.with_values({"stripping.progenitor_gravity": on})
+        stream, prediction = Model(variant).observe(variant.bind())
+        made[f"gravity {on}"] = Portrait(stream, variant.bind(), prediction)
+    return made
+
+
+def panels(figure: Figure) -> list[Any]:
+    """The visible panels with data, without the colour bar."""
+    return [axes for axes in figure.axes if axes.get_visible() and axes.get_label() != "<colorbar>"]
+
+
+@pytest.mark.parametrize("draw", ALL, ids=lambda draw: draw.__name__)
+def test_each_is_drawn_for_any_number_of_streams(draw: Any, portraits: dict[str, Portrait]) -> None:
+    many = {f"{title} {i}": p for i in range(2) for title, p in portraits.items()}
+    for shown in (dict(list(portraits.items())[1:2]), portraits, many):
+        figure = draw(shown)
+        figure.draw_without_rendering()
+        expected = {"phase_space": 2 * len(shown), "along": 2}
+        snapshots = sum(title.startswith("N-body") for title in shown)
+        expected["crossings"] = 3 * (len(shown) - snapshots)  # a snapshot holds no crossings
+        assert len(panels(figure)) == expected.get(draw.__name__, len(shown))
+
+
+def test_the_bow_tie_has_the_phase_in_every_cell(portraits: dict[str, Portrait]) -> None:
+    """Without overlap of epochs, energy sorts the stream: leading debris below the progenitor, trailing above."""
+    figure = bow_tie({"mlcs": portraits["gravity True"]})
+    (cells,) = [c for c in panels(figure)[0].collections if isinstance(c, PolyCollection)]
+    energy, phase = cells.get_offsets()[:, 1], np.asarray(cells.get_array())
+    assert (phase[energy < -0.2] > 0).mean() > 0.95
+    assert (phase[energy > 0.2] < 0).mean() > 0.95
+
+
+def test_every_epoch_is_drawn_and_no_particle_is_lost(portraits: dict[str, Portrait]) -> None:
+    portrait = portraits["gravity True"]
+    (axes,) = panels(epochs({"mlcs": portrait}))
+    dots = [c for c in axes.collections if isinstance(c, PathCollection)]
+    assert sum(len(c.get_offsets()) for c in dots) == (~portrait.stream.bound).sum()
+    assert len(dots) == 3  # the orbit of mock 1 starts at an apocentre and has passed two more: 2.5 radial periods
+
+
+def test_phase_space_is_drawn_in_the_orbital_plane(portraits: dict[str, Portrait]) -> None:
+    """The progenitor is on the positive x' axis, at its distance, moving at its speed."""
+    orbit = portraits["N-body"].stream.orbit
+    above, below = panels(phase_space({"N-body": portraits["N-body"]}))
+    x, y = above.lines[0].get_xydata()[0]
+    assert (x, y) == (pytest.approx(orbit.r[-1]), pytest.approx(0, abs=1e-9))
+    assert np.hypot(*below.lines[0].get_xydata()[0]) == pytest.approx(np.sqrt((orbit.v[:, -1] ** 2).sum()))
+
+
+def test_the_crossings_are_set_against_the_gaussian_they_were_drawn_from(portraits: dict[str, Portrait]) -> None:
+    """mLCS draws N(0, sigma) on each axis, and sigma is 10 km/s in the run file."""
+    drawn = _released(portraits["gravity True"])
+    assert drawn.shape == (3, 2000)
+    assert drawn.mean(axis=1) == pytest.approx([0, 0, 0], abs=0.3)
+    assert drawn.std(axis=1) == pytest.approx([10, 10, 10], rel=0.03)
+
+
+def test_what_cannot_be_drawn_is_left_out(portraits: dict[str, Portrait]) -> None:
+    assert len(panels(crossings({"N-body": portraits["N-body"], "mlcs": portraits["gravity True"]}))) == 3
+    for draw in ALL:
+        draw({}).draw_without_rendering()
+
+
+def test_particles_are_drawn_as_often_as_they_weigh(portraits: dict[str, Portrait]) -> None:
+    stream = portraits["gravity True"].stream
+    heavy = np.arange(len(stream)) % 2 == 0
+    weighted = replace(stream, weight=np.where(heavy, 1.6, 0.4))
+    drawn = some(weighted, ~stream.bound)
+    assert heavy[drawn].mean() == pytest.approx(0.8, abs=0.03)
+    assert len(some(stream, ~stream.bound)) == (~stream.bound).sum()

@@ -1,0 +1,273 @@
+"""Runs: the right answer, resumed as if never stopped, and no finished step lost whatever happens."""
+
+import copy
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from toys import FIT
+
+import streamkit as sk
+from streamkit.report import locked
+from streamkit.sample import CHAIN, ChainFile, read_chain_file
+from streamkit.study.fit.directory import MANIFEST, RUN_FILE
+from streamkit.study.fit.runner import cheap_spec
+
+SCRIPT = """
+import json, sys
+import streamkit as sk
+from streamkit.study.fit.runner import Interrupted
+try:
+    sk.run(sk.load(json.loads(sys.argv[1])), out=sys.argv[2], workers=2, steps=100000, progress=False)
+except Interrupted as stop:
+    print(stop)
+    sys.exit(stop.exit_status)
+"""
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """Return the directory of a finished small run of 4 steps."""
+    out = tmp_path_factory.mktemp("runs") / "finished"
+    sk.run(sk.load(FIT), out=out, progress=False, products=False)
+    return out
+
+
+def tree(directory):
+    return {p.name: p.read_bytes() for p in directory.iterdir() if p.is_file()}
+
+
+def test_workers_do_not_change_the_samples(finished):
+    two = sk.run(sk.load(FIT), workers=2, progress=False)
+    np.testing.assert_array_equal(two.chain, sk.Results(finished).chain)
+    assert two.directory is None
+
+
+def test_the_manifest_names_versions_and_no_places(finished):
+    text = (finished / MANIFEST).read_text()
+    manifest = json.loads(text)
+    assert manifest["digest"] == sk.load(FIT).digest()
+    assert manifest["versions"]["streamkit"] == sk.__version__
+    assert manifest["components"]["stripping"].startswith("mlcs from streamkit")
+    for place in (str(finished), str(Path.home()), os.uname().nodename):
+        assert place not in text + (finished / RUN_FILE).read_text()
+    assert sk.load(finished / RUN_FILE).digest() == manifest["digest"]
+
+
+def test_resume_goes_on_and_force_starts_again(finished, tmp_path):
+    out = tmp_path / "run"
+    sk.run(sk.load(FIT), out=out, steps=2, progress=False, products=False)
+    more = sk.run(sk.load(FIT), out=out, steps=4, resume=True, progress=False, products=False)
+    np.testing.assert_array_equal(more.chain, sk.Results(finished).chain)
+    assert more.calls == 4 * 6
+    (out / "notes.txt").write_text("mine")
+    again = sk.run(sk.load(FIT), out=out, steps=1, force=True, progress=False, products=False)
+    assert len(again.chain) == 1
+    assert (out / "notes.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize("resume", [False, True])
+def test_another_run_is_refused_and_untouched(finished, resume):
+    before = tree(finished)
+    other = copy.deepcopy(FIT)
+    other["progenitor"]["mass"] = 5e8
+    with pytest.raises(sk.ChainError) as caught:
+        sk.run(sk.load(other), out=finished, resume=resume, progress=False)
+    words = "progenitor.mass" if resume else "--resume"
+    assert words in str(caught.value)
+    assert ("640000000.0 Msun" in str(caught.value)) == resume
+    assert tree(finished) == before
+
+
+@pytest.mark.parametrize(("resume", "force"), [(False, False), (True, False), (False, True)])
+def test_foreign_files_are_refused_and_untouched(tmp_path, resume, force):
+    (tmp_path / "corner.png").write_text("not ours")
+    with pytest.raises(sk.ChainError, match=r"corner\.png"):
+        sk.run(sk.load(FIT), out=tmp_path, resume=resume, force=force, progress=False)
+    assert tree(tmp_path) == {"corner.png": b"not ours"}
+
+
+def test_a_truncated_chain_is_refused_and_untouched(finished, tmp_path):
+    out = tmp_path / "run"
+    out.mkdir()
+    for name, content in tree(finished).items():
+        (out / name).write_bytes(content)
+    whole = (out / CHAIN).read_bytes()
+    (out / CHAIN).write_bytes(whole[: len(whole) // 2])
+    before = tree(out)
+    with pytest.raises(sk.ChainError, match="truncated"):
+        sk.run(sk.load(FIT), out=out, resume=True, progress=False)
+    with pytest.raises(sk.ChainError, match="truncated"):
+        sk.Results(out)
+    (out / CHAIN).write_text("no chain at all")
+    with pytest.raises(sk.ChainError, match="not a readable chain"):
+        sk.Results(out)
+    (out / CHAIN).write_bytes(before[CHAIN])
+    assert tree(out) == before
+
+
+def test_a_run_stopped_before_its_first_step_begins_again(finished, tmp_path):
+    out = tmp_path / "run"
+    shutil.copytree(finished, out)
+    ChainFile(str(out / CHAIN)).reset(6, 2)
+    with pytest.raises(sk.ChainError, match="before its first step"):
+        sk.Results(out)
+    again = sk.run(sk.load(FIT), out=out, resume=True, progress=False, products=False)
+    np.testing.assert_array_equal(again.chain, sk.Results(finished).chain)
+
+
+def test_a_file_is_no_output_directory(tmp_path):
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(sk.ChainError, match="is a file"):
+        sk.run(sk.load(FIT), out=tmp_path / "file", force=True, progress=False)
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_two_runs_in_one_directory_are_refused(finished):
+    before = tree(finished)
+    with locked(finished), pytest.raises(sk.ChainError, match="another run is writing"):
+        sk.run(sk.load(FIT), out=finished, force=True, progress=False)
+    assert tree(finished) == before
+
+
+def start(out, document=FIT):
+    """Start a long run in a process of its own and wait for its third step."""
+    command = [sys.executable, "-c", SCRIPT, json.dumps(document), str(out)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
+    deadline = time.monotonic() + 120
+    while time.monotonic() < deadline and process.poll() is None:
+        backend = ChainFile(str(out / CHAIN))
+        try:
+            if backend.initialized and backend.iteration >= 3:
+                return process
+        except (OSError, KeyError):
+            pass  # it is just being written
+        time.sleep(0.05)
+    process.kill()
+    raise AssertionError(f"no third step: {process.communicate()[0]}")
+
+
+@pytest.mark.parametrize(("signum", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_stopped_run_keeps_its_samples_and_can_be_resumed(tmp_path, signum, status):
+    out = tmp_path / "run"
+    process = start(out)
+    os.killpg(process.pid, signum)  # as a terminal does: to the workers too
+    text, _ = process.communicate(timeout=60)
+    assert process.returncode == status
+    steps = len(read_chain_file(out / CHAIN).chain)
+    assert f"{steps} finished steps" in text
+    assert "--resume" in text
+    results = sk.run(sk.load(FIT), out=out, steps=steps + 1, resume=True, progress=False, products=False)
+    assert len(results.chain) == steps + 1
+    assert results.calls >= 6 * (steps + 1)
+
+
+def test_a_killed_run_leaves_a_readable_chain_and_no_workers(tmp_path):
+    out = tmp_path / "run"
+    process = start(out)
+    process.kill()
+    process.communicate(timeout=30)
+    assert len(sk.Results(out).chain) >= 3
+    deadline = time.monotonic() + 20
+    while time.monotonic() < deadline:
+        try:
+            os.killpg(process.pid, 0)
+        except ProcessLookupError:
+            return
+        time.sleep(0.1)
+    raise AssertionError("its workers outlived it")
+
+
+FRAGILE = '''
+import os
+import shutil
+from typing import Any
+import numpy as np
+from streamkit import Component, Observable, Prediction, hookimpl
+
+class Fragile(Observable):
+    """The progenitor's distance from the centre; fails when told to."""
+
+    kind = "fragile"
+
+    def data(self) -> Any:
+        return np.array([20.0]), np.array([2.0])
+
+    def predict(self, stream: Any) -> Prediction:
+        if os.environ.get("FRAGILE") == "broken":
+            raise ZeroDivisionError("it broke")
+        return Prediction(("distance",), stream.orbit.r[-1:], np.zeros(1))
+
+@hookimpl
+def streamkit_components() -> list[type[Component]]:
+    return [Fragile]
+'''
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_component_that_raises_is_named_and_finished_steps_stay(tmp_path, monkeypatch, workers):
+    (tmp_path / "fragile.py").write_text(FRAGILE)
+    document = copy.deepcopy(FIT)
+    document["plugins"] = [str(tmp_path / "fragile.py")]
+    document["stripping"]["particles"] = 50
+    document["progenitor"]["lookback"] = 1
+    document["observable"] = {"kind": "fragile"}
+    spec, out = sk.load(document), tmp_path / "run"
+    sk.run(spec, out=out, steps=2, progress=False, products=False)
+    monkeypatch.setenv("FRAGILE", "broken")
+    with pytest.raises(sk.ComponentError) as caught:
+        sk.run(spec, out=out, steps=4, resume=True, workers=workers, progress=False, products=False)
+    for word in ("Fragile.predict", "ZeroDivisionError", "it broke", "potential.v0 = "):
+        assert word in str(caught.value)
+    assert len(sk.Results(out).chain) == 2
+    assert (out / "plugins" / "fragile.py").exists()
+    assert str(tmp_path) not in (out / RUN_FILE).read_text()
+
+
+@pytest.mark.parametrize("asked", [50, 10_000])
+def test_the_search_for_a_start_tries_streams_of_the_size_asked_for(asked):
+    document = copy.deepcopy(FIT)
+    document["sampler"]["start_particles"] = asked
+    full = sk.load(document).bind().stripping.particles
+
+    search = cheap_spec(sk.load(document))
+
+    assert 50 < full < 10_000
+    assert search.bind().stripping.particles == min(asked, full)
+    assert search.likelihood.noise == "add"
+
+
+@pytest.mark.parametrize(("steps", "expected"), [(8, 1 / 6), (1, 0.5)])
+def test_the_acceptance_is_that_of_the_samples_and_not_of_the_learning(steps, expected):
+    """Both walkers move at every step of the first half, one of them at one step of three in the second.
+
+    A single step has only the sampler's own count.
+    """
+    spec = sk.load(FIT)
+    trace = np.zeros((steps, 2, len(spec.names)))
+    trace[: steps // 2] = np.arange(steps // 2)[:, None, None] + 1.0
+    trace[-1, 0] = 7.0
+    values = SimpleNamespace(
+        iteration=steps, accepted=np.full(2, 0.5 * steps), get_chain=lambda: trace,
+        get_log_prob=lambda: np.zeros((steps, 2)), get_blobs=lambda: None,
+    )  # fmt: skip
+
+    found = sk.Results.in_memory(spec, values, {}, "steps", quick=False)
+
+    assert found.acceptance == pytest.approx(expected)
+
+
+def test_too_few_walkers_are_refused(tmp_path):
+    document = copy.deepcopy(FIT)
+    document["sampler"]["walkers"] = 3
+    with pytest.raises(sk.SpecError, match=r"sampler\.walkers: found 3"):
+        sk.run(sk.load(document), out=tmp_path / "run", progress=False)
+    assert not (tmp_path / "run").exists()

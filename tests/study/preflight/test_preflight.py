@@ -1,0 +1,227 @@
+"""The preflight, against orbits in closed form and the erratum of the paper."""
+
+from __future__ import annotations
+
+import copy
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import streamkit as sk
+from streamkit.report import coverage_warnings
+from streamkit.spec import Sun
+from streamkit.study.preflight import run_preflight
+from streamkit.study.preflight.draws import PriorDraws, try_prior_draws
+from streamkit.study.preflight.orbit import summarise_orbit
+from streamkit.study.preflight.warnings import orbit_warnings, sampler_warnings, sun_warnings, survey_warnings
+
+SAGITTARIUS = Path(__file__).parents[3] / "examples" / "sagittarius.toml"
+SATELLITE = 1.0e8
+
+
+def document(potential: dict[str, Any], q: tuple[float, ...], v: tuple[float, ...]) -> dict[str, Any]:
+    place = dict(zip(("x", "y", "z", "vx", "vy", "vz"), (*q, *v), strict=True))
+    return {
+        "potential": potential,
+        "progenitor": {"kind": "plummer", "mass": SATELLITE, "radius": 0.5, "lookback": 2.0} | place,
+        "stripping": {"kind": "mlcs", "particles": 100},
+    }
+
+
+def setup_of(*args: Any) -> Any:
+    return sk.load(document(*args)).bind()
+
+
+def isochrone_orbit(mass: float, b: float, r: float, v2: float, momentum: float) -> tuple[Any, ...]:
+    """Pericentre, apocentre (kpc) and radial period (Gyr): Binney & Tremaine 2008, section 3.1(c).
+
+    With s = 1 + sqrt(1 + r^2/b^2) the potential is -GM/(b s) and r^2 = b^2 (s^2 - 2 s), so the turning points
+    2 E r^2 + 2 GM r^2/(b s) = L^2 are the roots of a quadratic in s; T_r = 2 pi GM / (-2E)^(3/2).
+    """
+    gm = sk.G * mass
+    energy = 0.5 * v2 - gm / (b + math.sqrt(b * b + r * r))
+    a2, a1, a0 = 2 * energy * b**2, 2 * gm * b - 4 * energy * b**2, -4 * gm * b - momentum**2
+    s = np.sort(np.roots([a2, a1, a0]))
+    peri, apo = b * np.sqrt(s**2 - 2 * s)
+    return peri, apo, 2 * math.pi * gm / (-2 * energy) ** 1.5 / sk.GYR
+
+
+@pytest.mark.parametrize("v", [(60.0, 110.0, 40.0), (-150.0, 80.0, 10.0), (5.0, 40.0, -30.0)])
+def test_isochrone_turning_points_and_period(v: tuple[float, float, float]) -> None:
+    q = (20.0, -3.0, 5.0)
+    momentum = float(np.linalg.norm(np.cross(q, v)))
+    peri, apo, period = isochrone_orbit(2e11, 3.0, float(np.linalg.norm(q)), float(np.dot(v, v)), momentum)
+    found = summarise_orbit(setup_of({"kind": "isochrone", "mass": 2e11, "b": 3.0}, q, v))
+    np.testing.assert_allclose(found.pericentres, peri, rtol=1e-5)
+    np.testing.assert_allclose(found.apocentres, apo, rtol=1e-5)
+    assert found.period == pytest.approx(period, rel=1e-4)
+    assert found.escapes is False
+    assert found.returns
+    assert abs(found.completed - 2.0 / period) <= 1
+
+
+def test_kepler_tidal_radius_at_the_turning_points() -> None:
+    """There Omega^2 = G M (1 +- e) / r^3 and Phi'' = -2 G M / r^3, so r_t = r (m / (M (3 +- e)))^(1/3)."""
+    mass, a, e = 2e11, 40.0, 0.5
+    speed = math.sqrt(sk.G * mass * (1 - e) / (a * (1 + e)))  # at the apocentre
+    found = summarise_orbit(setup_of({"kind": "kepler", "mass": mass}, (a * (1 + e), 0, 0), (0, speed, 0)))
+    low = a * (1 - e) * (SATELLITE / (mass * (3 + e))) ** (1 / 3)
+    high = a * (1 + e) * (SATELLITE / (mass * (3 - e))) ** (1 / 3)
+    assert found.period == pytest.approx(2 * math.pi * math.sqrt(a**3 / (sk.G * mass)) / sk.GYR, rel=1e-4)
+    np.testing.assert_allclose(found.r_tidal, (low, high), rtol=1e-3)
+
+
+@pytest.mark.parametrize(("factor", "escapes"), [(0.99, False), (1.01, True)])
+def test_escape_speed_of_a_point_mass(factor: float, escapes: bool) -> None:
+    speed = factor * math.sqrt(2 * sk.G * 1e11 / 30.0)
+    found = summarise_orbit(setup_of({"kind": "kepler", "mass": 1e11}, (30.0, 0, 0), (0, speed, 0)))
+    assert found.escapes is escapes
+
+
+def test_nothing_escapes_a_logarithmic_halo_but_it_may_be_too_slow_to_return() -> None:
+    halo = {"kind": "logarithmic", "v_h": 120.0, "r_h": 12.0}
+    loaded = sk.load(document(halo, (20.0, 0, 0), (2500.0, 300.0, 0)))
+    found = summarise_orbit(loaded.bind())
+    assert found.escapes is False
+    assert len(found.apocentres) == 0
+    assert not found.returns
+    (text,) = orbit_warnings(loaded, loaded.bind(), found)
+    assert "no apocentre within the last 13.8 Gyr" in text
+
+
+def test_energy_is_unknown_without_a_potential(monkeypatch: pytest.MonkeyPatch) -> None:
+    setup = setup_of({"kind": "kepler", "mass": 1e11}, (30.0, 0, 0), (0, 500.0, 0))
+    monkeypatch.setattr(type(setup.potentials["potential"]), "potential", sk.Potential.potential)
+    assert summarise_orbit(setup).escapes is None
+
+
+def paper(**progenitor: Any) -> sk.Spec:
+    run = tomllib.loads(SAGITTARIUS.read_text())
+    run["progenitor"] |= progenitor
+    run["stripping"]["particles"] = 200
+    return sk.load(run)
+
+
+def test_the_papers_swapped_proper_motions_are_caught() -> None:
+    swapped = paper(
+        pm_l_cosb={"normal": ["1.97 mas/yr", "0.3 mas/yr"]}, pm_b={"normal": ["-2.44 mas/yr", "0.3 mas/yr"]}
+    )
+    found = run_preflight(swapped, draws=0)
+    assert len(found.course.apocentres) == 0
+    text = found.warnings[0]
+    assert "unbound" in text
+    assert "two proper motions swapped?" in text
+    assert "progenitor.pm_l_cosb and progenitor.pm_b exchanged" in text
+
+
+def test_an_unbound_progenitor_is_not_always_a_swap() -> None:
+    wild = paper(pm_l_cosb="9 mas/yr", pm_b="8 mas/yr")
+    setup = wild.bind()
+    (text,) = orbit_warnings(wild, setup, summarise_orbit(setup))
+    assert "unbound" in text
+    assert "swapped" not in text
+
+
+def test_the_paper_as_corrected_has_no_orbit_warning() -> None:
+    right = paper()
+    setup = right.bind()
+    assert orbit_warnings(right, setup, summarise_orbit(setup)) == []
+
+
+def test_a_short_lookback_is_named() -> None:
+    short = paper(lookback="0.2 Gyr")
+    setup = short.bind()
+    texts = orbit_warnings(short, setup, summarise_orbit(setup))
+    assert "shorter than the radial period" in texts[0]
+    assert "covers 0 apocentres" in texts[1]
+    assert "'literal' needs 1" in texts[1]
+
+
+def test_a_lookback_before_the_universe_is_named() -> None:
+    old = paper(lookback="14 Gyr")
+    setup = old.bind()
+    (text,) = orbit_warnings(old, setup, summarise_orbit(setup))
+    assert "14 Gyr, exceeds the age of the Universe, 13.8 Gyr" in text
+
+
+def test_the_tidal_radius_is_that_of_the_mass_left() -> None:
+    """At pericentre r_t is smallest; with half of the mass gone by today, it is smaller by at most a cube root of 2."""
+    whole, losing = (
+        summarise_orbit(paper().with_values({"stripping.mass_loss": x}).bind()).r_tidal for x in (0.0, 0.5)
+    )
+    assert 0.5 ** (1 / 3) <= losing[0] / whole[0] < 0.95
+    assert 0.9 < losing[1] / whole[1] <= 1
+
+
+def test_the_epoch_aware_rule_needs_two_apocentres() -> None:
+    setup = paper().bind()
+    period = summarise_orbit(setup).period
+    short = paper(lookback=1.2 * period).with_values({"observable.recent_debris": "epoch_aware"})
+    found = summarise_orbit(short.bind())
+    assert found.completed == 1
+    (text,) = orbit_warnings(short, short.bind(), found)
+    assert "covers 1 apocentre of" in text
+    assert "'epoch_aware' needs 2" in text
+
+
+@pytest.mark.parametrize(
+    ("walkers", "text"),
+    [(22, "too few for 11"), (23, "too few"), (24, "is few"), (27, "33 or more mix"), (28, "")],
+)
+def test_walkers(walkers: int, text: str) -> None:
+    found = sampler_warnings(paper().with_values({"sampler.walkers": walkers}))
+    assert (text in found[0]) if text else found == []
+
+
+def test_odd_suns() -> None:
+    assert sun_warnings(Sun()) == []
+    assert "sun.r0 = 80 kpc" in sun_warnings(Sun(r0=80.0))[0]
+    assert "sun.z = 1 kpc" in sun_warnings(Sun(z=1.0))[0]
+    assert "sun.v_circ = 23 km/s" in sun_warnings(Sun(v_circ=23.0))[0]
+
+
+def test_the_survey_counts_every_draw_once_and_repeats_itself() -> None:
+    first, second = (try_prior_draws(paper(), 12) for _ in range(2))
+    assert first.draws == 12
+    assert len(first.good) + sum(first.reasons.values()) == 12
+    assert len(first.good) == len(first.seconds)
+    np.testing.assert_array_equal(first.good, second.good)
+
+
+def test_rare_and_dear_streams_are_named() -> None:
+    rare = PriorDraws(64, np.zeros((2, 11)), np.ones(2), reasons=try_prior_draws(paper(), 0).reasons)
+    assert "Only 2 of 64" in survey_warnings(rare)[0]
+    dear = PriorDraws(64, np.zeros((20, 11)), np.r_[np.ones(18), 40.0, 40.0], reasons=rare.reasons)
+    assert "40 times the usual" in survey_warnings(dear)[0]
+    even = PriorDraws(64, np.zeros((20, 11)), np.ones(20), reasons=rare.reasons)
+    assert survey_warnings(even) == []
+
+
+def test_the_cost_is_that_of_a_call_of_this_process() -> None:
+    found = run_preflight(paper(), draws=0)
+    assert 0 < found.cost.call < 5
+    assert found.cost.where == "the prior's centre"
+    assert found.survey is None
+
+
+def test_a_run_file_without_data_says_that_it_cannot_be_fitted() -> None:
+    run = copy.deepcopy(paper().document)
+    for name in ("leading", "trailing", "precession"):
+        del run["observable"][name]
+    found = run_preflight(sk.load(run), draws=0)
+    assert any("cannot be fitted: observable" in text for text in found.warnings)
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "text"),
+    [(0.0, 125.0, ""), (0.0, 95.0, "ends 15 deg beyond"), (60.0, 150.0, "20 deg before")],
+)
+def test_an_arm_that_ends_inside_the_fitted_window_is_named(first: float, last: float, text: str) -> None:
+    details = {"trailing_angle": -np.arange(first, last + 1), "trailing_peak": np.array([-80.0, 100.0])}
+    prediction = sk.Prediction(("trailing",), np.array([100.0]), np.array([1.0]), details=details)
+    found = coverage_warnings(prediction)
+    assert (text in found[0]) if text else found == []

@@ -1,0 +1,83 @@
+"""The N-body extracts as streams, and the model started from the same progenitor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from streamkit import GYR, Integrator, Orbit, Stream, load
+from streamkit.builtin.potentials import NFW, Plummer
+from streamkit.engine import Field, build_field
+from streamkit.model import NODE, Model, tidal_radius
+from streamkit.model.integrate import integrate
+from streamkit.nbody import as_stream
+from streamkit.nbody.snapshot import Snapshot
+from streamkit.spec import Spec
+
+DATA = Path(__file__).parents[1] / "data"
+HOSTS = {
+    "A": {"kind": "nfw_m200", "m200": 7.5e11, "c200": 20.0},
+    "B": {"kind": "tf", "v0": 210.0, "rs": 12.0, "alpha": 0.45},
+}
+LOOKBACK = {"A": 4.31, "B": 3.77}
+
+
+def run_file(name: str, particles: int = 10000, **stripping: Any) -> Spec:
+    """mLCS from the N-body's own progenitor today, at the true parameters."""
+    w = np.load(DATA / f"nbody_{name}.npz")["prog_xv"]
+    return load(
+        {
+            "seed": stripping.pop("seed", 1),
+            "potential": HOSTS[name],
+            "progenitor": {
+                "kind": "plummer",
+                "mass": 6.4e8,
+                "radius": 0.85,
+                **dict(zip(("x", "y", "z", "vx", "vy", "vz"), map(float, w), strict=True)),
+                "lookback": LOOKBACK[name],
+            },
+            "stripping": {"kind": "mlcs", "particles": particles, "sigma": 10.0, **stripping},
+        }
+    )
+
+
+def model_stream(name: str, particles: int = 10000, **stripping: Any) -> Stream:
+    return Model(run_file(name, particles, **stripping)).stream()
+
+
+def nbody_stream(name: str) -> Stream:
+    data = np.load(DATA / f"nbody_{name}.npz")
+    scale = np.array([[GYR], *6 * [[1.0]]])
+    snapshot = Snapshot(
+        source=f"nbody_{name}.npz",
+        q=data["x"].astype(float),
+        v=data["v"].astype(float),
+        t_strip=data["t_strip"] * GYR,
+        winding=np.radians(data["winding"].astype(float)),
+        chi=data["chi"] * GYR,
+        core=data["orbit_txv"].T * scale,
+    )
+    return as_stream(snapshot, run_file(name).bind())
+
+
+def reference_stream() -> tuple[Field, Orbit, np.ndarray, np.ndarray, np.ndarray]:
+    """Field, progenitor's orbit, release times (n,) and release q, v (3, n) of the reference stream."""
+    data = np.load(DATA / "nfw_stream.npz")
+    host = build_field([NFW(mass=3.584843593e11, rs=9.370845158)])
+    start = data["progenitor_start"]
+    track = host.orbit(start[:3], start[3:], -float(data["lookback"]) * GYR, 0.0, NODE)
+    orbit = Orbit(track.t, track.q, track.v, track.a, tidal_radius(host, track, 6.4e8))
+    field = host.with_moving(build_field([Plummer(mass=6.4e8, radius=0.85)]), orbit)
+    q, v = np.ascontiguousarray(data["release"].T[:3]), np.ascontiguousarray(data["release"].T[3:])
+    return field, orbit, data["t_release"] * GYR, q, v
+
+
+def reference_errors(integrator: Integrator) -> np.ndarray:
+    """(n,) Position errors in kpc of its escaped particles, against an independent code's converged answer."""
+    field, orbit, t, q, v = reference_stream()
+    final = np.load(DATA / "nfw_stream.npz")["final"].T[:3]
+    escaped = np.sqrt(((final - orbit.q[:, -1:]) ** 2).sum(axis=0)) > 2 * orbit.r_tidal[-1]
+    done = integrate(field, integrator, orbit, orbit.at(t), q, v)
+    return np.asarray(np.sqrt(((done.q - final) ** 2).sum(axis=0))[escaped])

@@ -1,0 +1,81 @@
+"""A small fit that runs in seconds, and a posterior known in closed form for the same sampling code."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from streamkit.observe import Data
+from streamkit.sample import Evaluation, Sampling, Workers, blob_dtype
+from streamkit.spec import Uniform
+
+FIT: dict[str, Any] = {
+    "seed": 3,
+    "potential": {"kind": "tf", "v0": {"uniform": [215, 245]}, "rs": 12, "alpha": {"uniform": [0.25, 0.45]}},
+    "progenitor": {
+        "kind": "plummer", "mass": 6.4e8, "radius": 0.85, "l": 5.5689, "b": -14.1669, "distance": 25.2,
+        "pm_l_cosb": -2.44, "pm_b": 1.97, "v_los": 153, "lookback": 3.5,
+    },
+    "stripping": {"kind": "mlcs", "particles": 600, "sigma": 10},
+    "integrator": {"kind": "leapfrog", "step": 0.004},
+    "observable": {"kind": "apocentres", "leading": [57, 5], "trailing": [112, 15], "precession": [100, 8]},
+    "sampler": {"walkers": 6, "steps": 4},
+}  # fmt: skip
+
+MEAN = np.array([1.0, -2.0, 0.5])
+COVARIANCE = np.array([[1.0, 0.6, 0.0], [0.6, 2.0, -0.3], [0.0, -0.3, 0.5]])
+PRIORS = (Uniform(-20, 20), Uniform(-20, 20), Uniform(-20, 20))
+
+
+class Gaussian:
+    """A correlated Gaussian; half of the space has no stream if ``cut``."""
+
+    def __init__(self, cut: bool = False) -> None:
+        self.cut = cut
+        self.inverse = np.linalg.inv(COVARIANCE)
+
+    def evaluate(self, theta):
+        if self.cut and theta[0] < MEAN[0]:
+            return Evaluation(-np.inf, -np.inf, np.full(2, np.nan), np.full(2, np.nan), "no stream on this side")
+        x = theta - MEAN
+        inside = all(np.isfinite(p.lnpdf(v)) for p, v in zip(PRIORS, theta, strict=True))
+        if not inside:
+            return Evaluation(-np.inf, -np.inf, np.full(2, np.nan), np.full(2, np.nan), "outside the prior")
+        lnl = float(-0.5 * x @ self.inverse @ x)
+        return Evaluation(lnl - 3 * np.log(40), lnl, theta[:2], np.zeros(2))
+
+
+def sampling(pool: Workers, backend, seed: int = 5, walkers: int = 24, moves: str = "de") -> Sampling:
+    return Sampling(PRIORS, walkers, seed, moves, pool, backend, blob_dtype(2), progress=False)
+
+
+class Banana:
+    """Two curved observables of three parameters, uniform between -3 and 3."""
+
+    priors = (Uniform(-3, 3), Uniform(-3, 3), Uniform(-3, 3))
+    data = Data(np.array([0.5, 1.0]), np.array([0.3, 0.5]))
+
+    def mean(self, theta):
+        x, y, z = theta
+        return np.array([x + 0.5 * y**2, z - x + 0.3 * x * y])
+
+    def ln_likelihood(self, theta):
+        return float(-0.5 * np.sum(((self.mean(theta) - self.data.values) / self.data.errors) ** 2))
+
+    def evaluate(self, theta):
+        if (np.abs(theta) > 3).any():
+            return Evaluation(-np.inf, -np.inf, np.full(2, np.nan), np.full(2, np.nan), "outside the prior")
+        lnl = self.ln_likelihood(theta)
+        return Evaluation(lnl - 3 * np.log(6), lnl, self.mean(theta), np.zeros(2))
+
+
+def banana_run(backend, limits, moves: str, resume: bool = False):
+    toy = Banana()
+    with Workers({"full": toy, "cheap": toy}) as pool:
+        run = Sampling(toy.priors, 16, 5, moves, pool, backend, blob_dtype(2), progress=False, data=toy.data)
+        if resume:
+            run.resume({})
+        else:
+            run.begin()
+        return run, run.advance(limits)
