@@ -23,6 +23,7 @@ from .stream import TRAILING as TRAILING
 from .stream import Array as Array
 from .stream import BoolArray as BoolArray
 from .stream import IntArray as IntArray
+from .stream import Mark as Mark
 from .stream import Orbit as Orbit
 from .stream import Prediction as Prediction
 from .stream import Release as Release

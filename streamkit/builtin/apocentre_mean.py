@@ -34,7 +34,7 @@ def fit_arm(angle: Array, r: Array, number: Array, guide: float, coverage: float
     Or say why there is no apocentre: with less than a share ``coverage`` of them on either side there is none.
     """
     if len(angle) < FEWEST:
-        return "too few particles"
+        return TOO_FEW
     grid = np.arange(-180.0, 180.0 + CELL, CELL) + guide
     near = (angle > grid[0]) & (angle < grid[-1])
     angle, r, number = angle[near], r[near], number[near]

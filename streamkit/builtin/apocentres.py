@@ -7,13 +7,17 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from streamkit import AngleDatum, Array, BoolArray, LengthDatum, Number, Observable, Orbit, Prediction, Stream
+from streamkit import AngleDatum, Array, BoolArray, LengthDatum, Mark, Number, Observable, Orbit, Prediction, Stream
 from streamkit.builtin.apocentre_mean import fit_arm
 from streamkit.builtin.apocentre_ridge import fit_turning
-from streamkit.builtin.apocentre_track import COVERAGE, ArmFit
+from streamkit.builtin.apocentre_track import COVERAGE, FEWEST, TOO_FEW, WINDOW, ArmFit
 from streamkit.builtin.unwrap import unwrap_by_phase
 
 NAMES = ("leading", "trailing", "precession")
+ARMS = {"leading": 1, "trailing": -1}
+NEEDS = {"leading": ("leading",), "trailing": ("trailing",), "precession": ("leading", "trailing")}
+"""The arms that each datum is measured on."""
+NOT_FITTED = ArmFit(np.nan, np.nan, (np.nan, np.nan), (np.empty(0), np.empty(0)), (np.empty(0), np.empty(0)))
 
 
 class Apocentres(Observable):
@@ -68,58 +72,110 @@ class Apocentres(Observable):
         return values, errors
 
     def predict(self, stream: Stream) -> Prediction:
-        """Measure both apocentres (kpc) and the precession (deg)."""
-        try:
-            fits = self._fits(stream)
-        except _NoValue as none:
-            return Prediction(NAMES, np.full(3, np.nan), np.full(3, np.nan), why_not=str(none))
-        lead, trail = fits["leading"], fits["trailing"]
+        """Measure both apocentres (kpc) and the precession (deg); NaN for what has no value and no datum."""
+        fits, reasons = self._fits(stream)
+        wanted = {arm for name, arms in NEEDS.items() if getattr(self, name) is not None for arm in arms} or set(ARMS)
+        lost = [reason for arm, reason in reasons.items() if arm in wanted]
+        if lost or not fits:
+            return Prediction(
+                NAMES, np.full(3, np.nan), np.full(3, np.nan), why_not=(lost or list(reasons.values()))[0]
+            )
+        lead, trail = (fits.get(arm, NOT_FITTED) for arm in ARMS)
         mean = np.array([lead.radius, trail.radius, 360.0 - lead.angle + trail.angle])
         variance = np.array([lead.variance[0], trail.variance[0], lead.variance[1] + trail.variance[1]])
         return Prediction(NAMES, mean, variance, details=_details(fits))
 
-    def _fits(self, stream: Stream) -> dict[str, ArmFit]:
+    def marks(self, prediction: Prediction) -> tuple[Mark, ...]:
+        """Return track, fit and fitted apocentre of each arm, and the data at the angles of the model's apocentres.
+
+        The data fix only the sum of the two angles, 360 deg - precession: the trailing one is set against the model's
+        leading one, with the error of the precession.
+        """
+        found, peaks, details = [], {}, prediction.details
+        for arm in (arm for arm in ARMS if f"{arm}_peak" in details):
+            peaks[arm] = details[f"{arm}_peak"]
+            found += [
+                Mark("track", details[f"{arm}_angle"], details[f"{arm}_track"], "smoothed track"),
+                Mark("fit", details[f"{arm}_fit_angle"], details[f"{arm}_fit"], "Gaussian fit"),
+                Mark("peak", peaks[arm][:1], peaks[arm][1:], "fitted apocentre"),
+            ]
+        for arm in (arm for arm in peaks if getattr(self, arm) is not None):
+            (value, error), angle, spread = getattr(self, arm), peaks[arm][:1], 0.0
+            if arm == "trailing" and self.precession is not None and "leading" in peaks:
+                angle, spread = peaks["leading"][:1] - (360.0 - self.precession[0]), self.precession[1]
+            found.append(Mark("datum", angle, np.array([value]), "data", spread, error))
+        return tuple(found)
+
+    def remarks(self, prediction: Prediction) -> tuple[str, ...]:
+        """Say where an arm does not reach across the window in which its apocentre is fitted."""
+        found = []
+        for arm in (arm for arm in ARMS if f"{arm}_peak" in prediction.details):
+            angles = np.abs(prediction.details[f"{arm}_angle"])
+            peak = abs(float(prediction.details[f"{arm}_peak"][0]))
+            for reach, side in ((peak - angles.min(), "before"), (angles.max() - peak, "beyond")):
+                if reach < WINDOW:
+                    found.append(
+                        f"The {arm} arm ends {max(reach, 0):.0f} deg {side} its apocentre, inside the window of "
+                        f"{WINDOW:g} deg that is fitted: the apocentre is in part extrapolated."
+                    )
+        return tuple(found)
+
+    def radii(self) -> dict[str, float]:
+        """Return the measured apocentres."""
+        return {f"{arm} apocentre": datum[0] for arm in ARMS if (datum := getattr(self, arm)) is not None}
+
+    def _fits(self, stream: Stream) -> tuple[dict[str, ArmFit], dict[str, str]]:
+        """Return the fit of each arm that has an apocentre, and the reason why the others have none."""
         if len(stream) == 0 or stream.bound.all():
-            raise _NoValue("no particle has left the progenitor")
-        guide_lead, guide_trail = self._guides(stream)
+            return {}, dict.fromkeys(ARMS, "no particle has left the progenitor")
         angle = np.degrees(stream.winding)
         if self.phase == "chi":
             angle = unwrap_by_phase(angle, stream.chi, stream.bound)
-        fits = {}
-        fit_trailing = fit_turning if self.recent_debris == "turning" else fit_arm
-        for arm, fitted, guide, chosen in (
-            ("leading", fit_arm, guide_lead, ~stream.bound & (angle > 0)),
-            ("trailing", fit_trailing, guide_trail, self._trailing(stream, angle)),
-        ):
-            fit = fitted(angle[chosen], stream.r[chosen], stream.weight[chosen], guide, self.coverage)
+        guides = {arm: self._guide(stream, arm) for arm in ARMS}
+        reasons = {arm: guide for arm, guide in guides.items() if isinstance(guide, str)}
+        fits: dict[str, ArmFit] = {}
+        for arm, guide in guides.items():
+            if isinstance(guide, str):
+                continue
+            member = ~stream.bound & (ARMS[arm] * angle > 0)
+            chosen = member & self._early(stream) if arm == "trailing" else member
+            fit_one = fit_turning if arm == "trailing" and self.recent_debris == "turning" else fit_arm
+            fit = fit_one(angle[chosen], stream.r[chosen], stream.weight[chosen], guide, self.coverage)
             if isinstance(fit, str):
-                raise _NoValue(f"{arm} arm: {fit}")
-            fits[arm] = fit
-        return fits
+                cause = _why_few(angle, member, chosen, guide) if fit == TOO_FEW else ""
+                reasons[arm] = f"{arm} arm: {fit}{cause}"
+            else:
+                fits[arm] = fit
+        return fits, reasons
 
-    def _guides(self, stream: Stream) -> tuple[float, float]:
-        """Angles in degrees of the progenitor's next and previous apocentre, seen from the Galactic centre."""
+    def _guide(self, stream: Stream, arm: str) -> float | str:
+        """Angle in degrees of the progenitor's next (leading) or previous apocentre, or why there is none."""
         if stream.future is None:
-            raise _NoValue("the progenitor is unbound or has no next apocentre")
-        past = stream.orbit.apocentres()
-        needed = 2 if self.recent_debris == "epoch_aware" else 1
+            return "the progenitor is unbound or has no next apocentre"
+        if arm == "leading":
+            return _swept(stream.future, stream.future.apocentres()[0])
+        past, needed = stream.orbit.apocentres(), 2 if self.recent_debris == "epoch_aware" else 1
         if len(past) < needed:
-            raise _NoValue(
-                f"the look-back time covers fewer than {needed} apocentre{'s' * (needed > 1)} of the progenitor"
-            )
-        return _swept(stream.future, stream.future.apocentres()[0]), -_swept(stream.orbit, past[-1])
+            several = "s" * (needed > 1)
+            return f"the look-back time covers fewer than {needed} apocentre{several} of the progenitor"
+        return -_swept(stream.orbit, past[-1])
 
-    def _trailing(self, stream: Stream, angle: Array) -> BoolArray:
-        """Trailing particles stripped early enough."""
-        trailing = np.asarray(~stream.bound & (angle < 0))
+    def _early(self, stream: Stream) -> BoolArray:
+        """(n,) True for particles stripped early enough to count in the trailing arm."""
         if self.recent_debris == "turning":
-            return trailing
+            return np.ones(len(stream), dtype=bool)
         cut = stream.orbit.apocentres()[-1 if self.recent_debris == "literal" else -2]
-        return np.asarray(trailing & (stream.t_strip < cut))
+        return np.asarray(stream.t_strip < cut)
 
 
-class _NoValue(Exception):  # noqa: N818  a reason on its way to Prediction.why_not
-    """There is no value, and this is why."""
+def _why_few(angle: Array, member: BoolArray, chosen: BoolArray, guide: float) -> str:
+    """Say why there are too few particles near the apocentre, and what to change."""
+    near = np.abs(angle - guide) < WINDOW
+    if (member & near).sum() >= FEWEST > (chosen & near).sum():
+        return ", the rest is too recent for the rule of observable.recent_debris"
+    if (np.abs(angle[member]) > abs(guide)).sum() < FEWEST:
+        return ", which the arm does not reach: raise progenitor.lookback, or let the progenitor lose more"
+    return ": raise stripping.particles"
 
 
 def _swept(orbit: Orbit, t: float) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from streamkit.errors import PluginError, StreamkitError
-from streamkit.stream import Array, IntArray, Orbit, Prediction, Release, Stream
+from streamkit.stream import Array, IntArray, Mark, Orbit, Prediction, Release, Stream
 from streamkit.units import GYR, Duration, Number, PositiveNumber, Unit, unit_of
 
 if TYPE_CHECKING:  # the engine brings numba, which naming a component does not need
@@ -211,4 +211,19 @@ class Observable(Component):
 
     @abstractmethod
     def data(self) -> tuple[Array, Array]:
-        """Return the observed values and their standard errors, (m,) each, NaN where there is no datum."""
+        """Return the observed values and their standard errors, (m,) each, NaN where there is no datum.
+
+        A prediction may be NaN where there is no datum, and nowhere else.
+        """
+
+    def marks(self, prediction: Prediction) -> tuple[Mark, ...]:
+        """Return what a picture of the unwrapped stream shows of the measurement and of the data. Optional."""
+        return ()
+
+    def remarks(self, prediction: Prediction) -> tuple[str, ...]:
+        """Return a sentence for every doubt about the measurement, for `check` and `stream`. Optional."""
+        return ()
+
+    def radii(self) -> dict[str, float]:
+        """Return the Galactocentric radii in kpc that the data speak of, by name: profiles mark them. Optional."""
+        return {}

@@ -24,7 +24,8 @@ def record(n, t0, t1, q, v, state, r_tidal, plane, revolutions, planar, chi, gap
     tidal radius there. plane (2, 3) spans the orbital plane; planar (2, n) holds the previous projection on it.
     revolutions (n,) counts crossings of the negative first axis, so that the angle swept needs no unwrapping:
     a particle that turned by less than 90 degrees took the short way, any other that of its angular momentum.
-    gap (n,) is the previous distance to the progenitor minus the tidal radius.
+    gap (n,) is the previous distance to the progenitor minus the tidal radius. dq_strip, dv_strip (3, n) are position
+    and velocity about the progenitor at the last sample inside, or where the tidal radius was crossed after it.
     """
     r_progenitor = math.sqrt(state[0] ** 2 + state[1] ** 2 + state[2] ** 2)
     a0, a1, a2, b0, b1, b2 = plane[0, 0], plane[0, 1], plane[0, 2], plane[1, 0], plane[1, 1], plane[1, 2]
@@ -54,10 +55,17 @@ def record(n, t0, t1, q, v, state, r_tidal, plane, revolutions, planar, chi, gap
             gap[i] = new
             if new <= 0.0:
                 t_strip[i] = t1
-            elif old <= 0.0:
-                # left during this block: the crossing by linear interpolation of the gap, smooth in the parameters
-                t_strip[i] = t0[i] + (t1 - t0[i]) * (old / (old - new))
                 for k in range(3):
                     dq_strip[k, i] = q[k, i] - state[k]
                     dv_strip[k, i] = v[k, i] - state[3 + k]
+            elif old <= 0.0:
+                # left during this block: the crossing by linear interpolation of the gap, smooth in the parameters
+                t_strip[i] = t0[i] + (t1 - t0[i]) * (old / (old - new))
+                h, f = t1 - t0[i], old / (old - new)
+                for k in range(3):  # where it was then, about the progenitor: the cubic through both samples
+                    a, b = dq_strip[k, i], q[k, i] - state[k]
+                    da, db = h * dv_strip[k, i], h * (v[k, i] - state[3 + k])
+                    c, d = 3.0 * (b - a) - 2.0 * da - db, 2.0 * (a - b) + da + db
+                    dq_strip[k, i] = a + f * (da + f * (c + f * d))
+                    dv_strip[k, i] = (da + f * (2.0 * c + 3.0 * f * d)) / h
             t0[i] = t1

@@ -1,11 +1,9 @@
-from .host import circular_velocity as circular_velocity
-from .host import escapes as escapes
-from .host import mass_inside as mass_inside
-from .host import offsets as offsets
-from .host import profiles as profiles
-from .host import tidal_radius as tidal_radius
+from .host import Host as Host
 from .model import Model as Model
+from .model import simulate as simulate
 from .progenitor import NODE as NODE
 from .progenitor import next_apocentre as next_apocentre
 from .progenitor import progenitor_track as progenitor_track
 from .release import standard_normals as standard_normals
+from .release import stripped as stripped
+from .satellite import Satellite as Satellite

@@ -12,7 +12,8 @@ import numpy as np
 from streamkit.components import Integrator
 from streamkit.engine import Field, record
 from streamkit.errors import blamed
-from streamkit.stream import Array, BoolArray, Orbit, angle_in_plane, orbital_plane
+from streamkit.model.release import Start
+from streamkit.stream import Array, BoolArray, angle_in_plane, orbital_plane
 from streamkit.units import GYR
 
 LONGEST = 0.05 * GYR
@@ -36,14 +37,12 @@ class Records:
     bound: BoolArray
 
 
-def integrate(field: Field, integrator: Integrator, orbit: Orbit, start: Orbit, q: Array, v: Array) -> Records:
-    """Carry particles at q, v (3, n) to the end of the orbit.
-
-    ``start`` is the progenitor at their release times (n,), which increase.
-    """
-    t_release = start.t
+def integrate(field: Field, integrator: Integrator, start: Start) -> Records:
+    """Carry particles from their release, at times that increase, to the end of the progenitor's track."""
+    orbit, released = start.orbit, start.at_release
+    t_release = released.t
     n = len(t_release)
-    q, v, now = q.copy(), v.copy(), t_release.copy()
+    q, v, now = start.q.copy(), start.v.copy(), t_release.copy()
     begin, end = float(orbit.t[0]), float(orbit.t[-1])
     block = min(LONGEST, TURN / float(orbit.omega.max()))
     edges = np.linspace(begin, end, max(int(np.ceil((end - begin) / block)), 1) + 1)
@@ -58,10 +57,10 @@ def integrate(field: Field, integrator: Integrator, orbit: Orbit, start: Orbit, 
     lag = angle - progenitor_angle
     offset = lag - 2 * np.pi * np.round(lag / (2 * np.pi)) - angle + progenitor_angle
     revolutions = np.zeros(n, dtype=np.int64)
-    chi, gap = np.zeros(n), np.sqrt(((q - start.q) ** 2).sum(axis=0)) - start.r_tidal
+    chi, gap = np.zeros(n), np.sqrt(((q - released.q) ** 2).sum(axis=0)) - released.r_tidal
     gap = np.minimum(gap, 0.0)  # released at the tidal radius: inside until shown to be outside
     t_strip = t_release.copy()
-    dq_strip, dv_strip = np.zeros((3, n)), np.zeros((3, n))
+    dq_strip, dv_strip = q - released.q, v - released.v
 
     active = np.searchsorted(t_release, edges[1:], side="left")
     for t1, state, r_tidal, m in zip(edges[1:], states[1:], at_edges.r_tidal[1:], active, strict=True):

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
 from streamkit.engine import build_field
 from streamkit.errors import ComponentError, OutOfDomain, blamed
+from streamkit.model.host import Host
 from streamkit.model.integrate import integrate
 from streamkit.model.progenitor import next_apocentre, progenitor_track
 from streamkit.model.release import release_particles, standard_normals
@@ -74,28 +75,28 @@ class Model:
 
 def simulate(setup: Setup, normals: Array) -> Stream:
     """Return the stream of fully bound components, with normals (draws, n) that belong to the particles."""
-    host = build_field(list(setup.potentials.values()))
-    orbit, times = progenitor_track(host, setup)
-    start, tail, release = release_particles(setup, orbit, times, normals)
-    field = host
+    host = Host(setup.potentials)
+    track = progenitor_track(host, setup)
+    start = release_particles(setup, track, normals)
+    field = host.field
     if setup.stripping.progenitor_gravity:
-        field = host.with_moving(build_field([setup.satellite]), orbit)
-    done = integrate(field, setup.integrator, orbit, start, release.q, release.v)
+        field = field.with_moving(build_field([setup.satellite]), start.orbit)
+    done = integrate(field, setup.integrator, start)
     if not (np.isfinite(done.q).all() and np.isfinite(done.v).all()):
         raise OutOfDomain("the orbit of a particle is not finite")
     return Stream(
         q=done.q,
         v=done.v,
-        t_release=start.t,
+        t_release=start.at_release.t,
         t_strip=np.where(done.bound, 0.0, done.t_strip),
         dq_galactocentric=done.dq_strip,
         dv_galactocentric=done.dv_strip,
-        tail=tail,
+        tail=start.tail,
         winding=done.winding,
         chi=done.chi,
         bound=done.bound,
-        weight=np.ones(len(start.t)),
-        orbit=orbit,
-        future=next_apocentre(host, setup),
+        weight=np.ones(len(start.tail)),
+        orbit=start.orbit,
+        ahead=partial(next_apocentre, host, setup),
         parameters=dict(setup.values),
     )

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from streamkit.engine import Field, build_field
+from streamkit.engine import build_field
 from streamkit.errors import OutOfDomain
-from streamkit.model.host import tidal_radius
-from streamkit.model.release import losing_mass, release_times
+from streamkit.model.host import Host
+from streamkit.model.satellite import Satellite
 from streamkit.spec import Setup
-from streamkit.stream import Array, Orbit
+from streamkit.stream import Orbit
 from streamkit.units import GYR
 
 NODE = 0.002 * GYR
@@ -22,33 +24,23 @@ FUTURE = 6.0 * GYR
 """How far ahead the progenitor's next apocentre is looked for."""
 
 
-def progenitor_track(host: Field, setup: Setup) -> tuple[Orbit, Array]:
-    """Return the progenitor over the look-back time in the host alone, and when it releases its particles (n,).
+def progenitor_track(host: Host, setup: Setup) -> Orbit:
+    """Return the progenitor over the look-back time in the host alone, with the tidal radius of its whole mass.
 
-    With the mass that it has left, and the tidal radius of that mass:
-    r_t = [G M / (Omega^2 - d^2 Phi / dr^2)]^(1/3), Omega = |L| / r^2 instantaneous (Gibbons+ 2014, eq. 1).
-
-    Raises
-    ------
-    OutOfDomain
-        If there is no such orbit, no such radius, or no orbital plane.
-    ComponentError
-        As `release_times`.
+    OutOfDomain if there is no such orbit, no such radius, or no orbital plane.
     """
     with np.errstate(all="ignore"):  # what is not finite is found below, and has a reason of its own
-        orbit = host.orbit(setup.q, setup.v, 0.0, -setup.lookback * GYR, NODE)
+        orbit = host.field.orbit(setup.q, setup.v, 0.0, -setup.lookback * GYR, NODE)
         if not (np.isfinite(orbit.q).all() and np.isfinite(orbit.v).all()):
             raise OutOfDomain(_not_finite(setup))
         if not orbit.omega.max() > 0:
             raise OutOfDomain("the progenitor moves on a line through the Galactic centre: there is no orbital plane")
         if not orbit.omega.max() * NODE <= SHARPEST:
             raise OutOfDomain("the progenitor passes too near the Galactic centre to be followed")
-        r_tidal = tidal_radius(host, orbit, setup.mass)
+        r_tidal = Satellite(setup.satellite, setup.mass).tidal_radius(host.tidal_bracket(orbit))
     if np.isnan(r_tidal).any():
         raise OutOfDomain("the progenitor has no tidal radius somewhere on its track (Omega^2 <= d2Phi/dr2)")
-    track = Orbit(orbit.t, orbit.q, orbit.v, orbit.a, r_tidal)
-    times = release_times(setup.stripping, track)
-    return losing_mass(track, setup.stripping.mass_loss, times), times
+    return replace(orbit, r_tidal=r_tidal)
 
 
 def _not_finite(setup: Setup) -> str:
@@ -59,12 +51,13 @@ def _not_finite(setup: Setup) -> str:
     return "the orbit of the progenitor is not finite"
 
 
-def next_apocentre(host: Field, setup: Setup) -> Orbit | None:
+def next_apocentre(host: Host, setup: Setup) -> Orbit | None:
     """Integrate the progenitor ahead until just past its next apocentre; None if it has none within 6 Gyr."""
     reach = 0.25 * GYR
-    while reach <= FUTURE:
-        orbit = host.orbit(setup.q, setup.v, 0.0, reach, NODE)
+    while True:
+        orbit = host.field.orbit(setup.q, setup.v, 0.0, reach, NODE)
         if len(orbit.apocentres()):
             return orbit
-        reach *= 2
-    return None
+        if reach >= FUTURE:
+            return None
+        reach = min(2 * reach, FUTURE)

@@ -2,46 +2,71 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from streamkit.components import Stripping
 from streamkit.errors import ComponentError, blamed
+from streamkit.model.satellite import Satellite
 from streamkit.spec import Setup
-from streamkit.stream import LEADING, TRAILING, Array, IntArray, Orbit, Release
+from streamkit.stream import LEADING, TRAILING, Array, IntArray, Orbit
 
 
-def release_particles(setup: Setup, orbit: Orbit, times: Array, normals: Array) -> tuple[Orbit, IntArray, Release]:
-    """Return the progenitor at the release times (n,), the Lagrange points (n,) and states of all particles.
+@dataclass(frozen=True)
+class Start:
+    """Where n particles begin.
 
-    Raises
-    ------
-    ComponentError
-        If the stripping scheme fails, or returns other shapes or numbers than it should.
+    Attributes
+    ----------
+    orbit
+        The progenitor's whole track, with the mass that it has left and the tidal radius of that mass.
+    at_release
+        The progenitor at the release times (n,).
+    tail
+        (n,) Lagrange point of each particle.
+    q, v
+        (3, n) their positions and velocities.
+    """
+
+    orbit: Orbit
+    at_release: Orbit
+    tail: IntArray
+    q: Array
+    v: Array
+
+
+def release_particles(setup: Setup, track: Orbit, normals: Array) -> Start:
+    """Return the particles at their release from the progenitor's track, with normals (draws, n).
+
+    ComponentError if the stripping scheme fails, or returns other shapes or numbers than it should.
     """
     scheme, n = setup.stripping, setup.stripping.particles
     name = f"stripping {scheme.kind}"
+    orbit, times = stripped(setup, track)
     with blamed(name):
         tail = np.where(np.arange(n) % 2 == 0, LEADING, TRAILING)
-        start = orbit.at(times)
-        release = scheme.release(start, tail, setup.mass * start.mass_left, normals)
+        at_release = orbit.at(times)
+        release = scheme.release(at_release, tail, setup.mass * at_release.mass_left, normals)
         for what, values in (("q", release.q), ("v", release.v)):
             if np.shape(values) != (3, n):
                 found = np.shape(values)
                 raise ComponentError(f"{name}: released `{what}` has the shape {found}, expected (3, {n})")
             if not np.isfinite(values).all():
                 raise ComponentError(f"{name}: released `{what}` holds numbers that are not finite")
-    return start, tail, release
+    return Start(orbit, at_release, tail, release.q, release.v)
+
+
+def stripped(setup: Setup, track: Orbit) -> tuple[Orbit, Array]:
+    """Return the progenitor's track with the mass that it has left, and when it releases its particles (n,)."""
+    times = release_times(setup.stripping, track)
+    return losing_mass(track, Satellite(setup.satellite, setup.mass), setup.stripping.mass_loss, times), times
 
 
 def release_times(scheme: Stripping, orbit: Orbit) -> Array:
     """(n,) When the scheme releases its particles.
 
-    Raises
-    ------
-    ComponentError
-        If it does not say so for all particles, within the orbit and in order.
+    ComponentError if it does not say so for all particles, within the orbit and in order.
     """
     name, n = f"stripping {scheme.kind}", scheme.particles
     with blamed(name):
@@ -53,7 +78,7 @@ def release_times(scheme: Stripping, orbit: Orbit) -> Array:
     return times
 
 
-def losing_mass(orbit: Orbit, loss: float, times: Array) -> Orbit:
+def losing_mass(orbit: Orbit, satellite: Satellite, loss: float, times: Array) -> Orbit:
     """Return the orbit with the mass that the progenitor has left, and the tidal radius of that mass.
 
     It goes with the particles, released at ``times`` (n,): all of them together carry the fraction ``loss``.
@@ -63,7 +88,7 @@ def losing_mass(orbit: Orbit, loss: float, times: Array) -> Orbit:
     pairs = times[::2]
     gone = np.interp(orbit.t, [*pairs, orbit.t[-1]], np.linspace(0.0, 1.0, len(pairs) + 1))
     left = 1.0 - loss * gone
-    return replace(orbit, r_tidal=orbit.r_tidal * np.cbrt(left), mass_left=left)
+    return replace(orbit, r_tidal=satellite.shrunk(orbit.r_tidal, left), mass_left=left)
 
 
 def standard_normals(stripping: Stripping, seed: int) -> Array:

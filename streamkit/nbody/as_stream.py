@@ -6,11 +6,14 @@ stripping time, the number of turns of the winding, and the phase chi.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 
-from streamkit.engine import Field, build_field
+from streamkit.engine import build_field
 from streamkit.errors import StreamkitError
-from streamkit.model import next_apocentre, progenitor_track, tidal_radius
+from streamkit.model import Host, Satellite, next_apocentre, progenitor_track, stripped
 from streamkit.nbody.rewind import distances, rewind
 from streamkit.nbody.snapshot import Snapshot
 from streamkit.spec import Setup
@@ -38,8 +41,8 @@ def as_stream(snapshot: Snapshot, setup: Setup) -> Stream:
     StreamkitError
         If the snapshot cannot be this progenitor's: other units, another place, another velocity.
     """
-    host = build_field(list(setup.potentials.values()))
-    model_track, _ = progenitor_track(host, setup)
+    host = Host(setup.potentials)
+    model_track, _ = stripped(setup, progenitor_track(host, setup))
     _same_scale(snapshot, model_track)
     _same_place(snapshot, model_track, setup)
     orbit = _track(snapshot, host, setup, model_track)
@@ -50,7 +53,7 @@ def as_stream(snapshot: Snapshot, setup: Setup) -> Stream:
         bound = distances(snapshot.q, orbit.q[:, -1]) <= orbit.r_tidal[-1]
     t_strip, winding, chi = snapshot.t_strip, snapshot.winding, snapshot.chi
     if t_strip is None or winding is None or chi is None:
-        field = host.with_moving(build_field([setup.satellite]), model_track)
+        field = host.field.with_moving(build_field([setup.satellite]), model_track)
         past = rewind(field, model_track, snapshot.q[:, ~bound], snapshot.v[:, ~bound])
         t_strip = _filled(bound, past.t_strip) if t_strip is None else t_strip
         winding = _filled(bound, past.winding) if winding is None else winding
@@ -72,7 +75,7 @@ def as_stream(snapshot: Snapshot, setup: Setup) -> Stream:
         bound=bound,
         weight=np.ones(n),
         orbit=orbit,
-        future=next_apocentre(host, setup),
+        ahead=partial(next_apocentre, host, setup),
         parameters=dict(setup.values),
     )
 
@@ -83,13 +86,14 @@ def _filled(bound: BoolArray, values: Array) -> Array:
     return out
 
 
-def _track(snapshot: Snapshot, host: Field, setup: Setup, model_track: Orbit) -> Orbit:
+def _track(snapshot: Snapshot, host: Host, setup: Setup, model_track: Orbit) -> Orbit:
     if snapshot.core is None or snapshot.core.shape[1] < 2:
         return model_track
     t, q, v = snapshot.core[0], np.ascontiguousarray(snapshot.core[1:4]), np.ascontiguousarray(snapshot.core[4:])
-    bare = Orbit(t, q, v, host.acceleration(0.0, q), np.full(len(t), np.nan))
     left = np.interp(t, model_track.t, model_track.mass_left)
-    return Orbit(t, q, v, bare.a, tidal_radius(host, bare, setup.mass * left), left)
+    bare = Orbit(t, q, v, host.field.acceleration(0.0, q), np.full(len(t), np.nan), left)
+    satellite = Satellite(setup.satellite, setup.mass)
+    return replace(bare, r_tidal=satellite.shrunk(satellite.tidal_radius(host.tidal_bracket(bare)), left))
 
 
 def _same_scale(snapshot: Snapshot, track: Orbit) -> None:

@@ -1,6 +1,5 @@
 from .measure import Data as Data
 from .measure import measure_stream as measure_stream
-from .track import ARMS as ARMS
 from .track import CELL as CELL
 from .track import ENOUGH as ENOUGH
 from .track import Track as Track

@@ -14,10 +14,7 @@ from streamkit.stream import Array, Prediction, Stream
 def measure_stream(observable: Observable, stream: Stream) -> Prediction:
     """Return what the observable says of the stream.
 
-    Raises
-    ------
-    ComponentError
-        If it fails, or predicts other shapes than its data have, or no number without a reason.
+    ComponentError if it fails, predicts other shapes than its data have, or for a datum no number without a reason.
     """
     name = f"observable {observable.kind}"
     with blamed(name):
@@ -30,7 +27,8 @@ def measure_stream(observable: Observable, stream: Stream) -> Prediction:
                 f"{name}: predicted {mean} values with {variance} variances and {len(prediction.names)} names "
                 f"for {np.shape(data)} data"
             )
-        if not (np.isfinite(prediction.mean).all() and (prediction.variance >= 0).all()):
+        used = np.isfinite(data)
+        if not (np.isfinite(prediction.mean[used]).all() and (prediction.variance[used] >= 0).all()):
             raise ComponentError(
                 f"{name}: predicted {np.asarray(prediction.mean).tolist()} with variances "
                 f"{np.asarray(prediction.variance).tolist()}, not all of them usable numbers, and gave no reason"

@@ -10,7 +10,6 @@ import numpy as np
 
 from streamkit.stream import Array, Stream, orbital_plane
 
-ARMS = {"leading": 1, "trailing": -1}
 CELL, KERNEL = 1.0, 3.0
 """Grid of angles and standard deviation of the smoothing kernel of the mean track, degrees."""
 ENOUGH = 10.0

@@ -13,7 +13,6 @@ from .stream_figure import draw_unwrapped as draw_unwrapped
 from .stream_figure import save_stream as save_stream
 from .stream_file import FORMATS as FORMATS
 from .stream_file import write_stream as write_stream
-from .stream_text import coverage_warnings as coverage_warnings
 from .stream_text import describe_prediction as describe_prediction
 from .stream_text import describe_stream as describe_stream
 from .stream_text import warning_list as warning_list

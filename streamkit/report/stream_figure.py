@@ -12,7 +12,7 @@ from matplotlib.ticker import MultipleLocator
 
 from streamkit.report.style import ARM_STYLE, finish
 from streamkit.spec import Setup
-from streamkit.stream import Prediction, Stream, orbital_plane
+from streamkit.stream import Mark, Prediction, Stream, orbital_plane
 from streamkit.units import GYR
 
 BEYOND = 180.0
@@ -62,24 +62,18 @@ def draw_unwrapped(particles: Stream, prediction: Prediction | None, setup: Setu
     angle = np.degrees(particles.winding)
     _points(particles, angle, particles.r, axes)
     axes.plot(0, particles.orbit.r[-1], marker="*", ms=13, color="black", mec="white", ls="none", zorder=6)
-    details = {} if prediction is None else prediction.details
-    peaks = []
-    for arm in ("leading", "trailing"):
-        first = arm == "leading"
-        if f"{arm}_track" in details:
-            x, y = details[f"{arm}_angle"], details[f"{arm}_track"]
-            axes.plot(x, y, color="black", lw=1.0, ls=":", label="smoothed track" if first else None)
-        if f"{arm}_fit" in details:
-            x, y = details[f"{arm}_fit_angle"], details[f"{arm}_fit"]
-            axes.plot(x, y, color="black", lw=2.2, label="Gaussian fit" if first else None)
-        if f"{arm}_peak" in details:
-            peaks.append(details[f"{arm}_peak"])
-            axes.plot(*peaks[-1], marker="o", ms=6, mfc="white", mec="black", mew=1.3, ls="none", zorder=6)
-    if len(peaks) == 2 and setup is not None:
-        _data(axes, setup.observable, float(peaks[0][0]), float(peaks[1][0]))
+    marks = (
+        () if prediction is None or setup is None or setup.observable is None else setup.observable.marks(prediction)
+    )
+    shown: set[str] = set()
+    for mark in marks:
+        label = None if mark.label in shown else mark.label
+        shown.add(mark.label)
+        _mark(axes, mark, label)
+    peaks = [float(x) for mark in marks if mark.look == "peak" for x in mark.x]
     low, high = np.percentile(angle, [0.5, 99.5]) + np.array([-15.0, 15.0])
-    if len(peaks) == 2:
-        low, high = max(low, peaks[1][0] - BEYOND), min(high, peaks[0][0] + BEYOND)
+    if peaks:
+        low, high = max(low, min(0.0, *peaks) - BEYOND), min(high, max(0.0, *peaks) + BEYOND)
     inside = (angle > low) & (angle < high)
     axes.set(xlim=(high, low), ylim=(0, 1.12 * np.percentile(particles.r[inside], 99.8)))
     axes.xaxis.set_major_locator(MultipleLocator(60 if high - low < 700 else 120))
@@ -92,25 +86,18 @@ def draw_unwrapped(particles: Stream, prediction: Prediction | None, setup: Setu
         axes.legend(*zip(*own, strict=True), frameon=True, framealpha=0.85, edgecolor="none", fontsize=9)
 
 
-def _data(axes: Axes, observable: Any, leading: float, trailing: float) -> None:
-    """Draw the apocentres of the data at the angles of the model's.
-
-    The data fix only the sum of the two angles, 360 deg - precession: the trailing one is set against the
-    model's leading one, with the error of the precession.
-    """
-    radius = {name: getattr(observable, name, None) for name in ("leading", "trailing")}
-    precession = getattr(observable, "precession", None)
-    style: dict[str, Any] = {
-        "fmt": "s", "ms": 5, "color": "#CC79A7", "mec": "black", "ecolor": "black", "capsize": 3, "zorder": 7,
-    }  # fmt: skip
-    label: str | None = "data"
-    if radius["leading"] is not None:
-        axes.errorbar(leading, radius["leading"][0], yerr=radius["leading"][1], label=label, **style)
-        label = None
-    if radius["trailing"] is not None:
-        x = trailing if precession is None else leading - (360.0 - precession[0])
-        error = None if precession is None else precession[1]
-        axes.errorbar(x, radius["trailing"][0], yerr=radius["trailing"][1], xerr=error, label=label, **style)
+def _mark(axes: Axes, mark: Mark, label: str | None) -> None:
+    """Draw what an observable wants to show."""
+    if mark.look == "datum":
+        axes.errorbar(
+            mark.x, mark.y, xerr=mark.x_error or None, yerr=mark.y_error or None, label=label, fmt="s", ms=5,
+            color="#CC79A7", mec="black", ecolor="black", capsize=3, zorder=7,
+        )  # fmt: skip
+    elif mark.look == "peak":
+        axes.plot(mark.x, mark.y, label=label, marker="o", ms=6, mfc="white", mec="black", mew=1.3, ls="none", zorder=6)
+    else:
+        width, style = (2.2, "-") if mark.look == "fit" else (1.0, ":")
+        axes.plot(mark.x, mark.y, label=label, color="black", lw=width, ls=style)
 
 
 def _points(particles: Stream, x: Any, y: Any, axes: Axes) -> None:

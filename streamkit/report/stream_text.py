@@ -29,8 +29,9 @@ def describe_prediction(setup: Setup, prediction: Prediction) -> str:
         prediction.names, prediction.mean, prediction.variance, data, errors, strict=True
     ):
         known = np.isfinite(datum)
+        shown = (f"{mean:.2f}", f"{np.sqrt(variance):.2f}") if np.isfinite(mean) else ("-", "-")
         rows.append((
-            name, f"{mean:.2f}", f"{np.sqrt(variance):.2f}", f"{datum:g} +- {error:g}" if known else "-",
+            name, *shown, f"{datum:g} +- {error:g}" if known else "-",
             f"{(mean - datum) / error:+.1f} sigma" if known else "-",
         ))  # fmt: skip
     return "\n".join([f"observables ({setup.observable.kind})", columns(rows)])
@@ -78,7 +79,7 @@ def describe_stream(
     if setup.observable is None:
         parts.append("observables: the run file has none")
     elif prediction is not None:
-        parts += [describe_prediction(setup, prediction), warning_list(coverage_warnings(prediction))]
+        parts += [describe_prediction(setup, prediction), warning_list(setup.observable.remarks(prediction))]
     return "\n\n".join(part for part in parts if part)
 
 
@@ -98,24 +99,3 @@ def _tidy(value: object) -> str:
         return number(float(digits), unit) if isinstance(value, str) else as_written(value)
     except ValueError:
         return as_written(value)
-
-
-WINDOW = 40.0
-"""Degrees on either side of an apocentre in which it is fitted (Gibbons+ 2014, section 3.4)."""
-
-
-def coverage_warnings(prediction: Prediction | None) -> list[str]:
-    """Say where an arm does not reach across the window in which its apocentre is fitted."""
-    found = []
-    details = prediction.details if prediction is not None else {}
-    for arm in ("leading", "trailing"):
-        if f"{arm}_angle" not in details or f"{arm}_peak" not in details:
-            continue
-        angles, peak = np.abs(details[f"{arm}_angle"]), abs(float(details[f"{arm}_peak"][0]))
-        for reach, side in ((peak - angles.min(), "before"), (angles.max() - peak, "beyond")):
-            if reach < WINDOW:
-                found.append(
-                    f"The {arm} arm ends {max(reach, 0):.0f} deg {side} its apocentre, inside the window of "
-                    f"{WINDOW:g} deg that is fitted: the apocentre is in part extrapolated."
-                )
-    return found

@@ -1,3 +1,4 @@
+from .arrays import ARMS as ARMS
 from .arrays import LEADING as LEADING
 from .arrays import TRAILING as TRAILING
 from .arrays import Array as Array
@@ -5,6 +6,7 @@ from .arrays import BoolArray as BoolArray
 from .arrays import IntArray as IntArray
 from .frames import to_galactocentric as to_galactocentric
 from .orbit import Orbit as Orbit
+from .prediction import Mark as Mark
 from .prediction import Prediction as Prediction
 from .stream import Release as Release
 from .stream import Stream as Stream

@@ -12,5 +12,8 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 """An array of booleans."""
 
+ARMS = {"leading": 1, "trailing": -1}
+"""The arms by the sign of the angle along the stream."""
+
 LEADING, TRAILING = -1, 1
 """Sign of the radial offset at release, as in Gibbons+ 2014: leading inwards, trailing outwards."""

@@ -3,11 +3,36 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 from streamkit.stream.arrays import Array
 
 
 @dataclass(frozen=True)
+class Mark:
+    """Something that a picture shows of a measurement, on the unwrapped stream.
+
+    Attributes
+    ----------
+    look
+        "track" (a dotted line), "fit" (a full line), "peak" (a white circle), or "datum" (with error bars).
+    x, y
+        (k,) angles along the stream in degrees, leading positive, and Galactocentric radii in kpc.
+    label
+        What a legend calls it.
+    x_error, y_error
+        Standard errors of a datum, 0 for none.
+    """
+
+    look: Literal["track", "fit", "peak", "datum"]
+    x: Array
+    y: Array
+    label: str
+    x_error: float = 0.0
+    y_error: float = 0.0
+
+
+@dataclass(frozen=True, repr=False)
 class Prediction:
     """What an observable says of a stream.
 
@@ -22,7 +47,7 @@ class Prediction:
     why_not
         Empty, or the reason (a short constant sentence) why there is no value; mean is then NaN.
     details
-        What a plot wants to show of the measurement (tracks, fits); free-form per observable.
+        What the observable itself wants to show of the measurement (tracks, fits); free-form.
     """
 
     names: tuple[str, ...]
@@ -30,3 +55,12 @@ class Prediction:
     variance: Array
     why_not: str = ""
     details: dict[str, Array] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        if self.why_not:
+            return f"<Prediction: no value, {self.why_not}>"
+        values = (
+            f"{name} {mean:.5g} +- {variance**0.5:.2g}"
+            for name, mean, variance in zip(self.names, self.mean, self.variance, strict=True)
+        )
+        return f"<Prediction: {', '.join(values)}>"

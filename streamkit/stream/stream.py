@@ -5,13 +5,14 @@ Engine units throughout: kpc, km/s, Msun; times in kpc/(km/s) with 0 today and t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from streamkit.stream.arrays import Array, BoolArray, IntArray
+from streamkit.stream.arrays import ARMS, Array, BoolArray, IntArray
 from streamkit.stream.orbit import Orbit
 from streamkit.units import GYR
 
@@ -27,7 +28,15 @@ class Release:
     v: Array
 
 
-@dataclass(frozen=True)
+def _known(orbit: Orbit | None) -> Orbit | None:
+    return orbit
+
+
+no_future = partial(_known, None)
+"""For streams whose progenitor is not followed beyond today."""
+
+
+@dataclass(frozen=True, repr=False)
 class Stream:
     """The particles today, and what happened to each.
 
@@ -40,7 +49,7 @@ class Stream:
     t_strip
         (n,) stripping time: the last time inside the instantaneous tidal radius; 0 for bound particles.
     dq_galactocentric, dv_galactocentric
-        (3, n) position and velocity relative to the progenitor at the last sample inside the tidal radius.
+        (3, n) position and velocity relative to the progenitor at the stripping time; today's for bound particles.
     tail
         (n,) Lagrange point of release: -1 inner ("leading"), +1 outer ("trailing").
     winding
@@ -55,8 +64,10 @@ class Stream:
         (n,) how many particles of the scheme's own release rate each one stands for; their mean is 1.
     orbit
         The progenitor's track from the look-back time to today.
-    future
-        The progenitor's track from today to just past its next apocentre; None where it has none.
+    parameters
+        The free parameters it was made with, by name, in the units of the run file.
+    ahead
+        Finds `future`, when somebody asks for it.
     """
 
     q: Array
@@ -71,11 +82,23 @@ class Stream:
     bound: BoolArray
     weight: Array
     orbit: Orbit
-    future: Orbit | None = None
     parameters: dict[str, float] = field(default_factory=dict)
+    ahead: Callable[[], Orbit | None] = no_future
 
     def __len__(self) -> int:
         return int(self.q.shape[1])
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{int((self.arm == arm).sum())} {name}" for name, arm in ARMS.items())
+        return f"<Stream of {len(self)} particles: {counts}, {int(self.bound.sum())} bound>"
+
+    def __getstate__(self) -> dict[str, object]:
+        return {**self.__dict__, "ahead": partial(_known, self.future)}  # what finds it holds machine code
+
+    @cached_property
+    def future(self) -> Orbit | None:
+        """The progenitor's track from today to just past its next apocentre; None where it has none."""
+        return self.ahead()
 
     @cached_property
     def r(self) -> Array:

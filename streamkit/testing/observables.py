@@ -34,7 +34,7 @@ def _poor_streams() -> dict[str, Stream]:
         "a trailing arm only": select(stream, stream.arm < 0),
         "particles all in one place": select(stream, still),
         "particles released today": select(stream, stream.t_release > -0.1),
-        "a progenitor without a next apocentre": replace(stream, future=None),
+        "a progenitor without a next apocentre": replace(stream, ahead=lambda: None),
     }
 
 

@@ -63,7 +63,7 @@ def example_stream(count: int = 4000, seed: int = 3) -> Stream:
     return Stream(
         q=q, v=v, t_release=edges[born], t_strip=inside, dq_galactocentric=zero, dv_galactocentric=zero.copy(),
         tail=tail, winding=winding, chi=chi, bound=inside == edges[-1], weight=np.ones(count), orbit=orbit,
-        future=future,
+        ahead=lambda: future,
     )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 import streamkit as sk
-from streamkit.model import mass_inside
+from streamkit.model import Host
 from streamkit.sample import Evaluation, Posterior, Workers
 from streamkit.sample.posterior import gaussian
 from streamkit.study.fit.results import Results
@@ -27,7 +27,7 @@ TERCILES = ("progenitor.lookback", "stripping.sigma", "progenitor.mass", "progen
 
 def masses(spec: sk.Spec, samples: np.ndarray) -> np.ndarray:
     """(n, 4) Masses inside RADII in 1e11 Msun."""
-    return np.array([mass_inside(list(spec.bind(x).potentials.values()), RADII) for x in samples]) / 1e11
+    return np.array([Host(spec.bind(x).potentials).mass_inside(RADII) for x in samples]) / 1e11
 
 
 def line(label: str, mass: np.ndarray, weight: np.ndarray) -> None:

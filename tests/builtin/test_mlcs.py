@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from snapshots import model_stream, nbody_stream, reference_errors, reference_stream
+from snapshots import model_stream, nbody_stream, reference_errors, reference_stream, started
 
 from streamkit import Stream
 from streamkit.builtin.apocentres import Apocentres
@@ -87,9 +87,9 @@ def test_apocentres_with_gravity_and_the_epoch_aware_rule_agree_with_nbody(name,
 def test_the_stream_does_not_depend_on_the_particles_beside_it():
     """Common random numbers belong to the particle, and no batch, block or neighbour changes its path."""
     field, orbit, t, q, v = reference_stream()
-    together = integrate(field, Adaptive(), orbit, orbit.at(t), q, v)
+    together = integrate(field, Adaptive(), started(orbit, t, q, v))
     some = np.arange(5, len(t), 7)
-    alone = integrate(field, Adaptive(), orbit, orbit.at(t[some]), q[:, some].copy(), v[:, some].copy())
+    alone = integrate(field, Adaptive(), started(orbit, t[some], q[:, some].copy(), v[:, some].copy()))
 
     assert np.array_equal(together.q[:, some], alone.q)
     assert np.array_equal(together.winding[some], alone.winding)

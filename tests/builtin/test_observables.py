@@ -132,7 +132,7 @@ def test_no_particles_and_only_bound_particles_have_a_reason():
 
 
 def test_the_future_apocentre_is_needed():
-    stream = replace(model_stream("B", 1000), future=None)
+    stream = replace(model_stream("B", 1000), ahead=lambda: None)
 
     assert "is unbound or has no next apocentre" in Apocentres().predict(stream).why_not
 
@@ -264,3 +264,45 @@ def test_more_recent_debris_does_not_move_the_turning_branch():
 
     assert moved["literal"][1] > 8.0
     assert abs(moved["turning"][1]) < 1.5
+
+
+@pytest.fixture(scope="module")
+def short_trailing_arm():
+    """A stream whose trailing arm is cut before its apocentre; the leading one is whole."""
+    stream = model_stream("B", 3000)
+    gone = (stream.arm < 0) & (np.abs(stream.winding) > np.radians(40))
+    return replace(stream, bound=stream.bound | gone)
+
+
+def test_a_datum_left_out_refuses_no_stream(short_trailing_arm):
+    """With the leading apocentre alone nothing of the trailing arm is asked for."""
+    whole = Apocentres(leading=(57, 1), trailing=(96, 5), precession=(95, 5)).predict(short_trailing_arm)
+    assert whole.why_not.startswith("trailing arm: ")
+    alone = Apocentres(leading=(57, 1)).predict(short_trailing_arm)
+    assert not alone.why_not
+    assert np.isfinite(alone.mean).tolist() == [True, False, False]
+    assert Apocentres(precession=(95, 5)).predict(short_trailing_arm).why_not == whole.why_not
+    assert not Apocentres(leading=(57, 1)).marks(alone)[-1].x_error
+
+
+def test_too_few_particles_near_the_apocentre_says_why(short_trailing_arm):
+    data = {"leading": (57, 1), "trailing": (96, 5), "recent_debris": "literal"}
+    short = Apocentres(**data).predict(short_trailing_arm).why_not
+    assert "does not reach: raise progenitor.lookback" in short
+    stream = model_stream("B", 3000)
+    recent = replace(stream, t_strip=np.where(stream.bound, 0.0, -0.001))
+    assert "too recent for the rule of observable.recent_debris" in Apocentres(**data).predict(recent).why_not
+    thin = replace(stream, bound=stream.bound | (np.arange(len(stream)) % 40 > 1))
+    assert Apocentres(**data).predict(thin).why_not.endswith("raise stripping.particles")
+
+
+def test_what_an_observable_shows_is_its_own():
+    observable = Apocentres(leading=(57, 1), trailing=(96, 5), precession=(95, 5))
+    prediction = observable.predict(model_stream("B", 3000))
+    looks = [mark.look for mark in observable.marks(prediction)]
+    assert looks == ["track", "fit", "peak"] * 2 + ["datum"] * 2
+    datum = observable.marks(prediction)[-1]
+    assert (datum.y_error, datum.x_error) == (5.0, 5.0)
+    peak = prediction.details["leading_peak"][0]
+    assert datum.x[0] == pytest.approx(peak - (360 - 95))
+    assert observable.radii() == {"leading apocentre": 57.0, "trailing apocentre": 96.0}

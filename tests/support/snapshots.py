@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from streamkit import GYR, Integrator, Orbit, Stream, load
+from streamkit import GYR, LEADING, TRAILING, Integrator, Orbit, Stream, load
 from streamkit.builtin.potentials import NFW, Plummer
 from streamkit.engine import Field, build_field
-from streamkit.model import NODE, Model, tidal_radius
+from streamkit.model import NODE, Host, Model, Satellite
 from streamkit.model.integrate import integrate
+from streamkit.model.release import Start
 from streamkit.nbody import as_stream
 from streamkit.nbody.snapshot import Snapshot
 from streamkit.spec import Spec
@@ -65,13 +67,19 @@ def nbody_stream(name: str) -> Stream:
 def reference_stream() -> tuple[Field, Orbit, np.ndarray, np.ndarray, np.ndarray]:
     """Field, progenitor's orbit, release times (n,) and release q, v (3, n) of the reference stream."""
     data = np.load(DATA / "nfw_stream.npz")
-    host = build_field([NFW(mass=3.584843593e11, rs=9.370845158)])
+    host = Host({"halo": NFW(mass=3.584843593e11, rs=9.370845158)})
     start = data["progenitor_start"]
-    track = host.orbit(start[:3], start[3:], -float(data["lookback"]) * GYR, 0.0, NODE)
-    orbit = Orbit(track.t, track.q, track.v, track.a, tidal_radius(host, track, 6.4e8))
-    field = host.with_moving(build_field([Plummer(mass=6.4e8, radius=0.85)]), orbit)
+    track = host.field.orbit(start[:3], start[3:], -float(data["lookback"]) * GYR, 0.0, NODE)
+    plummer = Plummer(mass=6.4e8, radius=0.85)
+    orbit = replace(track, r_tidal=Satellite(plummer, plummer.mass).tidal_radius(host.tidal_bracket(track)))
+    field = host.field.with_moving(build_field([plummer]), orbit)
     q, v = np.ascontiguousarray(data["release"].T[:3]), np.ascontiguousarray(data["release"].T[3:])
     return field, orbit, data["t_release"] * GYR, q, v
+
+
+def started(orbit: Orbit, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> Start:
+    """Particles at q, v (3, n), released at times t (n,)."""
+    return Start(orbit, orbit.at(t), np.where(np.arange(len(t)) % 2 == 0, LEADING, TRAILING), q, v)
 
 
 def reference_errors(integrator: Integrator) -> np.ndarray:
@@ -79,5 +87,5 @@ def reference_errors(integrator: Integrator) -> np.ndarray:
     field, orbit, t, q, v = reference_stream()
     final = np.load(DATA / "nfw_stream.npz")["final"].T[:3]
     escaped = np.sqrt(((final - orbit.q[:, -1:]) ** 2).sum(axis=0)) > 2 * orbit.r_tidal[-1]
-    done = integrate(field, integrator, orbit, orbit.at(t), q, v)
+    done = integrate(field, integrator, started(orbit, t, q, v))
     return np.asarray(np.sqrt(((done.q - final) ** 2).sum(axis=0))[escaped])

@@ -9,15 +9,20 @@ from typing import Any
 
 import numpy as np
 
-from streamkit.model import Model, offsets
-from streamkit.observe import ARMS, CELL, ENOUGH, Track, mean_track, measure_stream, quantiles
+from streamkit.model import Host, Model
+from streamkit.observe import CELL, ENOUGH, Track, mean_track, measure_stream, quantiles
 from streamkit.spec import Setup, Spec
-from streamkit.stream import Array, BoolArray, Prediction, Stream
+from streamkit.stream import ARMS, Array, BoolArray, Prediction, Stream
 
 ENDS = 0.5
 """Per cent of the unbound particles beyond each end of the stream."""
 NEAR = 60.0
 """Radius about the progenitor, in kpc, of the near part of a track."""
+
+
+def angular_momentum(q: Array, v: Array) -> Array:
+    """(n,) Total angular momentum in kpc km/s at positions q and velocities v (3, n)."""
+    return np.asarray(np.sqrt((np.cross(q.T, v.T) ** 2).sum(axis=1)))
 
 
 @dataclass(frozen=True)
@@ -46,7 +51,10 @@ class Portrait:
     @cached_property
     def integrals(self) -> tuple[Array | None, Array]:
         """Energy (n,) and angular momentum (n,) of the particles minus the progenitor's."""
-        return offsets(self.stream, self.setup.potentials.values())
+        host, stream, core = Host(self.setup.potentials), self.stream, self.stream.orbit
+        energy, of_core = host.energy(stream.q, stream.v), host.energy(core.q[:, -1:], core.v[:, -1:])
+        momentum = angular_momentum(stream.q, stream.v) - angular_momentum(core.q[:, -1:], core.v[:, -1:])
+        return None if energy is None or of_core is None else energy - of_core, momentum
 
     @cached_property
     def ends(self) -> tuple[float, float]:

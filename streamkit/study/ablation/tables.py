@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from streamkit.observe import ARMS
 from streamkit.report import columns, paragraph
 from streamkit.spec import as_written
+from streamkit.stream import ARMS
 from streamkit.study.ablation.measures import NEAR, observables
 from streamkit.study.ablation.runner import Ablation, Outcome
 

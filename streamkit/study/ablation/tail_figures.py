@@ -14,9 +14,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
-from streamkit.observe import ARMS, ENOUGH
+from streamkit.observe import ENOUGH
 from streamkit.report import draw_unwrapped, finish, label_all, panel_grid
-from streamkit.stream import Array, Stream
+from streamkit.stream import ARMS, Array, Stream
 from streamkit.study.ablation.panels import Portraits, some
 from streamkit.units import GYR
 

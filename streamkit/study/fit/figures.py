@@ -177,16 +177,14 @@ def bands(axes: Axes, profile: QTable, name: str, factor: float) -> None:
 
 
 def apocentres(axes: Axes, results: Results) -> None:
-    """Mark the radii of the data that are apocentres, as dashed lines."""
+    """Mark the radii that the data speak of, as dashed lines."""
     observable = results.spec.bind(results.best()).observable
-    for name in ("leading", "trailing"):
-        datum = getattr(observable, name, None)
-        if datum is not None:
-            axes.axvline(datum[0], color="black", lw=0.9, ls="--")
-            axes.text(
-                datum[0] + 1.5, 0.02, f"{name} apocentre", rotation=90, fontsize=8,
-                transform=axes.get_xaxis_transform(), va="bottom", ha="left", color="black", clip_on=True,
-            )  # fmt: skip
+    for name, radius in ({} if observable is None else observable.radii()).items():
+        axes.axvline(radius, color="black", lw=0.9, ls="--")
+        axes.text(
+            radius + 1.5, 0.02, name, rotation=90, fontsize=8,
+            transform=axes.get_xaxis_transform(), va="bottom", ha="left", color="black", clip_on=True,
+        )  # fmt: skip
 
 
 def _units(results: Results) -> tuple[Array, list[tuple[str, str]]]:

@@ -5,7 +5,7 @@ Gibbons+ 2014, figures 10 and 11.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,9 +13,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from streamkit.components import Potential
 from streamkit.errors import SpecError
-from streamkit.model import circular_velocity, mass_inside
+from streamkit.model import Host
 from streamkit.report import BLUE, VERMILION, columns, finish, paragraph
 from streamkit.spec import Spec, read_toml, resolve
 from streamkit.stream import Array
@@ -34,8 +33,8 @@ PRINTED = 10.0
 QUANTITIES = ("M", "v_c")
 
 
-def true_host(path: str | Path, fit: Spec) -> dict[str, Potential]:
-    """Return the potentials of a run file by name, all their fields numbers.
+def true_host(path: str | Path, fit: Spec) -> Host:
+    """Return the host of a run file, all its fields numbers.
 
     Only its ``[potential]`` and its ``plugins`` count; it may hold nothing else, or be a whole run file.
 
@@ -68,10 +67,10 @@ def true_host(path: str | Path, fit: Spec) -> dict[str, Potential]:
     free = [f"{section.path}.{name}" for section in sections.values() for name in section.priors]
     if free:
         raise SpecError(f"{path}: the true host needs numbers, found a prior at {', '.join(free)}")
-    return {name: section.centre for name, section in sections.items()}
+    return Host({name: section.centre for name, section in sections.items()})
 
 
-def recovery_table(results: Results, host: Mapping[str, Potential], radii: Array = RADII) -> QTable:
+def recovery_table(results: Results, host: Host, radii: Array = RADII) -> QTable:
     """Return the recovered profile beside the true one at radii (nr,) in kpc.
 
     For M (mass inside r) and v_c (circular velocity in the plane): median and intervals as in the mass profile;
@@ -82,9 +81,9 @@ def recovery_table(results: Results, host: Mapping[str, Potential], radii: Array
     from astropy import units as u
 
     table = results.mass_profile(radii)
-    r, parts = table["r"].to_value(u.kpc), list(host.values())
-    table.meta["truth"] = {name: {"kind": part.kind, **part.model_dump()} for name, part in host.items()}
-    for name, true in (("M", mass_inside(parts, r) * u.Msun), ("v_c", circular_velocity(parts, r) * u.km / u.s)):
+    r = table["r"].to_value(u.kpc)
+    table.meta["truth"] = {name: {"kind": part.kind, **part.model_dump()} for name, part in host.potentials.items()}
+    for name, true in (("M", host.mass_inside(r) * u.Msun), ("v_c", host.circular_velocity(r) * u.km / u.s)):
         median, low, high = table[name], table[f"{name}_lo68"], table[f"{name}_hi68"]
         table[f"{name}_true"] = true
         table[f"{name}_sigma"] = np.where(true > median, high - median, median - low)
@@ -134,7 +133,7 @@ def _recovery_cells(row: Any, name: str, unit: str, scale: float, digits: int) -
     return [true, median, f"{low} to {high}", deviation, f"{100 * row[f'{name}_error']:.1f} %"]
 
 
-def recovery_figure(results: Results, host: Mapping[str, Potential]) -> Figure:
+def recovery_figure(results: Results, host: Host) -> Figure:
     """Draw M(r) and v_c(r) with their 68 % and 95 % bands over the true ones, the relative difference below."""
     table = recovery_table(results, host, np.linspace(RADII[0], RADII[-1], 56))
     figure = Figure(figsize=(10.4, 5.6), layout="constrained")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from streamkit.errors import ChainError
-from streamkit.model import profiles
+from streamkit.model import Host
 from streamkit.sample import (
     Chain,
     autocorrelation_times,
@@ -227,8 +227,9 @@ class Results:
         if len(samples) > MAX_MODELS:
             samples = samples[np.linspace(0, len(samples) - 1, MAX_MODELS).astype(int)]
         distinct, where = np.unique(samples, axis=0, return_inverse=True)
-        hosts = (list(self.spec.bind(theta).potentials.values()) for theta in distinct)
-        mass, v_c = profiles(hosts, radii)
+        hosts = [Host(self.spec.bind(theta).potentials) for theta in distinct]
+        mass = np.reshape([host.mass_inside(radii) for host in hosts], (-1, len(radii)))
+        v_c = np.reshape([host.circular_velocity(radii) for host in hosts], (-1, len(radii)))
         return mass[where.ravel()], v_c[where.ravel()]
 
     def diagnostics(self) -> QTable:

@@ -14,7 +14,7 @@ import numpy as np
 from emcee.backends import Backend
 
 from streamkit.errors import ComponentError, SpecError, StreamkitError
-from streamkit.model import mass_inside
+from streamkit.model import Host
 from streamkit.report import locked
 from streamkit.sample import CHAIN, ChainFile, Limits, Posterior, Sampling, Signals, Stopped, Workers, blob_dtype
 from streamkit.spec import Spec
@@ -159,7 +159,7 @@ def _check_walkers(spec: Spec) -> None:
 
 def _mass_100(spec: Spec, theta: Array) -> float:
     """Return the mass inside 100 kpc in Msun."""
-    return float(mass_inside(list(spec.bind(theta).potentials.values()), np.array([100.0]))[0])
+    return float(Host(spec.bind(theta).potentials).mass_inside(np.array([100.0]))[0])
 
 
 @contextmanager

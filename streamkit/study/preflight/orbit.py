@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from streamkit.engine import build_field
 from streamkit.errors import OutOfDomain
-from streamkit.model import NODE, escapes, next_apocentre, progenitor_track
+from streamkit.model import NODE, Host, next_apocentre, progenitor_track, stripped
 from streamkit.spec import Setup
 from streamkit.stream import Array, Orbit
 from streamkit.units import GYR
@@ -48,16 +47,16 @@ class OrbitSummary:
 
 def summarise_orbit(setup: Setup) -> OrbitSummary:
     """Follow the progenitor back until it has turned twice at each end, at most to `HORIZON`."""
-    host = build_field(list(setup.potentials.values()))
+    host = Host(setup.potentials)
     reach = 1.0
     while True:
-        past = host.orbit(setup.q, setup.v, 0.0, -reach * GYR, NODE)
+        past = host.field.orbit(setup.q, setup.v, 0.0, -reach * GYR, NODE)
         peri, apo = past.pericentres()[::-1], past.apocentres()[::-1]
         if min(len(peri), len(apo)) >= 2 or reach >= HORIZON or not np.isfinite(past.q).all():
             break
         reach = min(2 * reach, HORIZON)
     try:
-        track, _ = progenitor_track(host, setup)
+        track, _ = stripped(setup, progenitor_track(host, setup))
         completed = len(track.apocentres())
         r_tidal = float(track.r_tidal.min()), float(track.r_tidal.max())
     except OutOfDomain:
@@ -66,7 +65,7 @@ def summarise_orbit(setup: Setup) -> OrbitSummary:
         pericentres=_radii(past, peri),
         apocentres=_radii(past, apo),
         period=_period(peri, apo) / GYR,
-        escapes=escapes(setup),
+        escapes=host.unbinds(setup.q, setup.v),
         completed=completed,
         returns=next_apocentre(host, setup) is not None,
         r_tidal=r_tidal,

@@ -10,7 +10,6 @@ import numpy as np
 
 from streamkit.errors import SpecError
 from streamkit.model import Model
-from streamkit.report import coverage_warnings
 from streamkit.sample import Posterior
 from streamkit.spec import Setup, Spec
 from streamkit.stream import Array, Prediction
@@ -90,7 +89,8 @@ def run_preflight(spec: Spec, *, draws: int = 64) -> Preflight:
     warnings = orbit_warnings(spec, setup, path)
     if reason and (len(path.apocentres) or prediction is None):
         warnings.append(f"There is no prediction at {asked}: {reason}.")
-    warnings += coverage_warnings(prediction)
+    if setup.observable is not None and prediction is not None:
+        warnings += setup.observable.remarks(prediction)
     warnings += survey_warnings(trial)
     warnings += [f"This run file cannot be fitted: {unfit}."] if unfit else sampler_warnings(spec)
     warnings += sun_warnings(spec.parts.sun.build(setup.values))

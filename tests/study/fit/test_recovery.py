@@ -16,6 +16,7 @@ from runfiles import PLUGIN
 from toys import FIT
 
 import streamkit as sk
+from streamkit.model import Host
 from streamkit.sample import Chain
 from streamkit.spec import to_toml
 from streamkit.study.fit import RECOVERY
@@ -40,8 +41,11 @@ def chain_of(v0: np.ndarray) -> Results:
     return results
 
 
-def tf(v0: float) -> dict[str, sk.Potential]:
-    return {"potential": sk.load(FIT).registry.find("potential", "tf", "potential.kind")(v0=v0, rs=12.0, alpha=0.4)}
+def tf(v0: float) -> Host:
+    halo = sk.load(FIT).registry.find("potential", "tf", "potential.kind")
+    return Host(
+        {"potential": sk.load(FIT).registry.find("potential", "tf", "potential.kind")(v0=v0, rs=12.0, alpha=0.4)}
+    )
 
 
 @pytest.mark.parametrize("true", [205.0, 210.0, 213.0, 240.0])
@@ -82,7 +86,7 @@ def test_the_true_host_is_the_sum_of_its_parts(tmp_path: Path) -> None:
         '[potential.halo]\nkind = "nfw"\nmass = 5e11\nrs = 20\n'
     )
     host = true_host(path, sk.load(FIT))
-    assert list(host) == ["bulge", "halo"]
+    assert list(host.potentials) == ["bulge", "halo"]
     x = RADII / 20
     mass = 3e10 * RADII**2 / (RADII + 0.5) ** 2 + 5e11 * (np.log1p(x) - x / (1 + x))
     table = recovery_table(chain_of(np.linspace(200, 220, 8)), host)

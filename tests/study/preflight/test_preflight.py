@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import streamkit as sk
-from streamkit.report import coverage_warnings
+from streamkit.builtin.apocentres import Apocentres
 from streamkit.spec import Sun
 from streamkit.study.preflight import run_preflight
 from streamkit.study.preflight.draws import PriorDraws, try_prior_draws
@@ -223,5 +223,5 @@ def test_a_run_file_without_data_says_that_it_cannot_be_fitted() -> None:
 def test_an_arm_that_ends_inside_the_fitted_window_is_named(first: float, last: float, text: str) -> None:
     details = {"trailing_angle": -np.arange(first, last + 1), "trailing_peak": np.array([-80.0, 100.0])}
     prediction = sk.Prediction(("trailing",), np.array([100.0]), np.array([1.0]), details=details)
-    found = coverage_warnings(prediction)
-    assert (text in found[0]) if text else found == []
+    found = Apocentres().remarks(prediction)
+    assert (text in found[0]) if text else found == ()

@@ -1,0 +1,66 @@
+"""The progenitor's own mass, and the tidal radius that it has in a host."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from streamkit.components import Potential
+from streamkit.model.host import Host
+from streamkit.stream import Array
+from streamkit.units import G
+
+FAR = 1e6
+"""A radius in kpc beyond every satellite: a finite mass is all inside."""
+TOTAL = 1e-3
+"""A field called ``mass`` is the total mass if no more than so much of it is missing at `FAR`."""
+AXES = np.concatenate([np.eye(3), -np.eye(3)], axis=1)
+"""(3, 6) Directions over which the pull of a satellite is averaged."""
+SETTLED, STEPS = 1e-12, 200
+"""Relative change at which a tidal radius is found, and most steps towards it."""
+
+
+@dataclass(frozen=True)
+class Satellite:
+    """The progenitor as a mass.
+
+    Its ``mass`` is the total one (Plummer, Hernquist ...), and then the tidal radius is that of a point mass, as in
+    Gibbons+ 2014; or it is a scale mass (NFW), and then what counts is the mass inside the tidal radius.
+    """
+
+    potential: Potential
+    mass: float
+
+    def mass_inside(self, r: Array) -> Array:
+        """(n,) Mass in Msun inside radii r (n,) in kpc: ``r^2 <-a_r> / G``, the mean taken over the six half axes."""
+        places = (AXES[:, :, None] * r).reshape(3, -1)
+        pull = -Host({"progenitor": self.potential}).acceleration(places).reshape(3, 6, -1)
+        return np.asarray(r**2 / G * np.einsum("ck,ckr->r", AXES, pull) / 6)
+
+    @cached_property
+    def is_finite(self) -> bool:
+        """Whether ``mass`` is all the mass there is."""
+        return bool(abs(self.mass_inside(np.array([FAR]))[0] - self.mass) <= TOTAL * self.mass)
+
+    def tidal_radius(self, bracket: Array) -> Array:
+        """(n,) ``[G M / bracket]^(1/3)`` in kpc for `Host.tidal_bracket` (n,); NaN where that is NaN.
+
+        M is the total mass, or the mass inside the tidal radius itself.
+        """
+        point = np.asarray(np.cbrt(G * self.mass / bracket))
+        return point if self.is_finite else self._settled(point, bracket)
+
+    def shrunk(self, r_tidal: Array, left: Array) -> Array:
+        """(n,) Tidal radii (n,) in the same tidal field once the fractions ``left`` (n,) remain, at every radius."""
+        smaller = np.asarray(r_tidal * np.cbrt(left))
+        return smaller if self.is_finite else self._settled(smaller, G * self.mass_inside(r_tidal) / r_tidal**3 / left)
+
+    def _settled(self, r: Array, bracket: Array) -> Array:
+        """Iterate r = [G M(<r) / bracket]^(1/3): it contracts, as the mean density falls outwards."""
+        for _ in range(STEPS):
+            before, r = r, np.cbrt(G * self.mass_inside(r) / bracket)
+            if not (np.abs(r - before) > SETTLED * r).any():
+                break
+        return np.asarray(r)
