@@ -173,7 +173,7 @@ def _why_few(angle: Array, member: BoolArray, chosen: BoolArray, guide: float) -
     near = np.abs(angle - guide) < WINDOW
     if (member & near).sum() >= FEWEST > (chosen & near).sum():
         return ", the rest is too recent for the rule of observable.recent_debris"
-    if (np.abs(angle[member]) > abs(guide)).sum() < FEWEST:
+    if member.sum() >= FEWEST and (np.abs(angle[member]) > abs(guide)).mean() < COVERAGE:
         return ", which the arm does not reach: raise progenitor.lookback, or let the progenitor lose more"
     return ": raise stripping.particles"
 

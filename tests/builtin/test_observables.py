@@ -292,7 +292,7 @@ def test_too_few_particles_near_the_apocentre_says_why(short_trailing_arm):
     stream = model_stream("B", 3000)
     recent = replace(stream, t_strip=np.where(stream.bound, 0.0, -0.001))
     assert "too recent for the rule of observable.recent_debris" in Apocentres(**data).predict(recent).why_not
-    thin = replace(stream, bound=stream.bound | (np.arange(len(stream)) % 40 > 1))
+    thin = replace(stream, bound=stream.bound | (np.arange(len(stream)) % 200 > 1))
     assert Apocentres(**data).predict(thin).why_not.endswith("raise stripping.particles")
 
 

@@ -43,9 +43,7 @@ def chain_of(v0: np.ndarray) -> Results:
 
 def tf(v0: float) -> Host:
     halo = sk.load(FIT).registry.find("potential", "tf", "potential.kind")
-    return Host(
-        {"potential": sk.load(FIT).registry.find("potential", "tf", "potential.kind")(v0=v0, rs=12.0, alpha=0.4)}
-    )
+    return Host({"potential": halo(v0=v0, rs=12.0, alpha=0.4)})
 
 
 @pytest.mark.parametrize("true", [205.0, 210.0, 213.0, 240.0])
