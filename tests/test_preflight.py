@@ -18,7 +18,7 @@ from streamkit.preflight import preflight
 from streamkit.progenitor import Sun
 from streamkit.survey import Survey, survey
 
-SAGITTARIUS = Path(__file__).parents[1] / "examples" / "sagittarius.toml"
+SAGITTARIUS = Path(__file__).parents[1] / "examples" / "sagittarius" / "sagittarius.toml"
 SATELLITE = 1.0e8
 
 
