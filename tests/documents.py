@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import re
+import shlex
 import shutil
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import streamkit as sk
 from streamkit.spec import Spec
 
-ROOT = Path(__file__).parent.parent
-DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("plugins/*/README.md"))]
+ROOT = next(folder for folder in Path(__file__).parents if (folder / "pyproject.toml").exists())
+README, CONTRIBUTING = ROOT / "README.md", ROOT / "CONTRIBUTING.md"
+STUDIES = sorted(ROOT.glob("examples/*/README.md"))
+"""The results, beside the run files that make them."""
+PLUGINS = sorted(ROOT.glob("plugins/*/README.md"))
+DOCUMENTS = [README, CONTRIBUTING, *STUDIES, *PLUGINS, ROOT / "tests" / "benchmarks" / "README.md"]
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 NARROW: dict[str, Any] = {
-    "sampler.walkers": 10,
+    "sampler.walkers": 8,
     "sampler.steps": 4,
     "observable.leading": ["48 kpc", "20 kpc"],
     "observable.trailing": ["102 kpc", "40 kpc"],
@@ -72,20 +78,79 @@ def blocks(language: str, document: Path | None = None) -> list[Block]:
     return [block for block in found if block.language == language]
 
 
+@dataclass(frozen=True)
+class Command:
+    """One command of a shell block: its words, and the file that its output goes to."""
+
+    block: Block
+    words: list[str]
+    target: str | None = None
+
+    @property
+    def arguments(self) -> list[str] | None:
+        """The arguments of `streamkit`; None for another program."""
+        return self.words[1:] if Path(self.words[0]).name == "streamkit" else None
+
+    @property
+    def script(self) -> list[str] | None:
+        """A Python script with its arguments; None for another program."""
+        runs = Path(self.words[0]).name == "python" and self.words[1].endswith(".py")
+        return self.words[1:] if runs else None
+
+    def makes(self) -> set[str]:
+        """Return the files and directories that it is told to write."""
+        told = {after for word, after in pairwise(self.words) if word in ("-o", "--output", "--plot")}
+        return told | ({self.target} if self.target else set())
+
+    def reads(self) -> set[str]:
+        """Return the files and directories that it needs."""
+        named = {word for word in self.words[1:] if Path(word).suffix in SUFFIXES}
+        return (named | ({self.words[2]} if self.words[1] == "report" else set())) - self.makes()
+
+
+SUFFIXES = (".toml", ".npz", ".hdf5", ".py", ".ecsv", ".png")
+
+
+def lines(block: Block) -> list[str]:
+    """Return the command lines of a shell block, without prompts and comments."""
+    found = [line.removeprefix("$ ").strip() for line in block.text.splitlines()]
+    return [line for line in found if line and not line.startswith("#")]
+
+
+def commands(document: Path, *languages: str) -> list[Command]:
+    """Return the commands of a document's shell blocks, in order."""
+    found = []
+    for block in sorted((b for language in languages for b in blocks(language, document)), key=lambda b: b.line):
+        for part in (part for line in lines(block) for part in line.split("&&")):
+            words = shlex.split(part, comments=True)
+            target = words[words.index(">") + 1] if ">" in words else None
+            found.append(Command(block, words[: words.index(">")] if target else words, target))
+    return found
+
+
 def reduced(path: Path, particles: int = 500) -> Spec:
     """Return an example with few particles, wide errors and few free parameters."""
     spec = sk.load(path)
     centre = dict(zip(spec.names, spec.centre().tolist(), strict=True))
-    hosts = {"mock_tf": MOCK, "mock_bulge_disc_halo": THREE, "mock_lm10": LM10, "figure5": NFW}
+    hosts = {
+        "mock_tf": MOCK,
+        "mock_tf_turning": MOCK,
+        "mock_bulge_disc_halo": THREE,
+        "mock_lm10": LM10,
+        "figure5": NFW,
+    }
     values = centre | hosts.get(path.stem, HOST) | NARROW
     return spec.with_values(values | {"stripping.particles": particles})
 
 
 def lay_desk(where: Path) -> None:
     """Make a directory that looks like the root of the repository, its examples reduced."""
-    (where / "examples").mkdir()
-    for path in sorted((ROOT / "examples").iterdir()):
+    for path in sorted((ROOT / "examples").rglob("*")):
+        copy = where / path.relative_to(ROOT)
+        copy.parent.mkdir(parents=True, exist_ok=True)
         if path.suffix == ".toml" and not path.stem.startswith("truth"):
-            (where / "examples" / path.name).write_text(reduced(path).toml())
-        elif path.is_file():
-            shutil.copy(path, where / "examples")
+            copy.write_text(reduced(path).toml())
+        elif path.suffix in (".toml", ".py"):
+            shutil.copy(path, copy)
+    (where / "tests").mkdir()
+    (where / "tests" / "data").symlink_to(ROOT / "tests" / "data")
