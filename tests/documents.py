@@ -22,36 +22,24 @@ DOCUMENTS = [README, CONTRIBUTING, *STUDIES, *PLUGINS, ROOT / "tests" / "benchma
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 NARROW: dict[str, Any] = {
-    "sampler.walkers": 8,
+    "sampler.walkers": 6,
     "sampler.steps": 4,
+    "sampler.start_particles": 500,
     "observable.leading": ["48 kpc", "20 kpc"],
     "observable.trailing": ["102 kpc", "40 kpc"],
     "observable.precession": ["93 deg", "40 deg"],
 }
 """Few steps, and errors so wide that every stream fits."""
-HOST = {
-    "potential.v0": {"uniform": [235, 245]},
-    "potential.rs": {"uniform": [20, 22]},
-    "potential.alpha": {"uniform": [0.68, 0.74]},
-    "progenitor.lookback": {"uniform": [3.6, 3.8]},
+HOSTS: dict[str, dict[str, Any]] = {
+    "sagittarius": {"v0": [235, 245], "rs": [20, 22], "alpha": 0.72},
+    "sagittarius_modern": {"v0": [235, 245], "rs": [20, 22], "alpha": 0.72},
+    "mock_tf": {"v0": [205, 215], "rs": [11, 13], "alpha": 0.45},
+    "mock_tf_turning": {"v0": [205, 215], "rs": [11, 13], "alpha": 0.45},
+    "mock_bulge_disc_halo": {"v0": [231, 241], "rs": [45, 49], "alpha": 0.5},
+    "mock_lm10": {"v0": [203, 209], "rs": [25, 29], "alpha": 0.15},
+    "figure5": {"m200": [7e11, 8e11], "c200": [19, 21]},
 }
-MOCK = {
-    "potential.v0": {"uniform": [205, 215]},
-    "potential.rs": {"uniform": [11, 13]},
-    "potential.alpha": {"uniform": [0.43, 0.47]},
-}
-THREE = {
-    "potential.v0": {"uniform": [231, 241]},
-    "potential.rs": {"uniform": [45, 49]},
-    "potential.alpha": {"uniform": [0.48, 0.52]},
-}
-LM10 = {
-    "potential.v0": {"uniform": [203, 209]},
-    "potential.rs": {"uniform": [25, 29]},
-    "potential.alpha": {"uniform": [0.13, 0.18]},
-}
-NFW = {"potential.m200": {"uniform": [7e11, 8e11]}, "potential.c200": {"uniform": [19, 21]}}
-"""A few free parameters, near those of a stream that can be measured."""
+"""The free parameters, near those of a stream that can be measured."""
 
 
 @dataclass(frozen=True)
@@ -132,15 +120,13 @@ def reduced(path: Path, particles: int = 500) -> Spec:
     """Return an example with few particles, wide errors and few free parameters."""
     spec = sk.load(path)
     centre = dict(zip(spec.names, spec.centre().tolist(), strict=True))
-    hosts = {
-        "mock_tf": MOCK,
-        "mock_tf_turning": MOCK,
-        "mock_bulge_disc_halo": THREE,
-        "mock_lm10": LM10,
-        "figure5": NFW,
+    host = {
+        f"potential.{name}": {"uniform": value} if isinstance(value, list) else value
+        for name, value in HOSTS[path.stem].items()
     }
-    values = centre | hosts.get(path.stem, HOST) | NARROW
-    return spec.with_values(values | {"stripping.particles": particles})
+    if path.stem.startswith("sagittarius"):
+        host["progenitor.lookback"] = {"uniform": [3.6, 3.8]}
+    return spec.with_values(centre | host | NARROW | {"stripping.particles": particles})
 
 
 def lay_desk(where: Path) -> None:

@@ -2,7 +2,8 @@
 
     python tests/benchmarks/scaling.py [--largest 1000000] [--calls 10000]
 
-The run file is examples/sagittarius/sagittarius.toml at one point of its prior; CPU seconds of one core, resident memory in MB.
+The run file is examples/sagittarius/sagittarius.toml at one point of its prior; CPU seconds of one core, resident
+memory in MB.
 """
 
 from __future__ import annotations
