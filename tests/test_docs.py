@@ -62,9 +62,14 @@ def laid(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def desk(laid: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The desk as working directory, and pictures of few pixels."""
+    """The desk as working directory, and pictures of few pixels that are not laid out: others test how they look."""
     save = Figure.savefig
-    monkeypatch.setattr(Figure, "savefig", lambda *args, **options: save(*args, **(options | {"dpi": 40})))
+
+    def roughly(figure: Figure, *args: Any, **options: Any) -> None:
+        figure.set_layout_engine("none")
+        save(figure, *args, **(options | {"dpi": 40}))
+
+    monkeypatch.setattr(Figure, "savefig", roughly)
     monkeypatch.chdir(laid)
     return laid
 
@@ -220,9 +225,7 @@ def fragments(document: Path) -> list[tuple[Block, dict[str, Any]]]:
 
 
 @each_document
-def test_every_part_of_a_run_file_is_valid(
-    document: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_part_of_a_run_file_is_valid(document: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "my_potential.py").write_text(PLUGIN_BLOCKS[0].text)
     monkeypatch.chdir(tmp_path)
     for _, table in fragments(document):
@@ -354,7 +357,7 @@ def test_every_public_name_has_a_docstring() -> None:
         own = inspect.isclass(value) or inspect.isfunction(value)
         if name == "hookimpl":  # pluggy's own marker
             continue
-        assert (inspect.getdoc(value) if own else name in constants), name
+        assert inspect.getdoc(value) if own else name in constants, name
 
 
 def test_the_help_of_every_command_names_what_it_does() -> None:
