@@ -2,7 +2,8 @@
 
     python tests/benchmarks/scaling.py [--largest 1000000] [--calls 10000]
 
-The run file is examples/sagittarius.toml at one point of its prior; CPU seconds of one core, resident memory in MB.
+The run file is examples/sagittarius/sagittarius.toml at one point of its prior; CPU seconds of one core, resident
+memory in MB.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 import streamkit as sk
 from streamkit.sample import Posterior, Workers
 
-RUN = Path(__file__).parents[2] / "examples" / "sagittarius.toml"
+RUN = Path(__file__).parents[2] / "examples" / "sagittarius" / "sagittarius.toml"
 POINT = {
     "potential.v0": 248.0, "potential.rs": 19.0, "potential.alpha": 0.74, "progenitor.mass": 6.4e8,
     "progenitor.radius": 0.75, "progenitor.distance": 26.0, "progenitor.pm_l_cosb": -2.39, "progenitor.pm_b": 1.83,

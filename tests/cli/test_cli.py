@@ -60,7 +60,7 @@ def test_check_shows_components_parameters_orbit_and_cost(run_file: Path) -> Non
 
 def test_check_catches_the_swapped_proper_motions_of_the_paper() -> None:
     result = call(
-        "check", EXAMPLES / "sagittarius.toml", "--draws", "0", "--set", "stripping.particles=100",
+        "check", EXAMPLES / "sagittarius" / "sagittarius.toml", "--draws", "0", "--set", "stripping.particles=100",
         "--set", "progenitor.pm_l_cosb = { normal = [1.97, 0.3] }",
         "--set", "progenitor.pm_b = { normal = ['-2.44 mas/yr', 0.3] }",
     )  # fmt: skip

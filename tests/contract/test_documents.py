@@ -4,6 +4,7 @@ import ast
 import inspect
 import os
 import re
+import runpy
 import shlex
 import subprocess
 import sys
@@ -14,97 +15,163 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
 from commands import call
-from documents import DOCUMENTS, ROOT, Block, blocks, lay_desk
+from documents import (
+    CONTRIBUTING,
+    DOCUMENTS,
+    PLUGINS,
+    README,
+    ROOT,
+    STUDIES,
+    Block,
+    Command,
+    blocks,
+    commands,
+    lay_desk,
+    lines,
+)
+from matplotlib.figure import Figure
 from runfiles import BASE
 from snapshots import model_stream, nbody_stream
 
 import streamkit as sk
+from streamkit import testing
 from streamkit.builtin.apocentres import Apocentres
 from streamkit.cli.main import main
 from streamkit.components import Component, load_registry
 from streamkit.spec import to_toml
 from streamkit.study.fit.directory import PRODUCTS
-from streamkit.testing import __all__, check
 
-README, CONTRIBUTING = DOCUMENTS[0], DOCUMENTS[1]
-SHELL = [block for language in ("sh", "console", "") for block in blocks(language)]
+SHELL = ("sh", "console", "")
 PLUGIN_BLOCKS = [block for block in blocks("python") if "@hookimpl" in block.text]
 PLAIN_BLOCKS = [block for block in blocks("python") if "@hookimpl" not in block.text]
-
-
-def commands(block: Block) -> list[str]:
-    """The command lines of a shell block, without prompts and comments."""
-    lines = [line.removeprefix("$ ").strip() for line in block.text.splitlines()]
-    return [line for line in lines if line and not line.startswith("#")]
-
-
-def streamkit_arguments(line: str) -> list[list[str]]:
-    """The arguments of every streamkit command in a line."""
-    parts = [shlex.split(part, comments=True) for part in line.split("&&")]
-    return [part[1:] for part in parts if part and Path(part[0]).name == "streamkit"]
-
-
+each_document = pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
 CALLS = [
-    pytest.param(arguments, id=f"{block} {shlex.join(arguments[:2])}")
-    for block in SHELL
-    for line in commands(block)
-    for arguments in streamkit_arguments(line)
+    pytest.param(command.arguments, id=f"{command.block} {shlex.join(command.arguments[:2])}")
+    for document in DOCUMENTS
+    for command in commands(document, *SHELL)
+    if command.arguments
 ]
 
 
 @pytest.fixture(scope="module")
-def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def laid(tmp_path_factory: pytest.TempPathFactory) -> Path:
     where = tmp_path_factory.mktemp("desk")
     lay_desk(where)
     return where
 
 
-def run_in(desk: Path, *command: str | Path) -> str:
+@pytest.fixture
+def desk(laid: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The desk as working directory, and pictures of few pixels that are not laid out: others test how they look."""
+    save = Figure.savefig
+
+    def roughly(figure: Figure, *args: Any, **options: Any) -> None:
+        figure.set_layout_engine("none")
+        save(figure, *args, **(options | {"dpi": 40}))
+
+    monkeypatch.setattr(Figure, "savefig", roughly)
+    monkeypatch.chdir(laid)
+    return laid
+
+
+@pytest.fixture(scope="module")
+def carried_out() -> set[str]:
+    """Commands that were run: several documents show the same one."""
+    return set()
+
+
+def run_in(folder: Path, *command: str | Path) -> str:
     done = subprocess.run(
-        [sys.executable, *command], cwd=desk, capture_output=True, text=True, timeout=300,
+        [sys.executable, *command], cwd=folder, capture_output=True, text=True, timeout=300,
         env=os.environ | {"PYTHONPATH": str(ROOT)},
     )  # fmt: skip
     assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
     return done.stdout
 
 
+def carry_out(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run a command of a document in this process."""
+    if command.script:
+        monkeypatch.setattr(sys, "argv", command.script)
+        runpy.run_path(command.script[0], run_name="__main__")
+    if command.arguments:
+        short = ["6" if option == "--steps" else word for option, word in pairwise(["", *command.arguments])]
+        result = call(*short)
+        assert result.exit_code == 0, f"{command.words}\n{result.output}"
+        assert result.stdout
+        if command.target:
+            Path(command.target).write_text(result.stdout)
+    assert command.script or command.arguments, command.words
+    assert all(Path(made).exists() for made in command.makes())
+
+
 @pytest.mark.parametrize("arguments", CALLS)
 def test_every_command_line_parses(arguments: list[str]) -> None:
     name, *rest = arguments
-    main.commands[name].make_context(name, rest)
+    known = main.get_command(click.Context(main), name)
+    assert known is not None
+    known.make_context(name, rest)
 
 
-def test_the_commands_of_the_readme_run_in_their_order(desk: Path) -> None:
-    done = set()
-    for block in blocks("console", README):
-        for line in commands(block):
-            for arguments in streamkit_arguments(line):
-                shorter = re.sub(r"--steps \d+", "--steps 6", shlex.join(arguments))
-                assert run_in(desk, "-m", "streamkit", *shlex.split(shorter))
-                done.add(arguments[0])
-    assert done == set(main.commands)  # the README shows every command
-    out = desk / "out-sagittarius"
-    found = {path.name for path in out.iterdir() if not path.name.startswith(".")}
-    assert found == set(PRODUCTS)
-    assert all(f"`{name}`" in README.read_text() for name in found)
+@pytest.mark.parametrize("document", [README, *STUDIES], ids=lambda path: path.parent.name)
+def test_the_commands_of_a_document_run_in_their_order(
+    document: Path, desk: Path, carried_out: set[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert commands(document, "console")
+    for command in commands(document, "console"):
+        if shlex.join(command.words) not in carried_out:
+            carry_out(command, monkeypatch)
+            carried_out.add(shlex.join(command.words))
+    if document == README:
+        found = {path.name for path in (desk / "out-sagittarius").iterdir() if not path.name.startswith(".")}
+        assert found == set(PRODUCTS)
+        assert all(f"`{name}`" in README.read_text() for name in found)
 
 
-def test_the_programs_of_the_readme_run(desk: Path) -> None:
-    shown = blocks("python", README)
-    assert shown
-    script = desk / "readme.py"
-    script.write_text("\n".join(block.text for block in shown))
-    printed = run_in(desk, "-W", "error", script)
+def test_every_command_is_shown_where_it_is_run() -> None:
+    """Those of a plugin in the plugin's own README, whose tests run them."""
+    shown, plugins = (
+        {command.arguments[0] for path in paths for command in commands(path, *SHELL) if command.arguments}
+        for paths in ([README, *STUDIES], PLUGINS)
+    )
+    known = set(main.list_commands(click.Context(main)))
+    run = {c.arguments[0] for path in [README, *STUDIES] for c in commands(path, "console") if c.arguments}
+    assert shown <= known
+    assert known - run <= plugins
+
+
+@pytest.mark.parametrize("document", [README, *STUDIES, *PLUGINS], ids=lambda path: path.parent.name)
+def test_what_a_command_needs_exists_or_was_made_by_an_earlier_one(document: Path) -> None:
+    made: set[str] = set()
+    for command in commands(document, *SHELL):
+        if command.arguments or command.script:
+            for name in command.reads():
+                earlier = {str(path) for path in (Path(name), *Path(name).parents)} & made
+                assert earlier or (ROOT / name).exists(), f"{command.block}: {name}"
+            made |= command.makes()
+
+
+def test_the_readme_is_short() -> None:
+    assert len(README.read_text(encoding="utf-8").splitlines()) <= 200
+
+
+def test_the_program_of_the_readme_runs(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (shown,) = blocks("python", README)
+    exec(compile(shown.text, str(shown), "exec"), {})
+    printed = capsys.readouterr().out
     assert "potential.v0" in printed  # the summary
     assert "200.0" in printed  # the last radius of the mass profile
-    assert len([line for line in shown[0].text.splitlines() if line]) <= 10  # a fit from Python in ten lines
+    program = [line for line in shown.text.splitlines() if line]
+    assert len(program) <= 10  # a fit from Python in ten lines
+    assert all(re.search(r"  # \d[\d.]* (s|min)\b", line) for line in program)  # and what each one takes
 
 
 @pytest.mark.parametrize("block", [b for b in PLAIN_BLOCKS if b.document != README], ids=str)
 def test_a_python_block_runs(block: Block, desk: Path) -> None:
-    run_in(desk, "-W", "error", "-c", block.text)
+    exec(compile(block.text, str(block), "exec"), {})
 
 
 @pytest.fixture
@@ -129,7 +196,7 @@ def test_a_plugin_block_loads_as_a_file_and_conforms(
     block: Block, shown: Callable[[Block], list[type[Component]]]
 ) -> None:
     for cls in shown(block):
-        check(cls)
+        testing.check(cls)
 
 
 def test_a_plugin_file_works_in_a_second_process(tmp_path: Path) -> None:
@@ -160,7 +227,7 @@ def fragments(document: Path) -> list[tuple[Block, dict[str, Any]]]:
     return [(block, table) for block, table in parsed if "project" not in table]
 
 
-@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.parent.name)
+@each_document
 def test_every_part_of_a_run_file_is_valid(document: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "my_potential.py").write_text(PLUGIN_BLOCKS[0].text)
     monkeypatch.chdir(tmp_path)
@@ -172,7 +239,7 @@ def test_the_run_file_explained_is_the_example() -> None:
     whole: dict[str, Any] = {}
     for _, table in fragments(README):
         whole |= table
-    example = sk.load(ROOT / "examples" / "sagittarius.toml").document
+    example = sk.load(ROOT / "examples" / "sagittarius" / "sagittarius.toml").document
     explained = sk.load(whole).document
     assert set(explained) == set(example)
     for section in ("sun", "progenitor", "stripping", "observable", "likelihood"):
@@ -180,7 +247,7 @@ def test_the_run_file_explained_is_the_example() -> None:
 
 
 def test_the_second_command_line_is_what_ci_runs() -> None:
-    first, second, *_ = (commands(block) for block in blocks("sh", README))
+    first, second, *_ = (lines(block) for block in blocks("sh", README))
     assert len(first) == len(second) == 1
     script = ROOT / ".ci" / "run"
     assert script.read_text().splitlines()[-1] == second[0]
@@ -194,30 +261,40 @@ def test_the_set_up_names_what_exists() -> None:
     for project in [ROOT, *ROOT.glob("plugins/*")]:
         found = tomllib.loads((project / "pyproject.toml").read_text())["project"]
         extras[project.resolve()] = set(found.get("optional-dependencies", {}))
-    for block in SHELL:
-        for line in commands(block):
-            for part in line.split("&&"):
-                words = shlex.split(part, comments=True)
-                if "install" in words:
-                    for word in (w for w in words[words.index("install") + 1 :] if not w.startswith("-")):
-                        path, _, extra = word.rstrip("]").partition("[")
-                        assert (ROOT / path).resolve() in extras, line
-                        assert not extra or extra in extras[(ROOT / path).resolve()], line
-                if words and Path(words[0]).name in ("pytest", "python"):
-                    paths = [word for word in words[1:] if "/" in word or word in ("tests", "plugins")]
-                    assert paths, line
-                    assert all((ROOT / path).exists() for path in paths), line
+    for document in DOCUMENTS:
+        for command in commands(document, *SHELL):
+            words = command.words
+            if "install" in words:
+                for word in (w for w in words[words.index("install") + 1 :] if not w.startswith("-")):
+                    path, _, extra = word.rstrip("]").partition("[")
+                    assert (ROOT / path).resolve() in extras, words
+                    assert not extra or extra in extras[(ROOT / path).resolve()], words
+            if Path(words[0]).name in ("pytest", "python"):
+                paths = [word for word in words[1:] if "/" in word or word in ("tests", "plugins")]
+                assert paths, words
+                assert all((ROOT / path).exists() for path in paths), words
 
 
-@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.parent.name)
+def headings(document: Path) -> set[str]:
+    """The names by which links call the headings of a document."""
+    text = re.sub(r"^```.*?^```", "", document.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    titles = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+@each_document
 def test_links_lead_somewhere(document: Path) -> None:
-    for target in re.findall(r"\]\(([^)#]+)\)", document.read_text(encoding="utf-8")):
-        assert target.startswith("https://") or (document.parent / target).exists(), target
+    for target in re.findall(r"\]\(([^)]+)\)", document.read_text(encoding="utf-8")):
+        if not target.startswith("https://"):
+            path, _, heading = target.partition("#")
+            where = document.parent / path if path else document
+            assert where.exists(), target
+            assert not heading or heading in headings(where), target
 
 
 def test_the_table_of_the_two_rules_is_what_comes_out() -> None:
-    """Within the noise of 10 000 particles (the README's are 20 000)."""
-    text = README.read_text(encoding="utf-8")
+    """Within the noise of 10 000 particles (the document's are 20 000)."""
+    text = (ROOT / "examples" / "mocks" / "README.md").read_text(encoding="utf-8")
     streams = {
         "N-body": nbody_stream("B"),
         "mLCS": model_stream("B"),
@@ -251,19 +328,18 @@ def test_contributing_names_the_hook_the_bases_and_the_number_types() -> None:
     assert len(bases) == 4
     assert len(numbers) > 10
     assert set(numbers) <= set(sk.__all__)
-    for name in (*bases, *numbers, *__all__[:1]):
+    for name in (*bases, *numbers, *testing.__all__[:1]):
         assert re.search(rf"`{name}`", text), name
 
 
-def test_the_map_names_every_file() -> None:
+def test_the_map_is_the_tree() -> None:
     text = CONTRIBUTING.read_text(encoding="utf-8")
+    part = text[text.index("## Map") :]
     package = Path(sk.__file__).parent
-    files = [path.name for path in package.glob("*.py") if path.name != "__main__.py"]
-    folders = [f"{path.name}/" for path in package.iterdir() if (path / "__init__.py").exists()]
-    missing = [name for name in (*files, *folders) if not re.search(rf"[`/]{re.escape(name)}`", text)]
-    assert not missing, f"not in CONTRIBUTING's map: {missing}"
-    named = re.findall(r"`(\w+\.py)`", text)
-    assert all((package / name).exists() for name in named), named
+    folders = {f"{path.parent.relative_to(package)}/" for path in package.glob("*/**/__init__.py")}
+    assert set(re.findall(r"^\| `([\w/]+/)`", part, re.MULTILINE)) == folders
+    files = {path.name for path in package.glob("*.py")}
+    assert set(re.findall(r"`(\w+\.py)`", part)) == files
 
 
 def documented_constants(module: str) -> set[str]:

@@ -1,5 +1,6 @@
 """The files of examples/: every run file is valid and makes a stream, every script runs."""
 
+import runpy
 import subprocess
 import sys
 from collections.abc import Callable
@@ -8,18 +9,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import call
-from documents import reduced
+from documents import ROOT, reduced
 from scipy.integrate import dblquad, quad
+from snapshots import nbody_stream
 
 import streamkit as sk
+from streamkit.builtin.apocentres import Apocentres
 from streamkit.model import Host, progenitor_track
+from streamkit.nbody import as_stream, read_snapshot
 from streamkit.study.fit.recovery import true_host
 from streamkit.study.preflight.orbit import summarise_orbit
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
-RUN_FILES = sorted(EXAMPLES.glob("*.toml"))
-TRUTHS = sorted(EXAMPLES.glob("truth_*.toml"))
+EXAMPLES = ROOT / "examples"
+MOCKS = EXAMPLES / "mocks"
+RUN_FILES = sorted(EXAMPLES.glob("*/*.toml"))
+TRUTHS = sorted(MOCKS.glob("truth_*.toml"))
 SCRIPTS = sorted(EXAMPLES.glob("*.py"))
+DEFAULT_RULE = Apocentres.model_fields["recent_debris"].default
 
 
 def test_the_examples_are_found() -> None:
@@ -49,13 +55,50 @@ def test_a_run_file_can_be_fitted_where_the_documents_say(path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["sagittarius", "sagittarius_modern"])
 def test_the_sagittarius_examples_hold_the_data_and_priors_of_the_paper(name: str) -> None:
-    spec = sk.load(EXAMPLES / f"{name}.toml")
+    spec = sk.load(EXAMPLES / "sagittarius" / f"{name}.toml")
     assert len(spec.names) == 11
     observable = spec.bind().observable
     assert observable is not None
     values, errors = observable.data()
     assert values.tolist() == [47.8, 102.5, 93.2]
     assert errors.tolist() == [0.5, 2.5, 3.5]
+
+
+def rule(spec: sk.Spec) -> str:
+    return str(spec.document["observable"]["recent_debris"])
+
+
+def test_an_example_uses_the_default_rule_for_recent_debris() -> None:
+    """And has a stream that the rule measures, at the prior's centre as at the true values."""
+    using = {path.stem: spec for path in RUN_FILES if rule(spec := sk.load(path)) == DEFAULT_RULE}
+    assert using
+    spec = using["mock_tf_turning"]
+    truth = {"potential.v0": 210, "potential.rs": 12, "potential.alpha": 0.45, "progenitor.mass": 6.4e8}
+    for values in ({}, truth | {"progenitor.radius": 0.85, "stripping.sigma": 10}):
+        _, prediction = sk.Model(spec).observe(spec.with_values(values).bind())
+        assert not prediction.why_not
+    assert prediction.mean[:2] == pytest.approx(spec.bind().observable.data()[0][:2], abs=1.0)
+
+
+def test_the_mock_of_the_default_rule_is_the_first_one_measured_by_that_rule() -> None:
+    turning, first = (sk.load(MOCKS / f"{name}.toml") for name in ("mock_tf_turning", "mock_tf"))
+    assert {k: v for k, v in turning.document.items() if k != "observable"} == {
+        k: v for k, v in first.document.items() if k != "observable"
+    }
+    (ours, error), (_, paper_error) = turning.bind().observable.data(), first.bind().observable.data()
+    assert error == pytest.approx(paper_error)
+    assert ours == pytest.approx(Apocentres(recent_debris=DEFAULT_RULE).predict(nbody_stream("B")).mean, abs=0.06)
+
+
+def test_the_extract_is_written_as_a_snapshot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    table = tmp_path / "table.npz"
+    monkeypatch.setattr(sys, "argv", ["snapshot.py", str(ROOT / "tests/data/nbody_B.npz"), "-o", str(table)])
+    runpy.run_path(str(EXAMPLES / "ablation" / "snapshot.py"), run_name="__main__")
+    found = as_stream(read_snapshot(table), sk.load(MOCKS / "mock_tf.toml").bind())
+    wanted = nbody_stream("B")
+    assert np.array_equal(found.q, wanted.q)
+    assert found.t_strip == pytest.approx(wanted.t_strip, abs=1e-6)
+    assert np.array_equal(found.winding, wanted.winding)
 
 
 def hernquist(r: float, z: float, mass: float, a: float) -> float:
@@ -108,16 +151,16 @@ def test_a_mock_states_the_masses_of_its_truth(name: str) -> None:
     }  # fmt: skip
     r = np.array([50.0, 100.0, 200.0])
     mass = np.array([halves[name](x) for x in r])
-    mock = EXAMPLES / f"mock_{name}.toml"
+    mock = MOCKS / f"mock_{name}.toml"
     assert f"({', '.join(f'{m:.2f}' for m in mass / 1e11)})e11" in mock.read_text()
-    host = true_host(EXAMPLES / f"truth_{name}.toml", sk.load(mock))
+    host = true_host(MOCKS / f"truth_{name}.toml", sk.load(mock))
     assert host.mass_inside(r) == pytest.approx(mass, rel=1e-4)
 
 
 @pytest.mark.parametrize("name", ["bulge_disc_halo", "lm10"])
 def test_a_mock_is_the_satellite_of_its_truth_and_measured_as_the_paper_did(name: str) -> None:
     """The live core is 12 and 14 degrees ahead of the point mass; the data are ours, near the paper's own."""
-    mock, truth = (sk.load(EXAMPLES / f"{kind}_{name}.toml") for kind in ("mock", "truth"))
+    mock, truth = (sk.load(MOCKS / f"{kind}_{name}.toml") for kind in ("mock", "truth"))
     core, point = mock.bind(), truth.bind()
     cosine = core.q @ point.q / np.sqrt((core.q @ core.q) * (point.q @ point.q))
     assert 5 < np.degrees(np.arccos(cosine)) < 20
@@ -131,7 +174,7 @@ def test_a_mock_is_the_satellite_of_its_truth_and_measured_as_the_paper_did(name
 @pytest.mark.parametrize(("name", "since"), [("tf", 0.03), ("bulge_disc_halo", 0.02)])
 def test_the_orbits_of_the_first_two_mocks_are_those_they_state(name: str, since: float) -> None:
     """17 to 75 kpc, polar, begun at apocentre, so many Gyr after the third pericentre."""
-    setup = sk.load(EXAMPLES / f"truth_{name}.toml").bind()
+    setup = sk.load(MOCKS / f"truth_{name}.toml").bind()
     track = progenitor_track(Host(setup.potentials), setup)
     assert track.at(track.pericentres()).r == pytest.approx([17, 17, 17], abs=0.02)
     assert track.r[0] == pytest.approx(75, abs=0.02)
@@ -141,7 +184,7 @@ def test_the_orbits_of_the_first_two_mocks_are_those_they_state(name: str, since
 
 
 def test_the_third_mock_is_on_the_orbit_it_states() -> None:
-    setup = sk.load(EXAMPLES / "truth_lm10.toml").bind()
+    setup = sk.load(MOCKS / "truth_lm10.toml").bind()
     path = summarise_orbit(setup)
     assert setup.lookback / path.period == pytest.approx(3.5, abs=0.1)
     assert path.apocentres == pytest.approx(59, abs=1.5)

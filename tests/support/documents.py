@@ -3,49 +3,43 @@
 from __future__ import annotations
 
 import re
+import shlex
 import shutil
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import streamkit as sk
 from streamkit.spec import Spec
 
-ROOT = Path(__file__).parents[2]
-DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("plugins/*/README.md"))]
+ROOT = next(folder for folder in Path(__file__).parents if (folder / "pyproject.toml").exists())
+README, CONTRIBUTING = ROOT / "README.md", ROOT / "CONTRIBUTING.md"
+STUDIES = sorted(ROOT.glob("examples/*/README.md"))
+"""The results, beside the run files that make them."""
+PLUGINS = sorted(ROOT.glob("plugins/*/README.md"))
+DOCUMENTS = [README, CONTRIBUTING, *STUDIES, *PLUGINS, ROOT / "tests" / "benchmarks" / "README.md"]
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 NARROW: dict[str, Any] = {
-    "sampler.walkers": 10,
+    "sampler.walkers": 6,
     "sampler.steps": 4,
+    "sampler.start_particles": 500,
     "observable.leading": ["48 kpc", "20 kpc"],
     "observable.trailing": ["102 kpc", "40 kpc"],
     "observable.precession": ["93 deg", "40 deg"],
 }
 """Few steps, and errors so wide that every stream fits."""
-HOST = {
-    "potential.v0": {"uniform": [235, 245]},
-    "potential.rs": {"uniform": [20, 22]},
-    "potential.alpha": {"uniform": [0.68, 0.74]},
-    "progenitor.lookback": {"uniform": [3.6, 3.8]},
+HOSTS: dict[str, dict[str, Any]] = {
+    "sagittarius": {"v0": [235, 245], "rs": [20, 22], "alpha": 0.72},
+    "sagittarius_modern": {"v0": [235, 245], "rs": [20, 22], "alpha": 0.72},
+    "mock_tf": {"v0": [205, 215], "rs": [11, 13], "alpha": 0.45},
+    "mock_tf_turning": {"v0": [205, 215], "rs": [11, 13], "alpha": 0.45},
+    "mock_bulge_disc_halo": {"v0": [231, 241], "rs": [45, 49], "alpha": 0.5},
+    "mock_lm10": {"v0": [203, 209], "rs": [25, 29], "alpha": 0.15},
+    "figure5": {"m200": [7e11, 8e11], "c200": [19, 21]},
 }
-MOCK = {
-    "potential.v0": {"uniform": [205, 215]},
-    "potential.rs": {"uniform": [11, 13]},
-    "potential.alpha": {"uniform": [0.43, 0.47]},
-}
-THREE = {
-    "potential.v0": {"uniform": [231, 241]},
-    "potential.rs": {"uniform": [45, 49]},
-    "potential.alpha": {"uniform": [0.48, 0.52]},
-}
-LM10 = {
-    "potential.v0": {"uniform": [203, 209]},
-    "potential.rs": {"uniform": [25, 29]},
-    "potential.alpha": {"uniform": [0.13, 0.18]},
-}
-NFW = {"potential.m200": {"uniform": [7e11, 8e11]}, "potential.c200": {"uniform": [19, 21]}}
-"""A few free parameters, near those of a stream that can be measured."""
+"""The free parameters, near those of a stream that can be measured."""
 
 
 @dataclass(frozen=True)
@@ -72,20 +66,77 @@ def blocks(language: str, document: Path | None = None) -> list[Block]:
     return [block for block in found if block.language == language]
 
 
+@dataclass(frozen=True)
+class Command:
+    """One command of a shell block: its words, and the file that its output goes to."""
+
+    block: Block
+    words: list[str]
+    target: str | None = None
+
+    @property
+    def arguments(self) -> list[str] | None:
+        """The arguments of `streamkit`; None for another program."""
+        return self.words[1:] if Path(self.words[0]).name == "streamkit" else None
+
+    @property
+    def script(self) -> list[str] | None:
+        """A Python script with its arguments; None for another program."""
+        runs = Path(self.words[0]).name == "python" and self.words[1].endswith(".py")
+        return self.words[1:] if runs else None
+
+    def makes(self) -> set[str]:
+        """Return the files and directories that it is told to write."""
+        told = {after for word, after in pairwise(self.words) if word in ("-o", "--output", "--plot")}
+        return told | ({self.target} if self.target else set())
+
+    def reads(self) -> set[str]:
+        """Return the files and directories that it needs."""
+        named = {word for word in self.words[1:] if Path(word).suffix in SUFFIXES}
+        return (named | ({self.words[2]} if self.words[1] == "report" else set())) - self.makes()
+
+
+SUFFIXES = (".toml", ".npz", ".hdf5", ".py", ".ecsv", ".png")
+
+
+def lines(block: Block) -> list[str]:
+    """Return the command lines of a shell block, without prompts and comments."""
+    found = [line.removeprefix("$ ").strip() for line in block.text.splitlines()]
+    return [line for line in found if line and not line.startswith("#")]
+
+
+def commands(document: Path, *languages: str) -> list[Command]:
+    """Return the commands of a document's shell blocks, in order."""
+    found = []
+    for block in sorted((b for language in languages for b in blocks(language, document)), key=lambda b: b.line):
+        for part in (part for line in lines(block) for part in line.split("&&")):
+            words = shlex.split(part, comments=True)
+            target = words[words.index(">") + 1] if ">" in words else None
+            found.append(Command(block, words[: words.index(">")] if target else words, target))
+    return found
+
+
 def reduced(path: Path, particles: int = 500) -> Spec:
     """Return an example with few particles, wide errors and few free parameters."""
     spec = sk.load(path)
     centre = dict(zip(spec.names, spec.centre().tolist(), strict=True))
-    hosts = {"mock_tf": MOCK, "mock_bulge_disc_halo": THREE, "mock_lm10": LM10, "figure5": NFW}
-    values = centre | hosts.get(path.stem, HOST) | NARROW
-    return spec.with_values(values | {"stripping.particles": particles})
+    host = {
+        f"potential.{name}": {"uniform": value} if isinstance(value, list) else value
+        for name, value in HOSTS[path.stem].items()
+    }
+    if path.stem.startswith("sagittarius"):
+        host["progenitor.lookback"] = {"uniform": [3.6, 3.8]}
+    return spec.with_values(centre | host | NARROW | {"stripping.particles": particles})
 
 
 def lay_desk(where: Path) -> None:
     """Make a directory that looks like the root of the repository, its examples reduced."""
-    (where / "examples").mkdir()
-    for path in sorted((ROOT / "examples").iterdir()):
+    for path in sorted((ROOT / "examples").rglob("*")):
+        copy = where / path.relative_to(ROOT)
+        copy.parent.mkdir(parents=True, exist_ok=True)
         if path.suffix == ".toml" and not path.stem.startswith("truth"):
-            (where / "examples" / path.name).write_text(reduced(path).toml())
-        elif path.is_file():
-            shutil.copy(path, where / "examples")
+            copy.write_text(reduced(path).toml())
+        elif path.suffix in (".toml", ".py"):
+            shutil.copy(path, copy)
+    (where / "tests").mkdir()
+    (where / "tests" / "data").symlink_to(ROOT / "tests" / "data")

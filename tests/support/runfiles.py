@@ -8,7 +8,7 @@ import pytest
 
 import streamkit as sk
 
-EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.toml"))
+EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*/*.toml"))
 
 BASE: dict[str, Any] = {
     "seed": 7,

@@ -1,4 +1,7 @@
+from .figures import bow_tie as bow_tie
 from .grid import variants_of as variants_of
+from .measures import Portrait as Portrait
+from .measures import portrait as portrait
 from .products import PRODUCTS as PRODUCTS
 from .products import draw_pictures as draw_pictures
 from .products import write_tables as write_tables

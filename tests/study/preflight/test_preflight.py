@@ -19,7 +19,7 @@ from streamkit.study.preflight.draws import PriorDraws, try_prior_draws
 from streamkit.study.preflight.orbit import summarise_orbit
 from streamkit.study.preflight.warnings import orbit_warnings, sampler_warnings, sun_warnings, survey_warnings
 
-SAGITTARIUS = Path(__file__).parents[3] / "examples" / "sagittarius.toml"
+SAGITTARIUS = Path(__file__).parents[3] / "examples" / "sagittarius" / "sagittarius.toml"
 SATELLITE = 1.0e8
 
 
