@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from streamkit.engine import kernels, loops
-from streamkit.engine.forces import DEEPEST
+from streamkit.engine.forces import DEEPEST, NO_TRACKS, Forces
 from streamkit.engine.kernels import Force
+from streamkit.engine.loops import NUMBERS, WORK, Scratch
 from streamkit.engine.methods import RKN4, Splitting
+from streamkit.engine.steps import Method
 from streamkit.errors import ComponentError
-from streamkit.stream import Array, BoolArray, IntArray, Orbit
+from streamkit.stream import Array, Orbit
+
+
+def _scratch() -> Scratch:
+    """Return doubles that begin at a cache line, so that no vector straddles two, and integers."""
+    raw = np.empty(WORK + 8)
+    first = -raw.ctypes.data % 64 // raw.itemsize
+    return Scratch(raw[first : first + WORK], np.empty(NUMBERS, dtype=np.int64))
 
 
 @dataclass(frozen=True)
@@ -22,51 +31,30 @@ class Field:
 
     Attributes
     ----------
-    address
-        (c,) addresses of the compiled forces.
-    offset
-        (c + 1,) where each force's parameters start in ``parameters``.
-    follows
-        (c,) True for the forces centred on the progenitor.
-    parameters
-        Packed parameters in engine units.
-    first, step, track
-        The progenitor's path (T, 20) from ``first + k * step`` on: the six coefficients of `Orbit.polynomials`, and the
-        fraction of its mass that is left, with its change to the next, by which the forces that follow it are
-        multiplied. Unused without a follower.
-    work, numbers
-        Scratch of the loops: a field advances one set of particles at a time.
+    forces
+        Addresses, parameters and trajectories, as the loops take them.
     kernels
-        Keeps the machine code alive.
+        (c,) keep the machine code alive.
     names
         (c,) names of the components, for messages.
+    scratch
+        Of the loops: a field advances one set of particles at a time.
     """
 
-    address: IntArray
-    offset: IntArray
-    follows: BoolArray
-    parameters: Array
-    first: float
-    step: float
-    track: Array
-    work: Array
-    numbers: IntArray
+    forces: Forces
     kernels: tuple[Any, ...]
     names: tuple[str, ...]
+    scratch: Scratch = field(default_factory=_scratch, repr=False)
 
     def __reduce__(self) -> Any:
         raise TypeError("a Field holds machine code of this process: send the Spec instead and build it there")
-
-    @property
-    def _head(self) -> tuple[Any, ...]:
-        return self.address, self.offset, self.follows, self.parameters, self.first, self.step, self.track
 
     def acceleration(self, t: Array | float, q: Array) -> Array:
         """(3, n) acceleration in (km/s)^2/kpc at positions q (3, n) and times t (n,) or one time."""
         q = np.ascontiguousarray(q, dtype=float)
         times = np.broadcast_to(np.asarray(t, dtype=float), q.shape[1:]).copy()
         out = np.empty_like(q)
-        loops.accelerations(*self._head, times, q, out)
+        loops.accelerations(self.forces, times, q, out)
         self.check()
         return out
 
@@ -84,8 +72,8 @@ class Field:
         count = max(int(np.ceil(abs(t1 - t0) / max_step)), 2)
         step = (t1 - t0) / count
         out = np.empty((count + 1, 9))
-        head = (self.address, self.offset, self.follows, self.parameters)
-        loops.carry(*head, q, v, t0, step, RKN4.drift, RKN4.kick, out)
+        method = Method(RKN4.drift, RKN4.kick, np.zeros(2), 1)
+        loops.carry(self.forces, method, q, v, t0, step, out)
         self.check()
         t = t0 + step * np.arange(count + 1)
         t[-1] = t1
@@ -95,34 +83,39 @@ class Field:
         return Orbit(np.ascontiguousarray(t), states[:3], states[3:6], states[6:], np.full(count + 1, np.nan))
 
     def with_moving(self, other: Field, orbit: Orbit) -> Field:
-        """Add another field's forces, centred on the progenitor that moves along ``orbit`` (equal time steps)."""
-        left = orbit.mass_left
-        return replace(
-            self,
-            address=np.concatenate([self.address, other.address]),
-            offset=np.concatenate([self.offset, self.offset[-1] + other.offset[1:]]),
-            follows=np.concatenate([self.follows, np.ones_like(other.follows)]),
-            parameters=np.concatenate([self.parameters[: self.offset[-1]], other.parameters]),
-            first=float(orbit.t[0]),
-            step=float((orbit.t[-1] - orbit.t[0]) / (len(orbit.t) - 1)),
-            track=np.vstack([orbit.polynomials.reshape(18, -1), left[:-1], np.diff(left)]).T.copy(),
-            kernels=self.kernels + other.kernels,
-            names=self.names + other.names,
+        """Add another field's forces, whose common centre moves along ``orbit`` (equal time steps).
+
+        Once for each body that moves, all on one grid of times; what loses mass comes first. Raises ValueError
+        otherwise, and where the other field's forces move already.
+        """
+        here, new, left = self.forces, other.forces, orbit.mass_left
+        count, first = len(here.tracks), float(orbit.t[0])
+        step = float((orbit.t[-1] - first) / (len(orbit.t) - 1))
+        track = np.vstack([orbit.polynomials.reshape(18, -1), left[:-1], np.diff(left)]).T[None]
+        if len(new.tracks):
+            raise ValueError("these forces move already: add the forces of each trajectory by themselves")
+        if count and (first, step, track.shape) != (here.first, here.step, here.tracks[:1].shape):
+            raise ValueError("orbits of moving components must share one grid of times")
+        if count and (left != 1.0).any():
+            raise ValueError("only the first of the moving components can lose mass")
+        forces = Forces(
+            address=np.concatenate([here.address, new.address]),
+            offset=np.concatenate([here.offset, here.offset[-1] + new.offset[1:]]),
+            trajectory=np.concatenate([here.trajectory, np.full_like(new.trajectory, count)]),
+            parameters=np.concatenate([here.parameters[: here.offset[-1]], new.parameters]),
+            first=first,
+            step=step,
+            tracks=np.concatenate([here.tracks, track]) if count else track.copy(),
         )
+        return replace(self, forces=forces, kernels=self.kernels + other.kernels, names=self.names + other.names)
 
     def check(self) -> None:
-        """Raise what a force written in Python raised inside the loop.
-
-        Raises
-        ------
-        ComponentError
-            Naming the component and its parameters.
-        """
+        """Raise a `ComponentError` with what a force in Python raised inside the loop, its name and parameters."""
         for i, (kernel, name) in enumerate(zip(self.kernels, self.names, strict=True)):
             error = getattr(kernel, "error", None)
             if error is not None:
-                kernel.error = None
-                values = self.parameters[self.offset[i] : self.offset[i + 1]]
+                kernel.error, forces = None, self.forces
+                values = forces.parameters[forces.offset[i] : forces.offset[i + 1]]
                 raise ComponentError(
                     f"potential {name} raised {type(error).__name__}: {error} (parameters {values.tolist()})"
                 ) from error
@@ -132,26 +125,16 @@ def build_field(potentials: Sequence[Force]) -> Field:
     """Compile (or load from the disk cache) the forces of the potentials, which add up, fixed at the origin."""
     built = [kernels.compiled_kernel(type(p)) if p.compiled else kernels.numpy_kernel(type(p)) for p in potentials]
     values = [p.in_engine_units() for p in potentials]
-    return Field(
+    forces = Forces(
         address=np.array([k.address for k in built], dtype=np.int64),
         offset=np.cumsum([0, *map(len, values)]).astype(np.int64),
-        follows=np.zeros(len(built), dtype=bool),
+        trajectory=np.full(len(built), -1),
         parameters=np.concatenate([*values, np.zeros(1)]),  # never empty: its address is passed on
         first=0.0,
         step=1.0,
-        track=np.zeros((1, 20)),
-        work=_aligned(loops.WORK),
-        numbers=np.empty(loops.NUMBERS, dtype=np.int64),
-        kernels=tuple(built),
-        names=tuple(p.kind for p in potentials),
+        tracks=NO_TRACKS,
     )
-
-
-def _aligned(n: int) -> Array:
-    """(n,) Doubles that begin at a cache line, so that no vector straddles two."""
-    raw = np.empty(n + 8)
-    first = -raw.ctypes.data % 64 // raw.itemsize
-    return raw[first : first + n]
+    return Field(forces, kernels=tuple(built), names=tuple(p.kind for p in potentials))
 
 
 def adaptive_step(
@@ -175,9 +158,8 @@ def _advance(
 ) -> None:
     """Pass the rows of q and v, which the loops want contiguous, in place where they are."""
     given = [*q, *v]
-    rows = [np.ascontiguousarray(row) for row in given]
-    method = splitting.drift, splitting.kick, eta, most
-    loops.advance(*field._head, *rows, t0, t1, *method, field.work, field.numbers)
+    rows = tuple(np.ascontiguousarray(row) for row in given)
+    loops.advance(field.forces, Method(splitting.drift, splitting.kick, eta, most), field.scratch, rows, t0, t1)
     for row, done in zip(given, rows, strict=True):
         if done is not row:
             row[:] = done

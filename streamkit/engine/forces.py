@@ -1,12 +1,16 @@
-"""The sum of all forces on a batch of particles: kernels by address, the moving progenitor from its track."""
+"""The sum of all forces on lanes of particles: kernels by address, about the origin or about what moves."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+import numpy as np
 from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
 from streamkit.engine.cache import INLINE, OPTIONS
+from streamkit.stream import Array, IntArray
 
 BATCH = 4096
 """Particles taken together."""
@@ -19,6 +23,40 @@ LEVELS = DEEPEST + 2
 
 ROW = BATCH + LANES * LEVELS
 """Distance between the x, y and z of a particle in a batch. A constant: it proves to LLVM that rows are apart."""
+
+
+class Forces(NamedTuple):
+    """The forces that add up: as arrays, so that one machine code serves every composition of them.
+
+    Attributes
+    ----------
+    address
+        (c,) addresses of their C functions.
+    offset
+        (c + 1,) where each force's parameters start in ``parameters``.
+    trajectory
+        (c,) index of the trajectory that the centre of each force moves on; -1: it is fixed at the origin.
+    parameters
+        Packed parameters in engine units.
+    first, step, tracks
+        (b, T, 20) the trajectories between the times ``first + k * step``: the six coefficients of `Orbit.polynomials`,
+        and the fraction of its mass that is left, with its change to the next, by which the moving forces are
+        multiplied. Mass is lost on the first trajectory, the progenitor's, alone.
+    """
+
+    address: IntArray
+    offset: IntArray
+    trajectory: IntArray
+    parameters: Array
+    first: float
+    step: float
+    tracks: Array
+
+
+_I1, _F1, _F = types.int64[::1], types.float64[::1], types.float64
+FORCES = types.NamedTuple([_I1, _I1, _I1, _F1, _F, _F, types.float64[:, :, ::1]], Forces)
+"""What numba calls them."""
+NO_TRACKS = np.zeros((0, 1, 20))
 
 
 @intrinsic
@@ -47,48 +85,52 @@ def call_kernel(typing_context, address, begin, n, t, p, offset, centre, q, a, f
 
 
 @njit(**INLINE)
-def track_at(t, first, step, track, out):
-    """Position of the progenitor at time t, from the polynomials (T, 20) between its states, into out (3,)."""
-    i = min(max(int((t - first) / step), 0), track.shape[0] - 1)
-    s = (t - first) / step - i
+def centre_at(forces, b, t, out):
+    """Place of trajectory b at time t, from the polynomials between its states, into out (3,)."""
+    since, tracks = (t - forces.first) / forces.step, forces.tracks
+    i = min(max(int(since), 0), tracks.shape[1] - 1)
+    s = since - i
     for k in range(3):
-        last = track[i, 9 + k] + s * (track[i, 12 + k] + s * track[i, 15 + k])
-        out[k] = track[i, k] + s * (track[i, 3 + k] + s * (track[i, 6 + k] + s * last))
+        last = tracks[b, i, 9 + k] + s * (tracks[b, i, 12 + k] + s * tracks[b, i, 15 + k])
+        out[k] = tracks[b, i, k] + s * (tracks[b, i, 3 + k] + s * (tracks[b, i, 6 + k] + s * last))
 
 
 @njit(**INLINE)
-def mass_left_at(t, first, step, track):
-    """Fraction of its mass that the progenitor still has at time t: the last two columns of its track, linearly."""
-    i = min(max(int((t - first) / step), 0), track.shape[0] - 1)
-    return track[i, 18] + ((t - first) / step - i) * track[i, 19]
+def mass_left_at(forces, b, t):
+    """Fraction of its initial mass that is left on trajectory b at time t, linear between its states."""
+    since = (t - forces.first) / forces.step
+    i = min(max(int(since), 0), forces.tracks.shape[1] - 1)
+    return forces.tracks[b, i, 18] + (since - i) * forces.tracks[b, i, 19]
 
 
 @njit(**OPTIONS)
-def add_forces(address, offset, follows, p, first, step, track, uniform, begin, end, t, x, rel, centre, a):
-    """Sum the accelerations of lanes begin to end at x, times t, into a (rows ROW apart); rel is scratch."""
-    n, fresh, shifted = end - begin, 1, False
-    for c in range(address.shape[0]):
-        if not follows[c]:
-            continue
-        if not uniform and not shifted:
+def add_forces(forces, uniform, begin, end, t, x, relative, centre, a):
+    """Store in a the acceleration of lanes [begin, end) at places x and times t, of which all are one if `uniform`.
+
+    x, a and `relative` have rows ROW apart; `relative` and centre (3,) are scratch.
+    """
+    n, fresh, address, offset, p = end - begin, 1, forces.address, forces.offset, forces.parameters
+    for b in range(forces.tracks.shape[0]):
+        if uniform:
+            centre_at(forces, b, t[begin], centre)
+        else:
             for i in range(begin, end):
-                track_at(t[i], first, step, track, centre)
+                centre_at(forces, b, t[i], centre)
                 for k in range(3):
-                    rel[k * ROW + i] = x[k * ROW + i] - centre[k]
+                    relative[k * ROW + i] = x[k * ROW + i] - centre[k]
             centre[:] = 0.0
-        elif not shifted:
-            track_at(t[begin], first, step, track, centre)
-        shifted = True
-        call_kernel(address[c], begin, n, t, p, offset[c], centre, x if uniform else rel, a, fresh)
-        fresh = 0
-    if shifted and mass_left_at(first + step * track.shape[0], first, step, track) != 1.0:  # it loses mass
-        for i in range(begin, end):
-            left = mass_left_at(t[begin if uniform else i], first, step, track)
-            for k in range(3):
-                a[k * ROW + i] *= left
+        for c in range(address.shape[0]):
+            if forces.trajectory[c] == b:
+                call_kernel(address[c], begin, n, t, p, offset[c], centre, x if uniform else relative, a, fresh)
+                fresh = 0
+        if mass_left_at(forces, b, forces.first + forces.step * forces.tracks.shape[1]) != 1.0:  # it loses mass
+            for i in range(begin, end):
+                left = mass_left_at(forces, b, t[begin if uniform else i])
+                for k in range(3):
+                    a[k * ROW + i] *= left
     centre[:] = 0.0
     for c in range(address.shape[0]):
-        if not follows[c]:
+        if forces.trajectory[c] < 0:
             call_kernel(address[c], begin, n, t, p, offset[c], centre, x, a, fresh)
             fresh = 0
     if fresh == 1:  # no force at all

@@ -5,12 +5,13 @@ from __future__ import annotations
 from numba import njit
 
 from streamkit.engine.cache import INLINE
-from streamkit.engine.forces import BATCH, LANES, ROW, call_kernel, track_at
+from streamkit.engine.forces import BATCH, LANES, ROW, call_kernel, centre_at
+from streamkit.engine.steps import ROWS, A, H, T, V
 
 
 @njit(**INLINE)
 def alike(t0, index, begin):
-    """Number of particles from begin on that make a batch: of one time, or where only a few are, of any."""
+    """Number of particles from begin on that make a batch: those of one time, or if these are few, of any times."""
     most = min(BATCH, index.shape[0] - begin)
     first, low, high = t0[index[begin]], 1, most
     if t0[index[begin + most - 1]] == first:
@@ -35,12 +36,12 @@ def take(source, index, begin, m, out):
 
 
 @njit(**INLINE)
-def scatter(rows, m, slot, source, out):
-    """Copy the lanes of some rows that have a slot into it."""
-    for k in range(rows):
+def scatter(m, slot, lanes, slots):
+    """Copy each of m lanes that has a slot into it."""
+    for k in range(ROWS):
         for i in range(m):
             if slot[i] >= 0:
-                out[k * ROW + slot[i]] = source[k * ROW + i]
+                slots[k * ROW + slot[i]] = lanes[k * ROW + i]
 
 
 @njit(**INLINE)
@@ -59,12 +60,13 @@ def give_back(m, slot, row, index, begin, out):
 
 
 @njit(**INLINE)
-def nearest(begin, end, x, u, a, span, path, near):
-    """Put into near where the lanes begin to end come closest to a moving centre, as offsets from it.
+def nearest(begin, end, lanes, path, near):
+    """Store in `near` the point of closest approach of lanes [begin, end) to a moving centre, as offsets from it.
 
-    They are taken along parabolas of their accelerations a at first, in two straight pieces. path (9,) is the
-    centre at the beginning, the middle and the end of the time span.
+    They move on parabolas of their initial acceleration, taken as two straight pieces. path (9,) is the centre at
+    the beginning, the middle and the end of the time span.
     """
+    x, u, span, a = lanes, lanes[V:], lanes[H:], lanes[A:]
     c0, c1, c2, d0, d1, d2 = path[0], path[1], path[2], path[3], path[4], path[5]
     e0, e1, e2 = path[6], path[7], path[8]
     x0, x1, x2 = x[begin:end], x[ROW + begin : ROW + end], x[2 * ROW + begin : 2 * ROW + end]
@@ -100,45 +102,45 @@ def foot(a, b, c, d, e, f):
 
 
 @njit(**INLINE)
-def rates(
-    address, offset, follows, p, first, step, track, eta, uniform, m, t, span, x, u, initial, near, a, centre, path,
-    rate,
-):  # fmt: skip
-    """Square of (acceleration / distance / eta^2) of m lanes during the time span after t, into rate.
+def rates(forces, eta, uniform, m, lanes, near, a, centre, path, rate):
+    """Store in `rate` the square of (acceleration / distance / eta^2) of m lanes in their time span, the largest of
 
-    About the Galactic centre, with eta[0], and about the progenitor for the forces that follow it, with eta[1] and its
-    mass at first; whichever is larger, where the particle would come closest to each with its ``initial`` acceleration.
-    The host's there is not evaluated but taken as the initial one times the inverse square of the distances: around no
-    sphere does it rise faster.
+    - that about the Galactic centre, with eta[0];
+    - that about each trajectory for the forces that move on it, with eta[1] and its initial mass,
+
+    each where the particle would come closest with its initial acceleration. The host's force there is not evaluated
+    but taken as the initial one times the inverse square of the distances: around no sphere does it rise faster.
     """
+    address, trajectory = forces.address, forces.trajectory
+    t, span = lanes[T:], lanes[H:]
     rate[:m] = 0.0
-    fixed, moving = False, False
+    fixed = False
     for c in range(address.shape[0]):
-        fixed, moving = fixed or not follows[c], moving or follows[c]
+        fixed = fixed or trajectory[c] < 0
     if fixed:
         path[:] = 0.0
-        nearest(0, m, x, u, initial, span, path, near)
-        a0, a1, a2 = initial[:m], initial[ROW : ROW + m], initial[2 * ROW : 2 * ROW + m]
+        nearest(0, m, lanes, path, near)
+        a0, a1, a2 = lanes[A : A + m], lanes[A + ROW : A + ROW + m], lanes[A + 2 * ROW : A + 2 * ROW + m]
         d0, d1, d2 = near[:m], near[ROW : ROW + m], near[2 * ROW : 2 * ROW + m]
-        x0, x1, x2 = x[:m], x[ROW : ROW + m], x[2 * ROW : 2 * ROW + m]
+        x0, x1, x2 = lanes[:m], lanes[ROW : ROW + m], lanes[2 * ROW : 2 * ROW + m]
         scale = eta[0] ** -4
         for i in range(m):
             acceleration2 = a0[i] * a0[i] + a1[i] * a1[i] + a2[i] * a2[i]
             distance2 = d0[i] * d0[i] + d1[i] * d1[i] + d2[i] * d2[i] + 1e-300
             now2 = x0[i] * x0[i] + x1[i] * x1[i] + x2[i] * x2[i]
             rate[i] = scale * acceleration2 * now2 * now2 / (distance2 * distance2 * distance2)
-    if moving:
-        lanes = m if uniform else 1
-        for i in range(0, m, lanes):
+    for b in range(forces.tracks.shape[0]):
+        together = m if uniform else 1
+        for i in range(0, m, together):
             for k in range(3):
-                track_at(t[i] + 0.5 * k * span[i], first, step, track, centre)
+                centre_at(forces, b, t[i] + 0.5 * k * span[i], centre)
                 path[3 * k : 3 * k + 3] = centre
-            nearest(i, i + lanes, x, u, initial, span, path, near)
+            nearest(i, i + together, lanes, path, near)
         centre[:] = 0.0
         fresh = 1
         for c in range(address.shape[0]):
-            if follows[c]:
-                call_kernel(address[c], 0, m, t, p, offset[c], centre, near, a, fresh)
+            if trajectory[c] == b:
+                call_kernel(address[c], 0, m, t, forces.parameters, forces.offset[c], centre, near, a, fresh)
                 fresh = 0
         a0, a1, a2 = a[:m], a[ROW : ROW + m], a[2 * ROW : 2 * ROW + m]
         d0, d1, d2 = near[:m], near[ROW : ROW + m], near[2 * ROW : 2 * ROW + m]
@@ -153,7 +155,7 @@ def rates(
 def choose(m, rate, span, deepest, level, size):
     """Level of m lanes: the power of two of half steps so that no step exceeds eta dynamical times, rate^(-1/4).
 
-    level is zero and size (levels,), the number of lanes of each level, is m and zeros at first.
+    On entry all levels are zero and size (levels,), the number of lanes of each level, is m, 0, 0 ...
     """
     for i in range(m):
         rate[i] = span[i] ** 4 * rate[i]  # the fourth power of the number of steps
