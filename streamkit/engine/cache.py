@@ -8,14 +8,22 @@ key holds a random identifier. So the key here is a digest of all that determine
 from __future__ import annotations
 
 import hashlib
+import types
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import llvmlite
 import numba
 import numpy as np
 from numba import njit
 from numba.core.caching import FunctionCache
+from numba.core.compiler import Compiler
+from numba.core.dispatcher import Dispatcher
+from numba.core.registry import CPUDispatcher
+from numba.core.typing.templates import builtin_registry
+
+from streamkit import elementary
 
 FASTMATH = ("arcp", "contract")
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": set(FASTMATH)}
@@ -23,6 +31,9 @@ OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": set(FASTMATH)}
 
 INLINE: dict[str, Any] = {"inline": "always", "error_model": "numpy"}
 """For the helpers, which become part of the function that calls them."""
+
+SETTINGS = "OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK", "DISABLE_INTEL_SVML", "DEBUGINFO_DEFAULT"
+"""Numba's settings (environment variables NUMBA_...) that change the machine code. Its own key leaves them out."""
 
 
 class ContentCache(FunctionCache):  # type: ignore[misc]  # numba is untyped here
@@ -39,7 +50,8 @@ class ContentCache(FunctionCache):  # type: ignore[misc]  # numba is untyped her
 def digest_of_parts(parts: list[str]) -> str:
     """Return a hash of the parts and of the versions and options that every compilation depends on."""
     options = [OPTIONS["error_model"], *FASTMATH]  # not the set: its order is another one in every process
-    versions = [numba.__version__, np.__version__, *options]
+    options += [f"{getattr(numba.config, name)!r}" for name in SETTINGS]
+    versions = [numba.__version__, llvmlite.__version__, np.__version__, *options]
     return hashlib.sha256("\n".join([*versions, *parts]).encode()).hexdigest()
 
 
@@ -62,3 +74,114 @@ def cached(signature: Any) -> Callable[[Callable[..., Any]], Any]:
         return dispatcher
 
     return decorate
+
+
+def content_digest(function: Callable[..., Any], count: int) -> str | None:
+    """Return a hash of all that determines a kernel's machine code, None if that cannot be known.
+
+    That is the author's function (bytecode, constants, defaults) and, followed to the end, all that it refers to:
+    helpers with their own defaults and options of njit, and the values of globals and closures. Not known are objects
+    of other kinds, and functions that somebody's ``numba.extending.overload`` replaces.
+    """
+    content = _Content()
+    try:
+        if isinstance(function, Dispatcher):
+            content.add(function)
+        else:
+            content.add_function(function)
+    except _UnknownError:
+        return None
+    return digest_of_parts([ENGINE, str(count), *content.parts])
+
+
+class _UnknownError(Exception):
+    """The machine code depends on something that has no sure description."""
+
+
+class _Content:
+    """Descriptions, in ``parts``, of values that a kernel refers to."""
+
+    def __init__(self) -> None:
+        self.parts: list[str] = []
+        self._seen: dict[int, str] = {}
+        self._overloaded = _overloaded_names()
+
+    def add(self, thing: Any) -> None:
+        """Describe a value; raise `_UnknownError` if that is not possible for sure."""
+        if thing is None or type(thing) in {bool, int, float, complex, str} or isinstance(thing, np.number):
+            self.parts.append(repr(thing))
+        elif isinstance(thing, tuple | frozenset):
+            items = sorted(thing, key=repr) if isinstance(thing, frozenset) else thing
+            self.parts.append(f"{type(thing).__qualname__} {getattr(thing, '_fields', '')} {len(thing)}")
+            for item in items:
+                self.add(item)
+        elif isinstance(thing, Dispatcher):
+            self._add_helper(thing)
+        elif self._is_library(thing) and thing.__name__ not in self._overloaded:
+            self.parts.append(f"{getattr(thing, '__module__', '')} {thing.__name__}")
+        else:
+            raise _UnknownError
+
+    @staticmethod
+    def _is_library(thing: Any) -> bool:
+        """True for what numba or the engine compile themselves: their versions and texts are in the digest."""
+        if isinstance(thing, types.ModuleType):
+            return thing in (np, elementary) or thing.__name__ == "math"
+        if isinstance(thing, np.ufunc):
+            return getattr(np, thing.__name__, None) is thing
+        if isinstance(thing, types.BuiltinFunctionType):
+            return thing.__module__ in {"builtins", "math"}
+        modules = {"builtins", "numpy", elementary.__name__}
+        return isinstance(thing, type | types.FunctionType) and thing.__module__ in modules
+
+    def _add_helper(self, helper: Any) -> None:
+        if type(helper) is not CPUDispatcher or helper._compiler.pipeline_class is not Compiler:
+            raise _UnknownError
+        for name, value in sorted({**helper.targetoptions, **helper.locals}.items()):
+            self.parts.append(name)
+            self.add(frozenset(value) if isinstance(value, set) else value)
+        if not helper._can_compile:  # it has explicit signatures, to which arguments are converted
+            self.parts.extend(map(str, helper.signatures))
+        self.add_function(helper.py_func)
+
+    def add_function(self, function: Any) -> None:
+        """Describe a function that is to be compiled, and all that it refers to."""
+        if id(function) in self._seen:
+            self.parts.append(self._seen[id(function)])
+            return
+        self._seen[id(function)] = f"function {len(self._seen)}"
+        self.parts.append(function.__module__)  # numba imports it when it reads the machine code back
+        self.add(function.__defaults__)
+        self.add(tuple(sorted((function.__kwdefaults__ or {}).items())))
+        try:
+            self.add(tuple(cell.cell_contents for cell in function.__closure__ or ()))
+        except ValueError:  # an empty cell
+            raise _UnknownError from None
+        self._add_code(function.__code__, function.__globals__)
+
+    def _add_code(self, code: types.CodeType, variables: dict[str, Any]) -> None:
+        arguments = code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount, code.co_flags
+        names = code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars
+        self.parts.append(f"{code.co_code.hex()} {code.co_exceptiontable.hex()} {arguments} {names}")
+        if self._overloaded & set(code.co_names):
+            raise _UnknownError
+        for name in code.co_names:
+            if name in variables:
+                self.parts.append(name)
+                self.add(variables[name])
+        for constant in code.co_consts:
+            if isinstance(constant, types.CodeType):
+                self._add_code(constant, variables)
+            else:
+                self.add(constant)
+
+
+def _overloaded_names() -> set[str]:
+    """Names of functions, methods and attributes that overloads from outside numba and the engine replace."""
+    found = set()
+    for template in (*builtin_registry.functions, *builtin_registry.attributes):
+        overload = getattr(template, "_overload_func", None)
+        place = getattr(overload, "__globals__", {}).get("__name__", "")
+        if overload is not None and not place.startswith(("numba.", "streamkit.engine.")):
+            found.add(getattr(template, "_attr", None) or getattr(template.key, "__name__", ""))
+    return found

@@ -2,29 +2,25 @@
 
 Every force in the hot loop is ``void kernel(n, t[n], p[k], centre[3], q, a, fresh)``: the acceleration at ``q`` about
 a centre replaces what is in ``a`` if fresh, and is added to it otherwise. The rows x, y, z of both are ``ROW`` doubles
-apart. The key of its machine code is the content of the author's function: bytecode,
-constants and, followed to the end, everything its globals refer to.
+apart.
 """
 
 from __future__ import annotations
 
 import ctypes
 import functools
-import types as python_types
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numba import carray, njit, types
 from numba.core import sigutils
 from numba.core.ccallback import CFunc
-from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from streamkit import elementary
-from streamkit.engine import vector
-from streamkit.engine.cache import ENGINE, OPTIONS, ContentCache, digest_of_parts
+from streamkit.engine import vector  # noqa: F401  its overloads are what the elementary functions compile to
+from streamkit.engine.cache import OPTIONS, ContentCache, content_digest
 from streamkit.engine.forces import ROW
 from streamkit.errors import PluginError
 from streamkit.stream import Array
@@ -55,10 +51,7 @@ class Force(Protocol):
 def compiled_kernel(cls: type[Force]) -> Any:
     """Return the machine code of a potential class: an object with an ``address``. Once per class and process.
 
-    Raises
-    ------
-    PluginError
-        If numba cannot compile the author's function.
+    Raises `PluginError` if numba cannot compile the author's function.
     """
     count = len(cls.parameters())
     acceleration = njit(forceinline=True, **OPTIONS)(cls.acceleration)
@@ -93,57 +86,6 @@ def compiled_kernel(cls: type[Force]) -> Any:
             "set `compiled = False` in the class."
         ) from None
     return cfunc
-
-
-def content_digest(function: Callable[..., Any], count: int) -> str | None:
-    """Return a hash of all that determines the kernel's machine code, None if that cannot be known."""
-    parts: list[str] = [ENGINE, str(count)]
-    known = _describe(function, parts, set())
-    return digest_of_parts(parts) if known else None
-
-
-def _describe(thing: Any, parts: list[str], seen: set[int]) -> bool:
-    """Append a description of a value a kernel refers to; False if it has none that is sure."""
-    if isinstance(thing, Dispatcher):
-        thing = thing.py_func
-    if thing is None or isinstance(thing, bool | int | float | str | np.number):
-        parts.append(repr(thing))
-        return True
-    if isinstance(thing, tuple | frozenset):
-        return all(_describe(item, parts, seen) for item in thing)
-    if isinstance(thing, python_types.ModuleType):
-        parts.append(thing.__name__)  # numpy and math: their functions are numba's, whose version is in
-        return thing.__name__ in {"numpy", "math"} or thing is elementary
-    if isinstance(thing, np.ufunc | python_types.BuiltinFunctionType | type):
-        parts.append(f"{thing!r}")
-        return True
-    if isinstance(thing, python_types.FunctionType):
-        return _describe_function(thing, parts, seen)
-    return False
-
-
-def _describe_function(function: python_types.FunctionType, parts: list[str], seen: set[int]) -> bool:
-    if id(function) in seen:
-        return True
-    seen.add(id(function))
-    if function.__module__ in {elementary.__name__, vector.__name__}:  # their text is part of the engine's digest
-        parts.append(f"{function.__module__}.{function.__name__}")
-        return True
-    return _describe_code(function.__code__, function, parts, seen)
-
-
-def _describe_code(
-    code: python_types.CodeType, function: python_types.FunctionType, parts: list[str], seen: set[int]
-) -> bool:
-    # The module too: numba imports it when it reads the machine code back.
-    parts.append(f"{function.__module__} {code.co_code.hex()} {code.co_names} {code.co_varnames}")
-    cells = [cell.cell_contents for cell in function.__closure__ or ()]
-    named = [function.__globals__[n] for n in code.co_names if n in function.__globals__]
-    nested = [c for c in code.co_consts if isinstance(c, python_types.CodeType)]
-    plain = [c for c in code.co_consts if not isinstance(c, python_types.CodeType)]
-    return all(_describe(item, parts, seen) for item in [*cells, *named, *plain]) and all(
-        _describe_code(c, function, parts, seen) for c in nested
-    )
 
 
 _CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_ssize_t, *[ctypes.c_void_p] * 5, ctypes.c_ssize_t)

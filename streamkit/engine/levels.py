@@ -103,13 +103,12 @@ def foot(a, b, c, d, e, f):
 
 @njit(**INLINE)
 def rates(forces, eta, uniform, m, lanes, near, a, centre, path, rate):
-    """Store in `rate` the square of (acceleration / distance / eta^2) of m lanes in their time span, the largest of
+    """Store in `rate` the square of (acceleration / distance / eta^2) of m lanes in their time span.
 
-    - that about the Galactic centre, with eta[0];
-    - that about each trajectory for the forces that move on it, with eta[1] and its initial mass,
-
-    each where the particle would come closest with its initial acceleration. The host's force there is not evaluated
-    but taken as the initial one times the inverse square of the distances: around no sphere does it rise faster.
+    About the Galactic centre, with eta[0], and about each trajectory for the forces that move on it, with eta[1] and
+    its initial mass: the largest of these, each where the particle, with its initial acceleration, would come closest.
+    The host's force there is not evaluated but taken as the initial one times the inverse square of the distances:
+    around no sphere does it rise faster.
     """
     address, trajectory = forces.address, forces.trajectory
     t, span = lanes[T:], lanes[H:]

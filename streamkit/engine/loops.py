@@ -90,10 +90,8 @@ def sweep(forces, method, scratch, particles, index, t0, t1, limit, later):
         begin += m
         m = alike(t0, index, begin)
         whole = (m + LANES - 1) // LANES * LANES
-        row = 0
-        for source in (*particles, t0, t1):
+        for row, source in enumerate((*particles, t0, t1)):
             take(source, index, begin, m, lanes[row * ROW :])
-            row += 1
         uniform = t[0] == t[m - 1]  # times never decrease
         for i in range(whole):
             span[i] -= t[i]
@@ -124,10 +122,8 @@ def sweep(forces, method, scratch, particles, index, t0, t1, limit, later):
                 nystrom(forces, uniform, first, end, steps, slots, lanes, relative, centre)
             else:
                 compose(forces, method, uniform, first, end, steps, adapts, slots, relative, centre)
-        row = 0
-        for out in particles:
+        for row, out in enumerate(particles):
             give_back(m, slot, slots[row * ROW :], index, begin, out)
-            row += 1
     return kept
 
 

@@ -4,13 +4,16 @@ import importlib.util
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numba import njit
 
 import streamkit as sk
-from streamkit.engine.kernels import content_digest
+from streamkit.builtin import potentials
+from streamkit.engine import vector  # noqa: F401  compiles the elementary functions
+from streamkit.engine.cache import content_digest
 
 
 @njit
@@ -92,7 +95,8 @@ import ctypes
 import numba
 import numpy as np
 import point
-from streamkit.engine.kernels import compiled_kernel, content_digest
+from streamkit.engine.cache import content_digest
+from streamkit.engine.kernels import compiled_kernel
 from streamkit.engine.loops import ROW
 numba.config.CACHE_DIR = "cache"  # for the kernel alone: the loops have been loaded by now
 kernel = compiled_kernel(point.Point)
@@ -106,7 +110,7 @@ print(content_digest(point.Point.acceleration, 1), arrays[4][0].hex(), kernel.ca
 
 def probe(folder):
     """Digest, acceleration along x, and whether the machine code came from the disk, in a fresh process."""
-    environment = {**os.environ, "PYTHONPATH": str(folder)}
+    environment = {**os.environ, "PYTHONPATH": f"{folder}{os.pathsep}{Path(sk.__file__).parents[1]}"}
     done = subprocess.run([sys.executable, "-c", PROBE], env=environment, capture_output=True, text=True, cwd=folder)
     assert done.returncode == 0, done.stderr
     digest, value, hits = done.stdout.split()
@@ -129,13 +133,30 @@ def test_kernels_are_cached_by_content(tmp_path):
     assert other != digest
 
 
-def digest_of(file, text):
-    """Digest of the class Point in a file with this text."""
+def test_a_changed_default_of_a_helper_is_compiled_anew(tmp_path):
+    """The values of defaults are part of the machine code, though not of the bytecode."""
+    file, text = tmp_path / "point.py", CONSTANT.format(scale=1.0, inline=1.0)
+    text = text.replace("def helper(r2):", "def helper(r2, scale=2.0):").replace("return SCALE", "return scale")
+    for scale in (2.0, 3.0):
+        file.write_text(text.replace("scale=2.0", f"scale={scale}"))
+        _, value, hits = probe(tmp_path)
+        assert value == pytest.approx(-scale * sk.G * 1e11 * 3.0 / 125.0, rel=1e-12)
+        assert hits == 0
+
+
+def module_of(file, text):
+    """Import a file with this text."""
+    file.parent.mkdir(exist_ok=True)
     file.write_text(text)
     spec = importlib.util.spec_from_file_location(file.stem, file)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    return content_digest(module.Point.acceleration, 1)
+    return module
+
+
+def digest_of(file, text):
+    """Digest of the class Point in a file with this text."""
+    return content_digest(module_of(file, text).Point.acceleration, 1)
 
 
 def test_the_digest_follows_the_content_and_not_the_place(tmp_path):
@@ -160,3 +181,113 @@ def test_the_digest_follows_the_content_and_not_the_place(tmp_path):
 def test_what_cannot_be_described_is_not_cached():
     table = [1.0, 2.0]
     assert content_digest(lambda x: table[0] * x, 0) is None
+
+
+HELPERS = """
+from numba import njit
+import numpy as np
+
+POWER = (1, (2, 3))
+
+def made(scale):
+    @njit
+    def inner(x):
+        return scale * x
+    return inner
+
+scaled = made(2.0)
+other = made(3.0)
+
+@njit(fastmath={"contract"})
+def helper(x, shift=1.0, *, factor=2.0):
+    try:
+        return factor * scaled(x) + shift + POWER[0]
+    except Exception:
+        return np.sqrt(x)
+
+def acceleration(x, y, z, t, *, offset=0.0):
+    return helper(x) + scaled(y) + other(z) + offset
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("shift=1.0", "shift=1.5"),
+        ("factor=2.0", "factor=2.5"),
+        ("shift=1.0", "shift=1"),
+        ("offset=0.0", "offset=0.5"),
+        ("shift=1.0, *, factor", "shift=1.0, factor"),
+        ("made(2.0)", "made(2.5)"),
+        ("scaled(y) + other(z)", "scaled(y) + scaled(z)"),
+        ("made(3.0)", "scaled"),
+        ("(1, (2, 3))", "((1, 2), 3)"),
+        ('{"contract"}', '{"contract", "arcp"}'),
+        ('{"contract"}', "True"),
+        ('fastmath={"contract"}', "boundscheck=True"),
+        ('fastmath={"contract"}', 'error_model="numpy"'),
+        ('fastmath={"contract"}', 'inline="always"'),
+        ("    @njit\n", '    @njit("float64(float32)")\n'),
+        ("except Exception", "except"),
+        ("np.sqrt(x)", "np.cbrt(x)"),
+    ],
+)
+def test_the_digest_sees_all_that_changes_the_machine_code(tmp_path, old, new):
+    assert old in HELPERS
+    texts = HELPERS, HELPERS, HELPERS.replace(old, new)
+    modules = [module_of(tmp_path / str(i) / "helpers.py", text) for i, text in enumerate(texts)]
+    before, again, changed = (content_digest(module.acceleration, 1) for module in modules)
+    assert before == again
+    assert None not in {before, changed}
+    assert changed != before
+
+
+@pytest.mark.parametrize(
+    ("definition", "used"),
+    [
+        ("from enum import Enum\nclass Scale(Enum):\n    A = 2.0", "Scale.A.value * x"),
+        ("from numba import float64", "float64(x)"),
+        ("from numba.extending import register_jitable\n@register_jitable\ndef h(x):\n    return x", "h(x)"),
+        ("from numba import njit\n@njit(inline=lambda *a: True)\ndef h(x):\n    return x", "h(x)"),
+        ("from numba import vectorize\n@vectorize\ndef h(x):\n    return x", "h(x)"),
+        ("from scipy.special import erf", "erf(x)"),
+        ("def outer():\n    def f(x):\n        return later(x)\n    return f\n    later = 1", None),
+    ],
+)
+def test_what_has_no_sure_description_is_not_cached(tmp_path, definition, used):
+    function = "acceleration = outer()" if used is None else f"def acceleration(x):\n    return {used}"
+    module = module_of(tmp_path / "unsure.py", f"{definition}\n{function}\n")
+    assert content_digest(module.acceleration, 1) is None
+
+
+OVERLOADED = """
+import numpy as np
+from numba.extending import overload
+from streamkit.engine.cache import content_digest
+
+def acceleration(x, y, z, t):
+    return np.sinc(x), y, z
+
+def plain(x, y, z, t):
+    return np.sqrt(x), y, z
+
+before = content_digest(acceleration, 0)
+
+@overload(np.sinc)
+def sinc(x):
+    return lambda x: 2.0 * x
+
+print(before is not None, content_digest(acceleration, 0), content_digest(plain, 0) is not None)
+"""
+
+
+def test_what_an_overload_replaces_is_not_cached():
+    """In a process of its own: an overload cannot be taken back."""
+    done = subprocess.run([sys.executable, "-c", OVERLOADED], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["True", "None", "True"]
+
+
+def test_every_built_in_potential_is_cached():
+    for cls in vars(potentials).values():
+        if isinstance(cls, type) and issubclass(cls, sk.Potential) and cls is not sk.Potential:
+            assert content_digest(cls.acceleration, len(cls.parameters())) is not None, cls
