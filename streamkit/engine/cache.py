@@ -178,10 +178,10 @@ class _Content:
 
 def _overloaded_names() -> set[str]:
     """Names of functions, methods and attributes that overloads from outside numba and the engine replace."""
-    found = set()
+    found: set[str] = set()
     for template in (*builtin_registry.functions, *builtin_registry.attributes):
         overload = getattr(template, "_overload_func", None)
         place = getattr(overload, "__globals__", {}).get("__name__", "")
         if overload is not None and not place.startswith(("numba.", "streamkit.engine.")):
-            found.add(getattr(template, "_attr", None) or getattr(template.key, "__name__", ""))
+            found.add(getattr(template, "_attr", "") or getattr(template.key, "__name__", ""))
     return found

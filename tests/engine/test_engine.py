@@ -1,6 +1,7 @@
 """The compiled engine: the field of several forces, tracks, tidal radii, forces in plain NumPy."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from pydantic import Field
 
 import streamkit as sk
 from streamkit.builtin.potentials import Hernquist, Kepler, MiyamotoNagai, Plummer, TruncatedFlat
-from streamkit.engine import build_field
+from streamkit.engine import RKN4, adaptive_step, build_field
 from streamkit.testing import reference
 from streamkit.testing.potentials import positions, times
 
@@ -48,6 +49,57 @@ def test_the_satellite_rides_on_the_progenitor():
     q = place + np.random.default_rng(2).normal(0, 1.0, (3, 7))
     wanted = reference.acceleration(HOST, t, q) + reference.acceleration([satellite], t, q - place)
     assert np.allclose(both.acceleration(t, q), wanted, rtol=0, atol=1e-6 * np.abs(wanted).max(axis=0))
+
+
+OTHER = Q[[1, 2, 0]], -V[[1, 2, 0]]
+"""Today's state of a second body, whose orbit is another one."""
+
+
+def test_two_bodies_ride_on_their_own_orbits():
+    """The force is that of each about its own place, from the oracle."""
+    field = build_field(HOST)
+    bodies = Plummer(mass=6.4e8, radius=0.85), Plummer(mass=1.4e11, radius=10.0)
+    t = np.linspace(-0.39, -0.01, 7)
+    q = Q[:, None] + positions(0.1, 30.0, 7)
+    both, wanted = field, reference.acceleration(HOST, t, q)
+    for body, today in zip(bodies, ((Q, V), OTHER), strict=True):
+        both = both.with_moving(build_field([body]), field.orbit(*today, 0.0, -0.4, 0.002))
+        place = np.empty((3, 7))
+        for i, when in enumerate(t):
+            place[:, i] = reference.advance(HOST, *(x[:, None] for x in today), np.zeros(1), when)[0][:, 0]
+        wanted += reference.acceleration([body], t, q - place)
+    assert np.allclose(both.acceleration(t, q), wanted, rtol=0, atol=1e-6 * np.abs(wanted).max(axis=0))
+
+
+@pytest.mark.parametrize("released", ["together", "one by one"])
+def test_steps_foresee_every_moving_body(released):
+    """Close passages of the second body: integrated as if the first one, which weighs nothing, were not there."""
+    host, satellite = build_field(HOST), build_field([Plummer(mass=6.4e8, radius=0.85)])
+    orbit, elsewhere = (host.orbit(*today, 0.0, 0.05, 0.001) for today in ((Q, V), OTHER))
+    alone = host.with_moving(satellite, orbit)
+    both = host.with_moving(build_field([Plummer(mass=1e-30, radius=1.0)]), elsewhere).with_moving(satellite, orbit)
+    rng = np.random.default_rng(5)
+    q = Q[:, None] + 0.5 * rng.standard_normal((3, 40))
+    v = V[:, None] + 20.0 * rng.standard_normal((3, 40))
+    t0 = np.zeros(40) if released == "together" else np.linspace(0.0, 0.01, 40)
+    ends = []
+    for field in (alone, both):
+        ends.append(np.concatenate([q, v]))
+        adaptive_step(field, RKN4, ends[-1][:3], ends[-1][3:], t0, 0.04, np.full(2, 0.3), 20)
+    assert np.abs(ends[0][:3] - q).max() > 1.0
+    assert np.allclose(ends[1], ends[0], rtol=1e-12)
+
+
+def test_moving_bodies_that_the_loop_could_not_follow_are_refused():
+    host, satellite = build_field(HOST), build_field([Plummer(mass=6.4e8, radius=0.85)])
+    orbit = host.orbit(Q, V, 0.0, -0.4, 0.002)
+    moving = host.with_moving(satellite, orbit)
+    with pytest.raises(ValueError, match="one grid of times"):
+        moving.with_moving(satellite, host.orbit(*OTHER, 0.0, -0.5, 0.002))
+    with pytest.raises(ValueError, match="can lose mass"):
+        moving.with_moving(satellite, replace(orbit, mass_left=np.linspace(1.0, 0.5, len(orbit.t))))
+    with pytest.raises(ValueError, match="move already"):
+        host.with_moving(moving, orbit)
 
 
 def test_track_interpolation():
