@@ -1,4 +1,7 @@
-"""The compiled part: what an integrator author may use beside the names of `streamkit`."""
+"""The compiled part: what an integrator author may use beside the names of `streamkit`.
+
+How the loop goes through the particles stands at the head of `streamkit.engine.loops`.
+"""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""The total acceleration field: the addresses of the forces, their parameters and the moving progenitor."""
+"""The total acceleration field: forces that add up, about the origin or about what moves."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Field:
     names
         (c,) names of the components, for messages.
     scratch
-        Of the loops: a field advances one set of particles at a time.
+        Room for the loops to work in: a field advances one set of particles at a time.
     """
 
     forces: Forces
@@ -91,7 +91,7 @@ class Field:
         here, new, left = self.forces, other.forces, orbit.mass_left
         count, first = len(here.tracks), float(orbit.t[0])
         step = float((orbit.t[-1] - first) / (len(orbit.t) - 1))
-        track = np.vstack([orbit.polynomials.reshape(18, -1), left[:-1], np.diff(left)]).T[None]
+        track = np.vstack([orbit.polynomials.reshape(18, -1), left[:-1], np.diff(left)]).T[None].copy()
         if len(new.tracks):
             raise ValueError("these forces move already: add the forces of each trajectory by themselves")
         if count and (first, step, track.shape) != (here.first, here.step, here.tracks[:1].shape):
@@ -105,7 +105,7 @@ class Field:
             parameters=np.concatenate([here.parameters[: here.offset[-1]], new.parameters]),
             first=first,
             step=step,
-            tracks=np.concatenate([here.tracks, track]) if count else track.copy(),
+            tracks=np.concatenate([here.tracks, track]) if count else track,
         )
         return replace(self, forces=forces, kernels=self.kernels + other.kernels, names=self.names + other.names)
 
@@ -114,8 +114,9 @@ class Field:
         for i, (kernel, name) in enumerate(zip(self.kernels, self.names, strict=True)):
             error = getattr(kernel, "error", None)
             if error is not None:
-                kernel.error, forces = None, self.forces
-                values = forces.parameters[forces.offset[i] : forces.offset[i + 1]]
+                kernel.error = None
+                begin, end = self.forces.offset[i : i + 2]
+                values = self.forces.parameters[begin:end]
                 raise ComponentError(
                     f"potential {name} raised {type(error).__name__}: {error} (parameters {values.tolist()})"
                 ) from error
