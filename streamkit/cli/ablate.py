@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-import streamkit as sk
-from streamkit import nbody, report
+from streamkit import report
 from streamkit import spec as run_files
-from streamkit.cli.options import FORCE, INTERRUPTED, QUIET, RUN_FILE, SEEDS, SET, WORKERS, directory, load_spec
-from streamkit.errors import OutOfDomain, StreamkitError
+from streamkit.cli.options import FORCE, QUIET, RUN_FILE, SEEDS, SET, WORKERS, directory, load_spec
+from streamkit.cli.study import conduct
 from streamkit.study import ablation as study
+from streamkit.study import grid
 
 
 @click.command()
@@ -63,25 +63,14 @@ def ablate(
     report.check_directory(out, study.PRODUCTS, "an ablation", force)
     spec = load_spec(run_file, settings)
     variants = study.variants_of(spec, read_variations(variations))
-    stream = None if reference is None else _snapshot(reference, spec)
-    with report.locked(out):
-        found = _run(spec, variants, stream, match_rate, seeds, workers, quiet)
-        if found.reference is None or not any(outcome.portraits for outcome in found.outcomes):
-            reasons = "; ".join(f"{o.variant.label}: {', '.join(o.reasons)}" for o in found.outcomes)
-            raise StreamkitError(f"{run_file}: no variant has a stream. {reasons}")
-        interrupted = any(study.INTERRUPTED in outcome.reasons for outcome in found.outcomes)
-        study.write_tables(
-            found, out, {"reference": reference or found.beside, "match_rate": match_rate, "seeds": seeds}
-        )
-        if not quiet:
-            click.echo(study.describe_ablation(found))
-            click.echo()
-        study.draw_pictures(found, out)
-    if not quiet:
-        click.echo(f"tables and pictures: {out}")
-    if interrupted:
-        click.echo("streamkit: interrupted; the tables hold what was finished", err=True)
-        click.get_current_context().exit(INTERRUPTED)
+    beside = None if reference is None else study.read_reference(reference, spec)
+
+    def run(done: Callable[[], object]) -> grid.Products:
+        found = study.run_ablation(spec, variants, beside, seeds=seeds, workers=workers, match=match_rate, done=done)
+        said = {"reference": reference or found.beside, "match_rate": match_rate, "seeds": seeds}
+        return study.ablation_products(found, said)
+
+    conduct(out, seeds * len(variants), quiet, run)
 
 
 def read_variations(variations: Sequence[str]) -> dict[str, list[Any]]:
@@ -116,23 +105,3 @@ def _split(text: str) -> list[str]:
         else:
             parts[-1] += letter
     return parts
-
-
-def _snapshot(reference: str, spec: sk.Spec) -> sk.Stream:
-
-    snapshot = nbody.read_snapshot(reference)
-    try:
-        return nbody.as_stream(snapshot, spec.bind())
-    except OutOfDomain as error:
-        raise StreamkitError(
-            f"{spec.source}: the progenitor has no orbit to compare the snapshot with: {error}"
-        ) from None
-
-
-def _run(
-    spec: sk.Spec, variants: Sequence[Any], stream: sk.Stream | None, match: bool, seeds: int, workers: int, quiet: bool
-) -> study.Ablation:
-    from tqdm import tqdm
-
-    with tqdm(total=seeds * len(variants), unit="stream", disable=True if quiet else None, leave=False) as bar:
-        return study.run_ablation(spec, variants, stream, seeds=seeds, workers=workers, match=match, done=bar.update)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,19 +10,9 @@ import click
 
 import streamkit as sk
 from streamkit import report
-from streamkit.cli.options import (
-    FORCE,
-    INTERRUPTED,
-    INVALID,
-    QUIET,
-    RUN_FILE,
-    SEEDS,
-    SET,
-    WORKERS,
-    directory,
-    load_spec,
-    read_settings,
-)
+from streamkit.cli.options import FORCE, QUIET, RUN_FILE, SEEDS, SET, WORKERS, directory, load_spec, read_settings
+from streamkit.cli.study import conduct
+from streamkit.study import grid
 from streamkit.study import sensitivity as study
 
 
@@ -62,16 +52,13 @@ def sensitivity(
     out = output if output is not None else Path(f"{run_file.stem}-sensitivity")
     report.check_directory(out, study.PRODUCTS, "a sensitivity", force)
     spec, point = apart(load_spec(run_file), read_settings(settings))
-    names = [name.strip() for name in fields.split(",") if name.strip()]
-    with report.locked(out):
-        found = _run(spec, point, names, points, seeds, workers, quiet)
-        study.write_products(found, out)
-    if not quiet:
-        click.echo(study.describe_sensitivity(found))
-        click.echo(f"\ntables and picture: {out}")
-    if found.stopped:
-        click.echo(f"streamkit: {found.stopped}; the tables hold what was finished", err=True)
-        click.get_current_context().exit(INTERRUPTED if found.stopped == "interrupted" else INVALID)
+    names = study.chosen(spec, [name.strip() for name in fields.split(",") if name.strip()])
+
+    def run(done: Callable[[], object]) -> grid.Products:
+        found = study.run_sensitivity(spec, point, fields=names, points=points, seeds=seeds, workers=workers, done=done)
+        return study.sensitivity_products(found)
+
+    conduct(out, seeds * (1 + points * len(names)), quiet, run)
 
 
 def apart(spec: sk.Spec, settings: Mapping[str, Any]) -> tuple[sk.Spec, dict[str, Any]]:
@@ -79,15 +66,3 @@ def apart(spec: sk.Spec, settings: Mapping[str, Any]) -> tuple[sk.Spec, dict[str
     point = {path: value for path, value in settings.items() if path in spec.names and not isinstance(value, Mapping)}
     rest = {path: value for path, value in settings.items() if path not in point}
     return spec.with_values(rest) if rest else spec, point
-
-
-def _run(
-    spec: sk.Spec, point: dict[str, Any], fields: Sequence[str], points: int, seeds: int, workers: int, quiet: bool
-) -> study.Sensitivity:
-    from tqdm import tqdm
-
-    total = seeds * (1 + points * len(study.chosen(spec, fields)))
-    with tqdm(total=total, unit="stream", disable=True if quiet else None, leave=False) as bar:
-        return study.run_sensitivity(
-            spec, point, fields=fields, points=points, seeds=seeds, workers=workers, done=bar.update
-        )

@@ -21,6 +21,7 @@ from .style import ARM_STYLE as ARM_STYLE
 from .style import BLUE as BLUE
 from .style import GREY as GREY
 from .style import VERMILION as VERMILION
+from .style import angle_ticks as angle_ticks
 from .style import finish as finish
 from .style import label_all as label_all
 from .style import panel_grid as panel_grid

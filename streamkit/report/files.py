@@ -92,8 +92,11 @@ def save_table(path: Path, table: QTable) -> None:
 
 
 def save_picture(path: Path, figure: Figure) -> None:
-    """Write a picture, as `save` does."""
-    save(path, lambda part: figure.savefig(part, dpi=200))
+    """Write a picture, as `save` does; the letters of a PDF or SVG stay letters, in fonts that journals accept."""
+    from matplotlib import rc_context
+
+    with rc_context({"pdf.fonttype": 42, "svg.fonttype": "none"}):
+        save(path, lambda part: figure.savefig(part, dpi=200))
 
 
 def origin(spec: Spec) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 ACROSS = 4
 """Most panels beside each other."""
@@ -100,3 +100,15 @@ def finish(axes: Axes) -> None:
     """Give the axes minor ticks, inwards, on every side."""
     axes.minorticks_on()
     axes.tick_params(which="both", direction="in", top=True, right=True, labelsize=10)
+
+
+ANGLES = (1, 2, 5, 10, 15, 30, 45, 60, 90, 180, 360)
+"""Steps in degrees between the ticks of an axis of angles; beyond, whole turns: 2, 4, 8 ..."""
+
+
+def angle_ticks(axes: Axes, most: int = 8) -> None:
+    """Number the horizontal axis, in degrees between the limits it has now, in at most so many even steps."""
+    low, high = sorted(axes.get_xlim())
+    least = (high - low) / most
+    turns = 360 * 2 ** int(np.ceil(np.log2(max(least / 360, 1.0))))
+    axes.xaxis.set_major_locator(MultipleLocator(next((step for step in ANGLES if step >= least), turns)))

@@ -19,6 +19,7 @@ LAYERS = (
     {"__main__"},
     {"cli"},
     {"study.fit", "study.ablation", "study.sensitivity", "study.preflight"},
+    {"study.grid"},
     {"sample", "nbody"},
     {"model", "report"},
     {"observe", "spec"},

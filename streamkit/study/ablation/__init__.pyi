@@ -1,11 +1,9 @@
 from .figures import bow_tie as bow_tie
-from .grid import variants_of as variants_of
 from .measures import Portrait as Portrait
 from .measures import portrait as portrait
 from .products import PRODUCTS as PRODUCTS
-from .products import draw_pictures as draw_pictures
-from .products import write_tables as write_tables
-from .runner import INTERRUPTED as INTERRUPTED
+from .products import ablation_products as ablation_products
 from .runner import Ablation as Ablation
+from .runner import read_reference as read_reference
 from .runner import run_ablation as run_ablation
-from .tables import describe_ablation as describe_ablation
+from .variants import variants_of as variants_of

@@ -1,22 +1,70 @@
-"""The paper's figures of phase space: bow-tie, configuration and velocity space, velocities on leaving r_t.
+"""The paper's figures of streams beside each other: in phase space, and along the tails.
 
-Every function takes portraits by title (`streamkit.comparison.Portrait`: a stream, its run file bound, and what the
-observable says of it) and returns a figure: of the variants of an ablation, or of a fit and an N-body snapshot. The
-first one is what the others are compared with.
+Every function takes portraits by title (a stream, its run file bound, and what the observable says of it) and returns
+a figure: of the variants of an ablation, or of a fit and an N-body snapshot. The first one is what the others are
+compared with.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
+from matplotlib.lines import Line2D
 
 from streamkit.model import standard_normals
-from streamkit.report import ACROSS, ARM_STYLE, finish, label_all, panel_grid, typical_reach
-from streamkit.stream import Array, Stream, orbital_plane
+from streamkit.observe import ENOUGH
+from streamkit.report import (
+    ACROSS,
+    ARM_STYLE,
+    angle_ticks,
+    draw_unwrapped,
+    finish,
+    label_all,
+    panel_grid,
+    typical_reach,
+)
+from streamkit.stream import ARMS, Array, BoolArray, IntArray, Stream, orbital_plane
 from streamkit.study.ablation.measures import Portrait
-from streamkit.study.ablation.panels import Portraits, some
+from streamkit.units import GYR
+
+Portraits = Mapping[str, Portrait]
+SHOWN = 6500
+"""Most particles drawn per panel: the same random number of each stream, as in Gibbons+ 2014, figure 6."""
+CYCLE = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+"""Okabe & Ito's colours, for lines."""
+STAR: dict[str, Any] = {"marker": "*", "ms": 11, "color": "black", "mec": "white", "ls": "none", "label": "progenitor"}
+CROSS: dict[str, Any] = {
+    "marker": "+", "ms": 9, "mew": 1.4, "color": "black", "ls": "none", "label": "Galactic centre, at rest"
+}  # fmt: skip
+ALONG = "angle along the stream [deg]  (leading > 0)"
+
+
+def some(stream: Stream, chosen: BoolArray) -> IntArray:
+    """Return the chosen particles to draw: at random by their weights, at most `SHOWN` of all unbound ones."""
+    free = ~stream.bound
+    index = np.flatnonzero(chosen)
+    share = stream.weight / stream.weight[free].max(initial=0.0)
+    share *= min(SHOWN / max(float(share[free].sum()), 1.0), 1.0)
+    return np.asarray(index[np.random.default_rng(0).random(len(index)) < share[index]])
+
+
+def _legend(place: Figure | Axes, panels: Iterable[Axes], **look: Any) -> Legend:
+    """Name everything that is drawn in any of the panels, once; particles by dots that can be seen."""
+    named = {label: handle for axes in panels for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+    legend = place.legend(named.values(), named.keys(), **{"fontsize": 9, "frameon": False, **look})
+    for handle in legend.legend_handles:
+        if isinstance(handle, PathCollection):
+            handle.set_sizes([30.0])
+            handle.set_alpha(1.0)
+    return legend
 
 
 def bow_tie(portraits: Portraits) -> Figure:
@@ -25,40 +73,36 @@ def bow_tie(portraits: Portraits) -> Figure:
     Each cell has the median winding of its particles (Gibbons+ 2014, figure 3). The line is where 95 % of the first
     stream are. Streams whose host has no potential energy are left out.
     """
-    shown = {title: p for title, p in portraits.items() if p.integrals[0] is not None and (~p.stream.bound).any()}
+    shown: dict[str, tuple[Array, Array, Array]] = {}
+    for title, portrait in portraits.items():
+        (energy, momentum), free = portrait.integrals, ~portrait.stream.bound
+        if energy is not None and free.any():
+            shown[title] = momentum[free] / 1e3, energy[free] / 1e4, np.degrees(portrait.stream.winding[free])
     figure, panels = panel_grid(len(shown), 3.1, 3.1, share=True)
-    free = {title: ~p.stream.bound for title, p in shown.items()}
+    if not shown:
+        return figure
     x, y, turn = (
-        typical_reach(float(np.percentile(np.abs(np.asarray(values)), percent)) for values in columns)
-        for columns, percent in (
-            ([p.integrals[1][free[t]] / 1e3 for t, p in shown.items()], 99.5),
-            ([np.asarray(p.integrals[0])[free[t]] / 1e4 for t, p in shown.items()], 99.5),
-            ([np.degrees(p.stream.winding[free[t]]) for t, p in shown.items()], 97),
-        )
+        typical_reach(float(np.percentile(np.abs(values), percent)) for values in column)
+        for column, percent in zip(zip(*shown.values(), strict=True), (99.5, 99.5, 97), strict=True)
     )
     extent = (-x, x, -y, y)
-    image, outline = None, None
-    for axes, (title, portrait) in zip(panels, shown.items(), strict=False):
-        energy, momentum = portrait.integrals
-        assert energy is not None  # noqa: S101  those without were left out above
-        chosen = free[title]
+    outline = _outline(*next(iter(shown.values()))[:2], extent)
+    for axes, (title, (momentum, energy, angle)) in zip(panels, shown.items(), strict=False):
         image = axes.hexbin(
-            momentum[chosen] / 1e3, energy[chosen] / 1e4, C=np.degrees(portrait.stream.winding[chosen]),
-            reduce_C_function=np.median, gridsize=70, extent=extent, cmap="turbo", vmin=-turn, vmax=turn, lw=0.1,
+            momentum, energy, C=angle, reduce_C_function=np.median, gridsize=70, extent=extent, cmap="turbo",
+            vmin=-turn, vmax=turn, lw=0.1,
         )  # fmt: skip
-        if outline is None:
-            outline = _outline(momentum[chosen] / 1e3, energy[chosen] / 1e4, extent)
-        else:
-            axes.contour(*outline, colors="black", linewidths=0.9)
-        axes.plot(0, 0, marker="*", ms=11, color="black", mec="white", ls="none")
+        axes.contour(*outline, colors="black", linewidths=0.9)
+        axes.plot(0, 0, **STAR)
         axes.set(xlim=extent[:2], ylim=extent[2:])
         axes.set_title(title, fontsize=9)
         finish(axes)
+    panels[0].add_line(Line2D([], [], color="black", lw=0.9, label=f"95 % of {next(iter(shown))}"))
     label_all(
         figure, r"$L - L_{\rm p}\ \,[10^3\,{\rm kpc\,km\,s}^{-1}]$", r"$E - E_{\rm p}\ \,[10^4\,({\rm km\,s}^{-1})^2]$"
     )
-    if image is not None:
-        figure.colorbar(image, ax=panels, label="angle along the stream [deg]  (leading > 0)", pad=0.01, shrink=0.9)
+    figure.colorbar(image, ax=panels, label=ALONG, pad=0.01, shrink=0.9)
+    _legend(figure, panels[:1], ncols=2, loc="outside upper left")
     return figure
 
 
@@ -77,7 +121,7 @@ def phase_space(portraits: Portraits) -> Figure:
     """Draw configuration space above velocity space, both in the progenitor's orbital plane, coloured by arm."""
     n = max(len(portraits), 1)
     across, blocks = min(n, ACROSS), -(-n // ACROSS)
-    figure = Figure(figsize=(3.1 * across + 0.6, 6.6 * blocks), layout="constrained")
+    figure = Figure(figsize=(3.1 * across + 0.6, 6.6 * blocks + 0.3), layout="constrained")
     panels: Any = figure.subplots(2 * blocks, across, squeeze=False)
     for axes in panels.flat:
         axes.set_visible(False)
@@ -91,10 +135,8 @@ def phase_space(portraits: Portraits) -> Figure:
                 chosen = some(stream, stream.arm == arm)
                 name, colour = ARM_STYLE[arm]
                 axes.scatter(x[chosen], y[chosen], s=1.2, color=colour, alpha=0.55, lw=0, rasterized=True, label=name)
-            axes.plot(
-                *(basis @ getattr(stream.orbit, what)[:, -1]), marker="*", ms=11, color="black", mec="white", ls="none"
-            )
-            axes.plot(0, 0, marker="+", ms=9, mew=1.4, color="black", ls="none")
+            axes.plot(*(basis @ getattr(stream.orbit, what)[:, -1]), **STAR)
+            axes.plot(0, 0, **CROSS)
             axes.set(visible=True, aspect="equal", xlim=(-reach, reach), ylim=(-reach, reach))
             axes.set_xlabel(rf"${axis[0]}\ \,[{{\rm {unit}}}]$", fontsize=11)
             if i % ACROSS == 0:
@@ -103,7 +145,7 @@ def phase_space(portraits: Portraits) -> Figure:
                 axes.set_title(title, fontsize=10)
             finish(axes)
     if portraits:
-        panels[0, 0].legend(fontsize=8, frameon=False, loc="upper left", handletextpad=0.1, markerscale=5)
+        _legend(figure, panels[0, :1], ncols=4 if across > 1 else 2, loc="outside upper left", handletextpad=0.1)
     return figure
 
 
@@ -111,64 +153,45 @@ def _reach(stream: Stream, what: str) -> float:
     """Return how far a picture must reach in positions ("q") or velocities ("v")."""
     if stream.bound.all():
         return 1.0
-    return 1.05 * float(
-        np.percentile(np.abs(orbital_plane(stream.orbit) @ getattr(stream, what)[:, ~stream.bound]), 99.7)
-    )
+    planar = orbital_plane(stream.orbit) @ getattr(stream, what)[:, ~stream.bound]
+    return 1.05 * float(np.percentile(np.abs(planar), 99.7))
 
 
 def crossings(portraits: Portraits) -> Figure:
     """Draw the trailing debris' velocities at the last crossing of r_t, against the ones it was released with.
 
     In the frame that moves with the progenitor (Gibbons+ 2014, figure 4): radial, along the motion, out of the plane.
-    The black line is the distribution that the scheme draws from: mLCS's Gaussian. Snapshots hold no crossings.
+    The black line is the distribution that the scheme draws from: mLCS's Gaussian. A snapshot has no such line: no
+    scheme has released it; and no row if it does not hold its crossings.
     """
-    shown = {t: p for t, p in portraits.items() if np.isfinite(p.stream.dv_strip).all() and (p.stream.arm < 0).any()}
+    trailing = {t: p.stream.dv_strip[:, p.stream.arm < 0] for t, p in portraits.items()}
+    shown = {t: v for t, v in trailing.items() if v.size and np.isfinite(v).all()}
     n = max(len(shown), 1)
     figure = Figure(figsize=(9.6, 1.9 * n + 0.7), layout="constrained")
     panels: Any = figure.subplots(n, 3, squeeze=False, sharex=True)
-    components = (r"\Delta v_r", r"\Delta v_t", r"\Delta v_{\rm oop}")
-    reach = max(
-        (float(np.percentile(np.abs(p.stream.dv_strip[:, p.stream.arm < 0]), 99)) for p in shown.values()), default=1.0
-    )
+    reach = max((float(np.percentile(np.abs(v), 99)) for v in shown.values()), default=1.0)
     bins = np.linspace(-reach, reach, 51)
-    for row, (title, portrait) in zip(panels, shown.items(), strict=False):
+    released: dict[str, Any] = {"color": "black", "lw": 1.2, "label": "as released"}
+    for row, (title, velocity) in zip(panels, shown.items(), strict=False):
+        portrait = portraits[title]
         chosen = portrait.stream.arm < 0
-        drawn = _released(portrait)[:, chosen]
-        weight = portrait.stream.weight[chosen]
-        for axes, crossing, start in zip(row, portrait.stream.dv_strip[:, chosen], drawn, strict=True):
-            axes.hist(
-                crossing,
-                bins,
-                weights=weight,
-                density=True,
-                color=ARM_STYLE[-1][1],
-                alpha=0.55,
-                label="at the last crossing",
-            )
-            if np.std(start) > 0.02 * reach:
-                axes.hist(
-                    start,
-                    bins,
-                    weights=weight,
-                    density=True,
-                    histtype="step",
-                    color="black",
-                    lw=1.2,
-                    label="as released",
-                )
-            else:  # no dispersion: a line
-                axes.axvline(float(np.mean(start)), color="black", lw=1.2, label="as released")
+        density: dict[str, Any] = {"weights": portrait.stream.weight[chosen], "density": True}
+        for axes, crossing in zip(row, velocity, strict=True):
+            axes.hist(crossing, bins, color=ARM_STYLE[-1][1], alpha=0.55, label="at the last crossing", **density)
             axes.axvline(0, color="black", lw=0.6, ls=":")
             finish(axes)
             axes.tick_params(which="both", left=False, right=False, labelleft=False)
+        for axes, start in zip(row, () if portrait.snapshot else _released(portrait)[:, chosen], strict=False):
+            if np.std(start) > 0.02 * reach:
+                axes.hist(start, bins, histtype="step", **density, **released)
+            else:  # no dispersion: a line
+                axes.axvline(float(np.mean(start)), **released)
         row[0].set_ylabel(title.replace(", ", ",\n"), fontsize=9)
-    for axes, component in zip(panels[-1], components, strict=True):
-        axes.set_xlabel(rf"${component}\ \,[{{\rm km\,s}}^{{-1}}]$", fontsize=12)
+    for axes, component in zip(panels[-1], ("r", "t", r"{\rm oop}"), strict=True):
+        axes.set_xlabel(rf"$\Delta v_{component}\ \,[{{\rm km\,s}}^{{-1}}]$", fontsize=12)
     panels[0, 0].set_xlim(-reach, reach)
     if shown:
-        figure.legend(
-            *panels[0, 0].get_legend_handles_labels(), fontsize=9, frameon=False, ncols=2, loc="outside upper center"
-        )
+        _legend(figure, panels[:, 0], ncols=2, loc="outside upper center")
     return figure
 
 
@@ -179,3 +202,103 @@ def _released(portrait: Portrait) -> Array:
     normals = standard_normals(setup.stripping, setup.seed)
     release = setup.stripping.release(there, stream.tail, setup.mass * there.mass_left, normals)
     return np.asarray(np.einsum("fcn,cn->fn", np.stack(there.frame), release.v - there.v))
+
+
+def unwrapped(portraits: Portraits) -> Figure:
+    """Draw radius against the angle along each stream, with the fitted apocentres and the data."""
+    figure, panels = panel_grid(len(portraits), 5.4, 3.3, across=2, share=True)
+    limits = []
+    for axes, (title, portrait) in zip(panels, portraits.items(), strict=False):
+        draw_unwrapped(portrait.stream, portrait.prediction, portrait.setup, axes)
+        limits.append((*axes.get_xlim(), axes.get_ylim()[1]))
+        axes.set_title(title, fontsize=10)
+        axes.set(xlabel="", ylabel="")
+    for axes in panels[1:]:
+        if legend := axes.get_legend():
+            legend.remove()
+    _share(figure, panels, limits)
+    return figure
+
+
+def epochs(portraits: Portraits) -> Figure:
+    """Draw the tidal tails coloured by the stripping epoch: from one apocentre of the progenitor to the next."""
+    figure, panels = panel_grid(len(portraits), 5.4, 3.3, across=2, share=True)
+    limits = []
+    oldest = max((len(_apocentres(portrait.stream)) for portrait in portraits.values()), default=0)
+    for axes, (title, portrait) in zip(panels, portraits.items(), strict=False):
+        stream = portrait.stream
+        edges = [-np.inf, *_apocentres(stream), np.inf]
+        free = ~stream.bound
+        angle = np.degrees(stream.winding)
+        for i, (begin, end) in enumerate(pairwise(edges)):
+            chosen = some(stream, free & (stream.t_strip >= begin) & (stream.t_strip < end))
+            colour = colormaps["plasma"](0.85 * (1 - (len(edges) - 2 - i) / max(oldest, 1)))
+            span = f"{_gyr(begin, stream)} to {_gyr(end, stream)} Gyr"
+            dots: dict[str, Any] = {"s": 1.5, "color": colour, "alpha": 0.6, "lw": 0, "rasterized": True}
+            axes.scatter(angle[chosen], stream.r[chosen], label=span, **dots)
+        axes.plot(0, stream.orbit.r[-1], zorder=6, **STAR)
+        if free.any():
+            low, high = np.percentile(angle[free], [0.2, 99.8])
+            limits.append((high + 15, low - 15, float(np.percentile(stream.r[free], 99.8))))
+        axes.set_title(title, fontsize=10)
+        finish(axes)
+    if portraits:
+        look: dict[str, Any] = {"frameon": True, "framealpha": 0.85, "edgecolor": "none", "fontsize": 8}
+        _legend(panels[0], panels[:1], title="stripped", title_fontsize=8, **look)
+    _share(figure, panels, limits)
+    return figure
+
+
+def _share(figure: Figure, panels: Sequence[Axes], limits: list[tuple[float, float, float]]) -> None:
+    """Give all panels, which share their axes, limits (left, right, top) that suit most of them, and their labels."""
+    if limits:
+        left, right, top = (float(np.median(column)) for column in zip(*limits, strict=True))
+        panels[0].set(xlim=(left, right), ylim=(0, 1.05 * top))
+        angle_ticks(panels[0])
+    label_all(figure, ALONG, r"$r\ \,[{\rm kpc}]$")
+
+
+def _apocentres(stream: Stream) -> Array:
+    """Return the times of the progenitor's apocentres, without one at the very start of its track."""
+    times = stream.orbit.apocentres()
+    return np.asarray(times[times > 0.98 * stream.orbit.t[0]])
+
+
+def _gyr(t: float, stream: Stream) -> str:
+    return f"{np.clip(t, stream.orbit.t[0], 0.0) / GYR:.2g}"
+
+
+def along(portraits: Portraits) -> Figure:
+    """Draw what runs along the streams: density, and the distance of the mean track from the first one's."""
+    figure = Figure(figsize=(11.0, 7.0), layout="constrained")
+    top, bottom = figure.subplots(2, 1, sharex=True)
+    first = next(iter(portraits.values()), None)
+    offsets = [np.zeros(1)]
+    for i, (title, portrait) in enumerate(portraits.items()):
+        style: dict[str, Any] = {"color": CYCLE[i % len(CYCLE)], "ls": ("-", "--", ":")[i // len(CYCLE) % 3], "lw": 1.3}
+        for name, arm in ARMS.items():
+            track = portrait.tracks[name]
+            good = track.count >= ENOUGH
+            density = np.where(good, track.density, np.nan)
+            top.semilogy(arm * track.angle, density, label=title if arm == 1 else None, **style)
+            if first is not None and portrait is not first:
+                other = first.tracks[name]
+                k = min(len(track.angle), len(other.angle))
+                both = good[:k] & (other.count[:k] >= ENOUGH)
+                away = np.where(both, track.r[:k] - other.r[:k], np.nan)
+                offsets.append(away[both])
+                bottom.plot(arm * track.angle[:k], away, **style)
+    bottom.axhline(0, color="black", lw=0.8)
+    reach = max(1.3 * float(np.percentile(np.abs(np.concatenate(offsets)), 93)), 1.0)
+    ends = [portrait.ends for portrait in portraits.values()]
+    low, high = np.median(ends, axis=0) if ends else (-180.0, 180.0)
+    bottom.set(xlim=(high + 40, low - 40), ylim=(-reach, reach))
+    angle_ticks(bottom, 14)
+    top.set_ylabel("particles per degree / all unbound", fontsize=11)
+    bottom.set_ylabel(rf"mean $r$ $-$ that of {next(iter(portraits), 'the first')} $[{{\rm kpc}}]$", fontsize=11)
+    bottom.set_xlabel(ALONG, fontsize=11)
+    for axes in (top, bottom):
+        finish(axes)
+    if portraits:
+        _legend(figure, [top], ncols=3, loc="outside lower center")
+    return figure

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -13,11 +13,14 @@ from streamkit.model import Host, Model
 from streamkit.observe import CELL, ENOUGH, Track, mean_track, measure_stream, quantiles
 from streamkit.spec import Setup, Spec
 from streamkit.stream import ARMS, Array, BoolArray, Prediction, Stream
+from streamkit.units import GYR
 
 ENDS = 0.5
 """Per cent of the unbound particles beyond each end of the stream."""
 NEAR = 60.0
 """Radius about the progenitor, in kpc, of the near part of a track."""
+BIN = 0.1 * GYR
+"""Width of the bins in stripping time in which a stripping rate is matched."""
 
 
 def angular_momentum(q: Array, v: Array) -> Array:
@@ -27,21 +30,16 @@ def angular_momentum(q: Array, v: Array) -> Array:
 
 @dataclass(frozen=True)
 class Portrait:
-    """A stream with what is measured of it alone.
+    """A stream with what is measured of it alone, and with what the observable says of it, if there is one.
 
-    Attributes
-    ----------
-    stream
-        The stream.
-    setup
-        The run file it was made from, or is compared with: its host gives the energies.
-    prediction
-        What the observable says of it; None without one.
+    The run file that it was made from, or is compared with, has the host that gives the energies. No scheme of ours has
+    released a ``snapshot``, the stream of an N-body simulation.
     """
 
     stream: Stream
     setup: Setup
     prediction: Prediction | None = None
+    snapshot: bool = False
 
     @cached_property
     def tracks(self) -> dict[str, Track]:
@@ -73,11 +71,9 @@ class Portrait:
         for what, values in zip(("energy", "angular_momentum"), self.integrals, strict=True):
             for name, arm in ARMS.items():
                 chosen = stream.arm == arm
-                found[f"{what}_offset_{name}"] = (
-                    float(np.average(values[chosen], weights=weight[chosen]))
-                    if values is not None and chosen.any()
-                    else np.nan
-                )
+                known = values is not None and chosen.any()
+                mean = float(np.average(values[chosen], weights=weight[chosen])) if known else np.nan  # type: ignore[index]
+                found[f"{what}_offset_{name}"] = mean
         found["bound"] = float(weight[stream.bound].sum())
         return found
 
@@ -85,25 +81,27 @@ class Portrait:
 def portrait(spec: Spec, theta: Array | Mapping[str, Any] | None = None) -> Portrait:
     """Return the portrait of the stream at parameters (d,), or a mapping of some; the rest at the prior's centre.
 
-    Raises
-    ------
-    OutOfDomain, ComponentError
-        As `Model.stream`.
+    It raises what `Model.stream` does.
     """
     setup = spec.bind(theta)
     stream, prediction = Model(spec).observe(setup)
     return Portrait(stream, setup, prediction)
 
 
+def portrait_of(stream: Stream, setup: Setup, *, snapshot: bool = False) -> Portrait:
+    """Return the portrait of a stream that is there already: what the run file's observable says of it is added."""
+    observable = setup.observable
+    prediction = None if observable is None else measure_stream(observable, stream)
+    return Portrait(stream, setup, prediction, snapshot)
+
+
 def compare(this: Portrait, other: Portrait) -> dict[str, float]:
     """Return what is measured between a stream and a reference; NaN where there is nothing to measure."""
-    found: dict[str, float] = {}
     lengths = [portrait.ends[1] - portrait.ends[0] for portrait in (this, other)]
-    found["length_ratio"] = lengths[0] / lengths[1]
+    found = {"length_ratio": lengths[0] / lengths[1]}
     for name in ARMS:
         found |= {f"{what}_{name}": value for what, value in _tracks(this, other, name).items()}
-    found |= _distributions(this, other)
-    return found
+    return found | _distributions(this, other)
 
 
 def _tracks(this: Portrait, other: Portrait, name: str) -> dict[str, float]:
@@ -157,40 +155,26 @@ def _distributions(this: Portrait, other: Portrait) -> dict[str, float]:
     """Return Wasserstein distances: of E, L, and of the angle along each arm."""
     from scipy.stats import wasserstein_distance  # slow to import
 
-    found: dict[str, float] = {}
-    streams = this.stream, other.stream
-    for what, i in (("energy", 0), ("angular_momentum", 1)):
-        u, v = this.integrals[i], other.integrals[i]
-        free = [~stream.bound for stream in streams]
-        found[f"{what}_distance"] = (
-            float(
-                wasserstein_distance(u[free[0]], v[free[1]], *(s.weight[f] for s, f in zip(streams, free, strict=True)))
-            )
-            if u is not None and v is not None and free[0].any() and free[1].any()
-            else np.nan
-        )
+    def distance(u: Array | None, v: Array | None, chosen: Sequence[BoolArray]) -> float:
+        if u is None or v is None or not (chosen[0].any() and chosen[1].any()):
+            return np.nan
+        weights = (p.stream.weight[members] for p, members in zip((this, other), chosen, strict=True))
+        return float(wasserstein_distance(u[chosen[0]], v[chosen[1]], *weights))
+
+    found = {}
+    for i, what in enumerate(("energy", "angular_momentum")):
+        free = [~portrait.stream.bound for portrait in (this, other)]
+        found[f"{what}_distance"] = distance(this.integrals[i], other.integrals[i], free)
     for name, arm in ARMS.items():
-        members = [stream.arm == arm for stream in streams]
-        found[f"density_distance_{name}"] = (
-            float(
-                wasserstein_distance(
-                    *(np.degrees(s.winding[m]) for s, m in zip(streams, members, strict=True)),
-                    *(s.weight[m] for s, m in zip(streams, members, strict=True)),
-                )
-            )
-            if members[0].any() and members[1].any()
-            else np.nan
-        )
+        u, v = (np.degrees(portrait.stream.winding) for portrait in (this, other))
+        found[f"density_distance_{name}"] = distance(u, v, [portrait.stream.arm == arm for portrait in (this, other)])
     return found
 
 
 def pulls(this: Portrait, other: Portrait) -> dict[str, float]:
     """Return the observables' differences from the reference, measured alike, in standard errors of the data.
 
-    Raises
-    ------
-    ComponentError
-        If the observable fails on the reference.
+    A `ComponentError` says that the observable fails on the reference.
     """
     found = observables(this)
     observable = this.setup.observable
@@ -208,3 +192,25 @@ def observables(this: Portrait) -> dict[str, float]:
     if prediction is None or prediction.why_not:
         return {}
     return {f"observable_{name}": value for name, value in zip(prediction.names, prediction.mean.tolist(), strict=True)}
+
+
+def match_rate(stream: Stream, reference: Stream) -> Stream:
+    """Weigh the unbound particles so that as many were stripped at each time as in the reference.
+
+    The bound ones keep their weights, and the unbound ones their sum. Times at which the stream has lost no particle
+    stay without.
+    """
+    begin = float(min(stream.orbit.t[0], reference.orbit.t[0]))
+    edges = np.linspace(begin, 0.0, max(round(-begin / BIN), 1) + 1)
+    bins, counts = [], []
+    for each in (stream, reference):
+        free = ~each.bound
+        bins.append(np.clip(np.digitize(each.t_strip[free], edges) - 1, 0, len(edges) - 2))
+        counts.append(np.bincount(bins[-1], each.weight[free], len(edges) - 1))
+    own, wanted = counts
+    factor = np.divide(wanted, own, out=np.zeros_like(own), where=own > 0)
+    if not (factor * own).sum() > 0:
+        return stream
+    weight = stream.weight.copy()
+    weight[~stream.bound] *= factor[bins[0]] * own.sum() / (factor * own).sum()
+    return replace(stream, weight=weight)

@@ -2,46 +2,39 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from functools import partial
 from typing import Any
 
-from streamkit.report import origin, save, save_picture, save_table
-from streamkit.study.ablation import figures, tail_figures
+from streamkit.study.ablation import figures
 from streamkit.study.ablation.runner import Ablation
-from streamkit.study.ablation.tables import measures_table, tracks_table
+from streamkit.study.ablation.tables import describe_ablation, measures_table, tracks_table
+from streamkit.study.grid import Products
 
-TABLE, TRACKS, RUN = "ablation.ecsv", "tracks.ecsv", "ablation.toml"
 PICTURES = {
-    "bow_tie": figures.bow_tie,
-    "phase_space": figures.phase_space,
-    "crossings": figures.crossings,
-    "unwrapped": tail_figures.unwrapped,
-    "epochs": tail_figures.epochs,
-    "along": tail_figures.along,
-}
-PRODUCTS = (TABLE, TRACKS, RUN, *(f"{name}.png" for name in PICTURES))
+    f"{draw.__name__}.png": draw
+    for draw in (
+        figures.bow_tie, figures.phase_space, figures.crossings, figures.unwrapped, figures.epochs, figures.along
+    )
+}  # fmt: skip
+TABLE, TRACKS, RUN = "ablation.ecsv", "tracks.ecsv", "ablation.toml"
+PRODUCTS = (TABLE, TRACKS, RUN, *PICTURES)
 
 
-def write_tables(found: Ablation, out: Path, options: dict[str, Any]) -> None:
-    """Write the table of measures, the mean tracks and the resolved run file."""
-    spec = found.spec
+def ablation_products(found: Ablation, options: dict[str, Any]) -> Products:
+    """Return the measures and mean tracks, their header with what was varied, and the pictures of all streams."""
     vary: dict[str, list[Any]] = {}
     for outcome in found.outcomes:
         for path, value in outcome.variant.values.items():
             vary.setdefault(path, []).extend([] if value in vary.get(path, []) else [value])
-    header = {**origin(spec), "vary": vary, **options}
-    for name, made in ((TABLE, measures_table(found)), (TRACKS, tracks_table(found))):
-        made.meta = header
-        save_table(out / name, made)
-    text = spec.toml()
-    save(out / RUN, lambda part: part.write_text(text))
-
-
-def draw_pictures(found: Ablation, out: Path) -> None:
-    """Draw the paper's figures of all variants that have a stream."""
-    shown = {outcome.variant.label: outcome.first for outcome in found.outcomes}
-    if found.external:
-        shown = {"N-body": found.reference} | shown
-    portraits = {title: p for title, p in shown.items() if p is not None and not p.stream.bound.all()}
-    for name, draw in PICTURES.items():
-        save_picture(out / f"{name}.png", draw(portraits))
+    shown = {"N-body": found.reference} if found.reference.snapshot else {}
+    shown |= {o.variant.label: o.first for o in found.outcomes if o.first is not None}
+    portraits = {title: portrait for title, portrait in shown.items() if not portrait.stream.bound.all()}
+    return Products(
+        found.spec,
+        RUN,
+        describe_ablation(found),
+        {TABLE: measures_table(found), TRACKS: tracks_table(found)},
+        {name: partial(draw, portraits) for name, draw in PICTURES.items()},
+        {"vary": vary, **options},
+        found.stopped,
+    )

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -20,29 +20,51 @@ if TYPE_CHECKING:
 REFERENCE = "reference"
 LABEL = 43
 """Longest label in a printed table."""
-UNITS = {
-    "length": "deg", "track": "kpc", "track_near": "kpc", "density_distance": "deg", "cpu": "s",
-    "energy_offset": "km2 / s2", "energy_distance": "km2 / s2",
-    "angular_momentum_offset": "kpc km / s", "angular_momentum_distance": "kpc km / s",
-}  # fmt: skip
-"""Units of the measures, by their names without the arm."""
-MEANING = {
-    "length": "angle from the progenitor to the end of the tail: 0.5 and 99.5 % of the winding",
-    "length_ratio": "length of both tails over the reference's",
-    "track": "rms distance of the mean track from the reference's, across it, over the common length; "
-    "the noise of the finite number of particles is taken off",
-    "track_near": f"the same as track, from the progenitor to where the reference is first {NEAR:g} kpc away",
-    "width_ratio": "width in the plane of the orbit over the reference's, median along the common length",
-    "thickness_ratio": "the same out of the plane",
-    "density_distance": "Wasserstein distance of the angles along the tail from the reference's",
-    "energy_offset": "mean energy of the tail minus the progenitor's",
-    "energy_distance": "Wasserstein distance of the unbound particles' energies from the reference's",
-    "angular_momentum_offset": "mean angular momentum of the tail minus the progenitor's",
-    "angular_momentum_distance": "Wasserstein distance of the angular momenta from the reference's",
-    "bound": "fraction of the particles inside the tidal radius today",
-    "observable": "as the run file measures it",
-    "pull": "difference of the observable from the reference's in standard errors of the data",
-    "cpu": "CPU seconds of one stream with its observables",
+
+
+class Measure(NamedTuple):
+    """How a measure is shown: whether there is one of each arm, its short head, its unit, and what it means."""
+
+    of_arms: bool
+    head: str
+    unit: str
+    meaning: str
+
+
+PRINTED = (
+    {
+        "length": Measure(True, "len", "deg",
+                          "angle from the progenitor to the end of the tail: 0.5 and 99.5 % of the winding"),
+        "length_ratio": Measure(False, "ratio", "", "length of both tails over the reference's"),
+        "track_near": Measure(True, "near", "kpc", "the same as track, from the progenitor to where the reference is "
+                              f"first {NEAR:g} kpc away"),
+        "track": Measure(True, "track", "kpc", "rms distance of the mean track from the reference's, across it, over "
+                         "the common length; the noise of the finite number of particles is taken off"),
+    },
+    {
+        "width_ratio": Measure(True, "width", "", "width in the plane of the orbit over the reference's, median along "
+                               "the common length"),
+        "thickness_ratio": Measure(True, "thick", "", "the same out of the plane"),
+        "density_distance": Measure(True, "along", "deg", "Wasserstein distance of the angles along the tail from the "
+                                    "reference's"),
+        "bound": Measure(False, "bound", "", "fraction of the particles inside the tidal radius today"),
+        "cpu": Measure(False, "CPU", "s", "CPU seconds of one stream with its observables"),
+    },
+    {
+        "energy_offset": Measure(True, "dE", "km2 / s2", "mean energy of the tail minus the progenitor's"),
+        "energy_distance": Measure(False, "E", "km2 / s2", "Wasserstein distance of the unbound particles' energies "
+                                   "from the reference's"),
+        "angular_momentum_offset": Measure(True, "dL", "kpc km / s", "mean angular momentum of the tail minus the "
+                                           "progenitor's"),
+        "angular_momentum_distance": Measure(False, "L", "kpc km / s", "Wasserstein distance of the angular momenta "
+                                             "from the reference's"),
+    },
+)  # fmt: skip
+"""The measures of each printed table, by their names without the arm."""
+PULL = Measure(False, "pull", "", "difference of the observable from the reference's in standard errors of the data")
+MEASURES = {name: measure for table in PRINTED for name, measure in table.items()} | {
+    "observable": Measure(False, "", "", "as the run file measures it"),
+    "pull": PULL,
 }
 
 
@@ -64,11 +86,11 @@ def measures_table(ablation: Ablation) -> QTable:
     out["streams"] = [0 if o is None else len(measures) for _, o, measures in rows]
     for name in names:
         values = [[one.get(name, np.nan) for one in measures] for _, _, measures in rows]
-        unit = UNITS.get(_base(name))
+        measure = MEASURES[_base(name)]
         for column, statistic in ((name, _mean), (f"{name}_sd", _scatter))[: 1 + several]:
             numbers = np.array([statistic(value) for value in values])
-            out[column] = numbers if unit is None else numbers * u.Unit(unit)
-        out[name].info.description = MEANING[_base(name)]
+            out[column] = numbers * u.Unit(measure.unit) if measure.unit else numbers
+        out[name].info.description = measure.meaning
     reasons = ["" if o is None else "; ".join(o.reasons) for _, o, _ in rows]
     out["reason"] = Column(reasons, description="why there is no stream, or no observable")
     return out
@@ -80,8 +102,8 @@ _Row = tuple[str, Outcome | None, list[dict[str, float]]]
 def _rows(ablation: Ablation) -> list[_Row]:
     """Return label, outcome and the measures of each seed; the reference, which has no outcome, first."""
     rows: list[_Row] = []
-    if ablation.external and ablation.reference is not None:
-        reference = ablation.reference
+    reference = ablation.reference
+    if reference.snapshot:
         rows.append((REFERENCE, None, [{**reference.own(), **observables(reference)}]))
     return rows + [(o.variant.label, o, [o.measures[seed] for seed in sorted(o.measures)]) for o in ablation.outcomes]
 
@@ -109,9 +131,8 @@ def tracks_table(ablation: Ablation) -> QTable:
     from astropy import units as u
     from astropy.table import QTable, vstack
 
-    named = {REFERENCE: ablation.reference} if ablation.external else {}
-    named |= {outcome.variant.label: outcome.first for outcome in ablation.outcomes}
-    portraits = {label: portrait for label, portrait in named.items() if portrait is not None}
+    portraits = {REFERENCE: ablation.reference} if ablation.reference.snapshot else {}
+    portraits |= {o.variant.label: o.first for o in ablation.outcomes if o.first is not None}
     parts = []
     for label, portrait in portraits.items():
         for arm, track in portrait.tracks.items():
@@ -133,7 +154,7 @@ def describe_ablation(ablation: Ablation) -> str:
     seeds = max((len(measures) for _, _, measures in rows), default=0)
     of = f"; means over {seeds} seeds, their scatter is in the table's columns _sd" if seeds > 1 else ""
     parts = [paragraph(f"{len(ablation.outcomes)} variants beside {ablation.beside}{of}; L leading, T trailing")]
-    parts += [legend, *(_part(rows, measures) for measures in _LAYOUT)]
+    parts += [legend, *(_part(rows, measures) for measures in PRINTED)]
     parts += _observables(rows)
     for label, outcome, _ in rows:
         if outcome is not None and outcome.reasons:
@@ -151,52 +172,30 @@ def _numbered(rows: list[_Row]) -> tuple[list[_Row], str]:
     return [(names.get(id(outcome), REFERENCE), outcome, measures) for _, outcome, measures in rows], legend
 
 
-_LAYOUT = (
-    ("length", "length_ratio", "track_near", "track"),
-    ("width_ratio", "thickness_ratio", "density_distance", "bound", "cpu"),
-    ("energy_offset", "energy_distance", "angular_momentum_offset", "angular_momentum_distance"),
-)
-"""The measures of each printed table."""
-_HEADS = {
-    "length": "len", "length_ratio": "ratio", "track_near": "near", "track": "track", "width_ratio": "width",
-    "thickness_ratio": "thick", "density_distance": "along", "bound": "bound", "cpu": "CPU", "energy_offset": "dE",
-    "energy_distance": "E", "angular_momentum_offset": "dL", "angular_momentum_distance": "L",
-}  # fmt: skip
-"""Their short heads; an arm's initial is added."""
-_WHOLE = ("length_ratio", "bound", "cpu", "energy_distance", "angular_momentum_distance")
-"""Those of the whole stream; the others are of an arm each."""
-
-
-def _part(rows: Sequence[Any], measures: Sequence[str]) -> str:
+def _part(rows: Sequence[_Row], measures: Mapping[str, Measure]) -> str:
+    """Show one of the printed tables, and below it what its columns mean."""
     head, names, notes = ["variant"], [], []
-    for base in measures:
-        unit = f" [{_plain(UNITS[base])}]" if base in UNITS else ""
-        notes.append(paragraph(f"{MEANING[base]}{unit}", f"    {_HEADS[base]}: ", "      "))
-        for arm in ("",) if base in _WHOLE else ARMS:
+    for base, measure in measures.items():
+        unit = f" [{measure.unit}]".replace("km2 / s2", "(km/s)^2").replace(" / ", "/") if measure.unit else ""
+        notes.append(paragraph(f"{measure.meaning}{unit}", f"    {measure.head}: ", "      "))
+        for arm in ARMS if measure.of_arms else ("",):
             names.append(f"{base}_{arm}" if arm else base)
-            head.append(f"{_HEADS[base]} {arm[:1].upper()}".strip())
+            head.append(f"{measure.head} {arm[:1].upper()}".strip())
     body = [[label, *(_cell(of_seeds, name) for name in names)] for label, _, of_seeds in rows]
     return "\n".join([columns([head, *body]), *notes])
 
 
-def _plain(unit: str) -> str:
-    return unit.replace("km2 / s2", "(km/s)^2").replace(" / ", "/")
-
-
-def _observables(rows: Sequence[Any]) -> list[str]:
-    names = list(dict.fromkeys(n for _, _, ms in rows for one in ms for n in one if _base(n) == "observable"))
+def _observables(rows: Sequence[_Row]) -> list[str]:
+    """Show the observables and their pulls, if there are any."""
+    names = dict.fromkeys(n for _, _, ms in rows for one in ms for n in one if _base(n) == "observable")
     if not names:
         return []
-    head = ["variant"]
-    for name in names:
-        head += [name.removeprefix("observable_"), "pull"]
-    body = []
+    short = [name.removeprefix("observable_") for name in names]
+    body = [["variant", *(head for name in short for head in (name, PULL.head))]]
     for label, _, measures in rows:
-        cells = [label]
-        for name in names:
-            cells += [_cell(measures, name), _cell(measures, name.replace("observable", "pull", 1), "+.1f")]
-        body.append(cells)
-    return ["\n".join([columns([head, *body]), paragraph(MEANING["pull"], "  pull: ", "    ")])]
+        pairs = ((_cell(measures, f"observable_{n}"), _cell(measures, f"pull_{n}", "+.1f")) for n in short)
+        body.append([label, *(cell for pair in pairs for cell in pair)])
+    return ["\n".join([columns(body), paragraph(PULL.meaning, "  pull: ", "    ")])]
 
 
 def _cell(measures: Sequence[dict[str, float]], name: str, form: str = "") -> str:

@@ -15,7 +15,13 @@ from streamkit.spec import Setup, Spec
 from streamkit.stream import Array, Prediction
 from streamkit.study.preflight.draws import PriorDraws, predict, try_prior_draws
 from streamkit.study.preflight.orbit import OrbitSummary, summarise_orbit
-from streamkit.study.preflight.warnings import orbit_warnings, sampler_warnings, sun_warnings, survey_warnings
+from streamkit.study.preflight.warnings import (
+    orbit_warnings,
+    prior_warnings,
+    sampler_warnings,
+    short_lookback,
+    sun_warnings,
+)
 
 SLOW = 5.0
 """A first call of so many CPU seconds is not repeated: loading the machine code is a small part of it."""
@@ -36,65 +42,55 @@ class Preflight:
 
     Attributes
     ----------
-    setup, course
-        The components and the progenitor's orbit at the prior's centre.
+    setup, orbit
+        The components and the summary of the progenitor's orbit at the prior's centre.
     prediction
         What the observable says there; None without a stream or an observable.
     reason
         Why there is no prediction there; empty if there is one.
     cost
         Of one posterior call, or of one stream where there is nothing to fit.
-    survey
+    prior_draws
         Trial streams over the prior; None if there were none.
     warnings
         One paragraph each.
     """
 
     setup: Setup
-    course: OrbitSummary
+    orbit: OrbitSummary
     prediction: Prediction | None
     reason: str
     cost: Cost
-    survey: PriorDraws | None
+    prior_draws: PriorDraws | None
     warnings: tuple[str, ...]
 
 
 def run_preflight(spec: Spec, *, draws: int = 64) -> Preflight:
-    """Look at the run file's physics at the prior's centre, try points of the prior and time one call.
+    """Look at the run file's physics at the prior's centre, try up to so many draws from the prior and time one call.
 
-    Parameters
-    ----------
-    spec
-        The run file.
-    draws
-        Trial streams over the prior at most; 0 for none.
-
-    Raises
-    ------
-    ComponentError
-        If a component fails.
+    A `ComponentError` says that a component fails.
     """
     centre = spec.centre()
     setup = spec.bind(centre)
-    path = summarise_orbit(setup)
+    orbit = summarise_orbit(setup)
     begin = time.process_time()
     prediction, reason = predict(Model(spec), centre)
     first = time.process_time() - begin
-    trial = try_prior_draws(spec, draws) if draws and spec.names else None
+    tried = try_prior_draws(spec, draws) if draws and spec.names else None
     asked = "the prior's centre" if spec.names else "the given parameters"
     where, theta = asked, centre
-    if reason and trial is not None and len(trial.good):
-        where, theta = "a draw from the prior that has a stream", trial.good[0]
+    if reason and tried is not None and len(tried.good):
+        where, theta = "a draw from the prior that has a stream", tried.good[0]
     call, unfit = time_call(spec, theta, first)
-    warnings = orbit_warnings(spec, setup, path)
-    if reason and (len(path.apocentres) or prediction is None):
-        warnings.append(f"There is no prediction at {asked}: {reason}.")
+    warnings = orbit_warnings(spec, setup, orbit)
+    if reason and (len(orbit.apocentres) or prediction is None):
+        warnings.append(f"There is no prediction at {asked}: {reason}.{short_lookback(orbit)}")
     if setup.observable is not None and prediction is not None:
         warnings += setup.observable.remarks(prediction)
-    warnings += survey_warnings(trial)
+    warnings += prior_warnings(tried)
     warnings += [f"This run file cannot be fitted: {unfit}."] if unfit else sampler_warnings(spec)
     warnings += sun_warnings(spec.parts.sun.build(setup.values))
-    return Preflight(setup, path, prediction, reason, Cost(first, call, where), trial, tuple(warnings))
+    return Preflight(setup, orbit, prediction, reason, Cost(first, call, where), tried, tuple(warnings))
 
 
 def time_call(spec: Spec, theta: Array, first: float) -> tuple[float, str]:

@@ -31,26 +31,26 @@ def describe_preflight(spec: Spec, found: Preflight) -> str:
     """Say what the preflight found: the orbit, the streams over the prior, the cost and the warnings."""
     setup = found.setup
     place = "the prior's centre" if spec.names else "the given parameters"
-    parts = [f"at {place}\n" + columns(_orbit_rows(setup, found.course))]
+    parts = [f"at {place}\n" + columns(_orbit_rows(setup, found.orbit))]
     if setup.observable is not None and found.prediction is not None:
         parts.append(describe_prediction(setup, found.prediction))
-    if found.survey is not None:
-        parts.append(_prior_draws(found.survey))
+    if found.prior_draws is not None:
+        parts.append(_prior_draws(found.prior_draws))
     parts.append(_cost(spec, found.cost))
     parts.append(warning_list(found.warnings) or "no warnings")
     return "\n\n".join(parts)
 
 
-def _orbit_rows(setup: Setup, path: OrbitSummary) -> list[tuple[str, str]]:
-    tidal = span(*path.r_tidal, "kpc") if np.isfinite(path.r_tidal[0]) else "none somewhere on the orbit"
+def _orbit_rows(setup: Setup, orbit: OrbitSummary) -> list[tuple[str, str]]:
+    tidal = span(*orbit.r_tidal, "kpc") if np.isfinite(orbit.r_tidal[0]) else "none somewhere on the orbit"
     periods = ""
-    if np.isfinite(path.period):
-        periods = f": {setup.lookback / path.period:.1f} radial periods, {path.completed} completed apocentre"
-        periods += "s" * (path.completed != 1)
+    if np.isfinite(orbit.period):
+        periods = f": {setup.lookback / orbit.period:.1f} radial periods, {orbit.completed} completed apocentre"
+        periods += "s" * (orbit.completed != 1)
     return [
-        ("pericentre", _radii(path.pericentres)),
-        ("apocentre", _radii(path.apocentres)),
-        ("radial period", number(path.period, "Gyr") if np.isfinite(path.period) else "none"),
+        ("pericentre", _radii(orbit.pericentres)),
+        ("apocentre", _radii(orbit.apocentres)),
+        ("radial period", number(orbit.period, "Gyr") if np.isfinite(orbit.period) else "none"),
         ("look-back time", number(setup.lookback, "Gyr") + periods),
         ("tidal radius", tidal),
         ("particles", f"{setup.stripping.particles}, progenitor's gravity {_switch(setup)}"),
@@ -65,9 +65,9 @@ def _switch(setup: Setup) -> str:
     return "on" if setup.stripping.progenitor_gravity else "off"
 
 
-def _prior_draws(trial: PriorDraws) -> str:
-    head = f"streams over the prior: {len(trial.good)} of {trial.draws} draws have one that can be measured"
-    rows = [(str(n), f"have none: {reason}") for reason, n in trial.reasons.most_common()]
+def _prior_draws(tried: PriorDraws) -> str:
+    head = f"streams over the prior: {len(tried.good)} of {tried.draws} draws have one that can be measured"
+    rows = [(str(n), f"have none: {reason}") for reason, n in tried.reasons.most_common()]
     return "\n".join([head, columns(rows)] if rows else [head])
 
 

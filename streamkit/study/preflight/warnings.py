@@ -11,40 +11,39 @@ from streamkit.study.preflight.orbit import HORIZON, OrbitSummary, summarise_orb
 
 USUAL_SUN = {"r0": (7.0, 9.0, "kpc"), "z": (-0.1, 0.1, "kpc"), "v_circ": (180.0, 280.0, "km/s")}
 """Ranges that hold every recent measurement of the Sun's place and of the rotation there."""
-APOCENTRES_NEEDED = {"literal": 1, "turning": 1, "epoch_aware": 2}
-"""Completed apocentres that the rules for recent debris refer to."""
 
 
-def orbit_warnings(spec: Spec, setup: Setup, path: OrbitSummary) -> list[str]:
+def orbit_warnings(spec: Spec, setup: Setup, orbit: OrbitSummary) -> list[str]:
     """Say what is wrong with the progenitor's orbit as the source of a stream."""
-    if len(path.apocentres) == 0:
+    if len(orbit.apocentres) == 0:
         why = f"has no apocentre within the last {HORIZON:g} Gyr"
-        if path.escapes:
+        if orbit.escapes:
             why = "is unbound: its energy is above the host's potential at infinity"
         return [f"The progenitor {why}, so there is no stream with apocentres.{_swapped(spec)}"]
     found = []
-    if not path.returns:
+    if not orbit.returns:
         found.append("The progenitor has no apocentre in the next 6 Gyr: the leading arm cannot be measured.")
-    if setup.lookback < path.period:
+    if setup.lookback < orbit.period:
         found.append(
             f"The look-back time, {setup.lookback:.3g} Gyr, is shorter than the radial period, "
-            f"{path.period:.3g} Gyr: the arms have not grown. Raise progenitor.lookback."
+            f"{orbit.period:.3g} Gyr: the arms have not grown. Raise progenitor.lookback."
         )
     if setup.lookback > HORIZON:
         found.append(
             f"The look-back time, {setup.lookback:.3g} Gyr, exceeds the age of the Universe, {HORIZON:g} Gyr. "
             "Lower progenitor.lookback."
         )
-    rule = getattr(setup.observable, "recent_debris", "")
-    needed = APOCENTRES_NEEDED.get(rule, 0)
-    if path.completed < needed:
-        found.append(
-            f"The look-back time covers {path.completed} apocentre{'s' * (path.completed != 1)} of the "
-            f"progenitor, but observable.recent_debris = {rule!r} needs {needed}. Raise progenitor.lookback."
-        )
-    if np.isnan(path.r_tidal[0]):
+    if np.isnan(orbit.r_tidal[0]):
         found.append("The progenitor has no tidal radius somewhere on its track (Omega^2 <= d2Phi/dr2).")
     return found
+
+
+def short_lookback(orbit: OrbitSummary) -> str:
+    """Ask for a longer look-back time, if it holds fewer apocentres than observables refer to and there are more."""
+    if orbit.completed >= min(2, len(orbit.apocentres)):
+        return ""
+    covered = f"{orbit.completed} apocentre{'s' * (orbit.completed != 1)}"
+    return f" The look-back time covers {covered} of the progenitor. Raise progenitor.lookback."
 
 
 def _swapped(spec: Spec) -> str:
@@ -68,19 +67,19 @@ def _swapped(spec: Spec) -> str:
     )
 
 
-def survey_warnings(trial: PriorDraws | None) -> list[str]:
+def prior_warnings(tried: PriorDraws | None) -> list[str]:
     """Say when streams are rare over the prior, and when some cost far more than most."""
-    if trial is None:
+    if tried is None:
         return []
     found = []
-    good = len(trial.good)
-    if good < 0.1 * trial.draws:
+    good = len(tried.good)
+    if good < 0.1 * tried.draws:
         found.append(
-            f"Only {good} of {trial.draws} points drawn from the prior have a stream that can be measured: "
+            f"Only {good} of {tried.draws} points drawn from the prior have a stream that can be measured: "
             "the walkers will be hard to start. Narrow the priors."
         )
     if good >= 8:
-        middle, dear = np.percentile(trial.seconds, [50, 95])
+        middle, dear = np.percentile(tried.seconds, [50, 95])
         if dear > 5 * middle:
             found.append(
                 f"Some points of the prior cost {dear / middle:.0f} times the usual call, and all walkers "

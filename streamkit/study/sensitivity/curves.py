@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from streamkit.sample import Evaluation
-from streamkit.spec import LogUniform, Prior, Spec
+from streamkit.spec import LogUniform, Prior
 from streamkit.stream import Array, IntArray
 
 CENTRAL = 0.95
@@ -24,17 +24,10 @@ SAME = 1e-9
 class Slope:
     """The slope of a curve at the fixed point, of a parabola through the points within one sd of the prior.
 
-    Attributes
-    ----------
-    sd
-        One standard deviation of the prior: half its central 68 %. Of ln x for a log-uniform prior.
-    at
-        (m,) the parabola at the fixed point.
-    per_sd, error
-        (m,) change of each observable over one sd at the slope there, and its standard error from the scatter
-        about the parabola. NaN with fewer than three points that have a value; with three it is a straight line.
-    per_unit
-        (m,) derivative per unit of the parameter.
+    The sd is half the prior's central 68 %, of ln x for a log-uniform prior. For each observable (m,): the parabola at
+    the fixed point; the change over one sd at the slope there, and its standard error from the scatter about the
+    parabola; the derivative per unit of the parameter. NaN with fewer than three points that have a value; with three
+    it is a straight line.
     """
 
     sd: float
@@ -46,23 +39,11 @@ class Slope:
 
 @dataclass(frozen=True)
 class Curve:
-    """The observables against one parameter.
+    """The observables against one parameter, which is at ``fixed`` while others are varied.
 
-    Attributes
-    ----------
-    name, unit, prior
-        Of the parameter.
-    fixed
-        Its value while others are varied.
-    x
-        (n,) values in order, the fixed one among them.
-    mean, scatter, noise
-        (n, m) mean over the seeds that have a value, NaN where none has; their standard deviation, NaN below two;
-        the mean of what the observable says of its own noise.
-    streams
-        (n,) number of seeds that have a value.
-    reasons
-        Why the others have none, for each point.
+    At each of its values x (n,), in order, the fixed one among them: (n, m) mean over the seeds that have a value, NaN
+    where none has; their standard deviation, NaN below two; the mean of what the observable says of its own noise. And
+    (n,) the number of seeds that have a value, and why the others have none.
     """
 
     name: str
@@ -75,6 +56,11 @@ class Curve:
     noise: Array
     streams: IntArray
     reasons: tuple[Counter[str], ...]
+
+    @cached_property
+    def missing(self) -> int:
+        """The number of points without a value."""
+        return int((self.streams == 0).sum())
 
     @cached_property
     def slope(self) -> Slope:
@@ -102,23 +88,20 @@ def prior_grid(prior: Prior, points: int) -> Array:
     return np.geomspace(low, high, points) if isinstance(prior, LogUniform) else np.linspace(low, high, points)
 
 
-def without_fixed(x: Array, fixed: float) -> Array:
-    """Return the points of a grid without the fixed one."""
-    return np.asarray(x[np.abs(x - fixed) > SAME * (x[-1] - x[0])])
+def with_fixed(x: Array, fixed: float) -> Array:
+    """Return the points of a grid in order, the fixed one among them, in place of its like if there is one."""
+    return np.sort(np.append(x[np.abs(x - fixed) > SAME * (x[-1] - x[0])], fixed))
 
 
-def collect(spec: Spec, name: str, fixed: float, x: Array, found: Sequence[Evaluation], seeds: int) -> Curve:
-    """Return the curve of what was found at x (n,) in any order: for each, all seeds in turn."""
-    order = np.argsort(x)
-    i = spec.names.index(name)
-    by_point = [found[k * seeds : (k + 1) * seeds] for k in order]
-    good = [[one for one in some if not one.reason] for some in by_point]
-    nothing = np.full(len(found[0].mean), np.nan)
+def curve_of(name: str, unit: str, prior: Prior, fixed: float, x: Array, found: Sequence[list[Evaluation]]) -> Curve:
+    """Return the curve of what was found at x (n,), of all seeds at each point."""
+    good = [[one for one in some if not one.reason] for some in found]
+    nothing = np.full(len(found[0][0].mean), np.nan)
     return Curve(
-        name, spec.units[i].replace(" ", ""), spec.priors[i], fixed, x[order],
+        name, unit, prior, fixed, x,
         np.array([np.mean([e.mean for e in some], axis=0) if some else nothing for some in good]),
         np.array([np.std([e.mean for e in some], axis=0, ddof=1) if len(some) > 1 else nothing for some in good]),
         np.array([np.sqrt(np.mean([e.variance for e in some], axis=0)) if some else nothing for some in good]),
         np.array([len(some) for some in good]),
-        tuple(Counter(one.reason for one in some if one.reason) for some in by_point),
+        tuple(Counter(one.reason for one in some if one.reason) for some in found),
     )  # fmt: skip

@@ -14,7 +14,6 @@ from streamkit.report import BLUE, GREY, VERMILION, finish, scaled, with_unit
 from streamkit.spec import LogUniform
 from streamkit.study.sensitivity.curves import Curve
 from streamkit.study.sensitivity.runner import Sensitivity
-from streamkit.study.sensitivity.tables import without
 
 ACROSS = 6
 """Most columns beside each other; more parameters go on below."""
@@ -50,8 +49,10 @@ def sensitivity_figure(response: Sensitivity) -> Figure:
                 axes.tick_params(which="both", labelbottom=False)
         between, size = (" ", 12) if symbol.startswith("$") else ("\n", 9)  # a name without a symbol needs room
         panels[m * block + m - 1, column].set_xlabel(with_unit(symbol, unit, between), fontsize=size)
-        if gaps := without(curve):
-            panels[m * block, column].set_title(f"{gaps} of {len(curve.x)} without a value", fontsize=8, color=GREY)
+        if curve.missing:
+            panels[m * block, column].set_title(
+                f"{curve.missing} of {len(curve.x)} without a value", fontsize=8, color=GREY
+            )
     for axes in panels[m * (blocks - 1) :, len(curves) - across * (blocks - 1) :].flat:
         axes.set_visible(False)
     if response.reasons:

@@ -2,31 +2,27 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from functools import partial
 
-from streamkit.report import origin, save, save_picture, save_table
+from streamkit.study.grid import Products
 from streamkit.study.sensitivity.curves import CENTRAL
 from streamkit.study.sensitivity.figure import sensitivity_figure
 from streamkit.study.sensitivity.runner import Sensitivity
-from streamkit.study.sensitivity.tables import points_table, slopes_table
+from streamkit.study.sensitivity.tables import describe_sensitivity, points_table, slopes_table
 
 TABLE, SLOPES, PICTURE, RUN = "sensitivity.ecsv", "slopes.ecsv", "sensitivity.png", "sensitivity.toml"
 PRODUCTS = (TABLE, SLOPES, PICTURE, RUN)
 
 
-def write_products(found: Sensitivity, out: Path) -> None:
-    """Write the observables at every point, their slopes, the picture and the resolved run file."""
+def sensitivity_products(found: Sensitivity) -> Products:
+    """Return the observables at every point and their slopes, the header with the fixed point, and the picture."""
     data = zip(found.data.values.tolist(), found.data.errors.tolist(), strict=True)
     header = {
-        **origin(found.spec),
         "seeds": found.seeds,
         "central": CENTRAL,
         "fixed": found.point,
         "data": dict(zip(found.names, map(list, data), strict=True)),
     }
-    for name, table in ((TABLE, points_table(found)), (SLOPES, slopes_table(found))):
-        table.meta = header
-        save_table(out / name, table)
-    text = found.spec.toml()
-    save(out / RUN, lambda part: part.write_text(text))
-    save_picture(out / PICTURE, sensitivity_figure(found))
+    tables = {TABLE: points_table(found), SLOPES: slopes_table(found)}
+    pictures = {PICTURE: partial(sensitivity_figure, found)}
+    return Products(found.spec, RUN, describe_sensitivity(found), tables, pictures, header, found.stopped)

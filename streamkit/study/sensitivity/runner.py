@@ -2,43 +2,30 @@
 
 from __future__ import annotations
 
+import pickle
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
 
 from streamkit.errors import ComponentError, OutOfDomain, SpecError, StreamkitError, nearest
 from streamkit.observe import Data
-from streamkit.sample import Evaluation, Posterior, Signals, Stopped, Workers
+from streamkit.sample import Evaluation, Posterior
 from streamkit.spec import Spec
-from streamkit.stream import Array
-from streamkit.study.sensitivity.curves import Curve, collect, prior_grid, without_fixed
+from streamkit.study.grid import run_jobs
+from streamkit.study.sensitivity.curves import Curve, curve_of, prior_grid, with_fixed
 from streamkit.units import datum_unit
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """All curves.
+    """All curves, in the order asked for; those that were finished, and why there are no others.
 
-    Attributes
-    ----------
-    spec
-        The run file.
-    point
-        Where the parameters are fixed, by name.
-    names, units
-        The m observables.
-    data
-        What they are compared with.
-    seeds
-        Streams per point.
-    curves
-        In the order asked for; those that were finished.
-    stopped
-        Why there are no others; empty if all are there.
+    With the run file, the point where the parameters are fixed, by name, the m observables with their units, the data
+    that they are compared with, and the number of streams per point.
     """
 
     spec: Spec
@@ -57,13 +44,7 @@ class Sensitivity:
 
 
 def chosen(spec: Spec, fields: Sequence[str]) -> tuple[str, ...]:
-    """Return the parameters to vary: those named, or all.
-
-    Raises
-    ------
-    SpecError
-        If one is not free, or named twice.
-    """
+    """Return the parameters to vary: those named, or all. A `SpecError` says which is not free, or named twice."""
     for name in fields:
         if name not in spec.names:
             raise SpecError(
@@ -79,10 +60,7 @@ def chosen(spec: Spec, fields: Sequence[str]) -> tuple[str, ...]:
 def fixed_point(spec: Spec, point: Mapping[str, Any]) -> dict[str, float]:
     """Return the values of all free parameters: those of ``point``, and the centres of the other priors.
 
-    Raises
-    ------
-    SpecError
-        If a name is no free parameter, or a value lies outside its prior.
+    A `SpecError` says which name is no free parameter, or which value lies outside its prior.
     """
     values = spec.bind(point).values
     for name, prior, unit in zip(spec.names, spec.priors, spec.units, strict=True):
@@ -102,7 +80,7 @@ def run_sensitivity(
     points: int = 15,
     seeds: int = 1,
     workers: int = 1,
-    done: Callable[[int], object] = int,
+    done: Callable[[], object] = lambda: None,
 ) -> Sensitivity:
     """Vary every parameter over its prior with the others fixed, on the same seeds, and measure the streams.
 
@@ -111,19 +89,15 @@ def run_sensitivity(
     Parameters
     ----------
     spec
-        The run file; its seed is the first.
+        The run file; its seed is the first of ``seeds`` consecutive ones.
     point
         Where parameters are fixed, by name; the others are at the prior's centre.
     fields
-        The parameters to vary; none for all.
-    points
-        Of each grid; the fixed one comes on top.
-    seeds
-        Streams per point, with consecutive seeds.
+        The parameters to vary, each over a grid of so many ``points`` and the fixed one; none for all.
     workers
         Processes.
     done
-        Called with the number of streams that were finished.
+        Called after each stream.
 
     Raises
     ------
@@ -135,55 +109,48 @@ def run_sensitivity(
         If a component fails at the fixed point. Where others are varied it is a reason.
     """
     names, values = chosen(spec, fields), fixed_point(spec, point or {})
-    model = _Seeds(spec, seeds)
-    first = model.posteriors[0]
+    packed, fixed = pickle.dumps(spec), tuple(values[name] for name in spec.names)
+    first = posterior(packed, 0)
     try:
-        observables = first.predict(np.array(list(values.values())))[1].names
+        observables = first.predict(np.array(fixed))[1].names
     except OutOfDomain as error:
         raise StreamkitError(
             f"{spec.source}: there is no stream where the parameters are fixed: {error}. Choose another place "
             "with --set"
         ) from None
-    curves: list[Curve] = []
-    stopped = ""
-    with Workers({"full": model}, workers) as pool, Signals(pool):
-        try:
-            middle = pool.evaluate(_rows(spec, values, "", np.empty(1), seeds))
-            done(seeds)
-            for name in names:
-                x = without_fixed(prior_grid(spec.priors[spec.names.index(name)], points), values[name])
-                found = pool.evaluate(_rows(spec, values, name, x, seeds))
-                done(len(found))
-                curves.append(collect(spec, name, values[name], np.append(x, values[name]), [*found, *middle], seeds))
-        except Stopped:
-            stopped = "interrupted"
-        except StreamkitError as error:
-            stopped = str(error)
+    grids = {}  # by parameter: where it stands among all, its values, and all parameters at each of them
+    for name in names:
+        i = spec.names.index(name)
+        x = with_fixed(prior_grid(spec.priors[i], points), values[name])
+        grids[name] = i, x, [(*fixed[:i], value, *fixed[i + 1 :]) for value in x.tolist()]
+    places = [fixed, *(theta for _, _, thetas in grids.values() for theta in thetas)]
+    jobs = {(theta, seed): (packed, seed, theta) for theta in places for seed in range(seeds)}  # the fixed one once
+    found, stopped = run_jobs(evaluate, jobs, workers, done)
+    curves = []
+    for name, (i, x, thetas) in grids.items():
+        if all((theta, seed) in found for theta in thetas for seed in range(seeds)):
+            unit, by_point = spec.units[i].replace(" ", ""), [[found[at, k] for k in range(seeds)] for at in thetas]
+            curves.append(curve_of(name, unit, spec.priors[i], values[name], x, by_point))
     if not curves:
         raise StreamkitError(f"{spec.source}: {stopped} before the first parameter was finished")
     units = _units(spec, observables)
     return Sensitivity(spec, values, observables, units, first.data, seeds, tuple(curves), stopped)
 
 
-class _Seeds:
-    """The posteriors of several seeds as one function of the seed's number and the parameters."""
-
-    def __init__(self, spec: Spec, seeds: int) -> None:
-        self.posteriors = [Posterior(spec.with_values({"seed": spec.seed + i})) for i in range(seeds)]
-
-    def evaluate(self, row: Array) -> Evaluation:
-        """Evaluate at (number of the seed, parameters); a component that fails is a reason."""
-        posterior = self.posteriors[int(row[0])]
-        try:
-            return posterior.evaluate(row[1:])
-        except ComponentError as error:
-            return posterior.rejected(str(error).partition(". Parameters: ")[0])
+@cache
+def posterior(packed: bytes, seed: int) -> Posterior:
+    """Return the posterior of a pickled run file at the n-th of its seeds, made once in a process."""
+    spec: Spec = pickle.loads(packed)  # noqa: S301  our own, from the process that started this one
+    return Posterior(spec.with_values({"seed": spec.seed + seed}))
 
 
-def _rows(spec: Spec, values: Mapping[str, float], name: str, x: Array, seeds: int) -> Array:
-    """(len(x) * seeds, 1 + d) What to evaluate: all seeds of the first x, then of the next; '' varies nothing."""
-    theta = np.array([[at if path == name else values[path] for path in spec.names] for at in x])
-    return np.column_stack([np.tile(np.arange(float(seeds)), len(x)), np.repeat(theta, seeds, axis=0)])
+def evaluate(job: tuple[bytes, int, tuple[float, ...]]) -> Evaluation:
+    """Evaluate a run file with the n-th of its seeds at parameters (d,); a component that fails is a reason."""
+    packed, seed, theta = job
+    try:
+        return posterior(packed, seed).evaluate(np.array(theta))
+    except ComponentError as error:
+        return posterior(packed, seed).rejected(str(error).partition(". Parameters: ")[0])
 
 
 def _units(spec: Spec, names: Sequence[str]) -> tuple[str, ...]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from streamkit.report import columns, paragraph
-from streamkit.study.sensitivity.curves import CENTRAL, Curve
+from streamkit.study.sensitivity.curves import CENTRAL
 from streamkit.study.sensitivity.runner import Sensitivity
 
 if TYPE_CHECKING:
@@ -33,15 +33,10 @@ def points_table(response: Sensitivity) -> QTable:
             if suffix != "_sd" or response.seeds > 1:
                 out[name + suffix] = np.concatenate([getattr(curve, part)[:, i] for curve in curves]) * u.Unit(unit)
     out["streams"] = np.concatenate([curve.streams for curve in curves])
-    out["reason"] = Column(
-        [_reasons(reasons) for curve in curves for reasons in curve.reasons],
-        description="why there is no stream, or no value, and for how many of the seeds",
-    )
+    reasons = ["; ".join(f"{n} x {why}" for why, n in some.most_common()) for curve in curves for some in curve.reasons]
+    why = "why there is no stream, or no value, and for how many of the seeds"
+    out["reason"] = Column(reasons, description=why)
     return out
-
-
-def _reasons(reasons: Any) -> str:
-    return "; ".join(f"{n} x {reason}" for reason, n in reasons.most_common())
 
 
 def slopes_table(response: Sensitivity) -> QTable:
@@ -53,34 +48,25 @@ def slopes_table(response: Sensitivity) -> QTable:
     from astropy import units as u
     from astropy.table import Column, QTable
 
+    curves = response.curves
     out = QTable()
-    out["parameter"] = [curve.name for curve in response.curves]
-    out["value"] = [curve.fixed for curve in response.curves]
-    out["unit"] = [curve.unit or "1" for curve in response.curves]
-    out["sd"] = Column(
-        [curve.slope.sd for curve in response.curves],
-        description="half the central 68 % of the prior; of ln(value) for a log-uniform prior",
-    )
+    out["parameter"] = [curve.name for curve in curves]
+    out["value"] = [curve.fixed for curve in curves]
+    out["unit"] = [curve.unit or "1" for curve in curves]
+    sd = "half the central 68 % of the prior; of ln(value) for a log-uniform prior"
+    out["sd"] = Column([curve.slope.sd for curve in curves], description=sd)
     for i, (name, unit, error) in enumerate(zip(response.names, response.units, response.data.errors, strict=True)):
-        per_sd = np.array([curve.slope.per_sd[i] for curve in response.curves])
-        out[f"{name}_slope"] = Column(
-            [curve.slope.per_unit[i] for curve in response.curves],
-            description=f"derivative, {unit or '1'} per unit of the parameter",
+        per_unit, per_sd, noise = (
+            np.array([getattr(curve.slope, part)[i] for curve in curves]) for part in ("per_unit", "per_sd", "error")
         )
+        out[f"{name}_slope"] = Column(per_unit, description=f"derivative, {unit or '1'} per unit of the parameter")
         out[f"{name}_per_sd"] = per_sd * u.Unit(unit)
-        out[f"{name}_per_sd_error"] = np.array([curve.slope.error[i] for curve in response.curves]) * u.Unit(unit)
-        out[f"{name}_pull"] = Column(
-            per_sd / error, description="change per sd of the prior, in standard errors of the datum"
-        )
-    out["without"] = Column(
-        [without(curve) for curve in response.curves], description="points of the curve without a value"
-    )
+        out[f"{name}_per_sd_error"] = noise * u.Unit(unit)
+        pull = "change per sd of the prior, in standard errors of the datum"
+        out[f"{name}_pull"] = Column(per_sd / error, description=pull)
+    missing = [curve.missing for curve in curves]
+    out["without"] = Column(missing, description="points of the curve without a value")
     return out
-
-
-def without(curve: Curve) -> int:
-    """Return the number of points without a value."""
-    return int((curve.streams == 0).sum())
 
 
 def describe_sensitivity(response: Sensitivity) -> str:
@@ -92,7 +78,7 @@ def describe_sensitivity(response: Sensitivity) -> str:
     for curve in response.curves:
         sd = f"{curve.slope.sd:.3g}"
         pulls = [_pull(*each) for each in zip(curve.slope.per_sd, response.data.errors, response.units, strict=True)]
-        gaps = f"{without(curve)} of {len(curve.x)}" if without(curve) else ""
+        gaps = f"{curve.missing} of {len(curve.x)}" if curve.missing else ""
         rows.append((curve.name, f"{curve.fixed:.4g} {curve.unit}".strip(), sd, *pulls, gaps))
     parts = [paragraph(head), columns(rows)]
     parts.append(

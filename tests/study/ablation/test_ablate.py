@@ -9,14 +9,17 @@ import numpy as np
 import pytest
 from astropy import units as u
 from astropy.table import QTable
-from commands import call, refused
-from snapshot_files import write_table
+from click.testing import Result
+from commands import RUN, call, refused
+from matplotlib.figure import Figure
+from snapshot_files import write_gadget, write_table
 from snapshots import DATA
 
 import streamkit as sk
 from streamkit.cli.ablate import read_variations
 from streamkit.study.ablation import PRODUCTS, variants_of
-from streamkit.study.ablation.runner import _make
+from streamkit.study.ablation.products import PICTURES
+from streamkit.study.ablation.runner import make_stream
 
 GRAVITY = "--vary=stripping.progenitor_gravity=true,false"
 HERE = ("--set=potential.v0=210", "--set=progenitor.mass=6.4e8", "--set=stripping.particles=600")
@@ -58,10 +61,18 @@ def test_another_kind_starts_from_its_own_defaults_and_keeps_what_all_kinds_have
     assert [v.spec.bind().stripping.model_dump()["sigma"] for v in both] == [4.0, 4.0]
 
 
-def test_it_writes_a_table_the_tracks_and_the_pictures(run_file: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    result = call("ablate", run_file, GRAVITY, *HERE, "--seeds", "2", "-o", out)
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Result]:
+    """The products of two variants at two seeds, and what the command said."""
+    folder = tmp_path_factory.mktemp("made")
+    (folder / "small.toml").write_text(RUN)
+    result = call("ablate", folder / "small.toml", GRAVITY, *HERE, "--seeds", "2", "-o", folder / "out")
     assert result.exit_code == 0, result.output
+    return folder / "out", result
+
+
+def test_it_writes_a_table_the_tracks_and_the_pictures(made: tuple[Path, Result]) -> None:
+    out, result = made
     assert sorted(path.name for path in out.iterdir()) == sorted(PRODUCTS)
     table = QTable.read(out / "ablation.ecsv")
     assert table["variant"].tolist() == ["with progenitor gravity", "without progenitor gravity"]
@@ -85,6 +96,7 @@ def test_it_writes_a_table_the_tracks_and_the_pictures(run_file: Path, tmp_path:
         assert name in result.stdout
 
 
+@pytest.mark.usefixtures("unrendered_pictures")
 def test_long_labels_become_numbers_with_a_list(run_file: Path, tmp_path: Path) -> None:
     line = [f"--set=progenitor.{name}=0" for name in ("y", "z", "vy")]
     result = call(
@@ -98,20 +110,20 @@ def test_long_labels_become_numbers_with_a_list(run_file: Path, tmp_path: Path) 
     assert all(len(line) <= 100 for line in lines)
 
 
-def test_workers_do_not_change_the_numbers(run_file: Path, tmp_path: Path) -> None:
-    made = []
-    for workers in ("1", "2"):
-        out = tmp_path / workers
-        result = call("ablate", run_file, GRAVITY, *HERE, "--seeds=2", "--workers", workers, "-o", out, "-q")
-        assert result.exit_code == 0, result.output
-        assert result.stdout == ""
-        made.append(QTable.read(out / "ablation.ecsv"))
-    for name in made[0].colnames:
+@pytest.mark.usefixtures("unrendered_pictures")
+def test_workers_do_not_change_the_numbers(run_file: Path, tmp_path: Path, made: tuple[Path, Result]) -> None:
+    result = call("ablate", run_file, GRAVITY, *HERE, "--seeds=2", "--workers=2", "-o", tmp_path / "out", "-q")
+    assert result.exit_code == 0, result.output
+    assert result.stdout == ""
+    tables = [QTable.read(out / "ablation.ecsv") for out in (made[0], tmp_path / "out")]
+    assert tables[0].colnames == tables[1].colnames
+    for name in tables[0].colnames:
         if not name.startswith("cpu"):
-            one, two = (np.asarray(table[name]) for table in made)
+            one, two = (np.asarray(table[name]) for table in tables)
             assert np.array_equal(one, two, equal_nan=one.dtype.kind == "f"), name
 
 
+@pytest.mark.usefixtures("unrendered_pictures")
 def test_a_variant_without_a_stream_has_its_reason_and_the_others_their_results(run_file: Path, tmp_path: Path) -> None:
     """On a line through the Galactic centre there is no orbital plane; 0.02 Gyr leave no one unbound."""
     line = ("--set=progenitor.y=0", "--set=progenitor.z=0", "--set=progenitor.vy=0")
@@ -136,17 +148,17 @@ def test_if_no_variant_has_a_stream_it_says_why(run_file: Path, tmp_path: Path) 
     assert "no variant has a stream. mlcs: no stream: the progenitor moves on a line" in message
 
 
+@pytest.mark.usefixtures("unrendered_pictures")
 def test_an_interruption_keeps_what_is_finished(
     run_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    made = _make
 
     def make(spec: sk.Spec) -> object:
         if not spec.bind().stripping.progenitor_gravity:
             raise KeyboardInterrupt
-        return made(spec)
+        return make_stream(spec)
 
-    monkeypatch.setattr("streamkit.study.ablation.runner._make", make)
+    monkeypatch.setattr("streamkit.study.ablation.runner.make_stream", make)
     result = call("ablate", run_file, GRAVITY, *HERE, "-o", tmp_path / "out")
     assert result.exit_code == 130
     assert "interrupted; the tables hold what was finished" in result.stderr
@@ -178,6 +190,7 @@ def test_what_cannot_be_is_refused_before_anything_is_run(
     assert not list(tmp_path.glob("*-ablation"))
 
 
+@pytest.mark.usefixtures("unrendered_pictures")
 def test_the_products_of_another_ablation_are_not_replaced(run_file: Path, tmp_path: Path) -> None:
     out = tmp_path / "small-ablation"
     out.mkdir()
@@ -202,6 +215,7 @@ def nbody(path: Path, **changes: object) -> Path:
     return write_table(path, **(columns | changes))
 
 
+@pytest.mark.usefixtures("unrendered_pictures")
 def test_beside_a_snapshot_the_reference_has_its_own_row(run_file: Path, tmp_path: Path) -> None:
     """Mock 1 at 2000 particles: lengths within 10 %, the N-body's apocentres by the N-body simulation's own README."""
     result = call(
@@ -238,3 +252,53 @@ def test_a_snapshot_of_another_satellite_is_refused(run_file: Path, tmp_path: Pa
     path = nbody(tmp_path / "b.npz")
     message = refused("ablate", run_file, GRAVITY, *HERE, "--set=progenitor.x=-19", "--reference", path)
     assert "put into [progenitor]: x = 19.1555" in message
+
+
+def with_crossings(path: Path, particles: int) -> Path:
+    """The first particles of the extract of mock 1 in the Gadget layout, with crossings of the tidal radius."""
+    data = np.load(DATA / "nbody_B.npz")
+    today = -data["orbit_txv"][0, 0]
+    columns = {name: np.asarray(data[name], float)[..., :particles] for name in ("x", "v", "t_strip", "winding")}
+    stripped = np.where(np.isnan(columns["t_strip"]), -1.0, (columns["t_strip"] + today) * sk.GYR)
+    crossing = np.random.default_rng(1).normal(0, 10, (particles, 3))
+    units = {"UnitLength_in_cm": 3.0856775814913673e21, "UnitVelocity_in_cm_per_s": 1e5}
+    orbit = data["orbit_txv"]
+    return write_gadget(
+        path,
+        Header={"Time": today * sk.GYR, "NumFilesPerSnapshot": 1},
+        Units=units,
+        PartType1={
+            "Coordinates": columns["x"].T, "Velocities": columns["v"].T, "StrippingTime": stripped,
+            "Winding": np.radians(columns["winding"]), "StrippingOffset": crossing / 10, "StrippingVelocity": crossing,
+        },
+        Progenitor={
+            "Times": (orbit[:, 0] + today) * sk.GYR, "Coordinates": orbit[:, 1:4], "Velocities": orbit[:, 4:]
+        },
+    )  # fmt: skip
+
+
+@pytest.mark.usefixtures("unrendered_pictures")
+def test_a_snapshot_with_its_crossings_costs_no_picture(run_file: Path, tmp_path: Path) -> None:
+    """The variants have 600 particles, the snapshot 500."""
+    snapshot = with_crossings(tmp_path / "b.hdf5", 500)
+    out = tmp_path / "out"
+    result = call("ablate", run_file, GRAVITY, *HERE, "--reference", snapshot, "-o", out)
+    assert result.exit_code == 0, result.output
+    assert result.stderr == ""
+    assert sorted(path.name for path in out.iterdir()) == sorted(PRODUCTS)
+
+
+@pytest.mark.usefixtures("unrendered_pictures")
+def test_a_picture_that_fails_is_named_and_the_others_are_there(
+    run_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(_: object) -> Figure:
+        raise ValueError("shapes (3,500) and (3,3000)")
+
+    monkeypatch.setitem(PICTURES, "phase_space.png", broken)
+    result = call("ablate", run_file, GRAVITY, *HERE, "-o", tmp_path / "out", "-q")
+    assert result.exit_code == 0, result.output
+    said = "streamkit: not drawn: phase_space.png (ValueError: shapes (3,500) and (3,3000)); everything else is written"
+    assert result.stderr.strip() == said
+    there = {path.name for path in (tmp_path / "out").iterdir()}
+    assert set(PRODUCTS) - there == {"phase_space.png"}

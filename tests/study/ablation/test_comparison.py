@@ -13,8 +13,7 @@ from streamkit import G, Model, Orbit, Stream
 from streamkit.builtin.potentials import Kepler
 from streamkit.model import Host
 from streamkit.observe import mean_track, quantiles
-from streamkit.study.ablation.measures import Portrait, angular_momentum, compare
-from streamkit.study.ablation.weights import match_rate
+from streamkit.study.ablation.measures import Portrait, angular_momentum, compare, match_rate
 
 N = 8000
 RNG = np.random.default_rng(8)

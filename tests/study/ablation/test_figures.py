@@ -12,10 +12,17 @@ from matplotlib.figure import Figure
 from snapshots import nbody_stream, run_file
 
 from streamkit import Model
-from streamkit.study.ablation.figures import _released, bow_tie, crossings, phase_space
-from streamkit.study.ablation.measures import Portrait
-from streamkit.study.ablation.panels import some
-from streamkit.study.ablation.tail_figures import along, epochs, unwrapped
+from streamkit.study.ablation.figures import (
+    _released,
+    along,
+    bow_tie,
+    crossings,
+    epochs,
+    phase_space,
+    some,
+    unwrapped,
+)
+from streamkit.study.ablation.measures import Portrait, portrait_of
 
 ALL = (bow_tie, phase_space, crossings, unwrapped, epochs, along)
 
@@ -25,9 +32,7 @@ def portraits() -> dict[str, Portrait]:
     """N-body, and mLCS with and without gravity, of mock 1."""
     spec = run_file("B", 2000).with_values({"observable.kind": "apocentres"})
     setup = spec.bind()
-    assert setup.observable is not None
-    nbody = nbody_stream("B")
-    made = {"N-body": Portrait(nbody, setup, setup.observable.predict(nbody))}
+    made = {"N-body": portrait_of(nbody_stream("B"), setup, snapshot=True)}
     for on in (True, False):
         variant = spec.with_values({"stripping.progenitor_gravity": on})
         stream, prediction = Model(variant).observe(variant.bind())
@@ -42,9 +47,11 @@ def panels(figure: Figure) -> list[Any]:
 
 @pytest.mark.parametrize("draw", ALL, ids=lambda draw: draw.__name__)
 def test_each_is_drawn_for_any_number_of_streams(draw: Any, portraits: dict[str, Portrait]) -> None:
-    many = {f"{title} {i}": p for i in range(2) for title, p in portraits.items()}
+    many = dict(list({f"{title} {i}": p for i in range(2) for title, p in portraits.items()}.items())[:5])
     for shown in (dict(list(portraits.items())[1:2]), portraits, many):
         figure = draw(shown)
+        if shown is not portraits:  # the layout costs most, and is looked at once
+            figure.set_layout_engine("none")
         figure.draw_without_rendering()
         expected = {"phase_space": 2 * len(shown), "along": 2}
         snapshots = sum(title.startswith("N-body") for title in shown)
@@ -84,6 +91,55 @@ def test_the_crossings_are_set_against_the_gaussian_they_were_drawn_from(portrai
     assert drawn.shape == (3, 2000)
     assert drawn.mean(axis=1) == pytest.approx([0, 0, 0], abs=0.3)
     assert drawn.std(axis=1) == pytest.approx([10, 10, 10], rel=0.03)
+
+
+@pytest.mark.parametrize("size", [500, 2000])
+def test_a_snapshot_has_crossings_but_no_release(portraits: dict[str, Portrait], size: int) -> None:
+    """Whatever its number of particles: fewer than the scheme's, or as many by chance."""
+    nbody = portraits["N-body"]
+    kept = np.arange(size)
+    kick = np.random.default_rng(2).normal(0, 10, (3, size))
+    columns = {name: getattr(nbody.stream, name)[kept] for name in
+               ("t_release", "t_strip", "tail", "winding", "chi", "bound", "weight")}  # fmt: skip
+    stream = replace(
+        nbody.stream, q=nbody.stream.q[:, kept], v=nbody.stream.v[:, kept], dq_galactocentric=kick / 10,
+        dv_galactocentric=kick, **columns,
+    )  # fmt: skip
+    figure = crossings({"N-body": replace(nbody, stream=stream), "mlcs": portraits["gravity True"]})
+    rows = np.reshape(panels(figure), (2, 3))
+    for axes in rows[0]:
+        assert axes.get_legend_handles_labels()[1] == ["at the last crossing"]
+    for axes in rows[1]:
+        assert sorted(axes.get_legend_handles_labels()[1]) == ["as released", "at the last crossing"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["at the last crossing", "as released"]
+
+
+@pytest.mark.parametrize(
+    ("draw", "names"),
+    [
+        (bow_tie, ["progenitor", "95 % of N-body"]),
+        (phase_space, ["leading", "trailing", "progenitor", "Galactic centre, at rest"]),
+    ],
+)
+def test_every_mark_is_named(draw: Any, names: list[str], portraits: dict[str, Portrait]) -> None:
+    assert [text.get_text() for text in draw(portraits).legends[0].get_texts()] == names
+
+
+def test_the_progenitor_is_named_beside_the_epochs(portraits: dict[str, Portrait]) -> None:
+    named = [text.get_text() for text in epochs(portraits).axes[0].get_legend().get_texts()]
+    assert named[-1] == "progenitor"
+    assert all(text.endswith("Gyr") for text in named[:-1])
+
+
+@pytest.mark.parametrize("draw", [unwrapped, epochs, along], ids=lambda draw: draw.__name__)
+def test_ticks_along_a_stream_of_many_turns_do_not_merge(draw: Any, portraits: dict[str, Portrait]) -> None:
+    portrait = portraits["gravity True"]
+    long = replace(portrait, stream=replace(portrait.stream, winding=12 * portrait.stream.winding), prediction=None)
+    axes = panels(draw({"long": long}))[-1]
+    low, high = sorted(axes.get_xlim())
+    assert high - low > 2000
+    ticks = axes.get_xticks()
+    assert 3 <= ((ticks >= low) & (ticks <= high)).sum() <= 15
 
 
 def test_what_cannot_be_drawn_is_left_out(portraits: dict[str, Portrait]) -> None:

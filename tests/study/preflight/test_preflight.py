@@ -17,7 +17,7 @@ from streamkit.spec import Sun
 from streamkit.study.preflight import run_preflight
 from streamkit.study.preflight.draws import PriorDraws, try_prior_draws
 from streamkit.study.preflight.orbit import summarise_orbit
-from streamkit.study.preflight.warnings import orbit_warnings, sampler_warnings, sun_warnings, survey_warnings
+from streamkit.study.preflight.warnings import orbit_warnings, prior_warnings, sampler_warnings, sun_warnings
 
 SAGITTARIUS = Path(__file__).parents[3] / "examples" / "sagittarius" / "sagittarius.toml"
 SATELLITE = 1.0e8
@@ -111,7 +111,7 @@ def test_the_papers_swapped_proper_motions_are_caught() -> None:
         pm_l_cosb={"normal": ["1.97 mas/yr", "0.3 mas/yr"]}, pm_b={"normal": ["-2.44 mas/yr", "0.3 mas/yr"]}
     )
     found = run_preflight(swapped, draws=0)
-    assert len(found.course.apocentres) == 0
+    assert len(found.orbit.apocentres) == 0
     text = found.warnings[0]
     assert "unbound" in text
     assert "two proper motions swapped?" in text
@@ -133,12 +133,13 @@ def test_the_paper_as_corrected_has_no_orbit_warning() -> None:
 
 
 def test_a_short_lookback_is_named() -> None:
-    short = paper(lookback="0.2 Gyr")
-    setup = short.bind()
-    texts = orbit_warnings(short, setup, summarise_orbit(setup))
+    texts = run_preflight(paper(lookback="0.2 Gyr"), draws=0).warnings
     assert "shorter than the radial period" in texts[0]
-    assert "covers 0 apocentres" in texts[1]
-    assert "'literal' needs 1" in texts[1]
+    assert "Raise progenitor.lookback." in texts[0]
+    assert texts[1] == (
+        "There is no prediction at the prior's centre: the look-back time covers fewer than 1 apocentre of the "
+        "progenitor. The look-back time covers 0 apocentres of the progenitor. Raise progenitor.lookback."
+    )
 
 
 def test_a_lookback_before_the_universe_is_named() -> None:
@@ -161,11 +162,52 @@ def test_the_epoch_aware_rule_needs_two_apocentres() -> None:
     setup = paper().bind()
     period = summarise_orbit(setup).period
     short = paper(lookback=1.2 * period).with_values({"observable.recent_debris": "epoch_aware"})
-    found = summarise_orbit(short.bind())
-    assert found.completed == 1
-    (text,) = orbit_warnings(short, short.bind(), found)
+    found = run_preflight(short, draws=0)
+    assert found.orbit.completed == 1
+    assert orbit_warnings(short, short.bind(), found.orbit) == []
+    text = next(text for text in found.warnings if "no prediction" in text)
+    assert "covers fewer than 2 apocentres" in text
     assert "covers 1 apocentre of" in text
-    assert "'epoch_aware' needs 2" in text
+    assert text.endswith("Raise progenitor.lookback.")
+
+
+STRANGER = '''
+import numpy as np
+from streamkit import Observable, Prediction, hookimpl
+
+class Stranger(Observable):
+    """What nobody here knows, and never has a value."""
+
+    kind = "stranger"
+
+    def data(self):
+        return np.ones(1), np.ones(1)
+
+    def predict(self, stream):
+        return Prediction(("what",), np.full(1, np.nan), np.full(1, np.nan), why_not="something is missing")
+
+@hookimpl
+def streamkit_components():
+    return [Stranger]
+'''
+
+
+@pytest.mark.parametrize(("lookback", "advised"), [("1.0 Gyr", True), ("3.5 Gyr", False)])
+def test_a_longer_lookback_is_advised_by_the_orbit_whatever_the_observable(
+    tmp_path: Path, lookback: str, advised: bool
+) -> None:
+    """The period is about 0.9 Gyr and there is always an earlier apocentre: one is covered, or several."""
+    run = tomllib.loads(SAGITTARIUS.read_text())
+    run["progenitor"]["lookback"] = lookback
+    run["stripping"]["particles"] = 200
+    run["observable"] = {"kind": "stranger"}
+    (tmp_path / "stranger.py").write_text(STRANGER)
+    run["plugins"] = [str(tmp_path / "stranger.py")]
+    found = run_preflight(sk.load(run), draws=0)
+    assert (found.orbit.completed < 2) == advised
+    text = next(text for text in found.warnings if "no prediction" in text)
+    assert text.startswith("There is no prediction at the prior's centre: something is missing.")
+    assert text.endswith("Raise progenitor.lookback.") == advised
 
 
 @pytest.mark.parametrize(
@@ -184,7 +226,7 @@ def test_odd_suns() -> None:
     assert "sun.v_circ = 23 km/s" in sun_warnings(Sun(v_circ=23.0))[0]
 
 
-def test_the_survey_counts_every_draw_once_and_repeats_itself() -> None:
+def test_the_prior_draws_count_every_draw_once_and_repeats_itself() -> None:
     first, second = (try_prior_draws(paper(), 12) for _ in range(2))
     assert first.draws == 12
     assert len(first.good) + sum(first.reasons.values()) == 12
@@ -194,18 +236,18 @@ def test_the_survey_counts_every_draw_once_and_repeats_itself() -> None:
 
 def test_rare_and_dear_streams_are_named() -> None:
     rare = PriorDraws(64, np.zeros((2, 11)), np.ones(2), reasons=try_prior_draws(paper(), 0).reasons)
-    assert "Only 2 of 64" in survey_warnings(rare)[0]
+    assert "Only 2 of 64" in prior_warnings(rare)[0]
     dear = PriorDraws(64, np.zeros((20, 11)), np.r_[np.ones(18), 40.0, 40.0], reasons=rare.reasons)
-    assert "40 times the usual" in survey_warnings(dear)[0]
+    assert "40 times the usual" in prior_warnings(dear)[0]
     even = PriorDraws(64, np.zeros((20, 11)), np.ones(20), reasons=rare.reasons)
-    assert survey_warnings(even) == []
+    assert prior_warnings(even) == []
 
 
 def test_the_cost_is_that_of_a_call_of_this_process() -> None:
     found = run_preflight(paper(), draws=0)
     assert 0 < found.cost.call < 5
     assert found.cost.where == "the prior's centre"
-    assert found.survey is None
+    assert found.prior_draws is None
 
 
 def test_a_run_file_without_data_says_that_it_cannot_be_fitted() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,13 +17,13 @@ from scipy.stats import norm
 import streamkit as sk
 from streamkit.cli.sensitivity import apart
 from streamkit.errors import ComponentError
-from streamkit.sample import Evaluation, Posterior, Stopped, Workers
+from streamkit.sample import Evaluation, Posterior
 from streamkit.spec import LogUniform, Normal, Prior, TruncatedNormal, Uniform
 from streamkit.stream import Array
 from streamkit.study.sensitivity import PRODUCTS, Sensitivity, run_sensitivity
 from streamkit.study.sensitivity.curves import Curve, prior_grid
 from streamkit.study.sensitivity.figure import sensitivity_figure
-from streamkit.study.sensitivity.runner import fixed_point
+from streamkit.study.sensitivity.runner import evaluate, fixed_point
 from streamkit.units import datum_unit
 
 HERE = ("--set=potential.v0=215", "--set=progenitor.mass=6.4e8")
@@ -186,6 +187,7 @@ def test_it_writes_tables_and_a_picture(run_file: Path, tmp_path: Path) -> None:
     assert all(len(line) <= 100 for line in result.stdout.splitlines())
 
 
+@pytest.mark.usefixtures("unrendered_pictures")
 def test_fields_are_chosen_and_workers_do_not_change_the_numbers(run_file: Path, tmp_path: Path) -> None:
     made = []
     for workers in ("1", "2"):
@@ -208,34 +210,35 @@ def test_a_number_moves_a_free_parameter_and_anything_else_changes_the_file(smal
     assert fixed_point(spec, point)["potential.v0"] == pytest.approx(200)
 
 
+@pytest.mark.usefixtures("unrendered_pictures")
 def test_an_interruption_keeps_the_parameters_that_are_finished(
     run_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    evaluate = Workers.evaluate
-    calls: list[int] = []
+    calls: list[object] = []
 
-    def stopping(self: Workers, points: Array, which: str = "full") -> list[Evaluation]:
-        calls.append(len(points))
-        self.stop = 2 * (len(calls) == 3)  # the second parameter
-        return evaluate(self, points, which)
+    def stopping(job: Any) -> Evaluation:
+        calls.append(job)
+        if len(calls) == 8:  # the fixed point, the five of the first parameter, and one of the second
+            raise KeyboardInterrupt
+        return evaluate(job)
 
-    monkeypatch.setattr(Workers, "evaluate", stopping)
+    monkeypatch.setattr("streamkit.study.sensitivity.runner.evaluate", stopping)
     result = call("sensitivity", run_file, *HERE, *FEW, "-o", tmp_path / "out")
     assert result.exit_code == 130
     assert "interrupted; the tables hold what was finished" in result.stderr
     assert QTable.read(tmp_path / "out" / "slopes.ecsv")["parameter"].tolist() == ["potential.v0"]
-    monkeypatch.setattr(Workers, "evaluate", lambda *_: (_ for _ in ()).throw(Stopped(2)))
+    calls[:] = 6 * [None]
     message = refused("sensitivity", run_file, *HERE, *FEW, "-o", tmp_path / "none")
     assert "interrupted before the first parameter was finished" in message
 
 
 def test_a_component_that_fails_somewhere_is_a_reason_there(small: sk.Spec, monkeypatch: pytest.MonkeyPatch) -> None:
-    evaluate = Posterior.evaluate
+    working = Posterior.evaluate
 
     def failing(self: Posterior, theta: Array) -> Evaluation:
         if theta[1] > 7e8:
             raise ComponentError("stripping mlcs failed: ValueError in here: why. Parameters: potential.v0 = 215")
-        return evaluate(self, theta)
+        return working(self, theta)
 
     monkeypatch.setattr(Posterior, "evaluate", failing)
     (c,) = run_sensitivity(small, {"potential.v0": 215}, fields=["progenitor.mass"], points=5).curves

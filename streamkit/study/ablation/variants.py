@@ -25,12 +25,8 @@ def variants_of(spec: Spec, vary: Mapping[str, Sequence[Any]]) -> list[Variant]:
     """Return every combination of the values, validated as in the file.
 
     A kind that is not the run file's own starts from its own defaults: what is particular to the run file's kind does
-    not belong to it. What all kinds of a section share (particles, progenitor_gravity ...) is kept.
-
-    Raises
-    ------
-    SpecError
-        If a field does not exist or a value is not allowed, in any of the variants.
+    not belong to it. What all kinds of a section share (particles, progenitor_gravity ...) is kept. A `SpecError` says
+    which field does not exist or which value is not allowed, in any of the variants.
     """
     if not vary:
         raise SpecError(f"{spec.source}: nothing is varied: name a field and its values")

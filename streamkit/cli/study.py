@@ -1,0 +1,33 @@
+"""What the commands over a grid share: run the study in its directory, write it, print it, leave with its status."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+
+from streamkit import report
+from streamkit.cli.options import INTERRUPTED, INVALID
+from streamkit.study import grid
+
+
+def conduct(out: Path, streams: int, quiet: bool, study: Callable[[Callable[[], object]], grid.Products]) -> None:
+    """Run a study, which calls its argument after each of so many streams, and show what it found."""
+    from tqdm import tqdm
+
+    tqdm.monitor_interval = 0  # no thread beside the one that starts worker processes
+    with report.locked(out):
+        with tqdm(total=streams, unit="stream", disable=True if quiet else None, leave=False) as bar:
+            products = study(bar.update)
+        grid.write_tables(products, out)
+        if not quiet:
+            click.echo(f"{products.text}\n")
+        failed = grid.draw_pictures(products, out)
+    if not quiet:
+        click.echo(f"tables and picture{'s' * (len(products.pictures) > 1)}: {out}")
+    if failed:
+        click.echo(f"streamkit: not drawn: {failed}; everything else is written", err=True)
+    if products.stopped:
+        click.echo(f"streamkit: {products.stopped}; the tables hold what was finished", err=True)
+        click.get_current_context().exit(INTERRUPTED if products.stopped == grid.INTERRUPTED else INVALID)

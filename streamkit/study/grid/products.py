@@ -1,0 +1,59 @@
+"""The files of a study over a grid: tables that say where they come from, the resolved run file, pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from streamkit.errors import StreamkitError
+from streamkit.report import origin, save, save_picture, save_table
+from streamkit.spec import Spec
+
+if TYPE_CHECKING:
+    from astropy.table import QTable
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Products:
+    """What a study has to show: the run file and the name to write it by, text for a terminal, tables and pictures.
+
+    Tables and pictures go by file name; a picture is drawn when its turn comes. The header is what the tables say
+    beyond where they come from. ``stopped`` says why the study ended early; empty if it did not.
+    """
+
+    spec: Spec
+    run: str
+    text: str
+    tables: Mapping[str, QTable]
+    pictures: Mapping[str, Callable[[], Figure]]
+    header: Mapping[str, Any] = field(default_factory=dict)
+    stopped: str = ""
+
+
+def write_tables(products: Products, out: Path) -> None:
+    """Write the tables with their header, and the resolved run file."""
+    for name, table in products.tables.items():
+        table.meta = {**origin(products.spec), **products.header}
+        save_table(out / name, table)
+    text = products.spec.toml()
+    save(out / products.run, lambda part: part.write_text(text))
+
+
+def draw_pictures(products: Products, out: Path) -> str:
+    """Draw the pictures. One that fails does not cost the others: return which and why, empty if none does.
+
+    No picture of an earlier study stays in its place. A file that cannot be written is a `StreamkitError`.
+    """
+    failed = []
+    for name, draw in products.pictures.items():
+        try:
+            save_picture(out / name, draw())
+        except StreamkitError:
+            raise
+        except Exception as error:
+            (out / name).unlink(missing_ok=True)
+            failed.append(f"{name} ({type(error).__name__}: {error})")
+    return ", ".join(failed)

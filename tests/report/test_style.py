@@ -1,0 +1,39 @@
+"""What all pictures share: ticks of angles, and letters that stay letters."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from streamkit.report import angle_ticks, save_picture
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "step"),
+    [(-60, 60, 15), (-180, 180, 45), (-360, 360, 90), (-500, 480, 180), (-2000, 2500, 720), (-7200, 7200, 2880)],
+)
+def test_angles_have_even_ticks_that_do_not_merge(low: float, high: float, step: float) -> None:
+    """At most eight steps, each an even part or a multiple of a turn; the axis may run either way."""
+    axes = Figure().subplots()
+    for limits in ((low, high), (high, low)):
+        axes.set_xlim(*limits)
+        angle_ticks(axes)
+        ticks = axes.get_xticks()
+        inside = ticks[(ticks >= low) & (ticks <= high)]
+        assert np.diff(inside) == pytest.approx(step)
+        assert 4 <= len(inside) <= 9
+
+
+def test_a_pdf_has_no_type_3_fonts(tmp_path: Path) -> None:
+    """Journals refuse them; Type 42 are TrueType."""
+    figure = Figure()
+    figure.subplots().set_xlabel(r"angle along the stream, $r$ [kpc]")
+    save_picture(tmp_path / "a.pdf", figure)
+    content = (tmp_path / "a.pdf").read_bytes()
+    assert b"/Type3" not in content
+    assert b"/CIDFontType2" in content
+    save_picture(tmp_path / "a.svg", figure)
+    assert "angle along the stream" in (tmp_path / "a.svg").read_text()

@@ -1,0 +1,113 @@
+"""What the studies over a grid share: jobs that are interrupted safely, and files of which one that fails costs one."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+from astropy.table import QTable
+from commands import RUN
+from matplotlib.figure import Figure
+
+import streamkit as sk
+from streamkit.errors import StreamkitError
+from streamkit.study.grid import DIED, INTERRUPTED, Products, draw_pictures, run_jobs, write_tables
+
+JOBS = {"a": 1, "b": 2, "c": 3}
+
+
+def square(n: int) -> int:
+    return n * n
+
+
+def die_at_three(n: int) -> int:
+    if n == 3:
+        os._exit(1)
+    return n * n
+
+
+def terminate_at_two(n: int) -> int:
+    if n == 2:
+        os.kill(os.getpid(), signal.SIGTERM)
+    return n * n
+
+
+def fail_at_two(n: int) -> int:
+    if n == 2:
+        raise ValueError("two")
+    return n * n
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_every_job_is_done_wherever(workers: int) -> None:
+    calls: list[int] = []
+    found = run_jobs(square, JOBS, workers, lambda: calls.append(1))
+    assert found == ({"a": 1, "b": 4, "c": 9}, "")
+    assert len(calls) == 3
+
+
+def test_a_termination_keeps_what_is_finished_and_leaves_signals_as_they_were() -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    assert run_jobs(terminate_at_two, JOBS) == ({"a": 1}, INTERRUPTED)
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_an_interruption_of_the_parent_keeps_what_its_workers_have_finished() -> None:
+    calls: list[int] = []
+
+    def done() -> None:
+        calls.append(1)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+
+    found, stopped = run_jobs(square, JOBS, 2, done)
+    assert stopped == INTERRUPTED
+    assert len(found) == 2
+    assert all(found[key] == JOBS[key] ** 2 for key in found)
+
+
+def test_a_worker_that_dies_keeps_what_is_finished() -> None:
+    found, stopped = run_jobs(die_at_three, {"first": 1} | {str(n): 3 for n in range(4)}, 2)
+    assert stopped == DIED
+    assert found in ({}, {"first": 1})  # whichever of the two was faster
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_what_the_work_raises_comes_through(workers: int) -> None:
+    with pytest.raises(ValueError, match="two"):
+        run_jobs(fail_at_two, JOBS, workers)
+
+
+@pytest.fixture
+def products(tmp_path: Path) -> Products:
+    (tmp_path / "small.toml").write_text(RUN)
+
+    def broken() -> Figure:
+        raise ValueError("shapes (3,500) and (3,3000)")
+
+    return Products(
+        sk.load(tmp_path / "small.toml"), "whole.toml", "text", {"t.ecsv": QTable({"x": [1.0]})},
+        {"one.png": Figure, "two.png": broken, "three.pdf": Figure}, {"seeds": 3},
+    )  # fmt: skip
+
+
+def test_a_picture_that_fails_does_not_cost_the_others(products: Products, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "two.png").write_text("of an earlier study")
+    assert draw_pictures(products, out) == "two.png (ValueError: shapes (3,500) and (3,3000))"
+    assert sorted(path.name for path in out.iterdir()) == ["one.png", "three.pdf"]
+
+
+def test_a_disk_that_cannot_be_written_is_an_error_all_the_same(products: Products, tmp_path: Path) -> None:
+    with pytest.raises(StreamkitError, match="cannot be written"):
+        draw_pictures(products, tmp_path / "none")
+
+
+def test_tables_say_where_they_come_from(products: Products, tmp_path: Path) -> None:
+    write_tables(products, tmp_path)
+    meta = QTable.read(tmp_path / "t.ecsv").meta
+    assert (meta["run_file"], meta["seed"], meta["seeds"]) == ("small.toml", 7, 3)
+    assert meta["run_digest"] == products.spec.digest() == sk.load(tmp_path / "whole.toml").digest()
