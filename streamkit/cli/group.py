@@ -1,4 +1,4 @@
-"""The group of commands, those of other packages too: an error that is explained, or a wrong argument, is one paragraph.
+"""The group of commands, our own and those of other packages, and how each of them fails: by one paragraph.
 
 A package brings a command by an entry point of the group ``streamkit.commands``: its name, and a click command::
 
@@ -50,9 +50,7 @@ class PluginCommand(click.Command):
             command = self._points[0].load()
         except (Exception, SystemExit) as error:
             reason = f"{type(error).__name__}: {error}"
-            raise PluginError(
-                f"the command {self.name!r} of {suppliers[0]} cannot be imported ({reason})"
-            ) from error
+            raise PluginError(f"the command {self.name!r} of {suppliers[0]} cannot be imported ({reason})") from error
         if not isinstance(command, click.Command):
             raise PluginError(f"the command {self.name!r} of {suppliers[0]} is no click command: {command!r}")
         return command

@@ -120,7 +120,7 @@ def replace_whole(path: Path, writer: Callable[[Path], object]) -> None:
 
 
 def contents(directory: Path) -> list[str]:
-    """Return the names of what lies in a directory, without hidden files: the lock, and what a kill left half written."""
+    """Return the names in a directory without hidden files: the lock, and what a kill left half written."""
     return sorted(path.name for path in directory.iterdir() if not path.name.startswith("."))
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from emcee.backends import Backend
 
-from streamkit.errors import ComponentError, Interrupted, SpecError, StreamkitError
+from streamkit.errors import ComponentError, Interrupted, SpecError
 from streamkit.model import Host
 from streamkit.report import locked
 from streamkit.sample import CHAIN, ChainFile, Limits, Posterior, Sampling, Signals, Stopped, Workers, blob_dtype
