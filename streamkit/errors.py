@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import signal
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
@@ -39,6 +40,20 @@ class OutOfDomain(StreamkitError):  # noqa: N818  a statement about the paramete
     def __init__(self, reason: str) -> None:
         super().__init__(reason)
         self.reason = reason
+
+
+class Interrupted(StreamkitError):  # noqa: N818  a request, not a fault
+    """The run was asked to stop (Ctrl-C or SIGTERM) and did. Its message says where the finished part is.
+
+    Attributes
+    ----------
+    exit_status
+        What a command should exit with: 130 after Ctrl-C, 143 after SIGTERM.
+    """
+
+    def __init__(self, message: str, signum: int = signal.SIGINT) -> None:
+        super().__init__(message)
+        self.exit_status = 128 + int(signum)
 
 
 def nearest(name: str, allowed: Iterable[str]) -> str:

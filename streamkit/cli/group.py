@@ -1,19 +1,66 @@
-"""The group of commands: an error that streamkit explains, or a wrong argument, is one paragraph."""
+"""The group of commands, our own and those of other packages, and how each of them fails: by one paragraph.
+
+A package brings a command by an entry point of the group ``streamkit.commands``: its name, and a click command::
+
+    [project.entry-points."streamkit.commands"]
+    nbody = "streamkit_nbody.cli:nbody"
+"""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 import click
 
 from streamkit.cli.options import INTERRUPTED, INVALID
-from streamkit.errors import StreamkitError, nearest
+from streamkit.errors import PluginError, StreamkitError, nearest
+
+GROUP = "streamkit.commands"
+
+
+class PluginCommand(click.Command):
+    """A command of another package, which is imported when the command is called or its help is asked for."""
+
+    def __init__(self, name: str, points: Sequence[EntryPoint]) -> None:
+        super().__init__(name)
+        self._points = points
+
+    def get_short_help_str(self, limit: int = 45) -> str:
+        """Return what the package says of itself, in place of the command: nothing is imported for a list."""
+        dist = self._points[0].dist
+        return f"{dist.metadata['Summary']} ({dist.name})" if dist else ""
+
+    def make_context(
+        self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
+    ) -> click.Context:
+        """Let the command itself take over."""
+        return self._load().make_context(info_name, args, parent, **extra)
+
+    def _load(self) -> click.Command:
+        suppliers = [f"{point.dist.name} {point.dist.version}" if point.dist else point.value for point in self._points]
+        if len(suppliers) > 1:
+            raise PluginError(
+                f"the command {self.name!r} comes from two packages, {' and '.join(sorted(suppliers))}: "
+                "uninstall one of them"
+            )
+        try:
+            command = self._points[0].load()
+        except (Exception, SystemExit) as error:
+            reason = f"{type(error).__name__}: {error}"
+            raise PluginError(f"the command {self.name!r} of {suppliers[0]} cannot be imported ({reason})") from error
+        if not isinstance(command, click.Command):
+            raise PluginError(f"the command {self.name!r} of {suppliers[0]} is no click command: {command!r}")
+        return command
 
 
 class Commands(click.Group):
-    """The group: an error that streamkit explains, or a wrong argument, is one paragraph and status 2."""
+    """The group: an error that is explained, or a wrong argument, is one paragraph and status 2.
+
+    Its own commands come before those of other packages, in the list and where two have one name.
+    """
 
     def main(
         self,
@@ -39,9 +86,15 @@ class Commands(click.Group):
             _fail("interrupted", INTERRUPTED)
         sys.exit(status if isinstance(status, int) else 0)
 
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names: its own commands, then those of other packages."""
+        return [*super().list_commands(ctx), *sorted(entry_points(group=GROUP).names - self.commands.keys())]
+
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
         """Find a command; name the nearest one if there is none."""
         command = super().get_command(ctx, name)
+        if command is None and (points := entry_points(group=GROUP, name=name)):
+            command = PluginCommand(name, tuple(points))
         if command is None and not ctx.resilient_parsing:
             known = self.list_commands(ctx)
             raise click.UsageError(

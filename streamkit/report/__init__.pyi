@@ -2,6 +2,7 @@ from .component_text import listing as listing
 from .files import PICTURES as PICTURES
 from .files import check_directory as check_directory
 from .files import check_target as check_target
+from .files import contents as contents
 from .files import locked as locked
 from .files import origin as origin
 from .files import replace_whole as replace_whole

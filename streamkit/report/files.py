@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,10 +16,13 @@ if TYPE_CHECKING:
     from collections.abc import Collection
 
     from astropy.table import QTable
+    from filelock import BaseFileLock
     from matplotlib.figure import Figure
 
 PICTURES = (".png", ".pdf", ".svg")
 """Suffixes a picture can be written to."""
+LOCK = ".streamkit.lock"
+"""Hidden file in a directory that a run writes into."""
 
 
 def check_target(path: Path, suffixes: Collection[str], option: str, force: bool) -> None:
@@ -119,33 +122,51 @@ def replace_whole(path: Path, writer: Callable[[Path], object]) -> None:
         part.unlink(missing_ok=True)
 
 
+def contents(directory: Path) -> list[str]:
+    """Return the names in a directory without hidden files: the lock, and what a kill left half written."""
+    return sorted(path.name for path in directory.iterdir() if not path.name.startswith("."))
+
+
 @contextmanager
 def locked(directory: Path) -> Iterator[None]:
-    """Hold the directory for one run, made if missing. The lock dies with the process: a kill leaves none behind.
+    """Hold the directory for one run, made if missing and taken away again if nothing came into it.
+
+    The lock belongs to the process: a kill may leave the hidden file `LOCK`, and never a lock.
 
     Raises
     ------
     ChainError
-        If another run holds it, or it cannot be a directory.
+        If another run holds it, or it cannot be made or written: with the reason.
     """
+    from filelock import FileLock
+
+    made = [path for path in (directory, *directory.parents) if not os.path.exists(path)]  # noqa: PTH110  never raises
+    lock = FileLock(directory / LOCK)
+    try:
+        _take(lock, directory)
+        yield
+    finally:
+        if lock.is_locked:
+            with suppress(OSError):  # while it is held: after that it may be another run's
+                (directory / LOCK).unlink()
+            lock.release()
+        for path in made:
+            with suppress(OSError):  # something lies in it
+                path.rmdir()
+
+
+def _take(lock: BaseFileLock, directory: Path) -> None:
+    from filelock import Timeout
+
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except FileExistsError:
         raise ChainError(f"{directory}: is a file, and the output needs a directory") from None
     except OSError as error:
-        raise ChainError(f"{directory}: cannot be made: {error.strerror}") from None
+        raise ChainError(f"{directory}: cannot be made: {error.strerror or error}") from None
     try:
-        import fcntl
-    except ImportError:  # no such locks on this system
-        yield
-        return
-    handle = os.open(directory, os.O_RDONLY)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(handle)
+        lock.acquire(blocking=False)
+    except Timeout:
         raise ChainError(f"{directory}: another run is writing here right now") from None
-    try:
-        yield
-    finally:
-        os.close(handle)
+    except OSError as error:
+        raise ChainError(f"{directory}: cannot be locked for writing: {error.strerror or error}") from None

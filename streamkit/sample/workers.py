@@ -26,6 +26,12 @@ class Evaluates(Protocol):
         """Evaluate at theta (d,)."""
 
 
+class Stoppable(Protocol):
+    """What a signal can stop: `Workers`, or any loop that looks at its own ``stop``."""
+
+    stop: int
+
+
 class Stopped(Exception):  # noqa: N818  a request, not a fault
     """Raised between two evaluations after a signal asked for an end. ``signum`` says which."""
 
@@ -102,13 +108,13 @@ class Workers:
 
 
 class Signals:
-    """While active, SIGINT and SIGTERM set ``workers.stop`` instead of tearing a write apart.
+    """While active, SIGINT and SIGTERM set ``target.stop`` to their number instead of tearing a write apart.
 
     Python allows handlers in the main thread only; elsewhere (a notebook's thread) nothing is changed.
     """
 
-    def __init__(self, workers: Workers) -> None:
-        self._workers = workers
+    def __init__(self, target: Stoppable) -> None:
+        self._target = target
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> None:
@@ -121,7 +127,7 @@ class Signals:
             signal.signal(number, handler)
 
     def _handle(self, signum: int, _frame: object) -> None:
-        self._workers.stop = signum
+        self._target.stop = signum
 
 
 def pool(count: int, posteriors: Mapping[str, Evaluates] | None = None) -> ProcessPoolExecutor:

@@ -1,4 +1,4 @@
-"""`python -m streamkit_nbody`."""
+"""`python -m streamkit_nbody`: the same as `streamkit nbody`."""
 
 from streamkit_nbody.cli import main
 

@@ -1,25 +1,21 @@
-"""The command `streamkit-nbody`. Nothing heavy is imported before its use."""
+"""The command `streamkit nbody`. Nothing heavy is imported before its use."""
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any
 
 import click
 
-from streamkit.cli.options import RUN_FILE, SET, load_spec
+from streamkit.cli import QUIET, RUN_FILE, SET, Commands, directory, load_spec
 from streamkit.errors import OutOfDomain, StreamkitError
 
-INVALID, INTERRUPTED = 2, 130
 
-
-@click.command(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.command()
 @click.version_option(package_name="streamkit-nbody", message="streamkit-nbody %(version)s")
 @RUN_FILE
 @SET
-@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="DIR",
-              help="Directory of the snapshots; default: the run file's name with -nbody.")  # fmt: skip
+@directory("-nbody")
 @click.option("--particles", default=20000, show_default=True, type=click.IntRange(100), metavar="N")
 @click.option("--softening", type=click.FloatRange(0, min_open=True), metavar="KPC",
               help="Softening length; default: the mean distance between particles at the centre.")  # fmt: skip
@@ -31,10 +27,10 @@ INVALID, INTERRUPTED = 2, 130
               help="Number of snapshots at equal intervals; the last one is today's.")  # fmt: skip
 @click.option("--workers", default=1, show_default=True, type=click.IntRange(1), metavar="N",
               help="Threads of the tree; the result is the same for any number.")  # fmt: skip
-@click.option("--resume", is_flag=True, help="Go on from the checkpoint in DIR.")
+@click.option("--resume", is_flag=True, help="Continue from the checkpoint in DIR.")
 @click.option("--force", is_flag=True, help="Replace the run in DIR.")
-@click.option("-q", "--quiet", is_flag=True, help="No progress bar and no summary.")
-def command(
+@QUIET
+def nbody(
     run_file: Path, settings: tuple[str, ...], output: Path | None, particles: int, softening: float | None,
     theta: float, step: float | None, snapshots: int, workers: int, resume: bool, force: bool, quiet: bool,
 ) -> None:  # fmt: skip
@@ -64,23 +60,6 @@ def command(
         click.echo(f"snapshot of today: {out / runner.SNAPSHOT.format(snapshots)}")
 
 
-def main(arguments: list[str] | None = None) -> Any:
-    """Run the command; an error that is explained is one paragraph and status 2."""
-    try:
-        command.main(arguments, standalone_mode=False)
-    except StreamkitError as error:
-        _fail(str(error), getattr(error, "exit_status", INVALID))
-    except click.ClickException as error:
-        message = error.format_message()
-        _fail(message[:1].lower() + message[1:], INVALID)
-    except click.Abort:
-        _fail("interrupted", INTERRUPTED)
-    except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
-        _fail(f"{where}cannot be read or written: {error.strerror or error}", INVALID)
-    sys.exit(0)
-
-
-def _fail(message: str, status: int) -> None:
-    click.echo(f"streamkit-nbody: {message}", err=True)
-    sys.exit(status)
+def main() -> None:
+    """Run the script `streamkit-nbody`: another name of `streamkit nbody`."""
+    Commands(commands={"nbody": nbody}).main(["nbody", *sys.argv[1:]], prog_name="streamkit")

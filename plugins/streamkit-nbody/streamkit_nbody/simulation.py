@@ -7,16 +7,15 @@ from functools import cached_property
 
 import numpy as np
 
-from streamkit import GYR, Array, BoolArray, IntArray, Orbit, OutOfDomain, Potential, SpecError
-from streamkit.engine import Field, build_field
-from streamkit.model import NODE, tidal_radius
+from streamkit import GYR, Array, BoolArray, G, IntArray, Orbit, OutOfDomain, SpecError
+from streamkit.model import NODE, Host
 from streamkit.spec import Setup, Spec
-from streamkit.stream import orbital_plane
+from streamkit.stream import angle_in_plane, orbital_plane
 from streamkit_nbody import plummer
 from streamkit_nbody.binding import Remnant, remnant
 from streamkit_nbody.gravity import Gravity
 from streamkit_nbody.plan import Options, Plan, make_plan
-from streamkit_nbody.state import State, Track, angle
+from streamkit_nbody.state import State, Track
 
 
 @dataclass(frozen=True)
@@ -29,6 +28,8 @@ class Simulation:
         The run file: its potential, progenitor and seed are used.
     setup
         The same, bound: free parameters are at the centre of their priors.
+    host
+        The galaxy, in which the satellite is disrupted.
     plan
         Softening, step, records.
     orbit
@@ -39,6 +40,7 @@ class Simulation:
 
     spec: Spec
     setup: Setup
+    host: Host
     plan: Plan
     orbit: Orbit
     workers: int = 1
@@ -60,17 +62,12 @@ class Simulation:
                 f"{spec.source}: progenitor.kind: found {setup.satellite.kind!r}; a live satellite must be 'plummer', "
                 "the one whose distribution function is at hand"
             )
-        host = build_field(list(setup.potentials.values()))
+        host = Host(setup.potentials)
         with np.errstate(all="ignore"):  # what is not finite is found on the next line
-            orbit = host.orbit(setup.q, setup.v, 0.0, -setup.lookback * GYR, NODE)
+            orbit = host.field.orbit(setup.q, setup.v, 0.0, -setup.lookback * GYR, NODE)
         if not (np.isfinite(orbit.q).all() and np.isfinite(orbit.v).all()):
             raise OutOfDomain("the orbit of the progenitor is not finite")
-        return Simulation(spec, setup, make_plan(setup, orbit, options), orbit, workers)
-
-    @cached_property
-    def host(self) -> Field:
-        """The host's acceleration."""
-        return build_field(list(self.setup.potentials.values()))
+        return Simulation(spec, setup, host, make_plan(setup, orbit, options), orbit, workers)
 
     @cached_property
     def gravity(self) -> Gravity:
@@ -86,8 +83,7 @@ class Simulation:
     @property
     def without_energy(self) -> tuple[str, ...]:
         """The kinds of the host's potentials that give no potential energy: with one, none is monitored."""
-        hosts = self.setup.potentials.values()
-        return tuple(p.kind for p in hosts if type(p).potential is Potential.potential)
+        return tuple(p.kind for p in self.host.potentials.values() if not p.has_energy())
 
     def start(self) -> State:
         """Return the satellite in equilibrium on the first point of the orbit."""
@@ -102,7 +98,7 @@ class Simulation:
         none = Track(np.empty(0), np.empty((3, 0)), np.empty((3, 0)), np.empty(0), np.empty(0), np.empty(0))
         whole = Remnant(np.ones(n, dtype=bool), place, motion)
         track = self._extended(none, 0.0, whole, self._energy(0.0, q, v, potential))
-        around = angle(self.plane, q) - angle(self.plane, track.q)
+        around = angle_in_plane(self.plane, q) - angle_in_plane(self.plane, track.q)
         return State(
             q, v, a,
             bound=whole.bound,
@@ -130,7 +126,7 @@ class Simulation:
             q += plan.step * v
             if k < plan.steps:
                 now = begin + (end - begin) * k / plan.steps
-                a = self.gravity.forces(q) + self.host.acceleration(self._epoch(now), q)
+                a = self.gravity.forces(q) + self.host.field.acceleration(self._epoch(now), q)
             else:
                 a, potential = self._forces_and_potential(end, q)
             v += 0.5 * plan.step * a
@@ -153,7 +149,7 @@ class Simulation:
             t_strip=np.where(inside, track.t[-1], np.where(leaving, crossing, state.t_strip)),
             dq_strip=np.where(inside, q - place, state.dq_strip),
             dv_strip=np.where(inside, v - motion, state.dv_strip),
-            revolutions=state.revolutions + _crossings(angle(self.plane, state.q), angle(self.plane, q)),
+            revolutions=state.revolutions + _crossings(*(angle_in_plane(self.plane, x) for x in (state.q, q))),
             track=track,
             binding=state.binding,
         )  # fmt: skip
@@ -162,15 +158,15 @@ class Simulation:
         """Carry the place of a satellite that is gone along the host's orbit."""
         end = self.plan.time(state.record + 1)
         place, motion = state.track.q[:, -1].copy(), state.track.v[:, -1].copy()
-        orbit = self.host.orbit(place, motion, self._epoch(state.time), self._epoch(end), NODE)
+        orbit = self.host.field.orbit(place, motion, self._epoch(state.time), self._epoch(end), NODE)
         return Remnant(np.zeros(self.plan.particles, dtype=bool), orbit.q[:, -1], orbit.v[:, -1])
 
     def _extended(self, track: Track, t: float, left: Remnant, energy: float) -> Track:
         mass = self.gravity.mass * float(left.bound.sum())
         now = np.array([self._epoch(t)])
         q, v = np.ascontiguousarray(left.q[:, None]), np.ascontiguousarray(left.v[:, None])
-        here = Orbit(now, q, v, self.host.acceleration(now, q), np.full(1, np.nan))
-        r_tidal = float(tidal_radius(self.host, here, mass)[0]) if mass else 0.0
+        here = Orbit(now, q, v, self.host.field.acceleration(now, q), np.full(1, np.nan))
+        r_tidal = float(np.cbrt(G * mass / self.host.tidal_bracket(here)[0])) if mass else 0.0
         if np.isnan(r_tidal):
             r_tidal = float(track.r_tidal[-1] if len(track.t) else here.r[0])
         return track.and_then(t, left.q, left.v, mass, r_tidal, energy)
@@ -181,13 +177,13 @@ class Simulation:
 
     def _forces_and_potential(self, t: float, q: Array) -> tuple[Array, Array]:
         own, potential = self.gravity.forces_and_potential(q)
-        return own + self.host.acceleration(self._epoch(t), q), potential
+        return own + self.host.field.acceleration(self._epoch(t), q), potential
 
     def _energy(self, t: float, q: Array, v: Array, own: Array) -> float:
         """Return the total energy in Msun (km/s)^2, with the particles' own potential (n,); NaN if not known."""
         if self.without_energy:
             return float("nan")
-        hosts = self.setup.potentials.values()
+        hosts = self.host.potentials.values()
         host = sum(np.asarray(p.potential(*q, self._epoch(t), *p.in_engine_units())) for p in hosts)
         return self.gravity.mass * float((0.5 * (v * v).sum(axis=0) + 0.5 * own + host).sum())
 

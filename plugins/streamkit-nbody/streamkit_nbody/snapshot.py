@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from streamkit import Array
-from streamkit.errors import StreamkitError
-from streamkit.report import replace_whole
+from streamkit.errors import ChainError
+from streamkit.report import save
 from streamkit_nbody.plan import digest
 from streamkit_nbody.simulation import Simulation
 from streamkit_nbody.state import State, Track
@@ -26,10 +26,6 @@ BOUND = -1.0
 """Stripping time of a particle that has not been stripped."""
 
 
-class CheckpointError(StreamkitError):
-    """A directory or a checkpoint cannot be used as asked."""
-
-
 def write(path: Path, simulation: Simulation, state: State, content: dict[str, Any]) -> None:
     """Write a state, whole or not at all.
 
@@ -43,7 +39,7 @@ def write(path: Path, simulation: Simulation, state: State, content: dict[str, A
         What the run is, by `plan.content`.
     """
 
-    def save(part: Path) -> None:
+    def fill(part: Path) -> None:
         import h5py
 
         with h5py.File(part, "w") as file:
@@ -51,7 +47,7 @@ def write(path: Path, simulation: Simulation, state: State, content: dict[str, A
             _write_particles(file.create_group(PARTICLES), simulation, state)
             _write_track(file.create_group("Progenitor"), simulation, state)
 
-    replace_whole(path, save)
+    save(path, fill)
 
 
 def _write_header(file: Any, simulation: Simulation, state: State, content: dict[str, Any]) -> None:
@@ -111,7 +107,7 @@ def read(path: Path) -> tuple[State, dict[str, Any]]:
 
     Raises
     ------
-    CheckpointError
+    ChainError
         If the file cannot be read, or is no snapshot of this package.
     """
     import h5py
@@ -137,9 +133,9 @@ def read(path: Path) -> tuple[State, dict[str, Any]]:
                 binding=float(run["binding_energy"]),
             )  # fmt: skip
     except (OSError, KeyError, ValueError, TypeError) as error:
-        raise CheckpointError(f"{path}: cannot be read as a checkpoint of streamkit-nbody: {error}") from None
+        raise ChainError(f"{path}: cannot be read as a checkpoint of streamkit-nbody: {error}") from None
     if digest(content) != told:
-        raise CheckpointError(f"{path}: its content does not match its digest {str(told)[:12]}: the file was changed")
+        raise ChainError(f"{path}: its content does not match its digest {str(told)[:12]}: the file was changed")
     return state, content
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from streamkit import Array, BoolArray, IntArray
+from streamkit.stream import angle_in_plane
 
 
 @dataclass(frozen=True)
@@ -101,11 +102,5 @@ class State:
 
     def winding(self, plane: Array) -> Array:
         """(n,) Angle swept in the plane (2, 3) minus the angle swept by the satellite, radians; positive = leading."""
-        swept = np.unwrap(angle(plane, self.track.q))[-1]
-        return np.asarray(angle(plane, self.q) + 2.0 * np.pi * self.revolutions - swept)
-
-
-def angle(plane: Array, q: Array) -> Array:
-    """(n,) Angle in the plane (2, 3) of positions q (3, n), in -pi to pi."""
-    first, second = plane @ q
-    return np.asarray(np.arctan2(second, first))
+        swept = np.unwrap(angle_in_plane(plane, self.track.q))[-1]
+        return np.asarray(angle_in_plane(plane, self.q) + 2.0 * np.pi * self.revolutions - swept)

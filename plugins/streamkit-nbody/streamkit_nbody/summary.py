@@ -6,9 +6,10 @@ import numpy as np
 
 from streamkit import GYR
 from streamkit.report import columns, number
+from streamkit.stream import angle_in_plane
 from streamkit_nbody.gravity import DIRECT
 from streamkit_nbody.simulation import Simulation
-from streamkit_nbody.state import State, angle
+from streamkit_nbody.state import State
 
 
 def describe_plan(simulation: Simulation) -> str:
@@ -59,7 +60,7 @@ def _offset(simulation: Simulation, state: State) -> str:
     track, setup = state.track, simulation.setup
     distance = float(np.sqrt(((track.q[:, -1] - setup.q) ** 2).sum()))
     speed = float(np.sqrt(((track.v[:, -1] - setup.v) ** 2).sum()))
-    ahead = angle(simulation.plane, track.q[:, -1:])[0] - angle(simulation.plane, setup.q[:, None])[0]
+    ahead = angle_in_plane(simulation.plane, track.q[:, -1:])[0] - angle_in_plane(simulation.plane, setup.q[:, None])[0]
     degrees = float(np.degrees(np.mod(ahead + np.pi, 2.0 * np.pi) - np.pi))
     place = ", ".join(f"{x:.6g}" for x in (*track.q[:, -1], *track.v[:, -1]))
     return (

@@ -4,7 +4,11 @@ import os
 import re
 import shlex
 import signal
+import subprocess
+import sys
+import tomllib
 from dataclasses import replace
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import h5py
@@ -13,13 +17,15 @@ import pytest
 from streamkit_nbody import cli, runner, snapshot
 from streamkit_nbody.gravity import NotFinite
 from streamkit_nbody.plan import Options
-from streamkit_nbody.runner import CHECKPOINT, Interrupted
+from streamkit_nbody.runner import CHECKPOINT
 from streamkit_nbody.simulation import Simulation
-from streamkit_nbody.snapshot import CheckpointError
 
-from streamkit import GYR, load
+from streamkit import GYR, ChainError, load
+from streamkit.errors import Interrupted
 from streamkit.nbody import read_snapshot
+from streamkit.study.ablation import PRODUCTS
 
+PACKAGE = Path(__file__).parent.parent
 RUN = """
 seed = 3
 [potential]
@@ -134,7 +140,7 @@ def test_a_checkpoint_of_another_run_is_refused(simulation, run_file, tmp_path, 
         (Simulation.of(load(run_file), Options(particles=N + 1)), r"particles: 300 -> 301"),
         (Simulation.of(load(run_file), Options(particles=N, softening=0.2)), r"softening: 0\.\d+ -> 0\.2"),
     ):
-        with pytest.raises(CheckpointError, match=rf"another run \(digest \w{{12}}.*{what}"):
+        with pytest.raises(ChainError, match=rf"another run \(digest \w{{12}}.*{what}"):
             runner.run(other, out, resume=True, progress=False)
         assert (out / CHECKPOINT).read_bytes() == before
 
@@ -144,17 +150,17 @@ def test_directories_that_are_not_this_run(simulation, tmp_path, monkeypatch):
     out.mkdir()
     (out / "thesis.txt").write_text("dear")
     for options in ({}, {"resume": True}, {"force": True}):
-        with pytest.raises(CheckpointError, match=r"not empty \(found thesis\.txt\)"):
+        with pytest.raises(ChainError, match=r"not empty \(found thesis\.txt\)"):
             runner.run(simulation, out, progress=False, **options)
     (out / "thesis.txt").unlink()
     stopped(simulation, out, monkeypatch)
-    with pytest.raises(CheckpointError, match="holds a run already"):
+    with pytest.raises(ChainError, match="holds a run already"):
         runner.run(simulation, out, progress=False)
     (out / "thesis.txt").write_text("dear")
     runner.run(simulation, out, force=True, progress=False)
     assert (out / "thesis.txt").read_text() == "dear"
     (tmp_path / "file").write_text("")
-    with pytest.raises(CheckpointError, match="is a file"):
+    with pytest.raises(ChainError, match="is a file"):
         runner.run(simulation, tmp_path / "file", progress=False)
 
 
@@ -163,12 +169,12 @@ def test_a_checkpoint_that_is_damaged_or_changed(simulation, tmp_path, monkeypat
     stopped(simulation, out, monkeypatch)
     whole = (out / CHECKPOINT).read_bytes()
     (out / CHECKPOINT).write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(CheckpointError, match=r"checkpoint\.hdf5: cannot be read as a checkpoint"):
+    with pytest.raises(ChainError, match=r"checkpoint\.hdf5: cannot be read as a checkpoint"):
         runner.run(simulation, out, resume=True, progress=False)
     (out / CHECKPOINT).write_bytes(whole)
     with h5py.File(out / CHECKPOINT, "r+") as file:
         file["Run"].attrs["content"] = file["Run"].attrs["content"].replace("50000000.0", "60000000.0")
-    with pytest.raises(CheckpointError, match="does not match its digest"):
+    with pytest.raises(ChainError, match="does not match its digest"):
         runner.run(simulation, out, resume=True, progress=False)
 
 
@@ -225,12 +231,39 @@ def test_streamkit_reads_the_snapshot(simulation, tmp_path):
     assert found.core[1:, -1] == pytest.approx(np.concatenate([last.track.q[:, -1], last.track.v[:, -1]]), rel=1e-12)
 
 
-def test_the_command(run_file, capsys):
-    def call(*arguments):
+def test_a_model_is_compared_with_the_snapshot(simulation, run_file, tmp_path):
+    """From the file that a run leaves to every table and picture of an ablation."""
+    runner.run(simulation, tmp_path / "out", progress=False)
+    done = subprocess.run(
+        [sys.executable, "-m", "streamkit", "ablate", run_file, "-o", "compared", "--set", "stripping.particles=400",
+         "--vary", "stripping.kind=mlcs,streakline", "--reference", "out/snapshot_001.hdf5"],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    assert {path.name for path in Path("compared").iterdir()} == set(PRODUCTS)
+
+
+@pytest.fixture
+def call(monkeypatch, capsys):
+    """Run the script `streamkit-nbody`; return its status and what it prints on both streams."""
+
+    def script(*arguments):
+        monkeypatch.setattr("sys.argv", ["streamkit-nbody", *arguments])
         with pytest.raises(SystemExit) as caught:
-            cli.main([*arguments])
+            cli.main()
         return caught.value.code, *capsys.readouterr()
 
+    return script
+
+
+def test_the_package_brings_the_command():
+    project = tomllib.loads((PACKAGE / "pyproject.toml").read_text())["project"]
+    point = EntryPoint("nbody", project["entry-points"]["streamkit.commands"]["nbody"], "streamkit.commands")
+    assert point.load() is cli.nbody
+    assert project["scripts"] == {"streamkit-nbody": "streamkit_nbody.cli:main"}
+
+
+def test_the_command(run_file, call):
     status, printed, _ = call(run_file, "--particles", str(N), "--set", "potential.v0=205", "-o", "out")
     assert status == 0
     said = re.sub(r"\s+", " ", printed)
@@ -242,7 +275,8 @@ def test_the_command(run_file, capsys):
     assert status == 2
     assert "potential.v0: 205.0 -> 210.0" in complaint
     assert call(run_file, "--resume", "--force")[::2] == (
-        2, "streamkit-nbody: --resume continues the run in DIR and --force replaces it: give one of them\n"
+        2, "streamkit: --resume continues the run in DIR and --force replaces it: give one of them. "
+        "See 'streamkit nbody --help'.\n"
     )  # fmt: skip
     assert "no such option" in call(run_file, "--particle-count", "3")[2].lower()
     assert "cannot read the run file" in call("absent.toml")[2]
@@ -271,30 +305,27 @@ def with_host(fields):
     return re.sub(r"\[potential\].*\[progenitor\]", f"[potential]\n{fields}\n[progenitor]", RUN, flags=re.DOTALL)
 
 
-def test_a_host_in_python_without_potential_energy(run_file, capsys):
+def test_a_host_in_python_without_potential_energy(run_file, call):
     Path("flat_host.py").write_text(HOST)
     text = with_host('kind = "flat"\nv0 = 200')
     Path("flat.toml").write_text('plugins = ["flat_host.py"]\n' + text)
-    with pytest.raises(SystemExit) as caught:
-        cli.main(["flat.toml", "--particles", str(N), "-o", "elsewhere/out"])
-    assert caught.value.code == 0
-    assert "not monitored: the potential flat gives no potential energy" in re.sub(r"\s+", " ", capsys.readouterr().out)
+    status, printed, _ = call("flat.toml", "--particles", str(N), "-o", "elsewhere/out")
+    assert status == 0
+    assert "not monitored: the potential flat gives no potential energy" in re.sub(r"\s+", " ", printed)
     assert load("elsewhere/out/run.toml").bind().potentials["potential"].v0 == 200
 
 
-def test_a_progenitor_that_cannot_be_followed_is_a_message(run_file, capsys):
+def test_a_progenitor_that_cannot_be_followed_is_a_message(run_file, call):
     Path("point.toml").write_text(with_host('kind = "kepler"\nmass = 1e12'))
     at_centre = [f"--set=progenitor.{name}=0" for name in ("x", "z", "vx", "vy")]
-    with pytest.raises(SystemExit) as caught:
-        cli.main(["point.toml", *at_centre])
-    assert caught.value.code == 2
-    complaint = "point.toml: there is no such simulation: the orbit of the progenitor is not finite"
-    assert complaint in capsys.readouterr().err
+    status, _, complaint = call("point.toml", *at_centre)
+    assert status == 2
+    assert "point.toml: there is no such simulation: the orbit of the progenitor is not finite" in complaint
 
 
 def test_the_commands_of_the_readme_parse():
-    text = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
-    lines = [shlex.split(line) for line in re.findall(r"^\$ (streamkit-nbody .*)$", text, re.MULTILINE)]
+    text = (PACKAGE / "README.md").read_text(encoding="utf-8")
+    lines = [shlex.split(line) for line in re.findall(r"^\$ streamkit nbody (.*)$", text, re.MULTILINE)]
     assert lines
     for line in lines:
-        cli.command.make_context(line[0], line[1:])
+        cli.nbody.make_context("nbody", line)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from streamkit.errors import ChainError
-from streamkit.report import replace_whole
+from streamkit.report import contents, replace_whole
 from streamkit.sample import CHAIN, Chain, read_chain_file
 from streamkit.spec import Spec, differences, to_toml
 
@@ -50,7 +50,7 @@ def claim(directory: Path, spec: Spec, options: dict[str, Any], resume: bool, fo
     """
     if resume and force:
         raise ChainError("resume and force exclude each other: continue the chain, or throw it away?")
-    files = sorted(p.name for p in directory.iterdir())
+    files = contents(directory)
     going_on = False
     if files and resume:
         going_on = _same_run(directory, spec, files)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import signal
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 from emcee.backends import Backend
 
-from streamkit.errors import ComponentError, SpecError, StreamkitError
+from streamkit.errors import ComponentError, Interrupted, SpecError
 from streamkit.model import Host
 from streamkit.report import locked
 from streamkit.sample import CHAIN, ChainFile, Limits, Posterior, Sampling, Signals, Stopped, Workers, blob_dtype
@@ -29,20 +28,6 @@ QUICK_SEARCH = 50.0
 """Seconds after the beginning of a quick run when its search ends."""
 QUICK_SAMPLING = 140.0
 """The same for its sampling: a report must still fit in 3 minutes."""
-
-
-class Interrupted(StreamkitError):  # noqa: N818  a request, not a fault
-    """The run was asked to stop (Ctrl-C or SIGTERM) and did. Its message says where the samples are.
-
-    Attributes
-    ----------
-    exit_status
-        What a command should exit with: 130 after Ctrl-C, 143 after SIGTERM.
-    """
-
-    def __init__(self, message: str, signum: int = signal.SIGINT) -> None:
-        super().__init__(message)
-        self.exit_status = 128 + int(signum)
 
 
 def run(
