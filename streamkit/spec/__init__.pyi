@@ -8,9 +8,16 @@ from .priors import Normal as Normal
 from .priors import Prior as Prior
 from .priors import TruncatedNormal as TruncatedNormal
 from .priors import Uniform as Uniform
+from .progenitor import WAYS as WAYS
 from .progenitor import Sun as Sun
+from .reader import DEFAULT_KIND as DEFAULT_KIND
 from .reader import resolve as resolve
 from .schema import json_schema as json_schema
+from .settings import Likelihood as Likelihood
+from .settings import RunFile as RunFile
+from .settings import Sampler as Sampler
 from .setup import Setup as Setup
+from .spec import Source as Source
 from .spec import Spec as Spec
+from .spec import as_spec as as_spec
 from .spec import load as load
