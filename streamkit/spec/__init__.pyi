@@ -3,11 +3,13 @@ from .document import differences as differences
 from .document import literal as literal
 from .document import read_toml as read_toml
 from .document import to_toml as to_toml
+from .priors import PRIORS as PRIORS
 from .priors import LogUniform as LogUniform
 from .priors import Normal as Normal
 from .priors import Prior as Prior
 from .priors import TruncatedNormal as TruncatedNormal
 from .priors import Uniform as Uniform
+from .priors import usage as usage
 from .progenitor import WAYS as WAYS
 from .progenitor import Sun as Sun
 from .reader import DEFAULT_KIND as DEFAULT_KIND

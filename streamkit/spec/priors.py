@@ -177,7 +177,7 @@ def _tails(prior: Normal) -> tuple[float, float, float]:
     return sign, float(ndtr(sign * a)), float(ndtr(sign * b))
 
 
-KINDS: dict[str, type[Prior]] = {kind.name: kind for kind in (Uniform, LogUniform, Normal, TruncatedNormal)}
+PRIORS: dict[str, type[Prior]] = {kind.name: kind for kind in (Uniform, LogUniform, Normal, TruncatedNormal)}
 
 
 def _table(kind: type[Prior]) -> Any:
@@ -187,7 +187,7 @@ def _table(kind: type[Prior]) -> Any:
     return create_model(f"prior/{kind.name}", __config__=ConfigDict(extra="forbid"), __doc__=kind.__doc__, **table)
 
 
-PriorTable = TypeAliasType("PriorTable", Union[tuple(map(_table, KINDS.values()))])  # type: ignore[valid-type]  # noqa: UP007
+PriorTable = TypeAliasType("PriorTable", Union[tuple(map(_table, PRIORS.values()))])  # type: ignore[valid-type]  # noqa: UP007
 """A prior as a run file writes it, for the JSON Schema."""
 
 
@@ -204,14 +204,14 @@ def parse(table: Mapping[str, Any], unit: Unit) -> Prior:
     ValueError
         Says what was found, what is allowed, and the nearest name.
     """
-    allowed = ", ".join(map(usage, KINDS.values()))
+    allowed = ", ".join(map(usage, PRIORS.values()))
     if len(table) != 1:
         found = ", ".join(map(repr, table)) or "nothing"
         raise ValueError(f"a prior has one name, found {found}; allowed: {allowed}")
     ((name, numbers),) = table.items()
-    if name not in KINDS:
-        raise ValueError(f"no prior is called {name!r}.{nearest(str(name), KINDS)} Allowed: {allowed}")
-    kind = KINDS[name]
+    if name not in PRIORS:
+        raise ValueError(f"no prior is called {name!r}.{nearest(str(name), PRIORS)} Allowed: {allowed}")
+    kind = PRIORS[name]
     if not isinstance(numbers, list | tuple) or len(numbers) != len(fields(kind)):
         raise ValueError(f"found {name} = {numbers!r}, expected {usage(kind)}")
     try:

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from streamkit.components import Component, Integrator, Observable, Potential, Registry, Stripping, load_registry
 from streamkit.errors import PluginError, SpecError, nearest
-from streamkit.spec.priors import KINDS
+from streamkit.spec.priors import PRIORS
 from streamkit.spec.progenitor import PhaseSpace, Sun, choose_coordinates
 from streamkit.spec.section import Section, read_section
 from streamkit.spec.sentences import should
@@ -172,7 +172,7 @@ class _Reader:
         named = [
             key
             for key, value in table.items()
-            if isinstance(value, dict) and ("kind" in value or not ("kind" in table or KINDS.keys() & value.keys()))
+            if isinstance(value, dict) and ("kind" in value or not ("kind" in table or PRIORS.keys() & value.keys()))
         ]
         if not named:
             return {"potential": self.component("potential", "potential")}

@@ -20,7 +20,7 @@ from pydantic import (
 )  # fmt: skip
 
 from streamkit.errors import OutOfDomain
-from streamkit.spec.priors import KINDS, Prior, PriorTable, parse, quantity
+from streamkit.spec.priors import PRIORS, Prior, PriorTable, parse, quantity
 from streamkit.spec.sentences import sentence, should
 from streamkit.units import Unit, unit_of
 
@@ -122,7 +122,7 @@ def _written(unit: Unit, value: Any) -> Any:
 def _unbent(kind: Any, value: Any) -> Any:
     """Refuse values that pydantic would bend: ``"10"`` for a number, 1 for true."""
     wanted = {bool: "true or false", int: "a whole number", float: "a number"}.get(kind)
-    if isinstance(value, Mapping) and len(value) == 1 and next(iter(value)) in KINDS:
+    if isinstance(value, Mapping) and len(value) == 1 and next(iter(value)) in PRIORS:
         raise ValueError("takes no prior: only physical numbers do. Give a plain value.")
     if wanted and (not isinstance(value, int | float) or isinstance(value, bool) is not (kind is bool)):
         raise ValueError(f"found {value!r}, expected {wanted}, without quotes")

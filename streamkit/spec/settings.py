@@ -21,7 +21,7 @@ class RunFile(BaseModel):
     seed: int = Field(default=0, ge=0, description="Seed of every random draw.")
     plugins: list[str] = Field(default=[], description="One-off plugin files, by paths relative to the run file.")
     sun: dict[str, Any] = Field(default={}, description="The Sun, from which the progenitor was observed.")
-    potential: dict[str, Any] = Field(description="The host: one potential, or several by name that add up.")
+    potential: dict[str, Any] = Field(description="The host: one, or several that add up, as [potential.NAME].")
     progenitor: dict[str, Any] = Field(description="Its own potential, its place today, and the look-back time.")
     stripping: dict[str, Any] = Field(description="When, where and how fast particles leave the progenitor.")
     integrator: dict[str, Any] = Field(default={}, description="How orbits are integrated.")

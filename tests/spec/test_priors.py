@@ -7,7 +7,7 @@ import pytest
 from scipy import integrate, stats
 
 from streamkit.spec import LogUniform, Normal, Prior, TruncatedNormal, Uniform
-from streamkit.spec.priors import KINDS, parse, usage
+from streamkit.spec.priors import PRIORS, parse, usage
 from streamkit.units import Unit
 
 KPC, NONE = Unit("kpc"), Unit("")
@@ -106,6 +106,6 @@ def test_bad_priors_say_what_is_wrong(table: dict[str, object], parts: list[str]
 
 
 def test_usage_and_text_name_the_numbers() -> None:
-    assert usage(KINDS["truncated_normal"]) == "{ truncated_normal = [mean, sd, low, high] }"
+    assert usage(PRIORS["truncated_normal"]) == "{ truncated_normal = [mean, sd, low, high] }"
     assert Uniform(40.0, 400.0).text("km / s") == "uniform(40, 400) km / s"
     assert Uniform(0.0, 1.0).text() == "uniform(0, 1)"
