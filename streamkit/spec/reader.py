@@ -18,6 +18,7 @@ from streamkit.spec.progenitor import PhaseSpace, Sun, choose_coordinates
 from streamkit.spec.section import Section, read_section
 from streamkit.spec.sentences import should
 from streamkit.spec.settings import VERSION, Likelihood, RunFile, Sampler
+from streamkit.units import Unit
 
 DEFAULT_KIND = {"integrator": "adaptive", "observable": "apocentres"}
 _EXPECTED = {
@@ -82,6 +83,10 @@ class _Reader:
         self.name, self.raw = name, raw
         self.errors: list[str] = []
 
+    def refuse(self, error: str) -> Any:
+        """Collect an error; return None in place of what could not be read."""
+        self.errors.append(error)
+
     def stop(self) -> None:
         """Raise what was collected."""
         if self.errors:
@@ -91,13 +96,9 @@ class _Reader:
         """Check the keys, and what stands outside the sections."""
         version = self.raw.get("version", VERSION)
         if not self.raw:
-            self.errors.append(
-                "the run file is empty; it needs at least the sections potential, progenitor and stripping"
-            )
+            self.refuse("the run file is empty; it needs at least the sections potential, progenitor and stripping")
         elif type(version) is int and version > VERSION:
-            self.errors.append(
-                f"this run file is of version {version}, this streamkit reads {VERSION}: upgrade streamkit"
-            )
+            self.refuse(f"this run file is of version {version}, this streamkit reads {VERSION}: upgrade streamkit")
         self.stop()
         try:
             RunFile.model_validate(self.raw)
@@ -131,7 +132,7 @@ class _Reader:
         )  # fmt: skip
         walkers, free = parts.sampler.centre.walkers, sum(len(section.priors) for section in parts.sections)
         if walkers < 2 * free:
-            self.errors.append(
+            self.refuse(
                 f"sampler.walkers: found {walkers}, expected at least {2 * free}, twice the number of free parameters"
             )
         self.stop()
@@ -141,32 +142,29 @@ class _Reader:
         """Validate a section without a kind."""
         return read_section(path, cls, self.raw.get(path, {}), self.errors, f"[{path}]")
 
-    def kind(self, role: str, path: str, table: dict[str, Any]) -> type[Any] | None:
+    def kind(self, role: str, path: str, table: dict[str, Any]) -> Any:
         """Look up the class that a table names."""
         kind = table.get("kind", DEFAULT_KIND.get(path))
         if kind is None:
             known = ", ".join(sorted(self.registry.entries[role]))
-            self.errors.append(f"{path}: 'kind' is missing; it names the {role}. Installed: {known}.")
-            return None
+            return self.refuse(f"{path}: 'kind' is missing; it names the {role}. Installed: {known}.")
         try:
             return self.registry.find(role, kind, f"{path}.kind")
         except SpecError as error:
-            self.errors.append(str(error))
-            return None
+            return self.refuse(str(error))
 
     def component(self, path: str, role: str, table: dict[str, Any] | None = None) -> Any:
         """Validate a section whose class its kind names."""
         table = self.raw.get(path) if table is None else table
         if table is None:
-            self.errors.append(f"the section [{path}] is missing")
-            return None
+            return self.refuse(f"the section [{path}] is missing")
         cls = self.kind(role, path, table)
         if cls is None:
             return None
         fields = {key: value for key, value in table.items() if key != "kind"}
         return read_section(path, cls, fields, self.errors, f"the {role} {cls.kind!r}")
 
-    def potentials(self) -> dict[str, Section[Potential]]:
+    def potentials(self) -> Any:
         """Validate the host: one potential, or several by name."""
         table = self.raw.get("potential", {})
         named = [
@@ -177,21 +175,20 @@ class _Reader:
         if not named:
             return {"potential": self.component("potential", "potential")}
         if "kind" in table:
-            self.errors.append(
+            return self.refuse(
                 f"potential: found a kind of its own and the named potentials {', '.join(named)}; expected one "
                 "potential in [potential], or only named ones, each in its own [potential.NAME]"
             )
-            return {}
         out: dict[str, Section[Potential]] = {}
         for key, value in table.items():
             path = f"potential.{key}"
             if not isinstance(value, dict):
-                self.errors.append(
+                self.refuse(
                     f"{path}: found {value!r} beside the named potentials {', '.join(named)}; expected a section "
                     f"[{path}] with a kind"
                 )
             elif "." in key:
-                self.errors.append(f"{path}: the name of a potential may not contain a dot")
+                self.refuse(f"{path}: the name of a potential may not contain a dot")
             else:
                 out[key] = self.component(path, "potential", value)
         return out
@@ -200,18 +197,15 @@ class _Reader:
         """Validate the progenitor: its own potential, and its place today."""
         table = self.raw.get("progenitor")
         if table is None:
-            self.errors.append("the section [progenitor] is missing")
-            return None, None
+            return self.refuse("the section [progenitor] is missing"), None
         cls = self.kind("potential", "progenitor", table)
         if cls is None:
             return None, None
-        unit = cls.parameters().get("mass")
-        if unit is None or unit.name != "Msun":
-            self.errors.append(
+        if cls.parameters().get("mass", Unit("")).name != "Msun":
+            return self.refuse(
                 f"progenitor.kind: the potential {cls.kind!r} has no field 'mass' in Msun, which the tidal radius of "
                 "a progenitor needs; plummer has one"
-            )
-            return None, None
+            ), None
         names = tuple(cls.model_fields)
         own = {key: value for key, value in table.items() if key in names}
         rest = {key: value for key, value in table.items() if key not in ("kind", *names)}
@@ -219,8 +213,7 @@ class _Reader:
         try:
             way = choose_coordinates(rest, names)
         except ValueError as error:
-            self.errors.append(f"progenitor: {error}")
-            return satellite, None
+            return satellite, self.refuse(f"progenitor: {error}")
         called = f"the progenitor ({cls.kind}, {way.title})"
         return satellite, read_section("progenitor", way, rest, self.errors, called, names)
 

@@ -30,36 +30,19 @@ _EDGE = 1e-6  # a prior may end on an open bound, such as 0 for a length: its in
 
 @dataclass(frozen=True)
 class Section(Generic[M]):
-    """A validated section.
-
-    Attributes
-    ----------
-    path
-        Where it stands in the run file: ``potential.halo``.
-    cls
-        The class that validates it.
-    given
-        The values from the run file of the fields without a prior.
-    priors
-        The priors of the other ones.
-    centre
-        The instance with every free field at the centre of its prior.
-    """
+    """A validated section."""
 
     path: str
+    """Where it stands in the run file: ``potential.halo``."""
     cls: type[M]
     given: dict[str, Any]
+    """The values from the run file of the fields without a prior."""
     priors: dict[str, Prior]
     centre: M
+    """The instance with every free field at the centre of its prior."""
 
     def build(self, values: Mapping[str, float]) -> M:
-        """Return the instance at ``values``, by the full name of each free field.
-
-        Raises
-        ------
-        OutOfDomain
-            If a value breaks the field's own constraint.
-        """
+        """Return the instance at ``values``, by the full name of each free field; `OutOfDomain` if one breaks it."""
         if not self.priors:
             return self.centre
         try:

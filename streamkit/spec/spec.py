@@ -175,7 +175,7 @@ class Spec:
         ----------
         values
             Path -> number, quantity, prior or other value: ``{"progenitor.mass": "6.4e8 Msun"}``. A new
-            ``kind`` keeps the fields that differ from the old one's defaults.
+            ``kind`` keeps the fields that differ from the old one's defaults. What is not allowed is a `SpecError`.
         """
         document = copy.deepcopy(self.document)
         for path, value in sorted(values.items(), key=lambda item: not item[0].endswith(".kind")):
