@@ -33,10 +33,7 @@ class Unit:
     def parse(self, value: Any) -> Any:
         """Turn ``"8 kpc"`` or an astropy Quantity into a number in this unit; leave numbers alone.
 
-        Raises
-        ------
-        ValueError
-            If the text is no quantity, or is one of another dimension.
+        Text that is no quantity, or one of another dimension, is a `ValueError`.
         """
         if isinstance(value, bool):
             raise ValueError(f"expected a number in {self.label} or a quantity, found {value!r}")
@@ -132,6 +129,22 @@ def unit_of(field: FieldInfo) -> Unit | None:
         if isinstance(item, Unit):
             return item
     return None
+
+
+@dataclass(frozen=True)
+class Symbol:
+    r"""The symbol of a field in pictures, as TeX: ``Annotated[Length, Symbol(r"$r_{\rm s}$")]``."""
+
+    tex: str
+
+
+def symbol_of(field: FieldInfo, owner: str = "") -> str:
+    """Return the symbol of a field, marked with whose it is (``sat``, ``halo``); '' if it has none."""
+    tex = next((item.tex for item in field.metadata if isinstance(item, Symbol)), "")
+    if not tex or not owner:
+        return tex
+    mark, name = "^" if "_" in tex else "_", owner.replace("_", r"\_")
+    return rf"{tex.removesuffix('$')}{mark}{{\rm {name}}}$"
 
 
 def datum_unit(field: FieldInfo) -> str:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
 
-from streamkit import Angle, G, Length, Mass, Number, PositiveNumber, Potential, Speed, exp, log, power, sqrt
+from streamkit import Angle, G, Length, Mass, Number, PositiveNumber, Potential, Speed, Symbol, exp, log, power, sqrt
 
 
 class TruncatedFlat(Potential):
@@ -20,9 +20,11 @@ class TruncatedFlat(Potential):
     example = {"v0": 210.0, "rs": 12.0, "alpha": 0.45}
     reference = "Gibbons, Belokurov & Evans 2014, MNRAS 445, 3788"
 
-    v0: Speed = Field(gt=0, description="Circular velocity at the centre.")
-    rs: Length = Field(description="Radius where the rotation curve turns over.")
-    alpha: Number = Field(ge=0, le=1, description="Outer slope: v_c falls as r^(-alpha/2).")
+    v0: Annotated[Speed, Symbol("$v_0$")] = Field(gt=0, description="Circular velocity at the centre.")
+    rs: Annotated[Length, Symbol(r"$r_{\rm s}$")] = Field(description="Radius where the rotation curve turns over.")
+    alpha: Annotated[Number, Symbol(r"$\alpha$")] = Field(
+        ge=0, le=1, description="Outer slope: v_c falls as r^(-alpha/2)."
+    )
 
     @staticmethod
     def acceleration(x: Any, y: Any, z: Any, t: Any, v0: Any, rs: Any, alpha: Any) -> Any:
@@ -50,8 +52,8 @@ class NFW(Potential):
     example = {"mass": 3.584843593e11, "rs": 9.370845158}
     reference = "Navarro, Frenk & White 1996, ApJ 462, 563"
 
-    mass: Mass = Field(description="Scale mass: M(r) = mass [ln(1 + r/rs) - r/(r + rs)].")
-    rs: Length = Field(description="Scale radius.")
+    mass: Annotated[Mass, Symbol("$M$")] = Field(description="Scale mass: M(r) = mass [ln(1 + r/rs) - r/(r + rs)].")
+    rs: Annotated[Length, Symbol(r"$r_{\rm s}$")] = Field(description="Scale radius.")
 
     @staticmethod
     def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any, rs: Any) -> Any:
@@ -75,9 +77,11 @@ class NFWVirial(Potential):
     example = {"m200": 7.5e11, "c200": 20.0}
     reference = "Navarro, Frenk & White 1996, ApJ 462, 563"
 
-    m200: Mass = Field(description="Mass within r200, where the mean density is 200 times critical.")
-    c200: PositiveNumber = Field(description="Concentration r200 / rs.")
-    h0: PositiveNumber = Field(default=70.0, description="Hubble constant in km/s/Mpc.")
+    m200: Annotated[Mass, Symbol("$M_{200}$")] = Field(
+        description="Mass within r200, where the mean density is 200 times critical."
+    )
+    c200: Annotated[PositiveNumber, Symbol("$c_{200}$")] = Field(description="Concentration r200 / rs.")
+    h0: Annotated[PositiveNumber, Symbol("$H_0$")] = Field(default=70.0, description="Hubble constant in km/s/Mpc.")
 
     @staticmethod
     def acceleration(x: Any, y: Any, z: Any, t: Any, m200: Any, c200: Any, h0: Any) -> Any:
@@ -104,8 +108,8 @@ class Hernquist(Potential):
     example = {"mass": 3.4e10, "a": 0.7}
     reference = "Hernquist 1990, ApJ 356, 359"
 
-    mass: Mass = Field(description="Total mass.")
-    a: Length = Field(description="Scale length.")
+    mass: Annotated[Mass, Symbol("$M$")] = Field(description="Total mass.")
+    a: Annotated[Length, Symbol("$a$")] = Field(description="Scale length.")
 
     @staticmethod
     def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any, a: Any) -> Any:
@@ -127,9 +131,9 @@ class MiyamotoNagai(Potential):
     example = {"mass": 1.0e11, "a": 6.5, "b": 0.26}
     reference = "Miyamoto & Nagai 1975, PASJ 27, 533"
 
-    mass: Mass = Field(description="Total mass.")
-    a: Length = Field(description="Scale length.")
-    b: Length = Field(description="Scale height.")
+    mass: Annotated[Mass, Symbol("$M$")] = Field(description="Total mass.")
+    a: Annotated[Length, Symbol("$a$")] = Field(description="Scale length.")
+    b: Annotated[Length, Symbol("$b$")] = Field(description="Scale height.")
 
     @staticmethod
     def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any, a: Any, b: Any) -> Any:
@@ -153,8 +157,8 @@ class Plummer(Potential):
     example = {"mass": 6.4e8, "radius": 0.85}
     reference = "Plummer 1911, MNRAS 71, 460"
 
-    mass: Mass = Field(description="Total mass.")
-    radius: Length = Field(description="Scale radius.")
+    mass: Annotated[Mass, Symbol("$M$")] = Field(description="Total mass.")
+    radius: Annotated[Length, Symbol("$a$")] = Field(description="Scale radius.")
 
     @staticmethod
     def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any, radius: Any) -> Any:
@@ -175,7 +179,7 @@ class Kepler(Potential):
     kind = "kepler"
     example = {"mass": 1.0e11}
 
-    mass: Mass = Field(description="Mass.")
+    mass: Annotated[Mass, Symbol("$M$")] = Field(description="Mass.")
 
     @staticmethod
     def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any) -> Any:
@@ -197,8 +201,8 @@ class Isochrone(Potential):
     example = {"mass": 2.0e11, "b": 3.0}
     reference = "Henon 1959, AnAp 22, 126"
 
-    mass: Mass = Field(description="Total mass.")
-    b: Length = Field(description="Scale length.")
+    mass: Annotated[Mass, Symbol("$M$")] = Field(description="Total mass.")
+    b: Annotated[Length, Symbol("$b$")] = Field(description="Scale length.")
 
     @staticmethod
     def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any, b: Any) -> Any:
@@ -223,12 +227,18 @@ class Logarithmic(Potential):
     example = {"v_h": 121.858, "r_h": 12.0, "q1": 1.38, "q2": 1.0, "qz": 1.36, "phi": 97.0}
     reference = "Law & Majewski 2010, ApJ 714, 229"
 
-    v_h: Speed = Field(gt=0, description="Velocity scale.")
-    r_h: Length = Field(description="Core radius.")
-    q1: PositiveNumber = Field(default=1.0, description="Axis ratio along the direction phi.")
-    q2: PositiveNumber = Field(default=1.0, description="Axis ratio in the plane, perpendicular to phi.")
-    qz: PositiveNumber = Field(default=1.0, description="Axis ratio along z.")
-    phi: Angle = Field(default=0.0, description="Direction of the first axis, from x towards y.")
+    v_h: Annotated[Speed, Symbol(r"$v_{\rm h}$")] = Field(gt=0, description="Velocity scale.")
+    r_h: Annotated[Length, Symbol(r"$r_{\rm h}$")] = Field(description="Core radius.")
+    q1: Annotated[PositiveNumber, Symbol("$q_1$")] = Field(
+        default=1.0, description="Axis ratio along the direction phi."
+    )
+    q2: Annotated[PositiveNumber, Symbol("$q_2$")] = Field(
+        default=1.0, description="Axis ratio in the plane, perpendicular to phi."
+    )
+    qz: Annotated[PositiveNumber, Symbol("$q_z$")] = Field(default=1.0, description="Axis ratio along z.")
+    phi: Annotated[Angle, Symbol(r"$\phi$")] = Field(
+        default=0.0, description="Direction of the first axis, from x towards y."
+    )
 
     @staticmethod
     def acceleration(x: Any, y: Any, z: Any, t: Any, v_h: Any, r_h: Any, q1: Any, q2: Any, qz: Any, phi: Any) -> Any:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 from pydantic import Field
 
-from streamkit import Array, IntArray, Orbit, PositiveNumber, Release, Speed, Stripping
+from streamkit import Array, IntArray, Orbit, PositiveNumber, Release, Speed, Stripping, Symbol
 
 
 class LagrangeCloud(Stripping):
@@ -18,8 +20,10 @@ class LagrangeCloud(Stripping):
     reference = "Gibbons, Belokurov & Evans 2014, MNRAS 445, 3788, section 3.2"
     draws = 3
 
-    release_radius: PositiveNumber = Field(default=1.0, description="Release radius in units of r_t.")
-    sigma: Speed = Field(default=10.0, description="Velocity dispersion per axis.")
+    release_radius: Annotated[PositiveNumber, Symbol(r"$r_{\rm rel} / r_{\rm t}$")] = Field(
+        default=1.0, description="Release radius in units of r_t."
+    )
+    sigma: Annotated[Speed, Symbol(r"$\sigma$")] = Field(default=10.0, description="Velocity dispersion per axis.")
 
     def release(self, orbit: Orbit, tail: IntArray, mass: float | Array, normals: Array) -> Release:
         """Place the particles at x_p (1 -+ r_t / |x_p|), with v_p + N(0, sigma) on each axis."""
@@ -38,8 +42,10 @@ class Streakline(Stripping):
     reference = "Kuepper, Lane & Heggie 2012, MNRAS 420, 2700"
     draws = 3
 
-    release_radius: PositiveNumber = Field(default=1.0, description="Release radius in units of r_t.")
-    sigma: Speed = Field(default=0.0, description="Velocity dispersion per axis.")
+    release_radius: Annotated[PositiveNumber, Symbol(r"$r_{\rm rel} / r_{\rm t}$")] = Field(
+        default=1.0, description="Release radius in units of r_t."
+    )
+    sigma: Annotated[Speed, Symbol(r"$\sigma$")] = Field(default=0.0, description="Velocity dispersion per axis.")
 
     def release(self, orbit: Orbit, tail: IntArray, mass: float | Array, normals: Array) -> Release:
         """Place the particles as mLCS does, with the tangential offset -+ Omega r_t."""

@@ -8,6 +8,7 @@ from streamkit.cli.ablate import ablate
 from streamkit.cli.check import check
 from streamkit.cli.group import Commands
 from streamkit.cli.plugins import plugins
+from streamkit.cli.reference import reference
 from streamkit.cli.report import report
 from streamkit.cli.run import run
 from streamkit.cli.schema import schema
@@ -21,5 +22,5 @@ def main() -> None:
     """Weigh a galaxy with a tidal stream."""
 
 
-for command in (check, stream, ablate, sensitivity, run, report, plugins, schema):
+for command in (check, stream, ablate, sensitivity, run, report, plugins, reference, schema):
     main.add_command(command)

@@ -15,7 +15,7 @@ from streamkit.model.integrate import integrate
 from streamkit.model.progenitor import next_apocentre, progenitor_track
 from streamkit.model.release import release_particles, standard_normals
 from streamkit.observe import measure_stream
-from streamkit.spec import Setup, Spec
+from streamkit.spec import Setup, Source, as_spec
 from streamkit.stream import Array, Prediction, Stream
 
 
@@ -26,8 +26,8 @@ class Model:
     deterministic function of the parameters (common random numbers).
     """
 
-    def __init__(self, spec: Spec) -> None:
-        self.spec = spec
+    def __init__(self, spec: Source) -> None:
+        self.spec = as_spec(spec)
 
     @cached_property
     def normals(self) -> Array:

@@ -1,45 +1,46 @@
-"""What is installed, as text: components by role, and one component's parameters."""
+"""What is installed, as text: components by role, one component's parameters, the fields of a section."""
 
 from __future__ import annotations
 
 import inspect
+import math
+from collections.abc import Iterable
 from typing import Literal, get_args, get_origin
 
+from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from streamkit.components import ROLES, Component, Registry
 from streamkit.errors import StreamkitError, nearest
 from streamkit.report.text import columns, paragraph
 from streamkit.spec import as_written
-from streamkit.units import unit_of
+from streamkit.units import datum_unit, unit_of
 
 _SIGNS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
 
 
-def listing(registry: Registry, role: str | None = None, kind: str | None = None) -> str:
+def listing(registry: Registry, role: str | None = None, kind: str | None = None, asked: str = "plugins") -> str:
     """Describe every component, those of one role, or one of them in full.
 
-    Raises
-    ------
-    StreamkitError
-        If there is no such role or component; names the nearest.
+    A `StreamkitError` that begins with the command ``asked`` names the nearest if there is no such role or component.
     """
     if role is None:
         parts = [f"{name}\n{_kinds(registry, name)}" for name in ROLES]
         return "\n\n".join([*parts, *_failed(registry)])
-    if role not in ROLES:
-        raise StreamkitError(_unknown_role(registry, role))
+    check_name(registry, asked, role, ROLES)
     if kind is not None:
-        return _describe(registry.find(role, kind, f"plugins {role}"), registry)
+        return _describe(registry.find(role, kind, f"{asked} {role}"), registry)
     return "\n\n".join([f"{role}\n{_kinds(registry, role, fields=True)}", *_failed(registry)])
 
 
-def _unknown_role(registry: Registry, role: str) -> str:
-    homes = [name for name, known in registry.entries.items() if role in known]
+def check_name(registry: Registry, asked: str, name: str, known: Iterable[str]) -> None:
+    """Refuse a name that the command ``asked`` does not know: say where it belongs, or the nearest."""
+    if name in known:
+        return
+    homes = [role for role, kinds in registry.entries.items() if name in kinds]
     if homes:
-        return f"plugins: {role!r} is a {homes[0]}: ask for 'streamkit plugins {homes[0]} {role}'."
-    known = ", ".join(ROLES)
-    return f"plugins: no kind of component is called {role!r}.{nearest(role, ROLES)} Known: {known}."
+        raise StreamkitError(f"{asked}: {name!r} is a {homes[0]}: ask for 'streamkit {asked} {homes[0]} {name}'.")
+    raise StreamkitError(f"{asked}: nothing is called {name!r}.{nearest(name, known)} Known: {', '.join(known)}.")
 
 
 def _kinds(registry: Registry, role: str, *, fields: bool = False) -> str:
@@ -71,30 +72,26 @@ def _describe(cls: type[Component], registry: Registry) -> str:
     text = (inspect.getdoc(cls) or "").replace("``", "")
     head.append("\n\n".join(paragraph(" ".join(part.split())) for part in text.split("\n\n")))
     if cls.reference:
-        head += ["", f"Reference: {cls.reference}"]
-    if not cls.model_fields:
-        return "\n".join([*head, "", "No parameters."])
-    return "\n".join([*head, "", _parameters(cls)])
+        head += ["", paragraph(cls.reference, "Reference: ", "  ")]
+    return "\n".join([*head, "", field_table(cls, cls.model_fields) if cls.model_fields else "No parameters."])
 
 
-def _parameters(cls: type[Component]) -> str:
-    """One row per parameter, the description beside it, or below where a row would be too long."""
-    head = ("parameter", "unit", "default", "allowed", "")
-    fields = cls.model_fields.items()
+def field_table(cls: type[BaseModel], names: Iterable[str], called: str = "parameter") -> str:
+    """One row per field: name, unit, default, bounds, and the description, below where a row would be too long."""
+    fields = [(name, cls.model_fields[name]) for name in names]
+    head = (called, "unit", "default", "allowed", "")
     rows = [(name, _unit(f), _default(f), _allowed(f), f.description or "") for name, f in fields]
     beside = columns([head, *rows])
     if len(beside.splitlines()) == len(rows) + 1:
         return beside
-    below = columns([head[:-1], *(row[:-1] for row in rows)]).splitlines()
-    lines = [below[0]]
-    for line, row in zip(below[1:], rows, strict=True):
-        lines += [line, *([paragraph(row[-1], " " * 6)] if row[-1] else [])]
-    return "\n".join(lines)
+    first, *lines = columns([row[:-1] for row in (head, *rows)]).splitlines()
+    below = (paragraph(row[-1], " " * 6) for row in rows)
+    return "\n".join([first, *(f"{line}\n{text}" for line, text in zip(lines, below, strict=True))])
 
 
 def _unit(field: FieldInfo) -> str:
     unit = unit_of(field)
-    return (unit.name.replace(" ", "") or "-") if unit else "-"
+    return (unit.name if unit else datum_unit(field)).replace(" ", "") or "-"
 
 
 def _default(field: FieldInfo) -> str:
@@ -108,11 +105,9 @@ def _allowed(field: FieldInfo) -> str:
         return " or ".join(as_written(choice) for choice in get_args(field.annotation))
     if field.annotation is bool:
         return "true or false"
-    bound: dict[str, float] = {}
-    for item in field.metadata:
-        for name in ("gt", "ge", "lt", "le"):
-            if getattr(item, name, None) is not None:
-                bound[name] = getattr(item, name)
-    if "gt" in bound and bound.get("ge", -float("inf")) <= bound["gt"]:
-        bound.pop("ge", None)
-    return ", ".join(f"{_SIGNS[name]} {value:g}" for name, value in bound.items()) or "-"
+    if datum_unit(field):
+        return "[value, error]"
+    bounds = {name: getattr(item, name) for item in field.metadata for name in _SIGNS if hasattr(item, name)}
+    if bounds.get("ge", math.inf) <= bounds.get("gt", -math.inf):  # a Speed that must not be zero
+        del bounds["ge"]
+    return ", ".join(f"{_SIGNS[name]} {value:g}" for name, value in bounds.items()) or "-"

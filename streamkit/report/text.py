@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
+import io
 import textwrap
 from collections.abc import Iterable, Sequence
+
+from rich.console import Console
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
 
 WIDTH = 100
 
 
 def columns(rows: Iterable[Sequence[str]], indent: int = 2, gap: int = 2) -> str:
-    """Align rows of cells on the left; a last cell that does not fit is wrapped under its own start."""
-    table = [list(row) for row in rows]
-    if not table:
-        return ""
-    count = max(map(len, table))
-    widths = [max((len(row[i]) for row in table if i < len(row) - 1), default=0) for i in range(count)]
-    lines = []
-    for row in table:
-        cells = [f"{cell:<{width + gap}}" for cell, width in zip(row[:-1], widths, strict=False)]
-        lines.append(paragraph(row[-1], " " * indent + "".join(cells)))
-    return "\n".join(lines)
+    """Align rows of cells on the left; what does not fit in the last column is wrapped there."""
+    cells = [list(row) for row in rows]
+    count = max(map(len, cells), default=0)
+    widths = [max((len(row[i]) for row in cells if i < len(row)), default=0) + gap for i in range(count - 1)]
+    table = Table.grid(padding=(0, gap, 0, 0), pad_edge=False)
+    fits = indent + sum(widths) <= WIDTH - 20
+    for i in range(count):
+        table.add_column(no_wrap=fits and i < count - 1, overflow="fold")
+    for row in cells:
+        table.add_row(*map(Text, row))
+    console = Console(file=io.StringIO(), width=WIDTH, color_system=None)
+    with console.capture() as captured:
+        console.print(Padding(table, (0, 0, 0, indent)))
+    return "\n".join(line.rstrip() for line in captured.get().splitlines())
 
 
 def paragraph(text: str, first: str = "", rest: str | None = None) -> str:

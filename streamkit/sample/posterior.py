@@ -10,7 +10,7 @@ import numpy as np
 from streamkit.errors import ComponentError, OutOfDomain, SpecError, blamed
 from streamkit.model import Model
 from streamkit.observe import Data
-from streamkit.spec import Setup, Spec
+from streamkit.spec import Setup, Source, as_spec
 from streamkit.stream import Array, Prediction, Stream
 
 OUTSIDE = "outside the prior"
@@ -75,8 +75,8 @@ class Posterior:
         If the spec has no free parameter, no observable or no datum: nothing can be fitted.
     """
 
-    def __init__(self, spec: Spec) -> None:
-        self.spec = spec
+    def __init__(self, spec: Source) -> None:
+        self.spec = spec = as_spec(spec)
         self.model = Model(spec)
         self.add_noise = spec.document["likelihood"]["noise"] == "add"
         if not spec.names:

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import json
-import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import tomlkit
+from tomlkit.items import Item, Table
+
 from streamkit.errors import SpecError
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Read a TOML file.
-
-    Raises
-    ------
-    SpecError
-        If it cannot be read, is not text, or is not TOML.
-    """
+    """Read a TOML file; a `SpecError` says if it cannot be read, is not text, or is not TOML."""
     try:
         return tomllib.loads(path.read_bytes().decode())
     except OSError as error:
@@ -31,7 +27,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def to_toml(document: Mapping[str, Any], header: str = "") -> str:
-    """Return the document as TOML: sections as tables, what lies deeper than a section's fields inline.
+    """Return the document as TOML, in its order: sections as tables, what lies deeper than their fields inline.
 
     Parameters
     ----------
@@ -40,43 +36,36 @@ def to_toml(document: Mapping[str, Any], header: str = "") -> str:
     header
         Text for a comment at the top.
     """
-    lines = [f"# {line}".rstrip() for line in header.splitlines()]
-    lines += [f"{_key(key)} = {_value(value)}" for key, value in document.items() if not isinstance(value, Mapping)]
-    for key, value in document.items():
-        if isinstance(value, Mapping):
-            lines += _table(_key(key), value)
-    return "\n".join(lines) + "\n"
+    toml = tomlkit.document()
+    for line in header.splitlines():
+        toml.add(tomlkit.comment(line))
+    for key, value in sorted(document.items(), key=lambda item: isinstance(item[1], Mapping)):
+        toml.add(key, _table(value) if isinstance(value, Mapping) else _inline(value))
+    return tomlkit.dumps(toml)
 
 
-def _table(path: str, table: Mapping[str, Any]) -> list[str]:
-    if table and all(isinstance(value, Mapping) and "kind" in value for value in table.values()):
-        return [line for key, value in table.items() for line in _table(f"{path}.{_key(key)}", value)]
-    return ["", f"[{path}]", *(f"{_key(key)} = {_value(value)}" for key, value in table.items())]
+def _table(fields: Mapping[str, Any]) -> Table:
+    several = bool(fields) and all(isinstance(value, Mapping) and "kind" in value for value in fields.values())
+    table = tomlkit.table(is_super_table=several)
+    for key, value in fields.items():
+        table.add(key, _table(value) if several else _inline(value))
+    return table
 
 
-def _key(key: str) -> str:
-    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _text(key)
-
-
-def _text(value: str) -> str:
-    # JSON's escapes are TOML's; only DEL must be escaped in TOML and is not in JSON
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return _text(value)
-    if isinstance(value, float):
-        return repr(value)  # TOML spells inf and nan as Python does
-    if isinstance(value, int):
-        return str(value)
+def _inline(value: Any) -> Item:
+    if value is None:
+        raise TypeError("TOML has no form for None")
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{_key(key)} = {_value(item)}" for key, item in value.items()) + " }"
+        table = tomlkit.inline_table()
+        for key, inner in value.items():
+            table.add(key, _inline(inner))
+        return table
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(_value, value)) + "]"
-    raise TypeError(f"TOML has no form for {value!r}")
+        array = tomlkit.array()
+        array.extend(map(_inline, value))
+        return array
+    item: Item = tomlkit.item(value)
+    return item
 
 
 def literal(text: str) -> Any:

@@ -6,10 +6,13 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import astuple, dataclass, fields
-from typing import Any, ClassVar
+from functools import lru_cache
+from typing import Any, ClassVar, Union
 
 import numpy as np
+from pydantic import ConfigDict, Field, create_model
 from scipy.special import ndtr, ndtri
+from typing_extensions import TypeAliasType
 
 from streamkit.errors import nearest
 from streamkit.stream import Array
@@ -42,12 +45,6 @@ class Prior(ABC):
         """The median: the middle, the geometric middle, or the mean."""
         return float(self.ppf(np.array(0.5)))
 
-    @property
-    def width(self) -> float:
-        """Half the central 68 % interval: one standard deviation of a normal."""
-        low, high = self.ppf(ndtr(np.array([-1.0, 1.0])))
-        return float(0.5 * (high - low))
-
     def sample(self, rng: np.random.Generator, size: int) -> Array:
         """(size,) Independent draws."""
         return self.ppf(rng.random(size))
@@ -69,18 +66,6 @@ def quantity(value: float, unit: Unit) -> float | str:
     return value if math.isfinite(value) else repr(value)
 
 
-def _ordered(low: float, high: float) -> None:
-    if not (math.isfinite(low) and math.isfinite(high)):
-        raise ValueError(f"the ends must be finite, found {low:g} and {high:g}")
-    if low >= high:
-        raise ValueError(f"the lower end must lie below the upper one, found {low:g} and {high:g}")
-
-
-def _positive_sd(mean: float, sd: float) -> None:
-    if not (math.isfinite(mean) and math.isfinite(sd) and sd > 0):
-        raise ValueError(f"mean and sd must be finite and sd > 0, found mean {mean:g} and sd {sd:g}")
-
-
 @dataclass(frozen=True)
 class Uniform(Prior):
     """Constant between two ends."""
@@ -90,7 +75,10 @@ class Uniform(Prior):
     high: float
 
     def __post_init__(self) -> None:
-        _ordered(self.low, self.high)
+        if not (math.isfinite(self.low) and math.isfinite(self.high)):
+            raise ValueError(f"the ends must be finite, found {self.low:g} and {self.high:g}")
+        if self.low >= self.high:
+            raise ValueError(f"the lower end must lie below the upper one, found {self.low:g} and {self.high:g}")
 
     def lnpdf(self, x: float) -> float:
         """Return -ln(high - low) inside."""
@@ -107,15 +95,13 @@ class Uniform(Prior):
 
 
 @dataclass(frozen=True)
-class LogUniform(Prior):
+class LogUniform(Uniform):
     """Constant in the logarithm between two positive ends."""
 
     name: ClassVar[str] = "log_uniform"
-    low: float
-    high: float
 
     def __post_init__(self) -> None:
-        _ordered(self.low, self.high)
+        super().__post_init__()
         if self.low <= 0:
             raise ValueError(f"the lower end must be positive, found {self.low:g}")
 
@@ -127,11 +113,6 @@ class LogUniform(Prior):
         """Return low (high / low)^u."""
         return np.asarray(self.low * (self.high / self.low) ** u)
 
-    @property
-    def support(self) -> tuple[float, float]:
-        """The two ends."""
-        return self.low, self.high
-
 
 @dataclass(frozen=True)
 class Normal(Prior):
@@ -142,62 +123,45 @@ class Normal(Prior):
     sd: float
 
     def __post_init__(self) -> None:
-        _positive_sd(self.mean, self.sd)
-
-    def lnpdf(self, x: float) -> float:
-        """Return the Gaussian log density."""
-        return -0.5 * ((x - self.mean) / self.sd) ** 2 - _LN_SQRT_2PI - math.log(self.sd)
-
-    def ppf(self, u: Array) -> Array:
-        """Return mean + sd times the normal quantile."""
-        return np.asarray(self.mean + self.sd * ndtri(u))
+        if not (math.isfinite(self.mean) and math.isfinite(self.sd) and self.sd > 0):
+            raise ValueError(f"mean and sd must be finite and sd > 0, found mean {self.mean:g} and sd {self.sd:g}")
 
     @property
     def support(self) -> tuple[float, float]:
         """Everything."""
         return -math.inf, math.inf
 
+    def lnpdf(self, x: float) -> float:
+        """Return the Gaussian log density over the probability inside the support."""
+        sign, below_low, below_high = _tails(self)
+        low, high = self.support
+        if not low <= x <= high:
+            return -math.inf
+        mass = sign * (below_high - below_low)
+        return -0.5 * ((x - self.mean) / self.sd) ** 2 - _LN_SQRT_2PI - math.log(self.sd * mass)
+
+    def ppf(self, u: Array) -> Array:
+        """Return the quantile within the support."""
+        sign, below_low, below_high = _tails(self)
+        x = self.mean + self.sd * sign * ndtri(below_low + u * (below_high - below_low))
+        return np.asarray(np.clip(x, *self.support))
+
 
 @dataclass(frozen=True)
-class TruncatedNormal(Prior):
+class TruncatedNormal(Normal):
     """Gaussian cut to a range; an end may be infinite."""
 
     name: ClassVar[str] = "truncated_normal"
-    mean: float
-    sd: float
     low: float
     high: float
 
     def __post_init__(self) -> None:
-        _positive_sd(self.mean, self.sd)
+        super().__post_init__()
         if not self.low < self.high:
             raise ValueError(f"the lower end must lie below the upper one, found {self.low:g} and {self.high:g}")
-        if self._mass <= 0:
+        _, below_low, below_high = _tails(self)
+        if below_low == below_high:
             raise ValueError(f"[{self.low:g}, {self.high:g}] holds none of the Gaussian's probability")
-
-    @property
-    def _tails(self) -> tuple[float, float, float]:
-        """Sign and normal probabilities below the two ends, mirrored into the lower tail: exact far out."""
-        a, b = (self.low - self.mean) / self.sd, (self.high - self.mean) / self.sd
-        sign = -1.0 if a > 0 else 1.0
-        return sign, float(ndtr(sign * a)), float(ndtr(sign * b))
-
-    @property
-    def _mass(self) -> float:
-        sign, below_low, below_high = self._tails
-        return sign * (below_high - below_low)
-
-    def lnpdf(self, x: float) -> float:
-        """Return the Gaussian log density over the probability inside."""
-        if not self.low <= x <= self.high:
-            return -math.inf
-        return -0.5 * ((x - self.mean) / self.sd) ** 2 - _LN_SQRT_2PI - math.log(self.sd * self._mass)
-
-    def ppf(self, u: Array) -> Array:
-        """Return the quantile within the range."""
-        sign, below_low, below_high = self._tails
-        x = self.mean + self.sd * sign * ndtri(below_low + u * (below_high - below_low))
-        return np.asarray(np.clip(x, self.low, self.high))
 
     @property
     def support(self) -> tuple[float, float]:
@@ -205,7 +169,26 @@ class TruncatedNormal(Prior):
         return self.low, self.high
 
 
-KINDS: dict[str, type[Prior]] = {kind.name: kind for kind in (Uniform, LogUniform, Normal, TruncatedNormal)}
+@lru_cache
+def _tails(prior: Normal) -> tuple[float, float, float]:
+    """Sign and normal probabilities below the ends, mirrored into the lower tail: exact far out."""
+    a, b = ((end - prior.mean) / prior.sd for end in prior.support)
+    sign = -1.0 if a > 0 else 1.0
+    return sign, float(ndtr(sign * a)), float(ndtr(sign * b))
+
+
+PRIORS: dict[str, type[Prior]] = {kind.name: kind for kind in (Uniform, LogUniform, Normal, TruncatedNormal)}
+
+
+def _table(kind: type[Prior]) -> Any:
+    names = [field.name for field in fields(kind)]
+    numbers = Field(min_length=len(names), max_length=len(names), description=", ".join(names))
+    table: Any = {kind.name: (list[float | str], numbers)}
+    return create_model(f"prior/{kind.name}", __config__=ConfigDict(extra="forbid"), __doc__=kind.__doc__, **table)
+
+
+PriorTable = TypeAliasType("PriorTable", Union[tuple(map(_table, PRIORS.values()))])  # type: ignore[valid-type]  # noqa: UP007
+"""A prior as a run file writes it, for the JSON Schema."""
 
 
 def usage(kind: type[Prior]) -> str:
@@ -214,29 +197,21 @@ def usage(kind: type[Prior]) -> str:
 
 
 def parse(table: Mapping[str, Any], unit: Unit) -> Prior:
-    """Read a prior as the run file writes it.
-
-    Parameters
-    ----------
-    table
-        One key, the name of the prior, with its numbers or quantities in a list.
-    unit
-        The unit of the field.
+    """Read a prior of a field in this unit: its name, with its numbers or quantities in a list.
 
     Raises
     ------
     ValueError
         Says what was found, what is allowed, and the nearest name.
     """
+    allowed = ", ".join(map(usage, PRIORS.values()))
     if len(table) != 1:
         found = ", ".join(map(repr, table)) or "nothing"
-        raise ValueError(f"a prior has one name, found {found}; allowed: {', '.join(map(usage, KINDS.values()))}")
+        raise ValueError(f"a prior has one name, found {found}; allowed: {allowed}")
     ((name, numbers),) = table.items()
-    if name not in KINDS:
-        raise ValueError(
-            f"no prior is called {name!r}.{nearest(str(name), KINDS)} Allowed: {', '.join(map(usage, KINDS.values()))}"
-        )
-    kind = KINDS[name]
+    if name not in PRIORS:
+        raise ValueError(f"no prior is called {name!r}.{nearest(str(name), PRIORS)} Allowed: {allowed}")
+    kind = PRIORS[name]
     if not isinstance(numbers, list | tuple) or len(numbers) != len(fields(kind)):
         raise ValueError(f"found {name} = {numbers!r}, expected {usage(kind)}")
     try:

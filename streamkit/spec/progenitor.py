@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from typing import ClassVar
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from streamkit.stream import Array, to_galactocentric
-from streamkit.units import Angle, Coordinate, Duration, Length, ProperMotion, Speed, Velocity
+from streamkit.units import Angle, Coordinate, Duration, Length, ProperMotion, Speed, Symbol, Velocity
 
 
 class Sun(BaseModel):
@@ -21,12 +21,20 @@ class Sun(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    r0: Length = Field(default=8.0, description="Distance from the Galactic centre.")
-    v_circ: Speed = Field(default=237.0, description="Rotation speed of the local standard of rest.")
-    u: Velocity = Field(default=11.1, description="Peculiar velocity towards the Galactic centre.")
-    v: Velocity = Field(default=12.24, description="Peculiar velocity along the rotation.")
-    w: Velocity = Field(default=7.25, description="Peculiar velocity towards the north Galactic pole.")
-    z: Coordinate = Field(default=0.0, description="Height above the plane.")
+    r0: Annotated[Length, Symbol("$R_0$")] = Field(default=8.0, description="Distance from the Galactic centre.")
+    v_circ: Annotated[Speed, Symbol(r"$v_{\rm c}(R_0)$")] = Field(
+        default=237.0, description="Rotation speed of the local standard of rest."
+    )
+    u: Annotated[Velocity, Symbol(r"$U_\odot$")] = Field(
+        default=11.1, description="Peculiar velocity towards the Galactic centre."
+    )
+    v: Annotated[Velocity, Symbol(r"$V_\odot$")] = Field(
+        default=12.24, description="Peculiar velocity along the rotation."
+    )
+    w: Annotated[Velocity, Symbol(r"$W_\odot$")] = Field(
+        default=7.25, description="Peculiar velocity towards the north Galactic pole."
+    )
+    z: Annotated[Coordinate, Symbol(r"$z_\odot$")] = Field(default=0.0, description="Height above the plane.")
 
     @model_validator(mode="after")
     def _near_the_plane(self) -> Sun:
@@ -47,7 +55,9 @@ class PhaseSpace(BaseModel, ABC):
 
     title: ClassVar[str]
 
-    lookback: Duration = Field(description="Time over which the progenitor has been stripped.")
+    lookback: Annotated[Duration, Symbol(r"$t_{\rm back}$")] = Field(
+        description="Time over which the progenitor has been stripped."
+    )
 
     @abstractmethod
     def today(self, sun: Sun) -> tuple[Array, Array]:
@@ -59,44 +69,49 @@ class PhaseSpace(BaseModel, ABC):
         return tuple(name for name in cls.model_fields if name != "lookback")
 
 
-class GalacticSky(PhaseSpace):
+class _OnSky(PhaseSpace, ABC):
+    """Two angles, the distance, two proper motions and the line-of-sight velocity, in a frame of astropy's."""
+
+    frame: ClassVar[Literal["galactic", "icrs"]]
+
+    def today(self, sun: Sun) -> tuple[Array, Array]:
+        """Transform from the sky."""
+        lon, lat, distance, pm_lon, pm_lat, v_los = (getattr(self, name) for name in self.coordinates())
+        return to_galactocentric(
+            self.frame, lon, lat, distance, pm_lon, pm_lat, v_los, sun.r0, sun.z, sun.velocity
+        )  # fmt: skip
+
+
+class GalacticSky(_OnSky):
     """Galactic coordinates and proper motions."""
 
     title: ClassVar[str] = "Galactic sky"
+    frame = "galactic"
 
-    l: Angle = Field(description="Galactic longitude.")  # noqa: E741  the field's own name
-    b: Angle = Field(ge=-90, le=90, description="Galactic latitude.")
-    distance: Length = Field(description="Heliocentric distance.")
-    pm_l_cosb: ProperMotion = Field(description="Proper motion in l, times cos b.")
-    pm_b: ProperMotion = Field(description="Proper motion in b.")
-    v_los: Velocity = Field(description="Heliocentric line-of-sight velocity.")
-
-    def today(self, sun: Sun) -> tuple[Array, Array]:
-        """Transform from the sky."""
-        return to_galactocentric(
-            "galactic", self.l, self.b, self.distance, self.pm_l_cosb, self.pm_b, self.v_los,
-            sun.r0, sun.z, sun.velocity,
-        )  # fmt: skip
+    l: Annotated[Angle, Symbol("$l$")] = Field(description="Galactic longitude.")  # noqa: E741  the field's own name
+    b: Annotated[Angle, Symbol("$b$")] = Field(ge=-90, le=90, description="Galactic latitude.")
+    distance: Annotated[Length, Symbol("$d$")] = Field(description="Heliocentric distance.")
+    pm_l_cosb: Annotated[ProperMotion, Symbol(r"$\mu_l \cos b$")] = Field(
+        description="Proper motion in l, times cos b."
+    )
+    pm_b: Annotated[ProperMotion, Symbol(r"$\mu_b$")] = Field(description="Proper motion in b.")
+    v_los: Annotated[Velocity, Symbol(r"$v_{\rm los}$")] = Field(description="Heliocentric line-of-sight velocity.")
 
 
-class EquatorialSky(PhaseSpace):
+class EquatorialSky(_OnSky):
     """Equatorial (ICRS) coordinates and proper motions."""
 
     title: ClassVar[str] = "equatorial sky (ICRS)"
+    frame = "icrs"
 
-    ra: Angle = Field(description="Right ascension.")
-    dec: Angle = Field(ge=-90, le=90, description="Declination.")
-    distance: Length = Field(description="Heliocentric distance.")
-    pm_ra_cosdec: ProperMotion = Field(description="Proper motion in right ascension, times cos dec.")
-    pm_dec: ProperMotion = Field(description="Proper motion in declination.")
-    v_los: Velocity = Field(description="Heliocentric line-of-sight velocity.")
-
-    def today(self, sun: Sun) -> tuple[Array, Array]:
-        """Transform from the sky."""
-        return to_galactocentric(
-            "icrs", self.ra, self.dec, self.distance, self.pm_ra_cosdec, self.pm_dec, self.v_los,
-            sun.r0, sun.z, sun.velocity,
-        )  # fmt: skip
+    ra: Annotated[Angle, Symbol(r"${\rm RA}$")] = Field(description="Right ascension.")
+    dec: Annotated[Angle, Symbol(r"${\rm Dec}$")] = Field(ge=-90, le=90, description="Declination.")
+    distance: Annotated[Length, Symbol("$d$")] = Field(description="Heliocentric distance.")
+    pm_ra_cosdec: Annotated[ProperMotion, Symbol(r"$\mu_\alpha \cos \delta$")] = Field(
+        description="Proper motion in right ascension, times cos dec."
+    )
+    pm_dec: Annotated[ProperMotion, Symbol(r"$\mu_\delta$")] = Field(description="Proper motion in declination.")
+    v_los: Annotated[Velocity, Symbol(r"$v_{\rm los}$")] = Field(description="Heliocentric line-of-sight velocity.")
 
 
 class Galactocentric(PhaseSpace):
@@ -104,12 +119,14 @@ class Galactocentric(PhaseSpace):
 
     title: ClassVar[str] = "Galactocentric"
 
-    x: Coordinate = Field(description="Position away from the Sun, through the Galactic centre.")
-    y: Coordinate = Field(description="Position along the Galactic rotation at the Sun.")
-    z: Coordinate = Field(description="Position towards the north Galactic pole.")
-    vx: Velocity = Field(description="Velocity along x.")
-    vy: Velocity = Field(description="Velocity along y.")
-    vz: Velocity = Field(description="Velocity along z.")
+    x: Annotated[Coordinate, Symbol("$x$")] = Field(
+        description="Position away from the Sun, through the Galactic centre."
+    )
+    y: Annotated[Coordinate, Symbol("$y$")] = Field(description="Position along the Galactic rotation at the Sun.")
+    z: Annotated[Coordinate, Symbol("$z$")] = Field(description="Position towards the north Galactic pole.")
+    vx: Annotated[Velocity, Symbol("$v_x$")] = Field(description="Velocity along x.")
+    vy: Annotated[Velocity, Symbol("$v_y$")] = Field(description="Velocity along y.")
+    vz: Annotated[Velocity, Symbol("$v_z$")] = Field(description="Velocity along z.")
 
     def today(self, sun: Sun) -> tuple[Array, Array]:
         """Return the coordinates themselves."""
@@ -120,7 +137,7 @@ WAYS: tuple[type[PhaseSpace], ...] = (GalacticSky, EquatorialSky, Galactocentric
 
 
 def choose_coordinates(given: Iterable[str], taken: Iterable[str] = ()) -> type[PhaseSpace]:
-    """Return the way in which the progenitor's place is given.
+    """Return the way in which the progenitor's place is given; a `ValueError` if none of the three, or several.
 
     Parameters
     ----------
@@ -128,11 +145,6 @@ def choose_coordinates(given: Iterable[str], taken: Iterable[str] = ()) -> type[
         The keys of the section, without the fields of the progenitor's potential.
     taken
         The fields of the progenitor's potential: a way that uses one of these names is not available.
-
-    Raises
-    ------
-    ValueError
-        If the keys fit none of the three ways, or several; the message names the sets.
     """
     given, taken = set(given), set(taken)
     free = [way for way in WAYS if not taken & {*way.coordinates(), "lookback"}]

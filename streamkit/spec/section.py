@@ -1,19 +1,27 @@
-"""One section of a run file: its class, its values and priors, and its errors as sentences."""
+"""One section of a run file: its class, the model that reads it, its values and its priors."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, Generic, TypeVar
+from functools import cache, cached_property, partial
+from typing import Annotated, Any, Generic, TypeVar
 
-from pydantic import BaseModel, ValidationError
-from pydantic.fields import FieldInfo
+from annotated_types import BaseMetadata
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    Field,
+    PlainSerializer,
+    ValidationError,
+    WrapValidator,
+    create_model,
+)  # fmt: skip
 
 from streamkit.errors import OutOfDomain
-from streamkit.spec.priors import KINDS, Prior, parse, quantity
-from streamkit.spec.sentences import sentence, should, unknown_field
+from streamkit.spec.priors import PRIORS, Prior, PriorTable, parse, quantity
+from streamkit.spec.sentences import sentence, should
 from streamkit.units import Unit, unit_of
 
 M = TypeVar("M", bound=BaseModel)
@@ -22,36 +30,19 @@ _EDGE = 1e-6  # a prior may end on an open bound, such as 0 for a length: its in
 
 @dataclass(frozen=True)
 class Section(Generic[M]):
-    """A validated section.
-
-    Attributes
-    ----------
-    path
-        Where it stands in the run file: ``potential.halo``.
-    cls
-        The class that validates it.
-    given
-        The values from the run file of the fields without a prior.
-    priors
-        The priors of the other ones.
-    centre
-        The instance with every free field at the centre of its prior.
-    """
+    """A validated section."""
 
     path: str
+    """Where it stands in the run file: ``potential.halo``."""
     cls: type[M]
     given: dict[str, Any]
+    """The values from the run file of the fields without a prior."""
     priors: dict[str, Prior]
     centre: M
+    """The instance with every free field at the centre of its prior."""
 
     def build(self, values: Mapping[str, float]) -> M:
-        """Return the instance at ``values``, by the full name of each free field.
-
-        Raises
-        ------
-        OutOfDomain
-            If a value breaks the field's own constraint.
-        """
+        """Return the instance at ``values``, by the full name of each free field; `OutOfDomain` if one breaks it."""
         if not self.priors:
             return self.centre
         try:
@@ -64,125 +55,115 @@ class Section(Generic[M]):
     def _free(self) -> list[tuple[str, str]]:
         return [(name, f"{self.path}.{name}") for name in self.priors]
 
-    def parameters(self) -> dict[str, Unit]:
-        """Return the units of the fields that may have a prior."""
-        return {name: unit for name, field in self.cls.model_fields.items() if (unit := unit_of(field)) is not None}
-
     def defaults(self) -> dict[str, Any]:
         """Return the fields that have a default, as the resolved run file writes the default."""
-        fields = ((n, f) for n, f in self.cls.model_fields.items() if not f.is_required())
-        values = ((name, field, field.get_default(call_default_factory=True)) for name, field in fields)
-        return {n: _written(v, unit_of(f)) for n, f, v in values if v is not None}
+        return section_model(self.cls).model_construct().model_dump(mode="json", exclude_none=True, warnings=False)
 
     def document(self) -> dict[str, Any]:
         """Return the section as the resolved run file holds it: every field, quantities as text."""
-        out: dict[str, Any] = {}
-        for name, field in self.cls.model_fields.items():
-            given = self.given.get(name)
-            if name in self.priors:
-                out[name] = self.priors[name].document(unit_of(field) or Unit(""))
-            elif isinstance(given, list) and all(isinstance(item, str | int | float) for item in given):
-                out[name] = given  # pairs such as a datum and its error keep the units they were given with
-            elif (value := getattr(self.centre, name)) is not None:
-                out[name] = _written(value, unit_of(field))
-        return out
+        values = vars(self.centre) | self.priors
+        written = section_model(self.cls).model_construct(**values).model_dump(mode="json", exclude_none=True)
+        # pairs such as a datum and its error keep the units they were given with
+        lists = {name: value for name, value in self.given.items() if isinstance(value, list)}
+        return written | {n: v for n, v in lists.items() if all(isinstance(item, str | int | float) for item in v)}
 
 
-def _written(value: Any, unit: Unit | None) -> Any:
-    """Write a validated value in the run file's terms."""
-    if unit is not None:
-        return quantity(float(value), unit)
-    if isinstance(value, BaseModel):
-        return value.model_dump(mode="json", exclude_none=True)
-    return list(value) if isinstance(value, list | tuple) else value
+@cache
+def section_model(cls: type[BaseModel]) -> type[BaseModel]:
+    """Derive the model of a section as the run file writes it: physical numbers may be text or priors.
+
+    The class itself, whose fields are numbers, stays what the engine sees. Other validators than those of its
+    fields' types are its own.
+    """
+    fields: dict[str, Any] = {}
+    for name, field in cls.model_fields.items():
+        unit, description = unit_of(field), field.description
+        parts = [field.annotation, *field.metadata]
+        if unit is None:
+            parts.append(BeforeValidator(partial(_unbent, field.annotation)))
+        else:
+            description = f"{description or ''} Unit: {unit.label}.".lstrip()
+            bounds = (float, *(item for item in field.metadata if isinstance(item, BaseMetadata)), Field())
+            text = Annotated[str, Field(examples=[unit.example])]
+            form = Annotated[bounds] | text | PriorTable
+            parts.append(WrapValidator(partial(_number_or_prior, unit), json_schema_input_type=form))
+            parts.append(PlainSerializer(partial(_written, unit)))
+        settings: Any = {"default": field.default, "default_factory": field.default_factory}
+        fields[name] = Annotated[tuple(parts)], Field(description=description, **settings)
+    summary = (cls.__doc__ or "").strip().partition("\n")[0]
+    return create_model(cls.__name__, __config__=cls.model_config, __doc__=summary, **fields)
+
+
+def _number_or_prior(unit: Unit, value: Any, number: Any) -> Any:
+    return parse(value, unit) if isinstance(value, Mapping) else number(value)
+
+
+def _written(unit: Unit, value: Any) -> Any:
+    return value.document(unit) if isinstance(value, Prior) else quantity(float(value), unit)
+
+
+def _unbent(kind: Any, value: Any) -> Any:
+    """Refuse values that pydantic would bend: ``"10"`` for a number, 1 for true."""
+    wanted = {bool: "true or false", int: "a whole number", float: "a number"}.get(kind)
+    if isinstance(value, Mapping) and len(value) == 1 and next(iter(value)) in PRIORS:
+        raise ValueError("takes no prior: only physical numbers do. Give a plain value.")
+    if wanted and (not isinstance(value, int | float) or isinstance(value, bool) is not (kind is bool)):
+        raise ValueError(f"found {value!r}, expected {wanted}, without quotes")
+    return value
 
 
 def read_section(
-    path: str, cls: type[M], table: Mapping[str, Any], errors: list[str], called: str = ""
+    path: str, cls: type[M], table: Mapping[str, Any], errors: list[str], called: str, more: tuple[str, ...] = ()
 ) -> Section[M] | None:
-    """Validate the table of a section; on failure append one sentence per error and return None.
+    """Validate the table of a section, without its ``kind``; on failure add a sentence per error and return None.
 
-    Parameters
-    ----------
-    path
-        Where the section stands in the run file.
-    cls
-        The class to validate with.
-    table
-        The section without its ``kind``.
-    errors
-        Grows by one sentence per error.
-    called
-        What messages call the class: ``the potential 'tf'``.
+    Messages call the class ``called``, as in ``the potential 'tf'``, and know of ``more`` fields at this place.
     """
-    before = len(errors)
-    given: dict[str, Any] = {}
-    priors: dict[str, Prior] = {}
-    broken: set[str] = set()
-    for name, value in table.items():
-        where, field = f"{path}.{name}", cls.model_fields.get(name)
-        if field is None:
-            errors.append(unknown_field(where, name, cls, called))
-            continue
-        try:
-            prior = _prior(field, value)
-        except ValueError as error:
-            errors.append(f"{where}: {error}")
-            broken.add(name)
-            continue
-        if prior is None:
-            given[name] = value
-        else:
-            priors[name] = prior
-    trial = given | {name: prior.centre for name, prior in priors.items()}
-    for name, prior in priors.items():
-        if problem := _outside(cls, trial, name, prior):
-            errors.append(f"{path}.{name}: {problem}")
-            broken.add(name)
+    try:
+        read = section_model(cls).model_validate(table)
+    except ValidationError as error:
+        errors.extend(sentence(path, cls, item, called, more) for item in error.errors())
+        return None
+    values = ((name, getattr(read, name)) for name in table)
+    priors = {name: value for name, value in values if isinstance(value, Prior)}
+    trial = {name: priors[name].centre if name in priors else value for name, value in table.items()}
+    outside = _outside(cls, trial, priors)
+    errors.extend(f"{path}.{name}: {problem}" for name, problem in outside.items())
     try:
         centre = cls.model_validate(trial)
     except ValidationError as error:
-        items = [item for item in error.errors() if not (item["loc"] and item["loc"][0] in broken)]
-        errors.extend(sentence(path, cls, item) for item in items if item["type"] != "extra_forbidden")
+        new = (item for item in error.errors() if item["loc"][:1] not in {(name,) for name in outside})
+        errors.extend(sentence(path, cls, item, called) for item in new)
         return None
-    if len(errors) > before:
-        return None
-    numbers = {name: getattr(centre, name) for name in given if unit_of(cls.model_fields[name]) is not None}
-    return Section(path, cls, given | numbers, priors, centre)  # so that build() does not parse text again
+    given = {  # numbers as read, so that build() does not parse text again
+        name: value if unit_of(cls.model_fields[name]) is None else getattr(centre, name)
+        for name, value in table.items()
+        if name not in priors
+    }
+    return None if outside else Section(path, cls, given, priors, centre)
 
 
-def _prior(field: FieldInfo, value: Any) -> Prior | None:
-    """Return the prior that stands for a value, if one does; refuse values that pydantic would bend."""
-    unit = unit_of(field)
-    if isinstance(value, Mapping):
-        if unit is not None:
-            return parse(value, unit)
-        if len(value) == 1 and next(iter(value)) in KINDS:
-            raise ValueError("takes no prior: only physical numbers do. Give a plain value.")
-    elif unit is None and field.annotation in (bool, int, float):
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        if field.annotation is bool and not isinstance(value, bool):
-            raise ValueError(f"found {value!r}, expected true or false, without quotes")
-        if field.annotation is not bool and not number:
-            what = "a whole number" if field.annotation is int else "a number"
-            raise ValueError(f"found {value!r}, expected {what}, without quotes")
-    return None
-
-
-def _outside(cls: type[BaseModel], trial: dict[str, Any], name: str, prior: Prior) -> str:
-    """Return a sentence if some of the prior's range breaks the field's own constraint."""
-    low, high = prior.support
-    inset = _EDGE * (high - low)
-    ends = [low + inset, high - inset] if math.isfinite(inset) else list(filter(math.isfinite, (low, high)))
-    for value in (*ends, prior.centre):
+def _outside(cls: type[BaseModel], trial: dict[str, Any], priors: dict[str, Prior]) -> dict[str, str]:
+    """Return a sentence for every prior of whose range some breaks the field's own constraint."""
+    ends = {name: _ends(prior) for name, prior in priors.items()}
+    found: dict[str, str] = {}
+    for side in (0, 1):
         try:
-            cls.model_validate(trial | {name: value})
+            cls.model_validate(trial | {name: both[side] for name, both in ends.items()})
         except ValidationError as error:
             for item in error.errors():
-                if item["loc"][:1] == (name,):
-                    unit = unit_of(cls.model_fields[name])
-                    return (
-                        f"the prior {prior.text(unit.name if unit else '')} reaches outside the field's "
-                        f"range: a value {should(item['msg'])}"
-                    )
-    return ""
+                name = str(item["loc"][0]) if item["loc"] else ""
+                if name in priors:
+                    shown = priors[name].text((unit_of(cls.model_fields[name]) or Unit("")).name)
+                    problem = f"the prior {shown} reaches outside the field's range: a value {should(item['msg'])}"
+                    found.setdefault(name, problem)
+    return found
+
+
+def _ends(prior: Prior) -> tuple[float, float]:
+    """Return the ends of a prior's range, from just inside; the centre where there is none."""
+    low, high = prior.support
+    inset = _EDGE * (high - low)
+    if math.isfinite(inset):
+        return low + inset, high - inset
+    return low if math.isfinite(low) else prior.centre, high if math.isfinite(high) else prior.centre

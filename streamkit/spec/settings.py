@@ -1,10 +1,41 @@
-"""The sections of a run file that no component fills: how to sample, how to compare."""
+"""What a run file holds besides components: its keys and sections, how to sample, how to compare."""
 
 from __future__ import annotations
 
-from typing import Literal
+from collections import Counter
+from pathlib import Path
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+VERSION = 1
+"""The version of the run file that this streamkit writes and reads."""
+
+
+class RunFile(BaseModel):
+    """The keys and sections of a run file. What a section holds depends on the components installed."""
+
+    model_config = ConfigDict(strict=True, extra="forbid")
+
+    version: int = Field(default=VERSION, ge=1, le=VERSION, description="Version of the run file's format.")
+    seed: int = Field(default=0, ge=0, description="Seed of every random draw.")
+    plugins: list[str] = Field(default=[], description="One-off plugin files, by paths relative to the run file.")
+    sun: dict[str, Any] = Field(default={}, description="The Sun, from which the progenitor was observed.")
+    potential: dict[str, Any] = Field(description="The host: one, or several that add up, as [potential.NAME].")
+    progenitor: dict[str, Any] = Field(description="Its own potential, its place today, and the look-back time.")
+    stripping: dict[str, Any] = Field(description="When, where and how fast particles leave the progenitor.")
+    integrator: dict[str, Any] = Field(default={}, description="How orbits are integrated.")
+    observable: dict[str, Any] = Field(default={}, description="What is measured of the stream, and the data.")
+    likelihood: dict[str, Any] = Field(default={}, description="How the prediction is compared with the data.")
+    sampler: dict[str, Any] = Field(default={}, description="How the posterior is sampled.")
+
+    @field_validator("plugins")
+    @classmethod
+    def _each_once(cls, files: list[str]) -> list[str]:
+        (name, count), *_ = Counter(Path(file).name for file in files).most_common(1) or [("", 0)]
+        if count > 1:
+            raise ValueError(f"found two files called {name!r}, expected one of each name")
+        return files
 
 
 class Sampler(BaseModel):

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from streamkit.spec.reader import Parts, resolve
 from streamkit.spec.settings import Likelihood, Sampler
 from streamkit.spec.setup import Setup
 from streamkit.stream import Array
-from streamkit.units import Unit
+from streamkit.units import Unit, symbol_of, unit_of
 
 NOT_PHYSICS = ("steps", "tau_factor", "r_hat")
 """Fields of the sampler that a resumed run may change."""
@@ -69,36 +69,44 @@ class Spec:
     @property
     def sampler(self) -> Sampler:
         """The settings of the sampler."""
-        return self.parts.sampler
+        return self.parts.sampler.centre
 
     @property
     def likelihood(self) -> Likelihood:
         """The settings of the likelihood."""
-        return self.parts.likelihood
+        return self.parts.likelihood.centre
 
     @cached_property
-    def _free(self) -> dict[str, Prior]:
-        known = {f"{s.path}.{name}": prior for s in self.parts.sections for name, prior in s.priors.items()}
+    def _fields(self) -> dict[str, tuple[Unit, Prior | None, str]]:
+        """Unit, prior and symbol of every physical number by its path, in the order of the run file."""
+        known = {}
+        for section in self.parts.sections:
+            owner = "sat" if section is self.parts.satellite else section.path.partition(".")[2]
+            for name, field in section.cls.model_fields.items():
+                if (unit := unit_of(field)) is not None:
+                    path = f"{section.path}.{name}"
+                    known[path] = unit, section.priors.get(name), symbol_of(field, owner) or path
         return {path: known[path] for path in _paths(self.document) if path in known}
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Free parameters as paths into the run file, in its order."""
-        return tuple(self._free)
+        return tuple(path for path, (_, prior, _) in self._fields.items() if prior is not None)
 
     @cached_property
     def priors(self) -> tuple[Prior, ...]:
         """The priors of the free parameters."""
-        return tuple(self._free.values())
+        return tuple(prior for _, prior, _ in self._fields.values() if prior is not None)
 
     @cached_property
     def units(self) -> tuple[str, ...]:
         """The units of the free parameters, as astropy reads them; '' for none."""
-        return tuple(self._units[name].name for name in self._free)
+        return tuple(self._fields[name][0].name for name in self.names)
 
     @cached_property
-    def _units(self) -> dict[str, Unit]:
-        return {f"{s.path}.{name}": unit for s in self.parts.sections for name, unit in s.parameters().items()}
+    def symbols(self) -> tuple[str, ...]:
+        """The symbols of the free parameters in TeX, or their paths where a field has none."""
+        return tuple(self._fields[name][2] for name in self.names)
 
     def centre(self) -> Array:
         """(d,) The centres of the priors."""
@@ -116,9 +124,7 @@ class Spec:
         Raises
         ------
         OutOfDomain
-            If a value breaks the constraint of its field.
-        SpecError
-            If a name is no free parameter, or the number of values is wrong.
+            If a value breaks the constraint of its field; a wrong name or number of values is a `SpecError`.
         """
         parts, values = self.parts, self._values(theta)
         phase = parts.phase.build(values)
@@ -151,13 +157,13 @@ class Spec:
         values = dict(zip(self.names, self.centre().tolist(), strict=True))
         for name, value in theta.items():
             if name not in values:
-                fixed = " It is fixed in the run file: use with_values." if name in self._units else ""
+                fixed = " It is fixed in the run file: use with_values." if name in self._fields else ""
                 raise SpecError(
                     f"{self.source}: {name!r} is no free parameter.{fixed or nearest(name, self.names)} "
                     f"Free: {', '.join(self.names) or 'none'}."
                 )
             try:
-                values[name] = float(self._units[name].parse(value))
+                values[name] = float(self._fields[name][0].parse(value))
             except (ValueError, TypeError) as error:
                 raise SpecError(f"{self.source}: {name}: {error}") from None
         return values
@@ -169,12 +175,7 @@ class Spec:
         ----------
         values
             Path -> number, quantity, prior or other value: ``{"progenitor.mass": "6.4e8 Msun"}``. A new
-            ``kind`` keeps the fields that differ from the old one's defaults.
-
-        Raises
-        ------
-        SpecError
-            If a path or a value is not allowed.
+            ``kind`` keeps the fields that differ from the old one's defaults. What is not allowed is a `SpecError`.
         """
         document = copy.deepcopy(self.document)
         for path, value in sorted(values.items(), key=lambda item: not item[0].endswith(".kind")):
@@ -242,8 +243,19 @@ def load(source: str | Path | Mapping[str, Any], registry: Registry | None = Non
     """
     if isinstance(source, Mapping):
         return _make(source, "run mapping", registry, Path.cwd())
+    if not isinstance(source, str | Path):
+        raise SpecError(f"found {source!r}, expected a spec, the path of a run file, or a mapping of the same form")
     path = Path(source)
     return _make(read_toml(path), str(path), registry, path.parent.absolute())
+
+
+Source: TypeAlias = Spec | str | Path | Mapping[str, Any]
+"""What stands for a spec: itself, the path of a run file, or a mapping of the same form."""
+
+
+def as_spec(source: Source) -> Spec:
+    """Return a spec as it is, and read whatever else `load` takes."""
+    return source if isinstance(source, Spec) else load(source)
 
 
 def _make(source: Mapping[str, Any], name: str, registry: Registry | None, folder: Path) -> Spec:

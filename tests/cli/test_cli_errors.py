@@ -82,7 +82,7 @@ def test_missing_data_cannot_be_run(run_file: Path) -> None:
 @pytest.mark.parametrize(
     ("args", "wanted"),
     [
-        (["chek", "x.toml"], ["'chek'", "Did you mean 'check'?", "plugins, report"]),
+        (["chek", "x.toml"], ["'chek'", "Did you mean 'check'?", "plugins, reference, report"]),
         (["check"], ["RUN.toml", "streamkit check --help"]),
         (["run", "x.toml", "--worker", "2"], ["--worker", "--workers"]),
         (["run", "x.toml", "--workers", "0"], ["--workers", "0"]),
@@ -91,6 +91,12 @@ def test_missing_data_cannot_be_run(run_file: Path) -> None:
         (["plugins", "potentials"], ["'potentials'", "Did you mean 'potential'?"]),
         (["plugins", "potential", "nfv"], ["'nfv'", "Did you mean 'nfw'?"]),
         (["plugins", "tf"], ["streamkit plugins potential tf"]),
+        (["reference", "smapler"], ["'smapler'", "Did you mean 'sampler'?", "sun, potential"]),
+        (["reference", "tf"], ["streamkit reference potential tf"]),
+        (["reference", "potential", "nfv"], ["'nfv'", "Did you mean 'nfw'?"]),
+        (["reference", "progenitor", "plumer"], ["'plumer'", "Did you mean 'plummer'?"]),
+        (["reference", "progenitor", "tf"], ["'tf' has no mass", "plummer"]),
+        (["reference", "sun", "tf"], ["[sun] has no kinds"]),
     ],
 )
 def test_bad_arguments(args: list[str], wanted: list[str]) -> None:

@@ -7,7 +7,7 @@ import pytest
 from scipy import integrate, stats
 
 from streamkit.spec import LogUniform, Normal, Prior, TruncatedNormal, Uniform
-from streamkit.spec.priors import KINDS, parse, usage
+from streamkit.spec.priors import PRIORS, parse, usage
 from streamkit.units import Unit
 
 KPC, NONE = Unit("kpc"), Unit("")
@@ -50,7 +50,8 @@ def test_density_integrates_to_one(prior: Prior) -> None:
 def test_centre_is_the_middle_and_width_one_sigma(prior: Prior, centre: float, width: float | None) -> None:
     assert prior.centre == pytest.approx(centre)
     if width is not None:
-        assert prior.width == pytest.approx(width)
+        low, high = prior.ppf(stats.norm.cdf([-1.0, 1.0]))
+        assert 0.5 * (high - low) == pytest.approx(width)
 
 
 @pytest.mark.parametrize("prior", [prior for prior, _ in CASES if math.isfinite(sum(prior.support))], ids=repr)
@@ -105,6 +106,6 @@ def test_bad_priors_say_what_is_wrong(table: dict[str, object], parts: list[str]
 
 
 def test_usage_and_text_name_the_numbers() -> None:
-    assert usage(KINDS["truncated_normal"]) == "{ truncated_normal = [mean, sd, low, high] }"
+    assert usage(PRIORS["truncated_normal"]) == "{ truncated_normal = [mean, sd, low, high] }"
     assert Uniform(40.0, 400.0).text("km / s") == "uniform(40, 400) km / s"
     assert Uniform(0.0, 1.0).text() == "uniform(0, 1)"

@@ -13,7 +13,7 @@ from astropy import units as u
 from runfiles import BASE, EXAMPLES, changed, error_of
 
 import streamkit as sk
-from streamkit.spec import literal, to_toml
+from streamkit.spec import as_spec, literal, to_toml
 from streamkit.spec.reader import DEFAULT_KIND
 
 
@@ -212,6 +212,78 @@ def test_toml_writer_is_read_back() -> None:
     assert tomllib.loads(to_toml(document, "one\ntwo")) == document
     with pytest.raises(TypeError, match="no form for None"):
         to_toml({"a": None})
+
+
+def test_toml_has_sections_as_tables_priors_inline_and_the_order_of_the_keys() -> None:
+    document = {
+        "seed": 1, "stripping": {"kind": "mlcs", "sigma": {"normal": [10, 1]}, "particles": 20},
+        "potential": {"z": {"kind": "nfw", "rs": {"uniform": [1, 2]}, "mass": 1.0}, "a": {"kind": "x", "m": 2.0}},
+    }  # fmt: skip
+    text = to_toml(document)
+    assert [line for line in text.splitlines() if line.startswith("[")] == [
+        "[stripping]", "[potential.z]", "[potential.a]"
+    ]  # fmt: skip
+    assert "sigma = {normal = [10, 1]}" in text
+    assert json.dumps(tomllib.loads(text)) == json.dumps(document)  # the order too
+
+
+def test_symbols_of_the_free_parameters() -> None:
+    spec = sk.load(next(path for path in EXAMPLES if path.stem == "sagittarius"))
+    assert dict(zip(spec.names, spec.symbols, strict=True)) == {
+        "potential.v0": r"$v_0$",
+        "potential.rs": r"$r_{\rm s}$",
+        "potential.alpha": r"$\alpha$",
+        "progenitor.mass": r"$M_{\rm sat}$",
+        "progenitor.radius": r"$a_{\rm sat}$",
+        "progenitor.distance": r"$d$",
+        "progenitor.pm_l_cosb": r"$\mu_l \cos b$",
+        "progenitor.pm_b": r"$\mu_b$",
+        "progenitor.v_los": r"$v_{\rm los}$",
+        "progenitor.lookback": r"$t_{\rm back}$",
+        "stripping.sigma": r"$\sigma$",
+    }
+    sun = sk.load(BASE | {"sun": {"r0": {"normal": [8, 1]}, "v_circ": {"normal": [237, 9]}}})
+    assert sun.symbols[-2:] == (r"$R_0$", r"$v_{\rm c}(R_0)$")
+
+
+def test_symbols_say_whose_they_are_and_fall_back_to_the_path() -> None:
+    halo = {"kind": "nfw", "mass": {"uniform": [1e11, 1e12]}, "rs": {"uniform": [5, 20]}}
+    disc = {"kind": "hernquist", "mass": {"uniform": [1e9, 1e11]}, "a": 0.5}
+    document = changed("potential", {"halo": halo, "thin_disc": disc})
+    document["stripping"] |= {"burst_width": {"uniform": [0.1, 0.2]}}
+    assert dict(zip((spec := sk.load(document)).names, spec.symbols, strict=True)) == {
+        "potential.halo.mass": r"$M_{\rm halo}$",
+        "potential.halo.rs": r"$r_{\rm s}^{\rm halo}$",
+        "potential.thin_disc.mass": r"$M_{\rm thin\_disc}$",
+        "progenitor.mass": r"$M_{\rm sat}$",
+        "progenitor.lookback": r"$t_{\rm back}$",
+        "stripping.sigma": r"$\sigma$",
+        "stripping.burst_width": "stripping.burst_width",
+    }
+
+
+def test_a_path_or_a_mapping_stands_for_a_spec(tmp_path: Path) -> None:
+    spec = sk.load(BASE)
+    (tmp_path / "run.toml").write_text(spec.toml())
+    assert as_spec(spec) is spec
+    for source in (tmp_path / "run.toml", str(tmp_path / "run.toml"), BASE):
+        assert as_spec(source) == spec
+        assert sk.Model(source).spec == spec
+    fit = BASE | {"observable": {"leading": [50, 1]}}
+    assert sk.Posterior(fit).spec == sk.load(fit)
+    with pytest.raises(sk.SpecError, match="observable"):  # it was read, and has nothing to fit
+        sk.run(tmp_path / "run.toml", progress=False)
+
+
+@pytest.mark.parametrize("entry", [as_spec, sk.load, sk.Model, sk.Posterior, sk.run])
+@pytest.mark.parametrize("source", [None, 3])
+def test_anything_else_is_refused_at_once(entry: Any, source: Any) -> None:
+    with pytest.raises(sk.SpecError, match=f"found {source}, expected a spec, the path of a run file, or a mapping"):
+        entry(source)
+
+
+def test_the_door_completes() -> None:
+    assert {"load", "run", "Model", "Results", "Spec", "Posterior", "Symbol"} <= set(dir(sk))
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)

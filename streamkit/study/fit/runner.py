@@ -16,7 +16,7 @@ from streamkit.errors import ComponentError, Interrupted, SpecError
 from streamkit.model import Host
 from streamkit.report import locked
 from streamkit.sample import CHAIN, ChainFile, Limits, Posterior, Sampling, Signals, Stopped, Workers, blob_dtype
-from streamkit.spec import Spec
+from streamkit.spec import Source, Spec, as_spec
 from streamkit.stream import Array
 from streamkit.study.fit.directory import claim, read_chain
 from streamkit.study.fit.products import write_products
@@ -31,7 +31,7 @@ QUICK_SAMPLING = 140.0
 
 
 def run(
-    spec: Spec,
+    spec: Source,
     out: str | Path | None = None,
     workers: int = 1,
     steps: int | None = None,
@@ -46,7 +46,7 @@ def run(
     Parameters
     ----------
     spec
-        What to fit.
+        What to fit: a spec, the path of a run file, or a mapping of the same form.
     out
         Directory for the chain and all products; None keeps the samples in memory.
     workers
@@ -76,7 +76,7 @@ def run(
     Interrupted
         After Ctrl-C or SIGTERM. All finished steps stay readable.
     """
-    begin = monotonic()
+    begin, spec = monotonic(), as_spec(spec)
     if quick:
         spec = quick_spec(spec)
     _check_walkers(spec)

@@ -81,7 +81,7 @@ def test_the_error_of_a_slope_comes_from_the_scatter_about_the_parabola() -> Non
     The sum of their squares is 70 e^2, of 2 degrees of freedom, and sum z^2 = 2.5.
     """
     e, z = 0.1, np.linspace(-1, 1, 5)
-    slope = curve(Uniform(0, 1), 0.5, 0.5 + z * Uniform(0, 1).width, 2 * z + e * np.array([1, -4, 6, -4, 1])).slope
+    slope = curve(Uniform(0, 1), 0.5, 0.5 + z * 0.6826894921370859 / 2, 2 * z + e * np.array([1, -4, 6, -4, 1])).slope
     assert slope.per_sd == pytest.approx([2.0])
     assert slope.error == pytest.approx([np.sqrt(35 * e**2 / 2.5)])
 

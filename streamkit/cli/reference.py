@@ -1,0 +1,67 @@
+"""The command ``streamkit reference``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from streamkit import components, report, spec
+from streamkit.errors import StreamkitError
+
+KEYS = ("version", "seed", "plugins")
+"""What stands above the sections."""
+
+
+@click.command()
+@click.argument("section", required=False)
+@click.argument("kind", required=False)
+def reference(section: str | None, kind: str | None) -> None:
+    """Describe every field of a run file: its unit, its default, what is allowed.
+
+    Without SECTION, the keys and sections; with KIND as well, what one component adds, such as
+    'potential nfw' or 'progenitor plummer'. The components are those installed.
+    """
+    registry, fields = components.load_registry(), spec.RunFile.model_fields
+    if section is None or section in KEYS:
+        rows = [(f"[{name}]", field.description or "") for name, field in fields.items() if name not in KEYS]
+        more = (
+            "Ask for 'streamkit reference SECTION' for its fields, and for 'SECTION KIND' where it has a kind. A "
+            'physical number is a number in the field\'s unit, a quantity such as "8 kpc", or a prior: '
+            f"{', '.join(map(spec.usage, spec.PRIORS.values()))}."
+        )
+        parts = [f"keys\n{report.field_table(spec.RunFile, KEYS, 'key')}"]
+        parts += [f"sections\n{report.columns(rows)}", report.paragraph(more)] if section is None else []
+        click.echo("\n\n".join(parts))
+        return
+    report.check_name(registry, "reference", section, list(fields))
+    parts = [f"[{section}]\n{report.paragraph(fields[section].description or '', '  ')}"]
+    plain: Any = {"sun": spec.Sun, "likelihood": spec.Likelihood, "sampler": spec.Sampler}.get(section)
+    if plain is not None:
+        if kind is not None:
+            raise StreamkitError(f"reference: the section [{section}] has no kinds, found {kind!r}")
+        parts.append(report.field_table(plain, plain.model_fields, "field"))
+    elif section == "progenitor":
+        parts += _progenitor(registry, kind)
+    else:
+        default = spec.DEFAULT_KIND.get(section)
+        parts += [f"kind may be left out: it is then {default!r}."] if default else []
+        parts.append(report.listing(registry, section, kind, "reference"))
+    click.echo("\n\n".join(parts))
+
+
+def _progenitor(registry: components.Registry, kind: str | None) -> list[str]:
+    """Its potential, its place today in one of three ways, and the look-back time."""
+    able = [k for k, entry in sorted(registry.entries["potential"].items()) if "mass" in entry.cls.parameters()]
+    if kind is None:
+        parts = [f"kind: one of the potentials with a mass\n{report.paragraph(', '.join(able), '  ')}"]
+    else:
+        text = report.listing(registry, "potential", kind, "reference")
+        if kind not in able:
+            raise StreamkitError(f"reference: the potential {kind!r} has no mass in Msun: {', '.join(able)} have one")
+        parts = [text]
+    taken = registry.entries["potential"][kind].cls.model_fields.keys() if kind else set()
+    for way in spec.WAYS:
+        if not taken & way.model_fields.keys():
+            parts.append(f"place today: {way.title}\n{report.field_table(way, way.coordinates(), 'field')}")
+    return [*parts, f"in every case\n{report.field_table(spec.WAYS[0], ['lookback'], 'field')}"]
