@@ -25,7 +25,7 @@ from streamkit.builtin.apocentres import Apocentres
 from streamkit.cli.main import main
 from streamkit.components import Component, load_registry
 from streamkit.spec import to_toml
-from streamkit.study.fit.directory import PRODUCTS
+from streamkit.study.fit.products import PRODUCTS
 from streamkit.testing import __all__, check
 
 README, CONTRIBUTING = DOCUMENTS[0], DOCUMENTS[1]
