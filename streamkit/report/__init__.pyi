@@ -26,7 +26,9 @@ from .style import GREY as GREY
 from .style import VERMILION as VERMILION
 from .style import angle_ticks as angle_ticks
 from .style import finish as finish
+from .style import inner_ticks as inner_ticks
 from .style import label_all as label_all
+from .style import labels as labels
 from .style import panel_grid as panel_grid
 from .style import scaled as scaled
 from .style import ticks as ticks

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import ScalarFormatter
 
-from streamkit.report import BLUE, GREY, VERMILION, scaled, ticks, with_unit
+from streamkit.report import BLUE, GREY, VERMILION, inner_ticks, labels, scaled, ticks, with_unit
 from streamkit.stream import Array
 from streamkit.study.fit.results import Results
 
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
 FEW = 200
 """Samples below which a corner plot shows points without contours."""
+GAP = 0.11
+"""Inches between the panels of a corner plot."""
 
 
 def radii() -> Array:
@@ -36,10 +39,16 @@ def corner(results: Results) -> Figure:
     """Draw the marginal distributions of all pairs of parameters, with 68 % and 95 % contours."""
     from corner import corner as draw  # it loads pyplot, which nothing else here needs
 
-    samples, labels = _scaled(results)
+    samples, names, units = _scaled(results)
     d = samples.shape[1]
-    size = 1.9 * d + 1.2
-    figure = Figure(figsize=(size, size))
+    text = remark(results)
+    panel = 2.6 if d == 1 else 2.0 if d < 7 else 1.7
+    titles = [_title(name, column) for name, column in zip(names, samples.T, strict=True)]
+    lines = 1 + max(map(_lines, names))
+    left, right = 0.4 if d == 1 else 1.0 + 0.22 * lines, 0.7
+    bottom, top = 0.45 + 0.22 * lines, 0.25 + 0.22 * _lines(titles[0]) + (0.4 if text else 0)
+    width, height = (panel * d + GAP * (d - 1) + sides for sides in (left + right, bottom + top))
+    figure = Figure(figsize=(width, height))
     many = len(samples) >= FEW
     logging.getLogger("root").addFilter(_no_contour_warning)
     try:
@@ -55,28 +64,46 @@ def corner(results: Results) -> Figure:
             plot_density=many,
             plot_datapoints=not many,
             fill_contours=many,
-            max_n_ticks=3,
             hist_kwargs={"linewidth": 1.4},
             data_kwargs={"alpha": 0.5, "ms": 2},
         )
     finally:
         logging.getLogger("root").removeFilter(_no_contour_warning)
     grid = np.array(figure.axes).reshape(d, d)
-    for i, label in enumerate(labels):
-        grid[i, i].set_title(f"{label[0]} = {_interval(samples[:, i])}", fontsize=13)
+    for i, (name, unit, title) in enumerate(zip(names, units, titles, strict=True)):
+        grid[i, i].set_title(title, fontsize=12, loc="left")
         low, middle, high = np.percentile(samples[:, i], [16, 50, 84])
         for value, style in ((low, ":"), (middle, "--"), (high, ":")):
             grid[i, i].axvline(value, color="black", lw=0.9, ls=style)
-        grid[-1, i].set_xlabel(with_unit(*label, "\n"), fontsize=17)
+        values = inner_ticks(*grid[i, i].get_xlim(), panel)
+        for axes in grid[i:, i]:
+            axes.set_xticks(values)
+        for axes in grid[i, :i]:
+            axes.set_yticks(values)
+        grid[-1, i].set_xlabel(with_unit(name, unit, "\n"), fontsize=14)
+        grid[-1, i].xaxis.set_label_coords(0.5, -0.33 / panel)
         if i:
-            grid[i, 0].set_ylabel(with_unit(*label, "\n"), fontsize=17)
+            grid[i, 0].set_ylabel(with_unit(name, unit, "\n"), fontsize=14)
+            grid[i, 0].yaxis.set_label_coords(-0.85 / panel, 0.5)
     for axes in figure.axes:
-        axes.tick_params(labelsize=12, direction="in", top=True, right=True)
-        axes.xaxis.set_label_coords(0.5, -0.42)
-        axes.yaxis.set_label_coords(-0.42, 0.5)
-    figure.subplots_adjust(left=0.09, right=0.98, bottom=0.09, top=0.95, wspace=0.06, hspace=0.06)
-    if text := remark(results):
-        figure.suptitle(text, color=VERMILION, fontsize=24, x=0.98, ha="right")
+        axes.tick_params(labelsize=11, labelrotation=0, direction="in", top=True, right=True)
+        for axis in (axes.xaxis, axes.yaxis):
+            if isinstance(axis.get_major_formatter(), ScalarFormatter):
+                axis.get_major_formatter().set_useOffset(False)
+    figure.subplots_adjust(
+        left=left / width, right=1 - right / width, bottom=bottom / height, top=1 - top / height,
+        wspace=GAP / panel, hspace=GAP / panel,
+    )  # fmt: skip
+    if text:
+        figure.text(
+            1 - 0.2 / width,
+            1 - 0.15 / height,
+            text,
+            color=VERMILION,
+            fontsize=14 if d < 4 else 20,
+            ha="right",
+            va="top",
+        )
     return figure
 
 
@@ -107,14 +134,15 @@ def rotation_curve(results: Results, profile: QTable | None = None, axes: Axes |
 def traces(results: Results) -> Figure:
     """Draw the walkers' paths: every parameter and ln p against the step, with the burn-in shaded."""
     steps, walkers, d = results.chain.shape
-    scale, labels = _units(results)
+    scale, own, units = _labels(results)
     columns = min(3, d + 1)
     rows = -(-(d + 1) // columns)
     figure = Figure(figsize=(4.3 * columns, 1.75 * rows + 0.8), layout="constrained")
     panels: Any = figure.subplots(rows, columns, squeeze=False, sharex=True)
     ln_p = np.where(np.isfinite(results.log_prob), results.log_prob, np.nan)
     values = [results.chain[..., i] / scale[i] for i in range(d)] + [ln_p]
-    names = [with_unit(*label) for label in labels] + [r"$\ln p$"]
+    between = ["\n" if len(name) > 8 and not name.startswith("$") else " " for name in own]
+    names = [with_unit(*each) for each in zip(own, units, between, strict=True)] + [r"$\ln p$"]
     x = np.arange(1, steps + 1)
     every = max(steps // 2000, 1)
     for axes, value, name in zip(panels.flat, values, names, strict=False):
@@ -142,7 +170,8 @@ def traces(results: Results) -> Figure:
         panels[bottom, column].set_xlabel("step", fontsize=12)
         panels[bottom, column].tick_params(labelbottom=True)
     title = "grey: walkers; blue: their median; shaded: burn-in"
-    figure.suptitle(f"{text} ({title})" if (text := remark(results)) else title, fontsize=11)
+    text = remark(results)
+    figure.suptitle(f"{text} ({title})" if text else title, fontsize=11, color=VERMILION if text else "black")
     return figure
 
 
@@ -187,16 +216,27 @@ def apocentres(axes: Axes, results: Results) -> None:
         )  # fmt: skip
 
 
-def _units(results: Results) -> tuple[Array, list[tuple[str, str]]]:
-    """(d,) Powers of ten that large parameters are divided by, and a label (symbol, unit) for each."""
+def _labels(results: Results) -> tuple[Array, list[str], list[str]]:
+    """(d,) Powers of ten that large parameters are divided by, the name of each in a picture, and its unit."""
     typical = np.median(np.abs(results.samples), axis=0)
     found = [scaled(*each) for each in zip(results.names, results.spec.units, typical.tolist(), strict=True)]
-    return np.array([scale for scale, _, _ in found]), [(symbol, unit) for _, symbol, unit in found]
+    scales, symbols, units = zip(*found, strict=True)
+    return np.array(scales), labels(results.names, symbols), list(units)
 
 
-def _scaled(results: Results) -> tuple[Array, list[tuple[str, str]]]:
-    scale, labels = _units(results)
-    return results.samples / scale, labels
+def _scaled(results: Results) -> tuple[Array, list[str], list[str]]:
+    scale, names, units = _labels(results)
+    return results.samples / scale, names, units
+
+
+def _lines(text: str) -> int:
+    return text.count("\n") + 1
+
+
+def _title(name: str, values: Array) -> str:
+    """Say a parameter's median and interval; a long name stands above them."""
+    between = " = " if name.startswith("$") and "\n" not in name else "\n"
+    return f"{name}{between}{_interval(values)}"
 
 
 def _interval(values: Array) -> str:
