@@ -44,46 +44,43 @@ def draw_plane(particles: Stream, axes: Axes) -> None:
     basis = orbital_plane(particles.orbit)
     x, y = basis @ particles.q
     _points(particles, x, y, axes)
+    for name, (_, colour) in zip(*_arms(particles), strict=True):
+        axes.plot([], [], marker="o", ms=4, color=colour, ls="none", label=name)
     t_past = particles.orbit.t > -1.5 * GYR
     ox, oy = basis @ particles.orbit.q[:, t_past]
     axes.plot(ox, oy, color="black", lw=0.9, label="orbit, last 1.5 Gyr")
-    axes.plot(*(basis @ particles.orbit.q[:, -1]), marker="*", ms=13, color="black", mec="white", ls="none")
-    axes.plot(0, 0, marker="+", ms=11, mew=1.6, color="black", ls="none")
-    reach = 1.08 * max(np.percentile(np.abs(np.concatenate([x, y])), 98.5), np.abs([ox, oy]).max())
+    axes.plot(*(basis @ particles.orbit.q[:, -1]), **PROGENITOR)
+    axes.plot(0, 0, marker="+", ms=11, mew=1.6, color="black", ls="none", label="Galactic centre")
+    reach = 1.08 * max(np.percentile(np.abs(np.concatenate([x, y])), 99.5), np.abs([ox, oy]).max())
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
     axes.set_xlabel(r"$x'\ \,[{\rm kpc}]$  (towards the progenitor)", fontsize=12)
     axes.set_ylabel(r"$y'\ \,[{\rm kpc}]$  (along its motion)", fontsize=12)
     finish(axes)
-    axes.legend(frameon=True, framealpha=0.85, edgecolor="none", fontsize=9, loc="upper left", markerscale=4)
+    axes.legend(**LEGEND)
 
 
 def draw_unwrapped(particles: Stream, prediction: Prediction | None, setup: Setup | None, axes: Axes) -> None:
-    """Draw radius against the angle along the stream, with the measured track, the fits and the data."""
+    """Draw radius against the angle along the stream, and what the observable shows of its measurement and data."""
     angle = np.degrees(particles.winding)
     _points(particles, angle, particles.r, axes)
-    axes.plot(0, particles.orbit.r[-1], marker="*", ms=13, color="black", mec="white", ls="none", zorder=6)
-    marks = (
-        () if prediction is None or setup is None or setup.observable is None else setup.observable.marks(prediction)
-    )
-    shown: set[str] = set()
+    axes.plot(0, particles.orbit.r[-1], **PROGENITOR)
+    observable = None if setup is None else setup.observable
+    marks = () if prediction is None or observable is None else observable.marks(prediction)
     for mark in marks:
-        label = None if mark.label in shown else mark.label
-        shown.add(mark.label)
-        _mark(axes, mark, label)
+        _mark(axes, mark)
     peaks = [float(x) for mark in marks if mark.look == "peak" for x in mark.x]
     low, high = np.percentile(angle, [0.5, 99.5]) + np.array([-15.0, 15.0])
     if peaks:
         low, high = max(low, min(0.0, *peaks) - BEYOND), min(high, max(0.0, *peaks) + BEYOND)
     inside = (angle > low) & (angle < high)
-    axes.set(xlim=(high, low), ylim=(0, 1.12 * np.percentile(particles.r[inside], 99.8)))
-    axes.xaxis.set_major_locator(MultipleLocator(60 if high - low < 700 else 120))
+    data = [float(np.max(mark.y)) + mark.y_error for mark in marks if mark.look == "datum"]
+    axes.set(xlim=(high, low), ylim=(0, 1.12 * max(np.percentile(particles.r[inside], 99.8), *data)))
+    angle_ticks(axes)
     axes.set_xlabel("angle along the stream [deg]  (leading > 0)", fontsize=12)
     axes.set_ylabel(r"$r\ \,[{\rm kpc}]$", fontsize=12)
     finish(axes)
-    handles, labels = axes.get_legend_handles_labels()
-    own = [(h, name) for h, name in zip(handles, labels, strict=True) if name not in {n for n, _ in ARM_STYLE.values()}]
-    if own:
-        axes.legend(*zip(*own, strict=True), frameon=True, framealpha=0.85, edgecolor="none", fontsize=9)
+    named = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))  # each name once
+    axes.legend(named.values(), named.keys(), **LEGEND)
 
 
 def _mark(axes: Axes, mark: Mark, label: str | None) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import textwrap
 from collections.abc import Iterable, Sequence
+from io import BytesIO
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,16 @@ from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from streamkit.stream import Array
 
+
+class NotebookFigure(Figure):
+    """A figure that shows itself as the last line of a notebook's cell, without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        buffer = BytesIO()
+        self.savefig(buffer, format="png", dpi=100)
+        return buffer.getvalue()
+
+
 ACROSS = 4
 """Most panels beside each other."""
 
@@ -22,7 +33,7 @@ def panel_grid(n: int, width: float, height: float, *, across: int = ACROSS, sha
     """Return a figure and n panels, in rows of at most ``across``."""
     columns = max(min(n, across), 1)
     rows = max(-(-n // columns), 1)
-    figure = Figure(figsize=(width * columns + 0.9, height * rows + 0.5), layout="constrained")
+    figure = NotebookFigure(figsize=(width * columns + 0.9, height * rows + 0.5), layout="constrained")
     panels: Any = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=share)
     every = list(panels.flat)
     for axes in every[n:]:
@@ -46,6 +57,8 @@ def label_all(figure: Figure, x: str, y: str) -> None:
 
 BLUE, VERMILION, GREY = "#0072B2", "#D55E00", "#666666"
 """Okabe & Ito's colours, told apart by every eye."""
+BAND_68, BAND_95 = "#82B9D9", "#D1E6F1"
+"""Tints of the blue for intervals: opaque, so that the legend shows the colour that the band has."""
 
 SYMBOLS = {
     "potential.v0": r"$v_0$",
@@ -103,10 +116,9 @@ def _folded(name: str) -> str:
 
 def inner_ticks(low: float, high: float, inches: float) -> Array:
     """(n,) Round numbers well inside an axis of that length, so few that their labels of 11 points keep apart."""
-    inside = np.empty(0)
+    margin, inside = 0.1 * (high - low), np.empty(0)
     for n in (6, 5, 4, 3, 2, 1):
-        values = MaxNLocator(n, steps=[1, 2, 2.5, 4, 5, 10]).tick_values(low, high)
-        margin = 0.1 * (high - low)
+        values = np.asarray(MaxNLocator(n, steps=[1, 2, 2.5, 4, 5, 10]).tick_values(low, high))
         values = values[(values > low + margin) & (values < high - margin)]
         if not values.size:
             break

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from streamkit.errors import ChainError, OutOfDomain
 from streamkit.report import draw_stream, replace_whole
-from streamkit.sample import Posterior
 from streamkit.study.fit.directory import RECOVERY
 from streamkit.study.fit.figures import corner, mass_profile, radii, remark, rotation_curve, traces
 from streamkit.study.fit.recovery import recovery_figure, recovery_table, true_host
@@ -52,13 +51,13 @@ def write_products(run: Results | str | Path, truth: str | Path | None = None) -
     _table(where / "summary.ecsv", results.summary())
     _table(where / "mass_profile.ecsv", results.mass_profile(PROFILE_RADII))
     _table(where / "diagnostics.ecsv", results.diagnostics())
-    profile = results.mass_profile(radii())
+    profile = results.mass_profile(radii(results))
     _picture(where / "corner.png", corner(results))
     _picture(where / "mass_profile.png", mass_profile(results, profile))
     _picture(where / "rotation_curve.png", rotation_curve(results, profile))
     _picture(where / "traces.png", traces(results))
     try:
-        stream, prediction = best_stream(results)
+        stream, prediction = results.best_stream
     except OutOfDomain as error:  # another machine's rounding may lose a stream at the edge
         (where / "best_stream.png").unlink(missing_ok=True)
         _table(where / "diagnostics.ecsv", _without_stream(results, error.reason))
@@ -69,11 +68,6 @@ def write_products(run: Results | str | Path, truth: str | Path | None = None) -
         draw_stream(stream, prediction, setup, note=remark(results) if results.quick else ""),
     )
     return results
-
-
-def best_stream(results: Results) -> tuple[Any, Any]:
-    """Return the stream at the best sample, and what the observable says of it."""
-    return Posterior(results.spec).predict(np.array(list(results.best().values())))
 
 
 def _without_stream(results: Results, reason: str) -> QTable:

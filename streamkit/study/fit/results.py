@@ -12,6 +12,7 @@ from streamkit.errors import ChainError
 from streamkit.model import Host
 from streamkit.sample import (
     Chain,
+    Posterior,
     autocorrelation_times,
     burn_in,
     effective_samples,
@@ -20,7 +21,7 @@ from streamkit.sample import (
     stuck_walkers,
 )
 from streamkit.spec import Spec, load
-from streamkit.stream import Array, IntArray
+from streamkit.stream import Array, IntArray, Prediction, Stream
 from streamkit.study.fit.directory import RUN_FILE, manifest, read_chain
 from streamkit.study.fit.tables import LEVELS
 
@@ -160,6 +161,11 @@ class Results:
         """Return the parameters of the highest ln posterior."""
         step, walker = np.unravel_index(np.argmax(self.log_prob), self.log_prob.shape)
         return dict(zip(self.names, self.chain[step, walker].tolist(), strict=True))
+
+    @cached_property
+    def best_stream(self) -> tuple[Stream, Prediction]:
+        """The stream at the best sample, and what the observable says of it. Raises OutOfDomain if there is none."""
+        return Posterior(self.spec).predict(np.array(list(self.best().values())))
 
     @property
     def converged(self) -> bool:

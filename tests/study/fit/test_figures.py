@@ -1,4 +1,4 @@
-"""The pictures of a run, whatever its parameters: nothing cut off, nothing printed over something else."""
+"""The pictures of a run, whatever its parameters: nothing cut off, nothing printed over anything else."""
 
 import copy
 from itertools import combinations
@@ -11,7 +11,8 @@ from matplotlib.text import Text
 from toys import FIT
 
 import streamkit as sk
-from streamkit.study.fit.figures import _labels, corner, traces
+from streamkit.report import NotebookFigure, labels
+from streamkit.study.fit.figures import _labels, corner, mass_profile, reach, rotation_curve, traces
 from streamkit.study.fit.results import Results
 
 
@@ -103,21 +104,96 @@ def overlap(a, b, pixels=0.5):
     return min(a.x1, b.x1) - max(a.x0, b.x0) > pixels and min(a.y1, b.y1) - max(a.y0, b.y0) > pixels
 
 
-@pytest.mark.parametrize("draw", [corner, traces])
-@pytest.mark.parametrize("number", CASES)
-def test_every_text_of_a_picture_can_be_read(number, draw, monkeypatch):
-    results = synthetic(CASES[number](), quick=True)  # the longest caveat
-    assert len(results.names) == number
-    figure = draw(results)
+def assert_readable(figure, monkeypatch, over_panels=()):
+    """Assert that all texts lie inside the figure, off each other, and off the panels but for those named."""
     texts = drawn_texts(figure, monkeypatch)
-    for name in _labels(results)[1]:
-        assert any(name in text for text, _ in texts), name
     panels = [axes.get_window_extent() for axes in figure.axes if axes.get_visible() and axes.get_frame_on()]
     for text, box in texts:
         assert box.x0 >= 0, text
         assert box.y0 >= 0, text
         assert box.x1 <= figure.bbox.x1, text
         assert box.y1 <= figure.bbox.y1, text
-        assert not any(overlap(box, panel) for panel in panels), text
+        assert text in over_panels or not any(overlap(box, panel) for panel in panels), text
     for (one, a), (other, b) in combinations(texts, 2):
         assert not overlap(a, b), (one, other)
+    return [text for text, _ in texts]
+
+
+@pytest.mark.parametrize("draw", [corner, traces])
+@pytest.mark.parametrize("number", CASES)
+def test_every_text_of_a_picture_can_be_read(number, draw, monkeypatch):
+    results = synthetic(CASES[number](), quick=True)  # the longest caveat
+    assert len(results.names) == number
+    texts = assert_readable(draw(results), monkeypatch)
+    assert any("QUICK LOOK" in text for text in texts)
+    for name in _labels(results)[1]:
+        assert any(name in text for text in texts), name
+
+
+def near():
+    """A stream at 20 kpc, on an orbit between 12 and 21 kpc."""
+    document = freed()
+    document["progenitor"] = {
+        "kind": "plummer", "mass": 1e5, "radius": 0.02,
+        "x": 15, "y": 0, "z": 8, "vx": 40, "vy": 0, "vz": 180, "lookback": 3,
+    }  # fmt: skip
+    document["observable"] |= {"leading": [17, 1], "trailing": [21, 1]}
+    document["stripping"]["sigma"] = 1
+    return document
+
+
+INSIDE = ("95 %", "68 %", "median", "extrapolated", "leading apocentre", "trailing apocentre")
+
+
+@pytest.mark.parametrize("make", [freed, near])
+def test_profiles_are_drawn_where_the_stream_and_the_data_are(make, monkeypatch):
+    results = synthetic(make())
+    stream, _ = results.best_stream
+    data = [results.spec.document["observable"][arm][0] for arm in ("leading", "trailing")]
+    low, high = reach(results)
+    assert low <= min(stream.orbit.r.min(), *map(_kpc, data))
+    assert high >= max(stream.orbit.r.max(), *map(_kpc, data))
+    for draw in (mass_profile, rotation_curve):
+        figure = draw(results)
+        assert figure.axes[0].get_xlim() == pytest.approx((0.5 * low, 1.5 * high))
+        assert set(INSIDE) <= set(assert_readable(figure, monkeypatch, INSIDE))
+    if make is near:
+        assert high < 40
+
+
+def _kpc(value):
+    return float(str(value).split()[0])
+
+
+def test_the_legend_has_the_colours_of_the_bands():
+    figure = rotation_curve(synthetic(freed()))
+    axes = figure.axes[0]
+    FigureCanvasAgg(figure).draw()
+    pixels = np.asarray(figure.canvas.buffer_rgba())[..., :3]
+    legend = axes.get_legend()
+    shown = {text.get_text(): patch for text, patch in zip(legend.texts, legend.legend_handles, strict=True)}
+    middle = axes.get_xlim()[0] + 0.4 * np.ptp(axes.get_xlim())
+    for name, band in zip(("95 %", "68 %"), axes.collections, strict=True):
+        path = band.get_paths()[0].vertices
+        edge = path[np.argsort(np.abs(path[:, 0] - middle))[:2]]  # the band's lower and upper edge there
+        y = edge[:, 1].min() + 0.06 * np.ptp(edge[:, 1])
+        column, row = axes.transData.transform((edge[0, 0], y)).astype(int)
+        box = shown[name].get_window_extent()
+        found = pixels[int(pixels.shape[0] - 0.5 * (box.y0 + box.y1)), int(0.5 * (box.x0 + box.x1))]
+        assert np.abs(pixels[pixels.shape[0] - 1 - row, column].astype(int) - found).max() <= 2, name
+
+
+def test_figures_show_themselves_in_a_notebook():
+    results = synthetic(freed())
+    for draw in (corner, traces, mass_profile, rotation_curve):
+        figure = draw(results)
+        assert isinstance(figure, NotebookFigure)
+    assert figure._repr_png_().startswith(b"\x89PNG\r\n")
+
+
+def test_parameters_are_called_by_their_symbol_or_the_shortest_clear_end_of_their_path():
+    names = ("potential.halo.m200", "potential.dwarf.m200", "progenitor.pm_ra_cosdec", "stripping.sigma")
+    symbols = (*names[:3], r"$\sigma$")
+    assert labels(names, symbols) == ["halo.m200", "dwarf.m200", "pm_ra_cosdec", r"$\sigma$"]
+    same = ("potential.disc.a", "potential.bulge_of_the_galaxy.a")
+    assert labels(same, ("$a$", "$a$")) == ["$a$\ndisc", "$a$\nbulge_of_\nthe_galaxy"]
