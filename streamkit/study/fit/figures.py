@@ -158,7 +158,7 @@ def _profile(
     bands(axes, r, levels(profile, name, factor))
     axes.set(xlim=(r[0], r[-1]), ylim=(0, None))
     low, high = reach(results)
-    shade: Any = {"color": "black", "alpha": 0.07, "lw": 0, "zorder": 0.5}
+    shade: Any = {"color": "#EDEDED", "lw": 0, "zorder": 0.5}
     axes.axvspan(min(r[0], low), low, **shade)
     axes.axvspan(high, max(r[-1], high), **shade, label="extrapolated")
     data_radii(axes, results)
@@ -167,7 +167,7 @@ def _profile(
     if text := remark(results):
         axes.set_title(text, color=VERMILION, fontsize=12)
     ticks(axes)
-    axes.legend(frameon=False, loc="lower right", fontsize=10)
+    axes.legend(framealpha=1, edgecolor="none", loc="lower right", fontsize=10)  # its grey must be seen on the shade
     return figure
 
 
