@@ -21,12 +21,17 @@ from .stream_text import describe_stream as describe_stream
 from .stream_text import warning_list as warning_list
 from .style import ACROSS as ACROSS
 from .style import ARM_STYLE as ARM_STYLE
+from .style import BAND_68 as BAND_68
+from .style import BAND_95 as BAND_95
 from .style import BLUE as BLUE
 from .style import GREY as GREY
 from .style import VERMILION as VERMILION
+from .style import NotebookFigure as NotebookFigure
 from .style import angle_ticks as angle_ticks
 from .style import finish as finish
+from .style import inner_ticks as inner_ticks
 from .style import label_all as label_all
+from .style import labels as labels
 from .style import panel_grid as panel_grid
 from .style import scaled as scaled
 from .style import ticks as ticks

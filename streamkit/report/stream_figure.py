@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MultipleLocator
 
-from streamkit.report.style import ARM_STYLE, finish
+from streamkit.report.style import ARM_STYLE, VERMILION, NotebookFigure, angle_ticks, finish
 from streamkit.spec import Setup
 from streamkit.stream import Mark, Prediction, Stream, orbital_plane
 from streamkit.units import GYR
@@ -19,18 +18,24 @@ BEYOND = 180.0
 """How far the picture goes on beyond the apocentres, degrees."""
 SHOWN = 8000
 """Most particles drawn."""
+PROGENITOR: dict[str, Any] = {
+    "marker": "*", "ms": 13, "color": "black", "mec": "white", "ls": "none", "zorder": 6, "label": "progenitor",
+}  # fmt: skip
+PEAK: dict[str, Any] = {"marker": "o", "ms": 10, "mfc": "white", "mec": "black", "mew": 1.3, "ls": "none"}
+"""Larger than a datum, which may lie upon it."""
+LEGEND: dict[str, Any] = {"frameon": True, "framealpha": 0.85, "edgecolor": "none", "fontsize": 9}
 
 
 def draw_stream(
     particles: Stream, prediction: Prediction | None = None, setup: Setup | None = None, note: str = ""
 ) -> Figure:
     """Draw a stream in its orbital plane, and unwrapped with the fitted apocentres and the data over it."""
-    figure = Figure(figsize=(12.5, 5.2), layout="constrained")
+    figure = NotebookFigure(figsize=(12.5, 5.2), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1, 1.25))
     draw_plane(particles, left)
     draw_unwrapped(particles, prediction, setup, right)
     if note:
-        figure.suptitle(note, color="#D55E00", fontsize=13)
+        figure.suptitle(note, color=VERMILION, fontsize=13)
     return figure
 
 
@@ -44,66 +49,64 @@ def draw_plane(particles: Stream, axes: Axes) -> None:
     basis = orbital_plane(particles.orbit)
     x, y = basis @ particles.q
     _points(particles, x, y, axes)
+    for name, colour in ARM_STYLE.values():  # the points themselves would be too small for a legend
+        axes.plot([], [], marker="o", ms=4, color=colour, ls="none", label=name)
     t_past = particles.orbit.t > -1.5 * GYR
     ox, oy = basis @ particles.orbit.q[:, t_past]
     axes.plot(ox, oy, color="black", lw=0.9, label="orbit, last 1.5 Gyr")
-    axes.plot(*(basis @ particles.orbit.q[:, -1]), marker="*", ms=13, color="black", mec="white", ls="none")
-    axes.plot(0, 0, marker="+", ms=11, mew=1.6, color="black", ls="none")
-    reach = 1.08 * max(np.percentile(np.abs(np.concatenate([x, y])), 98.5), np.abs([ox, oy]).max())
+    axes.plot(*(basis @ particles.orbit.q[:, -1]), **PROGENITOR)
+    axes.plot(0, 0, marker="+", ms=11, mew=1.6, color="black", ls="none", label="Galactic centre")
+    reach = 1.08 * max(np.percentile(np.abs(np.concatenate([x, y])), 99.5), np.abs([ox, oy]).max())
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
     axes.set_xlabel(r"$x'\ \,[{\rm kpc}]$  (towards the progenitor)", fontsize=12)
     axes.set_ylabel(r"$y'\ \,[{\rm kpc}]$  (along its motion)", fontsize=12)
     finish(axes)
-    axes.legend(frameon=True, framealpha=0.85, edgecolor="none", fontsize=9, loc="upper left", markerscale=4)
+    axes.legend(**LEGEND)
 
 
 def draw_unwrapped(particles: Stream, prediction: Prediction | None, setup: Setup | None, axes: Axes) -> None:
-    """Draw radius against the angle along the stream, with the measured track, the fits and the data."""
+    """Draw radius against the angle along the stream, and what the observable shows of its measurement and data."""
     angle = np.degrees(particles.winding)
     _points(particles, angle, particles.r, axes)
-    axes.plot(0, particles.orbit.r[-1], marker="*", ms=13, color="black", mec="white", ls="none", zorder=6)
-    marks = (
-        () if prediction is None or setup is None or setup.observable is None else setup.observable.marks(prediction)
-    )
-    shown: set[str] = set()
+    axes.plot(0, particles.orbit.r[-1], **PROGENITOR)
+    observable = None if setup is None else setup.observable
+    marks = () if prediction is None or observable is None else observable.marks(prediction)
     for mark in marks:
-        label = None if mark.label in shown else mark.label
-        shown.add(mark.label)
-        _mark(axes, mark, label)
+        _mark(axes, mark)
     peaks = [float(x) for mark in marks if mark.look == "peak" for x in mark.x]
     low, high = np.percentile(angle, [0.5, 99.5]) + np.array([-15.0, 15.0])
     if peaks:
         low, high = max(low, min(0.0, *peaks) - BEYOND), min(high, max(0.0, *peaks) + BEYOND)
     inside = (angle > low) & (angle < high)
-    axes.set(xlim=(high, low), ylim=(0, 1.12 * np.percentile(particles.r[inside], 99.8)))
-    axes.xaxis.set_major_locator(MultipleLocator(60 if high - low < 700 else 120))
+    tops = [np.max(mark.y) + mark.y_error for mark in marks if mark.look == "datum"]
+    tops.append(np.percentile(particles.r[inside], 99.8))
+    axes.set(xlim=(high, low), ylim=(0, 1.12 * max(tops)))
+    angle_ticks(axes)
     axes.set_xlabel("angle along the stream [deg]  (leading > 0)", fontsize=12)
     axes.set_ylabel(r"$r\ \,[{\rm kpc}]$", fontsize=12)
     finish(axes)
-    handles, labels = axes.get_legend_handles_labels()
-    own = [(h, name) for h, name in zip(handles, labels, strict=True) if name not in {n for n, _ in ARM_STYLE.values()}]
-    if own:
-        axes.legend(*zip(*own, strict=True), frameon=True, framealpha=0.85, edgecolor="none", fontsize=9)
+    named = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))  # each name once
+    axes.legend(named.values(), named.keys(), **LEGEND)
 
 
-def _mark(axes: Axes, mark: Mark, label: str | None) -> None:
+def _mark(axes: Axes, mark: Mark) -> None:
     """Draw what an observable wants to show."""
     if mark.look == "datum":
         axes.errorbar(
-            mark.x, mark.y, xerr=mark.x_error or None, yerr=mark.y_error or None, label=label, fmt="s", ms=5,
+            mark.x, mark.y, xerr=mark.x_error or None, yerr=mark.y_error or None, label=mark.label, fmt="s", ms=5,
             color="#CC79A7", mec="black", ecolor="black", capsize=3, zorder=7,
         )  # fmt: skip
     elif mark.look == "peak":
-        axes.plot(mark.x, mark.y, label=label, marker="o", ms=6, mfc="white", mec="black", mew=1.3, ls="none", zorder=6)
+        axes.plot(mark.x, mark.y, label=mark.label, zorder=6, **PEAK)
     else:
         width, style = (2.2, "-") if mark.look == "fit" else (1.0, ":")
-        axes.plot(mark.x, mark.y, label=label, color="black", lw=width, ls=style)
+        axes.plot(mark.x, mark.y, label=mark.label, color="black", lw=width, ls=style)
 
 
 def _points(particles: Stream, x: Any, y: Any, axes: Axes) -> None:
     every = max(int((~particles.bound).sum()) // SHOWN, 1)
     size = 1.0 if len(particles) > 3000 else 3.0
-    for arm, (name, colour) in ARM_STYLE.items():
+    for arm, (_, colour) in ARM_STYLE.items():
         chosen = np.flatnonzero(particles.arm == arm)
         chosen = chosen[:: max(every, len(chosen) // SHOWN)]
-        axes.scatter(x[chosen], y[chosen], s=size, color=colour, alpha=0.6, lw=0, rasterized=True, label=name)
+        axes.scatter(x[chosen], y[chosen], s=size, color=colour, alpha=0.6, lw=0, rasterized=True)

@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import re
+import textwrap
+from collections.abc import Iterable, Sequence
+from io import BytesIO
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, MultipleLocator
+
+from streamkit.stream import Array
+
+
+class NotebookFigure(Figure):
+    """A figure that shows itself as the last line of a notebook's cell, without pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        buffer = BytesIO()
+        self.savefig(buffer, format="png", dpi=100)
+        return buffer.getvalue()
+
 
 ACROSS = 4
 """Most panels beside each other."""
@@ -18,7 +33,7 @@ def panel_grid(n: int, width: float, height: float, *, across: int = ACROSS, sha
     """Return a figure and n panels, in rows of at most ``across``."""
     columns = max(min(n, across), 1)
     rows = max(-(-n // columns), 1)
-    figure = Figure(figsize=(width * columns + 0.9, height * rows + 0.5), layout="constrained")
+    figure = NotebookFigure(figsize=(width * columns + 0.9, height * rows + 0.5), layout="constrained")
     panels: Any = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=share)
     every = list(panels.flat)
     for axes in every[n:]:
@@ -42,6 +57,8 @@ def label_all(figure: Figure, x: str, y: str) -> None:
 
 BLUE, VERMILION, GREY = "#0072B2", "#D55E00", "#666666"
 """Okabe & Ito's colours, told apart by every eye."""
+BAND_68, BAND_95 = "#82B9D9", "#D1E6F1"
+"""Tints of the blue for intervals: opaque, so that the legend shows the colour that the band has."""
 
 SYMBOLS = {
     "potential.v0": r"$v_0$",
@@ -68,10 +85,54 @@ def ticks(axes: Axes) -> None:
     axes.yaxis.set_major_locator(MaxNLocator(5))
 
 
+def labels(names: Sequence[str], symbols: Sequence[str]) -> list[str]:
+    """Return what pictures call parameters, no two alike: their symbols, or the shortest clear ends of their paths.
+
+    Parameters
+    ----------
+    names
+        The parameters' paths: ``potential.halo.m200``.
+    symbols
+        The symbol of each, or once more its path if it has none. A symbol that several have stands above the name of
+        its component. Long names are broken after dots and underscores.
+    """
+    found = []
+    for name, symbol in zip(names, symbols, strict=True):
+        parts = name.split(".")
+        if symbol == name:
+            tails = [".".join(parts[-n:]) for n in range(1, len(parts) + 1)]
+            found.append(_folded(next(t for t in tails if sum(f".{other}".endswith(f".{t}") for other in names) == 1)))
+        elif list(symbols).count(symbol) > 1:
+            found.append(f"{symbol}\n{_folded(parts[-2])}")
+        else:
+            found.append(symbol)
+    return found
+
+
+def _folded(name: str) -> str:
+    """Break a name after dots and underscores into lines of some fourteen letters."""
+    return textwrap.fill(re.sub("([._])", r"\1 ", name), 14, break_long_words=False).replace(" ", "")
+
+
+def inner_ticks(low: float, high: float, inches: float) -> Array:
+    """(n,) Round numbers well inside an axis of that length, so few that their labels of 11 points keep apart."""
+    margin, inside = 0.1 * (high - low), np.empty(0)
+    for n in (6, 5, 4, 3, 2, 1):
+        values = np.asarray(MaxNLocator(n, steps=[1, 2, 2.5, 4, 5, 10]).tick_values(low, high))
+        values = values[(values > low + margin) & (values < high - margin)]
+        if not values.size:
+            break
+        inside = values
+        room = inches * (values[1] - values[0]) / (high - low) if len(values) > 1 else inches
+        if room > 0.095 * max(len(f"{value:g}".replace(".", "")) for value in values) + 0.1:
+            break
+    return inside
+
+
 def scaled(name: str, unit: str, typical: float) -> tuple[float, str, str]:
-    """Return the power of ten that a parameter's large values are divided by, its symbol, and the unit to show."""
+    """Return the power of ten that very large or small values are divided by, the symbol, and the unit to show."""
     shown, scale = latex(unit), 1.0
-    if typical >= 1e5:
+    if typical >= 1e5 or 0 < typical < 1e-3:
         power = int(np.floor(np.log10(typical)))
         scale = 10.0**power
         shown = rf"$10^{{{power}}}$ {shown}".strip()

@@ -3,13 +3,28 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import ScalarFormatter
 
-from streamkit.report import BLUE, GREY, VERMILION, scaled, ticks, with_unit
+from streamkit.errors import OutOfDomain
+from streamkit.report import (
+    BAND_68,
+    BAND_95,
+    BLUE,
+    GREY,
+    VERMILION,
+    NotebookFigure,
+    inner_ticks,
+    labels,
+    scaled,
+    ticks,
+    with_unit,
+)
 from streamkit.stream import Array
 from streamkit.study.fit.results import Results
 
@@ -18,15 +33,31 @@ if TYPE_CHECKING:
 
 FEW = 200
 """Samples below which a corner plot shows points without contours."""
+GAP = 0.11
+"""Inches between the panels of a corner plot."""
 
 
-def radii() -> Array:
-    """(nr,) Radii in kpc that the pictures of a profile are drawn at."""
-    return np.linspace(5.0, 200.0, 79)
+def reach(results: Results) -> tuple[float, float]:
+    """Return the least and the largest radius in kpc that the best stream or the data reach; 10 and 130 without."""
+    found = list(_data_radii(results).values())
+    try:
+        stream, _ = results.best_stream
+    except OutOfDomain:  # another machine's rounding may lose a stream at the edge
+        pass
+    else:
+        debris = stream.r if stream.bound.all() else stream.r[~stream.bound]
+        found += [stream.orbit.r.min(), stream.orbit.r.max(), *np.percentile(debris, [0.5, 99.5])]
+    return (float(min(found)), float(max(found))) if found else (10.0, 130.0)
+
+
+def radii(results: Results) -> Array:
+    """(nr,) Radii in kpc that the pictures of a profile are drawn at: somewhat beyond the `reach`."""
+    low, high = reach(results)
+    return np.linspace(0.5 * low, 1.5 * high, 79)
 
 
 def remark(results: Results) -> str:
-    """Return what every picture says above its axes: how far to trust it; nothing once converged."""
+    """Return the caveat printed above every picture; empty for a converged run."""
     if results.quick:
         return "QUICK LOOK, not for science"
     return "" if results.converged else "not converged"
@@ -36,10 +67,16 @@ def corner(results: Results) -> Figure:
     """Draw the marginal distributions of all pairs of parameters, with 68 % and 95 % contours."""
     from corner import corner as draw  # it loads pyplot, which nothing else here needs
 
-    samples, labels = _scaled(results)
+    samples, names, units = _scaled(results)
     d = samples.shape[1]
-    size = 1.9 * d + 1.2
-    figure = Figure(figsize=(size, size))
+    text = remark(results)
+    panel = 2.6 if d == 1 else 2.0 if d < 7 else 1.7
+    titles = [_title(name, column) for name, column in zip(names, samples.T, strict=True)]
+    lines = 1 + max(map(_lines, names))
+    left, right = 0.4 if d == 1 else 1.0 + 0.22 * lines, 0.7
+    bottom, top = 0.45 + 0.22 * lines, 0.25 + 0.22 * _lines(titles[0]) + (0.4 if text else 0)
+    width, height = (panel * d + GAP * (d - 1) + sides for sides in (left + right, bottom + top))
+    figure = NotebookFigure(figsize=(width, height))
     many = len(samples) >= FEW
     logging.getLogger("root").addFilter(_no_contour_warning)
     try:
@@ -55,66 +92,97 @@ def corner(results: Results) -> Figure:
             plot_density=many,
             plot_datapoints=not many,
             fill_contours=many,
-            max_n_ticks=3,
             hist_kwargs={"linewidth": 1.4},
             data_kwargs={"alpha": 0.5, "ms": 2},
         )
     finally:
         logging.getLogger("root").removeFilter(_no_contour_warning)
     grid = np.array(figure.axes).reshape(d, d)
-    for i, label in enumerate(labels):
-        grid[i, i].set_title(f"{label[0]} = {_interval(samples[:, i])}", fontsize=13)
+    for i, (name, unit, title) in enumerate(zip(names, units, titles, strict=True)):
+        grid[i, i].set_title(title, fontsize=12, loc="left")
         low, middle, high = np.percentile(samples[:, i], [16, 50, 84])
         for value, style in ((low, ":"), (middle, "--"), (high, ":")):
             grid[i, i].axvline(value, color="black", lw=0.9, ls=style)
-        grid[-1, i].set_xlabel(with_unit(*label, "\n"), fontsize=17)
+        values = inner_ticks(*_range(samples[:, i]), panel)
+        for axes in grid[i:, i]:
+            axes.set_xticks(values)
+        for axes in grid[i, :i]:
+            axes.set_yticks(values)
+        grid[-1, i].set_xlabel(with_unit(name, unit, "\n"), fontsize=14)
+        grid[-1, i].xaxis.set_label_coords(0.5, -0.33 / panel)
         if i:
-            grid[i, 0].set_ylabel(with_unit(*label, "\n"), fontsize=17)
+            grid[i, 0].set_ylabel(with_unit(name, unit, "\n"), fontsize=14)
+            grid[i, 0].yaxis.set_label_coords(-0.85 / panel, 0.5)
     for axes in figure.axes:
-        axes.tick_params(labelsize=12, direction="in", top=True, right=True)
-        axes.xaxis.set_label_coords(0.5, -0.42)
-        axes.yaxis.set_label_coords(-0.42, 0.5)
-    figure.subplots_adjust(left=0.09, right=0.98, bottom=0.09, top=0.95, wspace=0.06, hspace=0.06)
-    if text := remark(results):
-        figure.suptitle(text, color=VERMILION, fontsize=24, x=0.98, ha="right")
+        axes.tick_params(labelsize=11, labelrotation=0, direction="in", top=True, right=True)
+        for axis in (axes.xaxis, axes.yaxis):
+            if isinstance(formatter := axis.get_major_formatter(), ScalarFormatter):
+                formatter.set_useOffset(False)
+    figure.subplots_adjust(
+        left=left / width, right=1 - right / width, bottom=bottom / height, top=1 - top / height,
+        wspace=GAP / panel, hspace=GAP / panel,
+    )  # fmt: skip
+    if text:
+        figure.text(
+            1 - 0.2 / width,
+            1 - 0.15 / height,
+            text,
+            color=VERMILION,
+            fontsize=14 if d < 4 else 20,
+            ha="right",
+            va="top",
+        )
     return figure
 
 
 def mass_profile(results: Results, profile: QTable | None = None, axes: Axes | None = None) -> Figure:
-    """Draw the mass inside each radius with its 68 % and 95 % bands, and the apocentres of the data."""
-    profile = results.mass_profile(radii()) if profile is None else profile
-    figure, axes = _axes(results, axes)
-    bands(axes, profile, "M", 1e-11)
-    axes.set_ylabel(r"$M(<r)\ \,[10^{11}\,M_\odot]$", fontsize=13)
-    axes.set_ylim(bottom=0)
-    apocentres(axes, results)
-    axes.legend(frameon=False, loc="upper left", fontsize=10)
-    return figure
+    """Draw the mass inside each radius with its 68 % and 95 % bands, and the radii of the data."""
+    return _profile(results, profile, axes, "M", 1e-11, r"$M(<r)\ \,[10^{11}\,M_\odot]$")
 
 
 def rotation_curve(results: Results, profile: QTable | None = None, axes: Axes | None = None) -> Figure:
-    """Draw the circular velocity with its 68 % and 95 % bands."""
-    profile = results.mass_profile(radii()) if profile is None else profile
-    figure, axes = _axes(results, axes)
-    bands(axes, profile, "v_c", 1.0)
-    axes.set_ylabel(r"$v_{\rm c}(r)\ \,[{\rm km\,s}^{-1}]$", fontsize=13)
-    axes.set_ylim(bottom=0)
-    apocentres(axes, results)
-    axes.legend(frameon=False, loc="lower left", fontsize=10)
+    """Draw the circular velocity with its 68 % and 95 % bands, and the radii of the data."""
+    return _profile(results, profile, axes, "v_c", 1.0, r"$v_{\rm c}(r)\ \,[{\rm km\,s}^{-1}]$")
+
+
+def _profile(
+    results: Results, profile: QTable | None, axes: Axes | None, name: str, factor: float, label: str
+) -> Figure:
+    """Draw one column of a profile; what is extrapolated beyond the `reach` is shaded."""
+    profile = results.mass_profile(radii(results)) if profile is None else profile
+    if axes is None:
+        axes = NotebookFigure(figsize=(6.0, 4.5), layout="constrained").subplots()
+    figure = axes.get_figure(root=True)
+    assert isinstance(figure, Figure)  # noqa: S101  axes always have one
+    r = profile["r"].value
+    bands(axes, r, levels(profile, name, factor))
+    axes.set(xlim=(r[0], r[-1]), ylim=(0, None))
+    low, high = reach(results)
+    shade: Any = {"color": "#EDEDED", "lw": 0, "zorder": 0.5}
+    axes.axvspan(min(r[0], low), low, **shade)
+    axes.axvspan(high, max(r[-1], high), **shade, label="extrapolated")
+    data_radii(axes, results)
+    axes.set_xlabel(r"$r\ \,[{\rm kpc}]$", fontsize=13)
+    axes.set_ylabel(label, fontsize=13)
+    if text := remark(results):
+        axes.set_title(text, color=VERMILION, fontsize=12)
+    ticks(axes)
+    axes.legend(framealpha=1, edgecolor="none", loc="lower right", fontsize=10)  # its grey must be seen on the shade
     return figure
 
 
 def traces(results: Results) -> Figure:
     """Draw the walkers' paths: every parameter and ln p against the step, with the burn-in shaded."""
     steps, walkers, d = results.chain.shape
-    scale, labels = _units(results)
+    scale, own, units = _labels(results)
     columns = min(3, d + 1)
     rows = -(-(d + 1) // columns)
-    figure = Figure(figsize=(4.3 * columns, 1.75 * rows + 0.8), layout="constrained")
+    figure = NotebookFigure(figsize=(4.3 * columns, 1.75 * rows + 0.8), layout="constrained")
     panels: Any = figure.subplots(rows, columns, squeeze=False, sharex=True)
     ln_p = np.where(np.isfinite(results.log_prob), results.log_prob, np.nan)
     values = [results.chain[..., i] / scale[i] for i in range(d)] + [ln_p]
-    names = [with_unit(*label) for label in labels] + [r"$\ln p$"]
+    between = ["\n" if len(name) > 8 and not name.startswith("$") else " " for name in own]
+    names = [with_unit(*each) for each in zip(own, units, between, strict=True)] + [r"$\ln p$"]
     x = np.arange(1, steps + 1)
     every = max(steps // 2000, 1)
     for axes, value, name in zip(panels.flat, values, names, strict=False):
@@ -142,7 +210,8 @@ def traces(results: Results) -> Figure:
         panels[bottom, column].set_xlabel("step", fontsize=12)
         panels[bottom, column].tick_params(labelbottom=True)
     title = "grey: walkers; blue: their median; shaded: burn-in"
-    figure.suptitle(f"{text} ({title})" if (text := remark(results)) else title, fontsize=11)
+    text = remark(results)
+    figure.suptitle(f"{text} ({title})" if text else title, fontsize=11, color=VERMILION if text else "black")
     return figure
 
 
@@ -151,52 +220,55 @@ def _no_contour_warning(record: logging.LogRecord) -> bool:
     return "Too few points to create valid contours" not in record.getMessage()
 
 
-def _axes(results: Results, axes: Axes | None) -> tuple[Figure, Axes]:
-    if axes is None:
-        axes = Figure(figsize=(6.0, 4.5), layout="constrained").subplots()
-    figure = axes.get_figure(root=True)
-    assert isinstance(figure, Figure)  # noqa: S101  axes always have one
-    if text := remark(results):
-        axes.set_title(text, color=VERMILION, fontsize=12)
-    axes.set_xlabel(r"$r\ \,[{\rm kpc}]$", fontsize=13)
-    ticks(axes)
-    return figure, axes
+def levels(profile: QTable, name: str, factor: float) -> dict[str, Array]:
+    """Return median and intervals (nr,) of one quantity of a profile, times the factor, by suffix."""
+    return {level: profile[name + level].value * factor for level in ("", "_lo68", "_hi68", "_lo95", "_hi95")}
 
 
-def bands(axes: Axes, profile: QTable, name: str, factor: float) -> None:
-    """Draw a profile's median, 68 % and 95 % bands: the columns called ``name``, times the factor."""
-    r = profile["r"].value
-
-    def column(suffix: str) -> Any:
-        return profile[name + suffix].value * factor
-
-    axes.fill_between(r, column("_lo95"), column("_hi95"), color=BLUE, alpha=0.18, lw=0, label="95 %")
-    axes.fill_between(r, column("_lo68"), column("_hi68"), color=BLUE, alpha=0.38, lw=0, label="68 %")
-    axes.plot(r, column(""), color=BLUE, lw=1.8, label="median")
-    axes.set_xlim(0, r[-1])
+def bands(axes: Axes, r: Array, values: Mapping[str, Array]) -> None:
+    """Draw a median with its 68 % and 95 % bands at radii (nr,) as `levels` returns them."""
+    axes.fill_between(r, values["_lo95"], values["_hi95"], color=BAND_95, lw=0, label="95 %")
+    axes.fill_between(r, values["_lo68"], values["_hi68"], color=BAND_68, lw=0, label="68 %")
+    axes.plot(r, values[""], color=BLUE, lw=1.8, label="median")
 
 
-def apocentres(axes: Axes, results: Results) -> None:
-    """Mark the radii that the data speak of, as dashed lines."""
-    observable = results.spec.bind(results.best()).observable
-    for name, radius in ({} if observable is None else observable.radii()).items():
+def data_radii(axes: Axes, results: Results) -> None:
+    """Mark the radii that the data speak of, as dashed lines with their names at the foot."""
+    for name, radius in _data_radii(results).items():
         axes.axvline(radius, color="black", lw=0.9, ls="--")
-        axes.text(
-            radius + 1.5, 0.02, name, rotation=90, fontsize=8,
-            transform=axes.get_xaxis_transform(), va="bottom", ha="left", color="black", clip_on=True,
+        axes.annotate(
+            name, (radius, 0.02), (-3, 0), xycoords=axes.get_xaxis_transform(), textcoords="offset points",
+            rotation=90, fontsize=8, ha="right", va="bottom", annotation_clip=True,
         )  # fmt: skip
 
 
-def _units(results: Results) -> tuple[Array, list[tuple[str, str]]]:
-    """(d,) Powers of ten that large parameters are divided by, and a label (symbol, unit) for each."""
+def _data_radii(results: Results) -> dict[str, float]:
+    """Return the radii in kpc that the data speak of, by name."""
+    observable = results.spec.bind(results.best()).observable
+    return {} if observable is None else observable.radii()
+
+
+def _labels(results: Results) -> tuple[Array, list[str], list[str]]:
+    """(d,) Powers of ten that large parameters are divided by, the name of each in a picture, and its unit."""
     typical = np.median(np.abs(results.samples), axis=0)
     found = [scaled(*each) for each in zip(results.names, results.spec.units, typical.tolist(), strict=True)]
-    return np.array([scale for scale, _, _ in found]), [(symbol, unit) for _, symbol, unit in found]
+    scales, symbols, units = zip(*found, strict=True)
+    return np.array(scales), labels(results.names, symbols), list(units)
 
 
-def _scaled(results: Results) -> tuple[Array, list[tuple[str, str]]]:
-    scale, labels = _units(results)
-    return results.samples / scale, labels
+def _scaled(results: Results) -> tuple[Array, list[str], list[str]]:
+    scale, names, units = _labels(results)
+    return results.samples / scale, names, units
+
+
+def _lines(text: str) -> int:
+    return text.count("\n") + 1
+
+
+def _title(name: str, values: Array) -> str:
+    """Say a parameter's median and interval; a long name stands above them."""
+    between = " = " if name.startswith("$") and "\n" not in name else "\n"
+    return f"{name}{between}{_interval(values)}"
 
 
 def _interval(values: Array) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from streamkit.errors import ChainError, OutOfDomain
 from streamkit.report import draw_stream, save_picture, save_table
-from streamkit.sample import CHAIN, Posterior
+from streamkit.sample import CHAIN
 from streamkit.study.fit.directory import MANIFEST, RECOVERY, RUN_FILE
 from streamkit.study.fit.figures import corner, mass_profile, radii, remark, rotation_curve, traces
 from streamkit.study.fit.recovery import DRAWN, RADII, recovery_figure, recovery_table, true_host
@@ -31,7 +31,7 @@ def best_stream(results: Results) -> Figure:
     """Draw the stream at the best sample."""
     best = results.best()
     try:
-        stream, prediction = Posterior(results.spec).predict(np.array(list(best.values())))
+        stream, prediction = results.best_stream
     except OutOfDomain as error:  # another machine's rounding may lose a stream at the edge
         raise ChainError(f"the stream of the best sample could not be made again: {error.reason}") from None
     return draw_stream(stream, prediction, results.spec.bind(best), note=remark(results) if results.quick else "")
@@ -77,7 +77,7 @@ def write_products(run: Results | str | Path, truth: str | Path | None = None) -
     if where is None:
         raise ChainError("these results are in memory only: a report needs a directory")
     tables, figures = dict(TABLES), dict(FIGURES)
-    wanted = [PROFILE_RADII, radii()]
+    wanted = [PROFILE_RADII, radii(results)]
     if truth is not None:
         host = true_host(truth, results.spec)
         tables[RECOVERY[0]] = lambda results: recovery_table(results, host)

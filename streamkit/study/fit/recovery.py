@@ -15,11 +15,11 @@ from matplotlib.figure import Figure
 
 from streamkit.errors import SpecError
 from streamkit.model import Host
-from streamkit.report import BLUE, VERMILION, columns, finish, paragraph
+from streamkit.report import VERMILION, NotebookFigure, columns, finish, paragraph
 from streamkit.spec import Spec, read_toml, resolve
 from streamkit.stream import Array
 from streamkit.study.fit.directory import RECOVERY
-from streamkit.study.fit.figures import apocentres, bands, remark
+from streamkit.study.fit.figures import bands, data_radii, levels, remark
 from streamkit.study.fit.results import Results
 
 if TYPE_CHECKING:
@@ -138,16 +138,16 @@ def _recovery_cells(row: Any, name: str, unit: str, scale: float, digits: int) -
 def recovery_figure(results: Results, host: Host) -> Figure:
     """Draw M(r) and v_c(r) with their 68 % and 95 % bands over the true ones, the relative difference below."""
     table = recovery_table(results, host, DRAWN)
-    figure = Figure(figsize=(10.4, 5.6), layout="constrained")
+    figure = NotebookFigure(figsize=(10.4, 5.6), layout="constrained")
     panels: Any = figure.subplots(2, 2, sharex=True, height_ratios=(2.4, 1))
     labels = (r"$M(<r)\ \,[10^{11}\,M_\odot]$", r"$v_{\rm c}(r)\ \,[{\rm km\,s}^{-1}]$")
     for name, label, factor, (above, below) in zip(QUANTITIES, labels, (1e-11, 1.0), panels.T, strict=True):
         r = table["r"].value
-        bands(above, table, name, factor)
+        bands(above, r, levels(table, name, factor))
         above.plot(r, table[f"{name}_true"].value * factor, color=VERMILION, lw=1.8, ls=(0, (5, 2)), label="true")
         above.set_ylabel(label, fontsize=13)
-        above.set_ylim(bottom=0 if name == "M" else 0.6 * table["v_c_lo95"].value.min())
-        apocentres(above, results)
+        above.set_ylim(bottom=0 if name == "M" else 0.4 * table["v_c_lo95"].value.min())
+        data_radii(above, results)
         above.legend(frameon=False, fontsize=10, loc="upper left" if name == "M" else "lower left")
         _difference(below, table, name)
         below.set_xlabel(r"$r\ \,[{\rm kpc}]$", fontsize=13)
@@ -162,9 +162,6 @@ def recovery_figure(results: Results, host: Host) -> Figure:
 
 def _difference(axes: Axes, table: QTable, name: str) -> None:
     """Draw the relative difference with its bands, in per cent."""
-    r, true = table["r"].value, table[f"{name}_true"]
-    values = {s: 100 * (table[name + s] / true - 1).value for s in ("", "_lo68", "_hi68", "_lo95", "_hi95")}
-    axes.fill_between(r, values["_lo95"], values["_hi95"], color=BLUE, alpha=0.18, lw=0)
-    axes.fill_between(r, values["_lo68"], values["_hi68"], color=BLUE, alpha=0.38, lw=0)
-    axes.plot(r, values[""], color=BLUE, lw=1.8)
+    r, true = table["r"].value, table[f"{name}_true"].value
+    bands(axes, r, {level: 100 * (value / true - 1) for level, value in levels(table, name, 1.0).items()})
     axes.axhline(0, color=VERMILION, lw=1.8, ls=(0, (5, 2)))

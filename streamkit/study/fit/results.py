@@ -11,9 +11,17 @@ import numpy as np
 
 from streamkit.errors import ChainError
 from streamkit.model import Host
-from streamkit.sample import Chain, Convergence, effective_samples, learning_steps, rank_r_hat, stuck_walkers
+from streamkit.sample import (
+    Chain,
+    Convergence,
+    Posterior,
+    effective_samples,
+    learning_steps,
+    rank_r_hat,
+    stuck_walkers,
+)
 from streamkit.spec import Spec, load
-from streamkit.stream import Array, IntArray
+from streamkit.stream import Array, IntArray, Prediction, Stream
 from streamkit.study.fit.directory import RUN_FILE, manifest, read_chain
 from streamkit.study.fit.tables import diagnostics_table, profile_table, summary_table
 
@@ -159,6 +167,11 @@ class Results:
         return dict(zip(self.names, self.chain[step, walker].tolist(), strict=True))
 
     @cached_property
+    def best_stream(self) -> tuple[Stream, Prediction]:
+        """The stream at the best sample, and what the observable says of it. Raises OutOfDomain if there is none."""
+        return Posterior(self.spec).predict(np.array(list(self.best().values())))
+
+    @property
     def converged(self) -> bool:
         """Whether the percentiles can be trusted: `streamkit.sample.Convergence`, as the run file sets it."""
         return not self.quick and bool(self.convergence)

@@ -1,0 +1,164 @@
+"""The pictures of a run, whatever its parameters: nothing cut off, nothing printed over anything else."""
+
+import copy
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from pictures import assert_readable
+from toys import FIT
+
+import streamkit as sk
+from streamkit.report import NotebookFigure, labels
+from streamkit.study.fit.figures import _labels, corner, mass_profile, reach, rotation_curve, traces
+from streamkit.study.fit.results import Results
+
+
+def freed(**priors):
+    """Return FIT with other free parameters: section -> {field: prior or number}."""
+    document = copy.deepcopy(FIT)
+    document["sampler"]["walkers"] = 32
+    for section, fields in priors.items():
+        document[section].update(fields)
+    return document
+
+
+def one():
+    return freed(potential={"alpha": 0.35})
+
+
+def six():
+    """The host, the satellite and the width of the stripping: what a mock leaves free."""
+    return freed(
+        potential={"rs": {"uniform": [1, 100]}},
+        progenitor={"mass": {"uniform": [1e8, 1e9]}, "radius": {"uniform": [0.1, 1]}},
+        stripping={"sigma": {"uniform": [0.5, 10]}},
+    )
+
+
+def eight():
+    """Proper motions on the equatorial sky; two halos with the same fields, by names that a user chose."""
+    document = freed()
+    document["potential"] = {
+        "halo": {"kind": "nfw_m200", "m200": {"log_uniform": [1e11, 1e13]}, "c200": {"uniform": [5, 30]}, "h0": 70},
+        "halo_of_the_dwarf": {"kind": "nfw_m200", "m200": {"log_uniform": [1e9, 1e11]}, "c200": 15, "h0": 70},
+    }
+    for name in ("l", "b", "pm_l_cosb", "pm_b"):
+        del document["progenitor"][name]
+    document["progenitor"] |= {
+        "ra": 283.83, "dec": {"normal": [-30.545, 0.01]}, "pm_ra_cosdec": {"normal": [-2.692, 0.05]},
+        "pm_dec": {"normal": [-1.359, 0.05]}, "v_los": {"normal": [142, 2]}, "distance": {"normal": [26.5, 0.5]},
+    }  # fmt: skip
+    return document
+
+
+def eleven():
+    """The fit of the paper, nearly."""
+    document = six()
+    document["progenitor"] |= {
+        "distance": {"uniform": [22, 28.4]}, "pm_l_cosb": {"normal": [-2.44, 0.3]}, "pm_b": {"normal": [1.97, 0.3]},
+        "v_los": {"normal": [153, 2]}, "lookback": {"uniform": [0, 10]},
+    }  # fmt: skip
+    return document
+
+
+CASES = {1: one, 2: freed, 6: six, 8: eight, 11: eleven}
+
+
+def synthetic(document, steps=12, walkers=32, seed=1, quick=False):
+    """Return the results of a run that nobody made: correlated walkers around the prior's centre."""
+    spec, rng = sk.load(document), np.random.default_rng(seed)
+    d = len(spec.names)
+    mix = np.linalg.cholesky(0.5 * np.eye(d) + 0.5)
+    z = np.empty((steps, walkers, d))
+    z[0] = 3 * rng.normal(size=(walkers, d))
+    for k in range(1, steps):
+        z[k] = 0.8 * z[k - 1] + 0.6 * rng.normal(size=(walkers, d)) @ mix.T
+    chain = spec.centre() * (1 + 0.03 * z)
+    ln_p = -0.5 * (np.linalg.solve(mix, z[..., None])[..., 0] ** 2).sum(axis=2)
+    backend = SimpleNamespace(
+        iteration=steps, get_chain=lambda: chain, get_log_prob=lambda: ln_p, get_blobs=lambda: None,
+        accepted=np.full(walkers, steps // 3),
+    )  # fmt: skip
+    return Results.in_memory(spec, backend, {}, "steps", quick)
+
+
+@pytest.mark.parametrize("draw", [corner, traces])
+@pytest.mark.parametrize("number", CASES)
+def test_every_text_of_a_picture_can_be_read(number, draw, monkeypatch):
+    results = synthetic(CASES[number](), quick=True)  # the longest caveat
+    assert len(results.names) == number
+    texts = assert_readable(draw(results), monkeypatch)
+    assert any("QUICK LOOK" in text for text in texts)
+    for name in _labels(results)[1]:
+        assert any(name in text for text in texts), name
+
+
+def near():
+    """A stream at 20 kpc, on an orbit between 12 and 21 kpc."""
+    document = freed()
+    document["progenitor"] = {
+        "kind": "plummer", "mass": 1e5, "radius": 0.02,
+        "x": 15, "y": 0, "z": 8, "vx": 40, "vy": 0, "vz": 180, "lookback": 3,
+    }  # fmt: skip
+    document["observable"] |= {"leading": [17, 1], "trailing": [21, 1]}
+    document["stripping"]["sigma"] = 1
+    return document
+
+
+INSIDE = ("95 %", "68 %", "median", "extrapolated", "leading apocentre", "trailing apocentre")
+
+
+@pytest.mark.parametrize("make", [freed, near])
+def test_profiles_are_drawn_where_the_stream_and_the_data_are(make, monkeypatch):
+    results = synthetic(make())
+    stream, _ = results.best_stream
+    data = [results.spec.document["observable"][arm][0] for arm in ("leading", "trailing")]
+    low, high = reach(results)
+    assert low <= min(stream.orbit.r.min(), *map(_kpc, data))
+    assert high >= max(stream.orbit.r.max(), *map(_kpc, data))
+    for draw in (mass_profile, rotation_curve):
+        figure = draw(results)
+        assert figure.axes[0].get_xlim() == pytest.approx((0.5 * low, 1.5 * high))
+        assert set(INSIDE) <= set(assert_readable(figure, monkeypatch, INSIDE))
+    if make is near:
+        assert high < 40
+
+
+def _kpc(value):
+    return float(str(value).split()[0])
+
+
+def test_the_legend_has_the_colours_of_the_bands():
+    figure = rotation_curve(synthetic(freed()))
+    axes = figure.axes[0]
+    FigureCanvasAgg(figure).draw()
+    pixels = np.asarray(figure.canvas.buffer_rgba())[..., :3]
+    legend = axes.get_legend()
+    shown = {text.get_text(): patch for text, patch in zip(legend.texts, legend.legend_handles, strict=True)}
+    middle = axes.get_xlim()[0] + 0.4 * np.ptp(axes.get_xlim())
+    for name, band in zip(("95 %", "68 %"), axes.collections, strict=True):
+        path = band.get_paths()[0].vertices
+        edge = path[np.argsort(np.abs(path[:, 0] - middle))[:2]]  # the band's lower and upper edge there
+        y = edge[:, 1].min() + 0.06 * np.ptp(edge[:, 1])
+        column, row = axes.transData.transform((edge[0, 0], y)).astype(int)
+        box = shown[name].get_window_extent()
+        found = pixels[int(pixels.shape[0] - 0.5 * (box.y0 + box.y1)), int(0.5 * (box.x0 + box.x1))]
+        assert np.abs(pixels[pixels.shape[0] - 1 - row, column].astype(int) - found).max() <= 2, name
+
+
+def test_figures_show_themselves_in_a_notebook():
+    results = synthetic(freed())
+    for draw in (corner, traces, mass_profile, rotation_curve):
+        figure = draw(results)
+        assert isinstance(figure, NotebookFigure)
+    assert figure._repr_png_().startswith(b"\x89PNG\r\n")
+
+
+def test_parameters_are_called_by_their_symbol_or_the_shortest_clear_end_of_their_path():
+    names = ("potential.halo.m200", "potential.dwarf.m200", "progenitor.pm_ra_cosdec", "stripping.sigma")
+    symbols = (*names[:3], r"$\sigma$")
+    assert labels(names, symbols) == ["halo.m200", "dwarf.m200", "pm_ra_cosdec", r"$\sigma$"]
+    same = ("potential.disc.a", "potential.bulge_of_the_galaxy.a")
+    assert labels(same, ("$a$", "$a$")) == ["$a$\ndisc", "$a$\nbulge_of_\nthe_galaxy"]
