@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
+from functools import cache
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
@@ -64,6 +65,7 @@ class PhaseSpace(BaseModel, ABC):
         """Return the Galactocentric position (3,) in kpc and velocity (3,) in km/s."""
 
     @classmethod
+    @cache
     def coordinates(cls) -> tuple[str, ...]:
         """Return the names of the six coordinates."""
         return tuple(name for name in cls.model_fields if name != "lookback")
