@@ -2,11 +2,12 @@ from .chain import CHAIN as CHAIN
 from .chain import Chain as Chain
 from .chain import ChainFile as ChainFile
 from .chain import read_chain_file as read_chain_file
+from .convergence import Convergence as Convergence
 from .convergence import Limits as Limits
 from .convergence import autocorrelation_times as autocorrelation_times
 from .convergence import burn_in as burn_in
 from .convergence import effective_samples as effective_samples
-from .convergence import split_r_hat as split_r_hat
+from .convergence import rank_r_hat as rank_r_hat
 from .convergence import stuck_walkers as stuck_walkers
 from .ensemble import Sampling as Sampling
 from .moves import learning_steps as learning_steps

@@ -1,16 +1,22 @@
-"""Is the chain long enough: autocorrelation time, effective samples, R-hat, burn-in, stuck walkers; the one rule."""
+"""Can the samples be trusted: autocorrelation time, effective samples, R-hat, burn-in, stuck walkers; the one rule."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import emcee
 import numpy as np
 
 from streamkit.stream import Array, IntArray
 
+CHECK = 100
+"""Steps between two looks at the autocorrelation time."""
+STABLE = 0.05
+"""The autocorrelation time must have changed by less than this fraction since the last look."""
 LOW = 5.0
-"""A stranded walker's mean ln p lies below the others' by so many standard deviations of such means."""
+"""A stuck walker's mean ln p lies below the others' by so many standard deviations of such means."""
 NARROW = 0.5
 """And it roams less than this fraction of what the median walker does."""
 
@@ -41,17 +47,21 @@ def effective_samples(chain: Array, tau: Array) -> Array:
     return np.asarray(steps * walkers / tau)
 
 
-def split_r_hat(chain: Array) -> Array:
-    """(d,) Split R-hat of a chain (steps, walkers, d): each half walker is a chain (Gelman+ 2013, 11.4)."""
-    half = len(chain) // 2
-    if half < 2:
-        return np.full(chain.shape[2], np.nan)
-    parts = np.concatenate([chain[:half], chain[half : 2 * half]], axis=1)
-    within = parts.var(axis=0, ddof=1).mean(axis=0)
-    between = half * parts.mean(axis=0).var(axis=0, ddof=1)
-    with np.errstate(all="ignore"):
-        r_hat = np.sqrt(((half - 1) / half * within + between / half) / within)
-    return np.where(np.isfinite(r_hat), r_hat, np.nan)
+def rank_r_hat(chain: Array) -> Array:
+    """(d,) Rank-normalised split R-hat (Vehtari+ 2021) of a chain (steps, walkers, d), each walker a chain.
+
+    NaN where there is none: fewer than 4 steps, fewer than 2 walkers, or a parameter that never moved.
+    """
+    steps, walkers, d = chain.shape
+    r_hat = np.full(d, np.nan)
+    moved = np.ptp(chain.reshape(-1, d), axis=0) > 0 if chain.size else np.zeros(d, dtype=bool)
+    if steps >= 4 and walkers >= 2 and moved.any():
+        from arviz_stats.base.array import array_stats  # a second or more to load
+
+        with np.errstate(all="ignore"):  # infinite for walkers that stand still in different places
+            found = array_stats.rhat(chain[..., moved], chain_axis=1, draw_axis=0, method="rank")  # type: ignore[no-untyped-call]
+            r_hat[moved] = found
+    return r_hat
 
 
 def stuck_walkers(chain: Array, log_prob: Array) -> IntArray:
@@ -78,18 +88,11 @@ def stuck_walkers(chain: Array, log_prob: Array) -> IntArray:
     return np.flatnonzero(low & (roams < NARROW * np.median(roams)))
 
 
-CHECK = 100
-"""Steps between two looks at the autocorrelation time."""
-STABLE = 0.05
-"""The autocorrelation time must have changed by less than this fraction since the last look."""
-
-
 @dataclass(frozen=True)
 class Limits:
-    """When the sampling ends: at ``steps``, at ``deadline`` (`time.monotonic`), or with a long enough chain.
+    """When the sampling ends: at ``steps``, at ``deadline`` (`time.monotonic`), or with a chain that has converged.
 
-    Long enough means longer than ``tau_factor`` times the longest autocorrelation time, if that is stable, and a split
-    R-hat below ``r_hat`` for every parameter; the steps in which the moves still learn do not count.
+    Of ``tau_factor`` and ``r_hat`` see `Convergence`.
     """
 
     steps: int
@@ -98,6 +101,80 @@ class Limits:
     deadline: float = np.inf
 
 
-def longest_time(chain: Array) -> float:
-    """Return the longest autocorrelation time of a chain (steps, walkers, d)."""
-    return float(np.max(autocorrelation_times(chain)))
+@dataclass(frozen=True, eq=False)
+class Convergence:
+    """The one rule of convergence, for the sampler and all that reports on its chain: a function of the chain alone.
+
+    True if the chain without the steps of learning spans more than ``tau_factor`` of its longest autocorrelation times,
+    if this time is stable, and if after burn-in R-hat of every parameter is below ``largest_r_hat``.
+
+    Parameters
+    ----------
+    chain
+        (steps, walkers, d) all samples.
+    learning
+        Steps at the beginning in which the moves still learn.
+    tau_factor, largest_r_hat
+        As the run file's ``[sampler]`` has them; with an infinite ``largest_r_hat`` none is computed.
+    """
+
+    chain: Array = field(repr=False)
+    learning: int
+    tau_factor: float
+    largest_r_hat: float
+
+    @property
+    def learned(self) -> int:
+        """Steps left out as those of learning: at most half of a chain that is too short for the rule."""
+        steps = len(self.chain)
+        return self.learning if steps > self.learning + CHECK else min(self.learning, steps // 2)
+
+    @cached_property
+    def discard(self) -> int:
+        """Steps of learning and of burn-in."""
+        return self.learned + burn_in(self.chain[self.learned :])
+
+    @cached_property
+    def tau(self) -> Array:
+        """(d,) Autocorrelation times in steps, after learning; NaN where there is no estimate."""
+        return autocorrelation_times(self.chain[self.learned :])
+
+    @cached_property
+    def r_hat(self) -> Array:
+        """(d,) Rank-normalised split R-hat after burn-in."""
+        return rank_r_hat(self.chain[self.discard :])
+
+    @property
+    def span(self) -> float:
+        """Length of the chain after learning in its longest autocorrelation times; NaN without an estimate."""
+        return float((len(self.chain) - self.learned) / np.max(self.tau))
+
+    @property
+    def is_stable(self) -> bool:
+        """Whether the longest autocorrelation time is nearly what it was `CHECK` steps before."""
+        if len(self.chain) <= self.learning + CHECK:
+            return False
+        tau, before = (float(np.max(t)) for t in (self.tau, autocorrelation_times(self.chain[self.learned : -CHECK])))
+        return abs(tau - before) < STABLE * tau
+
+    def __bool__(self) -> bool:
+        if not (self.span > self.tau_factor and self.is_stable):
+            return False
+        return bool(np.isinf(self.largest_r_hat) or (self.r_hat < self.largest_r_hat).all())
+
+    def missing(self, names: Sequence[str]) -> str:
+        """Say what a chain of parameters of these names lacks; empty if it has converged."""
+        if self:
+            return ""
+        steps = f"{len(self.chain) - self.learned} steps{' after learning' if self.learned else ''}"
+        if not np.isfinite(self.span):
+            return f"{steps} are too few, or walkers move too little, to estimate the autocorrelation time"
+        lacks = []
+        if not self.span > self.tau_factor:
+            lacks.append(f"{steps} are {self.span:.0f} autocorrelation times, and {self.tau_factor:g} are wanted")
+        elif not self.is_stable:
+            lacks.append("the autocorrelation time is not stable yet")
+        values = zip(names, self.r_hat, strict=True)
+        if apart := [f"{name} ({value:.3g})" for name, value in values if not value < self.largest_r_hat]:
+            lacks.append(f"R-hat is not below {self.largest_r_hat:g} for {', '.join(apart)}")
+        return "; ".join(lacks)

@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from streamkit.observe import Data
 from streamkit.sample.chain import ChainFile
-from streamkit.sample.convergence import CHECK, STABLE, Limits, burn_in, longest_time, split_r_hat
+from streamkit.sample.convergence import CHECK, Convergence, Limits
 from streamkit.sample.coordinates import Space
 from streamkit.sample.history import Trials
 from streamkit.sample.moves import LEARNING, SurrogateMove, learning_steps, proposals
@@ -28,6 +28,12 @@ REPLICAS = "replicas"
 """Where the chain file keeps the replicas of the surrogate."""
 NOTES = 5.0
 """Seconds between two notes of the counts in the chain file, and between two looks at the mass."""
+
+
+class Bar(tqdm):  # type: ignore[misc]  # tqdm has no types
+    """A progress bar without tqdm's thread that looks after slow ones: processes are forked while none runs."""
+
+    monitor_interval = 0
 
 
 @dataclass
@@ -76,7 +82,7 @@ class Sampling:
     def begin(self, deadline: float = np.inf) -> None:
         """Find starting points and empty the backend. The first step is not taken yet."""
         self.backend.reset(self.walkers, len(self.priors))
-        with tqdm(desc="searching the prior", unit=" calls", disable=not self.progress, leave=False) as bar:
+        with Bar(desc="searching the prior", unit=" calls", disable=not self.progress, leave=False) as bar:
 
             def tell(line: str) -> None:
                 bar.set_description_str(line, refresh=False)
@@ -124,11 +130,11 @@ class Sampling:
             backend=self.backend,
             blobs_dtype=self.dtype,
         )
-        if self._is_long_enough(limits):
+        if done and self._judge(limits):
             return "converged"
         tau, clock = np.nan, _Clock(self.pool)
         try:
-            with tqdm(total=limits.steps, initial=done, unit="step", disable=not self.progress) as bar:
+            with Bar(total=limits.steps, initial=done, unit="step", disable=not self.progress) as bar:
                 while done < limits.steps:
                     ends = [CHECK * (done // CHECK + 1), limits.steps, *LEARNING]
                     todo = min(end for end in ends if end > done) - done
@@ -144,9 +150,10 @@ class Sampling:
                     if done in LEARNING:
                         self._learn(moves, done)
                     if done % CHECK == 0 or done == limits.steps:
-                        tau = longest_time(self._learned())
-                        if self._is_long_enough(limits):
+                        judged = self._judge(limits)
+                        if judged:
                             return "converged"
+                        tau = float(np.max(judged.tau))
             return "steps"
         finally:
             self._note()
@@ -158,20 +165,9 @@ class Sampling:
             reasons[reason] = reasons.get(reason, 0) + count
         return self.counts | {"calls": self.counts["calls"] + self.pool.calls["full"], "reasons": reasons}
 
-    def _learned(self) -> Array:
-        """(steps, walkers, d) The chain after learning."""
-        return np.asarray(self.backend.get_chain()[learning_steps(self.moves) :])
-
-    def _is_long_enough(self, limits: Limits) -> bool:
-        """Whether the chain can end where it is: a function of the chain alone, the same after a resumption."""
-        length = int(self.backend.iteration) - learning_steps(self.moves)
-        if length <= CHECK:
-            return False
-        chain = self._learned()
-        tau, before = longest_time(chain), longest_time(chain[:-CHECK])
-        if not (length > limits.tau_factor * tau and abs(tau - before) < STABLE * tau):
-            return False
-        return bool(np.isinf(limits.r_hat) or split_r_hat(chain[burn_in(chain) :]).max() < limits.r_hat)
+    def _judge(self, limits: Limits) -> Convergence:
+        chain = np.asarray(self.backend.get_chain())
+        return Convergence(chain, learning_steps(self.moves), limits.tau_factor, limits.r_hat)
 
     def _learn(self, moves: Sequence[tuple[emcee.moves.Move, float]], done: int) -> None:
         """Give the surrogate moves what the chain knew at the last step of `LEARNING`."""

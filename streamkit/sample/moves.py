@@ -18,10 +18,11 @@ EXCHANGES = 0.6
 """Fraction of the moves with a surrogate that exchange walkers with replicas; the others are walks of walkers."""
 FEWEST = 256
 """Least number of replicas."""
-HEAT = (1.0, 0.3, 0.1)
-"""What multiplies the surrogate's ln likelihood for the replicas, in equal numbers, as long as it learns. Hot ones lead
-to where it knows nothing yet, and it learns what is found there: without them a chain may never see a thin tail."""
-WARM = 0.8
+INVERSE_TEMPERATURES = (1.0, 0.3, 0.1)
+"""What multiplies the surrogate's ln likelihood for the replicas, in equal numbers, as long as it learns. Tempered ones
+explore regions without training points, and their proposals become training points: without them a chain may never see
+a thin tail."""
+LAST_INVERSE_TEMPERATURE = 0.8
 """The same after learning, for all replicas: where the surrogate is too low a walker stays for long. A little flatter,
 it lets go three times as soon for a fifth of the acceptance."""
 SETTLE, STIR = 200, 2
@@ -67,7 +68,7 @@ class SurrogateMove(RedBlueMove):  # type: ignore[misc]
         self._gammas, self._parts = np.array(gammas).T
         self._plain = [_differential(gamma) for gamma in self._gammas]
         self._surrogate: Surrogate | None = None
-        self._heat: Array = np.empty(0)
+        self._beta: Array = np.empty(0)
         self._offered: tuple[IntArray, Array] | None = None
 
     def learn(self, surrogate: Surrogate | None, walkers: int, seed: int, last: bool) -> None:
@@ -78,8 +79,8 @@ class SurrogateMove(RedBlueMove):  # type: ignore[misc]
             lnp = self._ln_density(points)
             weight = np.exp(lnp - lnp.max())
             chosen = random.choice(len(points), number, p=weight / weight.sum())
-            self._heat = np.full(number, WARM) if last else np.resize(HEAT, number)
-            self.replicas, _, _ = self._walk(points[chosen], SETTLE, 1.0, random, self._heat)
+            self._beta = np.full(number, LAST_INVERSE_TEMPERATURE) if last else np.resize(INVERSE_TEMPERATURES, number)
+            self.replicas, _, _ = self._walk(points[chosen], SETTLE, 1.0, random, self._beta)
 
     def get_proposal(self, s: Array, c: list[Array], random: Any) -> tuple[Array, Array]:
         """Return new places (n, d) for s, and what they add to ln acceptance (n,)."""
@@ -89,10 +90,10 @@ class SurrogateMove(RedBlueMove):  # type: ignore[misc]
             return new, factor
         start = self.space.to(s)
         if random.rand() < EXCHANGES:
-            self.replicas, _, lnp = self._walk(self.replicas, STIR, 1.0, random, self._heat)
+            self.replicas, _, lnp = self._walk(self.replicas, STIR, 1.0, random, self._beta)
             chosen = random.choice(len(lnp), len(s), replace=False)
             self._offered, y = (chosen, start), self.replicas[chosen]
-            factor = self._ln_density(start, self._heat[chosen]) - lnp[chosen]
+            factor = self._ln_density(start, self._beta[chosen]) - lnp[chosen]
         else:
             y, first, lnp = self._walk(start, 1, WALKS[random.randint(len(WALKS))], random)
             factor = first - lnp
@@ -107,21 +108,24 @@ class SurrogateMove(RedBlueMove):  # type: ignore[misc]
         return super().update(old, new, accepted, subset)
 
     def _walk(
-        self, y: Array, steps: int, scale: float, random: Any, heat: Array | float = 1.0
+        self, y: Array, steps: int, scale: float, random: Any, beta: Array | float = 1.0
     ) -> tuple[Array, Array, Array]:
-        """Walk on the surrogate from y (n, d), so many steps per parameter; return the ends, and ln p at both."""
+        """Walk on the surrogate from y (n, d), so many steps per parameter; return the ends, and ln p at both.
+
+        ``beta`` is the inverse temperature, of each or of all.
+        """
         assert self._surrogate is not None  # noqa: S101  callers have looked
-        first = lnp = self._ln_density(y, heat)
+        first = lnp = self._ln_density(y, beta)
         for gamma in scale * random.choice(self._gammas, p=self._parts, size=steps * y.shape[1]):
             new = y + gamma * _differences(self._surrogate.points, len(y), random)
-            lnp_new = self._ln_density(new, heat)
+            lnp_new = self._ln_density(new, beta)
             taken = np.log(random.rand(len(y))) < lnp_new - lnp
             y, lnp = np.where(taken[:, None], new, y), np.where(taken, lnp_new, lnp)
         return y, first, lnp
 
-    def _ln_density(self, y: Array, heat: Array | float = 1.0) -> Array:
+    def _ln_density(self, y: Array, beta: Array | float = 1.0) -> Array:
         assert self._surrogate is not None  # noqa: S101  as above
-        return self.space.ln_prior(y) + heat * self._surrogate.ln_likelihood(y)
+        return self.space.ln_prior(y) + beta * self._surrogate.ln_likelihood(y)
 
 
 def proposals(name: str, priors: Sequence[Prior]) -> list[tuple[emcee.moves.Move, float]]:

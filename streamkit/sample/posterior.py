@@ -91,6 +91,9 @@ class Posterior:
         self.size = len(data)
         self.data = Data(np.asarray(data, dtype=float), np.asarray(sigma, dtype=float), self.add_noise)
 
+    def __repr__(self) -> str:
+        return f"<Posterior of {self.spec.source}: {len(self.spec.names)} parameters, {self.size} data>"
+
     def __reduce__(self) -> tuple[Any, ...]:
         return Posterior, (self.spec,)
 

@@ -1,15 +1,16 @@
-"""Worker processes that evaluate the posterior: given the specs once, every call and rejection counted."""
+"""Workers that evaluate the posterior: given the posteriors once, every call and rejection counted."""
 
 from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
 import signal
 import threading
+import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
 from typing import Any, Protocol
 
 from streamkit.errors import StreamkitError
@@ -37,7 +38,14 @@ class Stopped(Exception):  # noqa: N818  a request, not a fault
 class Workers:
     """Evaluates one of several posteriors ("full", "cheap") on many points, in this or in other processes.
 
-    Use as a context manager.
+    Use as a context manager, entered before any thread is started: the processes are forked then.
+
+    Parameters
+    ----------
+    posteriors
+        By name; for an executor of your own they must pickle.
+    workers
+        A number of processes; or any `concurrent.futures.Executor` (MPI's and Dask's among them), left running.
 
     Attributes
     ----------
@@ -49,34 +57,31 @@ class Workers:
         Number of the signal that asked for an end, or 0.
     """
 
-    def __init__(self, posteriors: Mapping[str, Evaluates], count: int = 1) -> None:
+    def __init__(self, posteriors: Mapping[str, Evaluates], workers: int | Executor = 1) -> None:
         self._posteriors = dict(posteriors)
-        self._count = count
-        self._executor: ProcessPoolExecutor | None = None
+        self._workers = workers
+        self._executor: Executor | None = None
+        self._sent = b""
         self.calls: Counter[str] = Counter()
         self.reasons: dict[str, Counter[str]] = {name: Counter() for name in posteriors}
         self.stop = 0
 
     def __enter__(self) -> Workers:
-        if self._count > 1:
-            self._executor = pool(self._count, self._posteriors)
+        if isinstance(self._workers, Executor):
+            self._executor, self._sent = self._workers, pickle.dumps(self._posteriors)
+        elif self._workers > 1:
+            self._executor = pool(self._workers, self._posteriors)
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._executor is not None:
+        if self._executor is not None and not isinstance(self._workers, Executor):
             self._executor.shutdown(wait=True, cancel_futures=True)
 
     def evaluate(self, points: Array, which: str = "full") -> list[Evaluation]:
         """Evaluate at points (n, d), in order.
 
-        Raises
-        ------
-        Stopped
-            As soon as ``stop`` is set.
-        ComponentError
-            If a component fails.
-        StreamkitError
-            If a worker process dies.
+        Raises `Stopped` as soon as ``stop`` is set, ComponentError if a component fails, and StreamkitError if a
+        worker process dies.
         """
         results: list[Evaluation] = []
         try:
@@ -87,7 +92,7 @@ class Workers:
                 results.append(result)
                 if self.stop:
                     raise Stopped(self.stop)
-        except BrokenProcessPool:
+        except BrokenExecutor:
             raise StreamkitError(
                 "a worker process died (killed, or out of memory): try fewer workers, or fewer particles"
             ) from None
@@ -96,8 +101,11 @@ class Workers:
     def _results(self, points: Array, which: str) -> Iterator[Evaluation]:
         if self._executor is None:
             return (self._posteriors[which].evaluate(point) for point in points)
+        if isinstance(self._workers, Executor):
+            n = len(points)
+            return self._executor.map(_evaluate_sent, [self._sent] * n, [which] * n, points)
         # Calls differ in cost by the look-back time: small chunks keep every core busy to the end.
-        chunk = max(len(points) // (16 * self._count), 1)
+        chunk = max(len(points) // (16 * self._workers), 1)
         return self._executor.map(_evaluate, [which] * len(points), points, chunksize=chunk)
 
 
@@ -125,14 +133,25 @@ class Signals:
 
 
 def pool(count: int, posteriors: Mapping[str, Evaluates] | None = None) -> ProcessPoolExecutor:
-    """Return worker processes that leave signals to their parent, end with it, and hold the posteriors."""
+    """Return worker processes that leave signals to their parent, end with it, and hold the posteriors.
+
+    They are forked here and now, where that exists: this takes milliseconds, and asks nothing of the caller's main
+    module. Later, threads (a progress bar's) might hold locks that a forked process would wait for in vain.
+    """
     method = "fork" if "fork" in multiprocessing.get_all_start_methods() else "spawn"
     context = multiprocessing.get_context(method)
-    return ProcessPoolExecutor(count, mp_context=context, initializer=_prepare, initargs=(posteriors or {},))
+    executor = ProcessPoolExecutor(count, mp_context=context, initializer=_prepare, initargs=(posteriors or {},))
+    with warnings.catch_warnings():
+        # from Python 3.12 on, threads of numpy's linear algebra are warned of too; these survive a fork
+        warnings.filterwarnings("ignore", message=".*fork", category=DeprecationWarning)
+        executor.submit(os.getpid)  # the first task forks all of them
+    return executor
 
 
 _POSTERIORS: dict[str, Evaluates] = {}
-"""The posteriors of this worker process, set once by its initializer: the one state that a module keeps."""
+"""The posteriors of this worker process, set once by its initializer."""
+_SENT: dict[bytes, dict[str, Evaluates]] = {}
+"""The posteriors that a worker of somebody else's executor was sent last, by their pickle."""
 
 
 def _prepare(posteriors: Mapping[str, Evaluates]) -> None:
@@ -152,3 +171,10 @@ def _end_with(parent: Any) -> None:
 
 def _evaluate(which: str, point: Array) -> Evaluation:
     return _POSTERIORS[which].evaluate(point)
+
+
+def _evaluate_sent(sent: bytes, which: str, point: Array) -> Evaluation:
+    if sent not in _SENT:
+        _SENT.clear()
+        _SENT[sent] = pickle.loads(sent)  # noqa: S301  our own
+    return _SENT[sent][which].evaluate(point)

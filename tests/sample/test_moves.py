@@ -13,7 +13,7 @@ from streamkit.observe import Data
 from streamkit.sample import ChainFile, Limits, Workers, autocorrelation_times
 from streamkit.sample.coordinates import Space
 from streamkit.sample.history import Trials
-from streamkit.sample.moves import HEAT, LEARNING, WARM, SurrogateMove, proposals
+from streamkit.sample.moves import INVERSE_TEMPERATURES, LAST_INVERSE_TEMPERATURE, LEARNING, SurrogateMove, proposals
 from streamkit.sample.surrogate import learn
 from streamkit.spec import LogUniform, Normal, TruncatedNormal, Uniform
 
@@ -88,7 +88,7 @@ def test_every_move_alone_samples_the_prior(move):
 @pytest.mark.parametrize(
     ("move", "steps", "last"),
     [(MOVES[0], 600, True), (MOVES[0], 900, False), (MOVES[1], 8000, True), (MOVES[2], 8000, True)],
-    ids=["surrogate", "hot replicas", "best", "third"],
+    ids=["surrogate", "tempered replicas", "best", "third"],
 )
 def test_every_move_alone_samples_a_cut_gaussian(move, steps, last):
     found = sampled(move, ln_posterior, steps, last)
@@ -119,15 +119,15 @@ def test_an_exchange_gives_the_replica_the_walkers_place(monkeypatch):
         assert held == [taken, not taken]
 
 
-def test_replicas_are_hot_while_the_surrogate_learns():
-    """The third parameter is a Gaussian of variance 1 in the data and 4 in the prior: 1 / (1/4 + heat)."""
+def test_replicas_are_tempered_while_the_surrogate_learns():
+    """The third parameter is a Gaussian of variance 1 in the data and 4 in the prior: 1 / (1/4 + beta)."""
     (move, _), *_ = proposals("surrogate", PRIORS)
     for last in (False, True):
         move.learn(wrong_surrogate(), 8, seed=7, last=last)
         z = move.replicas[:, 2]
-        for i, heat in enumerate(HEAT):
-            expected = 1 / (0.25 + (WARM if last else heat))
-            assert np.var(z[i :: len(HEAT)]) == pytest.approx(expected, rel=0.6)  # 85 of them, and Student's tails
+        for i, beta in enumerate(INVERSE_TEMPERATURES):
+            expected = 1 / (0.25 + (LAST_INVERSE_TEMPERATURE if last else beta))
+            assert np.var(z[i :: len(INVERSE_TEMPERATURES)]) == pytest.approx(expected, rel=0.6)  # 85 of them, and Student's tails
 
 
 def test_a_cubic_model_is_learned_exactly():

@@ -6,6 +6,7 @@ import json
 import platform
 import shutil
 import tomllib
+from collections.abc import Collection
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -20,16 +21,13 @@ RUN_FILE = "run.toml"
 MANIFEST = "manifest.json"
 PLUGIN_COPIES = "plugins"
 """Folder with copies of the run's plugin files."""
-PRODUCTS = (
-    RUN_FILE, MANIFEST, CHAIN, "summary.ecsv", "mass_profile.ecsv", "diagnostics.ecsv",
-    "corner.png", "mass_profile.png", "rotation_curve.png", "best_stream.png", "traces.png",
-)  # fmt: skip
-"""Every file that a run writes into its output directory."""
 RECOVERY = ("recovery.ecsv", "recovery.png")
 """What a report beside the truth adds."""
 
 
-def claim(directory: Path, spec: Spec, options: dict[str, Any], resume: bool, force: bool) -> bool:
+def claim(
+    directory: Path, spec: Spec, options: dict[str, Any], products: Collection[str], resume: bool, force: bool
+) -> bool:
     """Make the directory this run's own; return whether there is a chain to continue.
 
     Parameters
@@ -40,6 +38,8 @@ def claim(directory: Path, spec: Spec, options: dict[str, Any], resume: bool, fo
         The run.
     options
         Command options for the manifest.
+    products
+        Every file that a run or a report may write there.
     resume, force
         Continue the same run; overwrite the products of another one.
 
@@ -55,8 +55,8 @@ def claim(directory: Path, spec: Spec, options: dict[str, Any], resume: bool, fo
     if files and resume:
         going_on = _same_run(directory, spec, files)
     elif files and force:
-        _only_ours(directory, files)
-        for name in (*PRODUCTS, *RECOVERY):
+        _only_ours(directory, files, products)
+        for name in products:
             if name != MANIFEST:  # it says whose the directory is, until the new one takes its place
                 (directory / name).unlink(missing_ok=True)
     elif files:
@@ -116,9 +116,9 @@ def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
     return len(read_chain(directory).chain) > 0
 
 
-def _only_ours(directory: Path, files: list[str]) -> None:
+def _only_ours(directory: Path, files: list[str], products: Collection[str]) -> None:
     """Refuse to overwrite files that only happen to have our names: without a manifest they are not ours."""
-    clash = [name for name in files if name in (*PRODUCTS, *RECOVERY)]
+    clash = [name for name in files if name in products]
     if odd := [name for name in clash if (directory / name).is_dir()]:
         raise ChainError(f"{directory}: {_some(odd)} is a directory, expected a file. Choose another directory.")
     if clash and MANIFEST not in files:

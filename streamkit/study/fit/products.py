@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from streamkit.errors import ChainError, OutOfDomain
-from streamkit.report import draw_stream, replace_whole
-from streamkit.sample import Posterior
-from streamkit.study.fit.directory import RECOVERY
+from streamkit.report import draw_stream, save_picture, save_table
+from streamkit.sample import CHAIN, Posterior
+from streamkit.study.fit.directory import MANIFEST, RECOVERY, RUN_FILE
 from streamkit.study.fit.figures import corner, mass_profile, radii, remark, rotation_curve, traces
-from streamkit.study.fit.recovery import recovery_figure, recovery_table, true_host
+from streamkit.study.fit.recovery import DRAWN, RADII, recovery_figure, recovery_table, true_host
 from streamkit.study.fit.results import Results
+from streamkit.study.fit.tables import printable
 
 if TYPE_CHECKING:
     from astropy.table import QTable
@@ -24,8 +27,36 @@ PROFILE_RADII = np.arange(5.0, 201.0, 5.0)
 """Radii in kpc of the table of masses: 5 to 200, with 50, 100, 150 and 200 among them."""
 
 
+def best_stream(results: Results) -> Figure:
+    """Draw the stream at the best sample."""
+    best = results.best()
+    try:
+        stream, prediction = Posterior(results.spec).predict(np.array(list(best.values())))
+    except OutOfDomain as error:  # another machine's rounding may lose a stream at the edge
+        raise ChainError(f"the stream of the best sample could not be made again: {error.reason}") from None
+    return draw_stream(stream, prediction, results.spec.bind(best), note=remark(results) if results.quick else "")
+
+
+TABLES: dict[str, Callable[[Results], QTable]] = {
+    "summary.ecsv": Results.summary,
+    "mass_profile.ecsv": lambda results: results.mass_profile(PROFILE_RADII),
+    "diagnostics.ecsv": Results.diagnostics,
+}
+FIGURES: dict[str, Callable[[Results], Figure]] = {
+    "corner.png": corner,
+    "mass_profile.png": mass_profile,
+    "rotation_curve.png": rotation_curve,
+    "best_stream.png": best_stream,
+    "traces.png": traces,
+}
+PRODUCTS = (RUN_FILE, MANIFEST, CHAIN, *TABLES, *FIGURES)
+"""Every file that a run writes into its output directory."""
+
+
 def write_products(run: Results | str | Path, truth: str | Path | None = None) -> Results:
     """Write every table and picture of a run into its directory, and return its results.
+
+    A picture that fails is left out, with a warning in the log; `Results.failed` and the diagnostics hold the reason.
 
     Parameters
     ----------
@@ -45,46 +76,27 @@ def write_products(run: Results | str | Path, truth: str | Path | None = None) -
     where = results.directory
     if where is None:
         raise ChainError("these results are in memory only: a report needs a directory")
+    tables, figures = dict(TABLES), dict(FIGURES)
+    wanted = [PROFILE_RADII, radii()]
     if truth is not None:
         host = true_host(truth, results.spec)
-        _table(where / RECOVERY[0], recovery_table(results, host))
-        _picture(where / RECOVERY[1], recovery_figure(results, host))
-    _table(where / "summary.ecsv", results.summary())
-    _table(where / "mass_profile.ecsv", results.mass_profile(PROFILE_RADII))
-    _table(where / "diagnostics.ecsv", results.diagnostics())
-    profile = results.mass_profile(radii())
-    _picture(where / "corner.png", corner(results))
-    _picture(where / "mass_profile.png", mass_profile(results, profile))
-    _picture(where / "rotation_curve.png", rotation_curve(results, profile))
-    _picture(where / "traces.png", traces(results))
-    try:
-        stream, prediction = best_stream(results)
-    except OutOfDomain as error:  # another machine's rounding may lose a stream at the edge
-        (where / "best_stream.png").unlink(missing_ok=True)
-        _table(where / "diagnostics.ecsv", _without_stream(results, error.reason))
-        return results
-    setup = results.spec.bind(results.best())
-    _picture(
-        where / "best_stream.png",
-        draw_stream(stream, prediction, setup, note=remark(results) if results.quick else ""),
-    )
+        tables[RECOVERY[0]] = lambda results: recovery_table(results, host)
+        figures[RECOVERY[1]] = lambda results: recovery_figure(results, host)
+        wanted += [RADII, DRAWN]
+    results.profiles(np.concatenate(wanted))  # in one go
+    results.failed = {}
+    for name, draw in figures.items():
+        try:
+            save_picture(where / name, draw(results))
+        except Exception as error:
+            (where / name).unlink(missing_ok=True)  # an older one would belong to other samples
+            results.failed[name] = f"{type(error).__name__}: {error}"
+    for name, make in tables.items():
+        table = make(results)
+        if results.failed:
+            table.meta["pictures that failed"] = dict(results.failed)
+        save_table(where / name, printable(table, None))
+    if results.failed:
+        reasons = "; ".join(f"{name} ({reason})" for name, reason in results.failed.items())
+        logging.getLogger("streamkit").warning("Some pictures could not be drawn, all else was: %s", reasons)
     return results
-
-
-def best_stream(results: Results) -> tuple[Any, Any]:
-    """Return the stream at the best sample, and what the observable says of it."""
-    return Posterior(results.spec).predict(np.array(list(results.best().values())))
-
-
-def _without_stream(results: Results, reason: str) -> QTable:
-    table = results.diagnostics()
-    table.meta["best stream"] = f"could not be made again: {reason}"
-    return table
-
-
-def _table(path: Path, table: QTable) -> None:
-    replace_whole(path, lambda part: table.write(part, format="ascii.ecsv", overwrite=True))
-
-
-def _picture(path: Path, figure: Figure) -> None:
-    replace_whole(path, lambda part: figure.savefig(part, dpi=200))

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 RADII = np.arange(10.0, 121.0, 5.0)
 """Radii in kpc of the table: where Gibbons+ 2014 test their recovery."""
+DRAWN = np.linspace(RADII[0], RADII[-1], 56)
+"""Radii in kpc of the picture."""
 PRINTED = 10.0
 """Spacing in kpc of the rows that are printed."""
 QUANTITIES = ("M", "v_c")
@@ -135,7 +137,7 @@ def _recovery_cells(row: Any, name: str, unit: str, scale: float, digits: int) -
 
 def recovery_figure(results: Results, host: Host) -> Figure:
     """Draw M(r) and v_c(r) with their 68 % and 95 % bands over the true ones, the relative difference below."""
-    table = recovery_table(results, host, np.linspace(RADII[0], RADII[-1], 56))
+    table = recovery_table(results, host, DRAWN)
     figure = Figure(figsize=(10.4, 5.6), layout="constrained")
     panels: Any = figure.subplots(2, 2, sharex=True, height_ratios=(2.4, 1))
     labels = (r"$M(<r)\ \,[10^{11}\,M_\odot]$", r"$v_{\rm c}(r)\ \,[{\rm km\,s}^{-1}]$")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,19 +11,11 @@ import numpy as np
 
 from streamkit.errors import ChainError
 from streamkit.model import Host
-from streamkit.sample import (
-    Chain,
-    autocorrelation_times,
-    burn_in,
-    effective_samples,
-    learning_steps,
-    split_r_hat,
-    stuck_walkers,
-)
+from streamkit.sample import Chain, Convergence, effective_samples, learning_steps, rank_r_hat, stuck_walkers
 from streamkit.spec import Spec, load
 from streamkit.stream import Array, IntArray
 from streamkit.study.fit.directory import RUN_FILE, manifest, read_chain
-from streamkit.study.fit.tables import LEVELS
+from streamkit.study.fit.tables import diagnostics_table, profile_table, summary_table
 
 if TYPE_CHECKING:
     from astropy.table import QTable
@@ -30,8 +23,6 @@ if TYPE_CHECKING:
 
 MAX_MODELS = 5000
 """Samples that a mass profile is computed for."""
-TRUSTED = 50.0
-"""Autocorrelation times that a chain must span before its percentiles are called converged."""
 
 
 class Results:
@@ -60,6 +51,10 @@ class Results:
         Why the sampling ended: "converged", "steps", "time", or "unfinished".
     quick
         Whether it is a coarse look.
+    directory
+        Where it is, or None for one in memory.
+    failed
+        Pictures that could not be drawn, with the reason.
 
     Raises
     ------
@@ -96,14 +91,18 @@ class Results:
         self.calls, self.search_calls = int(counts.get("calls", 0)), int(counts.get("search_calls", 0))
         self.reasons: dict[str, int] = counts.get("reasons", {})
         self.status, self.quick = status, quick
-        if len(self.chain) and self.chain.shape[2] != len(spec.names):
+        self.failed: dict[str, str] = {}
+        self._profiles: dict[float, tuple[Array, Array]] = {}
+        if not len(self.chain):
+            raise ChainError("the run ended before its first step: there are no samples")
+        if self.chain.shape[2] != len(spec.names):
             raise ChainError(
                 f"the chain has {self.chain.shape[2]} parameters and the run file {len(spec.names)} free ones: "
                 "they belong to different runs"
             )
-        if not len(self.chain):
-            raise ChainError("the run ended before its first step: there are no samples")
-        moved = np.diff(self.chain[self.learned :], axis=0).any(axis=2)
+        sampler = spec.sampler
+        self.convergence = Convergence(self.chain, learning_steps(sampler.moves), sampler.tau_factor, sampler.r_hat)
+        moved = np.diff(self.chain[self.convergence.learned :], axis=0).any(axis=2)
         self.acceptance = float(moved.mean() if moved.size else np.mean(found.accepted) / len(self.chain))
 
     @property
@@ -111,15 +110,18 @@ class Results:
         """The free parameters."""
         return self.spec.names
 
-    @cached_property
-    def discard(self) -> int:
-        """Steps left out: those of learning, then three times the longest autocorrelation time, at most half."""
-        return len(self.chain) // 2 if self.quick else self.learned + burn_in(self.chain[self.learned :])
+    def __repr__(self) -> str:
+        steps, walkers, d = self.chain.shape
+        trust = "converged" if self.converged else "not converged"
+        return f"<Results: {steps} steps of {walkers} walkers, {d} parameters, {trust}>"
+
+    def _repr_html_(self) -> str:
+        return f"<p>{escape(self.note())}</p>{self.summary()._repr_html_()}"
 
     @property
-    def learned(self) -> int:
-        """Steps at the beginning in which the moves still learned, at most half of the chain."""
-        return min(learning_steps(self.spec.sampler.moves), len(self.chain) // 2)
+    def discard(self) -> int:
+        """Steps left out: those of learning, then three times the longest autocorrelation time, at most half."""
+        return len(self.chain) // 2 if self.quick else self.convergence.discard
 
     @property
     def kept(self) -> Array:
@@ -131,75 +133,59 @@ class Results:
         """(n, d) Samples after burn-in."""
         return self.kept.reshape(-1, self.chain.shape[2])
 
-    @cached_property
+    @property
     def tau(self) -> Array:
         """(d,) Autocorrelation times in steps, of the chain after learning; NaN where there is no estimate."""
-        return autocorrelation_times(self.chain[self.learned :])
+        return self.convergence.tau
 
-    @cached_property
+    @property
     def ess(self) -> Array:
         """(d,) Effective number of independent samples after burn-in."""
         return effective_samples(self.kept, self.tau)
 
     @cached_property
     def r_hat(self) -> Array:
-        """(d,) Split R-hat after burn-in, over the halves of all walkers."""
-        return split_r_hat(self.kept)
+        """(d,) Rank-normalised split R-hat after burn-in, each walker a chain."""
+        return rank_r_hat(self.kept) if self.quick else self.convergence.r_hat
 
     @cached_property
-    def stranded(self) -> IntArray:
+    def stuck(self) -> IntArray:
         """(n,) Numbers of the walkers that are stuck far below the others."""
         return stuck_walkers(self.chain, self.log_prob)
-
-    @property
-    def span(self) -> float:
-        """Length of the chain, after learning, in units of its longest autocorrelation time."""
-        return float((len(self.chain) - self.learned) / np.max(self.tau))
 
     def best(self) -> dict[str, float]:
         """Return the parameters of the highest ln posterior."""
         step, walker = np.unravel_index(np.argmax(self.log_prob), self.log_prob.shape)
         return dict(zip(self.names, self.chain[step, walker].tolist(), strict=True))
 
-    @property
+    @cached_property
     def converged(self) -> bool:
-        """Whether the chain spans enough autocorrelation times for its percentiles to be trusted."""
-        return not self.quick and bool(self.span >= TRUSTED)
+        """Whether the percentiles can be trusted: `streamkit.sample.Convergence`, as the run file sets it."""
+        return not self.quick and bool(self.convergence)
 
     def note(self) -> str:
-        """Say in one sentence how far the percentiles can be trusted."""
+        """Say in one sentence how far the percentiles can be trusted, and what is missing."""
         steps = len(self.chain)
         if self.quick:
             return f"QUICK LOOK, {steps} steps: few particles, not converged, not for science."
-        if not np.isfinite(self.span):
-            return f"Not converged: {steps} steps are too few to estimate the autocorrelation time."
-        length = f"{steps} steps are {self.span:.0f} autocorrelation times"
-        if not self.converged:
-            return f"Not converged: {length}, and {TRUSTED:.0f} are wanted."
-        return f"{length[0].upper()}{length[1:]}."
+        if missing := self.convergence.missing(self.names):
+            return f"Not converged: {missing}."
+        span, r_hat = self.convergence.span, self.r_hat.max()
+        return f"{steps} steps are {span:.0f} autocorrelation times, and R-hat is {r_hat:.3f} at most."
 
     def summary(self) -> QTable:
         """Return one row per parameter.
 
-        Columns: name, unit, median, 68 % and 95 % intervals, the best sample, autocorrelation time, effective
-        samples, split R-hat. Parameters have different units, so the numbers stand in a plain column beside
-        the column ``unit``.
+        Columns: name, median, 68 % interval, unit, best sample, autocorrelation time, effective samples,
+        rank-normalised R-hat, 95 % interval.
         """
-        from astropy.table import QTable
-
-        table = QTable()
-        table["parameter"] = list(self.names)
-        table["unit"] = [unit.replace(" ", "") or "1" for unit in self.spec.units]
-        values = np.percentile(self.samples, list(LEVELS.values()), axis=0)
-        by_level = dict(zip(LEVELS, values, strict=True))
-        for level in ("median", "lo68", "hi68", "lo95", "hi95"):
-            table[level] = by_level[level]
-        table["best"] = list(self.best().values())
-        table["autocorrelation_time"] = self.tau
-        table["effective_samples"] = self.ess
-        table["split_r_hat"] = self.r_hat
-        table.meta.update(self._meta())
-        return table
+        judged = {
+            "best": np.array(list(self.best().values())),
+            "autocorrelation_time": self.tau,
+            "effective_samples": self.ess,
+            "r_hat": self.r_hat,
+        }
+        return self._signed(summary_table(self.names, self.spec.units, self.samples, judged))
 
     def mass_profile(self, radii: Any) -> QTable:
         """Return the mass inside radii (kpc, or a Quantity), and the circular velocity there.
@@ -208,21 +194,28 @@ class Results:
         5000 of the samples, evenly spaced.
         """
         from astropy import units as u
-        from astropy.table import QTable
 
         r = np.atleast_1d(u.Quantity(radii, u.kpc).value).astype(float)
         mass, v_c = self.profiles(r)
-        table = QTable()
-        table["r"] = r * u.kpc
-        for name, values, unit in (("M", mass, u.Msun), ("v_c", v_c, u.km / u.s)):
-            levels = dict(zip(LEVELS, np.percentile(values, list(LEVELS.values()), axis=0), strict=True))
-            for level in ("median", "lo68", "hi68", "lo95", "hi95"):
-                table[name if level == "median" else f"{name}_{level}"] = levels[level] * unit
-        table.meta.update(self._meta() | {"samples used": len(mass)})
-        return table
+        return self._signed(profile_table(r, mass, v_c), {"samples used": len(mass)})
+
+    def diagnostics(self) -> QTable:
+        """Return the sampler's calls, the rejected ones by reason, and how many walkers are stuck."""
+        return self._signed(diagnostics_table(self.calls, self.reasons, len(self.stuck), self.chain.shape[1]))
 
     def profiles(self, radii: Array) -> tuple[Array, Array]:
-        """Return M (n, nr) in Msun and v_c (n, nr) in km/s of at most 5000 samples at radii (nr,) in kpc."""
+        """Return M (n, nr) in Msun and v_c (n, nr) in km/s of at most 5000 samples at radii (nr,) in kpc.
+
+        Kept for every radius, since each call goes through all samples: ask for many radii at once.
+        """
+        new = np.array([r for r in np.unique(radii) if r not in self._profiles])
+        if len(new):
+            mass, v_c = self._make_profiles(new)
+            self._profiles |= {r: (mass[:, i], v_c[:, i]) for i, r in enumerate(new.tolist())}
+        columns = [self._profiles[r] for r in radii.tolist()]
+        return np.stack([m for m, _ in columns], axis=1), np.stack([v for _, v in columns], axis=1)
+
+    def _make_profiles(self, radii: Array) -> tuple[Array, Array]:
         samples = self.samples
         if len(samples) > MAX_MODELS:
             samples = samples[np.linspace(0, len(samples) - 1, MAX_MODELS).astype(int)]
@@ -232,32 +225,22 @@ class Results:
         v_c = np.reshape([host.circular_velocity(radii) for host in hosts], (-1, len(radii)))
         return mass[where.ravel()], v_c[where.ravel()]
 
-    def diagnostics(self) -> QTable:
-        """Return the sampler's calls, the rejected ones by reason, and how many walkers are stranded."""
-        from astropy.table import QTable
-
-        rejected = sorted(self.reasons.items(), key=lambda item: -item[1])
-        rows = [("evaluated proposals", self.calls, self.calls)]
-        rows += [(f"rejected: {reason}", n, self.calls) for reason, n in rejected]
-        rows += [("stranded walkers", len(self.stranded), self.chain.shape[1])]
-        table = QTable()
-        table["what"] = [name for name, _, _ in rows]
-        table["count"] = [count for _, count, _ in rows]
-        table["fraction"] = [count / whole if whole else np.nan for _, count, whole in rows]
-        table.meta.update(self._meta())
-        return table
-
-    def _meta(self) -> dict[str, Any]:
+    def _signed(self, table: QTable, more: dict[str, Any] | None = None) -> QTable:
+        """Say in a table what it comes from, and how far it can be trusted."""
         steps, walkers, _ = self.chain.shape
-        return {
-            "note": self.note(),
-            "quick": self.quick,
-            "status": self.status,
-            "steps": steps,
-            "walkers": walkers,
-            "burn-in": self.discard,
-            "acceptance": round(self.acceptance, 4),
-            "calls": self.calls,
-            "calls of the search": self.search_calls,
-            "digest": self.spec.digest(),
-        }
+        table.meta.update(
+            {
+                "note": self.note(),
+                "quick": self.quick,
+                "status": self.status,
+                "steps": steps,
+                "walkers": walkers,
+                "burn-in": self.discard,
+                "acceptance": round(self.acceptance, 4),
+                "calls": self.calls,
+                "calls of the search": self.search_calls,
+                "digest": self.spec.digest(),
+            }
+            | (more or {})
+        )
+        return table

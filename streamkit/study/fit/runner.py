@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import signal
 from collections.abc import Iterator
+from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from time import monotonic
@@ -13,14 +14,14 @@ from typing import Any
 import numpy as np
 from emcee.backends import Backend
 
-from streamkit.errors import ComponentError, SpecError, StreamkitError
+from streamkit.errors import ComponentError, StreamkitError
 from streamkit.model import Host
 from streamkit.report import locked
 from streamkit.sample import CHAIN, ChainFile, Limits, Posterior, Sampling, Signals, Stopped, Workers, blob_dtype
 from streamkit.spec import Spec
 from streamkit.stream import Array
-from streamkit.study.fit.directory import claim, read_chain
-from streamkit.study.fit.products import write_products
+from streamkit.study.fit.directory import RECOVERY, claim, read_chain
+from streamkit.study.fit.products import PRODUCTS, write_products
 from streamkit.study.fit.results import Results
 
 QUICK_PARTICLES = 2000
@@ -48,7 +49,7 @@ class Interrupted(StreamkitError):  # noqa: N818  a request, not a fault
 def run(
     spec: Spec,
     out: str | Path | None = None,
-    workers: int = 1,
+    workers: int | Executor = 1,
     steps: int | None = None,
     quick: bool = False,
     resume: bool = False,
@@ -65,7 +66,7 @@ def run(
     out
         Directory for the chain and all products; None keeps the samples in memory.
     workers
-        Processes that evaluate the posterior. The samples do not depend on their number.
+        Processes that evaluate the posterior, or any `concurrent.futures.Executor`. The samples do not depend on them.
     steps
         Largest length of the chain, steps of a resumed run included; else ``sampler.steps`` of the spec.
     quick
@@ -94,7 +95,6 @@ def run(
     begin = monotonic()
     if quick:
         spec = quick_spec(spec)
-    _check_walkers(spec)
     posterior, cheap = Posterior(spec), Posterior(cheap_spec(spec))
     limits = Limits(
         spec.sampler.steps if steps is None else steps,
@@ -102,13 +102,13 @@ def run(
         spec.sampler.r_hat,
         begin + QUICK_SAMPLING if quick else np.inf,
     )
-    directory = None if out is None else Path(out)
+    directory, options = None if out is None else Path(out), {"quick": quick, "steps": limits.steps}
     posterior.evaluate(spec.centre())  # compiles once, before the workers fork; fails before anything is written
     with ExitStack() as stack:
         going_on, backend = False, Backend()
         if directory is not None:
             stack.enter_context(locked(directory))
-            going_on = claim(directory, spec, {"quick": quick, "steps": limits.steps}, resume, force)
+            going_on = claim(directory, spec, options, (*PRODUCTS, *RECOVERY), resume, force)
             backend = ChainFile(str(directory / CHAIN))
         pool = stack.enter_context(Workers({"full": posterior, "cheap": cheap}, workers))
         stack.enter_context(_explained(pool, directory, backend, _again(spec, directory, quick)))
@@ -146,15 +146,6 @@ def cheap_spec(spec: Spec) -> Spec:
 def _with_particles(spec: Spec, particles: int, values: dict[str, Any]) -> Spec:
     now = spec.bind(spec.centre()).stripping.particles
     return spec.with_values(values | {"stripping.particles": min(now, particles), "likelihood.noise": "add"})
-
-
-def _check_walkers(spec: Spec) -> None:
-    wanted = 2 * len(spec.names)
-    if spec.sampler.walkers < wanted:
-        raise SpecError(
-            f"sampler.walkers: found {spec.sampler.walkers} for {len(spec.names)} free parameters; "
-            f"the sampler needs at least twice as many, {wanted}"
-        )
 
 
 def _mass_100(spec: Spec, theta: Array) -> float:

@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from astropy.table import QTable
 
 
-def stuck_warnings(stranded: Sequence[int], walkers: int) -> list[str]:
-    """Say which walkers are stranded, and what to do."""
-    if not len(stranded):
+def stuck_warnings(stuck: Sequence[int], walkers: int) -> list[str]:
+    """Say which walkers are stuck, and what to do."""
+    if not stuck:
         return []
-    which = ", ".join(str(walker) for walker in stranded)
+    which = ", ".join(str(walker) for walker in stuck)
     return [
-        f"{len(stranded)} of {walkers} walkers are stranded (number {which}): their ln p stays far below the "
+        f"{len(stuck)} of {walkers} walkers are stuck (number {which}): their ln p stays far below the "
         "others', and they hardly move. The intervals are too wide for them. Continue with --resume and a larger "
         "--steps; if they stay, the likelihood is too rough: take more particles, or noise = 'add', and start again."
     ]
@@ -36,7 +36,7 @@ def describe_results(results: Results) -> str:
     """Show a run: whether it can be trusted, the parameters, the masses, what became of its calls."""
     steps, walkers, _ = results.chain.shape
     summary, profile = results.summary(), results.mass_profile(PRINTED_RADII)
-    rows = [("parameter", "median", "68 %", "95 %", "unit", "tau", "eff. samples")]
+    rows = [("parameter", "median", "68 %", "95 %", "unit", "tau", "n_eff")]
     rows += [
         (
             row["parameter"], f"{row['median']:.4g}", _interval(row, 68), _interval(row, 95),
@@ -53,12 +53,15 @@ def describe_results(results: Results) -> str:
         ("acceptance", f"{results.acceptance:.3f}", ""),
         ("calls", str(results.calls), f"and {results.search_calls} in the search for a start"),
     ]
+    if np.isfinite(results.r_hat).any():
+        worst = int(np.nanargmax(results.r_hat))
+        calls.append(("R-hat", f"{results.r_hat[worst]:.3f}", f"the largest: of {results.names[worst]}"))
     calls += [("rejected", str(n), reason) for reason, n in Counter(results.reasons).most_common()]
-    calls += [("stranded", str(len(results.stranded)), f"of {walkers} walkers")]
+    calls += [("stuck", str(len(results.stuck)), f"of {walkers} walkers")]
     head = f"{steps} steps of {walkers} walkers, {results.discard} of them left out as burn-in"
     parts = [f"{head}\n{paragraph(results.note())}", f"parameters\n{columns(rows)}"]
     parts += [f"mass of the host\n{columns(masses)}", f"sampler\n{columns(calls)}"]
-    if warnings := stuck_warnings(results.stranded.tolist(), walkers):
+    if warnings := stuck_warnings(results.stuck.tolist(), walkers):
         parts.append(warning_list(warnings))
     if results.directory is not None:
         names = sorted(path.name for path in results.directory.iterdir() if not path.name.startswith("."))

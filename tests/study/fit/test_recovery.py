@@ -20,7 +20,7 @@ from streamkit.model import Host
 from streamkit.sample import Chain
 from streamkit.spec import to_toml
 from streamkit.study.fit import RECOVERY
-from streamkit.study.fit.directory import PRODUCTS
+from streamkit.study.fit.products import PRODUCTS
 from streamkit.study.fit.recovery import RADII, largest, recovery_figure, recovery_table, true_host
 from streamkit.study.fit.results import Results
 

@@ -15,8 +15,8 @@ import streamkit as sk
 from streamkit.model import Model
 from streamkit.report import save_stream
 from streamkit.study.fit import write_products
-from streamkit.study.fit.directory import PRODUCTS
 from streamkit.study.fit.figures import mass_profile, remark, rotation_curve
+from streamkit.study.fit.products import PRODUCTS
 from streamkit.study.fit.results import Results
 
 TABLES = ("summary.ecsv", "mass_profile.ecsv", "diagnostics.ecsv")
@@ -50,7 +50,7 @@ def test_the_summary_holds_the_percentiles_of_the_samples(run):
     sigma = {"lo95": 2.5, "lo68": 16, "median": 50, "hi68": 84, "hi95": 97.5}
     for column, percentile in sigma.items():
         np.testing.assert_allclose(table[column], np.percentile(run.samples, percentile, axis=0), rtol=1e-5)
-    for column in ("best", "autocorrelation_time", "effective_samples", "split_r_hat"):
+    for column in ("best", "autocorrelation_time", "effective_samples", "r_hat"):
         assert column in table.colnames
     assert table.meta["steps"] == 30
     assert "Not converged" in table.meta["note"]
@@ -80,7 +80,7 @@ def test_the_diagnostics_count_every_call(run):
     table = read(run, "diagnostics.ecsv")
     assert table["count"][0] == 30 * 6 == run.calls
     assert sum(table["count"][1:-1]) == sum(run.reasons.values()) > 0
-    assert (table["what"][-1], table["count"][-1]) == ("stranded walkers", len(run.stranded))
+    assert (table["what"][-1], table["count"][-1]) == ("stuck walkers", len(run.stuck))
     assert any("outside the prior" in what for what in table["what"])
 
 
@@ -100,7 +100,7 @@ def test_a_run_of_one_step_has_a_report_too(tmp_path):
     table = read(run, "summary.ecsv")
     assert np.isfinite(table["median"]).all()
     assert np.isnan(table["autocorrelation_time"]).all()
-    assert np.isnan(table["split_r_hat"]).all()
+    assert np.isnan(table["r_hat"]).all()
     assert "too few" in table.meta["note"]
 
 
