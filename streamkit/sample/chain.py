@@ -76,13 +76,7 @@ class Chain:
 
 
 def read_chain_file(path: Path) -> Chain:
-    """Read a chain file, that of a running run too.
-
-    Raises
-    ------
-    ChainError
-        If it is missing, truncated, or no chain.
-    """
+    """Read a chain file, that of a running run too; ChainError if it is missing, truncated, or no chain."""
     if not path.exists():
         raise ChainError(f"{path}: there is no chain file: the run did not get as far as its first step")
     for attempt in range(3):

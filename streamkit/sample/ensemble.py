@@ -113,10 +113,7 @@ class Sampling:
     def advance(self, limits: Limits) -> str:
         """Take steps until a limit is reached; return which: "converged", "steps" or "time".
 
-        Raises
-        ------
-        Stopped
-            After a signal. The unfinished step is dropped.
+        Raises `Stopped` after a signal; the unfinished step is dropped.
         """
         done = int(self.backend.iteration)
         moves = proposals(self.moves, self.priors)

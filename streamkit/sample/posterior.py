@@ -111,10 +111,7 @@ class Posterior:
     def evaluate(self, theta: Array) -> Evaluation:
         """Evaluate at theta (d,).
 
-        Raises
-        ------
-        ComponentError
-            If a component fails, or predicts no number without a reason. Names it and the parameters.
+        A component that fails, or predicts no number without a reason, is a ComponentError that names it and theta.
         """
         theta = np.asarray(theta, dtype=float)
         ln_prior = self.ln_prior(theta)
@@ -132,15 +129,7 @@ class Posterior:
         return Evaluation(ln_prior + ln_likelihood, ln_likelihood, prediction.mean, prediction.variance)
 
     def predict(self, theta: Array) -> tuple[Stream, Prediction]:
-        """Return the stream at theta (d,) and what the observable says of it.
-
-        Raises
-        ------
-        OutOfDomain
-            If there is no stream there.
-        ComponentError
-            As `evaluate`.
-        """
+        """Return the stream at theta (d,) and what the observable says of it; OutOfDomain if there is none."""
         return self._observed(self.spec.bind(theta))
 
     def _observed(self, setup: Setup) -> tuple[Stream, Prediction]:

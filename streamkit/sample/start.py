@@ -79,10 +79,7 @@ class Search:
     def run(self) -> tuple[Array, list[Evaluation]]:
         """Return ``walkers`` distinct points (walkers, d) with their full evaluations, all finite.
 
-        Raises
-        ------
-        StreamkitError
-            If streams that can be fitted are too rare; gives the counted reasons.
+        A StreamkitError with the counted reasons if streams that can be fitted are too rare.
         """
         u, lnl = self._draw()
         u, lnl = self._temper(u, lnl)

@@ -25,9 +25,15 @@ CENTRE, SD, RHO = np.array([0.1, -0.7]), np.array([0.3, 0.6]), 0.7
 INVERSE = np.linalg.inv(np.outer(SD, SD) * np.array([[1, RHO], [RHO, 1]]))
 
 
+LOW, HIGH = np.array([[0, -1, -np.inf, 0.1, -0.5, 0.5], [1, 1, np.inf, 10, np.inf, 8]])
+
+
 def ln_prior(theta):
-    each = [[prior.lnpdf(x) for x in column] for prior, column in zip(PRIORS, theta.T, strict=True)]
-    return np.sum(each, axis=0)
+    """(n,) The product of these densities at theta (n, 6), up to a constant."""
+    inside = ((theta >= LOW) & (theta <= HIGH)).all(axis=1)
+    safe = np.where(inside[:, None], theta, 1.0)
+    density = -((safe[:, 2] - 1) ** 2) / 8 - np.log(safe[:, 3]) - safe[:, 4] ** 2 / 2
+    return np.where(inside, density, -np.inf)
 
 
 def ln_posterior(theta):
@@ -48,12 +54,12 @@ def wrong_surrogate():
     return surrogate
 
 
-def sampled(move, ln_density, steps, last=True):
+def sampled(move, ln_density, steps, last=True, walkers=60):
     rng = np.random.default_rng(4)
-    start = np.stack([prior.sample(rng, 30) for prior in PRIORS], axis=1)
+    start = np.stack([prior.sample(rng, walkers) for prior in PRIORS], axis=1)
     if isinstance(move, SurrogateMove):
-        move.learn(wrong_surrogate(), 30, seed=7, last=last)
-    sampler = emcee.EnsembleSampler(30, len(PRIORS), ln_density, moves=move, vectorize=True)
+        move.learn(wrong_surrogate(), walkers, seed=7, last=last)
+    sampler = emcee.EnsembleSampler(walkers, len(PRIORS), ln_density, moves=move, vectorize=True)
     sampler.run_mcmc(emcee.State(start, random_state=np.random.RandomState(6).get_state()), steps)
     found = sampler.get_chain(discard=steps // 10)
     assert np.isfinite(ln_prior(found[::50].reshape(-1, len(PRIORS)))).all()  # never outside
@@ -73,7 +79,7 @@ MOVES = [move for move, _ in proposals("surrogate", PRIORS)]
 
 @pytest.mark.parametrize("move", MOVES[1:], ids=["best", "third", "one"])
 def test_every_move_alone_samples_the_prior(move):
-    found = sampled(move, ln_prior, 8000)
+    found = sampled(move, ln_prior, 4000)
     exact = [
         stats.uniform(0, 1), stats.uniform(-1, 2), stats.norm(1, 2), stats.loguniform(0.1, 10),
         stats.truncnorm(-0.5, np.inf), stats.uniform(0.5, 7.5),
@@ -87,12 +93,12 @@ def test_every_move_alone_samples_the_prior(move):
 
 @pytest.mark.parametrize(
     ("move", "steps", "last"),
-    [(MOVES[0], 600, True), (MOVES[0], 900, False), (MOVES[1], 8000, True), (MOVES[2], 8000, True)],
+    [(MOVES[0], 300, True), (MOVES[0], 450, False), (MOVES[1], 4000, True), (MOVES[2], 4000, True)],
     ids=["surrogate", "tempered replicas", "best", "third"],
 )
 def test_every_move_alone_samples_a_cut_gaussian(move, steps, last):
     found = sampled(move, ln_posterior, steps, last)
-    a, b = np.meshgrid(np.linspace(0, 1, 1001), np.linspace(-1, 1, 1001), indexing="ij")
+    a, b = np.meshgrid(np.linspace(0, 1, 301), np.linspace(-1, 1, 301), indexing="ij")
     weight = np.exp(ln_posterior(np.stack([a, b, 0 * a + 1, 0 * a + 1, 0 * a, 0 * a + 1], axis=2).reshape(-1, 6)))
     mean = [np.average(value.ravel(), weights=weight) for value in (a, b, a**2, b**2, a * b)]
     x, y, z = found[..., 0], found[..., 1], found[..., 2]
@@ -127,7 +133,8 @@ def test_replicas_are_tempered_while_the_surrogate_learns():
         z = move.replicas[:, 2]
         for i, beta in enumerate(INVERSE_TEMPERATURES):
             expected = 1 / (0.25 + (LAST_INVERSE_TEMPERATURE if last else beta))
-            assert np.var(z[i :: len(INVERSE_TEMPERATURES)]) == pytest.approx(expected, rel=0.6)  # 85 of them, and Student's tails
+            found = np.var(z[i :: len(INVERSE_TEMPERATURES)])
+            assert found == pytest.approx(expected, rel=0.6)  # 85 of them, and Student's tails
 
 
 def test_a_cubic_model_is_learned_exactly():
@@ -193,7 +200,8 @@ def test_walks_on_the_surrogate_save_calls_and_keep_the_answer():
     banana_run(plain, Limits(900, tau_factor=1e9), "de")
     kept, usual = backend.get_chain(discard=LEARNING[-1]), plain.get_chain(discard=LEARNING[-1])
     grid = np.stack(np.meshgrid(*(np.linspace(-3, 3, 121),) * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    weight = np.exp([Banana().ln_likelihood(point) for point in grid])
+    residual = (Banana().mean(grid.T).T - Banana.data.values) / Banana.data.errors
+    weight = np.exp(-0.5 * np.sum(residual**2, axis=1))
     expected = np.average(np.column_stack([grid, grid**2]), axis=0, weights=weight)
     check_moments(np.concatenate([kept, kept**2], axis=2), expected, 0.06)
     assert autocorrelation_times(kept).max() < 0.5 * autocorrelation_times(usual).max()

@@ -153,13 +153,7 @@ def _manifest(spec: Spec, options: dict[str, Any]) -> dict[str, Any]:
 
 
 def manifest(directory: Path) -> dict[str, Any]:
-    """Read the manifest of a run.
-
-    Raises
-    ------
-    ChainError
-        If there is none, or it is not readable.
-    """
+    """Read the manifest of a run; ChainError if there is none, or it is not readable."""
     try:
         found = json.loads((directory / MANIFEST).read_text())
     except (OSError, ValueError) as error:
@@ -172,13 +166,7 @@ def manifest(directory: Path) -> dict[str, Any]:
 
 
 def read_chain(directory: Path) -> Chain:
-    """Read the chain of a run.
-
-    Raises
-    ------
-    ChainError
-        If it cannot be read, or is not the chain of this directory's run.
-    """
+    """Read the chain of a run; ChainError if it cannot be read, or is not that of this directory's run."""
     found, wanted = read_chain_file(directory / CHAIN), manifest(directory)["digest"]
     digest = found.attributes.get("digest", wanted)
     if digest != wanted:

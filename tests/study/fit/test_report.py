@@ -2,7 +2,9 @@
 
 import copy
 import shutil
+from types import SimpleNamespace
 
+import h5py
 import numpy as np
 import pytest
 from astropy import units as u
@@ -14,7 +16,7 @@ from toys import FIT
 import streamkit as sk
 from streamkit.model import Model
 from streamkit.report import save_stream
-from streamkit.study.fit import write_products
+from streamkit.study.fit import describe_results, products, write_products
 from streamkit.study.fit.figures import mass_profile, remark, rotation_curve
 from streamkit.study.fit.products import PRODUCTS
 from streamkit.study.fit.results import Results
@@ -27,6 +29,24 @@ PICTURES = ("corner.png", "mass_profile.png", "rotation_curve.png", "best_stream
 def run(tmp_path_factory):
     """Return the results of a small run with all its products."""
     return sk.run(sk.load(FIT), out=tmp_path_factory.mktemp("runs") / "run", steps=30, progress=False)
+
+
+def copy_of(run, out):
+    """Return a copy of the run's directory without its products."""
+    out.mkdir()
+    for name in ("run.toml", "manifest.json", "chain.h5"):
+        shutil.copy(run.directory / name, out / name)
+    return out
+
+
+def synthetic(chain):
+    """Return results that hold this chain (steps, walkers, 2) of the two parameters of the small fit."""
+    document = copy.deepcopy(FIT) | {"sampler": {"walkers": chain.shape[1], "moves": "de"}}
+    backend = SimpleNamespace(
+        iteration=len(chain), accepted=np.ones(chain.shape[1]), get_chain=lambda: chain,
+        get_log_prob=lambda: np.zeros(chain.shape[:2]), get_blobs=lambda: None,
+    )  # fmt: skip
+    return Results.in_memory(sk.load(document), backend, {}, "steps", quick=False)
 
 
 def read(run, name):
@@ -85,18 +105,89 @@ def test_the_diagnostics_count_every_call(run):
 
 
 def test_a_report_can_be_written_again_from_the_chain_alone(run, tmp_path):
-    out = tmp_path / "copy"
-    out.mkdir()
-    for name in ("run.toml", "manifest.json", "chain.h5"):
-        shutil.copy(run.directory / name, out / name)
+    out = copy_of(run, tmp_path / "copy")
     write_products(out)
     for name in TABLES:
         assert (out / name).read_bytes() == (run.directory / name).read_bytes()
     assert {path.name for path in out.iterdir()} == {path.name for path in run.directory.iterdir()}
 
 
-def test_a_run_of_one_step_has_a_report_too(tmp_path):
-    run = sk.run(sk.load(FIT), out=tmp_path / "run", steps=1, progress=False)
+def test_walkers_that_disagree_have_not_converged_and_every_product_says_so():
+    """4 of 8 walkers 30 sigma away: the autocorrelation time alone sees nothing."""
+    sound = np.random.default_rng(0).standard_normal((1000, 8, 2)) * [1, 0.001] + [230, 0.35]
+    apart = sound.copy()
+    apart[:, 4:, 0] -= 30
+    good, bad = synthetic(sound), synthetic(apart)
+    assert good.converged
+    assert remark(good) == ""
+    assert good.note().startswith("1000 steps are")
+    assert bad.convergence.span > 500
+    assert not bad.converged
+    assert "R-hat is not below 1.02 for potential.v0" in bad.note()
+    assert "potential.alpha" not in bad.note()
+    assert remark(bad) == "not converged"
+    table = bad.summary()
+    assert table["r_hat"][0] > 1.5
+    assert table["r_hat"][1] < 1.02
+    assert table.meta["note"] == bad.note()
+    assert bad.note() in " ".join(describe_results(bad).split())
+
+
+def test_results_are_shown_in_a_few_lines(run):
+    """On a terminal of 80 columns too, median and interval of every parameter stand there."""
+    assert repr(run) == "<Results: 30 steps of 6 walkers, 2 parameters, not converged>"
+    assert run.note() in run._repr_html_()
+    assert "potential.alpha" in run._repr_html_()
+    lines = run.summary().pformat(max_width=80, max_lines=-1)
+    assert all(len(line) <= 80 for line in lines)
+    for name, column in zip(run.names, run.samples.T, strict=True):
+        (line,) = (line for line in lines if name in line)
+        for percentile in (16, 50, 84):
+            assert f"{np.percentile(column, percentile):.4g}" in line.split()
+    profile = run.mass_profile([50.0])
+    assert f"{profile['M'][0].value:.4g}" in " ".join(profile.pformat(max_width=80))
+
+
+def test_the_mass_profile_is_computed_once(run, tmp_path, monkeypatch):
+    asked, make = [], Results._make_profiles
+    monkeypatch.setattr(products, "FIGURES", {"mass.png": mass_profile, "rotation.png": rotation_curve})
+    monkeypatch.setattr(Results, "_make_profiles", lambda self, radii: asked.append(len(radii)) or make(self, radii))
+    truth = tmp_path / "truth.toml"
+    truth.write_text('[potential]\nkind = "tf"\nv0 = 232\nrs = "12 kpc"\nalpha = 0.35\n')
+    results = write_products(copy_of(run, tmp_path / "copy"), truth)
+    describe_results(results)
+    assert len(asked) == 1
+    mass, _ = results.profiles(np.array([100.0, 50.0, 100.0]))
+    assert (mass[:, 0] == mass[:, 2]).all()
+    assert (mass[:, 0] > mass[:, 1]).all()
+
+
+def test_a_picture_that_fails_costs_no_other(run, tmp_path, monkeypatch, caplog):
+    def broken(_results):
+        raise ZeroDivisionError("no ink")
+
+    out = copy_of(run, tmp_path / "copy")
+    (out / "corner.png").write_text("of another chain")
+    monkeypatch.setattr(products, "FIGURES", {"corner.png": broken, "rotation_curve.png": rotation_curve})
+    results = write_products(out)
+    assert {"rotation_curve.png", *TABLES} == {path.name for path in out.iterdir()} - {
+        "run.toml",
+        "manifest.json",
+        "chain.h5",
+    }
+    assert results.failed == {"corner.png": "ZeroDivisionError: no ink"}
+    assert [record.getMessage() for record in caplog.records] == [
+        "Some pictures could not be drawn, all else was: corner.png (ZeroDivisionError: no ink)"
+    ]
+    assert read(results, "diagnostics.ecsv").meta["pictures that failed"] == results.failed
+
+
+def test_a_run_of_one_step_has_a_report_too(run, tmp_path):
+    out = copy_of(run, tmp_path / "run")
+    with h5py.File(out / "chain.h5", "a") as file:
+        file["mcmc"].attrs["iteration"] = 1
+    run = write_products(out)
+    assert len(run.chain) == 1
     table = read(run, "summary.ecsv")
     assert np.isfinite(table["median"]).all()
     assert np.isnan(table["autocorrelation_time"]).all()
@@ -106,7 +197,8 @@ def test_a_run_of_one_step_has_a_report_too(tmp_path):
 
 def test_a_quick_look_says_so_everywhere(tmp_path):
     document = copy.deepcopy(FIT)
-    document["stripping"]["particles"] = 3000
+    document["stripping"] |= {"particles": 3000}
+    document["sampler"]["start_particles"] = 500
     run = sk.run(sk.load(document), out=tmp_path / "run", steps=2, quick=True, progress=False)
     assert run.quick
     assert run.spec.document["stripping"]["particles"] == 2000
