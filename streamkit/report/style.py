@@ -60,23 +60,6 @@ BLUE, VERMILION, GREY = "#0072B2", "#D55E00", "#666666"
 BAND_68, BAND_95 = "#82B9D9", "#D1E6F1"
 """Tints of the blue for intervals: opaque, so that the legend shows the colour that the band has."""
 
-SYMBOLS = {
-    "potential.v0": r"$v_0$",
-    "potential.rs": r"$r_{\rm s}$",
-    "potential.alpha": r"$\alpha$",
-    "progenitor.mass": r"$M_{\rm sat}$",
-    "progenitor.radius": r"$a_{\rm sat}$",
-    "progenitor.distance": r"$d$",
-    "progenitor.v_los": r"$v_{\rm los}$",
-    "progenitor.pm_l_cosb": r"$\mu_l \cos b$",
-    "progenitor.pm_b": r"$\mu_b$",
-    "progenitor.lookback": r"$t_{\rm back}$",
-    "stripping.sigma": r"$\sigma$",
-    "sun.r0": r"$R_0$",
-    "sun.v_circ": r"$v_{\rm c}(R_0)$",
-}
-"""The field's symbols for parameters of the built-in components; others show their name."""
-
 
 def ticks(axes: Axes) -> None:
     """Give the axes minor ticks, inwards, on every side, and few numbers."""
@@ -93,8 +76,7 @@ def labels(names: Sequence[str], symbols: Sequence[str]) -> list[str]:
     names
         The parameters' paths: ``potential.halo.m200``.
     symbols
-        The symbol of each, or once more its path if it has none. A symbol that several have stands above the name of
-        its component. Long names are broken after dots and underscores.
+        The symbol of each, or once more its path if it has none. Long names are broken after dots and underscores.
     """
     found = []
     for name, symbol in zip(names, symbols, strict=True):
@@ -102,8 +84,6 @@ def labels(names: Sequence[str], symbols: Sequence[str]) -> list[str]:
         if symbol == name:
             tails = [".".join(parts[-n:]) for n in range(1, len(parts) + 1)]
             found.append(_folded(next(t for t in tails if sum(f".{other}".endswith(f".{t}") for other in names) == 1)))
-        elif list(symbols).count(symbol) > 1:
-            found.append(f"{symbol}\n{_folded(parts[-2])}")
         else:
             found.append(symbol)
     return found
@@ -129,14 +109,14 @@ def inner_ticks(low: float, high: float, inches: float) -> Array:
     return inside
 
 
-def scaled(name: str, unit: str, typical: float) -> tuple[float, str, str]:
-    """Return the power of ten that very large or small values are divided by, the symbol, and the unit to show."""
+def scaled(unit: str, typical: float) -> tuple[float, str]:
+    """Return the power of ten that very large or small values are divided by, and the unit to show."""
     shown, scale = latex(unit), 1.0
     if typical >= 1e5 or 0 < typical < 1e-3:
         power = int(np.floor(np.log10(typical)))
         scale = 10.0**power
         shown = rf"$10^{{{power}}}$ {shown}".strip()
-    return scale, SYMBOLS.get(name, name), shown
+    return scale, shown
 
 
 def latex(unit: str) -> str:

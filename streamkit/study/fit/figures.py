@@ -73,8 +73,8 @@ def corner(results: Results) -> Figure:
     panel = 2.6 if d == 1 else 2.0 if d < 7 else 1.7
     titles = [_title(name, column) for name, column in zip(names, samples.T, strict=True)]
     lines = 1 + max(map(_lines, names))
-    left, right = 0.4 if d == 1 else 1.0 + 0.22 * lines, 0.7
-    bottom, top = 0.45 + 0.22 * lines, 0.25 + 0.22 * _lines(titles[0]) + (0.4 if text else 0)
+    left, right = 0.4 if d == 1 else 1.0 + 0.3 * lines, 0.7
+    bottom, top = 0.45 + 0.26 * lines, 0.25 + 0.22 * _lines(titles[0]) + (0.4 if text else 0)
     width, height = (panel * d + GAP * (d - 1) + sides for sides in (left + right, bottom + top))
     figure = NotebookFigure(figsize=(width, height))
     many = len(samples) >= FEW
@@ -181,7 +181,7 @@ def traces(results: Results) -> Figure:
     panels: Any = figure.subplots(rows, columns, squeeze=False, sharex=True)
     ln_p = np.where(np.isfinite(results.log_prob), results.log_prob, np.nan)
     values = [results.chain[..., i] / scale[i] for i in range(d)] + [ln_p]
-    between = ["\n" if len(name) > 8 and not name.startswith("$") else " " for name in own]
+    between = ["\n" if len(name) > (25 if "$" in name else 8) else " " for name in own]
     names = [with_unit(*each) for each in zip(own, units, between, strict=True)] + [r"$\ln p$"]
     x = np.arange(1, steps + 1)
     every = max(steps // 2000, 1)
@@ -251,9 +251,9 @@ def _data_radii(results: Results) -> dict[str, float]:
 def _labels(results: Results) -> tuple[Array, list[str], list[str]]:
     """(d,) Powers of ten that large parameters are divided by, the name of each in a picture, and its unit."""
     typical = np.median(np.abs(results.samples), axis=0)
-    found = [scaled(*each) for each in zip(results.names, results.spec.units, typical.tolist(), strict=True)]
-    scales, symbols, units = zip(*found, strict=True)
-    return np.array(scales), labels(results.names, symbols), list(units)
+    found = [scaled(*each) for each in zip(results.spec.units, typical.tolist(), strict=True)]
+    scales, units = zip(*found, strict=True)
+    return np.array(scales), labels(results.names, results.spec.symbols), list(units)
 
 
 def _scaled(results: Results) -> tuple[Array, list[str], list[str]]:

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from streamkit.report import BLUE, GREY, VERMILION, finish, scaled, with_unit
+from streamkit.report import BLUE, GREY, VERMILION, finish, labels, scaled, with_unit
 from streamkit.spec import LogUniform
 from streamkit.study.sensitivity.curves import Curve
 from streamkit.study.sensitivity.runner import Sensitivity
@@ -34,9 +34,12 @@ def sensitivity_figure(response: Sensitivity) -> Figure:
     figure = Figure(figsize=(2.35 * across + 0.8, (1.75 * m + 0.55) * blocks + 0.6), layout="constrained")
     panels: Any = figure.subplots(m * blocks, across, squeeze=False)
     limits = [_limits(response, i) for i in range(m)]
+    names = response.spec.names
+    symbols = dict(zip(names, labels(names, response.spec.symbols), strict=True))
     for k, curve in enumerate(curves):
         block, column = divmod(k, across)
-        scale, symbol, unit = scaled(curve.name, curve.unit, float(np.median(np.abs(curve.x))))
+        scale, unit = scaled(curve.unit, float(np.median(np.abs(curve.x))))
+        symbol = symbols[curve.name]
         for i in range(m):
             axes = panels[m * block + i, column]
             _panel(axes, response, curve, i, scale)

@@ -95,6 +95,14 @@ def test_every_text_of_a_picture_can_be_read(number, draw, monkeypatch):
         assert any(name in text for text in texts), name
 
 
+@pytest.mark.parametrize("draw", [corner, traces])
+def test_names_without_a_symbol_can_be_read_too(draw, monkeypatch):
+    results = synthetic(eight(), quick=True)
+    results.spec.__dict__["symbols"] = results.names  # as if no field had one
+    texts = assert_readable(draw(results), monkeypatch)
+    assert any("halo_of_the_\ndwarf.m200" in text for text in texts)
+
+
 def near():
     """A stream at 20 kpc, on an orbit between 12 and 21 kpc."""
     document = freed()
@@ -157,8 +165,6 @@ def test_figures_show_themselves_in_a_notebook():
 
 
 def test_parameters_are_called_by_their_symbol_or_the_shortest_clear_end_of_their_path():
-    names = ("potential.halo.m200", "potential.dwarf.m200", "progenitor.pm_ra_cosdec", "stripping.sigma")
+    names = ("potential.halo.a_long_name", "potential.x.a_long_name", "progenitor.nodes", "stripping.sigma")
     symbols = (*names[:3], r"$\sigma$")
-    assert labels(names, symbols) == ["halo.m200", "dwarf.m200", "pm_ra_cosdec", r"$\sigma$"]
-    same = ("potential.disc.a", "potential.bulge_of_the_galaxy.a")
-    assert labels(same, ("$a$", "$a$")) == ["$a$\ndisc", "$a$\nbulge_of_\nthe_galaxy"]
+    assert labels(names, symbols) == ["halo.a_long_\nname", "x.a_long_\nname", "nodes", r"$\sigma$"]
