@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import streamkit as sk
-from streamkit.report import save_stream
+from streamkit.report import draw_stream, save_picture
 
 particles = int(sys.argv[1]) if len(sys.argv) > 1 else 12660
 picture = Path(sys.argv[2]) if len(sys.argv) > 2 else Path("one_stream.png")
@@ -55,5 +55,5 @@ for name, value, variance, nbody in zip(
 ):
     print(f"{name:10s} {value:6.1f} +- {variance**0.5:.1f}  {nbody:14.1f}")
 
-save_stream(stream, prediction, setup, picture)
+save_picture(picture, draw_stream(stream, prediction, setup))
 print(f"picture: {picture}")

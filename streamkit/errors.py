@@ -71,10 +71,7 @@ def blamed(component: str) -> Iterator[None]:
     component
         Role and kind, for the message: ``stripping mlcs``.
 
-    Raises
-    ------
-    ComponentError
-        With the component, the exception, and the function it came from; the exception is its cause.
+    Raises ComponentError with the component, the exception, and the function it came from; the exception is its cause.
     """
     try:
         yield

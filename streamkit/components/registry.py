@@ -41,11 +41,8 @@ class Registry:
     def find(self, role: str, kind: Any, where: str) -> type[Component]:
         """Return the class called ``kind``.
 
-        Raises
-        ------
-        SpecError
-            At ``where`` in the run file, if there is none; names the installed ones, the nearest, and every
-            plugin that failed to load.
+        Raises SpecError: At ``where`` in the run file, if there is none; names the installed ones, the nearest, and
+        every plugin that failed to load.
         """
         known = self.entries[role]
         if isinstance(kind, str) and kind in known:
@@ -66,10 +63,7 @@ def load_registry(files: Iterable[str | Path] = (), points: Iterable[EntryPoint]
 
     A plugin that fails to import is kept as a record, and named when a run file asks for something missing.
 
-    Raises
-    ------
-    PluginError
-        For two plugins or two components of the same name, a misspelled hook, or a broken component.
+    Raises PluginError for two plugins or two components of the same name, a misspelled hook, or a broken component.
     """
     failed: list[str] = []
     modules: list[tuple[str, str, ModuleType]] = []

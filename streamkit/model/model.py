@@ -39,12 +39,8 @@ class Model:
     def stream(self, parameters: Array | Mapping[str, float] | None = None) -> Stream:
         """Return the stream at parameters (d,), or a mapping of some of them; the rest at the prior's centre.
 
-        Raises
-        ------
-        OutOfDomain
-            If there is no such stream; its reason says why.
-        ComponentError
-            If a component fails or breaks its contract: with its role, its kind and the parameters.
+        Raises OutOfDomain if there is no such stream; its reason says why. Raises ComponentError if a component fails
+        or breaks its contract: with its role, its kind and the parameters.
         """
         setup = self.spec.bind(parameters)
         with self.naming_parameters(setup):
@@ -53,10 +49,7 @@ class Model:
     def observe(self, setup: Setup) -> tuple[Stream, Prediction | None]:
         """Return the stream of a bound spec, and what its observable says of it (None without one).
 
-        Raises
-        ------
-        OutOfDomain, ComponentError
-            As `stream`; an observable without a value gives a reason instead.
+        Raises OutOfDomain, ComponentError as `stream`; an observable without a value gives a reason instead.
         """
         with self.naming_parameters(setup):
             stream = simulate(setup, self.normals)

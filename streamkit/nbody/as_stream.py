@@ -36,10 +36,7 @@ def as_stream(snapshot: Snapshot, setup: Setup) -> Stream:
     else who is inside the tidal radius today. Of the file's windings the whole turns are used: codes differ in where
     they begin to count, by the size of the satellite.
 
-    Raises
-    ------
-    StreamkitError
-        If the snapshot cannot be this progenitor's: other units, another place, another velocity.
+    Raises StreamkitError if the snapshot cannot be this progenitor's: other units, another place, another velocity.
     """
     host = Host(setup.potentials)
     model_track, _ = stripped(setup, progenitor_track(host, setup))

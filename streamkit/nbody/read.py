@@ -17,10 +17,7 @@ LAYOUTS = (".npz", ".hdf5", ".h5")
 def read_snapshot(path: str | Path) -> Snapshot:
     """Read a snapshot; ``FILE.hdf5:PartType2`` picks one of several particle types.
 
-    Raises
-    ------
-    SnapshotError
-        For a file that cannot be read, units that are missing or wrong, missing or broken fields.
+    Raises SnapshotError for a file that cannot be read, units that are missing or wrong, missing or broken fields.
     """
     name, _, group = str(path).partition(":PartType")
     file = Path(name)

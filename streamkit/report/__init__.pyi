@@ -13,7 +13,6 @@ from .files import save_picture as save_picture
 from .files import save_table as save_table
 from .stream_figure import draw_stream as draw_stream
 from .stream_figure import draw_unwrapped as draw_unwrapped
-from .stream_figure import save_stream as save_stream
 from .stream_file import FORMATS as FORMATS
 from .stream_file import write_stream as write_stream
 from .stream_text import describe_prediction as describe_prediction

@@ -28,11 +28,8 @@ LOCK = ".streamkit.lock"
 def check_target(path: Path, suffixes: Collection[str], option: str, force: bool) -> None:
     """Refuse a file that could not be written, before anything is computed.
 
-    Raises
-    ------
-    StreamkitError
-        For a suffix that is not one of ``suffixes``, a directory that does not exist, or a file that does and
-        may not be replaced.
+    Raises StreamkitError for a suffix that is not one of ``suffixes``, a directory that does not exist, or a file that
+    does and may not be replaced.
     """
     if path.suffix not in suffixes:
         raise StreamkitError(
@@ -61,10 +58,7 @@ def check_directory(directory: Path, products: Collection[str], what: str, force
     force
         Whether they may be replaced.
 
-    Raises
-    ------
-    StreamkitError
-        If some of them are there and may not be replaced.
+    Raises StreamkitError if some of them are there and may not be replaced.
     """
     there = [name for name in products if (directory / name).exists()]
     if there and not force:
@@ -77,10 +71,7 @@ def check_directory(directory: Path, products: Collection[str], what: str, force
 def save(path: Path, writer: Callable[[Path], object]) -> None:
     """Let ``writer`` write the file: the whole of it comes into place, or nothing.
 
-    Raises
-    ------
-    StreamkitError
-        If the file cannot be written.
+    Raises StreamkitError if the file cannot be written.
     """
     try:
         replace_whole(path, writer)
@@ -133,10 +124,7 @@ def locked(directory: Path) -> Iterator[None]:
 
     The lock belongs to the process: a kill may leave the hidden file `LOCK`, and never a lock.
 
-    Raises
-    ------
-    ChainError
-        If another run holds it, or it cannot be made or written: with the reason.
+    Raises ChainError if another run holds it, or it cannot be made or written: with the reason.
     """
     from filelock import FileLock
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,11 +36,6 @@ def draw_stream(
     if note:
         figure.suptitle(note, color=VERMILION, fontsize=13)
     return figure
-
-
-def save_stream(particles: Stream, prediction: Prediction | None, setup: Setup | None, path: Path) -> None:
-    """Draw a stream into a file; its suffix says the format."""
-    draw_stream(particles, prediction, setup).savefig(path, dpi=200)
 
 
 def draw_plane(particles: Stream, axes: Axes) -> None:

@@ -32,10 +32,7 @@ def write_stream(stream: Stream, spec: Spec, path: Path, *, force: bool = False)
     force
         Whether an existing file may be replaced. It is replaced whole, or not at all.
 
-    Raises
-    ------
-    StreamkitError
-        If the file exists, cannot be written, or has another suffix.
+    Raises StreamkitError if the file exists, cannot be written, or has another suffix.
     """
     check_target(path, FORMATS, "output", force)
     table = stream.table()

@@ -17,7 +17,7 @@ class Space:
     """
 
     def __init__(self, priors: Sequence[Prior]) -> None:
-        uniform = np.array([isinstance(prior, Uniform) and prior.low > 0 for prior in priors])
+        uniform = np.array([type(prior) is Uniform and prior.low > 0 for prior in priors])  # LogUniform is one too
         self._log = np.array([isinstance(prior, LogUniform) for prior in priors]) | uniform
         self._slope = uniform.astype(float)
         self._low, self._high = np.array([prior.support for prior in priors]).T

@@ -69,10 +69,7 @@ def gaussian(mean: Array, variance: Array, data: Array, sigma: Array, add_noise:
 class Posterior:
     """The log-probability of the free parameters of a run file. It pickles as its spec.
 
-    Raises
-    ------
-    SpecError
-        If the spec has no free parameter, no observable or no datum: nothing can be fitted.
+    Raises SpecError if the spec has no free parameter, no observable or no datum: nothing can be fitted.
     """
 
     def __init__(self, spec: Source) -> None:

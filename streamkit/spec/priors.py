@@ -199,10 +199,7 @@ def usage(kind: type[Prior]) -> str:
 def parse(table: Mapping[str, Any], unit: Unit) -> Prior:
     """Read a prior of a field in this unit: its name, with its numbers or quantities in a list.
 
-    Raises
-    ------
-    ValueError
-        Says what was found, what is allowed, and the nearest name.
+    Raises ValueError: Says what was found, what is allowed, and the nearest name.
     """
     allowed = ", ".join(map(usage, PRIORS.values()))
     if len(table) != 1:

@@ -49,7 +49,9 @@ class Sampler(BaseModel):
         default=50.0, gt=0, description="Stop when the chain is longer than so many autocorrelation times."
     )
     r_hat: float = Field(
-        default=1.02, gt=1, description="Stop only when the rank-normalised split R-hat of every parameter is below this."
+        default=1.02,
+        gt=1,
+        description="Stop only when the rank-normalised split R-hat of every parameter is below this.",
     )
     start_particles: int = Field(
         default=1000,

@@ -121,10 +121,8 @@ class Spec:
             (d,) values in the order of `names`, or some of them by name (numbers or quantities; the others
             take the centre of their prior), or None for all centres.
 
-        Raises
-        ------
-        OutOfDomain
-            If a value breaks the constraint of its field; a wrong name or number of values is a `SpecError`.
+        Raises OutOfDomain if a value breaks the constraint of its field; a wrong name or number of values is a
+        `SpecError`.
         """
         parts, values = self.parts, self._values(theta)
         phase = parts.phase.build(values)
@@ -234,12 +232,8 @@ def load(source: str | Path | Mapping[str, Any], registry: Registry | None = Non
     registry
         The components to validate with; by default the installed ones and the file's own ``plugins``.
 
-    Raises
-    ------
-    SpecError
-        Lists every error, one per line: file, path, what was found, what is allowed, the nearest name.
-    PluginError
-        If a plugin is broken.
+    Raises SpecError: Lists every error, one per line: file, path, what was found, what is allowed, the nearest name.
+    Raises PluginError if a plugin is broken.
     """
     if isinstance(source, Mapping):
         return _make(source, "run mapping", registry, Path.cwd())

@@ -30,10 +30,7 @@ def check(cls: type[Component], **options: Any) -> None:
         ``accuracy=1e-8`` for an integrator without a field ``step``: the relative error it may make over a
         good part of a radial period (1e-5 unless told).
 
-    Raises
-    ------
-    AssertionError
-        One error with a line for each check that failed.
+    Raises AssertionError: One error with a line for each check that failed.
     """
     todo = checks(cls, **options)
     name = f"{cls.__module__}.{cls.__name__}"

@@ -244,3 +244,14 @@ def test_a_finished_chain_stays_finished():
         for steps in (length, 9000):  # nothing left to do, or more allowed than is needed
             assert run.advance(Limits(steps, tau_factor=5)) == "converged"
         assert backend.iteration == length
+
+
+@pytest.mark.parametrize(
+    "prior", [Uniform(1, 5), Uniform(-1, 5), LogUniform(1, 5), Normal(2, 0.5), TruncatedNormal(2, 0.5, 1, 5)]
+)
+def test_the_prior_in_the_coordinates_of_the_walks_is_the_prior(prior):
+    """Its density in y is that in theta times d theta / d y, up to a constant."""
+    space, theta = Space([prior]), np.linspace(1.2, 4.8, 7)[:, None]
+    y = space.to(theta)
+    wanted = np.array([prior.lnpdf(float(x)) for x in theta[:, 0]]) + space.ln_jacobian(y)
+    assert np.ptp(space.ln_prior(y) - wanted) < 1e-12

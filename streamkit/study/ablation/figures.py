@@ -21,7 +21,7 @@ from matplotlib.lines import Line2D
 
 from streamkit.model import standard_normals
 from streamkit.observe import ENOUGH
-from streamkit.report import (
+from streamkit.report import NotebookFigure, (
     ACROSS,
     ARM_STYLE,
     angle_ticks,
@@ -121,7 +121,7 @@ def phase_space(portraits: Portraits) -> Figure:
     """Draw configuration space above velocity space, both in the progenitor's orbital plane, coloured by arm."""
     n = max(len(portraits), 1)
     across, blocks = min(n, ACROSS), -(-n // ACROSS)
-    figure = Figure(figsize=(3.1 * across + 0.6, 6.6 * blocks + 0.3), layout="constrained")
+    figure = NotebookFigure(figsize=(3.1 * across + 0.6, 6.6 * blocks + 0.3), layout="constrained")
     panels: Any = figure.subplots(2 * blocks, across, squeeze=False)
     for axes in panels.flat:
         axes.set_visible(False)
@@ -167,7 +167,7 @@ def crossings(portraits: Portraits) -> Figure:
     trailing = {t: p.stream.dv_strip[:, p.stream.arm < 0] for t, p in portraits.items()}
     shown = {t: v for t, v in trailing.items() if v.size and np.isfinite(v).all()}
     n = max(len(shown), 1)
-    figure = Figure(figsize=(9.6, 1.9 * n + 0.7), layout="constrained")
+    figure = NotebookFigure(figsize=(9.6, 1.9 * n + 0.7), layout="constrained")
     panels: Any = figure.subplots(n, 3, squeeze=False, sharex=True)
     reach = max((float(np.percentile(np.abs(v), 99)) for v in shown.values()), default=1.0)
     bins = np.linspace(-reach, reach, 51)
@@ -270,7 +270,7 @@ def _gyr(t: float, stream: Stream) -> str:
 
 def along(portraits: Portraits) -> Figure:
     """Draw what runs along the streams: density, and the distance of the mean track from the first one's."""
-    figure = Figure(figsize=(11.0, 7.0), layout="constrained")
+    figure = NotebookFigure(figsize=(11.0, 7.0), layout="constrained")
     top, bottom = figure.subplots(2, 1, sharex=True)
     first = next(iter(portraits.values()), None)
     offsets = [np.zeros(1)]

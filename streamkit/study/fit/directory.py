@@ -43,10 +43,7 @@ def claim(
     resume, force
         Continue the same run; overwrite the products of another one.
 
-    Raises
-    ------
-    ChainError
-        If it holds something that must not be touched; says what. Nothing has then been changed.
+    Raises ChainError if it holds something that must not be touched; says what. Nothing has then been changed.
     """
     if resume and force:
         raise ChainError("resume and force exclude each other: continue the chain, or throw it away?")

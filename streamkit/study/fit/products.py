@@ -65,12 +65,8 @@ def write_products(run: Results | str | Path, truth: str | Path | None = None) -
     truth
         A TOML file whose ``[potential]`` is the true host of a mock: the recovery is written too.
 
-    Raises
-    ------
-    ChainError
-        If there is no readable run.
-    SpecError
-        If the truth is not valid. Nothing has then been written.
+    Raises ChainError if there is no readable run. Raises SpecError if the truth is not valid. Nothing has then been
+    written.
     """
     results = run if isinstance(run, Results) else Results(run)
     where = results.directory

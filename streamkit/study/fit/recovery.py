@@ -47,12 +47,8 @@ def true_host(path: str | Path, fit: Spec) -> Host:
     fit
         The run that is compared, in whose place the host is validated.
 
-    Raises
-    ------
-    SpecError
-        If the file cannot be read, has no potential, or one that is not valid, or has a prior.
-    PluginError
-        If one of its plugins is broken.
+    Raises SpecError if the file cannot be read, has no potential, or one that is not valid, or has a prior. Raises
+    PluginError if one of its plugins is broken.
     """
     path = Path(path)
     given = read_toml(path)

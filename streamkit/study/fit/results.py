@@ -64,10 +64,7 @@ class Results:
     failed
         Pictures that could not be drawn, with the reason.
 
-    Raises
-    ------
-    ChainError
-        If there is no readable run in the directory.
+    Raises ChainError if there is no readable run in the directory.
     """
 
     def __init__(self, directory: str | Path) -> None:

@@ -68,14 +68,9 @@ def run(
     Results
         The samples.
 
-    Raises
-    ------
-    ChainError
-        If ``out`` holds something else, or a chain that cannot be read. Nothing is then changed.
-    ComponentError
-        If a component fails: with its name and the parameters. All finished steps stay readable.
-    Interrupted
-        After Ctrl-C or SIGTERM. All finished steps stay readable.
+    Raises ChainError if ``out`` holds something else, or a chain that cannot be read. Nothing is then changed. Raises
+    ComponentError if a component fails: with its name and the parameters. All finished steps stay readable. Raises
+    Interrupted after Ctrl-C or SIGTERM. All finished steps stay readable.
     """
     begin, spec = monotonic(), as_spec(spec)
     if quick:

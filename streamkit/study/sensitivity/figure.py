@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from streamkit.report import BLUE, GREY, VERMILION, finish, labels, scaled, with_unit
+from streamkit.report import BLUE, GREY, VERMILION, NotebookFigure, finish, labels, scaled, with_unit
 from streamkit.spec import LogUniform
 from streamkit.study.sensitivity.curves import Curve
 from streamkit.study.sensitivity.runner import Sensitivity
@@ -31,7 +31,7 @@ def sensitivity_figure(response: Sensitivity) -> Figure:
     curves, m = response.curves, len(response.names)
     across = min(len(curves), ACROSS)
     blocks = -(-len(curves) // across)
-    figure = Figure(figsize=(2.35 * across + 0.8, (1.75 * m + 0.55) * blocks + 0.6), layout="constrained")
+    figure = NotebookFigure(figsize=(2.35 * across + 0.8, (1.75 * m + 0.55) * blocks + 0.6), layout="constrained")
     panels: Any = figure.subplots(m * blocks, across, squeeze=False)
     limits = [_limits(response, i) for i in range(m)]
     names = response.spec.names

@@ -99,14 +99,9 @@ def run_sensitivity(
     done
         Called after each stream.
 
-    Raises
-    ------
-    SpecError
-        If nothing can be fitted, a parameter is not free, or the point is outside the prior.
-    StreamkitError
-        If there is no stream at the fixed point, or the end came before the first parameter was finished.
-    ComponentError
-        If a component fails at the fixed point. Where others are varied it is a reason.
+    Raises SpecError if nothing can be fitted, a parameter is not free, or the point is outside the prior. Raises
+    StreamkitError if there is no stream at the fixed point, or the end came before the first parameter was finished.
+    Raises ComponentError if a component fails at the fixed point. Where others are varied it is a reason.
     """
     names, values = chosen(spec, fields), fixed_point(spec, point or {})
     packed, fixed = pickle.dumps(spec), tuple(values[name] for name in spec.names)

@@ -15,7 +15,7 @@ from toys import FIT
 
 import streamkit as sk
 from streamkit.model import Model
-from streamkit.report import save_stream
+from streamkit.report import draw_stream, save_picture
 from streamkit.study.fit import describe_results, products, write_products
 from streamkit.study.fit.figures import mass_profile, remark, rotation_curve
 from streamkit.study.fit.products import PRODUCTS
@@ -222,7 +222,7 @@ def test_pictures_can_be_drawn_into_given_axes(run):
 
 def test_a_stream_without_an_observable_can_be_drawn(tmp_path):
     stream = Model(sk.load(FIT)).stream()
-    save_stream(stream, None, None, tmp_path / "stream.png")
+    save_picture(tmp_path / "stream.png", draw_stream(stream))
     assert imread(tmp_path / "stream.png").shape[0] > 600
 
 
