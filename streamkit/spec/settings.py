@@ -51,7 +51,7 @@ class Sampler(BaseModel):
     r_hat: float = Field(
         default=1.02,
         gt=1,
-        description="Stop only when the rank-normalised split R-hat of every parameter is below this.",
+        description="Stop only when the rank-normalised R-hat of every parameter is below this.",
     )
     start_particles: int = Field(
         default=1000,

@@ -21,9 +21,10 @@ from matplotlib.lines import Line2D
 
 from streamkit.model import standard_normals
 from streamkit.observe import ENOUGH
-from streamkit.report import NotebookFigure, (
+from streamkit.report import (
     ACROSS,
     ARM_STYLE,
+    NotebookFigure,
     angle_ticks,
     draw_unwrapped,
     finish,
