@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import importlib.util
 import inspect
@@ -143,10 +144,30 @@ def _supplier(point: EntryPoint) -> str:
     return f"{point.dist.name} {point.dist.version}" if point.dist else point.value
 
 
+def _with_neighbours(path: Path) -> list[Path]:
+    """Return a Python file and the files of its folder that it imports, directly or through each other."""
+    found = [path]
+    for file in found:
+        try:
+            tree = ast.parse(file.read_bytes())
+        except (SyntaxError, ValueError):  # importing it says so
+            continue
+        names: set[str] = set()
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Import):
+                names |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        for parts in (name.split(".") for name in sorted(names)):
+            inside = path.parent.joinpath(*parts)
+            found += [f for f in (inside.with_suffix(".py"), inside / "__init__.py") if f.is_file() and f not in found]
+    return found
+
+
 def _load_file(path: Path) -> tuple[str, str, ModuleType]:
-    """Import a one-off plugin file; its supplier string carries the hash of its text."""
+    """Import a one-off plugin file; its supplier carries the hash of its text and of what it imports beside it."""
     try:
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()[:12]
+        digest = hashlib.sha256(b"".join(file.read_bytes() for file in _with_neighbours(path))).hexdigest()[:12]
     except OSError as error:
         raise SpecError(f"plugins: cannot read {str(path)!r}: {error.strerror}") from None
     name = f"streamkit_file_{path.stem}_{digest}"

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from html import escape
 from typing import Literal
+
+import numpy as np
 
 from streamkit.stream.arrays import Array
 
@@ -64,3 +67,12 @@ class Prediction:
             for name, mean, variance in zip(self.names, self.mean, self.variance, strict=True)
         )
         return f"<Prediction: {', '.join(values)}>"
+
+    def _repr_html_(self) -> str:
+        if self.why_not:
+            return f"<p>no value: {escape(self.why_not)}</p>"
+        rows = zip(self.names, self.mean.tolist(), np.sqrt(self.variance).tolist(), strict=True)
+        cells = (
+            f"<tr><td>{escape(name)}</td><td>{mean:.5g}</td><td>{noise:.2g}</td></tr>" for name, mean, noise in rows
+        )
+        return f"<table><tr><th></th><th>value</th><th>own noise</th></tr>{''.join(cells)}</table>"

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
+from html import escape
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -91,6 +92,9 @@ class Stream:
     def __repr__(self) -> str:
         counts = ", ".join(f"{int((self.arm == arm).sum())} {name}" for name, arm in ARMS.items())
         return f"<Stream of {len(self)} particles: {counts}, {int(self.bound.sum())} bound>"
+
+    def _repr_html_(self) -> str:
+        return f"<p>{escape(repr(self))}</p>{self.table()[:5]._repr_html_()}"
 
     def __getstate__(self) -> dict[str, object]:
         return {**self.__dict__, "ahead": partial(_known, self.future)}  # what finds it holds machine code

@@ -249,6 +249,28 @@ def test_a_one_off_file_carries_the_hash_of_its_text(tmp_path):
     assert suppliers[0] == suppliers[1] != suppliers[2]
 
 
+def test_the_hash_of_a_one_off_file_covers_what_it_imports_beside_it(tmp_path, monkeypatch):
+    """A helper that changed is another plugin: a run with the old one must not be resumed with it."""
+    monkeypatch.syspath_prepend(tmp_path)
+    plugin, helper, deeper = (tmp_path / f"{name}.py" for name in ("beside_trap", "beside_helper", "beside_deeper"))
+    plugin.write_text(text(imports="import beside_helper"))
+    helper.write_text("STRENGTH = 1\n")
+    suppliers = [supplier_of(plugin)]
+    helper.write_text("from beside_deeper import STRENGTH\n")
+    deeper.write_text("STRENGTH = 1\n")
+    suppliers.append(supplier_of(plugin))
+    deeper.write_text("STRENGTH = 2\n")
+    suppliers.append(supplier_of(plugin))
+    (tmp_path / "unrelated.py").write_text("pass\n")
+    assert supplier_of(plugin) == suppliers[-1]
+    assert len(set(suppliers)) == 3
+
+
+def supplier_of(plugin):
+    known = load_registry([plugin])
+    return known.supplier(known.entries["potential"]["trap"].cls)
+
+
 def test_a_one_off_file_that_fails_says_so_at_once(tmp_path):
     """Unlike an installed plugin, which a run may not need, it was asked for by name."""
     file = tmp_path / "bad_trap.py"

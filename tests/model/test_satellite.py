@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from snapshots import run_file
 
-from streamkit import GYR, G, Model
+from streamkit import GYR, G, Model, Prediction
+from streamkit.builtin.apocentres import Apocentres
 from streamkit.builtin.integrators import ForestRuth
 from streamkit.builtin.potentials import NFW, Hernquist, Kepler, Logarithmic, Plummer
 from streamkit.model import Host, Satellite, next_apocentre
@@ -95,6 +96,13 @@ def test_a_stream_in_a_notebook_is_one_line():
     stream = Model(run_file("B", 50)).stream()
     assert repr(stream).startswith("<Stream of 50 particles: ")
     assert len(repr(stream)) < 100
+    assert len(stream._repr_html_()) < 5000
+    prediction = Apocentres().predict(stream)
+    assert len(repr(prediction)) < 200
+    assert prediction.why_not in prediction._repr_html_()
+    value = Prediction(("leading",), np.array([57.0]), np.array([0.25]))
+    assert repr(value) == "<Prediction: leading 57 +- 0.5>"
+    assert "<td>leading</td><td>57</td><td>0.5</td>" in value._repr_html_()
 
 
 def test_a_host_without_an_end_holds_everything():
