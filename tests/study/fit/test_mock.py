@@ -18,9 +18,7 @@ def test_the_host_of_the_mock_is_recovered():
     """
     spec = sk.load(EXAMPLES / "mocks" / "mock_tf.toml")
     few = {"stripping.particles": 2000, "likelihood.noise": "add", "sampler.walkers": 16}
-    results = sk.run(
-        sk.load(EXAMPLES / "mocks" / "mock_tf.toml").with_values(few), workers=2, steps=800, progress=False
-    )
+    results = sk.run(spec.with_values(few), workers=2, steps=800, progress=False)
     assert not len(results.stuck)
     r = np.array([15.0, 30.0, 45.0, 60.0, 80.0])
     speed = 210 * (144 / (144 + r**2)) ** (0.45 / 4)  # eq. 2 of Gibbons+ 2014, with the example's true host
