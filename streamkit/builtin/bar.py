@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
 
-from streamkit import Angle, Coordinate, G, Length, Mass, Number, Potential, sqrt
+from streamkit import Angle, Coordinate, G, Length, Mass, Number, Potential, Symbol, sqrt
 
 
 class Bar(Potential):
@@ -23,12 +23,18 @@ class Bar(Potential):
     example = {"mass": 1.0e10, "a": 3.5, "b": 0.5, "c": 0.6, "pattern_speed": -39.0, "angle": -27.0}
     reference = "Long & Murali 1992, ApJ 397, 44"
 
-    mass: Mass = Field(description="Total mass.")
-    a: Length = Field(description="Half-length.")
-    b: Coordinate = Field(default=0.0, ge=0, description="Softening within the plane: the bar's thickness there.")
-    c: Length = Field(description="Softening in height.")
-    pattern_speed: Number = Field(description="Pattern speed in km/s/kpc, positive from x towards y.")
-    angle: Angle = Field(default=0.0, description="Direction of the bar today, from x towards y.")
+    mass: Annotated[Mass, Symbol("$M$")] = Field(description="Total mass.")
+    a: Annotated[Length, Symbol("$a$")] = Field(description="Half-length.")
+    b: Annotated[Coordinate, Symbol("$b$")] = Field(
+        default=0.0, ge=0, description="Softening within the plane: the bar's thickness there."
+    )
+    c: Annotated[Length, Symbol("$c$")] = Field(description="Softening in height.")
+    pattern_speed: Annotated[Number, Symbol(r"$\Omega_{\rm b}$")] = Field(
+        description="Pattern speed in km/s/kpc, positive from x towards y."
+    )
+    angle: Annotated[Angle, Symbol(r"$\phi_{\rm b}$")] = Field(
+        default=0.0, description="Direction of the bar today, from x towards y."
+    )
 
     @staticmethod
     def acceleration(

@@ -8,12 +8,12 @@ heavier than it.
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from streamkit import G, Length, Mass, Potential, sqrt
+from streamkit import G, Length, Mass, Potential, Symbol, sqrt
 
 MASSES = (
     (0.0036, -0.0330, 0.1117, -0.1335, 0.1749),
@@ -76,9 +76,11 @@ class ExponentialDisc(Potential):
     example = {"mass": 4.0e10, "rd": 2.6, "height": 0.3}
     reference = "Smith et al. 2015, MNRAS 448, 2934"
 
-    mass: Mass = Field(description="Mass of the exponential disc: 2 pi rd^2 times its central surface density.")
-    rd: Length = Field(description="Scale length.")
-    height: Length = Field(description="Scale height of the vertical exponential.")
+    mass: Annotated[Mass, Symbol("$M$")] = Field(
+        description="Mass of the exponential disc: 2 pi rd^2 times its central surface density."
+    )
+    rd: Annotated[Length, Symbol(r"$R_{\rm d}$")] = Field(description="Scale length.")
+    height: Annotated[Length, Symbol("$h_z$")] = Field(description="Scale height of the vertical exponential.")
 
     acceleration: ClassVar[Any] = staticmethod(_EXPONENTIAL[0])
     potential: ClassVar[Any] = staticmethod(_EXPONENTIAL[1])
@@ -94,9 +96,13 @@ class Sech2Disc(Potential):
     example = {"mass": 4.7717e10, "rd": 2.6, "height": 0.3}
     reference = "Smith et al. 2015, MNRAS 448, 2934"
 
-    mass: Mass = Field(description="Mass of the exponential disc: 2 pi rd^2 times its central surface density.")
-    rd: Length = Field(description="Scale length.")
-    height: Length = Field(description="Scale height: the density falls as sech^2(z/height).")
+    mass: Annotated[Mass, Symbol("$M$")] = Field(
+        description="Mass of the exponential disc: 2 pi rd^2 times its central surface density."
+    )
+    rd: Annotated[Length, Symbol(r"$R_{\rm d}$")] = Field(description="Scale length.")
+    height: Annotated[Length, Symbol("$h_z$")] = Field(
+        description="Scale height: the density falls as sech^2(z/height)."
+    )
 
     acceleration: ClassVar[Any] = staticmethod(_ISOTHERMAL[0])
     potential: ClassVar[Any] = staticmethod(_ISOTHERMAL[1])

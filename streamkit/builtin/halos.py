@@ -6,12 +6,12 @@ potential that is flattened too far (q < 0.71 for `logarithmic_halo`, Binney & T
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
 
-from streamkit import Angle, Coordinate, G, Length, Mass, PositiveNumber, Potential, Speed, log, sqrt
+from streamkit import Angle, Coordinate, G, Length, Mass, PositiveNumber, Potential, Speed, Symbol, log, sqrt
 
 TINY = 1e-30
 """kpc^2, added to squared radii: a force at the very centre is zero and not 0/0."""
@@ -32,11 +32,15 @@ class NFWTriaxial(Potential):
     example = {"mass": 3.584843593e11, "rs": 9.370845158, "q": 0.9}
     reference = "Navarro, Frenk & White 1996, ApJ 462, 563"
 
-    mass: Mass = Field(description="Scale mass: without flattening M(r) = mass [ln(1 + r/rs) - r/(r + rs)].")
-    rs: Length = Field(description="Scale radius along the first axis.")
-    p: PositiveNumber = Field(default=1.0, description="Axis ratio y/x of the potential.")
-    q: PositiveNumber = Field(default=1.0, description="Axis ratio z/x of the potential.")
-    phi: Angle = Field(default=0.0, description="Direction of the first axis, from x towards y.")
+    mass: Annotated[Mass, Symbol("$M$")] = Field(
+        description="Scale mass: without flattening M(r) = mass [ln(1 + r/rs) - r/(r + rs)]."
+    )
+    rs: Annotated[Length, Symbol(r"$r_{\rm s}$")] = Field(description="Scale radius along the first axis.")
+    p: Annotated[PositiveNumber, Symbol("$p$")] = Field(default=1.0, description="Axis ratio y/x of the potential.")
+    q: Annotated[PositiveNumber, Symbol("$q$")] = Field(default=1.0, description="Axis ratio z/x of the potential.")
+    phi: Annotated[Angle, Symbol(r"$\phi$")] = Field(
+        default=0.0, description="Direction of the first axis, from x towards y."
+    )
 
     @staticmethod
     def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any, rs: Any, p: Any, q: Any, phi: Any) -> Any:
@@ -67,11 +71,19 @@ class NFWEllipsoidal(Potential):
     example = {"mass": 4.37e11, "rs": 16.0, "q": 1.05}
     reference = "Binney & Tremaine 2008, eq. 2.140; Bovy et al. 2016, ApJ 833, 31"
 
-    mass: Mass = Field(description="Scale mass: 4 pi rs^3 times the scale density, as in `nfw` if p = q = 1.")
-    rs: Length = Field(description="Scale radius along the first axis.")
-    p: PositiveNumber = Field(default=1.0, ge=0.4, le=2.5, description="Axis ratio y/x of the density.")
-    q: PositiveNumber = Field(default=1.0, ge=0.4, le=2.5, description="Axis ratio z/x of the density.")
-    phi: Angle = Field(default=0.0, description="Direction of the first axis, from x towards y.")
+    mass: Annotated[Mass, Symbol("$M$")] = Field(
+        description="Scale mass: 4 pi rs^3 times the scale density, as in `nfw` if p = q = 1."
+    )
+    rs: Annotated[Length, Symbol(r"$r_{\rm s}$")] = Field(description="Scale radius along the first axis.")
+    p: Annotated[PositiveNumber, Symbol("$p$")] = Field(
+        default=1.0, ge=0.4, le=2.5, description="Axis ratio y/x of the density."
+    )
+    q: Annotated[PositiveNumber, Symbol("$q$")] = Field(
+        default=1.0, ge=0.4, le=2.5, description="Axis ratio z/x of the density."
+    )
+    phi: Annotated[Angle, Symbol(r"$\phi$")] = Field(
+        default=0.0, description="Direction of the first axis, from x towards y."
+    )
 
     @staticmethod
     def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any, rs: Any, p: Any, q: Any, phi: Any) -> Any:
@@ -124,10 +136,10 @@ class LogarithmicHalo(Potential):
     example = {"v0": 220.0, "q": 0.9}
     reference = "Binney & Tremaine 2008, eq. 2.71a; Koposov et al. 2010, ApJ 712, 260"
 
-    v0: Speed = Field(gt=0, description="Circular speed in the plane at large radii.")
-    rc: Coordinate = Field(default=0.0, ge=0, description="Core radius.")
-    p: PositiveNumber = Field(default=1.0, description="Axis ratio y/x of the potential.")
-    q: PositiveNumber = Field(default=1.0, description="Axis ratio z/x of the potential.")
+    v0: Annotated[Speed, Symbol("$v_0$")] = Field(gt=0, description="Circular speed in the plane at large radii.")
+    rc: Annotated[Coordinate, Symbol(r"$r_{\rm c}$")] = Field(default=0.0, ge=0, description="Core radius.")
+    p: Annotated[PositiveNumber, Symbol("$p$")] = Field(default=1.0, description="Axis ratio y/x of the potential.")
+    q: Annotated[PositiveNumber, Symbol("$q$")] = Field(default=1.0, description="Axis ratio z/x of the potential.")
 
     @staticmethod
     def acceleration(x: Any, y: Any, z: Any, t: Any, v0: Any, rc: Any, p: Any, q: Any) -> Any:

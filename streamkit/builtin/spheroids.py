@@ -7,12 +7,12 @@ Their coefficients depend on the parameters alone: the compiler takes them out o
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
 
-from streamkit import G, Length, Mass, Number, Potential, exp, log, sqrt
+from streamkit import G, Length, Mass, Number, Potential, Symbol, exp, log, sqrt
 
 TINY = 1e-30
 """kpc^2, added to squared radii: a force at the very centre is zero and not 0/0."""
@@ -25,9 +25,11 @@ class Dehnen(Potential):
     example = {"mass": 1.0e11, "a": 10.0, "gamma": 1.5}
     reference = "Dehnen 1993, MNRAS 265, 250; Tremaine et al. 1994, AJ 107, 634"
 
-    mass: Mass = Field(description="Total mass: M(r) = mass (r / (r + a))^(3 - gamma).")
-    a: Length = Field(description="Scale radius.")
-    gamma: Number = Field(ge=0, lt=3, description="Inner slope: the density falls as r^-gamma.")
+    mass: Annotated[Mass, Symbol("$M$")] = Field(description="Total mass: M(r) = mass (r / (r + a))^(3 - gamma).")
+    a: Annotated[Length, Symbol("$a$")] = Field(description="Scale radius.")
+    gamma: Annotated[Number, Symbol(r"$\gamma$")] = Field(
+        ge=0, lt=3, description="Inner slope: the density falls as r^-gamma."
+    )
 
     @staticmethod
     def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any, a: Any, gamma: Any) -> Any:
@@ -56,11 +58,19 @@ class Spheroid(Potential):
     example = {"mass": 3.6e11, "a": 12.0, "gamma": 0.7}
     reference = "Zhao 1996, MNRAS 278, 488"
 
-    mass: Mass = Field(description="Scale mass, 4 pi a^3 times the scale density; as in `nfw`, not the total mass.")
-    a: Length = Field(description="Scale radius.")
-    alpha: Number = Field(default=1.0, ge=0.5, le=4, description="Sharpness of the turn from one slope to the other.")
-    beta: Number = Field(default=3.0, ge=2.6, le=8, description="Outer slope: the density falls as r^-beta.")
-    gamma: Number = Field(default=1.0, ge=0, le=2.5, description="Inner slope: the density falls as r^-gamma.")
+    mass: Annotated[Mass, Symbol("$M$")] = Field(
+        description="Scale mass, 4 pi a^3 times the scale density; as in `nfw`, not the total mass."
+    )
+    a: Annotated[Length, Symbol("$a$")] = Field(description="Scale radius.")
+    alpha: Annotated[Number, Symbol(r"$\alpha$")] = Field(
+        default=1.0, ge=0.5, le=4, description="Sharpness of the turn from one slope to the other."
+    )
+    beta: Annotated[Number, Symbol(r"$\beta$")] = Field(
+        default=3.0, ge=2.6, le=8, description="Outer slope: the density falls as r^-beta."
+    )
+    gamma: Annotated[Number, Symbol(r"$\gamma$")] = Field(
+        default=1.0, ge=0, le=2.5, description="Inner slope: the density falls as r^-gamma."
+    )
 
     @staticmethod
     def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any, a: Any, alpha: Any, beta: Any, gamma: Any) -> Any:
@@ -126,9 +136,11 @@ class PowerCutoff(Potential):
     example = {"mass": 4.5e9, "alpha": 1.8, "rc": 1.9}
     reference = "Bovy 2015, ApJS 216, 29"
 
-    mass: Mass = Field(description="Total mass.")
-    alpha: Number = Field(ge=0, le=2.8, description="Slope of the density within the cut-off.")
-    rc: Length = Field(description="Cut-off radius.")
+    mass: Annotated[Mass, Symbol("$M$")] = Field(description="Total mass.")
+    alpha: Annotated[Number, Symbol(r"$\alpha$")] = Field(
+        ge=0, le=2.8, description="Slope of the density within the cut-off."
+    )
+    rc: Annotated[Length, Symbol(r"$r_{\rm c}$")] = Field(description="Cut-off radius.")
 
     @staticmethod
     def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any, alpha: Any, rc: Any) -> Any:
