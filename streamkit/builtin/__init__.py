@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from streamkit import Component, hookimpl
-from streamkit.builtin import apocentres, integrators, potentials, stripping
+from streamkit.builtin import apocentres, bar, discs, halos, integrators, potentials, spheroids, stripping
 
 
 @hookimpl
@@ -19,6 +19,15 @@ def streamkit_components() -> list[type[Component]]:
         potentials.Kepler,
         potentials.Isochrone,
         potentials.Logarithmic,
+        halos.LogarithmicHalo,
+        halos.NFWTriaxial,
+        halos.NFWEllipsoidal,
+        spheroids.Dehnen,
+        spheroids.Spheroid,
+        spheroids.PowerCutoff,
+        discs.ExponentialDisc,
+        discs.Sech2Disc,
+        bar.Bar,
         stripping.LagrangeCloud,
         stripping.Streakline,
         integrators.Leapfrog,

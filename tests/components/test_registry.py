@@ -85,7 +85,7 @@ def test_an_unknown_kind_names_the_place_the_nearest_and_the_installed(install):
         found.find("potential", "plumer", "progenitor.kind")
     message = str(caught.value)
     assert message.startswith("progenitor.kind: no potential is called 'plumer'. Did you mean 'plummer'?")
-    assert "Installed: hernquist, isochrone, kepler," in message
+    assert "Installed: bar, dehnen, exponential_disc," in message
     assert "trap" in message
 
 

@@ -1,0 +1,200 @@
+"""Built-in spheres whose slopes are free. Enclosed masses in straight arithmetic, so that the force vectorises.
+
+Incomplete beta and gamma functions have no closed form. They are series here on one side of a fixed radius and another
+series or a continued fraction beyond it, of a fixed length: both are computed for every particle, and one is taken.
+Their coefficients depend on the parameters alone: the compiler takes them out of the loop over the particles.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from streamkit import G, Length, Mass, Number, Potential, Symbol, exp, log, sqrt
+
+TINY = 1e-30
+"""kpc^2, added to squared radii: a force at the very centre is zero and not 0/0."""
+
+
+class Dehnen(Potential):
+    """Dehnen sphere: density slope -gamma inside a, -4 outside. gamma = 1 is Hernquist's, gamma = 2 Jaffe's."""
+
+    kind = "dehnen"
+    example = {"mass": 1.0e11, "a": 10.0, "gamma": 1.5}
+    reference = "Dehnen 1993, MNRAS 265, 250; Tremaine et al. 1994, AJ 107, 634"
+
+    mass: Annotated[Mass, Symbol("$M$")] = Field(description="Total mass: M(r) = mass (r / (r + a))^(3 - gamma).")
+    a: Annotated[Length, Symbol("$a$")] = Field(description="Scale radius.")
+    gamma: Annotated[Number, Symbol(r"$\gamma$")] = Field(
+        ge=0, lt=3, description="Inner slope: the density falls as r^-gamma."
+    )
+
+    @staticmethod
+    def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any, a: Any, gamma: Any) -> Any:
+        """Return -G M(r) / r^2 along the radius."""
+        r = sqrt(x * x + y * y + z * z + TINY)
+        s = r + a
+        k = -G * mass * exp(-gamma * log(r / s)) / (s * s * s)
+        return k * x, k * y, k * z
+
+    @staticmethod
+    def potential(x: Any, y: Any, z: Any, t: Any, mass: Any, a: Any, gamma: Any) -> Any:
+        """Return -G M / [a (2 - gamma)] [1 - (r / (r + a))^(2 - gamma)], G M / a ln(r / (r + a)) for gamma = 2."""
+        r = np.sqrt(x * x + y * y + z * z + TINY)
+        y = -np.log1p(a / r)
+        return G * mass / a * (y if gamma == 2 else np.expm1((2 - gamma) * y) / (2 - gamma))
+
+
+class Spheroid(Potential):
+    """Double power law (Zhao): ``rho = mass / (4 pi a^3) (r/a)^-gamma [1 + (r/a)^alpha]^((gamma - beta)/alpha)``.
+
+    (alpha, beta, gamma) = (1, 3, 1) is `nfw`, (1, 4, gamma) Dehnen's, (2, 5, 0) Plummer's; the mass is finite if
+    beta > 3. Its slopes may have priors. The force is exact to 1e-10, and to 1e-12 for alpha = 1.
+    """
+
+    kind = "spheroid"
+    example = {"mass": 3.6e11, "a": 12.0, "gamma": 0.7}
+    reference = "Zhao 1996, MNRAS 278, 488"
+
+    mass: Annotated[Mass, Symbol("$M$")] = Field(
+        description="Scale mass, 4 pi a^3 times the scale density; as in `nfw`, not the total mass."
+    )
+    a: Annotated[Length, Symbol("$a$")] = Field(description="Scale radius.")
+    alpha: Annotated[Number, Symbol(r"$\alpha$")] = Field(
+        default=1.0, ge=0.5, le=4, description="Sharpness of the turn from one slope to the other."
+    )
+    beta: Annotated[Number, Symbol(r"$\beta$")] = Field(
+        default=3.0, ge=2.6, le=8, description="Outer slope: the density falls as r^-beta."
+    )
+    gamma: Annotated[Number, Symbol(r"$\gamma$")] = Field(
+        default=1.0, ge=0, le=2.5, description="Inner slope: the density falls as r^-gamma."
+    )
+
+    @staticmethod
+    def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any, a: Any, alpha: Any, beta: Any, gamma: Any) -> Any:
+        """Return -G M(r) / r^2 along the radius, M an incomplete beta function of w / (1 + w), w = (r/a)^alpha.
+
+        With c = (3 - gamma) / alpha and d = (beta - 3) / alpha, alpha M / mass is the integral of
+        u^(c - 1) (1 - u)^(d - 1) from 0 to w / (1 + w): as a series in u up to 1/2, and in 1 - u from there on, where
+        the first term, of (1 - u)^(d - 1), is kept apart: it is a logarithm if d = 0.
+        """
+
+        def terms(c: Any, d: Any, u: Any, start: Any, total: Any, factor: Any, power: Any) -> Any:
+            """Add eleven terms: the compiler unrolls so many, and only then takes the factors out of the loop."""
+            for i in range(11):
+                k = start + i
+                factor *= (k - d) / k
+                power = power * u
+                total = total + power * (factor / (c + k))
+            return total, factor, power
+
+        def series(c: Any, d: Any, u: Any) -> Any:
+            """Sum of (1 - d)_k / k! u^k / (c + k), without its first term."""
+            total, factor, power = terms(c, d, u, 1, 0.0 * u, 1.0, 1.0 + 0.0 * u)
+            total, factor, power = terms(c, d, u, 12, total, factor, power)
+            total, factor, power = terms(c, d, u, 23, total, factor, power)
+            return terms(c, d, u, 34, total, factor, power)[0]
+
+        c, d = (3.0 - gamma) / alpha, (beta - 3.0) / alpha
+        r2 = x * x + y * y + z * z + TINY
+        logr = 0.5 * log(r2 / (a * a))
+        w = exp(alpha * logr)
+        u, v = w / (1.0 + w), 1.0 / (1.0 + w)
+        near = 1.0 * (w < 1.0)
+        inner = exp(c * log(u)) * (1.0 / c + series(c, d, u))
+        half = exp(-0.6931471805599453 * c) * (1.0 / c + series(c, d, 0.5))
+        tail = exp(-0.6931471805599453 * d)
+        ratio = exp(d * log(2.0 * v))
+        same = 1.0 * (ratio == 1.0)
+        first = -log(2.0 * v) * (ratio - 1.0 + same) / (log(ratio) + same)
+        outer = half + tail * (first + series(d, c, 0.5) - ratio * series(d, c, v))
+        k = -G * mass / alpha * (near * inner + (1.0 - near) * outer) / (r2 * sqrt(r2))
+        return k * x, k * y, k * z
+
+    @staticmethod
+    def potential(x: Any, y: Any, z: Any, t: Any, mass: Any, a: Any, alpha: Any, beta: Any, gamma: Any) -> Any:
+        """Return -G [M(r) / r + 4 pi the integral of rho r from r on], both as hypergeometric functions."""
+        from scipy.special import hyp2f1
+
+        r = np.sqrt(x * x + y * y + z * z + TINY)
+        ax, _, _ = Spheroid.acceleration(r, 0.0, 0.0, t, mass, a, alpha, beta, gamma)
+        far = (beta - 2.0) / alpha
+        v = 1.0 / (1.0 + (r / a) ** alpha)
+        shells = v**far / (beta - 2.0) * hyp2f1(far, 1.0 - (2.0 - gamma) / alpha, far + 1.0, v)
+        return ax * r - G * mass / a * shells
+
+
+class PowerCutoff(Potential):
+    """Power law with a Gaussian cut-off: ``rho ~ r^-alpha exp(-(r/rc)^2)``. The bulge of galpy's MWPotential2014.
+
+    The force is exact to 1e-12 from r = 0 on.
+    """
+
+    kind = "power_cutoff"
+    example = {"mass": 4.5e9, "alpha": 1.8, "rc": 1.9}
+    reference = "Bovy 2015, ApJS 216, 29"
+
+    mass: Annotated[Mass, Symbol("$M$")] = Field(description="Total mass.")
+    alpha: Annotated[Number, Symbol(r"$\alpha$")] = Field(
+        ge=0, le=2.8, description="Slope of the density within the cut-off."
+    )
+    rc: Annotated[Length, Symbol(r"$r_{\rm c}$")] = Field(description="Cut-off radius.")
+
+    @staticmethod
+    def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any, alpha: Any, rc: Any) -> Any:
+        """Return -G M(r) / r^2 along the radius; M / mass is the incomplete gamma function P((3 - alpha)/2, r^2/rc^2).
+
+        Up to r^2 = 5 rc^2 by its series, beyond by the continued fraction of 1 - P.
+        """
+
+        def terms(s: Any, u: Any, start: Any, total: Any, factor: Any, power: Any) -> Any:
+            """Add eleven terms: the compiler unrolls so many, and only then takes the factors out of the loop."""
+            for i in range(11):
+                factor /= s + (start + i)
+                power = power * u
+                total = total + power * factor
+            return total, factor, power
+
+        def series(s: Any, u: Any) -> Any:
+            """Lower incomplete gamma function over u^s exp(-u): the sum of u^k / [s (s + 1) ... (s + k)]."""
+            total, factor, power = terms(s, u, 1, 1.0 / s + 0.0 * u, 1.0 / s, 1.0 + 0.0 * u)
+            total, factor, power = terms(s, u, 12, total, factor, power)
+            return terms(s, u, 23, total, factor, power)[0]
+
+        def fraction(s: Any, u: Any) -> Any:
+            """Upper one over u^s exp(-u): Legendre's fraction 1 / (u + 1 - s - (1 - s) / (u + 3 - s - ...))."""
+            before, top = 0.0 * u, 1.0 + 0.0 * u
+            under, bottom = 1.0 + 0.0 * u, u + (1.0 - s)
+            for k in range(1, 16):
+                b, c = u + (2 * k + 1 - s), k * (s - k)
+                before, top = top, b * top + c * before
+                under, bottom = bottom, b * bottom + c * under
+            return top / bottom
+
+        s = 0.5 * (3.0 - alpha)
+        r2 = x * x + y * y + z * z + TINY
+        u = r2 / (rc * rc)
+        near = 1.0 * (u < 5.0)
+        whole = series(s, 5.0) + fraction(s, 5.0)  # Gamma(s) / (5^s exp(-5))
+        share = exp(s * log(0.2 * u) - u + 5.0) / whole
+        low, high = near * u, near * 5.0 + (1.0 - near) * u  # each where it converges
+        part = near * share * series(s, low) + (1.0 - near) * (1.0 - share * fraction(s, high))
+        k = -G * mass * part / (r2 * sqrt(r2))
+        return k * x, k * y, k * z
+
+    @staticmethod
+    def potential(x: Any, y: Any, z: Any, t: Any, mass: Any, alpha: Any, rc: Any) -> Any:
+        """Return -G M [P(s, u) / r + Gamma(s - 1/2, u) / (rc Gamma(s))], s = (3 - alpha)/2 and u = (r/rc)^2."""
+        from scipy.special import exp1, gamma, gammainc, gammaincc
+
+        s, u = 0.5 * (3.0 - alpha), (x * x + y * y + z * z + TINY) / rc**2
+        e = s - 0.5
+        if e > 0:
+            shells = gamma(e) * gammaincc(e, u)
+        elif e == 0:
+            shells = exp1(u)
+        else:
+            shells = (gamma(e + 1) * gammaincc(e + 1, u) - u**e * np.exp(-u)) / e
+        return -G * mass / rc * (gammainc(s, u) / np.sqrt(u) + shells / gamma(s))
