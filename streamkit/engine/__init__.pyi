@@ -1,3 +1,7 @@
+from .bodies import NO_DRAG as NO_DRAG
+from .bodies import Centre as Centre
+from .bodies import Drag as Drag
+from .bodies import follow_bodies as follow_bodies
 from .field import Field as Field
 from .field import adaptive_step as adaptive_step
 from .field import build_field as build_field

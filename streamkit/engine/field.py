@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from streamkit.engine import kernels, loops
-from streamkit.engine.forces import DEEPEST, NO_TRACKS, Forces
+from streamkit.engine.forces import DEEPEST, NO_FRAME, NO_TRACKS, Forces
 from streamkit.engine.kernels import Force
 from streamkit.engine.loops import NUMBERS, WORK, Scratch
 from streamkit.engine.methods import RKN4, Splitting
@@ -85,29 +85,51 @@ class Field:
     def with_moving(self, other: Field, orbit: Orbit) -> Field:
         """Add another field's forces, whose common centre moves along ``orbit`` (equal time steps).
 
-        Once for each body that moves, all on one grid of times; what loses mass comes first. Raises ValueError
+        Once for each body that moves, all on one grid of times; one of them may lose mass. Raises ValueError
         otherwise, and where the other field's forces move already.
         """
         here, new, left = self.forces, other.forces, orbit.mass_left
-        count, first = len(here.tracks), float(orbit.t[0])
-        step = float((orbit.t[-1] - first) / (len(orbit.t) - 1))
+        first, step = self._grid_with(orbit)
         track = np.vstack([orbit.polynomials.reshape(18, -1), left[:-1], np.diff(left)]).T[None].copy()
-        if len(new.tracks):
+        if len(new.tracks) or len(new.frame):
             raise ValueError("these forces move already: add the forces of each trajectory by themselves")
-        if count and (first, step, track.shape) != (here.first, here.step, here.tracks[:1].shape):
-            raise ValueError("orbits of moving components must share one grid of times")
-        if count and (left != 1.0).any():
-            raise ValueError("only the first of the moving components can lose mass")
+        trajectory, tracks, index = here.trajectory, [*here.tracks[:, None], track], len(here.tracks)
+        if index and (left != 1.0).any():  # it must be the first: see `add_forces`
+            if (here.tracks[0, :, 18] != 1.0).any():
+                raise ValueError("only one of the moving components can lose mass")
+            trajectory, tracks, index = np.where(trajectory < 0, -1, trajectory + 1), [track, *tracks[:-1]], 0
         forces = Forces(
             address=np.concatenate([here.address, new.address]),
             offset=np.concatenate([here.offset, here.offset[-1] + new.offset[1:]]),
-            trajectory=np.concatenate([here.trajectory, np.full_like(new.trajectory, count)]),
+            trajectory=np.concatenate([trajectory, np.full_like(new.trajectory, index)]),
             parameters=np.concatenate([here.parameters[: here.offset[-1]], new.parameters]),
             first=first,
             step=step,
-            tracks=np.concatenate([here.tracks, track]) if count else track,
+            tracks=np.concatenate(tracks),
+            frame=here.frame,
         )
         return replace(self, forces=forces, kernels=self.kernels + other.kernels, names=self.names + other.names)
+
+    def seen_from(self, orbit: Orbit) -> Field:
+        """Return the field in a frame whose origin moves along ``orbit``: less the acceleration of that.
+
+        The orbit has the grid of times of the moving components.
+        """
+        from scipy.interpolate import CubicSpline  # slow to import, and only hosts that move need it
+
+        first, step = self._grid_with(orbit)
+        cubics = CubicSpline(np.arange(len(orbit.t)), orbit.a, axis=1).c[::-1]
+        frame = np.ascontiguousarray(cubics.transpose(1, 0, 2).reshape(-1, 12))
+        return replace(self, forces=self.forces._replace(first=first, step=step, frame=frame))
+
+    def _grid_with(self, orbit: Orbit) -> tuple[float, float]:
+        """First time and step of an orbit's grid; ValueError if it is not that of the moving components."""
+        first, here, count = float(orbit.t[0]), self.forces, len(orbit.t) - 1
+        step = float((orbit.t[-1] - first) / count)
+        known = here.tracks.shape[1] if len(here.tracks) else len(here.frame)
+        if known and (first, step, count) != (here.first, here.step, known):
+            raise ValueError("orbits of moving components must share one grid of times")
+        return first, step
 
     def check(self) -> None:
         """Raise a `ComponentError` with what a force in Python raised inside the loop, its name and parameters."""
@@ -134,6 +156,7 @@ def build_field(potentials: Sequence[Force]) -> Field:
         first=0.0,
         step=1.0,
         tracks=NO_TRACKS,
+        frame=NO_FRAME,
     )
     return Field(forces, kernels=tuple(built), names=tuple(p.kind for p in potentials))
 

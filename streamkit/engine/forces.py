@@ -41,7 +41,10 @@ class Forces(NamedTuple):
     first, step, tracks
         (b, T, 20) the trajectories between the times ``first + k * step``: the six coefficients of `Orbit.polynomials`,
         and the fraction of its mass that is left, with its change to the next, by which the moving forces are
-        multiplied. Mass is lost on the first trajectory, the progenitor's, alone.
+        multiplied. Mass is lost on the first trajectory alone.
+    frame
+        (T, 12) the acceleration of the origin itself on the same grid, which is subtracted: four coefficients of
+        cubics, three numbers each; (0, 12) where the origin does not accelerate.
     """
 
     address: IntArray
@@ -51,12 +54,13 @@ class Forces(NamedTuple):
     first: float
     step: float
     tracks: Array
+    frame: Array
 
 
 _I1, _F1, _F = types.int64[::1], types.float64[::1], types.float64
-FORCES = types.NamedTuple([_I1, _I1, _I1, _F1, _F, _F, types.float64[:, :, ::1]], Forces)
+FORCES = types.NamedTuple([_I1, _I1, _I1, _F1, _F, _F, types.float64[:, :, ::1], types.float64[:, ::1]], Forces)
 """What numba calls them."""
-NO_TRACKS = np.zeros((0, 1, 20))
+NO_TRACKS, NO_FRAME = np.zeros((0, 1, 20)), np.zeros((0, 12))
 
 
 @intrinsic
@@ -103,6 +107,16 @@ def mass_left_at(forces, b, t):
     return forces.tracks[b, i, 18] + (since - i) * forces.tracks[b, i, 19]
 
 
+@njit(**INLINE)
+def frame_at(forces, t, out):
+    """Acceleration of the origin at time t, into out (3,)."""
+    since, frame = (t - forces.first) / forces.step, forces.frame
+    i = min(max(int(since), 0), frame.shape[0] - 1)
+    s = since - i
+    for k in range(3):
+        out[k] = frame[i, k] + s * (frame[i, 3 + k] + s * (frame[i, 6 + k] + s * frame[i, 9 + k]))
+
+
 @njit(**OPTIONS)
 def add_forces(forces, uniform, begin, end, t, x, relative, centre, a):
     """Store in a the acceleration of lanes [begin, end) at places x and times t, of which all are one if `uniform`.
@@ -136,3 +150,11 @@ def add_forces(forces, uniform, begin, end, t, x, relative, centre, a):
     if fresh == 1:  # no force at all
         for k in range(3):
             a[k * ROW + begin : k * ROW + end] = 0.0
+    if forces.frame.shape[0] > 0:
+        together = end - begin if uniform else 1
+        for i in range(begin, end, together):
+            frame_at(forces, t[i], centre)
+            for k in range(3):
+                a_i, own = a[k * ROW + i : k * ROW + i + together], centre[k]
+                for j in range(a_i.shape[0]):
+                    a_i[j] -= own

@@ -1,57 +1,113 @@
-"""The host: the sum of its potentials. Mass and circular velocity, energy, escape, tidal field."""
+"""The host: the sum of its potentials, and the galaxies beside it. Mass and circular velocity, energy, tidal field."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 
 import numpy as np
 
 from streamkit.components import Potential
-from streamkit.engine import Field, build_field
-from streamkit.errors import blamed
+from streamkit.engine import NO_DRAG, Centre, Drag, Field, build_field, follow_bodies
+from streamkit.errors import OutOfDomain, blamed
+from streamkit.model.friction import friction_table
+from streamkit.spec import Body
 from streamkit.stream import Array, Orbit
-from streamkit.units import G
+from streamkit.units import GYR, G
+
+NODE = 0.002 * GYR
+"""Spacing of the tracks of the progenitor and of bodies: their interpolation error stays far below a particle's."""
+
+SHARPEST = 1.5
+"""Most that one of them may turn between two nodes of its track, radians: revolutions are counted by them."""
 
 POLAR = 20
 """Gauss-Legendre nodes per hemisphere."""
 AZIMUTH = 16
 """Equal angles: exact for every harmonic below this order."""
+COARSE = 8, 4
+"""The same, for friction: it acts far from any disc."""
 FAR = 1e100
 """A distance in kpc that stands for infinity: far enough for a logarithm to hold any speed."""
 
 
 @dataclass(frozen=True)
 class Host:
-    """The galaxy in which everything moves, today at t = 0.
+    """The galaxy in which everything moves, today at t = 0, and those beside it.
+
+    Everything is seen from its centre. A particle feels the host, the bodies, and that the centre itself is pulled by
+    them: host(x) + sum_k body_k(x - x_k(t)) - a_host(t).
 
     Attributes
     ----------
     potentials
         Name -> component, as in the run file; they add up, centred on the origin.
+    bodies
+        Name -> galaxy that moves about it.
     """
 
     potentials: Mapping[str, Potential]
+    bodies: Mapping[str, Body] = field(default_factory=dict)
+    _known: dict[float, Field] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @cached_property
-    def field(self) -> Field:
-        """The compiled total force."""
+    def alone(self) -> Field:
+        """The compiled total force of its own potentials."""
         return build_field(list(self.potentials.values()))
 
+    def until(self, t1: float) -> Field:
+        """Return the compiled total force, with that of the bodies, valid from today to t1 (either direction).
+
+        OutOfDomain if a body cannot be followed so far.
+        """
+        if not self.bodies:
+            return self.alone
+        if t1 not in self._known:
+            self._known[t1] = self._with_bodies(t1)
+        return self._known[t1]
+
+    def _with_bodies(self, t1: float) -> Field:
+        centres = [
+            Centre(b.potential, b.q, b.v, b.reflex, b.mass if b.friction else 0.0, b.extent)
+            for b in self.bodies.values()
+        ]
+        with np.errstate(all="ignore"):  # what is not finite has a reason of its own
+            drag = self._drag if any(body.friction for body in self.bodies.values()) else NO_DRAG
+            centre, orbits = follow_bodies(list(self.potentials.values()), centres, drag, t1, NODE)
+            for name, orbit in zip(self.bodies, orbits, strict=True):
+                if not (np.isfinite(orbit.q).all() and np.isfinite(orbit.v).all()):
+                    raise OutOfDomain(f"the orbit of the body {name} is not finite")
+                if not (np.sqrt((orbit.v**2).sum(axis=0)) / orbit.r).max() * NODE <= SHARPEST:
+                    raise OutOfDomain(f"the body {name} passes too near the Galactic centre to be followed")
+        total = self.alone
+        for body, orbit in zip(self.bodies.values(), orbits, strict=True):
+            total = total.with_moving(build_field([body.potential]), orbit)
+        return total.seen_from(centre)
+
+    @cached_property
+    def _drag(self) -> Drag:
+        return friction_table(self.alone, *_sphere(*COARSE))
+
     def acceleration(self, q: Array) -> Array:
-        """(3, n) Acceleration in (km/s)^2/kpc at positions q (3, n) today, through NumPy: no compiler is needed."""
-        return self._sum("acceleration", q)
+        """(3, n) Acceleration in (km/s)^2/kpc by the host without bodies at positions q (3, n) today, through NumPy."""
+        return self._sum("acceleration", list(self.potentials.values()), q)
 
     def potential(self, q: Array) -> Array | None:
-        """(n,) Potential in (km/s)^2 at positions q (3, n) today; None where a component gives none."""
-        return self._sum("potential", q) if all(p.has_energy() for p in self.potentials.values()) else None
+        """(n,) Potential in (km/s)^2 at q (3, n) today, with that of the bodies; None where a component gives none."""
+        bodies = list(self.bodies.values())
+        if not all(p.has_energy() for p in (*self.potentials.values(), *(body.potential for body in bodies))):
+            return None
+        total = self._sum("potential", list(self.potentials.values()), q)
+        for body in bodies:
+            total = total + self._sum("potential", [body.potential], q - body.q[:, None])
+        return total
 
-    def _sum(self, what: str, q: Array) -> Array:
-        """Add up a static method of all components, called with whole arrays."""
+    def _sum(self, what: str, potentials: list[Potential], q: Array) -> Array:
+        """Add up a static method of potentials, called with whole arrays."""
         x, y, z = np.ascontiguousarray(q)
         total: Array = np.zeros(())
-        for potential in self.potentials.values():
+        for potential in potentials:
             with blamed(f"potential {potential.kind}"):
                 parameters = potential.in_engine_units().tolist()
                 total = total + np.stack(getattr(type(potential), what)(x, y, z, np.zeros_like(x), *parameters))
@@ -69,13 +125,13 @@ class Host:
         return None if here is None or there is None else bool(here[0] > there[0])
 
     def mass_inside(self, radii: Array) -> Array:
-        """(nr,) Mass in Msun inside radii (nr,) in kpc: ``r^2 <-a_r> / G``, the mean taken over the sphere."""
+        """(nr,) Mass in Msun of the host without bodies inside radii (nr,) in kpc: ``r^2 <-a_r> / G``, a mean."""
         radii = np.asarray(radii, dtype=float)
-        directions, weights = _sphere()
+        directions, weights = _sphere(POLAR, AZIMUTH)
         return np.asarray(radii**2 / G * (self._inward(directions, radii) @ weights))
 
     def circular_velocity(self, radii: Array) -> Array:
-        """(nr,) Circular velocity in km/s at radii (nr,) in kpc in the plane: ``sqrt(R <-a_R>)`` over azimuth."""
+        """(nr,) Circular velocity in km/s at radii (nr,) in kpc in the plane, without bodies: ``sqrt(R <-a_R>)``."""
         radii = np.asarray(radii, dtype=float)
         pull = self._inward(_circle(), radii).mean(axis=1)
         return np.asarray(np.sqrt(np.maximum(radii * pull, 0.0)))
@@ -91,25 +147,26 @@ class Host:
 
         Omega = |L| / r^2 is instantaneous (Gibbons+ 2014, eq. 1).
         """
-        bracket = orbit.omega**2 - self.field.radial_second_derivative(orbit.t, orbit.q)
+        farthest = float(orbit.t[np.argmax(np.abs(orbit.t))])
+        bracket = orbit.omega**2 - self.until(farthest).radial_second_derivative(orbit.t, orbit.q)
         return np.where(bracket > 0, bracket, np.nan)
 
 
 @cache
-def _sphere() -> tuple[Array, Array]:
+def _sphere(polar: int, azimuth: int) -> tuple[Array, Array]:
     """Directions (3, k) over the sphere and weights (k,) of a mean over it.
 
     cos(theta) = s^3 crowds the nodes at the plane, where a thin disc pulls within a few degrees.
     """
-    s, w = np.polynomial.legendre.leggauss(POLAR)
+    s, w = np.polynomial.legendre.leggauss(polar)
     s, w = 0.5 * (1 + s), 0.5 * w
     mu = np.concatenate([-(s[::-1] ** 3), s**3])
     weight = np.concatenate([(3 * s**2 * w)[::-1], 3 * s**2 * w])
-    phi = (np.arange(AZIMUTH) + 0.5) * 2 * np.pi / AZIMUTH
+    phi = (np.arange(azimuth) + 0.5) * 2 * np.pi / azimuth
     sine = np.sqrt(1 - mu**2)
     x, y = np.outer(sine, np.cos(phi)), np.outer(sine, np.sin(phi))
-    directions = np.stack([x, y, np.outer(mu, np.ones(AZIMUTH))])
-    return directions.reshape(3, -1), np.repeat(weight / weight.sum() / AZIMUTH, AZIMUTH)
+    directions = np.stack([x, y, np.outer(mu, np.ones(azimuth))])
+    return directions.reshape(3, -1), np.repeat(weight / weight.sum() / azimuth, azimuth)
 
 
 @cache

@@ -68,10 +68,10 @@ class Model:
 
 def simulate(setup: Setup, normals: Array) -> Stream:
     """Return the stream of fully bound components, with normals (draws, n) that belong to the particles."""
-    host = Host(setup.potentials)
+    host = Host(setup.potentials, setup.bodies)
     track = progenitor_track(host, setup)
     start = release_particles(setup, track, normals)
-    field = host.field
+    field = host.until(float(track.t[0]))
     if setup.stripping.progenitor_gravity:
         field = field.with_moving(build_field([setup.satellite]), start.orbit)
     done = integrate(field, setup.integrator, start)

@@ -8,17 +8,11 @@ import numpy as np
 
 from streamkit.engine import build_field
 from streamkit.errors import OutOfDomain
-from streamkit.model.host import Host
+from streamkit.model.host import NODE, SHARPEST, Host
 from streamkit.model.satellite import Satellite
 from streamkit.spec import Setup
 from streamkit.stream import Orbit
 from streamkit.units import GYR
-
-NODE = 0.002 * GYR
-"""Spacing of the progenitor's track: its interpolation error stays far below that of any particle."""
-
-SHARPEST = 1.5
-"""Most that the progenitor may turn between two nodes of its track, radians: its revolutions are counted by them."""
 
 FUTURE = 6.0 * GYR
 """How far ahead the progenitor's next apocentre is looked for."""
@@ -30,7 +24,7 @@ def progenitor_track(host: Host, setup: Setup) -> Orbit:
     OutOfDomain if there is no such orbit, no such radius, or no orbital plane.
     """
     with np.errstate(all="ignore"):  # what is not finite is found below, and has a reason of its own
-        orbit = host.field.orbit(setup.q, setup.v, 0.0, -setup.lookback * GYR, NODE)
+        orbit = host.until(-setup.lookback * GYR).orbit(setup.q, setup.v, 0.0, -setup.lookback * GYR, NODE)
         if not (np.isfinite(orbit.q).all() and np.isfinite(orbit.v).all()):
             raise OutOfDomain(_not_finite(setup))
         if not orbit.omega.max() > 0:
@@ -55,7 +49,7 @@ def next_apocentre(host: Host, setup: Setup) -> Orbit | None:
     """Integrate the progenitor ahead until just past its next apocentre; None if it has none within 6 Gyr."""
     reach = 0.25 * GYR
     while True:
-        orbit = host.field.orbit(setup.q, setup.v, 0.0, reach, NODE)
+        orbit = host.until(reach).orbit(setup.q, setup.v, 0.0, reach, NODE)
         if len(orbit.apocentres()):
             return orbit
         if reach >= FUTURE:

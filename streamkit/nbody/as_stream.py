@@ -38,7 +38,7 @@ def as_stream(snapshot: Snapshot, setup: Setup) -> Stream:
 
     Raises StreamkitError if the snapshot cannot be this progenitor's: other units, another place, another velocity.
     """
-    host = Host(setup.potentials)
+    host = Host(setup.potentials, setup.bodies)
     model_track, _ = stripped(setup, progenitor_track(host, setup))
     _same_scale(snapshot, model_track)
     _same_place(snapshot, model_track, setup)
@@ -50,7 +50,7 @@ def as_stream(snapshot: Snapshot, setup: Setup) -> Stream:
         bound = distances(snapshot.q, orbit.q[:, -1]) <= orbit.r_tidal[-1]
     t_strip, winding, chi = snapshot.t_strip, snapshot.winding, snapshot.chi
     if t_strip is None or winding is None or chi is None:
-        field = host.field.with_moving(build_field([setup.satellite]), model_track)
+        field = host.until(float(model_track.t[0])).with_moving(build_field([setup.satellite]), model_track)
         past = rewind(field, model_track, snapshot.q[:, ~bound], snapshot.v[:, ~bound])
         t_strip = _filled(bound, past.t_strip) if t_strip is None else t_strip
         winding = _filled(bound, past.winding) if winding is None else winding
@@ -88,7 +88,7 @@ def _track(snapshot: Snapshot, host: Host, setup: Setup, model_track: Orbit) -> 
         return model_track
     t, q, v = snapshot.core[0], np.ascontiguousarray(snapshot.core[1:4]), np.ascontiguousarray(snapshot.core[4:])
     left = np.interp(t, model_track.t, model_track.mass_left)
-    bare = Orbit(t, q, v, host.field.acceleration(0.0, q), np.full(len(t), np.nan), left)
+    bare = Orbit(t, q, v, host.until(float(t[0])).acceleration(t, q), np.full(len(t), np.nan), left)
     satellite = Satellite(setup.satellite, setup.mass)
     return replace(bare, r_tidal=satellite.shrunk(satellite.tidal_radius(host.tidal_bracket(bare)), left))
 

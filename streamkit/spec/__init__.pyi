@@ -18,6 +18,7 @@ from .schema import json_schema as json_schema
 from .settings import Likelihood as Likelihood
 from .settings import RunFile as RunFile
 from .settings import Sampler as Sampler
+from .setup import Body as Body
 from .setup import Setup as Setup
 from .spec import Source as Source
 from .spec import Spec as Spec

@@ -2,10 +2,44 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from streamkit.components import Integrator, Observable, Potential, Stripping
 from streamkit.stream import Array
+
+
+@dataclass(frozen=True)
+class Body:
+    """A galaxy beside the Milky Way, or a clump in it, that moves.
+
+    Attributes
+    ----------
+    potential
+        What it attracts with, centred on itself; it has a field ``mass``.
+    q, v
+        (3,) Galactocentric position (kpc) and velocity (km/s) today.
+    friction
+        Whether the Milky Way slows it down (Chandrasekhar's dynamical friction on its ``mass``).
+    reflex
+        Whether the Milky Way moves because of it.
+    """
+
+    potential: Potential
+    q: Array
+    v: Array
+    friction: bool = True
+    reflex: bool = True
+
+    @property
+    def mass(self) -> float:
+        """Its field ``mass`` in Msun."""
+        return float(self.potential.mass)  # type: ignore[attr-defined]  # the run file's reader has made sure of it
+
+    @property
+    def extent(self) -> float:
+        """The first length among the fields of its potential in kpc, its scale length; 0 for a point mass."""
+        lengths = [name for name, unit in self.potential.parameters().items() if unit.name == "kpc"]
+        return float(getattr(self.potential, lengths[0])) if lengths else 0.0
 
 
 @dataclass(frozen=True)
@@ -16,6 +50,8 @@ class Setup:
     ----------
     potentials
         The host: name -> component; a single one is called ``potential``.
+    bodies
+        The galaxies beside it, by name.
     satellite, mass
         The progenitor's own potential, and its ``mass`` in Msun.
     q, v
@@ -37,3 +73,4 @@ class Setup:
     observable: Observable | None
     seed: int
     values: dict[str, float]
+    bodies: dict[str, Body] = field(default_factory=dict)

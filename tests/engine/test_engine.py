@@ -96,8 +96,11 @@ def test_moving_bodies_that_the_loop_could_not_follow_are_refused():
     moving = host.with_moving(satellite, orbit)
     with pytest.raises(ValueError, match="one grid of times"):
         moving.with_moving(satellite, host.orbit(*OTHER, 0.0, -0.5, 0.002))
+    losing = replace(orbit, mass_left=np.linspace(1.0, 0.5, len(orbit.t)))
     with pytest.raises(ValueError, match="can lose mass"):
-        moving.with_moving(satellite, replace(orbit, mass_left=np.linspace(1.0, 0.5, len(orbit.t))))
+        host.with_moving(satellite, losing).with_moving(satellite, losing)
+    with pytest.raises(ValueError, match="one grid of times"):
+        moving.seen_from(host.orbit(*OTHER, 0.0, -0.5, 0.002))
     with pytest.raises(ValueError, match="move already"):
         host.with_moving(moving, orbit)
 

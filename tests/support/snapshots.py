@@ -69,10 +69,10 @@ def reference_stream() -> tuple[Field, Orbit, np.ndarray, np.ndarray, np.ndarray
     data = np.load(DATA / "nfw_stream.npz")
     host = Host({"halo": NFW(mass=3.584843593e11, rs=9.370845158)})
     start = data["progenitor_start"]
-    track = host.field.orbit(start[:3], start[3:], -float(data["lookback"]) * GYR, 0.0, NODE)
+    track = host.alone.orbit(start[:3], start[3:], -float(data["lookback"]) * GYR, 0.0, NODE)
     plummer = Plummer(mass=6.4e8, radius=0.85)
     orbit = replace(track, r_tidal=Satellite(plummer, plummer.mass).tidal_radius(host.tidal_bracket(track)))
-    field = host.field.with_moving(build_field([plummer]), orbit)
+    field = host.alone.with_moving(build_field([plummer]), orbit)
     q, v = np.ascontiguousarray(data["release"].T[:3]), np.ascontiguousarray(data["release"].T[3:])
     return field, orbit, data["t_release"] * GYR, q, v
 

@@ -47,10 +47,15 @@ class OrbitSummary:
 
 def summarise_orbit(setup: Setup) -> OrbitSummary:
     """Follow the progenitor back until it has turned twice at each end, at most to `HORIZON`."""
-    host = Host(setup.potentials)
-    reach = 1.0
+    host = Host(setup.potentials, setup.bodies)
+    reach, past = 1.0, None
     while True:
-        past = host.field.orbit(setup.q, setup.v, 0.0, -reach * GYR, NODE)
+        try:
+            past = host.until(-reach * GYR).orbit(setup.q, setup.v, 0.0, -reach * GYR, NODE)
+        except OutOfDomain:  # a body that cannot be followed so far; a fault only if the stream needs it
+            if past is None:
+                raise
+            break
         peri, apo = past.pericentres()[::-1], past.apocentres()[::-1]
         if min(len(peri), len(apo)) >= 2 or reach >= HORIZON or not np.isfinite(past.q).all():
             break

@@ -1,0 +1,221 @@
+"""Centres that move in each other's field: the host and the bodies about it, in an inertial frame.
+
+Each is a centre of forces and feels those of the others; on a body the host may act with Chandrasekhar's dynamical
+friction besides. That depends on the velocity, so the method is the classical one of Runge and Kutta, of fourth order.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, types
+
+from streamkit.engine.cache import INLINE, cached
+from streamkit.engine.field import build_field
+from streamkit.engine.forces import FORCES, ROW, call_kernel
+from streamkit.engine.kernels import Force
+from streamkit.stream import Array, Orbit
+from streamkit.units import G
+
+FINEST = 0.03
+"""Most that two centres may move in a step, in units of their distance or of sqrt(distance / acceleration)."""
+PARTS = 100
+"""Most steps between two nodes."""
+
+
+class Drag(NamedTuple):
+    """The host as a body feels it that is slowed down in it.
+
+    Attributes
+    ----------
+    table
+        (K, 8) cubics in ln r, in units of the step, of r^2 times the density and of the squared dispersion: four
+        coefficients each.
+    first, step
+        ln r where the table begins, and of each piece.
+    """
+
+    table: Array
+    first: float
+    step: float
+
+
+NO_DRAG = Drag(np.zeros((0, 8)), 0.0, 1.0)
+
+_F1, _F2, _F = types.float64[::1], types.float64[:, ::1], types.float64
+_DRAG = types.NamedTuple([_F2, _F, _F], Drag)
+
+
+@dataclass(frozen=True)
+class Centre:
+    """A body that is followed.
+
+    Attributes
+    ----------
+    force
+        Its own field.
+    q, v
+        (3,) where it is at t = 0, from the host's centre.
+    pulls_host
+        Whether the host moves because of it.
+    drag_mass, extent
+        The mass that the host slows down, 0 for none, in Msun, and the body's scale length in kpc, 0 for a point mass.
+    """
+
+    force: Force
+    q: Array
+    v: Array
+    pulls_host: bool = True
+    drag_mass: float = 0.0
+    extent: float = 0.0
+
+
+@njit(**INLINE)
+def drag_at(drag, d, speed, mass, extent):
+    """Deceleration by the host of a mass at distance d over its speed.
+
+    Chandrasekhar's formula (Binney & Tremaine 2008, eq. 8.13) with the Coulomb logarithm's square root,
+    ln(d / b)^(1/2) and b twice the scale length: Vasiliev, Belokurov & Erkal 2021, MNRAS 501, 2279, section 3.2.
+    """
+    b = 2.0 * extent if extent > 0.0 else G * mass / (speed * speed)
+    if not d > b:
+        return 0.0
+    since = (math.log(d) - drag.first) / drag.step
+    i = min(max(int(since), 0), drag.table.shape[0] - 1)
+    s, c = min(max(since - i, 0.0), 1.0), drag.table[i]
+    density = max(c[0] + s * (c[1] + s * (c[2] + s * c[3])), 0.0) / (d * d)
+    x = speed / math.sqrt(2.0 * max(c[4] + s * (c[5] + s * (c[6] + s * c[7])), 1e-30))
+    if x < 0.01:  # the difference below cancels
+        slower = 4.0 / 3.0 / math.sqrt(math.pi) * x**3 * (1.0 - 0.6 * x * x)
+    else:
+        slower = math.erf(x) - 2.0 / math.sqrt(math.pi) * x * math.exp(-x * x)
+    return 4.0 * math.pi * G * G * mass * density * math.sqrt(math.log(d / b)) * slower / max(speed, 1e-10) ** 3
+
+
+@njit(**INLINE)
+def pull(forces, drag, traits, n, t, x, u, centre, a):
+    """Store in a the accelerations of n centres at x with velocities u, rows ROW apart, the host in front.
+
+    traits (n, 3) are of each: 1 if it pulls the host, the mass that is slowed down, its scale length.
+    """
+    for j in range(n):
+        for i in range(3):
+            a[i * ROW + j] = 0.0
+    for c in range(forces.address.shape[0]):
+        k = forces.trajectory[c]
+        for i in range(3):
+            centre[i] = x[i * ROW + k]
+        p, offset, first = forces.parameters, forces.offset[c], 0 if traits[k, 0] > 0.0 else 1
+        for begin, end in ((first, k), (k + 1, n)):
+            if end > begin:
+                call_kernel(forces.address[c], begin, end - begin, t, p, offset, centre, x, a, 0)
+    for j in range(1, n):
+        if traits[j, 1] > 0.0:
+            d2 = speed2 = 0.0
+            for i in range(3):
+                d2 += (x[i * ROW + j] - x[i * ROW]) ** 2
+                speed2 += (u[i * ROW + j] - u[i * ROW]) ** 2
+            rate = drag_at(drag, math.sqrt(d2), math.sqrt(speed2), traits[j, 1], traits[j, 2])
+            for i in range(3):
+                a[i * ROW + j] -= rate * (u[i * ROW + j] - u[i * ROW])
+
+
+@njit(**INLINE)
+def parts_of(n, x, u, a, step):
+    """Number of steps to take in one of length ``step``, as `FINEST` asks for."""
+    rate2 = 0.0
+    for j in range(n):
+        for k in range(j):
+            d2 = speed2 = a2 = 0.0
+            for i in range(3):
+                d2 += (x[i * ROW + j] - x[i * ROW + k]) ** 2
+                speed2 += (u[i * ROW + j] - u[i * ROW + k]) ** 2
+                a2 += (a[i * ROW + j] - a[i * ROW + k]) ** 2
+            rate2 = max(rate2, (speed2 + math.sqrt(a2 * d2)) / (d2 + 1e-300))
+    parts = abs(step) * math.sqrt(rate2) / FINEST
+    return int(parts) + 1 if parts < PARTS else PARTS
+
+
+@cached(types.void(FORCES, _DRAG, _F2, _F2, _F, _F, types.float64[:, :, ::1]))
+def follow(forces, drag, traits, today, t0, step, out):
+    """Integrate n centres from today (n, 6), writing their states (n, T, 9) at t0 + k * step.
+
+    The trajectory of a force is the number of the centre that it belongs to; traits as in `pull`.
+    """
+    n = today.shape[0]
+    x, u, a, t = np.zeros(3 * ROW), np.zeros(3 * ROW), np.zeros(3 * ROW), np.empty(n)
+    y, w, b, centre = np.zeros(3 * ROW), np.zeros(3 * ROW), np.zeros(3 * ROW), np.empty(3)
+    dx, du = np.empty((3, n)), np.empty((3, n))
+    for j in range(n):
+        for i in range(3):
+            x[i * ROW + j], u[i * ROW + j] = today[j, i], today[j, 3 + i]
+    t[:] = t0
+    pull(forces, drag, traits, n, t, x, u, centre, a)
+    for node in range(out.shape[1]):
+        for j in range(n):
+            for i in range(3):
+                row = i * ROW + j
+                out[j, node, i], out[j, node, 3 + i], out[j, node, 6 + i] = x[row], u[row], a[row]
+        if node == out.shape[1] - 1:
+            break  # no force is asked for beyond the last state
+        parts = parts_of(n, x, u, a, step)
+        h = step / parts
+        for part in range(parts):
+            begin = t0 + node * step + part * h
+            dx[:], du[:] = 0.0, 0.0
+            for stage in range(4):
+                ahead = 0.0 if stage == 0 else h if stage == 3 else 0.5 * h
+                weight = h / 3.0 if stage == 1 or stage == 2 else h / 6.0
+                for j in range(n):
+                    for i in range(3):
+                        row = i * ROW + j
+                        before, faster = w[row], b[row]  # velocity and acceleration of the stage before
+                        y[row] = x[row] + ahead * before if stage > 0 else x[row]
+                        w[row] = u[row] + ahead * faster if stage > 0 else u[row]
+                t[:] = begin + ahead
+                if stage == 0:
+                    for i in range(3):
+                        b[i * ROW : i * ROW + n] = a[i * ROW : i * ROW + n]
+                else:
+                    pull(forces, drag, traits, n, t, y, w, centre, b)
+                for j in range(n):
+                    for i in range(3):
+                        dx[i, j] += weight * w[i * ROW + j]
+                        du[i, j] += weight * b[i * ROW + j]
+            for j in range(n):
+                for i in range(3):
+                    x[i * ROW + j] += dx[i, j]
+                    u[i * ROW + j] += du[i, j]
+            pull(forces, drag, traits, n, t, x, u, centre, a)
+
+
+def follow_bodies(
+    host: Sequence[Force], bodies: Sequence[Centre], drag: Drag, t1: float, max_step: float
+) -> tuple[Orbit, list[Orbit]]:
+    """Follow the host and the bodies from today to t1, with nodes at most ``max_step`` apart.
+
+    Returns the host's orbit in the inertial frame in which it rests at the origin today, and those of the bodies
+    as seen from it.
+    """
+    field = build_field([*host, *(body.force for body in bodies)])
+    owner = np.concatenate([np.zeros(len(host)), 1 + np.arange(len(bodies))]).astype(np.int64)
+    today = np.array([np.zeros(6), *(np.concatenate([body.q, body.v]) for body in bodies)])
+    traits = np.array([(0, 0, 0), *((body.pulls_host, body.drag_mass, body.extent) for body in bodies)], dtype=float)
+    count = max(int(np.ceil(abs(t1) / max_step)), 2)
+    step = t1 / count
+    out = np.empty((len(today), count + 1, 9))
+    follow(field.forces._replace(trajectory=owner), drag, traits, today, 0.0, step, out)
+    field.check()
+    t = step * np.arange(count + 1)
+    t[-1] = t1
+    out[1:] -= out[0]
+    if step < 0:
+        t, out = np.ascontiguousarray(t[::-1]), out[:, ::-1]
+    nowhere = np.full(count + 1, np.nan)
+    states = [np.ascontiguousarray(path.T) for path in out]
+    orbits = [Orbit(t, s[:3], s[3:6], s[6:], nowhere) for s in states]
+    return orbits[0], orbits[1:]
