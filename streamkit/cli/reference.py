@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import click
@@ -42,7 +43,9 @@ def reference(section: str | None, kind: str | None) -> None:
             raise StreamkitError(f"reference: the section [{section}] has no kinds, found {kind!r}")
         parts.append(report.field_table(plain, plain.model_fields, "field"))
     elif section == "progenitor":
-        parts += _progenitor(registry, kind)
+        parts += _placed(registry, kind, spec.WAYS, ["lookback"])
+    elif section == "body":
+        parts += _placed(registry, kind, spec.BODY_WAYS, ["friction", "reflex"])
     else:
         default = spec.DEFAULT_KIND.get(section)
         parts += [f"kind may be left out: it is then {default!r}."] if default else []
@@ -50,8 +53,8 @@ def reference(section: str | None, kind: str | None) -> None:
     click.echo("\n\n".join(parts))
 
 
-def _progenitor(registry: components.Registry, kind: str | None) -> list[str]:
-    """Its potential, its place today in one of three ways, and the look-back time."""
+def _placed(registry: components.Registry, kind: str | None, ways: Sequence[Any], more: list[str]) -> list[str]:
+    """The potential of a progenitor or a body, its place today in one of three ways, and what more there is."""
     able = [k for k, entry in sorted(registry.entries["potential"].items()) if "mass" in entry.cls.parameters()]
     if kind is None:
         parts = [f"kind: one of the potentials with a mass\n{report.paragraph(', '.join(able), '  ')}"]
@@ -61,7 +64,7 @@ def _progenitor(registry: components.Registry, kind: str | None) -> list[str]:
             raise StreamkitError(f"reference: the potential {kind!r} has no mass in Msun: {', '.join(able)} have one")
         parts = [text]
     taken = registry.entries["potential"][kind].cls.model_fields.keys() if kind else set()
-    for way in spec.WAYS:
+    for way in ways:
         if not taken & way.model_fields.keys():
             parts.append(f"place today: {way.title}\n{report.field_table(way, way.coordinates(), 'field')}")
-    return [*parts, f"in every case\n{report.field_table(spec.WAYS[0], ['lookback'], 'field')}"]
+    return [*parts, f"in every case\n{report.field_table(ways[0], more, 'field')}"]

@@ -64,8 +64,14 @@ class Host:
         if not self.bodies:
             return self.alone
         if t1 not in self._known:
-            self._known[t1] = self._with_bodies(t1)
+            self._known[t1] = self._with_bodies(t1 or -NODE)
         return self._known[t1]
+
+    def _at(self, times: Array) -> Field:
+        """Return a field that is valid at all times on one side of today: one that is known, if it reaches so far."""
+        farthest = float(times[np.argmax(np.abs(times))])
+        reach = [t1 for t1 in self._known if t1 * farthest >= farthest**2]
+        return self.until(reach[0] if reach else farthest)
 
     def _with_bodies(self, t1: float) -> Field:
         centres = [
@@ -147,8 +153,7 @@ class Host:
 
         Omega = |L| / r^2 is instantaneous (Gibbons+ 2014, eq. 1).
         """
-        farthest = float(orbit.t[np.argmax(np.abs(orbit.t))])
-        bracket = orbit.omega**2 - self.until(farthest).radial_second_derivative(orbit.t, orbit.q)
+        bracket = orbit.omega**2 - self._at(orbit.t).radial_second_derivative(orbit.t, orbit.q)
         return np.where(bracket > 0, bracket, np.nan)
 
 

@@ -10,6 +10,7 @@ from .priors import Prior as Prior
 from .priors import TruncatedNormal as TruncatedNormal
 from .priors import Uniform as Uniform
 from .priors import usage as usage
+from .progenitor import BODY_WAYS as BODY_WAYS
 from .progenitor import WAYS as WAYS
 from .progenitor import Sun as Sun
 from .reader import DEFAULT_KIND as DEFAULT_KIND

@@ -1,11 +1,11 @@
-"""The progenitor's place today, given in one of three ways, and the Sun it was observed from."""
+"""The place today of the progenitor or of a body, given in one of three ways, and the Sun it was observed from."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from functools import cache
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -49,16 +49,12 @@ class Sun(BaseModel):
         return np.array([self.u, self.v_circ + self.v, self.w])
 
 
-class PhaseSpace(BaseModel, ABC):
-    """Where the progenitor is today, and how far its orbit is followed back."""
+class Place(BaseModel, ABC):
+    """Where something is today, and how it moves."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     title: ClassVar[str]
-
-    lookback: Annotated[Duration, Symbol(r"$t_{\rm back}$")] = Field(
-        description="Time over which the progenitor has been stripped."
-    )
 
     @abstractmethod
     def today(self, sun: Sun) -> tuple[Array, Array]:
@@ -68,10 +64,10 @@ class PhaseSpace(BaseModel, ABC):
     @cache
     def coordinates(cls) -> tuple[str, ...]:
         """Return the names of the six coordinates."""
-        return tuple(name for name in cls.model_fields if name != "lookback")
+        return tuple(name for name in cls.model_fields if name not in ("lookback", "friction", "reflex"))
 
 
-class _OnSky(PhaseSpace, ABC):
+class _OnSky(Place, ABC):
     """Two angles, the distance, two proper motions and the line-of-sight velocity, in a frame of astropy's."""
 
     frame: ClassVar[Literal["galactic", "icrs"]]
@@ -84,7 +80,7 @@ class _OnSky(PhaseSpace, ABC):
         )  # fmt: skip
 
 
-class GalacticSky(_OnSky):
+class _Galactic(_OnSky):
     """Galactic coordinates and proper motions."""
 
     title: ClassVar[str] = "Galactic sky"
@@ -100,7 +96,7 @@ class GalacticSky(_OnSky):
     v_los: Annotated[Velocity, Symbol(r"$v_{\rm los}$")] = Field(description="Heliocentric line-of-sight velocity.")
 
 
-class EquatorialSky(_OnSky):
+class _Equatorial(_OnSky):
     """Equatorial (ICRS) coordinates and proper motions."""
 
     title: ClassVar[str] = "equatorial sky (ICRS)"
@@ -116,7 +112,7 @@ class EquatorialSky(_OnSky):
     v_los: Annotated[Velocity, Symbol(r"$v_{\rm los}$")] = Field(description="Heliocentric line-of-sight velocity.")
 
 
-class Galactocentric(PhaseSpace):
+class _Cartesian(Place):
     """Galactocentric Cartesian coordinates; the Sun does not enter."""
 
     title: ClassVar[str] = "Galactocentric"
@@ -135,30 +131,81 @@ class Galactocentric(PhaseSpace):
         return np.array([self.x, self.y, self.z]), np.array([self.vx, self.vy, self.vz])
 
 
+class PhaseSpace(Place, ABC):
+    """Where the progenitor is today, and how far its orbit is followed back."""
+
+    lookback: Annotated[Duration, Symbol(r"$t_{\rm back}$")] = Field(
+        description="Time over which the progenitor has been stripped."
+    )
+
+
+class GalacticSky(_Galactic, PhaseSpace):
+    """Galactic coordinates and proper motions."""
+
+
+class EquatorialSky(_Equatorial, PhaseSpace):
+    """Equatorial (ICRS) coordinates and proper motions."""
+
+
+class Galactocentric(_Cartesian, PhaseSpace):
+    """Galactocentric Cartesian coordinates; the Sun does not enter."""
+
+
+class BodyPlace(Place, ABC):
+    """Where a body is today, and how it and the Milky Way act on each other."""
+
+    friction: Literal["chandrasekhar", "none"] = Field(
+        default="chandrasekhar", description="Dynamical friction of the Milky Way on the mass of the body."
+    )
+    reflex: bool = Field(default=True, description="Whether the Milky Way moves because of the body.")
+
+
+class BodyGalacticSky(_Galactic, BodyPlace):
+    """Galactic coordinates and proper motions."""
+
+
+class BodyEquatorialSky(_Equatorial, BodyPlace):
+    """Equatorial (ICRS) coordinates and proper motions."""
+
+
+class BodyGalactocentric(_Cartesian, BodyPlace):
+    """Galactocentric Cartesian coordinates; the Sun does not enter."""
+
+
 WAYS: tuple[type[PhaseSpace], ...] = (GalacticSky, EquatorialSky, Galactocentric)
+BODY_WAYS: tuple[type[BodyPlace], ...] = (BodyGalacticSky, BodyEquatorialSky, BodyGalactocentric)
+
+P = TypeVar("P", bound=Place)
 
 
-def choose_coordinates(given: Iterable[str], taken: Iterable[str] = ()) -> type[PhaseSpace]:
-    """Return the way in which the progenitor's place is given; a `ValueError` if none of the three, or several.
+def choose_coordinates(
+    given: Iterable[str],
+    taken: Iterable[str] = (),
+    ways: tuple[type[P], ...] = WAYS,  # type: ignore[assignment]  # what P is by default
+) -> type[P]:
+    """Return the way in which a place is given; a `ValueError` if none of the ``ways``, or several.
 
     Parameters
     ----------
     given
-        The keys of the section, without the fields of the progenitor's potential.
+        The keys of the section, without the fields of its potential.
     taken
-        The fields of the progenitor's potential: a way that uses one of these names is not available.
+        The fields of its potential: a way that uses one of these names is not available.
+    ways
+        Those of the progenitor, or of a body.
     """
     given, taken = set(given), set(taken)
-    free = [way for way in WAYS if not taken & {*way.coordinates(), "lookback"}]
+    free = [way for way in ways if not taken & way.model_fields.keys()]
+    owner = "progenitor" if ways is WAYS else "body"
     shared = {"distance", "v_los"}
     fits = [way for way in free if given & (set(way.coordinates()) - shared)]
     if len(fits) == 1:
         return fits[0]
     sets = "; ".join(f"{way.title}: {', '.join(way.coordinates())}" for way in free)
     clash = "".join(
-        f" ({way.title} is not available here: the progenitor's potential has a field "
-        f"{', '.join(sorted(taken & set(way.coordinates())))} of its own.)"
-        for way in WAYS
+        f" ({way.title} is not available here: the {owner}'s potential has a field "
+        f"{', '.join(sorted(taken & way.model_fields.keys()))} of its own.)"
+        for way in ways
         if way not in free
     )
     found = "coordinates of several sets" if fits else "no phase-space coordinates"

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from streamkit.components import Component, Integrator, Observable, Potential, Registry, Stripping, load_registry
 from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.spec.priors import PRIORS
-from streamkit.spec.progenitor import PhaseSpace, Sun, choose_coordinates
+from streamkit.spec.progenitor import BODY_WAYS, WAYS, BodyPlace, PhaseSpace, Sun, choose_coordinates
 from streamkit.spec.section import Section, read_section
 from streamkit.spec.sentences import should
 from streamkit.spec.settings import VERSION, Likelihood, RunFile, Sampler
@@ -35,6 +35,7 @@ class Parts:
     seed: int
     sun: Section[Sun]
     potentials: dict[str, Section[Potential]]
+    bodies: dict[str, tuple[Section[Potential], Section[BodyPlace]]]
     satellite: Section[Potential]
     phase: Section[PhaseSpace]
     stripping: Section[Stripping]
@@ -46,7 +47,8 @@ class Parts:
     @property
     def sections(self) -> list[Section[Any]]:
         """All of them, in the default order."""
-        first: list[Section[Any]] = [self.sun, *self.potentials.values(), self.satellite, self.phase]
+        bodies = [section for pair in self.bodies.values() for section in pair]
+        first: list[Section[Any]] = [self.sun, *self.potentials.values(), *bodies, self.satellite, self.phase]
         last = (self.stripping, self.integrator, self.observable, self.likelihood, self.sampler)
         return first + [section for section in last if section is not None]
 
@@ -120,15 +122,16 @@ class _Reader:
         self.registry = registry
         sun = self.plain("sun", Sun)
         potentials = self.potentials()
-        satellite, phase = self.progenitor()
+        bodies = self.bodies()
+        satellite, phase = self.placed("progenitor", self.raw.get("progenitor"), WAYS)
         stripping = self.component("stripping", "stripping")
         integrator = self.component("integrator", "integrator", self.raw.get("integrator", {}))
         observable = self.component("observable", "observable") if "observable" in self.raw else None
         likelihood, sampler = self.plain("likelihood", Likelihood), self.plain("sampler", Sampler)
         self.stop()
         parts = Parts(
-            self.raw.get("seed", 0), sun, potentials, satellite, phase, stripping, integrator, observable,
-            likelihood, sampler,
+            self.raw.get("seed", 0), sun, potentials, bodies, satellite, phase, stripping, integrator,
+            observable, likelihood, sampler,
         )  # fmt: skip
         walkers, free = parts.sampler.centre.walkers, sum(len(section.priors) for section in parts.sections)
         if walkers < 2 * free:
@@ -193,29 +196,48 @@ class _Reader:
                 out[key] = self.component(path, "potential", value)
         return out
 
-    def progenitor(self) -> tuple[Any, Any]:
-        """Validate the progenitor: its own potential, and its place today."""
-        table = self.raw.get("progenitor")
+    def bodies(self) -> Any:
+        """Validate the bodies, each by its name."""
+        out: dict[str, tuple[Any, Any]] = {}
+        table = self.raw.get("body", {})
+        if "kind" in table:
+            return self.refuse("body: found a kind of its own; expected a section [body.NAME] for every body")
+        for key, value in table.items():
+            path = f"body.{key}"
+            if not isinstance(value, dict):
+                self.refuse(f"{path}: found {value!r}, expected a section [{path}] with a kind")
+            elif "." in key:
+                self.refuse(f"{path}: the name of a body may not contain a dot")
+            else:
+                out[key] = self.placed(path, value, BODY_WAYS)
+        return out
+
+    def placed(self, path: str, table: dict[str, Any] | None, ways: Any) -> tuple[Any, Any]:
+        """Validate the progenitor or a body: its own potential, and its place today in one of the ways."""
         if table is None:
-            return self.refuse("the section [progenitor] is missing"), None
-        cls = self.kind("potential", "progenitor", table)
+            return self.refuse(f"the section [{path}] is missing"), None
+        cls = self.kind("potential", path, table)
         if cls is None:
             return None, None
+        progenitor = path == "progenitor"
         if cls.parameters().get("mass", Unit("")).name != "Msun":
-            return self.refuse(
-                f"progenitor.kind: the potential {cls.kind!r} has no field 'mass' in Msun, which the tidal radius of "
-                "a progenitor needs; plummer has one"
-            ), None
+            reason = (
+                "the tidal radius of a progenitor needs; plummer has one"
+                if progenitor
+                else "a body needs; hernquist has one"
+            )
+            text = f"{path}.kind: the potential {cls.kind!r} has no field 'mass' in Msun, which {reason}"
+            return self.refuse(text), None
         names = tuple(cls.model_fields)
         own = {key: value for key, value in table.items() if key in names}
         rest = {key: value for key, value in table.items() if key not in ("kind", *names)}
-        satellite = read_section("progenitor", cls, own, self.errors, f"the potential {cls.kind!r}")
+        potential = read_section(path, cls, own, self.errors, f"the potential {cls.kind!r}")
         try:
-            way = choose_coordinates(rest, names)
+            way = choose_coordinates(rest, names, ways)
         except ValueError as error:
-            return satellite, self.refuse(f"progenitor: {error}")
-        called = f"the progenitor ({cls.kind}, {way.title})"
-        return satellite, read_section("progenitor", way, rest, self.errors, called, names)
+            return potential, self.refuse(f"{path}: {error}")
+        called = f"the {'progenitor' if progenitor else 'body'} ({cls.kind}, {way.title})"
+        return potential, read_section(path, way, rest, self.errors, called, names)
 
 
 def _plain_values(value: Any) -> Any:

@@ -8,7 +8,7 @@ from pydantic import BaseModel, Field, WithJsonSchema, create_model
 from pydantic.json_schema import GenerateJsonSchema
 
 from streamkit.components import Component, Registry
-from streamkit.spec.progenitor import WAYS, PhaseSpace, Sun
+from streamkit.spec.progenitor import BODY_WAYS, WAYS, Place, Sun
 from streamkit.spec.reader import DEFAULT_KIND
 from streamkit.spec.section import section_model
 from streamkit.spec.settings import Likelihood, RunFile, Sampler
@@ -34,27 +34,31 @@ def json_schema(registry: Registry) -> dict[str, Any]:
         role: Union[tuple(_component(entry.cls) for entry in entries.values())]  # noqa: UP007  of as many as there are
         for role, entries in registry.entries.items()
     }
-    progenitors = tuple(
-        _component(entry.cls, way)
-        for entry in registry.entries["potential"].values()
-        for way in WAYS
-        if "mass" in entry.cls.parameters() and not entry.cls.model_fields.keys() & way.model_fields.keys()
-    )
+    placed = {
+        what: tuple(
+            _component(entry.cls, what, way)
+            for entry in registry.entries["potential"].values()
+            for way in ways
+            if "mass" in entry.cls.parameters() and not entry.cls.model_fields.keys() & way.model_fields.keys()
+        )
+        for what, ways in (("progenitor", WAYS), ("body", BODY_WAYS))
+    }
     named = dict.__class_getitem__((str, sections["potential"]))
     sections["potential"] |= Annotated[named, Field(min_length=1)]
-    sections["progenitor"] = Union[progenitors]  # noqa: UP007
+    sections["progenitor"] = Union[placed["progenitor"]]  # noqa: UP007
+    sections["body"] = dict.__class_getitem__((str, Union[placed["body"]]))  # noqa: UP007
     sections |= {cls.__name__.lower(): section_model(cls) for cls in (Sun, Likelihood, Sampler)}
     fields: Any = {name: (sections.get(name, f.annotation), f) for name, f in RunFile.model_fields.items()}
     schema = create_model("RunFile", __config__=RunFile.model_config, __doc__="A run file of streamkit.", **fields)
     return {"$schema": GenerateJsonSchema.schema_dialect} | schema.model_json_schema(schema_generator=_Generator)
 
 
-def _component(cls: type[Component], way: type[PhaseSpace] | None = None) -> type[BaseModel]:
-    """Return the model of a section of this kind, or of a progenitor whose place is given in this way."""
+def _component(cls: type[Component], what: str = "", way: type[Place] | None = None) -> type[BaseModel]:
+    """Return the model of a section of this kind, or of a progenitor or body whose place is given in this way."""
     kind: Any = Annotated[Literal[cls.kind], WithJsonSchema({"const": cls.kind})]
     fields: Any = {"kind": (kind, cls.kind if way is None and DEFAULT_KIND.get(cls.role) == cls.kind else ...)}
     if way is None:
         return create_model(f"{cls.role}/{cls.kind}", __base__=section_model(cls), **fields)
     bases = section_model(cls), section_model(way)
-    text = f"{section_model(cls).__doc__} As a progenitor, its place given as: {way.title}."
-    return create_model(f"progenitor/{cls.kind}/{way.__name__}", __base__=bases, __doc__=text, **fields)
+    text = f"{section_model(cls).__doc__} As a {what}, its place given as: {way.title}."
+    return create_model(f"{what}/{cls.kind}/{way.__name__}", __base__=bases, __doc__=text, **fields)

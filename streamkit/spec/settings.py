@@ -22,6 +22,7 @@ class RunFile(BaseModel):
     plugins: list[str] = Field(default=[], description="One-off plugin files, by paths relative to the run file.")
     sun: dict[str, Any] = Field(default={}, description="The Sun, from which the progenitor was observed.")
     potential: dict[str, Any] = Field(description="The host: one, or several that add up, as [potential.NAME].")
+    body: dict[str, Any] = Field(default={}, description="Galaxies that move beside the host, each as [body.NAME].")
     progenitor: dict[str, Any] = Field(description="Its own potential, its place today, and the look-back time.")
     stripping: dict[str, Any] = Field(description="When, where and how fast particles leave the progenitor.")
     integrator: dict[str, Any] = Field(default={}, description="How orbits are integrated.")

@@ -20,7 +20,7 @@ from streamkit.spec.document import read_toml, to_toml
 from streamkit.spec.priors import Prior
 from streamkit.spec.reader import Parts, resolve
 from streamkit.spec.settings import Likelihood, Sampler
-from streamkit.spec.setup import Setup
+from streamkit.spec.setup import Body, Setup
 from streamkit.stream import Array
 from streamkit.units import Unit, symbol_of, unit_of
 
@@ -126,8 +126,12 @@ class Spec:
         """
         parts, values = self.parts, self._values(theta)
         phase = parts.phase.build(values)
-        q, v = phase.today(parts.sun.build(values))
-        satellite = parts.satellite.build(values)
+        satellite, sun = parts.satellite.build(values), parts.sun.build(values)
+        q, v = phase.today(sun)
+        bodies = {}
+        for name, (potential, place) in parts.bodies.items():
+            at = place.build(values)
+            bodies[name] = Body(potential.build(values), *at.today(sun), at.friction != "none", at.reflex)
         return Setup(
             potentials={name: section.build(values) for name, section in parts.potentials.items()},
             satellite=satellite,
@@ -140,6 +144,7 @@ class Spec:
             observable=parts.observable.build(values) if parts.observable else None,
             seed=parts.seed,
             values=values,
+            bodies=bodies,
         )
 
     def _values(self, theta: Array | Mapping[str, Any] | None) -> dict[str, float]:

@@ -229,7 +229,7 @@ def test_an_orbit_beside_the_cloud_is_galpys():
 
     lmc = GalpyOrbit(cylindrical(Q, V))
     milky_way = functools.reduce(operator.add, [*host, frame])
-    lmc.integrate(times, milky_way, method="dop853", progressbar=False)
+    lmc.integrate(1.05 * times, milky_way, method="dop853", progressbar=False)
     q, v = np.array([19.0, 0.5, -25.7]), np.array([120.0, 160.0, 190.0])
     theirs = GalpyOrbit(cylindrical(q, v))
     moving = gp.MovingObjectPotential(lmc, pot=sphere)
@@ -298,7 +298,7 @@ def test_the_tidal_radius_feels_the_bodies():
 def test_energies_know_the_bodies():
     halo, lmc = Kepler(mass=1e12), Kepler(mass=1e11)
     host = Host({"halo": halo}, {"lmc": Body(lmc, np.array([0.0, 40.0, 0.0]), np.zeros(3))})
-    q, v = np.array([[30.0], [0.0], [0.0]]), np.array([[0.0], [200.0], [0.0]])
+    q = np.array([[30.0], [0.0], [0.0]])
     assert host.potential(q)[0] == pytest.approx(-sk.G * (1e12 / 30 + 1e11 / 50), rel=1e-14)
     escape = np.sqrt(2 * sk.G * (1e12 / 30 + 1e11 / 50))
     for speed, out in ((0.99 * escape, False), (1.01 * escape, True)):

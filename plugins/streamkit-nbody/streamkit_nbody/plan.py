@@ -99,6 +99,17 @@ def make_plan(setup: Setup, orbit: Orbit, options: Options) -> Plan:
 def content(spec: Spec, setup: Setup, plan: Plan) -> dict[str, Any]:
     """Return all that determines the particles of a run, as JSON holds it; two runs are the same if it is."""
     host = {name: {"kind": p.kind, **p.model_dump(mode="json")} for name, p in setup.potentials.items()}
+    bodies = {
+        name: {
+            "kind": b.potential.kind,
+            **b.potential.model_dump(mode="json"),
+            "position": b.q.tolist(),
+            "velocity": b.v.tolist(),
+            "friction": b.friction,
+            "reflex": b.reflex,
+        }
+        for name, b in setup.bodies.items()
+    }
     suppliers = {path: who for path, cls, who in spec.components() if cls.role == "potential"}
     return {
         "potential": host["potential"] if list(host) == ["potential"] else host,
@@ -115,7 +126,7 @@ def content(spec: Spec, setup: Setup, plan: Plan) -> dict[str, Any]:
         "theta": plan.theta,
         "step": plan.step / GYR,
         "suppliers": suppliers,
-    }
+    } | ({"bodies": bodies} if bodies else {})
 
 
 def digest(document: dict[str, Any]) -> str:

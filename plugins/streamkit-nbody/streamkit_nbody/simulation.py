@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from streamkit import GYR, Array, BoolArray, G, IntArray, Orbit, OutOfDomain, SpecError
+from streamkit.engine import Field
 from streamkit.model import NODE, Host
 from streamkit.spec import Setup, Spec
 from streamkit.stream import angle_in_plane, orbital_plane
@@ -62,9 +63,9 @@ class Simulation:
                 f"{spec.source}: progenitor.kind: found {setup.satellite.kind!r}; a live satellite must be 'plummer', "
                 "the one whose distribution function is at hand"
             )
-        host = Host(setup.potentials)
+        host = Host(setup.potentials, setup.bodies)
         with np.errstate(all="ignore"):  # what is not finite is found on the next line
-            orbit = host.field.orbit(setup.q, setup.v, 0.0, -setup.lookback * GYR, NODE)
+            orbit = host.until(-setup.lookback * GYR).orbit(setup.q, setup.v, 0.0, -setup.lookback * GYR, NODE)
         if not (np.isfinite(orbit.q).all() and np.isfinite(orbit.v).all()):
             raise OutOfDomain("the orbit of the progenitor is not finite")
         return Simulation(spec, setup, host, make_plan(setup, orbit, options), orbit, workers)
@@ -79,6 +80,11 @@ class Simulation:
     def plane(self) -> Array:
         """(2, 3) Basis of the orbital plane: that of the point-mass orbit today."""
         return orbital_plane(self.orbit)
+
+    @cached_property
+    def field(self) -> Field:
+        """The host's force over the run."""
+        return self.host.until(-self.plan.span)
 
     @property
     def without_energy(self) -> tuple[str, ...]:
@@ -126,7 +132,7 @@ class Simulation:
             q += plan.step * v
             if k < plan.steps:
                 now = begin + (end - begin) * k / plan.steps
-                a = self.gravity.forces(q) + self.host.field.acceleration(self._epoch(now), q)
+                a = self.gravity.forces(q) + self.field.acceleration(self._epoch(now), q)
             else:
                 a, potential = self._forces_and_potential(end, q)
             v += 0.5 * plan.step * a
@@ -158,14 +164,14 @@ class Simulation:
         """Carry the place of a satellite that is gone along the host's orbit."""
         end = self.plan.time(state.record + 1)
         place, motion = state.track.q[:, -1].copy(), state.track.v[:, -1].copy()
-        orbit = self.host.field.orbit(place, motion, self._epoch(state.time), self._epoch(end), NODE)
+        orbit = self.field.orbit(place, motion, self._epoch(state.time), self._epoch(end), NODE)
         return Remnant(np.zeros(self.plan.particles, dtype=bool), orbit.q[:, -1], orbit.v[:, -1])
 
     def _extended(self, track: Track, t: float, left: Remnant, energy: float) -> Track:
         mass = self.gravity.mass * float(left.bound.sum())
         now = np.array([self._epoch(t)])
         q, v = np.ascontiguousarray(left.q[:, None]), np.ascontiguousarray(left.v[:, None])
-        here = Orbit(now, q, v, self.host.field.acceleration(now, q), np.full(1, np.nan))
+        here = Orbit(now, q, v, self.field.acceleration(now, q), np.full(1, np.nan))
         r_tidal = float(np.cbrt(G * mass / self.host.tidal_bracket(here)[0])) if mass else 0.0
         if np.isnan(r_tidal):
             r_tidal = float(track.r_tidal[-1] if len(track.t) else here.r[0])
@@ -177,11 +183,11 @@ class Simulation:
 
     def _forces_and_potential(self, t: float, q: Array) -> tuple[Array, Array]:
         own, potential = self.gravity.forces_and_potential(q)
-        return own + self.host.field.acceleration(self._epoch(t), q), potential
+        return own + self.field.acceleration(self._epoch(t), q), potential
 
     def _energy(self, t: float, q: Array, v: Array, own: Array) -> float:
         """Return the total energy in Msun (km/s)^2, with the particles' own potential (n,); NaN if not known."""
-        if self.without_energy:
+        if self.without_energy or self.host.bodies:
             return float("nan")
         hosts = self.host.potentials.values()
         host = sum(np.asarray(p.potential(*q, self._epoch(t), *p.in_engine_units())) for p in hosts)

@@ -16,7 +16,7 @@ def describe_plan(simulation: Simulation) -> str:
     """Return what the run is made of."""
     plan, setup = simulation.plan, simulation.setup
     rows = [
-        ("host", " + ".join(p.kind for p in setup.potentials.values())),
+        ("host", " + ".join([*(p.kind for p in setup.potentials.values()), *setup.bodies])),
         ("satellite", f"{number(setup.mass, 'Msun')} in {plan.particles} particles"),
         ("softening", f"{number(plan.softening, 'kpc')}, spline; opening angle {plan.theta:g}"),
         ("step", f"{1e3 * plan.step / GYR:.3g} Myr, {plan.steps * plan.records} of them in {plan.span / GYR:.3g} Gyr"),
@@ -45,6 +45,8 @@ def describe(simulation: Simulation, state: State) -> str:
 
 
 def _energy(simulation: Simulation, state: State) -> str:
+    if simulation.host.bodies:
+        return "not monitored: the host moves"
     if simulation.without_energy:
         names = ", ".join(simulation.without_energy)
         return f"not monitored: the potential {names} gives no potential energy"
