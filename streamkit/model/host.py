@@ -74,22 +74,30 @@ class Host:
         return self.until(reach[0] if reach else farthest)
 
     def _with_bodies(self, t1: float) -> Field:
+        total, (centre, orbits) = self.alone, self.paths(t1)
+        for body, orbit in zip(self.bodies.values(), orbits.values(), strict=True):
+            total = total.with_moving(build_field([body.potential]), orbit)
+        return total.seen_from(centre)
+
+    def paths(self, t1: float) -> tuple[Orbit, dict[str, Orbit]]:
+        """Return the host's orbit from today to t1, in the inertial frame in which it rests today, and the bodies'.
+
+        Theirs are about the host. OutOfDomain if one of them cannot be followed so far.
+        """
         centres = [
             Centre(b.potential, b.q, b.v, b.reflex, b.mass if b.friction else 0.0, b.extent)
             for b in self.bodies.values()
         ]
+        drag = self._drag if any(body.friction for body in self.bodies.values()) else NO_DRAG
         with np.errstate(all="ignore"):  # what is not finite has a reason of its own
-            drag = self._drag if any(body.friction for body in self.bodies.values()) else NO_DRAG
-            centre, orbits = follow_bodies(list(self.potentials.values()), centres, drag, t1, NODE)
-            for name, orbit in zip(self.bodies, orbits, strict=True):
+            centre, followed = follow_bodies(list(self.potentials.values()), centres, drag, t1, NODE)
+            orbits = dict(zip(self.bodies, followed, strict=True))
+            for name, orbit in orbits.items():
                 if not (np.isfinite(orbit.q).all() and np.isfinite(orbit.v).all()):
                     raise OutOfDomain(f"the orbit of the body {name} is not finite")
                 if not (np.sqrt((orbit.v**2).sum(axis=0)) / orbit.r).max() * NODE <= SHARPEST:
                     raise OutOfDomain(f"the body {name} passes too near the Galactic centre to be followed")
-        total = self.alone
-        for body, orbit in zip(self.bodies.values(), orbits, strict=True):
-            total = total.with_moving(build_field([body.potential]), orbit)
-        return total.seen_from(centre)
+        return centre, orbits
 
     @cached_property
     def _drag(self) -> Drag:

@@ -34,19 +34,19 @@ def json_schema(registry: Registry) -> dict[str, Any]:
         role: Union[tuple(_component(entry.cls) for entry in entries.values())]  # noqa: UP007  of as many as there are
         for role, entries in registry.entries.items()
     }
-    placed = {
-        what: tuple(
+    progenitors, bodies = (
+        tuple(
             _component(entry.cls, what, way)
             for entry in registry.entries["potential"].values()
             for way in ways
             if "mass" in entry.cls.parameters() and not entry.cls.model_fields.keys() & way.model_fields.keys()
         )
         for what, ways in (("progenitor", WAYS), ("body", BODY_WAYS))
-    }
+    )
     named = dict.__class_getitem__((str, sections["potential"]))
     sections["potential"] |= Annotated[named, Field(min_length=1)]
-    sections["progenitor"] = Union[placed["progenitor"]]  # noqa: UP007
-    sections["body"] = dict.__class_getitem__((str, Union[placed["body"]]))  # noqa: UP007
+    sections["progenitor"] = Union[progenitors]  # noqa: UP007
+    sections["body"] = dict.__class_getitem__((str, Union[bodies]))  # noqa: UP007
     sections |= {cls.__name__.lower(): section_model(cls) for cls in (Sun, Likelihood, Sampler)}
     fields: Any = {name: (sections.get(name, f.annotation), f) for name, f in RunFile.model_fields.items()}
     schema = create_model("RunFile", __config__=RunFile.model_config, __doc__="A run file of streamkit.", **fields)

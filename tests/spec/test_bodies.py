@@ -73,12 +73,12 @@ def test_a_run_file_without_bodies_stays_what_it_was():
         ),
         (
             {"lmc": LMC | {"friction": "chandra"}},
-            ["body.lmc.friction: found 'chandra'", "Did you mean 'chandrasekhar'?"],
+            ["found 'chandra'", "Did you mean 'chandrasekhar'?"],
         ),
         ({"lmc": LMC | {"reflex": 1}}, ["body.lmc.reflex: found 1, expected true or false"]),
         (
             {"lmc": LMC | {"lookback": 3}},
-            ["body.lmc.lookback: the body (hernquist, equatorial sky (ICRS)) has no field"],
+            ["body.lmc.lookback: the body (hernquist, equatorial", "has no field"],
         ),
         ({"lmc": LMC | {"mass": -1}}, ["body.lmc.mass: found -1 Msun, should be greater than 0"]),
         ({"lmc": LMC | {"x": 1.0}}, ["body.lmc: found coordinates of several sets", "x, y, z, vx, vy, vz"]),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -34,6 +34,8 @@ class OrbitSummary:
         Whether the progenitor has another apocentre ahead.
     r_tidal
         Smallest and largest tidal radius in kpc within the look-back time; NaN where there is none.
+    bodies
+        Smallest and largest distance of every body from the Galactic centre in kpc within the look-back time.
     """
 
     pericentres: Array
@@ -43,6 +45,7 @@ class OrbitSummary:
     completed: int
     returns: bool
     r_tidal: tuple[float, float]
+    bodies: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
 def summarise_orbit(setup: Setup) -> OrbitSummary:
@@ -66,6 +69,7 @@ def summarise_orbit(setup: Setup) -> OrbitSummary:
         r_tidal = float(track.r_tidal.min()), float(track.r_tidal.max())
     except OutOfDomain:
         completed, r_tidal = int((apo > -setup.lookback * GYR).sum()), (np.nan, np.nan)
+    orbits = host.paths(-setup.lookback * GYR)[1] if host.bodies and np.isfinite(r_tidal[0]) else {}
     return OrbitSummary(
         pericentres=_radii(past, peri),
         apocentres=_radii(past, apo),
@@ -74,6 +78,7 @@ def summarise_orbit(setup: Setup) -> OrbitSummary:
         completed=completed,
         returns=next_apocentre(host, setup) is not None,
         r_tidal=r_tidal,
+        bodies={name: (float(orbit.r.min()), float(orbit.r.max())) for name, orbit in orbits.items()},
     )
 
 

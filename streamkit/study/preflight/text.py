@@ -53,6 +53,7 @@ def _orbit_rows(setup: Setup, orbit: OrbitSummary) -> list[tuple[str, str]]:
         ("radial period", number(orbit.period, "Gyr") if np.isfinite(orbit.period) else "none"),
         ("look-back time", number(setup.lookback, "Gyr") + periods),
         ("tidal radius", tidal),
+        *((f"body {name}", f"{span(*ends, 'kpc')} from the Galactic centre") for name, ends in orbit.bodies.items()),
         ("particles", f"{setup.stripping.particles}, progenitor's gravity {_switch(setup)}"),
     ]
 
