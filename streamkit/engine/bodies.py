@@ -210,7 +210,7 @@ def follow_bodies(
     out = np.empty((len(today), count + 1, 9))
     follow(field.forces._replace(trajectory=owner), drag, traits, today, 0.0, step, out)
     field.check()
-    t = step * np.arange(count + 1)
+    t: Array = step * np.arange(count + 1, dtype=float)
     t[-1] = t1
     out[1:] -= out[0]
     if step < 0:
