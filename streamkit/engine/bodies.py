@@ -78,8 +78,9 @@ class Centre:
 def drag_at(drag, d, speed, mass, extent):
     """Deceleration by the host of a mass at distance d over its speed.
 
-    Chandrasekhar's formula (Binney & Tremaine 2008, eq. 8.13) with the Coulomb logarithm's square root,
-    ln(d / b)^(1/2) and b twice the scale length: Vasiliev, Belokurov & Erkal 2021, MNRAS 501, 2279, section 3.2.
+    Chandrasekhar's formula (Binney & Tremaine 2008, eq. 8.13), with ln(d / b)^(1/2) for the Coulomb logarithm and b
+    twice the scale length, which follows N-body simulations best (Vasiliev, Belokurov & Erkal 2021, MNRAS 501, 2279);
+    b = G M / v^2 for a point mass.
     """
     b = 2.0 * extent if extent > 0.0 else G * mass / (speed * speed)
     if not d > b:

@@ -8,7 +8,7 @@ from commands import call
 
 from streamkit.components import load_registry
 from streamkit.report import columns
-from streamkit.spec import WAYS, Likelihood, RunFile, Sampler, Sun
+from streamkit.spec import BODY_WAYS, WAYS, Likelihood, RunFile, Sampler, Sun
 
 COMPONENTS = [(role, kind) for role, kinds in load_registry().entries.items() for kind in kinds]
 
@@ -52,6 +52,13 @@ def test_the_progenitor_has_its_potential_three_ways_and_the_lookback() -> None:
     assert "plummer" in call("reference", "progenitor").stdout
     assert " tf" not in call("reference", "progenitor").stdout
     assert "Galactic sky" not in call("reference", "progenitor", "isochrone").stdout  # its b is not the latitude
+
+
+def test_a_body_has_its_potential_three_ways_friction_and_reflex() -> None:
+    found = [row[0] for row in rows("body", "hernquist") if row]
+    for name in ("mass", "a", "friction", "reflex", *(name for way in BODY_WAYS for name in way.coordinates())):
+        assert name in found
+    assert "lookback" not in found
 
 
 def test_tables_wrap_the_last_column_and_take_brackets_as_they_are() -> None:

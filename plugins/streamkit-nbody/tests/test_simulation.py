@@ -16,8 +16,9 @@ ORBIT = {"x": 20.0, "y": 0.0, "z": 5.0, "vx": 30.0, "vy": 200.0, "vz": 0.0}
 REST = {"x": 50.0, "y": 0.0, "z": 0.0, "vx": 0.0, "vy": 1.0, "vz": 0.0}
 
 
-def simulation(host, place, mass=6.4e8, lookback=0.15, **options):
+def simulation(host, place, mass=6.4e8, lookback=0.15, body=None, **options):
     document = {
+        "body": body or {},
         "seed": 3,
         "potential": host,
         "progenitor": {"kind": "plummer", "mass": mass, "radius": 0.85, "lookback": lookback, **place},
@@ -103,6 +104,21 @@ def test_massless_particles_follow_the_engine():
         assert last.q[:, i] == pytest.approx(orbit.q[:, -1], abs=2e-3)
         swept = [np.unwrap(np.arctan2(*(run.plane @ o.q)[::-1])) for o in (orbit, progenitor)]
         assert winding[i] == pytest.approx(swept[0][-1] - swept[1][-1], abs=1e-3)
+
+
+def test_massless_particles_feel_the_bodies_that_pull_the_host():
+    """As the model's own field has them: a cloud that passes, and the Milky Way pulled by it."""
+    cloud = {"kind": "plummer", "mass": 1e11, "radius": 5.0, "x": 40.0, "y": 0.0, "z": 30.0}
+    bodies = {"cloud": cloud | {"vx": 0.0, "vy": 200.0, "vz": 100.0}}
+    run = simulation(FLAT, ORBIT, body=bodies, mass=1e-3, particles=100, lookback=0.3, step=0.001)
+    first, *_, last = states(run)
+    assert np.isnan(last.track.energy).all()
+    field = run.host.until(-run.plan.span)
+    still = build_field(list(run.setup.potentials.values()))
+    for i in range(5):
+        start = first.q[:, i].copy(), first.v[:, i].copy(), -run.plan.span, 0.0, NODE
+        assert last.q[:, i] == pytest.approx(field.orbit(*start).q[:, -1], abs=2e-3)
+        assert np.abs(last.q[:, i] - still.orbit(*start).q[:, -1]).max() > 0.5
 
 
 def test_the_satellite_without_mass_is_followed_as_a_point():

@@ -14,7 +14,7 @@ import pytest
 import streamkit as sk
 from streamkit.builtin.apocentres import Apocentres
 from streamkit.spec import Sun
-from streamkit.study.preflight import run_preflight
+from streamkit.study.preflight import describe_preflight, run_preflight
 from streamkit.study.preflight.draws import PriorDraws, try_prior_draws
 from streamkit.study.preflight.orbit import summarise_orbit
 from streamkit.study.preflight.warnings import orbit_warnings, prior_warnings, sampler_warnings, sun_warnings
@@ -267,3 +267,30 @@ def test_an_arm_that_ends_inside_the_fitted_window_is_named(first: float, last: 
     prediction = sk.Prediction(("trailing",), np.array([100.0]), np.array([1.0]), details=details)
     found = Apocentres().remarks(prediction)
     assert (text in found[0]) if text else found == ()
+
+
+def test_how_far_the_bodies_go() -> None:
+    """A clump on a circle of 30 kpc, in a host that it does not move and that does not slow it down."""
+    mass, radius = 1e11, 30.0
+    speed = math.sqrt(sk.G * mass / radius)
+    clump = {"kind": "plummer", "mass": 1e6, "radius": 1.0, "friction": "none", "reflex": False}
+    clump |= {"x": radius, "y": 0.0, "z": 0.0, "vx": 0.0, "vy": 0.0, "vz": speed}
+    whole = document({"kind": "kepler", "mass": mass}, (20.0, 0.0, 0.0), (0.0, 100.0, 0.0)) | {"body": {"clump": clump}}
+    found = run_preflight(sk.load(whole), draws=0)
+    assert found.orbit.bodies == {"clump": (pytest.approx(radius, rel=1e-6), pytest.approx(radius, rel=1e-6))}
+    assert "body clump" in describe_preflight(sk.load(whole), found)
+
+
+def test_a_body_that_cannot_be_followed_further_ends_the_look_back_alone() -> None:
+    """It falls into the centre 1.6 Gyr ago; the stream needs the last 0.5 Gyr only."""
+    mass = 1e11
+    infall = {"kind": "plummer", "mass": 1e6, "radius": 1.0, "friction": "none", "reflex": False}
+    far = (math.sqrt(2 * sk.G * mass) * 1.5 * 1.6 * sk.GYR) ** (2 / 3)  # the parabola: r^(3/2) grows with time
+    infall |= {"x": far, "y": 0.0, "z": 0.0, "vx": math.sqrt(2 * sk.G * mass / far), "vy": 0.0, "vz": 0.0}
+    whole = document({"kind": "kepler", "mass": mass}, (60.0, 0.0, 0.0), (0.0, 60.0, 0.0)) | {"body": {"in": infall}}
+    whole["progenitor"]["lookback"] = 0.5
+    found = summarise_orbit(sk.load(whole).bind())
+    assert found.bodies["in"][1] == pytest.approx(far, rel=1e-9)
+    whole["progenitor"]["lookback"] = 2.0
+    with pytest.raises(sk.OutOfDomain, match="the body in passes too near the Galactic centre"):
+        sk.Model(sk.load(whole)).stream()
