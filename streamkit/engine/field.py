@@ -52,7 +52,7 @@ class Field:
 
     def acceleration(self, t: Array | float, q: Array) -> Array:
         """(3, n) acceleration in (km/s)^2/kpc at positions q (3, n) and times t (n,) or one time."""
-        q = np.ascontiguousarray(q, dtype=float)
+        q = np.require(q, float, ["C", "W"])  # the loops take no read-only arrays
         times = np.broadcast_to(np.asarray(t, dtype=float), q.shape[1:]).copy()
         out = np.empty_like(q)
         self.run(loops.accelerations, times, q, out)
@@ -73,6 +73,7 @@ class Field:
         step = (t1 - t0) / count
         out = np.empty((count + 1, 9))
         method = Method(RKN4.drift, RKN4.kick, np.zeros(2), 1)
+        q, v = (np.require(x, float, ["C", "W"]) for x in (q, v))
         self.run(loops.carry, method, q, v, t0, step, out)
         t = t0 + step * np.arange(count + 1)
         t[-1] = t1

@@ -99,6 +99,11 @@ def _view(kind: Any, address: int) -> Array:
     return np.frombuffer(memoryview(kind.from_address(address)))
 
 
+def _look(kind: Any, address: int) -> Array:
+    """Read-only view of what is at an address."""
+    return np.frombuffer(memoryview(kind.from_address(address)).toreadonly())
+
+
 class NumpyKernel:
     """A kernel whose body runs in Python, once per batch: for ``compiled = False``.
 
@@ -117,9 +122,12 @@ class NumpyKernel:
         total = _view(_ROWS, a).reshape(3, ROW)[:, :n]
         try:
             if self.error is None:
-                place, about = _view(_ROWS, q).reshape(3, ROW)[:, :n], _PLACE.from_address(centre)[:]
-                x, y, z = place - np.array(about)[:, None] if any(about) else place
-                found = self._acceleration(x, y, z, _view(_TIMES, t)[:n], *self._parameters.from_address(p))
+                place, about = _look(_ROWS, q).reshape(3, ROW)[:, :n], _PLACE.from_address(centre)[:]
+                if any(about):
+                    place = place - np.array(about)[:, None]
+                    place.flags.writeable = False
+                x, y, z = place
+                found = self._acceleration(x, y, z, _look(_TIMES, t)[:n], *self._parameters.from_address(p))
                 if fresh:
                     total[:] = found
                 else:

@@ -11,7 +11,7 @@ import numpy as np
 from streamkit.components import Potential
 from streamkit.engine import Field, build_field
 from streamkit.errors import blamed
-from streamkit.stream import Array, Orbit
+from streamkit.stream import Array, Orbit, read_only
 from streamkit.units import G
 
 POLAR = 20
@@ -49,12 +49,13 @@ class Host:
 
     def _sum(self, what: str, q: Array) -> Array:
         """Add up a static method of all components, called with whole arrays."""
-        x, y, z = np.ascontiguousarray(q)
+        x, y, z = read_only(np.ascontiguousarray(q))
+        t = read_only(np.zeros_like(x))
         total: Array = np.zeros(())
         for potential in self.potentials.values():
             with blamed(f"potential {potential.kind}"):
                 parameters = potential.in_engine_units().tolist()
-                total = total + np.stack(getattr(type(potential), what)(x, y, z, np.zeros_like(x), *parameters))
+                total = total + np.stack(getattr(type(potential), what)(x, y, z, t, *parameters))
         return total
 
     def energy(self, q: Array, v: Array) -> Array | None:
