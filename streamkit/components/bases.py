@@ -157,6 +157,8 @@ class Stripping(Component):
             Mass of the progenitor in Msun, a number or (n,) at the release times.
         normals
             (draws, n) standard normals that belong to the particles: the only source of chance.
+
+        All arrays are read-only.
         """
 
     def times(self, orbit: Orbit) -> Array:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from streamkit.engine import kernels, loops
 from streamkit.engine.forces import DEEPEST, NO_FRAME, NO_TRACKS, Forces
-from streamkit.engine.kernels import Force
+from streamkit.engine.kernels import Force, NumpyKernel
 from streamkit.engine.loops import NUMBERS, WORK, Scratch
 from streamkit.engine.methods import RKN4, Splitting
 from streamkit.engine.steps import Method
@@ -51,11 +52,10 @@ class Field:
 
     def acceleration(self, t: Array | float, q: Array) -> Array:
         """(3, n) acceleration in (km/s)^2/kpc at positions q (3, n) and times t (n,) or one time."""
-        q = np.ascontiguousarray(q, dtype=float)
+        q = np.require(q, float, ["C", "W"])  # the loops take no read-only arrays
         times = np.broadcast_to(np.asarray(t, dtype=float), q.shape[1:]).copy()
         out = np.empty_like(q)
-        loops.accelerations(self.forces, times, q, out)
-        self.check()
+        self.run(loops.accelerations, times, q, out)
         return out
 
     def radial_second_derivative(self, t: Array, q: Array) -> Array:
@@ -73,8 +73,8 @@ class Field:
         step = (t1 - t0) / count
         out = np.empty((count + 1, 9))
         method = Method(RKN4.drift, RKN4.kick, np.zeros(2), 1)
-        loops.carry(self.forces, method, q, v, t0, step, out)
-        self.check()
+        q, v = (np.require(x, float, ["C", "W"]) for x in (q, v))
+        self.run(loops.carry, method, q, v, t0, step, out)
         t = t0 + step * np.arange(count + 1)
         t[-1] = t1
         if step < 0:
@@ -131,17 +131,40 @@ class Field:
             raise ValueError("orbits of moving components must share one grid of times")
         return first, step
 
+    @cached_property
+    def _in_python(self) -> tuple[NumpyKernel, ...]:
+        return tuple(kernel for kernel in self.kernels if isinstance(kernel, NumpyKernel))
+
+    def run(self, loop: Callable[..., None], *arguments: Any) -> None:
+        """Call one of the compiled loops with these forces; then `check` whether it went well."""
+        if not self._in_python:
+            loop(self.forces, *arguments)
+            return
+        for kernel in self._in_python:
+            kernel.error = None
+        with self._in_python[0].listening():
+            loop(self.forces, *arguments)
+        self.check()
+
     def check(self) -> None:
-        """Raise a `ComponentError` with what a force in Python raised inside the loop, its name and parameters."""
-        for i, (kernel, name) in enumerate(zip(self.kernels, self.names, strict=True)):
-            error = getattr(kernel, "error", None)
-            if error is not None:
-                kernel.error = None
-                begin, end = self.forces.offset[i : i + 2]
-                values = self.forces.parameters[begin:end]
-                raise ComponentError(
-                    f"potential {name} raised {type(error).__name__}: {error} (parameters {values.tolist()})"
-                ) from error
+        """Raise what a force in Python raised inside a loop.
+
+        As it is if it asks for an end (KeyboardInterrupt, SystemExit); else as a `ComponentError` with the name and
+        the parameters of the force.
+        """
+        errors = [(i, getattr(kernel, "error", None)) for i, kernel in enumerate(self.kernels)]
+        failed = [(i, error) for i, error in errors if error is not None]
+        for kernel in self._in_python:
+            kernel.error = None
+        for _, error in failed:
+            if isinstance(error, KeyboardInterrupt | SystemExit):
+                raise error
+        for i, error in failed:
+            begin, end = self.forces.offset[i : i + 2]
+            raise ComponentError(
+                f"potential {self.names[i]} raised {type(error).__name__}: {error} "
+                f"(parameters {self.forces.parameters[begin:end].tolist()})"
+            ) from error
 
 
 def build_field(potentials: Sequence[Force]) -> Field:
@@ -183,7 +206,7 @@ def _advance(
     """Pass the rows of q and v, which the loops want contiguous, in place where they are."""
     given = [*q, *v]
     rows = tuple(np.ascontiguousarray(row) for row in given)
-    loops.advance(field.forces, Method(splitting.drift, splitting.kick, eta, most), field.scratch, rows, t0, t1)
+    field.run(loops.advance, Method(splitting.drift, splitting.kick, eta, most), field.scratch, rows, t0, t1)
     for row, done in zip(given, rows, strict=True):
         if done is not row:
             row[:] = done

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import ctypes
 import functools
-from collections.abc import Mapping
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -97,15 +99,20 @@ def _view(kind: Any, address: int) -> Array:
     return np.frombuffer(memoryview(kind.from_address(address)))
 
 
+def _look(kind: Any, address: int) -> Array:
+    """Read-only view of what is at an address."""
+    return np.frombuffer(memoryview(kind.from_address(address)).toreadonly())
+
+
 class NumpyKernel:
     """A kernel whose body runs in Python, once per batch: for ``compiled = False``.
 
-    Exceptions cannot cross the compiled loop: the first is kept in ``error`` for the engine to raise, and the
-    accelerations become NaN.
+    Exceptions cannot cross the compiled loop. The first, whatever its type, is kept in ``error`` for the engine to
+    raise: from then on the accelerations are NaN, and the author's function is not called.
     """
 
     def __init__(self, cls: type[Force]) -> None:
-        self.error: Exception | None = None
+        self.error: BaseException | None = None
         self._parameters = ctypes.c_double * len(cls.parameters())
         self._acceleration = cls.acceleration
         self._callback = _CALLBACK(self._call)
@@ -114,16 +121,42 @@ class NumpyKernel:
     def _call(self, n: int, t: int, p: int, centre: int, q: int, a: int, fresh: int) -> None:
         total = _view(_ROWS, a).reshape(3, ROW)[:, :n]
         try:
-            place, about = _view(_ROWS, q).reshape(3, ROW)[:, :n], _PLACE.from_address(centre)[:]
-            x, y, z = place - np.array(about)[:, None] if any(about) else place
-            found = self._acceleration(x, y, z, _view(_TIMES, t)[:n], *self._parameters.from_address(p))
-            if fresh:
-                total[:] = found
+            if self.error is None:
+                place, about = _look(_ROWS, q).reshape(3, ROW)[:, :n], _PLACE.from_address(centre)[:]
+                if any(about):
+                    place = place - np.array(about)[:, None]
+                    place.flags.writeable = False
+                x, y, z = place
+                found = self._acceleration(x, y, z, _look(_TIMES, t)[:n], *self._parameters.from_address(p))
+                if fresh:
+                    total[:] = found
+                else:
+                    total += found
+                return
+        except BaseException as error:
+            self.error = error
+        total[:] = np.nan
+
+    @contextmanager
+    def listening(self) -> Iterator[None]:
+        """Keep also what is raised before `_call` can catch anything.
+
+        A Ctrl-C that arrives in compiled code is answered at the first instruction of the next callback, outside its
+        ``try``, and ctypes would print the KeyboardInterrupt and go on.
+        """
+        before = sys.unraisablehook
+
+        def keep(unraisable: Any) -> None:
+            if "ctypes callback" in (unraisable.err_msg or ""):
+                self.error = self.error or unraisable.exc_value
             else:
-                total += found
-        except Exception as error:
-            self.error = self.error or error
-            total[:] = np.nan
+                before(unraisable)
+
+        sys.unraisablehook = keep
+        try:
+            yield
+        finally:
+            sys.unraisablehook = before
 
 
 @functools.cache

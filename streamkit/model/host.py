@@ -13,7 +13,7 @@ from streamkit.engine import NO_DRAG, Centre, Drag, Field, build_field, follow_b
 from streamkit.errors import OutOfDomain, blamed
 from streamkit.model.friction import friction_table
 from streamkit.spec import Body
-from streamkit.stream import Array, Orbit
+from streamkit.stream import Array, Orbit, read_only
 from streamkit.units import GYR, G
 
 NODE = 0.002 * GYR
@@ -119,12 +119,13 @@ class Host:
 
     def _sum(self, what: str, potentials: list[Potential], q: Array) -> Array:
         """Add up a static method of potentials, called with whole arrays."""
-        x, y, z = np.ascontiguousarray(q)
+        x, y, z = read_only(np.ascontiguousarray(q))
+        t = read_only(np.zeros_like(x))
         total: Array = np.zeros(())
         for potential in potentials:
             with blamed(f"potential {potential.kind}"):
                 parameters = potential.in_engine_units().tolist()
-                total = total + np.stack(getattr(type(potential), what)(x, y, z, np.zeros_like(x), *parameters))
+                total = total + np.stack(getattr(type(potential), what)(x, y, z, t, *parameters))
         return total
 
     def energy(self, q: Array, v: Array) -> Array | None:

@@ -67,7 +67,6 @@ def integrate(field: Field, integrator: Integrator, start: Start) -> Records:
         with blamed(f"integrator {integrator.kind}"):
             integrator.advance(field, q[:, :m], v[:, :m], now[:m], t1)
         record(m, now, t1, q, v, state, r_tidal, plane, revolutions, planar, chi, gap, t_strip, dq_strip, dv_strip)
-    field.check()
 
     winding = offset + np.arctan2(planar[1], planar[0]) + 2 * np.pi * revolutions - swept[-1]
     return Records(q, v, t_strip, dq_strip, dv_strip, winding, chi, gap <= 0)

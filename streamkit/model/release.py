@@ -10,7 +10,7 @@ from streamkit.components import Stripping
 from streamkit.errors import ComponentError, blamed
 from streamkit.model.satellite import Satellite
 from streamkit.spec import Setup
-from streamkit.stream import LEADING, TRAILING, Array, IntArray, Orbit
+from streamkit.stream import LEADING, TRAILING, Array, IntArray, Orbit, read_only
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,9 @@ def release_particles(setup: Setup, track: Orbit, normals: Array) -> Start:
     name = f"stripping {scheme.kind}"
     orbit, times = stripped(setup, track)
     with blamed(name):
-        tail = np.where(np.arange(n) % 2 == 0, LEADING, TRAILING)
+        tail = read_only(np.where(np.arange(n) % 2 == 0, LEADING, TRAILING))
         at_release = orbit.at(times)
-        release = scheme.release(at_release, tail, setup.mass * at_release.mass_left, normals)
+        release = scheme.release(at_release, tail, setup.mass * at_release.mass_left, read_only(normals))
         for what, values in (("q", release.q), ("v", release.v)):
             if np.shape(values) != (3, n):
                 found = np.shape(values)

@@ -4,6 +4,7 @@ from .arrays import TRAILING as TRAILING
 from .arrays import Array as Array
 from .arrays import BoolArray as BoolArray
 from .arrays import IntArray as IntArray
+from .arrays import read_only as read_only
 from .frames import to_galactocentric as to_galactocentric
 from .orbit import Orbit as Orbit
 from .prediction import Mark as Mark

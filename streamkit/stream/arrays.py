@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,3 +19,17 @@ ARMS = {"leading": 1, "trailing": -1}
 
 LEADING, TRAILING = -1, 1
 """Sign of the radial offset at release, as in Gibbons+ 2014: leading inwards, trailing outwards."""
+
+
+def read_only(array: Any) -> Any:
+    """Return a view of an array that refuses to be changed: others look at the same numbers."""
+    view = np.asarray(array).view()
+    view.flags.writeable = False
+    return view
+
+
+def freeze(noun: object) -> None:
+    """Make the arrays of a frozen dataclass read-only; what it was made from stays as it was."""
+    for name, value in list(vars(noun).items()):
+        if isinstance(value, np.ndarray):
+            object.__setattr__(noun, name, read_only(value))

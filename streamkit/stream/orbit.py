@@ -7,12 +7,14 @@ from functools import cached_property
 
 import numpy as np
 
-from streamkit.stream.arrays import Array
+from streamkit.stream.arrays import Array, freeze, read_only
 
 
 @dataclass(frozen=True)
 class Orbit:
     """States of the progenitor: its track on a grid of times, or its states at the release times.
+
+    Its arrays are read-only.
 
     Attributes
     ----------
@@ -38,16 +40,17 @@ class Orbit:
     def __post_init__(self) -> None:
         if self.mass_left is None:
             object.__setattr__(self, "mass_left", np.ones(len(self.t)))
+        freeze(self)
 
     @cached_property
     def r(self) -> Array:
         """(n,) distance from the Galactic centre."""
-        return np.asarray(np.sqrt((self.q**2).sum(axis=0)))
+        return np.asarray(read_only(np.sqrt((self.q**2).sum(axis=0))))
 
     @cached_property
     def omega(self) -> Array:
         """(n,) instantaneous angular speed ``|L| / r^2`` in km/s/kpc."""
-        return np.asarray(np.sqrt((np.cross(self.q.T, self.v.T) ** 2).sum(axis=1)) / self.r**2)
+        return np.asarray(read_only(np.sqrt((np.cross(self.q.T, self.v.T) ** 2).sum(axis=1)) / self.r**2))
 
     @cached_property
     def frame(self) -> tuple[Array, Array, Array]:
@@ -55,7 +58,7 @@ class Orbit:
         e_r = self.q / self.r
         pole = np.cross(self.q.T, self.v.T).T
         e_z = pole / np.sqrt((pole**2).sum(axis=0))
-        return e_r, np.ascontiguousarray(np.cross(e_z.T, e_r.T).T), e_z
+        return read_only(e_r), read_only(np.ascontiguousarray(np.cross(e_z.T, e_r.T).T)), read_only(e_z)
 
     def at(self, t: Array) -> Orbit:
         """Return the states at times ``t`` (m,) by quintic Hermite interpolation; r_t and the mass linearly."""
@@ -79,9 +82,8 @@ class Orbit:
         d = q1 - q0 - v0 - 0.5 * a0
         dv = v1 - v0 - a0
         da = a1 - a0
-        return np.array(
-            [q0, v0, 0.5 * a0, 10 * d - 4 * dv + 0.5 * da, -15 * d + 7 * dv - da, 6 * d - 3 * dv + 0.5 * da]
-        )
+        found = [q0, v0, 0.5 * a0, 10 * d - 4 * dv + 0.5 * da, -15 * d + 7 * dv - da, 6 * d - 3 * dv + 0.5 * da]
+        return np.asarray(read_only(np.array(found)))
 
     def apocentres(self) -> Array:
         """(k,) times at which r has a maximum inside the track."""

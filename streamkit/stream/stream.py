@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from streamkit.stream.arrays import ARMS, Array, BoolArray, IntArray
+from streamkit.stream.arrays import ARMS, Array, BoolArray, IntArray, freeze, read_only
 from streamkit.stream.orbit import Orbit
 from streamkit.units import GYR
 
@@ -39,7 +39,7 @@ no_future = partial(_known, None)
 
 @dataclass(frozen=True, repr=False)
 class Stream:
-    """The particles today, and what happened to each.
+    """The particles today, and what happened to each. The arrays are read-only.
 
     Attributes
     ----------
@@ -86,6 +86,9 @@ class Stream:
     parameters: dict[str, float] = field(default_factory=dict)
     ahead: Callable[[], Orbit | None] = no_future
 
+    def __post_init__(self) -> None:
+        freeze(self)
+
     def __len__(self) -> int:
         return int(self.q.shape[1])
 
@@ -107,12 +110,13 @@ class Stream:
     @cached_property
     def r(self) -> Array:
         """(n,) Galactocentric distance in kpc."""
-        return np.asarray(np.sqrt((self.q**2).sum(axis=0)))
+        return np.asarray(read_only(np.sqrt((self.q**2).sum(axis=0))))
 
     @cached_property
     def arm(self) -> IntArray:
         """(n,) 1 leading, -1 trailing, by the sign of the winding; 0 bound."""
-        return np.where(self.bound, 0, np.where(self.winding > 0, 1, -1)).astype(np.int64)
+        arm = np.where(self.bound, 0, np.where(self.winding > 0, 1, -1)).astype(np.int64)
+        return np.asarray(read_only(arm))
 
     @cached_property
     def dq_strip(self) -> Array:
@@ -126,7 +130,7 @@ class Stream:
 
     def _turned(self, x: Array) -> Array:
         frame = np.stack(self.orbit.at(self.t_strip).frame)  # when asked for: no likelihood call needs it
-        return np.asarray(np.einsum("fcn,cn->fn", frame, x))
+        return np.asarray(read_only(np.einsum("fcn,cn->fn", frame, x)))
 
     def table(self) -> QTable:
         """Return one row per particle with units, as an astropy QTable."""

@@ -1,5 +1,6 @@
 """Loading plugins: who supplies what, and a clear message for everything that can be wrong with them."""
 
+import re
 from importlib.metadata import distributions, entry_points
 
 import pytest
@@ -8,6 +9,8 @@ from pydantic import Field
 import streamkit as sk
 from streamkit.builtin.potentials import Plummer
 from streamkit.components import load_registry
+
+BUILTIN = load_registry(points=[p for p in entry_points(group="streamkit") if p.name == "builtin"])
 
 BODY = '''
 """A plugin."""
@@ -108,22 +111,66 @@ def test_a_plugin_that_fails_to_import_is_named_when_something_is_missing(instal
     assert wanted in str(caught.value)
 
 
+def record(points):
+    """Return the one record of a registry that has all the built-ins, whatever else is installed."""
+    found = load_registry(points=points)
+    assert all(kinds.items() <= found.entries[role].items() for role, kinds in BUILTIN.entries.items())
+    (line,) = found.failed
+    with pytest.raises(sk.SpecError) as caught:
+        found.find("potential", "no_such_kind", "potential.kind")
+    assert line in str(caught.value)
+    return line
+
+
 def test_two_plugins_of_one_name(install):
     install("streamkit-one", "reg_one", text(), point="same")
     points = install("streamkit-two", "reg_two", text(kind="other"), point="same")
-    with pytest.raises(sk.PluginError, match="two distributions use the entry-point name 'same'") as caught:
-        load_registry(points=points)
-    assert "streamkit-one 1.2 and streamkit-two 1.2" in str(caught.value)
-    with pytest.raises(sk.PluginError) as again:  # whatever the order in which the file system lists them
-        load_registry(points=points[::-1])
-    assert str(again.value) == str(caught.value)
+    told = record(points)
+    assert told.startswith("two distributions use the entry-point name 'same': streamkit-one 1.2 and streamkit-two 1.2")
+    assert record(points[::-1]) == told  # whatever the order in which the file system lists them
+    assert not {"trap", "other"} & set(load_registry(points=points).entries["potential"])
 
 
-def test_two_components_of_one_kind(install):
+def test_a_kind_of_a_built_in_stays_the_built_in_one(install):
     points = install("streamkit-twin", "reg_twin", text(kind="plummer"))
     message = r"two potential components are called 'plummer': one from streamkit .*, one from streamkit-twin"
+    assert re.match(message, record(points))
+    assert load_registry(points=points).find("potential", "plummer", "") is Plummer
+
+
+def test_two_packages_with_one_kind(install):
+    """Neither is taken, asking for it names both, and the rest of both packages is there."""
+    scheme = text(kind="spare", name="Spare").replace("@hookimpl", "").replace("def streamkit_components", "def unused")
+    both = text(imports=scheme, listed="Trap, Spare")
+    install("streamkit-left", "reg_left", both)
+    points = install("streamkit-right", "reg_right", text())
+    line = record(points)
+    assert "are called 'trap': one from streamkit-left 1.2, one from streamkit-right 1.2" in line
+    found = load_registry(points=points)
+    assert found.find("potential", "spare", "").__name__ == "Spare"
+    with pytest.raises(sk.SpecError, match=r"streamkit-left 1\.2, one from streamkit-right 1\.2"):
+        found.find("potential", "trap", "potential.kind")
+
+
+def test_a_plugin_can_be_switched_off(install, monkeypatch):
+    install("streamkit-left", "off_left", text(), point="left")
+    points = install("streamkit-right", "off_right", "raise SystemExit", point="right")
+    points = install("streamkit-third", "off_third", text(), point="third")
+    monkeypatch.setenv("STREAMKIT_DISABLE_PLUGINS", "right, left,builtin")
+    found = load_registry(points=points)
+    assert found.supplier(found.find("potential", "trap", "")) == "streamkit-third 1.2"
+    assert found.failed == (
+        "streamkit-left 1.2, entry point 'left' (switched off by STREAMKIT_DISABLE_PLUGINS)",
+        "streamkit-right 1.2, entry point 'right' (switched off by STREAMKIT_DISABLE_PLUGINS)",
+    )
+    assert found.find("potential", "plummer", "") is Plummer
+
+
+def test_a_file_with_a_kind_that_is_there_is_refused(tmp_path):
+    (tmp_path / "twin.py").write_text(text(kind="plummer"))
+    message = r"two potential components are called 'plummer': one from streamkit .*, one from twin\.py sha256"
     with pytest.raises(sk.PluginError, match=message):
-        load_registry(points=points)
+        load_registry([tmp_path / "twin.py"])
 
 
 def test_one_kind_in_two_roles_is_no_clash(install):
@@ -150,44 +197,58 @@ def streamkit_components():
 
 
 def test_a_misspelled_hook(install):
-    points = install("streamkit-typo", "reg_typo", text(hook="streamkit_component"))
-    with pytest.raises(sk.PluginError, match=r"streamkit-typo 1\.2: .*streamkit_component"):
-        load_registry(points=points)
+    told = record(install("streamkit-typo", "reg_typo", text(hook="streamkit_component")))
+    assert told.startswith("streamkit-typo 1.2, entry point 'reg_typo' (PluginError: ")
+    assert "streamkit_component" in told
 
 
 def test_a_second_misspelled_hook_beside_the_right_one(install):
     body = text() + "\n\n@hookimpl\ndef streamkit_potentials():\n    return []\n"
-    points = install("streamkit-extra", "reg_extra", body)
-    message = r"streamkit-extra 1\.2: .*streamkit_potentials.* The only hook is 'streamkit_components'"
-    with pytest.raises(sk.PluginError, match=message):
-        load_registry(points=points)
+    told = record(install("streamkit-extra", "reg_extra", body))
+    assert re.match(r"streamkit-extra 1\.2, .*streamkit_potentials.* The only hook is 'streamkit_components'", told)
+
+
+def test_a_hook_with_an_argument(install, tmp_path):
+    body = text().replace("streamkit_components()", "streamkit_components(registry)")
+    told = record(install("streamkit-argument", "reg_argument", body))
+    assert re.search(r"(?s)^streamkit-argument 1\.2, .*registry.* it takes no argument", told)
+    with pytest.raises(sk.PluginError, match=r"(?s)^reg_argument\.py sha256:\w+: .*it takes no argument"):
+        load_registry([tmp_path / "reg_argument.py"])
+
+
+@pytest.mark.parametrize("code", ["1 / 0", "import agama_of_the_future", "None"])
+def test_a_hook_that_fails(install, code):
+    body = text().replace("return [Trap]", code)
+    told = record(install("streamkit-fails", "reg_fails", body))
+    assert told.startswith("streamkit-fails 1.2, entry point 'reg_fails' (PluginError: the hook streamkit_components ")
 
 
 def test_a_module_without_the_hook(install):
-    points = install("streamkit-empty", "reg_empty", '"""Nothing."""\n')
-    with pytest.raises(sk.PluginError, match=r"streamkit-empty 1\.2: the module reg_empty has no hook"):
-        load_registry(points=points)
+    told = record(install("streamkit-empty", "reg_empty", '"""Nothing."""\n'))
+    assert re.match(r"streamkit-empty 1\.2, .*the module reg_empty has no hook", told)
 
 
 @pytest.mark.parametrize(
     ("listed", "message"),
     [
-        ("Trap, 42", "streamkit-odd 1.2: 42 is no component class"),
-        ("Trap()", r"streamkit-odd 1\.2: Trap\(mass=1\.0\) is no component class"),
-        ("dict", "streamkit-odd 1.2: <class 'dict'> is no component class"),
-        ("Potential", "streamkit-odd 1.2: Potential is abstract, it does not define acceleration"),
+        ("Trap, 42", "42 is no component class"),
+        ("Trap()", "Trap(mass=1.0) is no component class"),
+        ("dict", "<class 'dict'> is no component class"),
+        ("Potential", "Potential is abstract, it does not define acceleration"),
     ],
 )
 def test_things_that_are_no_components(install, listed, message):
-    points = install("streamkit-odd", f"reg_odd{len(listed)}", text(listed=listed))
-    with pytest.raises(sk.PluginError, match=message):
-        load_registry(points=points)
+    told = record(install("streamkit-odd", f"reg_odd{len(listed)}", text(listed=listed)))
+    assert told.startswith("streamkit-odd 1.2, entry point 'reg_odd")
+    assert message in told
 
 
-def test_a_class_without_a_kind_is_abstract(install):
-    points = install("streamkit-kindless", "reg_kindless", text(kind=""))
-    with pytest.raises(sk.PluginError, match="Trap is abstract, it does not define kind"):
-        load_registry(points=points)
+@pytest.mark.parametrize(
+    ("kind", "message"), [('""', "does not define kind"), ("['a', 'b']", "the kind must be text, found ['a', 'b']")]
+)
+def test_a_class_without_a_name(install, kind, message):
+    body = text().replace('kind = "trap"', f"kind = {kind}")
+    assert message in record(install("streamkit-kindless", f"reg_kindless{len(kind)}", body))
 
 
 def test_components_are_final():
@@ -286,3 +347,13 @@ def test_a_one_off_file_that_fails_says_so_at_once(tmp_path):
 
 def test_loading_twice_gives_the_same():
     assert load_registry() == load_registry()
+
+
+def test_what_a_plugin_prints_is_no_part_of_the_output(install, tmp_path, capsys):
+    body = text().replace("return [Trap]", "print('from the hook')\n    return [Trap]") + "\nprint('at import')\n"
+    load_registry(points=install("streamkit-loud", "reg_loud", body))
+    (tmp_path / "loud_file.py").write_text(body)
+    load_registry([tmp_path / "loud_file.py"])
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.count("at import") == told.err.count("from the hook") == 2

@@ -1,6 +1,8 @@
 """The compiled engine: the field of several forces, tracks, tidal radii, forces in plain NumPy."""
 
 import pickle
+import signal
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +11,8 @@ from pydantic import Field
 
 import streamkit as sk
 from streamkit.builtin.potentials import Hernquist, Kepler, MiyamotoNagai, Plummer, TruncatedFlat
-from streamkit.engine import RKN4, adaptive_step, build_field
+from streamkit.engine import RKN4, adaptive_step, build_field, split_step
+from streamkit.engine.kernels import NumpyKernel
 from streamkit.testing import reference
 from streamkit.testing.potentials import positions, times
 
@@ -261,6 +264,96 @@ def test_an_error_in_a_numpy_body_names_the_component_and_its_parameters():
 def test_an_error_during_an_orbit_surfaces():
     with pytest.raises(sk.ComponentError, match="off the table"):
         build_field([Broken()]).orbit(np.array([99.0, 0, 0]), np.array([900.0, 0, 0]), 0.0, 1.0, 0.01)
+
+
+class Stopping(sk.Potential):
+    """Is stopped, by ``STOP``, in its tenth call."""
+
+    kind = "test_stopping"
+    compiled = False
+    mass: sk.Mass = Field(default=1e11, description="Mass.")
+
+    @staticmethod
+    def acceleration(x, y, z, t, mass):
+        CALLS.append(len(x))
+        if len(CALLS) == 10:
+            STOP[0]()
+        return tuple(-sk.G * mass * np.stack([x, y, z]) / (x**2 + y**2 + z**2) ** 1.5)
+
+
+CALLS, STOP = [], [lambda: None]
+
+
+def advanced(field):
+    q, v, t0 = positions(5.0, 50.0, 20), np.zeros((3, 20)), np.full(20, -0.2)
+    split_step(field, RKN4, q, v, t0, 0.0, 30)
+    return q
+
+
+WAYS = {
+    "orbit": lambda field: field.orbit(Q, V, 0.0, -1.0, 0.002),
+    "advance": advanced,
+    "acceleration": lambda field: [field.acceleration(0.0, positions(5.0, 50.0, 20)) for _ in range(20)],
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize(
+    ("stop", "wanted"),
+    [
+        (lambda: signal.raise_signal(signal.SIGINT), KeyboardInterrupt),
+        (lambda: sys.exit(3), SystemExit),
+        (lambda: 1 / 0, sk.ComponentError),
+    ],
+)
+def test_what_ends_a_numpy_body_ends_the_loop_at_once(monkeypatch, capfd, way, stop, wanted):
+    """Ctypes prints what a callback raises and goes on; with Ctrl-C the stream was wrong by up to 55 kpc."""
+    monkeypatch.setattr(f"{__name__}.STOP", [stop])
+    CALLS.clear()
+    with pytest.raises(wanted):
+        WAYS[way](build_field([Stopping()]))
+    assert len(CALLS) == 10  # the rest of the loop does not call the body
+    assert capfd.readouterr().err == ""
+    WAYS[way](build_field([Stopping()]))  # and nothing of it is left
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_signal_at_the_threshold_of_a_callback_is_not_lost(monkeypatch, capfd, way):
+    """Python answers a signal that came in compiled code at the first instruction of the callback, before its try."""
+    calls, call = [], NumpyKernel._call
+
+    def answering(kernel, *arguments):
+        calls.append(1)
+        if len(calls) == 10:
+            raise KeyboardInterrupt
+        call(kernel, *arguments)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(NumpyKernel, "_call", answering)
+        field = build_field([Stopping()])
+        kernel = NumpyKernel(Stopping)
+    forces = field.forces._replace(address=np.array([kernel.address], dtype=np.int64))
+    CALLS.clear()
+    with pytest.raises(KeyboardInterrupt):
+        WAYS[way](replace(field, forces=forces, kernels=(kernel,)))
+    assert len(CALLS) <= 10
+    assert capfd.readouterr().err == ""
+
+
+def test_ctrl_c_at_any_moment_ends_an_orbit_through_numpy():
+    field, caught = build_field([HOST[0], SplineHost()]), 0
+    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    try:
+        for delay in np.linspace(0.01, 0.05, 8):
+            try:
+                signal.setitimer(signal.ITIMER_REAL, delay)
+                field.orbit(Q, V, 0.0, -100.0, 0.001)
+            except KeyboardInterrupt:
+                caught += 1
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+    assert caught == 8
 
 
 def test_a_field_stays_in_its_process():

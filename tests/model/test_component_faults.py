@@ -1,0 +1,126 @@
+"""What a plugin may do wrong inside a method: it is named, and it spoils nothing for the next stream."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from commands import RUN
+
+import streamkit as sk
+
+PLUGIN = '''
+from typing import Any
+import numpy as np
+from pydantic import Field
+from streamkit import Integrator, Number, Observable, OutOfDomain, Potential, Prediction, Release, Stripping, hookimpl
+
+class Bad(BaseException):
+    """No Exception."""
+
+class Scheme(Stripping):
+    """At the progenitor."""
+    kind = "scheme"
+    draws = 3
+
+    def times(self, orbit: Any) -> Any:
+        {times}
+        return super().times(orbit)
+
+    def release(self, orbit: Any, tail: Any, mass: Any, normals: Any) -> Any:
+        {release}
+        return Release(orbit.q, orbit.v + normals)
+
+class Watch(Observable):
+    """The mean distance."""
+    kind = "watch"
+
+    def data(self) -> Any:
+        return np.array([40.0]), np.array([1.0])
+
+    def predict(self, stream: Any) -> Any:
+        mean, variance = np.array([stream.r.mean()]), np.array([0.1])
+        {predict}
+        return Prediction(("mean",), mean, variance)
+
+class Push(Potential):
+    """No force."""
+    kind = "push"
+    compiled = False
+    strength: Number = Field(default=0.0, description="None.")
+
+    @staticmethod
+    def acceleration(x: Any, y: Any, z: Any, t: Any, strength: Any) -> Any:
+        {acceleration}
+        return 0 * x, 0 * y, 0 * z
+
+class Carry(Integrator):
+    """Straight on."""
+    kind = "carry"
+    order = 1
+
+    def advance(self, field: Any, q: Any, v: Any, t0: Any, t1: float) -> None:
+        {advance}
+        q += v * (t1 - t0)
+
+@hookimpl
+def streamkit_components() -> Any:
+    return [Scheme, Watch, Push, Carry]
+'''
+NAMES = {
+    "times": "stripping scheme",
+    "release": "stripping scheme",
+    "predict": "observable watch",
+    "acceleration": "potential push",
+    "advance": "integrator carry",
+}
+
+
+def model_with(directory: Path, method: str, code: str) -> sk.Model:
+    """Return a model in which one method of a plugin begins with some code."""
+    fill = dict.fromkeys(NAMES, "pass") | {method: code}
+    text = PLUGIN
+    for name, line in fill.items():
+        text = text.replace(f"{{{name}}}", line)
+    (directory / "faulty.py").write_text(text)
+    before, after = RUN.split("[progenitor]")
+    host = before.replace("[potential]", "[potential.host]") + '[potential.push]\nkind = "push"\n'
+    rest = after.replace('kind = "mlcs"', 'kind = "scheme"').split("[observable]")[0]
+    end = '[observable]\nkind = "watch"\n[integrator]\nkind = "carry"\n'
+    run = f'plugins = ["faulty.py"]\n{host}[progenitor]{rest}{end}'
+    (directory / "faulty.toml").write_text(run)
+    return sk.Model(sk.load(directory / "faulty.toml"))
+
+
+def observe(model: sk.Model) -> Any:
+    """Return what a fit's call would compute."""
+    return model.observe(model.spec.bind())[1]
+
+
+@pytest.mark.parametrize(
+    ("method", "code"),
+    [
+        ("release", "normals *= 2"),
+        ("release", "orbit.q[0] = 0"),
+        ("release", "orbit.r_tidal[:] = 1"),
+        ("release", "orbit.r[:] = 1"),
+        ("release", "orbit.frame[0][:] = 1"),
+        ("release", "tail *= -1"),
+        ("times", "orbit.t[:] = 0"),
+        ("times", "orbit.at(orbit.t).v[:] = 0"),
+        ("predict", "stream.q[:] = 0"),
+        ("predict", "stream.winding -= 1"),
+        ("predict", "stream.r[:] = 0"),
+        ("predict", "stream.orbit.q[:] = 0"),
+        ("acceleration", "x -= 1"),
+        ("acceleration", "t[:] = 0"),
+    ],
+)
+def test_an_input_changed_in_place_is_refused_and_the_component_named(tmp_path: Path, method: str, code: str) -> None:
+    model = model_with(tmp_path, method, code)
+    before = model.normals.copy()
+    with pytest.raises(sk.ComponentError, match=f"{NAMES[method]} .*ValueError.*read-only"):
+        observe(model)
+    assert np.array_equal(model.normals, before)
