@@ -9,6 +9,7 @@ import inspect
 import os
 import sys
 from collections.abc import Iterable, Mapping
+from contextlib import redirect_stdout
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -68,10 +69,17 @@ def load_registry(files: Iterable[str | Path] = (), points: Iterable[EntryPoint]
     An installed plugin that is broken, or clashes with another, is kept as a record, and named when a run file asks
     for something missing: runs that do without it go on. What `DISABLE` names is not loaded.
 
+    What plugins print goes to stderr: stdout is the command's own.
+
     Raises PluginError for a plugin file that is broken or brings a kind that is there already.
     """
+    with redirect_stdout(sys.stderr):
+        return _load(files, entry_points(group=GROUP) if points is None else points)
+
+
+def _load(files: Iterable[str | Path], points: Iterable[EntryPoint]) -> Registry:
     groups: dict[tuple[bool, str], list[EntryPoint]] = {}
-    for point in sorted(entry_points(group=GROUP) if points is None else points, key=_order):
+    for point in sorted(points, key=_order):
         groups.setdefault(_order(point)[:2], []).append(point)
     off = {name.strip() for name in os.environ.get(DISABLE, "").split(",")}
     failed: list[str] = []

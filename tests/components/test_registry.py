@@ -347,3 +347,14 @@ def test_a_one_off_file_that_fails_says_so_at_once(tmp_path):
 
 def test_loading_twice_gives_the_same():
     assert load_registry() == load_registry()
+
+
+def test_what_a_plugin_prints_is_no_part_of_the_output(install, tmp_path, capsys):
+    body = text().replace("return [Trap]", "print('from the hook')\n    return [Trap]") + "\nprint('at import')\n"
+    load_registry(points=install("streamkit-loud", "reg_loud", body))
+    (tmp_path / "loud_file.py").write_text(body.replace('"trap"', '"loud"'))
+    load_registry([tmp_path / "loud_file.py"])
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.count("at import") == 2
+    assert "from the hook" in told.err
