@@ -64,7 +64,7 @@ def nearest(name: str, allowed: Iterable[str]) -> str:
 
 @contextmanager
 def blamed(component: str) -> Iterator[None]:
-    """Turn whatever a component raises into a `ComponentError`; what streamkit raises on purpose passes.
+    """Turn whatever a component raises into a `ComponentError`; Ctrl-C and what streamkit raises on purpose pass.
 
     Parameters
     ----------
@@ -75,9 +75,9 @@ def blamed(component: str) -> Iterator[None]:
     """
     try:
         yield
-    except StreamkitError:
+    except (StreamkitError, KeyboardInterrupt):
         raise
-    except Exception as error:
+    except BaseException as error:
         text = f"{type(error).__name__} in {_culprit(error)}: {error}".rstrip(": \n")
         raise ComponentError(f"{component} failed: {text}") from error
 

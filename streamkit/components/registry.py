@@ -234,10 +234,10 @@ def _load_file(path: Path) -> tuple[str, ModuleType]:
     sys.modules[name] = module  # pickle, and machine code from the disk, look for it there
     try:
         spec.loader.exec_module(module)
-    except PluginError:
+    except (PluginError, KeyboardInterrupt):
         del sys.modules[name]
         raise
-    except (Exception, SystemExit) as error:
+    except BaseException as error:
         del sys.modules[name]
         raise PluginError(f"plugin file {path.name} failed to load ({type(error).__name__}: {error})") from error
     return f"{path.name} sha256:{digest}", module

@@ -122,6 +122,11 @@ def record(points):
     return line
 
 
+def test_a_plugin_that_raises_no_exception(install):
+    points = install("streamkit-base", "reg_base", "raise BaseException('no')")
+    assert record(points) == "streamkit-base 1.2, entry point 'reg_base' (BaseException: no)"
+
+
 def test_two_plugins_of_one_name(install):
     install("streamkit-one", "reg_one", text(), point="same")
     points = install("streamkit-two", "reg_two", text(kind="other"), point="same")
@@ -216,7 +221,7 @@ def test_a_hook_with_an_argument(install, tmp_path):
         load_registry([tmp_path / "reg_argument.py"])
 
 
-@pytest.mark.parametrize("code", ["1 / 0", "import agama_of_the_future", "None"])
+@pytest.mark.parametrize("code", ["1 / 0", "import agama_of_the_future", "None", "raise BaseException", "exit(0)"])
 def test_a_hook_that_fails(install, code):
     body = text().replace("return [Trap]", code)
     told = record(install("streamkit-fails", "reg_fails", body))

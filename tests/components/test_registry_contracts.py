@@ -27,6 +27,41 @@ def test_a_class_that_is_half_a_component(tmp_path, base, body, wanted):
     assert wanted in str(caught.value)
 
 
+HALF = """
+from streamkit import Potential, hookimpl
+class X(Potential):
+    kind = 'half'
+    def acceleration(x, y, z, t):
+        return x, y, z
+    acceleration = staticmethod(acceleration)
+@hookimpl
+def streamkit_components():
+    {code}
+"""
+
+
+@pytest.mark.parametrize("code", ["return (X,)", "yield X", "return iter([X])"])
+def test_a_hook_may_give_any_sequence(tmp_path, code):
+    (tmp_path / "half.py").write_text(HALF.format(code=code))
+    assert load_registry([tmp_path / "half.py"]).find("potential", "half", "").__name__ == "X"
+
+
+@pytest.mark.parametrize("code", ["raise SystemExit", "raise BaseException('no')", "yield X; raise BaseException('no')"])
+def test_a_hook_that_raises_no_exception(tmp_path, code):
+    (tmp_path / "half.py").write_text(HALF.format(code=code))
+    with pytest.raises(sk.PluginError, match=r"half\.py sha256:\w+: the hook .* gives no list \((System|Base)E"):
+        load_registry([tmp_path / "half.py"])
+
+
+def test_ctrl_c_while_plugins_are_loaded_passes(tmp_path):
+    (tmp_path / "half.py").write_text(HALF.format(code="raise KeyboardInterrupt"))
+    with pytest.raises(KeyboardInterrupt):
+        load_registry([tmp_path / "half.py"])
+    (tmp_path / "rude.py").write_text("raise KeyboardInterrupt")
+    with pytest.raises(KeyboardInterrupt):
+        load_registry([tmp_path / "rude.py"])
+
+
 @pytest.mark.parametrize("result", ["None", "1 / 0", "[None]"])
 def test_a_hook_that_gives_no_list(tmp_path, result):
     file = tmp_path / "half.py"
@@ -48,9 +83,9 @@ def test_compiled_code_that_raises_is_refused_where_it_is_written():
                 return -x, -y, -z
 
 
-@pytest.mark.parametrize("code", ["raise SystemExit(3)", "1 / 0"])
+@pytest.mark.parametrize("code", ["raise SystemExit(3)", "1 / 0", "raise type('Base', (BaseException,), {})"])
 def test_a_plugin_file_that_ends_the_program_is_an_error(tmp_path, code):
     (tmp_path / "rude.py").write_text(code)
     document = {"plugins": [str(tmp_path / "rude.py")], "seed": 1}
-    with pytest.raises(sk.PluginError, match=r"^run mapping: plugin file rude\.py failed to load \((SystemExit|Zero)"):
+    with pytest.raises(sk.PluginError, match=r"^run mapping: plugin file rude\.py failed to load \((SystemExit|Zero|Base)"):
         sk.load(document)

@@ -124,3 +124,18 @@ def test_an_input_changed_in_place_is_refused_and_the_component_named(tmp_path: 
     with pytest.raises(sk.ComponentError, match=f"{NAMES[method]} .*ValueError.*read-only"):
         observe(model)
     assert np.array_equal(model.normals, before)
+
+
+@pytest.mark.parametrize("method", ["times", "release", "advance", "predict", "acceleration"])
+@pytest.mark.parametrize("code", ["raise Bad('no')", "raise ZeroDivisionError('no')"])
+def test_whatever_a_component_raises_is_a_component_error(tmp_path: Path, method: str, code: str) -> None:
+    model = model_with(tmp_path, method, code)
+    with pytest.raises(sk.ComponentError, match=f"{NAMES[method]} .*(Bad|ZeroDivisionError).*: no"):
+        observe(model)
+
+
+@pytest.mark.parametrize("method", NAMES)
+def test_ctrl_c_in_a_component_is_ctrl_c(tmp_path: Path, method: str) -> None:
+    model = model_with(tmp_path, method, "raise KeyboardInterrupt")
+    with pytest.raises(KeyboardInterrupt):
+        observe(model)
