@@ -27,8 +27,11 @@ def measure_stream(observable: Observable, stream: Stream) -> Prediction:
                 f"{name}: predicted {mean} values with {variance} variances and {len(prediction.names)} names "
                 f"for {np.shape(data)} data"
             )
+        if np.iscomplexobj(prediction.mean) or np.iscomplexobj(prediction.variance):
+            raise ComponentError(f"{name}: predicted complex numbers: {np.asarray(prediction.mean).tolist()}")
         used = np.isfinite(data)
-        if not (np.isfinite(prediction.mean[used]).all() and (prediction.variance[used] >= 0).all()):
+        usable = np.isfinite(prediction.mean) & np.isfinite(prediction.variance) & (np.asarray(prediction.variance) >= 0)
+        if not usable[used].all():
             raise ComponentError(
                 f"{name}: predicted {np.asarray(prediction.mean).tolist()} with variances "
                 f"{np.asarray(prediction.variance).tolist()}, not all of them usable numbers, and gave no reason"

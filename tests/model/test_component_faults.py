@@ -139,3 +139,19 @@ def test_ctrl_c_in_a_component_is_ctrl_c(tmp_path: Path, method: str) -> None:
     model = model_with(tmp_path, method, "raise KeyboardInterrupt")
     with pytest.raises(KeyboardInterrupt):
         observe(model)
+
+
+@pytest.mark.parametrize(
+    ("code", "wanted"),
+    [
+        ("mean = mean + 0j", "complex"),
+        ("variance = variance + 1j", "complex"),
+        ("mean *= np.inf", "usable"),
+        ("variance *= np.nan", "usable"),
+        ("variance *= np.inf", "usable"),
+        ("variance -= 1", "usable"),
+    ],
+)
+def test_a_prediction_is_made_of_finite_real_numbers(tmp_path: Path, code: str, wanted: str) -> None:
+    with pytest.raises(sk.ComponentError, match=f"observable watch: predicted .*{wanted}"):
+        observe(model_with(tmp_path, "predict", code))
