@@ -15,7 +15,7 @@ from streamkit.engine.kernels import Force, NumpyKernel
 from streamkit.engine.loops import NUMBERS, WORK, Scratch
 from streamkit.engine.methods import RKN4, Splitting
 from streamkit.engine.steps import Method
-from streamkit.errors import ComponentError
+from streamkit.errors import ComponentError, OutOfDomain
 from streamkit.stream import Array, Orbit
 
 
@@ -149,8 +149,8 @@ class Field:
     def check(self) -> None:
         """Raise what a force in Python raised inside a loop.
 
-        As it is if it asks for an end (KeyboardInterrupt, SystemExit); else as a `ComponentError` with the name and
-        the parameters of the force.
+        As it is if it asks for an end (KeyboardInterrupt, SystemExit) or says that there is no stream (OutOfDomain);
+        else as a `ComponentError` with the name and the parameters of the force.
         """
         errors = [(i, getattr(kernel, "error", None)) for i, kernel in enumerate(self.kernels)]
         failed = [(i, error) for i, error in errors if error is not None]
@@ -160,6 +160,8 @@ class Field:
             if isinstance(error, KeyboardInterrupt | SystemExit):
                 raise error
         for i, error in failed:
+            if isinstance(error, OutOfDomain):
+                raise error
             begin, end = self.forces.offset[i : i + 2]
             raise ComponentError(
                 f"potential {self.names[i]} raised {type(error).__name__}: {error} "

@@ -30,7 +30,9 @@ def measure_stream(observable: Observable, stream: Stream) -> Prediction:
         if np.iscomplexobj(prediction.mean) or np.iscomplexobj(prediction.variance):
             raise ComponentError(f"{name}: predicted complex numbers: {np.asarray(prediction.mean).tolist()}")
         used = np.isfinite(data)
-        usable = np.isfinite(prediction.mean) & np.isfinite(prediction.variance) & (np.asarray(prediction.variance) >= 0)
+        usable = (
+            np.isfinite(prediction.mean) & np.isfinite(prediction.variance) & (np.asarray(prediction.variance) >= 0)
+        )
         if not usable[used].all():
             raise ComponentError(
                 f"{name}: predicted {np.asarray(prediction.mean).tolist()} with variances "

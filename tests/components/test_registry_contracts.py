@@ -46,7 +46,9 @@ def test_a_hook_may_give_any_sequence(tmp_path, code):
     assert load_registry([tmp_path / "half.py"]).find("potential", "half", "").__name__ == "X"
 
 
-@pytest.mark.parametrize("code", ["raise SystemExit", "raise BaseException('no')", "yield X; raise BaseException('no')"])
+@pytest.mark.parametrize(
+    "code", ["raise SystemExit", "raise BaseException('no')", "yield X; raise BaseException('no')"]
+)
 def test_a_hook_that_raises_no_exception(tmp_path, code):
     (tmp_path / "half.py").write_text(HALF.format(code=code))
     with pytest.raises(sk.PluginError, match=r"half\.py sha256:\w+: the hook .* gives no list \((System|Base)E"):
@@ -87,5 +89,7 @@ def test_compiled_code_that_raises_is_refused_where_it_is_written():
 def test_a_plugin_file_that_ends_the_program_is_an_error(tmp_path, code):
     (tmp_path / "rude.py").write_text(code)
     document = {"plugins": [str(tmp_path / "rude.py")], "seed": 1}
-    with pytest.raises(sk.PluginError, match=r"^run mapping: plugin file rude\.py failed to load \((SystemExit|Zero|Base)"):
+    with pytest.raises(
+        sk.PluginError, match=r"^run mapping: plugin file rude\.py failed to load \((SystemExit|Zero|Base)"
+    ):
         sk.load(document)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,8 @@ import pytest
 from commands import RUN
 
 import streamkit as sk
+from streamkit.model import Host, next_apocentre
+from streamkit.sample import Posterior
 
 PLUGIN = '''
 from typing import Any
@@ -155,3 +158,23 @@ def test_ctrl_c_in_a_component_is_ctrl_c(tmp_path: Path, method: str) -> None:
 def test_a_prediction_is_made_of_finite_real_numbers(tmp_path: Path, code: str, wanted: str) -> None:
     with pytest.raises(sk.ComponentError, match=f"observable watch: predicted .*{wanted}"):
         observe(model_with(tmp_path, "predict", code))
+
+
+@pytest.mark.parametrize("method", NAMES)
+def test_out_of_domain_from_any_component_is_a_counted_reason(tmp_path: Path, method: str) -> None:
+    posterior = Posterior(model_with(tmp_path, method, "raise OutOfDomain('nothing is there')").spec)
+    found = posterior.evaluate(posterior.spec.centre())
+    assert (found.lnp, found.reason) == (-np.inf, "nothing is there")
+
+
+def test_the_times_that_a_force_is_asked_for(tmp_path: Path) -> None:
+    """As CONTRIBUTING says: from the look-back time to today, and 6 Gyr ahead for an apocentre that never comes."""
+    model = model_with(tmp_path, "acceleration", "ASKED.update((t.min(), t.max())); return 1e3 * x, 1e3 * y, 1e3 * z")
+    potential = model.spec.bind().potentials["push"]
+    asked = vars(sys.modules[type(potential).__module__]).setdefault("ASKED", set())
+    host = Host({"push": potential})
+    assert next_apocentre(host, model.spec.bind()) is None  # pushed outwards for ever
+    assert (min(asked), max(asked)) == (0.0, pytest.approx(6 * sk.GYR))
+    asked.clear()
+    host.field.orbit(np.array([20.0, 0, 0]), np.array([0, 200.0, 0]), 0.0, -3.77 * sk.GYR, 0.002 * sk.GYR)
+    assert (min(asked), max(asked)) == (pytest.approx(-3.77 * sk.GYR), 0.0)
