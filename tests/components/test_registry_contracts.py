@@ -46,9 +46,7 @@ def test_a_hook_may_give_any_sequence(tmp_path, code):
     assert load_registry([tmp_path / "half.py"]).find("potential", "half", "").__name__ == "X"
 
 
-@pytest.mark.parametrize(
-    "code", ["raise SystemExit", "raise BaseException('no')", "yield X; raise BaseException('no')"]
-)
+@pytest.mark.parametrize("code", ["raise SystemExit", "raise BaseException('no')", "yield X; raise BaseException"])
 def test_a_hook_that_raises_no_exception(tmp_path, code):
     (tmp_path / "half.py").write_text(HALF.format(code=code))
     with pytest.raises(sk.PluginError, match=r"half\.py sha256:\w+: the hook .* gives no list \((System|Base)E"):

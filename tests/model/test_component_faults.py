@@ -11,6 +11,7 @@ import pytest
 from commands import RUN
 
 import streamkit as sk
+from streamkit.engine import build_field
 from streamkit.model import Host, next_apocentre
 from streamkit.sample import Posterior
 
@@ -176,5 +177,5 @@ def test_the_times_that_a_force_is_asked_for(tmp_path: Path) -> None:
     assert next_apocentre(host, model.spec.bind()) is None  # pushed outwards for ever
     assert (min(asked), max(asked)) == (0.0, pytest.approx(6 * sk.GYR))
     asked.clear()
-    host.field.orbit(np.array([20.0, 0, 0]), np.array([0, 200.0, 0]), 0.0, -3.77 * sk.GYR, 0.002 * sk.GYR)
+    build_field([potential]).orbit(np.array([20.0, 0, 0]), np.array([0, 200.0, 0]), 0.0, -3.77 * sk.GYR, 0.002 * sk.GYR)
     assert (min(asked), max(asked)) == (pytest.approx(-3.77 * sk.GYR), 0.0)
