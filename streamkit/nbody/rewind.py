@@ -72,6 +72,5 @@ def rewind(field: Field, orbit: Orbit, q: Array, v: Array) -> Past:
         nearest[going[nearer]], lag[going[nearer]] = gap[nearer], angle[going[nearer]]
         t_strip[going[nearer]] = t1
         going = going[gap > 1.0]
-    field.check()
     turns = np.where(nearest < RETURNED, np.round(lag / (2 * np.pi)), 0.0)
     return Past(t_strip, today - 2 * np.pi * turns, chi, nearest)
