@@ -2,6 +2,7 @@ from .components import Component as Component
 from .components import Integrator as Integrator
 from .components import Observable as Observable
 from .components import Potential as Potential
+from .components import Preset as Preset
 from .components import Stripping as Stripping
 from .components import hookimpl as hookimpl
 from .elementary import exp as exp

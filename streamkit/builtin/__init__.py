@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from streamkit import Component, hookimpl
-from streamkit.builtin import apocentres, bar, discs, halos, integrators, potentials, spheroids, stripping
+from streamkit import Component, Preset, hookimpl
+from streamkit.builtin import apocentres, bar, discs, halos, integrators, milky_way, potentials, spheroids, stripping
 
 
 @hookimpl
-def streamkit_components() -> list[type[Component]]:
-    """List the built-in components."""
+def streamkit_components() -> list[type[Component] | Preset]:
+    """List the built-in components, and the published models of the Milky Way."""
     return [
         potentials.TruncatedFlat,
         potentials.NFW,
@@ -35,4 +35,8 @@ def streamkit_components() -> list[type[Component]]:
         integrators.Adaptive,
         integrators.Reference,
         apocentres.Apocentres,
+        milky_way.BOVY2014,
+        milky_way.MCMILLAN2017,
+        milky_way.GALA_V1,
+        milky_way.GALA_V2,
     ]

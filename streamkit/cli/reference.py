@@ -50,6 +50,13 @@ def reference(section: str | None, kind: str | None) -> None:
         default = spec.DEFAULT_KIND.get(section)
         parts += [f"kind may be left out: it is then {default!r}."] if default else []
         parts.append(report.listing(registry, section, kind, "reference"))
+        if section == "potential" and kind is None:
+            parts.append(
+                report.paragraph(
+                    f'preset = "NAME" in [potential] stands for the named potentials of a published model: '
+                    f"{', '.join(registry.presets)}. A [potential.NAME] of your own beside it changes or adds one."
+                )
+            )
     click.echo("\n\n".join(parts))
 
 

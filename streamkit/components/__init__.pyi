@@ -4,6 +4,7 @@ from .bases import Observable as Observable
 from .bases import Potential as Potential
 from .bases import Stripping as Stripping
 from .hookspecs import hookimpl as hookimpl
+from .preset import Preset as Preset
 from .registry import ROLES as ROLES
 from .registry import Registry as Registry
 from .registry import load_registry as load_registry

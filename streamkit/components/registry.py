@@ -10,7 +10,7 @@ import os
 import sys
 from collections.abc import Iterable, Mapping
 from contextlib import redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
@@ -20,6 +20,7 @@ import pluggy
 
 from streamkit.components import hookspecs
 from streamkit.components.bases import Component, Integrator, Observable, Potential, Stripping
+from streamkit.components.preset import Preset
 from streamkit.errors import PluginError, SpecError, nearest
 
 GROUP, OURS = "streamkit", "streamkit."
@@ -42,6 +43,7 @@ class Registry:
 
     entries: Mapping[str, Mapping[str, Entry]]
     failed: tuple[str, ...] = ()
+    presets: Mapping[str, Preset] = field(default_factory=dict)
 
     def find(self, role: str, kind: Any, where: str) -> type[Component]:
         """Return the class called ``kind``.
@@ -83,7 +85,7 @@ def _load(files: Iterable[str | Path], points: Iterable[EntryPoint]) -> Registry
         groups.setdefault(_order(point)[:2], []).append(point)
     off = {name.strip() for name in os.environ.get(DISABLE, "").split(",")}
     failed: list[str] = []
-    loaded: list[tuple[str, list[type[Component]]]] = []
+    loaded: list[tuple[str, list[type[Component] | Preset]]] = []
     for (is_foreign, name), group in groups.items():
         suppliers = [_supplier(point) for point in group]
         if is_foreign and name in off:
@@ -101,26 +103,36 @@ def _load(files: Iterable[str | Path], points: Iterable[EntryPoint]) -> Registry
             except BaseException as error:
                 failed.append(f"{suppliers[0]}, entry point {name!r} ({type(error).__name__}: {error})")
     entries, clashes = _without_clashes(loaded)
+    presets: dict[str, Preset] = {}
+    for supplier, found in loaded:
+        for preset in (item for item in found if isinstance(item, Preset)):
+            if presets.setdefault(preset.name, preset) is not preset:
+                clashes.append(f"{supplier}: a preset is called {preset.name!r} already, so this one is not available")
     for supplier, module in map(_load_file, map(Path, files)):
         try:
             classes = _components(module)
         except PluginError as error:
             raise PluginError(f"{supplier}: {error}") from error.__cause__
         for cls in classes:
+            if isinstance(cls, Preset):
+                presets[cls.name] = cls
+                continue
             clash = entries[cls.role].setdefault(cls.kind, entry := Entry(cls, supplier))
             if clash is not entry:
                 raise PluginError(_clash(cls, [clash.supplier, supplier]))
-    return Registry(entries, (*failed, *clashes))
+    return Registry(entries, (*failed, *clashes), presets)
 
 
-def _without_clashes(loaded: list[tuple[str, list[type[Component]]]]) -> tuple[dict[str, dict[str, Entry]], list[str]]:
+def _without_clashes(
+    loaded: list[tuple[str, list[type[Component] | Preset]]],
+) -> tuple[dict[str, dict[str, Entry]], list[str]]:
     """Return the installed components, and a record for each kind that several suppliers have.
 
     The built-in one, which comes first, is then the one; of several others, none.
     """
     offers: dict[tuple[str, str], list[Entry]] = {}
     for supplier, classes in loaded:
-        for cls in classes:
+        for cls in (item for item in classes if not isinstance(item, Preset)):
             offers.setdefault((cls.role, cls.kind), []).append(Entry(cls, supplier))
     entries: dict[str, dict[str, Entry]] = {role: {} for role in ROLES}
     clashes = []
@@ -139,7 +151,7 @@ def _clash(cls: type[Component], suppliers: list[str]) -> str:
     return f"two {cls.role} components are called {cls.kind!r}: one from {', one from '.join(suppliers)}"
 
 
-def _components(module: ModuleType) -> list[type[Component]]:
+def _components(module: ModuleType) -> list[type[Component] | Preset]:
     """Return what the hook of a plugin gives, in a list of its own.
 
     Raises PluginError: If there is no hook, a misspelled one, one with arguments or one that fails, and for what is no
@@ -167,6 +179,8 @@ def _components(module: ModuleType) -> list[type[Component]]:
 
 
 def _check(cls: Any) -> None:
+    if isinstance(cls, Preset):
+        return
     if not (inspect.isclass(cls) and issubclass(cls, Potential | Stripping | Integrator | Observable)):
         raise PluginError(f"{cls!r} is no component class: {', '.join(ROLES)}")
     if "kind" in cls.model_fields:

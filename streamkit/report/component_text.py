@@ -26,7 +26,7 @@ def listing(registry: Registry, role: str | None = None, kind: str | None = None
     """
     if role is None:
         parts = [f"{name}\n{_kinds(registry, name)}" for name in ROLES]
-        return "\n\n".join([*parts, *_failed(registry)])
+        return "\n\n".join([*parts, *_presets(registry), *_failed(registry)])
     check_name(registry, asked, role, ROLES)
     if kind is not None:
         return _describe(registry.find(role, kind, f"{asked} {role}"), registry)
@@ -58,6 +58,11 @@ def _kinds(registry: Registry, role: str, *, fields: bool = False) -> str:
 def _summary(cls: type[Component]) -> str:
     """Return the first paragraph of the docstring, without reST's quotes."""
     return (inspect.getdoc(cls) or "").split("\n\n")[0].replace("``", "").replace("\n", " ")
+
+
+def _presets(registry: Registry) -> list[str]:
+    rows = [(name, ", ".join(preset.sections), preset.reference) for name, preset in registry.presets.items()]
+    return [f"presets of [potential]\n{columns(rows)}"] if rows else []
 
 
 def _failed(registry: Registry) -> list[str]:

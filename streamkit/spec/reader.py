@@ -120,6 +120,7 @@ class _Reader:
     def parts(self, registry: Registry) -> Parts:
         """Validate every section."""
         self.registry = registry
+        self.expand_preset()
         sun = self.plain("sun", Sun)
         potentials = self.potentials()
         bodies = self.bodies()
@@ -166,6 +167,29 @@ class _Reader:
             return None
         fields = {key: value for key, value in table.items() if key != "kind"}
         return read_section(path, cls, fields, self.errors, f"the {role} {cls.kind!r}")
+
+    def expand_preset(self) -> None:
+        """Put the named potentials of a published model in the place of its name."""
+        table = self.raw.get("potential", {})
+        if "preset" not in table:
+            return
+        name, own, known = table["preset"], {k: v for k, v in table.items() if k != "preset"}, self.registry.presets
+        loose = [key for key, value in own.items() if not isinstance(value, dict)]
+        if not isinstance(name, str) or name not in known:
+            self.refuse(
+                f"potential.preset: no model is called {name!r}.{nearest(str(name), known)} "
+                f"Installed: {', '.join(known)}."
+            )
+            own = {}
+        elif loose:
+            self.refuse(
+                f"potential.{loose[0]}: found {own[loose[0]]!r} beside a preset, expected a section "
+                f"[potential.NAME]: {name} has {', '.join(known[name].sections)}"
+            )
+        else:
+            own = known[name].with_own(own)
+        self.stop()
+        self.raw["potential"] = own
 
     def potentials(self) -> Any:
         """Validate the host: one potential, or several by name."""
