@@ -43,7 +43,7 @@ def reference(section: str | None, kind: str | None) -> None:
             raise StreamkitError(f"reference: the section [{section}] has no kinds, found {kind!r}")
         parts.append(report.field_table(plain, plain.model_fields, "field"))
     elif section == "progenitor":
-        parts += _placed(registry, kind, spec.WAYS, ["lookback"])
+        parts += _placed(registry, kind, spec.WAYS, ["lookback", "friction", "reflex"])
     elif section == "body":
         parts += _placed(registry, kind, spec.BODY_WAYS, ["friction", "reflex"])
     else:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache, cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,6 +33,24 @@ FAR = 1e100
 """A distance in kpc that stands for infinity: far enough for a logarithm to hold any speed."""
 
 
+class Paths(NamedTuple):
+    """The orbits of what moves.
+
+    Attributes
+    ----------
+    centre
+        The host's, in the inertial frame in which it rests today.
+    bodies
+        Those of the bodies by name, about the host.
+    progenitor
+        The progenitor's about the host, where it is one of those that move.
+    """
+
+    centre: Orbit
+    bodies: dict[str, Orbit]
+    progenitor: Orbit | None
+
+
 @dataclass(frozen=True)
 class Host:
     """The galaxy in which everything moves, today at t = 0, and those beside it.
@@ -45,11 +64,15 @@ class Host:
         Name -> component, as in the run file; they add up, centred on the origin.
     bodies
         Name -> galaxy that moves about it.
+    progenitor
+        That of a stream, where it is slowed down or moves the host; its own pull on particles is not the host's.
     """
 
     potentials: Mapping[str, Potential]
     bodies: Mapping[str, Body] = field(default_factory=dict)
+    progenitor: Body | None = None
     _known: dict[float, Field] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _paths: dict[float, Paths] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @cached_property
     def alone(self) -> Field:
@@ -61,7 +84,7 @@ class Host:
 
         OutOfDomain if a body cannot be followed so far.
         """
-        if not self.bodies:
+        if not self.bodies and not (self.progenitor and self.progenitor.reflex):
             return self.alone
         if t1 not in self._known:
             self._known[t1] = self._with_bodies(t1 or -NODE)
@@ -74,30 +97,33 @@ class Host:
         return self.until(reach[0] if reach else farthest)
 
     def _with_bodies(self, t1: float) -> Field:
-        total, (centre, orbits) = self.alone, self.paths(t1)
-        for body, orbit in zip(self.bodies.values(), orbits.values(), strict=True):
+        total, paths = self.alone, self.paths(t1)
+        for body, orbit in zip(self.bodies.values(), paths.bodies.values(), strict=True):
             total = total.with_moving(build_field([body.potential]), orbit)
-        return total.seen_from(centre)
+        return total.seen_from(paths.centre)
 
-    def paths(self, t1: float) -> tuple[Orbit, dict[str, Orbit]]:
-        """Return the host's orbit from today to t1, in the inertial frame in which it rests today, and the bodies'.
+    def paths(self, t1: float) -> Paths:
+        """Return the orbits of all that move, from today to t1; OutOfDomain if one cannot be followed so far."""
+        if t1 not in self._paths:
+            self._paths[t1] = self._followed(t1)
+        return self._paths[t1]
 
-        Theirs are about the host. OutOfDomain if one of them cannot be followed so far.
-        """
+    def _followed(self, t1: float) -> Paths:
+        moving = [*self.bodies.values(), *([self.progenitor] if self.progenitor else [])]
+        names = [*(f"body {name}" for name in self.bodies), *(["progenitor"] if self.progenitor else [])]
         centres = [
-            Centre(b.potential, b.q, b.v, b.reflex, b.mass if b.friction else 0.0, b.extent)
-            for b in self.bodies.values()
-        ]
-        drag = self._drag if any(body.friction for body in self.bodies.values()) else NO_DRAG
+            Centre(b.potential, b.q, b.v, b.reflex, b.mass if b.friction else 0.0, b.extent) for b in moving
+        ]  # fmt: skip
+        drag = self._drag if any(body.friction for body in moving) else NO_DRAG
         with np.errstate(all="ignore"):  # what is not finite has a reason of its own
-            centre, followed = follow_bodies(list(self.potentials.values()), centres, drag, t1, NODE)
-            orbits = dict(zip(self.bodies, followed, strict=True))
-            for name, orbit in orbits.items():
+            centre, orbits = follow_bodies(list(self.potentials.values()), centres, drag, t1, NODE)
+            for name, orbit in zip(names, orbits, strict=True):
                 if not (np.isfinite(orbit.q).all() and np.isfinite(orbit.v).all()):
-                    raise OutOfDomain(f"the orbit of the body {name} is not finite")
+                    raise OutOfDomain(f"the orbit of the {name} is not finite")
                 if not (np.sqrt((orbit.v**2).sum(axis=0)) / orbit.r).max() * NODE <= SHARPEST:
-                    raise OutOfDomain(f"the body {name} passes too near the Galactic centre to be followed")
-        return centre, orbits
+                    raise OutOfDomain(f"the {name} passes too near the Galactic centre to be followed")
+        last = orbits.pop() if self.progenitor else None
+        return Paths(centre, dict(zip(self.bodies, orbits, strict=True)), last)
 
     @cached_property
     def _drag(self) -> Drag:

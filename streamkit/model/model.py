@@ -68,7 +68,7 @@ class Model:
 
 def simulate(setup: Setup, normals: Array) -> Stream:
     """Return the stream of fully bound components, with normals (draws, n) that belong to the particles."""
-    host = Host(setup.potentials, setup.bodies)
+    host = Host(setup.potentials, setup.bodies, setup.companion)
     track = progenitor_track(host, setup)
     start = release_particles(setup, track, normals)
     field = host.until(float(track.t[0]))

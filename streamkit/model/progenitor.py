@@ -19,12 +19,12 @@ FUTURE = 6.0 * GYR
 
 
 def progenitor_track(host: Host, setup: Setup) -> Orbit:
-    """Return the progenitor over the look-back time in the host alone, with the tidal radius of its whole mass.
+    """Return the progenitor over the look-back time in the host, with the tidal radius of its whole mass.
 
     OutOfDomain if there is no such orbit, no such radius, or no orbital plane.
     """
     with np.errstate(all="ignore"):  # what is not finite is found below, and has a reason of its own
-        orbit = host.until(-setup.lookback * GYR).orbit(setup.q, setup.v, 0.0, -setup.lookback * GYR, NODE)
+        orbit = _orbit(host, setup, -setup.lookback * GYR)
         if not (np.isfinite(orbit.q).all() and np.isfinite(orbit.v).all()):
             raise OutOfDomain(_not_finite(setup))
         if not orbit.omega.max() > 0:
@@ -35,6 +35,12 @@ def progenitor_track(host: Host, setup: Setup) -> Orbit:
     if np.isnan(r_tidal).any():
         raise OutOfDomain("the progenitor has no tidal radius somewhere on its track (Omega^2 <= d2Phi/dr2)")
     return replace(orbit, r_tidal=r_tidal)
+
+
+def _orbit(host: Host, setup: Setup, t1: float) -> Orbit:
+    """Follow the progenitor from today to t1: as a test particle, or together with what else moves."""
+    together = host.paths(t1).progenitor if host.progenitor else None
+    return together or host.until(t1).orbit(setup.q, setup.v, 0.0, t1, NODE)
 
 
 def _not_finite(setup: Setup) -> str:
@@ -49,7 +55,7 @@ def next_apocentre(host: Host, setup: Setup) -> Orbit | None:
     """Integrate the progenitor ahead until just past its next apocentre; None if it has none within 6 Gyr."""
     reach = 0.25 * GYR
     while True:
-        orbit = host.until(reach).orbit(setup.q, setup.v, 0.0, reach, NODE)
+        orbit = _orbit(host, setup, reach)
         if len(orbit.apocentres()):
             return orbit
         if reach >= FUTURE:

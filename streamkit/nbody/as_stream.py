@@ -38,7 +38,7 @@ def as_stream(snapshot: Snapshot, setup: Setup) -> Stream:
 
     Raises StreamkitError if the snapshot cannot be this progenitor's: other units, another place, another velocity.
     """
-    host = Host(setup.potentials, setup.bodies)
+    host = Host(setup.potentials, setup.bodies, setup.companion)
     model_track, _ = stripped(setup, progenitor_track(host, setup))
     _same_scale(snapshot, model_track)
     _same_place(snapshot, model_track, setup)

@@ -137,6 +137,12 @@ class PhaseSpace(Place, ABC):
     lookback: Annotated[Duration, Symbol(r"$t_{\rm back}$")] = Field(
         description="Time over which the progenitor has been stripped."
     )
+    friction: Literal["chandrasekhar", "none"] | None = Field(
+        default=None, description="Dynamical friction of the Milky Way on the whole mass of the progenitor. Or none."
+    )
+    reflex: bool | None = Field(
+        default=None, description="Whether the Milky Way moves because of the progenitor. It does not unless told."
+    )
 
 
 class GalacticSky(_Galactic, PhaseSpace):

@@ -60,6 +60,8 @@ class Setup:
         Gyr.
     values
         The free parameters by name, in the units of the run file.
+    friction, reflex
+        As those of a `Body`, for the progenitor.
     """
 
     potentials: dict[str, Potential]
@@ -74,3 +76,11 @@ class Setup:
     seed: int
     values: dict[str, float]
     bodies: dict[str, Body] = field(default_factory=dict)
+    friction: bool = False
+    reflex: bool = False
+
+    @property
+    def companion(self) -> Body | None:
+        """The progenitor as a body that is slowed down, or moves the Milky Way; None if it is a test particle."""
+        moved = self.friction or self.reflex
+        return Body(self.satellite, self.q, self.v, self.friction, self.reflex) if moved else None

@@ -145,6 +145,8 @@ class Spec:
             seed=parts.seed,
             values=values,
             bodies=bodies,
+            friction=phase.friction == "chandrasekhar",
+            reflex=bool(phase.reflex),
         )
 
     def _values(self, theta: Array | Mapping[str, Any] | None) -> dict[str, float]:

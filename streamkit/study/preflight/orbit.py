@@ -50,7 +50,7 @@ class OrbitSummary:
 
 def summarise_orbit(setup: Setup) -> OrbitSummary:
     """Follow the progenitor back until it has turned twice at each end, at most to `HORIZON`."""
-    host = Host(setup.potentials, setup.bodies)
+    host = Host(setup.potentials, setup.bodies, setup.companion)
     reach, past = 1.0, None
     while True:
         try:
@@ -69,7 +69,7 @@ def summarise_orbit(setup: Setup) -> OrbitSummary:
         r_tidal = float(track.r_tidal.min()), float(track.r_tidal.max())
     except OutOfDomain:
         completed, r_tidal = int((apo > -setup.lookback * GYR).sum()), (np.nan, np.nan)
-    orbits = host.paths(-setup.lookback * GYR)[1] if host.bodies and np.isfinite(r_tidal[0]) else {}
+    orbits = host.paths(-setup.lookback * GYR).bodies if host.bodies and np.isfinite(r_tidal[0]) else {}
     return OrbitSummary(
         pericentres=_radii(past, peri),
         apocentres=_radii(past, apo),
