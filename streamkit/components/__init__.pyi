@@ -8,3 +8,7 @@ from .preset import Preset as Preset
 from .registry import ROLES as ROLES
 from .registry import Registry as Registry
 from .registry import load_registry as load_registry
+from .total import AZIMUTH as AZIMUTH
+from .total import add_up as add_up
+from .total import circle as circle
+from .total import circular_speed as circular_speed

@@ -9,12 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from streamkit.components import Potential
+from streamkit.components import AZIMUTH, Potential, add_up, circle
 from streamkit.engine import NO_DRAG, Centre, Drag, Field, build_field, follow_bodies
-from streamkit.errors import OutOfDomain, blamed
+from streamkit.errors import OutOfDomain
 from streamkit.model.friction import friction_table
 from streamkit.spec import Body
-from streamkit.stream import Array, Orbit, read_only
+from streamkit.stream import Array, Orbit
 from streamkit.units import GYR, G
 
 NODE = 0.002 * GYR
@@ -25,8 +25,6 @@ SHARPEST = 1.5
 
 POLAR = 20
 """Gauss-Legendre nodes per hemisphere."""
-AZIMUTH = 16
-"""Equal angles: exact for every harmonic below this order."""
 COARSE = 8, 4
 """The same, for friction: it acts far from any disc."""
 FAR = 1e100
@@ -131,27 +129,16 @@ class Host:
 
     def acceleration(self, q: Array) -> Array:
         """(3, n) Acceleration in (km/s)^2/kpc by the host without bodies at positions q (3, n) today, through NumPy."""
-        return self._sum("acceleration", list(self.potentials.values()), q)
+        return add_up("acceleration", list(self.potentials.values()), q)
 
     def potential(self, q: Array) -> Array | None:
         """(n,) Potential in (km/s)^2 at q (3, n) today, with that of the bodies; None where a component gives none."""
         bodies = list(self.bodies.values())
         if not all(p.has_energy() for p in (*self.potentials.values(), *(body.potential for body in bodies))):
             return None
-        total = self._sum("potential", list(self.potentials.values()), q)
+        total = add_up("potential", list(self.potentials.values()), q)
         for body in bodies:
-            total = total + self._sum("potential", [body.potential], q - body.q[:, None])
-        return total
-
-    def _sum(self, what: str, potentials: list[Potential], q: Array) -> Array:
-        """Add up a static method of potentials, called with whole arrays."""
-        x, y, z = read_only(np.ascontiguousarray(q))
-        t = read_only(np.zeros_like(x))
-        total: Array = np.zeros(())
-        for potential in potentials:
-            with blamed(f"potential {potential.kind}"):
-                parameters = potential.in_engine_units().tolist()
-                total = total + np.stack(getattr(type(potential), what)(x, y, z, t, *parameters))
+            total = total + add_up("potential", [body.potential], q - body.q[:, None])
         return total
 
     def energy(self, q: Array, v: Array) -> Array | None:
@@ -174,7 +161,7 @@ class Host:
     def circular_velocity(self, radii: Array) -> Array:
         """(nr,) Circular velocity in km/s at radii (nr,) in kpc in the plane, without bodies: ``sqrt(R <-a_R>)``."""
         radii = np.asarray(radii, dtype=float)
-        pull = self._inward(_circle(), radii).mean(axis=1)
+        pull = self._inward(circle(), radii).mean(axis=1)
         return np.asarray(np.sqrt(np.maximum(radii * pull, 0.0)))
 
     def _inward(self, directions: Array, radii: Array) -> Array:
@@ -207,10 +194,3 @@ def _sphere(polar: int, azimuth: int) -> tuple[Array, Array]:
     x, y = np.outer(sine, np.cos(phi)), np.outer(sine, np.sin(phi))
     directions = np.stack([x, y, np.outer(mu, np.ones(azimuth))])
     return directions.reshape(3, -1), np.repeat(weight / weight.sum() / azimuth, azimuth)
-
-
-@cache
-def _circle() -> Array:
-    """Directions (3, k) around the plane z = 0."""
-    phi = (np.arange(AZIMUTH) + 0.5) * 2 * np.pi / AZIMUTH
-    return np.stack([np.cos(phi), np.sin(phi), np.zeros(AZIMUTH)])

@@ -92,4 +92,5 @@ def simulate(setup: Setup, normals: Array) -> Stream:
         orbit=start.orbit,
         ahead=partial(next_apocentre, host, setup),
         parameters=dict(setup.values),
+        sun=setup.sun.observer,
     )

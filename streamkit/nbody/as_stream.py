@@ -74,6 +74,7 @@ def as_stream(snapshot: Snapshot, setup: Setup) -> Stream:
         orbit=orbit,
         ahead=partial(next_apocentre, host, setup),
         parameters=dict(setup.values),
+        sun=setup.sun.observer,
     )
 
 

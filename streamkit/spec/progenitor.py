@@ -5,26 +5,42 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from functools import cache
-from typing import Annotated, ClassVar, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from streamkit.stream import Array, to_galactocentric
-from streamkit.units import Angle, Coordinate, Duration, Length, ProperMotion, Speed, Symbol, Velocity
+from streamkit.components import Potential, circular_speed
+from streamkit.errors import OutOfDomain, StreamkitError
+from streamkit.stream import Array, Observer, to_galactocentric
+from streamkit.units import Angle, Coordinate, Duration, Length, ProperMotion, Symbol, Unit, Velocity
+
+_SPEED = Unit("km / s")
+
+
+def _speed_or_host(value: Any) -> Any:
+    try:
+        return value if value == "host" else _SPEED.parse(value)
+    except ValueError as error:
+        raise ValueError(f'{error}; or "host"') from None
+
+
+TiedSpeed = Annotated[Annotated[float, Field(ge=0)] | Literal["host"], BeforeValidator(_speed_or_host), _SPEED]
+"""A speed in km/s, zero or more, or the text "host"."""
 
 
 class Sun(BaseModel):
     """The Sun: right-handed Galactocentric axes, the Sun at (-r0, 0, 0) with velocity (u, v_circ + v, w).
 
-    The defaults are those of Gibbons+ 2014; v_circ is not tied to the potential of the model.
+    The defaults are those of Gibbons+ 2014; v_circ is not tied to the potential of the model, unless it is "host".
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     r0: Annotated[Length, Symbol("$R_0$")] = Field(default=8.0, description="Distance from the Galactic centre.")
-    v_circ: Annotated[Speed, Symbol(r"$v_{\rm c}(R_0)$")] = Field(
-        default=237.0, description="Rotation speed of the local standard of rest."
+    v_circ: Annotated[TiedSpeed, Symbol(r"$v_{\rm c}(R_0)$")] = Field(
+        default=237.0,
+        description='Rotation speed of the local standard of rest; "host": the circular speed of the potentials at r0.',
     )
     u: Annotated[Velocity, Symbol(r"$U_\odot$")] = Field(
         default=11.1, description="Peculiar velocity towards the Galactic centre."
@@ -46,7 +62,27 @@ class Sun(BaseModel):
     @property
     def velocity(self) -> Array:
         """(3,) Galactocentric velocity in km/s."""
+        if isinstance(self.v_circ, str):
+            raise StreamkitError('sun.v_circ = "host" has no value before it is bound to a host')
         return np.array([self.u, self.v_circ + self.v, self.w])
+
+    @property
+    def observer(self) -> Observer:
+        """What a stream is seen from."""
+        u, v, w = self.velocity.tolist()
+        return Observer(self.r0, self.z, (u, v, w))
+
+    def tied(self, potentials: Iterable[Potential]) -> Sun:
+        """Return the Sun with v_circ = "host" replaced by the circular speed of the potentials at R0 in the plane.
+
+        OutOfDomain if they have none there.
+        """
+        if not isinstance(self.v_circ, str):
+            return self
+        speed = circular_speed(potentials, self.r0)
+        if not speed > 0:
+            raise OutOfDomain("the host has no circular speed at the Sun, to which sun.v_circ is tied")
+        return self.model_copy(update={"v_circ": speed})
 
 
 class Place(BaseModel, ABC):
@@ -76,7 +112,7 @@ class _OnSky(Place, ABC):
         """Transform from the sky."""
         lon, lat, distance, pm_lon, pm_lat, v_los = (getattr(self, name) for name in self.coordinates())
         return to_galactocentric(
-            self.frame, lon, lat, distance, pm_lon, pm_lat, v_los, sun.r0, sun.z, sun.velocity
+            self.frame, lon, lat, distance, pm_lon, pm_lat, v_los, sun.observer
         )  # fmt: skip
 
 

@@ -99,6 +99,8 @@ def _number_or_prior(unit: Unit, value: Any, number: Any) -> Any:
 
 
 def _written(unit: Unit, value: Any) -> Any:
+    if isinstance(value, str):  # a word in place of the number
+        return value
     return value.document(unit) if isinstance(value, Prior) else quantity(float(value), unit)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from streamkit.components import Integrator, Observable, Potential, Stripping
+from streamkit.spec.progenitor import Sun
 from streamkit.stream import Array
 
 
@@ -58,6 +59,8 @@ class Setup:
         (3,) Galactocentric position (kpc) and velocity (km/s) of the progenitor today.
     lookback
         Gyr.
+    sun
+        The Sun that the stream is seen from; its v_circ is a number.
     values
         The free parameters by name, in the units of the run file.
     friction, reflex
@@ -78,6 +81,7 @@ class Setup:
     bodies: dict[str, Body] = field(default_factory=dict)
     friction: bool = False
     reflex: bool = False
+    sun: Sun = field(default_factory=Sun)
 
     @property
     def companion(self) -> Body | None:

@@ -126,14 +126,15 @@ class Spec:
         """
         parts, values = self.parts, self._values(theta)
         phase = parts.phase.build(values)
-        satellite, sun = parts.satellite.build(values), parts.sun.build(values)
+        potentials = {name: section.build(values) for name, section in parts.potentials.items()}
+        satellite, sun = parts.satellite.build(values), parts.sun.build(values).tied(potentials.values())
         q, v = phase.today(sun)
         bodies = {}
         for name, (potential, place) in parts.bodies.items():
             at = place.build(values)
             bodies[name] = Body(potential.build(values), *at.today(sun), at.friction != "none", at.reflex)
         return Setup(
-            potentials={name: section.build(values) for name, section in parts.potentials.items()},
+            potentials=potentials,
             satellite=satellite,
             mass=float(satellite.mass),  # type: ignore[attr-defined]  # resolve() has made sure of it
             q=q,
@@ -147,6 +148,7 @@ class Spec:
             bodies=bodies,
             friction=phase.friction == "chandrasekhar",
             reflex=bool(phase.reflex),
+            sun=sun,
         )
 
     def _values(self, theta: Array | Mapping[str, Any] | None) -> dict[str, float]:

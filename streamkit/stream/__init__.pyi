@@ -5,10 +5,15 @@ from .arrays import Array as Array
 from .arrays import BoolArray as BoolArray
 from .arrays import IntArray as IntArray
 from .arrays import read_only as read_only
+from .frames import Seen as Seen
+from .frames import seen_from as seen_from
 from .frames import to_galactocentric as to_galactocentric
+from .observer import Observer as Observer
 from .orbit import Orbit as Orbit
 from .prediction import Mark as Mark
 from .prediction import Prediction as Prediction
+from .sky_frames import Frame as Frame
+from .sky_frames import sky_matrix as sky_matrix
 from .stream import Release as Release
 from .stream import Stream as Stream
 from .winding import angle_in_plane as angle_in_plane

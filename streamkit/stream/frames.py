@@ -1,14 +1,15 @@
-"""Frames: from the sky to Galactocentric axes, and the Sagittarius stream's own frame."""
+"""Between the sky and Galactocentric axes."""
 
 from __future__ import annotations
 
 import functools
 import math
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from streamkit.stream.arrays import Array
+from streamkit.stream.observer import Observer
 from streamkit.units import KMS_PER_MASYR_KPC
 
 Sky = Literal["icrs", "galactic"]
@@ -37,13 +38,6 @@ def axes(sky: Sky) -> Array:
     return np.asarray(seen[:, 1:] - seen[:, :1])
 
 
-def sun_tilt(r0: float, z: float) -> Array:
-    """(3, 3) Rotation about y that lifts the Sun from (-r0, 0, 0) to height z, as astropy does."""
-    s = z / r0
-    c = math.sqrt(1.0 - s * s)
-    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-
-
 def to_galactocentric(
     sky: Sky,
     lon: float,
@@ -52,9 +46,7 @@ def to_galactocentric(
     pm_lon_cos_lat: float,
     pm_lat: float,
     v_los: float,
-    r0: float,
-    z: float,
-    v_sun: Array,
+    sun: Observer,
 ) -> tuple[Array, Array]:
     """Transform one object from the sky.
 
@@ -66,15 +58,13 @@ def to_galactocentric(
         Degrees.
     distance, pm_lon_cos_lat, pm_lat, v_los
         kpc, mas/yr, mas/yr, km/s; heliocentric.
-    r0, z
-        Distance of the Sun from the Galactic centre and its height above the plane, kpc.
-    v_sun
-        (3,) Galactocentric velocity of the Sun, km/s.
+    sun
+        Where the Sun is, and how it moves.
 
     Returns
     -------
     q, v
-        (3,) Galactocentric position in kpc and velocity in km/s; the Sun is at (-r0, 0, 0) if z = 0.
+        (3,) Galactocentric position in kpc and velocity in km/s.
     """
     a, d = math.radians(lon), math.radians(lat)
     ca, sa, cd, sd = math.cos(a), math.sin(a), math.cos(d), math.sin(d)
@@ -87,6 +77,59 @@ def to_galactocentric(
             v_los * sd + north * cd,
         ]
     )
-    tilt = sun_tilt(r0, z)
-    turn = tilt @ axes(sky)
-    return turn @ place + tilt @ np.array([-r0, 0.0, 0.0]), turn @ motion + v_sun
+    turn = sun.tilt @ axes(sky)
+    return turn @ place + sun.q, turn @ motion + sun.v
+
+
+class Seen(NamedTuple):
+    """Particles on the sky, heliocentric, in the frame they were asked for; (n,) each.
+
+    Attributes
+    ----------
+    phi1, phi2
+        Longitude in (-180, 180] and latitude in degrees: RA and Dec in ICRS itself.
+    distance
+        kpc.
+    pm_phi1_cosphi2, pm_phi2
+        Proper motions, mas/yr.
+    radial_velocity
+        Heliocentric, km/s.
+    radial_velocity_gsr
+        The same in the Galactic standard of rest: the Galactocentric velocity along the line of sight from the Sun.
+    """
+
+    phi1: Array
+    phi2: Array
+    distance: Array
+    pm_phi1_cosphi2: Array
+    pm_phi2: Array
+    radial_velocity: Array
+    radial_velocity_gsr: Array
+
+
+def seen_from(sun: Observer, q: Array, v: Array, matrix: Array) -> Seen:
+    """Return Galactocentric particles as the Sun sees them.
+
+    Parameters
+    ----------
+    sun
+        Where the Sun is, and how it moves.
+    q, v
+        (3, n) Galactocentric positions in kpc and velocities in km/s.
+    matrix
+        (3, 3) Rotation from ICRS to the frame of the angles, as `sky_matrix` gives it.
+    """
+    turn = matrix @ (sun.tilt @ axes("icrs")).T
+    x, y, z = turn @ (q - sun.q[:, None])
+    u, v_y, w = turn @ (v - sun.v[:, None])
+    flat2 = x * x + y * y
+    flat, distance = np.sqrt(flat2), np.sqrt(flat2 + z * z)
+    with np.errstate(divide="ignore", invalid="ignore"):  # a particle at the Sun, or at a pole
+        along = (x * u + y * v_y) / flat
+        v_r = (flat * along + z * w) / distance
+        per_kpc = 1.0 / (KMS_PER_MASYR_KPC * distance)
+        pm_lon = (x * v_y - y * u) / flat * per_kpc
+        pm_lat = (flat * w - z * along) / distance * per_kpc
+        gsr = v_r + (turn @ sun.v) @ np.stack([x, y, z]) / distance
+    lon, lat = np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(z, flat))
+    return Seen(lon, lat, distance, pm_lon, pm_lat, v_r, gsr)

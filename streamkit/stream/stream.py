@@ -14,10 +14,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from streamkit.stream.arrays import ARMS, Array, BoolArray, IntArray, freeze, read_only
+from streamkit.stream.frames import Seen, seen_from
+from streamkit.stream.observer import GIBBONS14, Observer
 from streamkit.stream.orbit import Orbit
+from streamkit.stream.sky_coord import to_sky_coord
+from streamkit.stream.sky_frames import Frame, sky_matrix
 from streamkit.units import GYR
 
 if TYPE_CHECKING:
+    from astropy.coordinates import SkyCoord
     from astropy.table import QTable
 
 
@@ -67,6 +72,8 @@ class Stream:
         The progenitor's track from the look-back time to today.
     parameters
         The free parameters it was made with, by name, in the units of the run file.
+    sun
+        The Sun it is seen from; that of Gibbons+ 2014 unless given.
     ahead
         Finds `future`, when somebody asks for it.
     """
@@ -84,6 +91,7 @@ class Stream:
     weight: Array
     orbit: Orbit
     parameters: dict[str, float] = field(default_factory=dict)
+    sun: Observer = GIBBONS14
     ahead: Callable[[], Orbit | None] = no_future
 
     def __post_init__(self) -> None:
@@ -132,8 +140,34 @@ class Stream:
         frame = np.stack(self.orbit.at(self.t_strip).frame)  # when asked for: no likelihood call needs it
         return np.asarray(read_only(np.einsum("fcn,cn->fn", frame, x)))
 
-    def table(self) -> QTable:
-        """Return one row per particle with units, as an astropy QTable."""
+    def seen(self, frame: Frame = None) -> Seen:
+        """Return the particles on the sky as plain arrays: degrees, kpc, mas/yr, km/s.
+
+        Parameters
+        ----------
+        frame
+            None for ICRS (phi1 and phi2 are then RA and Dec); a name such as "GD1Koposov10"; a pole and an origin,
+            ``{"pole": [ra, dec], "origin": [ra, dec]}``; or a (3, 3) matrix from ICRS.
+
+        Raises ValueError for a frame that does not exist.
+        """
+        return seen_from(self.sun, self.q, self.v, sky_matrix(frame))
+
+    def sky(self, frame: Frame = None) -> SkyCoord:
+        """Return the particles as an astropy SkyCoord with distance, proper motions and radial velocity.
+
+        The frame is as in `seen`. It is ICRS, with ra and dec, or one with phi1 and phi2.
+
+        Raises ValueError for a frame that does not exist.
+        """
+        return to_sky_coord(self.seen(frame), None if frame is None else sky_matrix(frame))
+
+    def table(self, frame: Frame = None) -> QTable:
+        """Return one row per particle with units, as an astropy QTable.
+
+        Galactocentric positions and velocities, times, angle and arm; then what the Sun sees in ICRS, and in a frame
+        as in `seen` if one is given: phi1, phi2 and the proper motions along them.
+        """
         from astropy import units as u
         from astropy.table import QTable
 
@@ -150,5 +184,16 @@ class Stream:
         table["arm"] = np.array(["trailing", "bound", "leading"])[self.arm + 1]
         table["lagrange_point"] = np.where(self.tail < 0, "inner", "outer")
         table["bound"] = self.bound
+        deg, pm = u.deg, u.mas / u.yr
+        sky = self.seen()
+        table["ra"], table["dec"] = sky.phi1 % 360.0 * deg, sky.phi2 * deg
+        table["distance"] = sky.distance * kpc
+        table["pm_ra_cosdec"], table["pm_dec"] = sky.pm_phi1_cosphi2 * pm, sky.pm_phi2 * pm
+        table["radial_velocity"] = sky.radial_velocity * kms
+        table["radial_velocity_gsr"] = sky.radial_velocity_gsr * kms
+        if frame is not None:
+            sky = self.seen(frame)
+            table["phi1"], table["phi2"] = sky.phi1 * deg, sky.phi2 * deg
+            table["pm_phi1_cosphi2"], table["pm_phi2"] = sky.pm_phi1_cosphi2 * pm, sky.pm_phi2 * pm
         table.meta["parameters"] = dict(self.parameters)
         return table

@@ -23,7 +23,7 @@ from streamkit.builtin.potentials import NFW, Hernquist, Kepler, MiyamotoNagai, 
 from streamkit.engine import Centre, Drag, build_field, follow_bodies
 from streamkit.model import NODE, Host, progenitor_track, simulate, standard_normals
 from streamkit.spec import Body
-from streamkit.stream.frames import to_galactocentric
+from streamkit.stream import Observer, to_galactocentric
 
 MILKY_WAY = {
     "bulge": Hernquist(mass=5e9, a=1.0),
@@ -31,8 +31,8 @@ MILKY_WAY = {
     "disc": MiyamotoNagai(mass=6.8e10, a=3.0, b=0.28),
     "halo": NFW(mass=5.4e11, rs=15.62),
 }
-SUN = 8.122, 0.0208, np.array([12.9, 245.6, 7.78])
-Q, V = to_galactocentric("icrs", 81.28, -69.78, 49.6, 1.858, 0.385, 262.2, *SUN)
+SUN = Observer(8.122, 0.0208, (12.9, 245.6, 7.78))
+Q, V = to_galactocentric("icrs", 81.28, -69.78, 49.6, 1.858, 0.385, 262.2, SUN)
 
 
 def cloud(mass, **settings):

@@ -25,7 +25,7 @@ def test_a_body_is_read_with_its_priors_and_placed_with_the_sun():
     setup = spec.bind({"body.lmc.distance": 50.0, "body.lmc.mass": "1.4e11 Msun"})
     lmc, clump = setup.bodies["lmc"], setup.bodies["clump"]
     sun = spec.parts.sun.centre
-    q, v = to_galactocentric("icrs", 81.28, -69.78, 50.0, 1.858, 0.385, 262.2, sun.r0, sun.z, sun.velocity)
+    q, v = to_galactocentric("icrs", 81.28, -69.78, 50.0, 1.858, 0.385, 262.2, sun.observer)
     assert np.allclose(lmc.q, q)
     assert np.allclose(lmc.v, v)
     assert (lmc.mass, lmc.extent, lmc.friction, lmc.reflex) == (1.4e11, 16.0, True, True)

@@ -6,9 +6,9 @@ from astropy import coordinates as c
 from astropy import units as u
 from pydantic import ValidationError
 
-from streamkit.observe.sky import sagittarius
 from streamkit.spec import Sun
 from streamkit.spec.progenitor import WAYS, EquatorialSky, GalacticSky, Galactocentric, choose_coordinates
+from streamkit.stream import sky_matrix
 from streamkit.stream.frames import CENTRE_ICRS
 
 SGR = {"l": 5.5689, "b": -14.1669, "distance": 25.2, "pm_l_cosb": -2.44, "pm_b": 1.97, "v_los": 153.0}
@@ -82,6 +82,11 @@ def test_the_sun_itself() -> None:
 def test_the_sun_must_be_near_the_plane() -> None:
     with pytest.raises(ValidationError, match="less than r0"):
         Sun(r0=8, z=9)
+
+
+def sagittarius(ra: np.ndarray, dec: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    x, y, z = sky_matrix("SagittariusBelokurov14") @ c.ICRS(ra * u.deg, dec * u.deg).cartesian.xyz.value
+    return np.degrees(np.arctan2(y, x)), np.degrees(np.arcsin(z))
 
 
 def test_sagittarius_frame_at_the_core() -> None:

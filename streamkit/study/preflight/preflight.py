@@ -89,7 +89,7 @@ def run_preflight(spec: Spec, *, draws: int = 64) -> Preflight:
         warnings += setup.observable.remarks(prediction)
     warnings += prior_warnings(tried)
     warnings += [f"This run file cannot be fitted: {unfit}."] if unfit else sampler_warnings(spec)
-    warnings += sun_warnings(spec.parts.sun.build(setup.values))
+    warnings += sun_warnings(setup.sun)
     return Preflight(setup, orbit, prediction, reason, Cost(first, call, where), tried, tuple(warnings))
 
 

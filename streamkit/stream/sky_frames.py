@@ -1,0 +1,174 @@
+"""Frames on the sky: named ones of known streams, or a great circle by its pole and origin, or a matrix."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from streamkit.errors import nearest
+from streamkit.stream.arrays import Array, read_only
+from streamkit.stream.frames import axes
+
+Frame: TypeAlias = str | Mapping[str, Any] | Sequence[Sequence[float]] | Array | None
+"""A name, ``{"pole": [ra, dec], "origin": [ra, dec]}``, a (3, 3) matrix from ICRS, or None for ICRS itself."""
+
+FROM_ICRS: dict[str, list[list[float]]] = {
+    # Koposov, Rix & Hogg 2010, ApJ 712, 260, appendix
+    "GD1Koposov10": [
+        [-0.4776303088, -0.1738432154, 0.8611897727],
+        [0.510844589, -0.8524449229, 0.111245042],
+        [0.7147776536, 0.4930681392, 0.4959603976],
+    ],
+    # Koposov+ 2019, MNRAS 485, 4726, appendix B
+    "OrphanKoposov19": [
+        [-0.44761231, -0.08785756, -0.88990128],
+        [-0.84246097, 0.37511331, 0.38671632],
+        [0.29983786, 0.92280606, -0.2419219],
+    ],
+    # Bonaca+ 2019, ApJ 881, L37
+    "JhelumBonaca19": [
+        [0.6173151074, -0.0093826715, -0.7866600433],
+        [-0.0151801852, -0.9998847743, 0.0000135163],
+        [-0.7865695266, 0.0119333013, -0.6173864075],
+    ],
+    # Shipp+ 2020, AJ 160, 244
+    "Pal13Shipp20": [
+        [0.94906836, -0.22453560, 0.22102719],
+        [-0.06325861, 0.55143610, 0.83181523],
+        [-0.30865450, -0.80343138, 0.50914675],
+    ],
+    # Lambda~, B~ of Belokurov+ 2014, MNRAS 437, 116, appendix A: leading positive, left-handed; it is
+    # diag(1, -1, -1) times that of Law & Majewski 2010
+    "SagittariusBelokurov14": [
+        [0.21215555, -0.84846291, -0.48487186],
+        [-0.93595354, -0.31910658, 0.14886895],
+        [0.28103559, -0.42223415, 0.86182209],
+    ],
+}
+"""Rows are the axes of the frame in ICRS."""
+
+PAL5 = (
+    [
+        [9.99938314e-01, 1.57847502e-03, -1.09943927e-02],
+        [-1.57837962e-03, 9.99998754e-01, 1.73543959e-05],
+        [1.09944064e-02, 0.0, 9.99939560e-01],
+    ],
+    [
+        [-0.65019243, -0.75969758, -0.01045969],
+        [-0.62969142, 0.54652698, -0.55208422],
+        [0.42513354, -0.3523746, -0.83372274],
+    ],
+)
+"""Price-Whelan+ 2019, AJ 158, 223: along the stream, then the cluster to the origin."""
+
+OPHIUCHUS = [
+    [0.84922096554, 0.07001279040, 0.52337554476],
+    [-0.27043653641, -0.79364259852, 0.54497294023],
+    [0.45352820359, -0.60434231606, -0.65504391727],
+]
+"""Price-Whelan+ 2016, MNRAS 455, 1079, from Galactic coordinates."""
+
+WORST = 1e-3
+"""How far a matrix may be from orthonormal: papers print few digits."""
+
+
+@functools.cache
+def named_matrices() -> dict[str, Array]:
+    """Return the (3, 3) matrix of every named frame; the names are gala's where it has the frame."""
+    galactic = axes("galactic").T @ axes("icrs")
+    known = {name: np.array(rows) for name, rows in FROM_ICRS.items()}
+    known["icrs"], known["galactic"] = np.eye(3), galactic
+    known["Pal5PriceWhelan18"] = np.array(PAL5[0]) @ np.array(PAL5[1])
+    known["OphiuchusPriceWhelan16"] = np.array(OPHIUCHUS) @ galactic
+    # Newberg+ 2010, ApJ 711, 32
+    known["OrphanNewberg10"] = _euler(128.79, 54.39, 90.70) @ galactic
+    # Law & Majewski 2010, ApJ 714, 229: left-handed, trailing positive
+    law = _euler(183.75, 76.54, 194.111534)
+    known["SagittariusLaw10"] = np.diag([1.0, 1.0, -1.0]) @ law @ galactic
+    # Vasiliev, Belokurov & Erkal 2021, MNRAS 501, 2279: right-handed, leading positive
+    known["SagittariusVasiliev21"] = np.diag([1.0, -1.0, -1.0]) @ law @ galactic
+    # Nidever, Majewski & Burton 2008, ApJ 679, 432: pole at (l, b) = (188.5, -7.5) deg
+    nidever = _about("z", 57.275785782128686) @ _about("y", 97.5) @ _about("z", 188.5)
+    known["MagellanicStreamNidever08"] = nidever @ galactic
+    return {name: read_only(_nearest_rotation(matrix)) for name, matrix in known.items()}
+
+
+def sky_matrix(frame: Frame = None) -> Array:
+    """Return the (3, 3) matrix from ICRS to a frame; a left-handed frame has a determinant of -1.
+
+    Parameters
+    ----------
+    frame
+        None for ICRS; a name; ``{"pole": [ra, dec], "origin": [ra, dec]}`` in degrees, for a great circle about the
+        pole with longitude zero at the origin; or the matrix itself.
+
+    Raises ValueError for a name that is not known (with the nearest), and for what is no frame.
+    """
+    if frame is None:
+        return named_matrices()["icrs"]
+    if isinstance(frame, str):
+        if frame not in (known := named_matrices()):
+            close = nearest(frame, known)
+            raise ValueError(f"there is no frame {frame!r}.{close} Known: {', '.join(sorted(known))}")
+        return known[frame]
+    if isinstance(frame, Mapping):
+        return _great_circle(frame)
+    try:
+        matrix = np.array(frame, dtype=float)
+    except (TypeError, ValueError):
+        matrix = np.empty(0)
+    if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
+        raise ValueError(
+            f"found {frame!r}, expected the name of a frame, {{ pole = [ra, dec], origin = [ra, dec] }} in degrees, "
+            "or a matrix of three rows of three numbers"
+        )
+    if not np.abs(matrix @ matrix.T - np.eye(3)).max() < WORST:
+        raise ValueError("the matrix of the frame is no rotation: its rows must be unit vectors at right angles")
+    return np.asarray(read_only(_nearest_rotation(matrix)))
+
+
+def _great_circle(given: Mapping[str, Any]) -> Array:
+    if set(given) != {"pole", "origin"}:
+        raise ValueError(f"a frame by its pole takes pole and origin, each [ra, dec]; found {', '.join(given)}")
+    z, towards = (_unit(name, given[name]) for name in ("pole", "origin"))
+    x = towards - (towards @ z) * z
+    length = math.sqrt(x @ x)
+    if length < 1e-6:
+        raise ValueError("the origin of the frame is at its pole, where there is no longitude")
+    x = x / length
+    return np.asarray(read_only(np.array([x, np.cross(z, x), z])))
+
+
+def _unit(name: str, pair: Any) -> Array:
+    try:
+        lon, lat = (math.radians(float(value)) for value in pair)
+    except (TypeError, ValueError):
+        raise ValueError(f"found {pair!r} for the {name} of the frame, expected [ra, dec] in degrees") from None
+    if not abs(lat) <= math.pi / 2:
+        raise ValueError(f"found {pair!r} for the {name} of the frame: dec must be within -90 and 90")
+    return np.array([math.cos(lon) * math.cos(lat), math.sin(lon) * math.cos(lat), math.sin(lat)])
+
+
+def _about(axis: str, degrees: float) -> Array:
+    """Turn the axes (not the vectors) about one of them."""
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    i, j = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
+    out = np.eye(3)
+    out[i, i] = out[j, j] = c
+    out[i, j], out[j, i] = s, -s
+    return out
+
+
+def _euler(phi: float, theta: float, psi: float) -> Array:
+    """(3, 3) Euler angles in the x-convention (Goldstein), degrees."""
+    return np.asarray(_about("z", psi) @ _about("x", theta) @ _about("z", phi))
+
+
+def _nearest_rotation(matrix: Array) -> Array:
+    """Return the orthonormal matrix nearest to one that was printed with few digits."""
+    left, _, right = np.linalg.svd(matrix)
+    return np.asarray(left @ right)
