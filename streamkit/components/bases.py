@@ -215,8 +215,28 @@ class Observable(Component):
     def data(self) -> tuple[Array, Array]:
         """Return the observed values and their standard errors, (m,) each, NaN where there is no datum.
 
-        A prediction may be NaN where there is no datum, and nowhere else.
+        A prediction may be NaN where there is no datum, and nowhere else. Asked once where no field of the observable
+        has a prior, else at every parameter.
         """
+
+    def covariance(self) -> Array | None:
+        """Return the covariance (m, m) of the data, or None where their errors are independent. Optional.
+
+        Its diagonal is the square of the errors of `data`; rows and columns without a datum are not used.
+        """
+        return None
+
+    def ln_likelihood(self, prediction: Prediction, add_noise: bool) -> float | None:
+        """Return the natural log of the probability density of the data, or None for a Gaussian. Optional.
+
+        Parameters
+        ----------
+        prediction
+            What `predict` said of the stream; it has a value.
+        add_noise
+            Whether to add the prediction's own variance to that of the data.
+        """
+        return None
 
     def marks(self, prediction: Prediction) -> tuple[Mark, ...]:
         """Return what a picture of the unwrapped stream shows of the measurement and of the data. Optional."""

@@ -8,13 +8,14 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from streamkit.components import Observable
 from streamkit.engine import build_field
 from streamkit.errors import ComponentError, OutOfDomain, blamed
 from streamkit.model.host import Host
 from streamkit.model.integrate import integrate
 from streamkit.model.progenitor import next_apocentre, progenitor_track
 from streamkit.model.release import release_particles, standard_normals
-from streamkit.observe import measure_stream
+from streamkit.observe import Data, measure_stream, read_data
 from streamkit.spec import Setup, Source, as_spec
 from streamkit.stream import Array, Prediction, Stream
 
@@ -28,6 +29,13 @@ class Model:
 
     def __init__(self, spec: Source) -> None:
         self.spec = as_spec(spec)
+        self._asked: tuple[Observable, Data] | None = None
+
+    def data(self, observable: Observable) -> Data:
+        """Return the data of an observable of this run file; asked for once where no field of it has a prior."""
+        if self._asked is None or self._asked[0] is not observable:  # one with free fields is new at every parameter
+            self._asked = observable, read_data(observable, self.spec.likelihood.noise == "add")
+        return self._asked[1]
 
     @cached_property
     def normals(self) -> Array:
@@ -53,7 +61,8 @@ class Model:
         """
         with self.naming_parameters(setup):
             stream = simulate(setup, self.normals)
-            return stream, None if setup.observable is None else measure_stream(setup.observable, stream)
+            observable = setup.observable
+            return stream, None if observable is None else measure_stream(observable, stream, self.data(observable))
 
     @contextmanager
     def naming_parameters(self, setup: Setup) -> Iterator[None]:

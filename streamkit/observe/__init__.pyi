@@ -1,4 +1,8 @@
-from .measure import Data as Data
+from .data import Data as Data
+from .data import join_data as join_data
+from .data import read_data as read_data
+from .likelihood import compare_with_data as compare_with_data
+from .likelihood import gaussian as gaussian
 from .measure import measure_stream as measure_stream
 from .track import CELL as CELL
 from .track import ENOUGH as ENOUGH

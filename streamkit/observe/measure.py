@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from streamkit.components import Observable
 from streamkit.errors import ComponentError, blamed
-from streamkit.stream import Array, Prediction, Stream
+from streamkit.observe.data import Data
+from streamkit.stream import Prediction, Stream
 
 
-def measure_stream(observable: Observable, stream: Stream) -> Prediction:
-    """Return what the observable says of the stream.
+def measure_stream(observable: Observable, stream: Stream, known: Data | None = None) -> Prediction:
+    """Return what the observable says of the stream; its data are asked for unless they are ``known``.
 
     ComponentError if it fails, predicts other shapes than its data have, or for a datum no number without a reason.
     """
     name = f"observable {observable.kind}"
     with blamed(name):
-        prediction, (data, _) = observable.predict(stream), observable.data()
+        prediction = observable.predict(stream)
+        data = observable.data()[0] if known is None else known.values
         mean, variance = np.shape(prediction.mean), np.shape(prediction.variance)
         if prediction.why_not:
             return prediction
@@ -39,12 +39,3 @@ def measure_stream(observable: Observable, stream: Stream) -> Prediction:
                 f"{np.asarray(prediction.variance).tolist()}, not all of them usable numbers, and gave no reason"
             )
     return prediction
-
-
-@dataclass(frozen=True)
-class Data:
-    """What the observables are compared with: (m,) values, NaN where there is none, and their standard errors."""
-
-    values: Array
-    errors: Array
-    add_noise: bool = False

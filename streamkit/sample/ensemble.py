@@ -70,7 +70,9 @@ class Sampling:
     progress: bool = True
     mass: Callable[[Array], float] | None = None
     data: Data | None = None
-    counts: dict[str, Any] = field(default_factory=lambda: {"calls": 0, "search_calls": 0, "reasons": {}})
+    counts: dict[str, Any] = field(
+        default_factory=lambda: {"calls": 0, "search_calls": 0, "reasons": {}, "surrogate": ""}
+    )
     _state: emcee.State | None = None
     _trials: Trials = field(init=False)
 
@@ -172,11 +174,12 @@ class Sampling:
         walks = [move for move, _ in moves if isinstance(move, SurrogateMove)]
         if not (steps and walks and self.data is not None):
             return
-        points, mean, variance = self._trials.until(steps)
+        points, mean, variance, lnl = self._trials.until(steps)
         space = Space(self.priors)
         y = space.to(points)
         inside = np.isfinite(space.ln_prior(y))
-        surrogate = learn(y[inside], mean[inside], variance[inside], self.data)
+        surrogate = learn(y[inside], mean[inside], variance[inside], self.data, lnl[inside])
+        self.counts["surrogate"] = "none" if surrogate is None else surrogate.subject
         for move in walks:
             move.learn(surrogate, self.walkers, self.seed, steps == LEARNING[-1])
             if done > steps and isinstance(self.backend, ChainFile):  # resumed

@@ -1,4 +1,4 @@
-"""The posterior: ln prior, then the stream, then a Gaussian comparison of its observables with the data."""
+"""The posterior: ln prior, then the stream, then the comparison of its observables with the data."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from streamkit.errors import ComponentError, OutOfDomain, SpecError, blamed
+from streamkit.errors import OutOfDomain, SpecError
 from streamkit.model import Model
-from streamkit.observe import Data
+from streamkit.observe import compare_with_data
 from streamkit.spec import Setup, Source, as_spec
 from streamkit.stream import Array, Prediction, Stream
 
@@ -48,24 +48,6 @@ def blob_dtype(m: int) -> np.dtype[Any]:
     return np.dtype([("ln_likelihood", float), ("mean", float, (m,)), ("variance", float, (m,))])
 
 
-def gaussian(mean: Array, variance: Array, data: Array, sigma: Array, add_noise: bool) -> float:
-    """Return the ln likelihood of independent Gaussians; a NaN datum is not used.
-
-    Parameters
-    ----------
-    mean, variance
-        (m,) prediction, and the variance of that estimate.
-    data, sigma
-        (m,) data and their standard errors.
-    add_noise
-        Whether to add ``variance`` to ``sigma**2``.
-    """
-    used = np.isfinite(data)
-    total = sigma[used] ** 2 + (variance[used] if add_noise else 0.0)
-    chi2 = (data[used] - mean[used]) ** 2 / total
-    return float(-0.5 * np.sum(chi2 + np.log(2 * np.pi * total)))
-
-
 class Posterior:
     """The log-probability of the free parameters of a run file. It pickles as its spec.
 
@@ -75,18 +57,15 @@ class Posterior:
     def __init__(self, spec: Source) -> None:
         self.spec = spec = as_spec(spec)
         self.model = Model(spec)
-        self.add_noise = spec.document["likelihood"]["noise"] == "add"
         if not spec.names:
             raise SpecError("no field has a prior: a fit needs at least one free parameter")
         observable = spec.bind().observable
         if observable is None:
             raise SpecError("observable: there is none, and a fit needs one with data")
-        with blamed(f"observable {observable.kind}"):
-            data, sigma = observable.data()
-        if not np.isfinite(data).any():
+        self.data = self.model.data(observable)
+        if not np.isfinite(self.data.values).any():
             raise SpecError("observable: there is no datum to compare with")
-        self.size = len(data)
-        self.data = Data(np.asarray(data, dtype=float), np.asarray(sigma, dtype=float), self.add_noise)
+        self.size = len(self.data.values)
 
     def __repr__(self) -> str:
         return f"<Posterior of {self.spec.source}: {len(self.spec.names)} parameters, {self.size} data>"
@@ -136,14 +115,7 @@ class Posterior:
 
     def _compare(self, setup: Setup, prediction: Prediction) -> float:
         assert setup.observable is not None  # noqa: S101  checked in __init__
-        data, sigma = setup.observable.data()
-        value = gaussian(prediction.mean, prediction.variance, data, sigma, self.add_noise)
-        if not np.isfinite(value):
-            raise ComponentError(
-                f"observable {setup.observable.kind}: predicted {prediction.mean.tolist()} for data "
-                f"{data.tolist()} with errors {sigma.tolist()}: the likelihood is no finite number"
-            )
-        return value
+        return compare_with_data(setup.observable, prediction, self.model.data(setup.observable))
 
     def rejected(self, reason: str) -> Evaluation:
         """Return what stands for parameters without a stream, or an observable: no numbers, and the reason."""

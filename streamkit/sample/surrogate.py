@@ -1,18 +1,16 @@
-"""A polynomial stand-in for the model, learned from what the walkers tried: what the observables are there."""
+"""A polynomial stand-in for the model, learned from what the walkers tried: the observables there, or ln likelihood."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
-from itertools import combinations_with_replacement
-from typing import Any
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cholesky, solve_triangular
 from scipy.special import expit
 
-from streamkit.observe import Data
-from streamkit.stream import Array, BoolArray, IntArray
+from streamkit.observe import Data, gaussian
+from streamkit.sample.polynomial import count, fit, log_odds, monomials, whitening
+from streamkit.stream import Array, BoolArray
 
 DEGREES = (3, 2)
 """Polynomials that are tried, if there are enough points for them."""
@@ -32,8 +30,10 @@ LEAST, WILD = 0.25, 25.0
 """Least and largest square of a polynomial's error, in units of the typical one."""
 SMOOTH = 1e-2
 """Ridge penalty of the fit of these squares."""
-UNLIKELY, ITERATIONS = 0.05, 12
-"""Least probability of an observable, as its fit is never trusted to the end, and the iterations of that fit."""
+UNLIKELY = 0.05
+"""Least probability of an observable, as its fit is never trusted to the end."""
+EXPLAINED = 1e-6
+"""Relative difference up to which a stored ln likelihood is that of the predictions and the data."""
 BEST = 0.02
 """Fraction of the points that are the best ones."""
 NEAR, FAR = 3.0, 0.02
@@ -43,20 +43,23 @@ say nothing of how far it reaches."""
 
 @dataclass(frozen=True)
 class Surrogate:
-    """Residuals (prediction - datum) / error as polynomials of the whitened coordinates.
+    """Residuals (prediction - datum) / error, or the deviance, as polynomials of the whitened coordinates.
+
+    The deviance is twice what ln likelihood is below the largest known one.
 
     Attributes
     ----------
     centre, whiten
         (d,) and (d, d): x = (y - centre) @ whiten.
     coefficients
-        (terms, m).
+        (terms, m), or (terms, 1) of the deviance.
     variance
-        (m,) of the data, in units of their own: 1, plus the model's noise if added.
+        (m,) of the data, in units of their own: 1, plus the model's noise if added; none for the deviance.
     spread, least
         (quadratic terms, m) coefficients of the square of the polynomial's own error, and (m,) the least it is.
-    freedom
-        Degrees of freedom of its Student's t.
+    floor, freedom
+        The least chi^2, taken off where there are more data than parameters, and the degrees of freedom of the
+        Student's t in the place of the Gaussian of the rest.
     known
         Largest |x|^2 of the training points but for those with residuals far too large.
     points
@@ -72,10 +75,16 @@ class Surrogate:
     variance: Array
     spread: Array
     least: Array
+    floor: float
     freedom: float
     known: float
     points: Array
     exists: Array
+
+    @property
+    def subject(self) -> str:
+        """What was fitted."""
+        return "the observables" if len(self.variance) else "ln likelihood"
 
     def ln_likelihood(self, y: Array) -> Array:
         """(n,) ln likelihood at coordinates y (n, d), times the probability that there is an observable at all.
@@ -85,21 +94,31 @@ class Surrogate:
         walks on the surrogate from getting lost there.
         """
         x = (y - self.centre) @ self.whiten
-        terms = _terms(x, self.degree)
+        terms = monomials(x, self.degree)
         beyond = np.maximum(np.sum(x**2, axis=1) / self.known, 1.0)
-        error2 = np.maximum(terms[:, : len(self.spread)] @ self.spread, self.least) * beyond[:, None] ** EXTRAPOLATED
-        variance = self.variance + error2
-        chi2 = np.sum((terms @ self.coefficients) ** 2 / variance, axis=1)
         exists = np.log(np.maximum(expit(terms[:, : len(self.exists)] @ self.exists), UNLIKELY))
-        tail = 0.5 * (self.freedom + len(self.variance)) * np.log1p(chi2 / self.freedom)
-        tail += 0.5 * np.log(variance).sum(axis=1)
+        fitted = terms @ self.coefficients
+        if len(self.variance):
+            error2 = (
+                np.maximum(terms[:, : len(self.spread)] @ self.spread, self.least) * beyond[:, None] ** EXTRAPOLATED
+            )
+            variance = self.variance + error2
+            tail = self._tail(np.sum(fitted**2 / variance, axis=1), min(len(self.variance), x.shape[1]))
+            tail += 0.5 * np.log(variance).sum(axis=1)
+        else:
+            tail = self._tail(np.maximum(fitted[:, 0], 0.0), x.shape[1])
         return np.asarray(exists - tail - 0.5 * x.shape[1] * (beyond - 1.0))
 
+    def _tail(self, chi2: Array, m: int) -> Array:
+        """(n,) Minus the ln density of Student's t in m dimensions, but for a constant."""
+        return np.asarray(0.5 * (self.freedom + m) * np.log1p(np.maximum(chi2 - self.floor, 0.0) / self.freedom))
 
-def learn(points: Array, mean: Array, variance: Array, data: Data) -> Surrogate | None:
+
+def learn(points: Array, mean: Array, variance: Array, data: Data, lnl: Array | None = None) -> Surrogate | None:
     """Fit the observables; None if there are too few points, or if they do not span the space.
 
-    Degree and ridge are those of which a fit to the older points predicts the newest best.
+    Where these do not explain ln likelihood, as the observable has its own or its data depend on a parameter, the
+    deviance is fitted. Degree and ridge are those of which a fit to the older points predicts the newest best.
 
     Parameters
     ----------
@@ -109,47 +128,82 @@ def learn(points: Array, mean: Array, variance: Array, data: Data) -> Surrogate 
         (n, m) what the model predicts there, and the variance of that estimate; NaN where there is no observable.
     data
         The m data.
+    lnl
+        (n,) ln likelihood there; None, or NaN, where it is known to be the Gaussian one of the data.
     """
     used = np.isfinite(data.values)
-    points, mean, variance = points[-MAX_POINTS:], mean[-MAX_POINTS:, used], variance[-MAX_POINTS:, used]
-    there: BoolArray = np.asarray(np.isfinite(mean).all(axis=1), dtype=bool)
-    y, sigma = points[there], data.errors[used]
-    residual = (mean[there] - data.values[used]) / sigma
-    weight = 1 / (1 + np.sum(residual**2, axis=1) / NEAR**2)
+    points, mean, variance = points[-MAX_POINTS:], mean[-MAX_POINTS:], variance[-MAX_POINTS:]
+    there: BoolArray = np.asarray(np.isfinite(mean[:, used]).all(axis=1), dtype=bool)
+    if not there.any():
+        return None
+    mean, variance, found = mean[there], variance[there], None if lnl is None else lnl[-MAX_POINTS:][there]
+    if found is not None and np.isfinite(found).all() and not _explains(mean, variance, found, data):
+        deviance = 2 * (found.max() - found)
+        return _learn(points, there, deviance[:, None], deviance, np.empty(0))
+    residual, noise = _residuals(mean[:, used], variance[:, used], data)
+    misfit = np.sum(residual**2, axis=1)
+    return _learn(points, there, residual, misfit, 1.0 + np.median(noise, axis=0) * data.add_noise)
+
+
+def _explains(mean: Array, variance: Array, lnl: Array, data: Data) -> bool:
+    """Say whether ln likelihood (n,) is the Gaussian one of means and variances (n, m) and the data."""
+    some = np.unique(np.linspace(0, len(lnl) - 1, 50).astype(int))
+    gauss = np.array([gaussian(mean[i], variance[i], data) for i in some])
+    return bool(np.allclose(gauss - gauss[0], lnl[some] - lnl[some][0], rtol=EXPLAINED, atol=EXPLAINED))
+
+
+def _residuals(mean: Array, variance: Array, data: Data) -> tuple[Array, Array]:
+    """(n, k) Independent residuals in standard errors, and the model's variance in the same units."""
+    used = np.isfinite(data.values)
+    away, sigma = mean - data.values[used], data.errors[used]
+    if data.covariance is None:
+        return away / sigma, variance / sigma**2
+    root = cholesky(data.covariance[np.ix_(used, used)], lower=True)
+    white = solve_triangular(root, np.eye(len(root)), lower=True)
+    return away @ white.T, variance @ (white**2).T
+
+
+def _learn(points: Array, there: BoolArray, target: Array, misfit: Array, variance: Array) -> Surrogate | None:
+    """Fit the target (k, m) at the k points that are there, those with the least misfit (k,) best."""
+    y = points[there]
     n, d = y.shape
-    degrees = [k for k in DEGREES if POINTS_PER_TERM * _count(d, k) <= n and _count(d, k) <= MAX_TERMS]
+    floor = float(misfit.min()) if target.shape[1] > d else 0.0
+    misfit = misfit - floor
+    weight = 1 / (1 + misfit / NEAR**2)
+    degrees = [k for k in DEGREES if POINTS_PER_TERM * count(d, k) <= n and count(d, k) <= MAX_TERMS]
     choices = [(degree, ridge) for degree in degrees for ridge in RIDGES]
     if not choices:
         return None
     try:
-        centre, whiten = _whitening(y, weight)
+        centre, whiten = whitening(y, weight)
         x = (points - centre) @ whiten
-        terms = {degree: _terms(x, degree) for degree in degrees}
-        own = [_error(terms[degree][there], residual, weight, ridge) for degree, ridge in choices]
+        terms = {degree: monomials(x, degree) for degree in degrees}
+        own = [_error(terms[degree][there], target, weight, ridge) for degree, ridge in choices]
         best = int(np.argmin([value.sum() for value in own]))
         degree, ridge = choices[best]
-        quadratic, found = terms[degree][:, : _count(d, 2)], terms[degree][there]
-        coefficients = _fit(found, residual, weight, ridge)
-        spread = _spread(quadratic[there], residual - found @ coefficients, weight, own[best])
-        exists = _log_odds(quadratic, there.astype(float), RIDGES[0])
+        quadratic, found = terms[degree][:, : count(d, 2)], terms[degree][there]
+        coefficients = fit(found, target, weight, ridge)
+        spread = _spread(quadratic[there], target - found @ coefficients, weight, own[best])
+        exists = log_odds(quadratic, there.astype(float), RIDGES[0])
     except LinAlgError:  # walkers that hardly moved
         return None
-    noise = np.median(variance[there], axis=0) / sigma**2 * data.add_noise
     near = _near(weight)
     known = float(np.max(np.sum(x[there][near | (weight >= FAR)] ** 2, axis=1)))
-    least = LEAST * own[best]
-    freedom = FREEDOM + MISFIT * float(np.quantile(np.sum(residual**2, axis=1), BEST))
-    return Surrogate(centre, whiten, degree, coefficients, 1.0 + noise, spread, least, freedom, known, y[near], exists)
-
-
-def _whitening(y: Array, weight: Array) -> tuple[Array, Array]:
-    """(d,) and (d, d) Centre and matrix of x = (y - centre) @ matrix: half a standard deviation is 1.
-
-    The powers of x then stay of order one.
-    """
-    covariance = np.atleast_2d(np.cov(y.T, aweights=weight))
-    centre = np.asarray(np.average(y, axis=0, weights=weight), dtype=float)
-    return centre, np.asarray(0.5 * np.linalg.inv(np.linalg.cholesky(covariance)).T, dtype=float)
+    freedom = FREEDOM + MISFIT * float(np.quantile(misfit, BEST))
+    return Surrogate(
+        centre,
+        whiten,
+        degree,
+        coefficients,
+        variance,
+        spread,
+        LEAST * own[best],
+        floor,
+        freedom,
+        known,
+        y[near],
+        exists,
+    )
 
 
 def _near(weight: Array) -> BoolArray:
@@ -160,7 +214,7 @@ def _near(weight: Array) -> BoolArray:
 def _spread(terms: Array, left: Array, weight: Array, own: Array) -> Array:
     """(terms, m) The squares of what a fit left over (n, m), as a fit, on the scale of its error on new points (m,)."""
     scale = own / np.maximum(_robust(left[_near(weight)]), 1e-12)
-    return _fit(terms, np.minimum(left**2 * scale, WILD * own), weight, SMOOTH)
+    return fit(terms, np.minimum(left**2 * scale, WILD * own), weight, SMOOTH)
 
 
 def _robust(left: Array) -> Array:
@@ -168,54 +222,9 @@ def _robust(left: Array) -> Array:
     return np.asarray(np.median(left**2, axis=0) / 0.455)
 
 
-def _log_odds(terms: Array, there: Array, ridge: float) -> Array:
-    """(terms,) Coefficients of the log odds of 1 against 0 in there (n,): logistic regression by reweighting."""
-    odds = np.zeros(len(there))
-    for _ in range(ITERATIONS):
-        p = expit(odds)
-        weight = np.maximum(p * (1 - p), 1e-4)
-        coefficients = _fit(terms, odds + (there - p) / weight, weight, ridge)
-        odds = np.clip(terms @ coefficients, -20.0, 20.0)
-    return coefficients
-
-
-def _fit(terms: Array, residual: Array, weight: Array, ridge: float) -> Array:
-    """(terms, m) Coefficients of the weighted ridge regression."""
-    a = terms * weight[:, None]
-    normal = a.T @ terms
-    normal[np.diag_indices_from(normal)] += ridge * np.trace(normal) / len(normal)
-    return np.asarray(cho_solve(cho_factor(normal, lower=True), a.T @ residual))
-
-
 def _error(terms: Array, residual: Array, weight: Array, ridge: float) -> Array:
     """(m,) Variance about a fit to the older points, at the newest points near the data."""
     old = int((1 - HELD_OUT) * len(terms))
-    coefficients = _fit(terms[:old], residual[:old], weight[:old], ridge)
+    coefficients = fit(terms[:old], residual[:old], weight[:old], ridge)
     near = _near(weight[old:])
     return _robust((residual - terms @ coefficients)[old:][near])
-
-
-def _terms(x: Array, degree: int) -> Array:
-    """(n, terms) All monomials of x (n, d) up to the degree, each made from one of a degree less."""
-    blocks = [np.ones((len(x), 1)), x]
-    for k in range(2, degree + 1):
-        parent, factor = _recipe(x.shape[1], k)
-        blocks.append(blocks[-1][:, parent] * x[:, factor])
-    return np.concatenate(blocks, axis=1)
-
-
-@cache
-def _recipe(d: int, degree: int) -> tuple[IntArray, IntArray]:
-    """Return the monomials of a degree as (monomial of one degree less, one more coordinate)."""
-    lower: dict[Any, int] = {c: i for i, c in enumerate(combinations_with_replacement(range(d), degree - 1))}
-    all_of_it = list(combinations_with_replacement(range(d), degree))
-    return np.array([lower[c[:-1]] for c in all_of_it]), np.array([c[-1] for c in all_of_it])
-
-
-def _count(d: int, degree: int) -> int:
-    """Return the number of monomials up to a degree."""
-    total = term = 1
-    for k in range(1, degree + 1):
-        term = term * (d + k - 1) // k
-        total += term
-    return total

@@ -100,10 +100,38 @@ def says_why_not(observable: Observable) -> None:
         require(nan or (poor.variance >= 0).all(), f"variance {poor.variance} for a stream with {what}")
 
 
+def has_a_covariance_of_its_data(observable: Observable) -> None:
+    """Check that a covariance, if there is one, has the data's errors on its diagonal and is positive definite."""
+    covariance = observable.covariance()
+    if covariance is None:
+        return
+    values, errors = observable.data()
+    m, used = len(values), np.isfinite(values)
+    require(np.shape(covariance) == (m, m), f"the covariance has the shape {np.shape(covariance)} for {m} data")
+    some = np.asarray(covariance)[np.ix_(used, used)]
+    require(np.allclose(some, some.T, rtol=1e-6), "the covariance is not symmetric")
+    require(
+        np.allclose(np.sqrt(np.diag(some)), errors[used], rtol=1e-6),
+        f"data() gives the errors {errors[used]}, and the diagonal of the covariance {np.sqrt(np.diag(some))}",
+    )
+    require(np.linalg.eigvalsh(some).min() > 0, "the covariance is not positive definite")
+
+
+def has_a_likelihood(observable: Observable) -> None:
+    """Check that an ``ln_likelihood`` of its own is one finite number, and the same again; None is a Gaussian."""
+    full = _predict(observable, example_stream())
+    for add_noise in (False, True):
+        first, second = (observable.ln_likelihood(full, add_noise) for _ in range(2))
+        require(first == second, f"two calls of ln_likelihood give {first} and {second}")
+        require(first is None or (np.ndim(first) == 0 and np.isfinite(first)), f"ln_likelihood gives {first}")
+
+
 CHECKS: tuple[Check, ...] = (
     has_a_fixed_length,
     measures_a_stream,
     does_not_care_for_the_order,
     leaves_the_stream_alone,
     says_why_not,
+    has_a_covariance_of_its_data,
+    has_a_likelihood,
 )

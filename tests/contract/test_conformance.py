@@ -189,12 +189,18 @@ class Hasty(sk.Observable):
     def data(self):
         return np.zeros(2), np.array([1.0, -1.0])
 
+    def covariance(self):
+        return np.array([[1.0, 2.0], [2.0, 1.0]])
+
+    def ln_likelihood(self, prediction, add_noise):
+        return -np.inf
+
 
 def test_an_observable_in_a_hurry():
     found = report(Hasty)
     assert set(found) == {
         "has a fixed length", "measures a stream", "does not care for the order", "leaves the stream alone",
-        "says why not",
+        "says why not", "has a covariance of its data", "has a likelihood",
     }  # fmt: skip
     assert "for a stream with no particles" in found["says why not"]
 

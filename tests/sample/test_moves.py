@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from emcee.backends import Backend
 from scipy import stats
-from toys import Banana, banana_run
+from toys import Banana, Heavy, Many, banana_run
 
 from streamkit.observe import Data
 from streamkit.sample import ChainFile, Limits, Workers, autocorrelation_times
@@ -207,6 +207,21 @@ def test_walks_on_the_surrogate_save_calls_and_keep_the_answer():
     assert autocorrelation_times(kept).max() < 0.5 * autocorrelation_times(usual).max()
 
 
+@pytest.mark.parametrize(("toy", "subject"), [(Many(), "the observables"), (Heavy(), "ln likelihood")])
+def test_the_surrogate_works_for_dozens_of_correlated_numbers_and_for_a_likelihood_of_its_own(toy, subject):
+    """Both against differential evolution on the same posterior, and against quadrature."""
+    backend, plain = Backend(), Backend()
+    run, _ = banana_run(backend, Limits(900, tau_factor=1e9), "surrogate", toy=toy)
+    banana_run(plain, Limits(900, tau_factor=1e9), "de", toy=toy)
+    assert run.totals()["surrogate"] == subject
+    kept, usual = backend.get_chain(discard=LEARNING[-1]), plain.get_chain(discard=LEARNING[-1])
+    grid = np.stack(np.meshgrid(*(np.linspace(-3, 3, 61),) * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    weight = np.exp([toy.ln_likelihood(point) for point in grid])
+    expected = np.average(np.column_stack([grid, grid**2]), axis=0, weights=weight)
+    check_moments(np.concatenate([kept, kept**2], axis=2), expected, 0.08)
+    assert autocorrelation_times(kept).max() < 0.7 * autocorrelation_times(usual).max()
+
+
 def test_what_is_learned_from_is_all_that_was_tried(tmp_path):
     """Refused proposals too, which the chain does not hold."""
     file = ChainFile(str(tmp_path / "chain.h5"))
@@ -214,15 +229,17 @@ def test_what_is_learned_from_is_all_that_was_tried(tmp_path):
     pool = Workers({"full": Banana()})
     kept = Trials(pool, LEARNING[-1], 16, 3, 2)
     kept.load(file)
-    points, mean, variance = kept.until(30)
+    points, mean, variance, lnl = kept.until(30)
     inside = run.totals()["calls"] - run.totals()["reasons"].get("outside the prior", 0)
     found = (np.abs(points) <= 3).all(axis=1)
     assert len(points) == 30 * 16
     assert found.sum() == inside > 1.2 * len(np.unique(file.get_chain(flat=True), axis=0))
     np.testing.assert_array_equal(mean[found], [Banana().mean(point) for point in points[found]])
+    np.testing.assert_array_equal(lnl[found], [Banana().ln_likelihood(point) for point in points[found]])
+    assert (lnl[~found] == -np.inf).all()
     assert not variance[found].any()
     assert np.isnan(mean[~found]).all()
-    assert [len(part) for part in kept.until(0)] == [0, 0, 0]
+    assert [len(part) for part in kept.until(0)] == [0, 0, 0, 0]
 
 
 @pytest.mark.parametrize("stop", [17, 60])

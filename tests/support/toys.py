@@ -65,15 +65,43 @@ class Banana:
 
     def evaluate(self, theta):
         if (np.abs(theta) > 3).any():
-            return Evaluation(-np.inf, -np.inf, np.full(2, np.nan), np.full(2, np.nan), "outside the prior")
+            nothing = np.full(len(self.data.values), np.nan)
+            return Evaluation(-np.inf, -np.inf, nothing, nothing, "outside the prior")
         lnl = self.ln_likelihood(theta)
-        return Evaluation(lnl - 3 * np.log(6), lnl, self.mean(theta), np.zeros(2))
+        return Evaluation(lnl - 3 * np.log(6), lnl, self.mean(theta), np.zeros(len(self.data.values)))
 
 
-def banana_run(backend, limits, moves: str, resume: bool = False):
-    toy = Banana()
+class Many(Banana):
+    """Forty correlated data along the curve of the two."""
+
+    x = np.linspace(-1, 1, 40)
+    sigma = np.full(40, 1.5)
+    covariance = 1.5**2 * np.exp(-np.abs(x[:, None] - x) / 0.1)
+    data = Data(0.5 + x, sigma, covariance=covariance)
+    inverse = np.linalg.inv(covariance)
+
+    def mean(self, theta):
+        first, second = super().mean(theta)
+        return first + second * self.x
+
+    def ln_likelihood(self, theta):
+        away = self.mean(theta) - self.data.values
+        return float(-0.5 * away @ self.inverse @ away)
+
+
+class Heavy(Banana):
+    """The two data with Student's t of three degrees of freedom in place of Gaussians."""
+
+    def ln_likelihood(self, theta):
+        away = (self.mean(theta) - self.data.values) / self.data.errors
+        return float(-2 * np.log1p(away**2 / 3).sum())
+
+
+def banana_run(backend, limits, moves: str, resume: bool = False, toy: Banana | None = None):
+    toy = Banana() if toy is None else toy
+    m = len(toy.data.values)
     with Workers({"full": toy, "cheap": toy}) as pool:
-        run = Sampling(toy.priors, 16, 5, moves, pool, backend, blob_dtype(2), progress=False, data=toy.data)
+        run = Sampling(toy.priors, 16, 5, moves, pool, backend, blob_dtype(m), progress=False, data=toy.data)
         if resume:
             run.resume({})
         else:

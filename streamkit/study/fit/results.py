@@ -55,6 +55,9 @@ class Results:
         Evaluations of the posterior while sampling, and while looking for a start.
     reasons
         Rejected proposals of the sampler by reason.
+    surrogate
+        What the surrogate of the moves was learned of: "the observables", "ln likelihood" where these do not explain
+        it, or "none" where nothing could be learned; empty where none was asked for, or not yet learned.
     status
         Why the sampling ended: "converged", "steps", "time", or "unfinished".
     quick
@@ -95,6 +98,7 @@ class Results:
         self.chain, self.log_prob, self.blobs = found.chain, found.log_prob, found.blobs
         self.calls, self.search_calls = int(counts.get("calls", 0)), int(counts.get("search_calls", 0))
         self.reasons: dict[str, int] = counts.get("reasons", {})
+        self.surrogate = str(counts.get("surrogate", ""))
         self.status, self.quick = status, quick
         self.failed: dict[str, str] = {}
         self._profiles: dict[float, tuple[Array, Array]] = {}

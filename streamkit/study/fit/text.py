@@ -28,6 +28,12 @@ def stuck_warnings(stuck: Sequence[int], walkers: int) -> list[str]:
     ]
 
 
+SURROGATE = {
+    "the observables": "of the observables",
+    "ln likelihood": "of ln likelihood, which is no Gaussian of fixed data",
+    "none": "too few points to learn from: the moves are differential evolution",
+}
+"""What a run says of the surrogate of its moves."""
 PRINTED_RADII = (50.0, 100.0, 150.0, 200.0)
 """Radii in kpc of the masses that a run prints: those of Gibbons+ 2014, table 3."""
 
@@ -53,6 +59,8 @@ def describe_results(results: Results) -> str:
         ("acceptance", f"{results.acceptance:.3f}", ""),
         ("calls", str(results.calls), f"and {results.search_calls} in the search for a start"),
     ]
+    if results.surrogate:
+        calls.append(("surrogate", "none" if results.surrogate == "none" else "yes", SURROGATE[results.surrogate]))
     if np.isfinite(results.r_hat).any():
         worst = int(np.nanargmax(results.r_hat))
         calls.append(("R-hat", f"{results.r_hat[worst]:.3f}", f"the largest: of {results.names[worst]}"))
