@@ -1,3 +1,4 @@
+from .components import CONTRACT as CONTRACT
 from .components import Component as Component
 from .components import Integrator as Integrator
 from .components import Observable as Observable

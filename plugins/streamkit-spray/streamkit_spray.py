@@ -24,6 +24,9 @@ from streamkit import (
     hookimpl,
 )
 
+STREAMKIT_CONTRACT = 1
+"""The contract with streamkit that this module was written for."""
+
 NEAREST = 0.1
 """Chen+ 2025 draw the distance from a Gaussian: the 9e-6 of the draws below this many r_t are moved there,
 since the escape speed of a point mass diverges at its place."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from streamkit import Component, Preset, hookimpl
+from streamkit import CONTRACT, Component, Preset, hookimpl
 from streamkit.builtin import apocentres, bar, discs, halos, integrators, milky_way, potentials, spheroids, stripping
+
+STREAMKIT_CONTRACT = CONTRACT
 
 
 @hookimpl

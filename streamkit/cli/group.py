@@ -15,6 +15,7 @@ from typing import Any
 
 import click
 
+from streamkit import components
 from streamkit.cli.options import INTERRUPTED, INVALID
 from streamkit.errors import PluginError, StreamkitError, nearest
 
@@ -88,19 +89,24 @@ class Commands(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names: its own commands, then those of other packages."""
-        return [*super().list_commands(ctx), *sorted(entry_points(group=GROUP).names - self.commands.keys())]
+        return [*super().list_commands(ctx), *sorted({point.name for point in _points()} - self.commands.keys())]
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
         """Find a command; name the nearest one if there is none."""
         command = super().get_command(ctx, name)
-        if command is None and (points := entry_points(group=GROUP, name=name)):
-            command = PluginCommand(name, tuple(points))
+        if command is None and (points := [point for point in _points() if point.name == name]):
+            command = PluginCommand(name, points)
         if command is None and not ctx.resilient_parsing:
             known = self.list_commands(ctx)
-            raise click.UsageError(
-                f"no command is called {name!r}.{nearest(name, known)} Known: {', '.join(known)}", ctx
-            )
+            told = components.where_to_find("command", name) or nearest(name, known)
+            raise click.UsageError(f"no command is called {name!r}.{told} Known: {', '.join(known)}", ctx)
         return command
+
+
+def _points() -> list[EntryPoint]:
+    """Return the entry points of commands, but for those that are switched off by name."""
+    off = components.switched_off()
+    return [point for point in entry_points(group=GROUP) if point.name not in off]
 
 
 def _fail(message: str, status: int) -> None:

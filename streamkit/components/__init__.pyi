@@ -3,9 +3,14 @@ from .bases import Integrator as Integrator
 from .bases import Observable as Observable
 from .bases import Potential as Potential
 from .bases import Stripping as Stripping
+from .disabled import switched_off as switched_off
+from .given import GIVEN as GIVEN
+from .hookspecs import CONTRACT as CONTRACT
 from .hookspecs import hookimpl as hookimpl
+from .known import where_to_find as where_to_find
+from .plugin import ROLES as ROLES
+from .plugin import Plugin as Plugin
 from .preset import Preset as Preset
-from .registry import ROLES as ROLES
 from .registry import Registry as Registry
 from .registry import load_registry as load_registry
 from .total import AZIMUTH as AZIMUTH

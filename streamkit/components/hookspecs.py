@@ -1,4 +1,4 @@
-"""The one hook of streamkit."""
+"""The one hook of streamkit, and the number of the contract between streamkit and its plugins."""
 
 from __future__ import annotations
 
@@ -6,6 +6,11 @@ from pluggy import HookimplMarker, HookspecMarker
 
 from streamkit.components.bases import Component
 from streamkit.components.preset import Preset
+
+CONTRACT = 1
+"""Number of the contract: raised when what a component must do changes so that older ones need an edit."""
+STATED = "STREAMKIT_CONTRACT"
+"""The module attribute in which a plugin states the contract it was written for."""
 
 hookspec = HookspecMarker("streamkit")
 hookimpl = HookimplMarker("streamkit")

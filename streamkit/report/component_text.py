@@ -10,7 +10,7 @@ from typing import Literal, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from streamkit.components import ROLES, Component, Registry
+from streamkit.components import CONTRACT, ROLES, Component, Registry
 from streamkit.errors import StreamkitError, nearest
 from streamkit.report.text import columns, paragraph
 from streamkit.spec import as_written
@@ -26,7 +26,7 @@ def listing(registry: Registry, role: str | None = None, kind: str | None = None
     """
     if role is None:
         parts = [f"{name}\n{_kinds(registry, name)}" for name in ROLES]
-        return "\n\n".join([*parts, *_presets(registry), *_failed(registry)])
+        return "\n\n".join([*parts, *_presets(registry), *_packages(registry), *_failed(registry)])
     check_name(registry, asked, role, ROLES)
     if kind is not None:
         return _describe(registry.find(role, kind, f"{asked} {role}"), registry)
@@ -46,7 +46,7 @@ def check_name(registry: Registry, asked: str, name: str, known: Iterable[str]) 
 def _kinds(registry: Registry, role: str, *, fields: bool = False) -> str:
     rows = []
     for kind, entry in sorted(registry.entries[role].items()):
-        rows.append((kind, entry.supplier, _summary(entry.cls)))
+        rows.append((kind, entry.supplier.partition(", ")[0], _summary(entry.cls)))
         if fields:
             own = [name for name in entry.cls.model_fields if name not in ROLES[role].model_fields]
             rows.append(("", "", f"parameters: {', '.join(own) or 'none of its own'}"))
@@ -63,6 +63,20 @@ def _summary(cls: type[Component]) -> str:
 def _presets(registry: Registry) -> list[str]:
     rows = [(name, ", ".join(preset.sections), preset.reference) for name, preset in registry.presets.items()]
     return [f"presets of [potential]\n{columns(rows)}"] if rows else []
+
+
+def _packages(registry: Registry) -> list[str]:
+    """One row per plugin: supplier, entry point, number of components, the contract it was written for."""
+    rows = [
+        (
+            plugin.supplier,
+            f"entry point {plugin.name}" if plugin.name else "",
+            f"{len(plugin.classes)} component{'s' * (len(plugin.classes) != 1)}",
+            f"contract {plugin.contract}" if plugin.contract is not None else "states no contract",
+        )
+        for plugin in (*registry.plugins, *registry.own)
+    ]
+    return [f"packages, for contract {CONTRACT}\n{columns(rows)}"] if rows else []
 
 
 def _failed(registry: Registry) -> list[str]:

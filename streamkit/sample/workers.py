@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
 from typing import Any, Protocol
 
-from streamkit.errors import StreamkitError
+from streamkit.errors import PluginError, StreamkitError
 from streamkit.sample.posterior import Evaluation
 from streamkit.stream import Array
 
@@ -182,5 +182,11 @@ def _evaluate(which: str, point: Array) -> Evaluation:
 def _evaluate_sent(sent: bytes, which: str, point: Array) -> Evaluation:
     if sent not in _SENT:
         _SENT.clear()
-        _SENT[sent] = pickle.loads(sent)  # noqa: S301  our own
+        try:
+            _SENT[sent] = pickle.loads(sent)  # noqa: S301  our own
+        except (AttributeError, ImportError) as error:
+            raise PluginError(
+                f"a worker cannot find what the run needs ({error}). A class given in Python must be in a module that "
+                "every worker can import; or put it in a file and name that under plugins in the run file."
+            ) from error
     return _SENT[sent][which].evaluate(point)

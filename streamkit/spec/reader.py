@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from pathlib import Path
@@ -54,25 +54,30 @@ class Parts:
 
 
 def resolve(
-    source: Mapping[str, Any], name: str, registry: Registry | None, folder: Path
+    source: Mapping[str, Any],
+    name: str,
+    registry: Registry | None,
+    folder: Path,
+    components: Sequence[type[Component]] = (),
 ) -> tuple[dict[str, Any], str, Registry, Parts]:
     """Validate the mapping of a run file; return the resolved document, its name, registry and sections.
 
-    The paths of plugin files are relative to ``folder``, and stay as they are written. Every error is told, on a
-    line of its own.
+    The paths of plugin files are relative to ``folder``, and stay as they are written. Without a registry, what is
+    installed is loaded as it is needed, beside the plugin files and the classes in ``components``. Every error is told,
+    on a line of its own.
     """
     reader = _Reader(name, _plain_values(source))
     reader.head()
     files = reader.raw.get("plugins", [])
     if registry is None:
         try:
-            registry = load_registry((folder / file).resolve() for file in files)
+            registry = load_registry(((folder / file).resolve() for file in files), classes=components, lazy=True)
         except SpecError as error:
             raise SpecError(f"{name}: {error}") from None
         except PluginError as error:
             raise PluginError(f"{name}: {error}") from error.__cause__
     parts = reader.parts(registry)
-    return _document(reader.raw, files, parts), name, registry, parts
+    return _document(reader.raw, files, parts), name, reader.registry, parts
 
 
 class _Reader:
@@ -149,6 +154,7 @@ class _Reader:
     def kind(self, role: str, path: str, table: dict[str, Any]) -> Any:
         """Look up the class that a table names."""
         kind = table.get("kind", DEFAULT_KIND.get(path))
+        self.registry = self.registry.having(role, kind)
         if kind is None:
             known = ", ".join(sorted(self.registry.entries[role]))
             return self.refuse(f"{path}: 'kind' is missing; it names the {role}. Installed: {known}.")
@@ -173,7 +179,9 @@ class _Reader:
         table = self.raw.get("potential", {})
         if "preset" not in table:
             return
-        name, own, known = table["preset"], {k: v for k, v in table.items() if k != "preset"}, self.registry.presets
+        name, own = table["preset"], {k: v for k, v in table.items() if k != "preset"}
+        self.registry = self.registry.having_preset(name)
+        known = self.registry.presets
         loose = [key for key, value in own.items() if not isinstance(value, dict)]
         if not isinstance(name, str) or name not in known:
             self.refuse(

@@ -5,8 +5,9 @@ from __future__ import annotations
 import copy
 import functools
 import hashlib
+import inspect
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,7 +16,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from streamkit.components import Component, Registry
-from streamkit.errors import SpecError, nearest
+from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.spec.document import read_toml, to_toml
 from streamkit.spec.priors import Prior
 from streamkit.spec.reader import Parts, resolve
@@ -30,7 +31,10 @@ NOT_PHYSICS = ("steps", "tau_factor", "r_hat")
 
 @dataclass(frozen=True, eq=False)
 class Spec:
-    """A validated run file. Pickles as its document; the components are found again on unpickling.
+    """A validated run file.
+
+    It pickles as its document, and the components are found again on unpickling; classes given in Python pickle by
+    reference.
 
     Attributes
     ----------
@@ -44,6 +48,8 @@ class Spec:
         The validated sections.
     folder
         What the paths of its plugin files are relative to.
+    given
+        Component classes that were given in Python.
     """
 
     document: dict[str, Any]
@@ -51,9 +57,17 @@ class Spec:
     registry: Registry
     parts: Parts
     folder: Path
+    given: tuple[type[Component], ...] = ()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _make, (self.document, self.source, None, self.folder)
+        hidden = [cls.__qualname__ for cls in self.given if "<locals>" in cls.__qualname__]
+        if hidden:
+            raise PluginError(
+                f"{', '.join(hidden)}: a class defined inside a function cannot be sent to an executor's processes. "
+                "Define it at the top level of a module, or in a file that the run file names under plugins; or give "
+                "`workers` a number."
+            )
+        return _unpickled, (self.document, self.source, self.folder, self.given)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Spec) and (self.document, self.names) == (other.document, other.names)
@@ -194,7 +208,7 @@ class Spec:
             for key in tables:
                 table = table.setdefault(key, {})
             table[name] = value
-        return _make(document, self.source, self.registry, self.folder)
+        return _make(document, self.source, self.registry, self.folder, self.given)
 
     def _check_path(self, path: str, values: Mapping[str, Any]) -> None:
         parent = path.rpartition(".")[0]
@@ -231,7 +245,11 @@ class Spec:
         return to_toml(self.document, "\n".join([*head, *used]))
 
 
-def load(source: str | Path | Mapping[str, Any], registry: Registry | None = None) -> Spec:
+def load(
+    source: str | Path | Mapping[str, Any],
+    registry: Registry | None = None,
+    components: Iterable[type[Component]] = (),
+) -> Spec:
     """Read and validate a run file, or a mapping of the same form.
 
     Parameters
@@ -239,30 +257,50 @@ def load(source: str | Path | Mapping[str, Any], registry: Registry | None = Non
     source
         Path of a TOML file, or the mapping it would give; numbers may then be astropy quantities too.
     registry
-        The components to validate with; by default the installed ones and the file's own ``plugins``.
+        The components to validate with; by default the installed ones, the file's own ``plugins`` and ``components``.
+    components
+        Component classes as they are, from a notebook or a script. The hash of their code, and of the functions and
+        constants that it names in their module, is in the digest of the run.
 
     Raises SpecError: Lists every error, one per line: file, path, what was found, what is allowed, the nearest name.
     Raises PluginError if a plugin is broken.
     """
     if isinstance(source, Mapping):
-        return _make(source, "run mapping", registry, Path.cwd())
+        return _make(source, "run mapping", registry, Path.cwd(), components)
     if not isinstance(source, str | Path):
         raise SpecError(f"found {source!r}, expected a spec, the path of a run file, or a mapping of the same form")
     path = Path(source)
-    return _make(read_toml(path), str(path), registry, path.parent.absolute())
+    return _make(read_toml(path), str(path), registry, path.parent.absolute(), components)
 
 
 Source: TypeAlias = Spec | str | Path | Mapping[str, Any]
 """What stands for a spec: itself, the path of a run file, or a mapping of the same form."""
 
 
-def as_spec(source: Source) -> Spec:
-    """Return a spec as it is, and read whatever else `load` takes."""
-    return source if isinstance(source, Spec) else load(source)
+def as_spec(source: Source, components: Iterable[type[Component]] = ()) -> Spec:
+    """Return a spec as it is, and read whatever else `load` takes; a spec with other components is read again."""
+    if not isinstance(source, Spec):
+        return load(source, components=components)
+    given = tuple(components)
+    return _make(source.document, source.source, None, source.folder, given) if given else source
 
 
-def _make(source: Mapping[str, Any], name: str, registry: Registry | None, folder: Path) -> Spec:
-    return Spec(*resolve(source, name, registry, folder), folder)
+def _make(
+    source: Mapping[str, Any],
+    name: str,
+    registry: Registry | None,
+    folder: Path,
+    components: Iterable[type[Component]] = (),
+) -> Spec:
+    if inspect.isclass(components) or not isinstance(components, Iterable):
+        raise PluginError(f"components: found {components!r}, expected a list of classes, such as [MyPotential]")
+    given = tuple(components)
+    document, name, registry, parts = resolve(source, name, registry, folder, given)
+    return Spec(document, name, registry, parts, folder, given)
+
+
+def _unpickled(document: Mapping[str, Any], name: str, folder: Path, given: tuple[type[Component], ...]) -> Spec:
+    return _make(document, name, None, folder, given)
 
 
 def _paths(table: Mapping[str, Any], prefix: str = "") -> list[str]:

@@ -130,6 +130,12 @@ def test_a_plugin_that_failed_to_load_is_listed(monkeypatch: pytest.MonkeyPatch)
     assert f"failed to load\n  {broken.failed[0]}" in call("plugins").stdout
 
 
+def test_plugins_lists_the_packages_with_their_contract() -> None:
+    listing = call("plugins").stdout
+    assert f"packages, for contract {sk.CONTRACT}\n  streamkit {sk.__version__}" in listing
+    assert f"contract {sk.CONTRACT}\n" in listing
+
+
 def test_schema_is_json_and_covers_the_components() -> None:
     text = call("schema").stdout
     assert json.loads(text)["$schema"].startswith("https://json-schema.org/")

@@ -113,3 +113,14 @@ def test_completion_knows_it(install: Install) -> None:
     install("streamkit-tilt", "tilt", "command_completed")
     found = ShellComplete(main, {}, "streamkit", "_STREAMKIT_COMPLETE").get_completions([], "ti")
     assert [item.value for item in found] == ["tilt"]
+
+
+def test_one_can_be_switched_off(install: Install, monkeypatch: pytest.MonkeyPatch) -> None:
+    install("streamkit-tilt", "tilt", "command_off")
+    monkeypatch.setenv("STREAMKIT_DISABLE_PLUGINS", "other, tilt")
+    assert "tilt" not in call("--help").stdout
+    assert "no command is called 'tilt'" in refused("tilt", "3")
+    monkeypatch.setenv("STREAMKIT_DISABLE_PLUGINS", "nbody")
+    told = "no command is called 'nbody'. 'nbody' is in streamkit-nbody: pip install streamkit-nbody"
+    assert told in refused("nbody")
+    assert call("tilt", "30").stdout == "tilted by 30\n"

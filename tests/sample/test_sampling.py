@@ -30,6 +30,7 @@ from streamkit.sample import (
 from streamkit.sample.convergence import CHECK
 from streamkit.sample.moves import proposals
 from streamkit.sample.start import Search
+from streamkit.sample.workers import _evaluate_sent
 from streamkit.spec import Uniform
 
 
@@ -256,3 +257,9 @@ def test_every_move_alone_samples_a_gaussian_whatever_the_units(name):
         found = sampler.get_chain(discard=250, flat=True)
         np.testing.assert_allclose(found.std(axis=0) / scale, 1.0, atol=0.06)
         assert sampler.acceptance_fraction.mean() > 0.05
+
+
+def test_a_worker_that_does_not_know_a_class_says_what_to_do():
+    """The pickle of a class that is in no module of the worker's."""
+    with pytest.raises(sk.PluginError, match=r"a worker cannot find .*under plugins in the run file"):
+        _evaluate_sent(b"cno_such_module\nPosterior\n.", "full", np.zeros(1))

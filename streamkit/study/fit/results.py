@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cached_property
 from html import escape
 from pathlib import Path
@@ -9,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from streamkit.errors import ChainError
+from streamkit.components import GIVEN, Component
+from streamkit.errors import ChainError, SpecError
 from streamkit.model import Host
 from streamkit.sample import (
     Chain,
@@ -40,6 +42,8 @@ class Results:
     ----------
     directory
         The run's output directory.
+    components
+        The component classes that were given in Python to the run.
 
     Attributes
     ----------
@@ -70,7 +74,7 @@ class Results:
     Raises ChainError if there is no readable run in the directory.
     """
 
-    def __init__(self, directory: str | Path) -> None:
+    def __init__(self, directory: str | Path, components: Iterable[type[Component]] = ()) -> None:
         where = Path(directory)
         if not where.is_dir():
             raise ChainError(f"{where}: there is no such directory")
@@ -79,7 +83,15 @@ class Results:
         counts = found.attributes.get("counts", {})
         quick = bool(options.get("quick", False))
         status = str(found.attributes.get("status", "unfinished"))
-        self._fill(load(where / RUN_FILE), found, counts, status, quick)
+        try:
+            spec = load(where / RUN_FILE, components=components)
+        except SpecError as error:
+            lost = sorted(text for text in manifest(where).get("components", {}).values() if GIVEN in text)
+            if not lost or components:
+                raise
+            told = f"{where}: the run had components given in Python ({'; '.join(lost)})"
+            raise ChainError(f"{told}: read it in Python, with Results(directory, components=[...])") from error
+        self._fill(spec, found, counts, status, quick)
         self.directory: Path | None = where
 
     @classmethod

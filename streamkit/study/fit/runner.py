@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from emcee.backends import Backend
 
+from streamkit.components import Component
 from streamkit.errors import ComponentError, Interrupted
 from streamkit.model import Host
 from streamkit.report import locked
@@ -41,6 +42,7 @@ def run(
     force: bool = False,
     progress: bool = True,
     products: bool = True,
+    components: Iterable[type[Component]] = (),
 ) -> Results:
     """Sample the posterior of a spec.
 
@@ -62,6 +64,8 @@ def run(
         Show progress bars.
     products
         Write tables and pictures at the end, if there is a directory.
+    components
+        Component classes as they are, from a notebook or a script, for the spec to be read with.
 
     Returns
     -------
@@ -72,7 +76,7 @@ def run(
     ComponentError if a component fails: with its name and the parameters. All finished steps stay readable. Raises
     Interrupted after Ctrl-C or SIGTERM. All finished steps stay readable.
     """
-    begin, spec = monotonic(), as_spec(spec)
+    begin, spec = monotonic(), as_spec(spec, components)
     if quick:
         spec = quick_spec(spec)
     posterior, cheap = Posterior(spec), Posterior(cheap_spec(spec))
@@ -108,8 +112,8 @@ def run(
     if directory is None:
         return Results.in_memory(spec, backend, sampling.totals(), status, quick)
     if products:
-        return write_products(directory)
-    return Results(directory)
+        return write_products(Results(directory, spec.given))
+    return Results(directory, spec.given)
 
 
 def quick_spec(spec: Spec) -> Spec:

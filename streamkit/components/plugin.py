@@ -1,0 +1,248 @@
+"""One plugin: its module imported, asked by the hook, its components looked at; and what identifies its code."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import importlib.util
+import inspect
+import json
+import re
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import Distribution, EntryPoint, PackageNotFoundError, distribution, version
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pluggy
+
+from streamkit.components import hookspecs
+from streamkit.components.bases import Component, Integrator, Observable, Potential, Stripping
+from streamkit.components.preset import Preset
+from streamkit.errors import PluginError, SpecError
+
+OURS = "streamkit."
+ROLES: dict[str, type[Component]] = {base.role: base for base in (Potential, Stripping, Integrator, Observable)}
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """What one plugin brings.
+
+    Attributes
+    ----------
+    supplier
+        Distribution and version, or file, and what else identifies the code; it is in the digest of a run.
+    name
+        Of the entry point; empty for a file, and for classes given in Python.
+    contract
+        The number of the contract that it says it was written for; None if it says nothing.
+    classes
+        Its components.
+    presets
+        Its presets.
+    """
+
+    supplier: str
+    name: str
+    contract: int | None
+    classes: tuple[type[Component], ...]
+    presets: tuple[Preset, ...] = ()
+
+    @classmethod
+    def of(cls, supplier: str, name: str, module: ModuleType) -> Plugin:
+        """Ask the hook of a module."""
+        found = _components(module)
+        presets = tuple(item for item in found if isinstance(item, Preset))
+        classes = tuple(item for item in found if not isinstance(item, Preset))
+        return cls(supplier, name, _contract(module), classes, presets)
+
+
+def load_installed(point: EntryPoint) -> Plugin:
+    """Import the module that an entry point names, and ask it for its components."""
+    module = point.load()
+    return Plugin.of(_identity(point, module), point.name, module)
+
+
+def load_file(path: Path) -> Plugin:
+    """Import a one-off plugin file. Raises PluginError if it is broken."""
+    supplier, module = _load_file(path)
+    try:
+        return Plugin.of(supplier, "", module)
+    except PluginError as error:
+        raise PluginError(f"{supplier}: {error}") from error.__cause__
+
+
+def supplier_of(point: EntryPoint) -> str:
+    """Return distribution and version, which need no import."""
+    return f"{point.dist.name} {point.dist.version}" if point.dist else point.value
+
+
+def is_ours(point: EntryPoint) -> bool:
+    """Say whether an entry point is that of the built-in components."""
+    return point.value.startswith(OURS)
+
+
+def _contract(module: ModuleType) -> int | None:
+    """Return the contract that a plugin states; PluginError if this streamkit has another."""
+    stated = getattr(module, hookspecs.STATED, None)
+    if stated is None or stated == hookspecs.CONTRACT:
+        return stated
+    if not isinstance(stated, int):
+        raise PluginError(f"{hookspecs.STATED} must be a whole number, found {stated!r}")
+    remedy = "upgrade streamkit" if stated > hookspecs.CONTRACT else "upgrade the plugin, or take an older streamkit"
+    raise PluginError(
+        f"it was written for contract {stated} of streamkit, and this streamkit has contract {hookspecs.CONTRACT}: "
+        + remedy
+    )
+
+
+def _identity(point: EntryPoint, module: ModuleType) -> str:
+    """Return the supplier with what a version number does not tell: an editable install, the packages it wraps."""
+    name = supplier_of(point)
+    if point.dist is None or is_ours(point):
+        return name
+    wrapped = [f"{other} {version(other)}" for other in _wraps(point.dist)]
+    if wrapped:
+        name += f" with {', '.join(wrapped)}"
+    if _is_editable(point.dist) and module.__file__:
+        name += f", editable sha256:{_digest(_files(Path(module.__file__)))}"
+    return name
+
+
+def _is_editable(dist: Distribution) -> bool:
+    try:
+        return bool(json.loads(dist.read_text("direct_url.json") or "{}")["dir_info"]["editable"])
+    except (ValueError, KeyError, TypeError):
+        return False
+
+
+def _wraps(dist: Distribution) -> list[str]:
+    """Return what a distribution requires, optional extras and what streamkit requires itself left out."""
+    return sorted(name for name in _requires(dist) - _required_by_streamkit() if _is_installed(name))
+
+
+@cache
+def _required_by_streamkit() -> set[str]:
+    return {"streamkit"} | _requires(distribution("streamkit"))
+
+
+def _requires(dist: Distribution) -> set[str]:
+    lines = [line for line in dist.requires or () if "extra ==" not in line]
+    return {re.split(r"[^\w.-]", line, maxsplit=1)[0].lower().replace("_", "-") for line in lines}
+
+
+def _is_installed(name: str) -> bool:
+    try:
+        return bool(version(name))
+    except PackageNotFoundError:
+        return False
+
+
+def _files(path: Path) -> list[Path]:
+    """Return the Python files of a module: all of its package, or the file and its neighbours."""
+    return sorted(path.parent.rglob("*.py")) if path.name == "__init__.py" else _with_neighbours(path)
+
+
+def _digest(files: Iterable[Path]) -> str:
+    return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()[:12]
+
+
+def _components(module: ModuleType) -> list[type[Component] | Preset]:
+    """Return what the hook of a plugin gives, in a list of its own.
+
+    Raises PluginError: If there is no hook, a misspelled one, one with arguments or one that fails, and for what is no
+    whole component.
+    """
+    manager = pluggy.PluginManager("streamkit")
+    manager.add_hookspecs(hookspecs)
+    try:
+        manager.register(module, name=module.__name__)
+        manager.check_pending()
+    except pluggy.PluginValidationError as error:
+        raise PluginError(f"{error}. The only hook is 'streamkit_components', and it takes no argument.") from None
+    if not manager.get_hookcallers(module):
+        raise PluginError(f"the module {module.__name__} has no hook 'streamkit_components'")
+    try:
+        found = list(module.streamkit_components())
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        what = f"{type(error).__name__}: {error}"
+        raise PluginError(f"the hook streamkit_components gives no list ({what})") from error
+    for item in found:
+        if not isinstance(item, Preset):
+            check_class(item)
+    return found
+
+
+def check_class(cls: Any) -> None:
+    """Refuse what is no whole component: a PluginError."""
+    if not (inspect.isclass(cls) and issubclass(cls, Potential | Stripping | Integrator | Observable)):
+        raise PluginError(f"{cls!r} is no component class: {', '.join(ROLES)}")
+    if "kind" in cls.model_fields:
+        raise PluginError(
+            f"{cls.__name__} has a field called 'kind', which in a run file names the component: "
+            "call the field something else"
+        )
+    if inspect.isabstract(cls) or not cls.__dict__.get("kind"):
+        missing = ", ".join(sorted(cls.__abstractmethods__)) or "kind"
+        raise PluginError(f"{cls.__name__} is abstract, it does not define {missing}")
+    if not isinstance(cls.kind, str):
+        raise PluginError(f"{cls.__name__}: the kind must be text, found {cls.kind!r}")
+    missing = ", ".join(name for name in ROLES[cls.role].__annotations__ if not _has(cls, name))
+    if missing:
+        raise PluginError(f"{cls.__name__} does not define {missing}, which every {cls.role} has")
+
+
+def _has(cls: type[Component], name: str) -> bool:
+    """Say whether a class has what its base annotates: a field, or a constant that it must define."""
+    return name in cls.model_fields or hasattr(cls, name)
+
+
+def _with_neighbours(path: Path) -> list[Path]:
+    """Return a Python file and the files of its folder that it imports, directly or through each other."""
+    found = [path]
+    for file in found:
+        try:
+            tree = ast.parse(file.read_bytes())
+        except (SyntaxError, ValueError):  # importing it says so
+            continue
+        names: set[str] = set()
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Import):
+                names |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        for parts in (name.split(".") for name in sorted(names)):
+            inside = path.parent.joinpath(*parts)
+            found += [f for f in (inside.with_suffix(".py"), inside / "__init__.py") if f.is_file() and f not in found]
+    return found
+
+
+def _load_file(path: Path) -> tuple[str, ModuleType]:
+    """Import a one-off plugin file; its supplier carries the hash of its text and of what it imports beside it."""
+    try:
+        digest = _digest(_with_neighbours(path))
+    except OSError as error:
+        raise SpecError(f"plugins: cannot read {str(path)!r}: {error.strerror}") from None
+    name = f"streamkit_file_{path.stem}_{digest}"
+    if name in sys.modules:
+        return f"{path.name} sha256:{digest}", sys.modules[name]
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise SpecError(f"plugins: {str(path)!r} is not a Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # pickle, and machine code from the disk, look for it there
+    try:
+        spec.loader.exec_module(module)
+    except (PluginError, KeyboardInterrupt):
+        del sys.modules[name]
+        raise
+    except BaseException as error:
+        del sys.modules[name]
+        raise PluginError(f"plugin file {path.name} failed to load ({type(error).__name__}: {error})") from error
+    return f"{path.name} sha256:{digest}", module
