@@ -71,6 +71,22 @@ class Unit:
 # The types a component's numeric fields are declared with. Each is spelled out, so that mypy reads it as float.
 _MASS, _LENGTH, _SPEED = Unit("Msun"), Unit("kpc"), Unit("km / s")
 _TIME, _ANGLE, _PM, _NUMBER = Unit("Gyr", GYR), Unit("deg", math.pi / 180.0), Unit("mas / yr"), Unit("")
+UNITS = {
+    "Mass": _MASS, "Length": _LENGTH, "Speed": _SPEED, "Duration": _TIME, "Angle": _ANGLE, "ProperMotion": _PM,
+    "Number": _NUMBER,
+}  # fmt: skip
+"""The units of fields by the name of a type."""
+
+
+def unit_called(name: str) -> Unit:
+    """Return a unit by the name that astropy reads; ValueError if there is none."""
+    for unit in UNITS.values():
+        if unit.name.replace(" ", "") == name.replace(" ", ""):
+            return unit
+    from astropy import units as u  # slow to import, and the usual units do not need it
+
+    return Unit(u.Unit(name).to_string())
+
 
 Mass = Annotated[float, BeforeValidator(_MASS.parse), _MASS, Field(gt=0)]
 """A positive mass in Msun."""

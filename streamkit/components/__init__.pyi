@@ -10,6 +10,7 @@ from .hookspecs import hookimpl as hookimpl
 from .known import where_to_find as where_to_find
 from .plugin import ROLES as ROLES
 from .plugin import Plugin as Plugin
+from .plugin import with_neighbours as with_neighbours
 from .preset import Preset as Preset
 from .registry import Registry as Registry
 from .registry import load_registry as load_registry

@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # the engine brings numba, which naming a component does not 
 class Component(BaseModel, ABC):
     """Something a run file can name by its ``kind``. Its fields are its parameters, with units."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True)
 
     role: ClassVar[str]
     """potential, stripping, integrator or observable: the section of the run file; set by the four bases."""
@@ -44,6 +44,17 @@ class Component(BaseModel, ABC):
                 )
         if cls.__dict__.get("kind") and issubclass(cls, Potential):
             _check_signature(cls)
+
+    def __eq__(self, other: object) -> bool:
+        """Say whether the other is of the same class and has the same values: arrays are compared by their numbers."""
+        if type(self) is not type(other):
+            return NotImplemented
+        pairs = ((getattr(self, name), getattr(other, name)) for name in type(self).model_fields)
+        return all(np.array_equal(a, b) if isinstance(a, np.ndarray) else bool(a == b) for a, b in pairs)
+
+    def __hash__(self) -> int:
+        values = (getattr(self, name) for name in type(self).model_fields)
+        return hash((type(self), *(v.tobytes() if isinstance(v, np.ndarray) else v for v in values)))
 
     def in_engine_units(self) -> Array:
         """(k,) The values of the numeric fields in engine units, in the order of declaration."""

@@ -144,7 +144,7 @@ def _is_installed(name: str) -> bool:
 
 def _files(path: Path) -> list[Path]:
     """Return the Python files of a module: all of its package, or the file and its neighbours."""
-    return sorted(path.parent.rglob("*.py")) if path.name == "__init__.py" else _with_neighbours(path)
+    return sorted(path.parent.rglob("*.py")) if path.name == "__init__.py" else with_neighbours(path)
 
 
 def _digest(files: Iterable[Path]) -> str:
@@ -203,7 +203,7 @@ def _has(cls: type[Component], name: str) -> bool:
     return name in cls.model_fields or hasattr(cls, name)
 
 
-def _with_neighbours(path: Path) -> list[Path]:
+def with_neighbours(path: Path) -> list[Path]:
     """Return a Python file and the files of its folder that it imports, directly or through each other."""
     found = [path]
     for file in found:
@@ -226,7 +226,7 @@ def _with_neighbours(path: Path) -> list[Path]:
 def _load_file(path: Path) -> tuple[str, ModuleType]:
     """Import a one-off plugin file; its supplier carries the hash of its text and of what it imports beside it."""
     try:
-        digest = _digest(_with_neighbours(path))
+        digest = _digest(with_neighbours(path))
     except OSError as error:
         raise SpecError(f"plugins: cannot read {str(path)!r}: {error.strerror}") from None
     name = f"streamkit_file_{path.stem}_{digest}"

@@ -12,6 +12,7 @@ from pydantic.fields import FieldInfo
 
 from streamkit.components import CONTRACT, ROLES, Component, Registry
 from streamkit.errors import StreamkitError, nearest
+from streamkit.fields import DataFile, array_of, columns_of
 from streamkit.report.text import columns, paragraph
 from streamkit.spec import as_written
 from streamkit.units import datum_unit, unit_of
@@ -109,7 +110,10 @@ def field_table(cls: type[BaseModel], names: Iterable[str], called: str = "param
 
 
 def _unit(field: FieldInfo) -> str:
-    unit = unit_of(field)
+    columns, array = columns_of(field), array_of(field)
+    if columns is not None:
+        return ", ".join(f"{name} {unit.name.replace(' ', '')}".rstrip() for name, unit in columns.units.items())
+    unit = array.unit if array is not None else unit_of(field)
     return (unit.name if unit else datum_unit(field)).replace(" ", "") or "-"
 
 
@@ -126,6 +130,12 @@ def _allowed(field: FieldInfo) -> str:
         return "true or false"
     if datum_unit(field):
         return "[value, error]"
+    if columns_of(field) is not None:
+        return "file or columns"
+    if (array := array_of(field)) is not None:
+        return f"list or file, each {array.sign}".removesuffix(", each ")
+    if field.annotation is DataFile:
+        return "file"
     bounds = {name: getattr(item, name) for item in field.metadata for name in _SIGNS if hasattr(item, name)}
     if bounds.get("ge", math.inf) <= bounds.get("gt", -math.inf):  # a Speed that must not be zero
         del bounds["ge"]

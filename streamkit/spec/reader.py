@@ -13,6 +13,7 @@ from pydantic import ValidationError
 
 from streamkit.components import Component, Integrator, Observable, Potential, Registry, Stripping, load_registry
 from streamkit.errors import PluginError, SpecError, nearest
+from streamkit.fields import Files
 from streamkit.spec.priors import PRIORS
 from streamkit.spec.progenitor import BODY_WAYS, WAYS, BodyPlace, PhaseSpace, Sun, choose_coordinates
 from streamkit.spec.section import Section, read_section
@@ -57,27 +58,28 @@ def resolve(
     source: Mapping[str, Any],
     name: str,
     registry: Registry | None,
-    folder: Path,
+    files: Files,
     components: Sequence[type[Component]] = (),
 ) -> tuple[dict[str, Any], str, Registry, Parts]:
     """Validate the mapping of a run file; return the resolved document, its name, registry and sections.
 
-    The paths of plugin files are relative to ``folder``, and stay as they are written. Without a registry, what is
-    installed is loaded as it is needed, beside the plugin files and the classes in ``components``. Every error is told,
-    on a line of its own.
+    The paths of plugin files and data files are relative to the folder of ``files``, and stay as they are written.
+    Without a registry, what is installed is loaded as it is needed, beside the plugin files and the classes in
+    ``components``. Every error is told, on a line of its own.
     """
-    reader = _Reader(name, _plain_values(source))
+    reader = _Reader(name, _plain_values(source), files)
     reader.head()
-    files = reader.raw.get("plugins", [])
+    plugins = reader.raw.get("plugins", [])
     if registry is None:
         try:
-            registry = load_registry(((folder / file).resolve() for file in files), classes=components, lazy=True)
+            paths = ((files.folder / file).resolve() for file in plugins)
+            registry = load_registry(paths, classes=components, lazy=True)
         except SpecError as error:
             raise SpecError(f"{name}: {error}") from None
         except PluginError as error:
             raise PluginError(f"{name}: {error}") from error.__cause__
     parts = reader.parts(registry)
-    return _document(reader.raw, files, parts), name, reader.registry, parts
+    return _document(reader.raw, plugins, parts), name, reader.registry, parts
 
 
 class _Reader:
@@ -86,8 +88,8 @@ class _Reader:
     What could not be read is None; `stop` raises before anybody uses it.
     """
 
-    def __init__(self, name: str, raw: dict[str, Any]) -> None:
-        self.name, self.raw = name, raw
+    def __init__(self, name: str, raw: dict[str, Any], files: Files) -> None:
+        self.name, self.raw, self.files = name, raw, files
         self.errors: list[str] = []
 
     def refuse(self, error: str) -> Any:
@@ -172,7 +174,7 @@ class _Reader:
         if cls is None:
             return None
         fields = {key: value for key, value in table.items() if key != "kind"}
-        return read_section(path, cls, fields, self.errors, f"the {role} {cls.kind!r}")
+        return read_section(path, cls, fields, self.errors, f"the {role} {cls.kind!r}", files=self.files)
 
     def expand_preset(self) -> None:
         """Put the named potentials of a published model in the place of its name."""
@@ -263,7 +265,7 @@ class _Reader:
         names = tuple(cls.model_fields)
         own = {key: value for key, value in table.items() if key in names}
         rest = {key: value for key, value in table.items() if key not in ("kind", *names)}
-        potential = read_section(path, cls, own, self.errors, f"the potential {cls.kind!r}")
+        potential = read_section(path, cls, own, self.errors, f"the potential {cls.kind!r}", files=self.files)
         try:
             way = choose_coordinates(rest, names, ways)
         except ValueError as error:
@@ -278,12 +280,14 @@ def _plain_values(value: Any) -> Any:
         return {str(key): _plain_values(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_plain_values(item) for item in value]
-    if isinstance(value, np.generic):
-        return value.item()
+    if isinstance(value, np.ndarray) and hasattr(value, "unit") and value.shape:
+        return [f"{number!r} {value.unit}" for number in np.asarray(value, dtype=float).tolist()]
+    if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and not hasattr(value, "unit")):
+        return value.tolist()
     return str(value) if isinstance(value, Path) else value
 
 
-def _document(raw: dict[str, Any], files: list[str], parts: Parts) -> dict[str, Any]:
+def _document(raw: dict[str, Any], plugins: list[str], parts: Parts) -> dict[str, Any]:
     """Fill in every default; what the run file gave keeps its order and comes first."""
     tables: dict[str, dict[str, Any]] = {}
     for section in parts.sections:
@@ -297,5 +301,5 @@ def _document(raw: dict[str, Any], files: list[str], parts: Parts) -> dict[str, 
         given = reduce(lambda inner, key: inner.get(key, {}), (top, *name), raw)
         ordered = {key: table[key] for key in dict.fromkeys(("kind", *given, *table)) if key in table}
         filled[top] = filled.get(top, {}) | {name[0]: ordered} if name else ordered
-    document: dict[str, Any] = {"version": VERSION, "seed": parts.seed} | ({"plugins": files} if files else {})
+    document: dict[str, Any] = {"version": VERSION, "seed": parts.seed} | ({"plugins": plugins} if plugins else {})
     return document | {key: filled[key] for key in dict.fromkeys((*raw, *filled)) if key in filled}

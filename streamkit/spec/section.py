@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from dataclasses import field as dataclass_field
 from functools import cache, cached_property, partial
 from typing import Annotated, Any, Generic, TypeVar
 
+import numpy as np
 from annotated_types import BaseMetadata
 from pydantic import (
     BaseModel,
@@ -20,6 +22,7 @@ from pydantic import (
 )  # fmt: skip
 
 from streamkit.errors import OutOfDomain
+from streamkit.fields import DataFile, Files, Table
 from streamkit.spec.priors import PRIORS, Prior, PriorTable, parse, quantity
 from streamkit.spec.sentences import sentence, should
 from streamkit.units import Unit, unit_of
@@ -40,6 +43,8 @@ class Section(Generic[M]):
     priors: dict[str, Prior]
     centre: M
     """The instance with every free field at the centre of its prior."""
+    written: dict[str, Any] = dataclass_field(default_factory=dict)
+    """What the run file writes for the fields with an array, a table or a file: it stays as it is."""
 
     def build(self, values: Mapping[str, float]) -> M:
         """Return the instance at ``values``, by the full name of each free field; `OutOfDomain` if one breaks it."""
@@ -61,10 +66,11 @@ class Section(Generic[M]):
 
     def document(self) -> dict[str, Any]:
         """Return the section as the resolved run file holds it: every field, quantities as text."""
-        values = vars(self.centre) | self.priors
+        values = {name: getattr(self.centre, name) for name in self.cls.model_fields} | self.priors
         written = section_model(self.cls).model_construct(**values).model_dump(mode="json", exclude_none=True)
         # pairs such as a datum and its error keep the units they were given with
         lists = {name: value for name, value in self.given.items() if isinstance(value, list)}
+        written |= self.written
         return written | {n: v for n, v in lists.items() if all(isinstance(item, str | int | float) for item in v)}
 
 
@@ -115,20 +121,28 @@ def _unbent(kind: Any, value: Any) -> Any:
 
 
 def read_section(
-    path: str, cls: type[M], table: Mapping[str, Any], errors: list[str], called: str, more: tuple[str, ...] = ()
+    path: str,
+    cls: type[M],
+    table: Mapping[str, Any],
+    errors: list[str],
+    called: str,
+    more: tuple[str, ...] = (),
+    files: Files | None = None,
 ) -> Section[M] | None:
     """Validate the table of a section, without its ``kind``; on failure add a sentence per error and return None.
 
     Messages call the class ``called``, as in ``the potential 'tf'``, and know of ``more`` fields at this place.
+    Data files are read through ``files``.
     """
     try:
-        read = section_model(cls).model_validate(table)
+        read = section_model(cls).model_validate(table, context=files)
     except ValidationError as error:
         errors.extend(sentence(path, cls, item, called, more) for item in error.errors())
         return None
     values = ((name, getattr(read, name)) for name in table)
     priors = {name: value for name, value in values if isinstance(value, Prior)}
-    trial = {name: priors[name].centre if name in priors else value for name, value in table.items()}
+    data = {name: value for name in table if isinstance(value := getattr(read, name), np.ndarray | Table | DataFile)}
+    trial = {name: priors[name].centre if name in priors else data.get(name, value) for name, value in table.items()}
     outside = _outside(cls, trial, priors)
     errors.extend(f"{path}.{name}: {problem}" for name, problem in outside.items())
     try:
@@ -138,11 +152,11 @@ def read_section(
         errors.extend(sentence(path, cls, item, called) for item in new)
         return None
     given = {  # numbers as read, so that build() does not parse text again
-        name: value if unit_of(cls.model_fields[name]) is None else getattr(centre, name)
-        for name, value in table.items()
+        name: trial[name] if unit_of(cls.model_fields[name]) is None else getattr(centre, name)
+        for name in table
         if name not in priors
     }
-    return None if outside else Section(path, cls, given, priors, centre)
+    return None if outside else Section(path, cls, given, priors, centre, {name: table[name] for name in data})
 
 
 def _outside(cls: type[BaseModel], trial: dict[str, Any], priors: dict[str, Prior]) -> dict[str, str]:

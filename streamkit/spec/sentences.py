@@ -8,6 +8,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from streamkit.errors import nearest
+from streamkit.fields import array_of, columns_of
 from streamkit.units import unit_of
 
 
@@ -34,10 +35,12 @@ def sentence(path: str, cls: type[BaseModel], item: Any, called: str, more: tupl
     about = f" ({description})" if description else ""
     if kind == "missing" and len(loc) == 1:
         number = f"a number in {unit.label}, a quantity such as {unit.example!r}, or a prior" if unit else ""
-        return f"{where}: missing{about}; expected {number or 'a value'}"
+        array, table = (array_of(field), columns_of(field)) if field is not None else (None, None)
+        data = f"numbers in {array.unit.label} as a list or from a file" if array else "a table" if table else ""
+        return f"{where}: missing{about}; expected {number or data or 'a value'}"
     if kind in ("value_error", "assertion_error"):
-        if isinstance(found, Mapping):  # a prior, whose own sentence says all
-            return f"{where}: {message}"
+        if isinstance(found, Mapping) or (field is not None and (array_of(field) or columns_of(field))):
+            return f"{where}: {message}{'' if isinstance(found, Mapping) else about}"  # the message says what was found
         told = not loc or repr(found) in message
         return f"{where}: {message if told else f'found {found!r}: {message}'}{about}"
     choices = item["ctx"]["expected"].split("'")[1::2] if kind == "literal_error" and isinstance(found, str) else []

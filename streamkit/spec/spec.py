@@ -17,6 +17,7 @@ import numpy as np
 
 from streamkit.components import Component, Registry
 from streamkit.errors import PluginError, SpecError, nearest
+from streamkit.fields import Files
 from streamkit.spec.document import read_toml, to_toml
 from streamkit.spec.priors import Prior
 from streamkit.spec.reader import Parts, resolve
@@ -47,7 +48,9 @@ class Spec:
     parts
         The validated sections.
     folder
-        What the paths of its plugin files are relative to.
+        What the paths of its plugin files and data files are relative to.
+    files
+        The data files by their names in the run file, with the SHA-256 of what was in them.
     given
         Component classes that were given in Python.
     """
@@ -57,6 +60,7 @@ class Spec:
     registry: Registry
     parts: Parts
     folder: Path
+    files: Mapping[str, str]
     given: tuple[type[Component], ...] = ()
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -67,10 +71,12 @@ class Spec:
                 "Define it at the top level of a module, or in a file that the run file names under plugins; or give "
                 "`workers` a number."
             )
-        return _unpickled, (self.document, self.source, self.folder, self.given)
+        return _unpickled, (self.document, self.source, self.folder, self.given, self.files)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Spec) and (self.document, self.names) == (other.document, other.names)
+        return isinstance(other, Spec) and all(
+            getattr(self, name) == getattr(other, name) for name in ("document", "names", "files")
+        )
 
     def __hash__(self) -> int:
         return hash(self.digest())
@@ -208,7 +214,7 @@ class Spec:
             for key in tables:
                 table = table.setdefault(key, {})
             table[name] = value
-        return _make(document, self.source, self.registry, self.folder, self.given)
+        return _make(document, self.source, self.registry, self.folder, self.given, self.files)
 
     def _check_path(self, path: str, values: Mapping[str, Any]) -> None:
         parent = path.rpartition(".")[0]
@@ -231,12 +237,21 @@ class Spec:
         return [(section.path, section.cls, self.registry.supplier(section.cls)) for section in used]
 
     def digest(self) -> str:
-        """Return the SHA-256 of what determines a run: all but the chain's length, and who supplies it."""
-        physics = {k: v for k, v in self.document.items() if k != "plugins"}
+        """Return the SHA-256 of what determines a run: all but the chain's length, and who supplies it.
+
+        Data files count by what is in them.
+        """
+        document = self.with_files_at({name: f"sha256:{digest}" for name, digest in self.files.items()})
+        physics = {k: v for k, v in document.items() if k != "plugins"}
         physics["sampler"] = {k: v for k, v in physics["sampler"].items() if k not in NOT_PHYSICS}
         suppliers = [[path, cls.kind, supplier] for path, cls, supplier in self.components()]
         text = json.dumps([physics, self.names, suppliers], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
+
+    def with_files_at(self, places: Mapping[str, str]) -> dict[str, Any]:
+        """Return the document with other paths of its data files, by those that the run file has."""
+        kept = {key: value for key, value in self.document.items() if key == "plugins" or not self.files}
+        return {key: kept.get(key, _moved(value, places)) for key, value in self.document.items()}
 
     def toml(self) -> str:
         """Return the resolved run file as TOML."""
@@ -291,16 +306,29 @@ def _make(
     registry: Registry | None,
     folder: Path,
     components: Iterable[type[Component]] = (),
+    known: Mapping[str, str] | None = None,
 ) -> Spec:
+    """Read a mapping; a data file that is no longer what is ``known`` of it is a SpecError."""
     if inspect.isclass(components) or not isinstance(components, Iterable):
         raise PluginError(f"components: found {components!r}, expected a list of classes, such as [MyPotential]")
-    given = tuple(components)
-    document, name, registry, parts = resolve(source, name, registry, folder, given)
-    return Spec(document, name, registry, parts, folder, given)
+    given, files = tuple(components), Files(folder, known or {})
+    document, name, registry, parts = resolve(source, name, registry, files, given)
+    return Spec(document, name, registry, parts, folder, files.read, given)
 
 
-def _unpickled(document: Mapping[str, Any], name: str, folder: Path, given: tuple[type[Component], ...]) -> Spec:
-    return _make(document, name, None, folder, given)
+def _unpickled(
+    document: Mapping[str, Any], name: str, folder: Path, given: tuple[type[Component], ...], files: Mapping[str, str]
+) -> Spec:
+    return _make(document, name, None, folder, given, files)
+
+
+def _moved(value: Any, places: Mapping[str, str]) -> Any:
+    """Copy a value of a document; text that is the name of a data file becomes its new place."""
+    if isinstance(value, Mapping):
+        return {key: _moved(inner, places) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_moved(inner, places) for inner in value]
+    return places.get(value, value) if isinstance(value, str) else value
 
 
 def _paths(table: Mapping[str, Any], prefix: str = "") -> list[str]:

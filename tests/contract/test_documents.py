@@ -357,6 +357,7 @@ def test_every_public_name_has_a_docstring() -> None:
     constants = (
         documented_constants("streamkit.units")
         | documented_constants("streamkit.components.hookspecs")
+        | documented_constants("streamkit.fields.arrays")
         | documented_constants("streamkit.stream.arrays")
     )
     for name in sk.__all__:

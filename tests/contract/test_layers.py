@@ -24,6 +24,7 @@ LAYERS = (
     {"model", "report"},
     {"observe", "spec"},
     {"components"},
+    {"fields"},
     {"engine"},
     {"stream"},
     {"errors", "units", "elementary"},

@@ -111,9 +111,9 @@ class _Run:
         return state
 
     def write_run_file(self) -> None:
-        """Write the resolved run file; the paths of its plugin files no longer depend on where it lies."""
+        """Write the resolved run file; the paths of its plugins and data files no longer depend on where it lies."""
         spec = self.simulation.spec
-        document = dict(spec.document)
+        document = spec.with_files_at({name: str(spec.folder / name) for name in spec.files})
         if "plugins" in document:
             document["plugins"] = [str(spec.folder / name) for name in document["plugins"]]
         text = to_toml(document, "The run file with every default filled in, as streamkit-nbody used it.")

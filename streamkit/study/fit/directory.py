@@ -6,12 +6,14 @@ import json
 import platform
 import shutil
 import tomllib
+from collections import Counter
 from collections.abc import Collection
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from streamkit.components import with_neighbours
 from streamkit.errors import ChainError
 from streamkit.report import contents, replace_whole
 from streamkit.sample import CHAIN, Chain, read_chain_file
@@ -20,7 +22,9 @@ from streamkit.spec import Spec, differences, to_toml
 RUN_FILE = "run.toml"
 MANIFEST = "manifest.json"
 PLUGIN_COPIES = "plugins"
-"""Folder with copies of the run's plugin files."""
+"""Folder with copies of the run's plugin files, and of the files that these import from beside them."""
+DATA_COPIES = "data"
+"""Folder with copies of the run's data files."""
 RECOVERY = ("recovery.ecsv", "recovery.png")
 """What a report beside the truth adds."""
 
@@ -66,17 +70,30 @@ def claim(
 
 
 def _write_run_file(directory: Path, spec: Spec, options: dict[str, Any]) -> None:
-    """Write the resolved run file, with copies of its plugin files: the directory can be read anywhere."""
+    """Write the resolved run file, with copies of its plugins and data files: the directory can be read anywhere."""
+    places = _copies(spec)
+    document = spec.with_files_at(places)
     sources = [spec.folder / name for name in spec.document.get("plugins", [])]
+    copies = {Path(place): spec.folder / name for name, place in places.items()}
     for source in sources:
-        (directory / PLUGIN_COPIES).mkdir(exist_ok=True)
-        replace_whole(directory / PLUGIN_COPIES / source.name, partial(shutil.copyfile, source))
-    document = dict(spec.document)
+        copies |= {PLUGIN_COPIES / file.relative_to(source.parent): file for file in with_neighbours(source)}
+    for place, file in copies.items():
+        (directory / place).parent.mkdir(parents=True, exist_ok=True)
+        replace_whole(directory / place, partial(shutil.copyfile, file))
     if sources:
         document["plugins"] = [f"{PLUGIN_COPIES}/{source.name}" for source in sources]
     components = [f"{path}: {cls.kind} ({supplier})" for path, cls, supplier in spec.components()]
     text = to_toml(document, "\n".join([header(options), *components]))
     replace_whole(directory / RUN_FILE, lambda part: part.write_text(text))
+
+
+def _copies(spec: Spec) -> dict[str, str]:
+    """Return the places of the copies of data files, by the names in the run file; each has a name of its own."""
+    names = Counter(Path(name).name for name in spec.files)
+    return {
+        name: f"{DATA_COPIES}/{digest[:8] + '-' if names[Path(name).name] > 1 else ''}{Path(name).name}"
+        for name, digest in spec.files.items()
+    }
 
 
 def header(options: dict[str, Any]) -> str:
@@ -94,15 +111,19 @@ def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
             f"{directory}: holds no run to resume ({MANIFEST} or {RUN_FILE} is missing, found "
             f"{_some(files)}). Choose another directory."
         )
-    digest = manifest(directory)["digest"]
+    known = manifest(directory)
+    digest = known["digest"]
     try:
         document = tomllib.loads((directory / RUN_FILE).read_text())
     except (OSError, ValueError) as error:
         raise ChainError(f"{directory / RUN_FILE}: not readable ({error})") from None
     if digest != spec.digest():
-        here = {key: value for key, value in spec.document.items() if key != "plugins"}
+        here = {key: value for key, value in spec.with_files_at(_copies(spec)).items() if key != "plugins"}
         document.pop("plugins", None)
-        changed = differences(document, here) or ["a plugin or streamkit itself"]
+        data = known.get("files", {})
+        changed = differences(document, here)
+        changed += [f"the data file {name}" for name, sha in spec.files.items() if data.get(name, sha) != sha]
+        changed = changed or ["a plugin or streamkit itself"]
         raise ChainError(
             f"{directory}: holds another run, and its chain cannot be continued with this run file. "
             f"What differs (there -> here): {'; '.join(changed)}. "
@@ -144,6 +165,7 @@ def _manifest(spec: Spec, options: dict[str, Any]) -> dict[str, Any]:
         "digest": spec.digest(),
         "seed": spec.seed,
         "versions": {"python": platform.python_version()} | {name: version(name) for name in packages},
+        "files": dict(spec.files),
         "components": {path: f"{cls.kind} from {supplier}" for path, cls, supplier in spec.components()},
         "options": options,
     }

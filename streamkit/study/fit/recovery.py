@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from streamkit.errors import SpecError
+from streamkit.fields import Files
 from streamkit.model import Host
 from streamkit.report import VERMILION, NotebookFigure, columns, finish, paragraph
 from streamkit.spec import Spec, read_toml, resolve
@@ -56,12 +57,13 @@ def true_host(path: str | Path, fit: Spec) -> Host:
         found = f"found {', '.join(given)}" if given else "it is empty"
         raise SpecError(f"{path}: the section [potential] is missing, which holds the true host; {found}")
     own = given.get("plugins", [])
-    document = {**fit.document, "potential": given["potential"], "plugins": own}
+    theirs = fit.with_files_at({name: str(fit.folder / name) for name in fit.files})
+    document = {**theirs, "potential": given["potential"], "plugins": own}
     if isinstance(own, list):  # if not, the error says so; the fit's own files hold its other components
         names = {Path(str(file)).name for file in own}
         others = (fit.folder / file for file in fit.document.get("plugins", []))
         document["plugins"] = [*own, *(str(file) for file in others if file.name not in names)]
-    sections = resolve(document, str(path), None, path.parent.absolute())[3].potentials
+    sections = resolve(document, str(path), None, Files(path.parent.absolute()))[3].potentials
     free = [f"{section.path}.{name}" for section in sections.values() for name in section.priors]
     if free:
         raise SpecError(f"{path}: the true host needs numbers, found a prior at {', '.join(free)}")

@@ -1,0 +1,178 @@
+"""Array types for fields: ``[8, 12]``, ``["8 kpc", 12]``, ``"[8, 12] kpc"`` or a column of a file in the run file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic_core import CoreSchema, core_schema
+
+from streamkit.errors import nearest
+from streamkit.fields.files import Files
+from streamkit.stream import Array
+from streamkit.units import UNITS, Unit
+
+KEYS = ("file", "column", "unit")
+ANY, NOT_NEGATIVE, POSITIVE = "", "zero or more", "positive"
+
+
+@dataclass(frozen=True)
+class ArrayOf:
+    """Marks a field that holds an array of numbers in a unit, and reads it. The array is read-only.
+
+    Attributes
+    ----------
+    unit
+        That of the field.
+    sign
+        What every number must be: positive, zero or more, or anything.
+    increasing
+        Whether each number must be larger than the one before.
+    least
+        How many there must be at least.
+    ndim
+        Number of dimensions; None for any.
+    """
+
+    unit: Unit
+    sign: str = ANY
+    increasing: bool = False
+    least: int = 1
+    ndim: int | None = 1
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Read with `read`, write as a list of numbers."""
+        return core_schema.with_info_plain_validator_function(
+            lambda value, info: self.read(value, info.context),
+            serialization=core_schema.plain_serializer_function_ser_schema(lambda a: np.asarray(a).tolist()),
+        )
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """Describe the forms that `read` takes."""
+        return array_schema(self.unit)
+
+    def read(self, value: Any, files: Files | None = None) -> Array:
+        """Return the array that a run file gives, in the unit; ValueError says what is wrong with it."""
+        if isinstance(value, np.ndarray) and not hasattr(value, "unit"):
+            found = np.array(value, dtype=float) if value.flags.writeable else np.asarray(value, dtype=float)
+        elif isinstance(value, Mapping):
+            found = self._from_file(value, files or Files())
+        elif isinstance(value, str) and not value.lstrip().startswith("["):
+            found = self._from_file({"file": value}, files or Files())
+        else:
+            found = self._from_list(value)
+        return self.checked(found)
+
+    def _from_file(self, table: Mapping[str, Any], files: Files) -> Array:
+        for key in table:
+            if key not in KEYS:
+                raise ValueError(f"an array has no key {key!r}.{nearest(key, KEYS)} Allowed: {', '.join(KEYS)}.")
+        name, column = table.get("file"), table.get("column")
+        if not isinstance(name, str) or not isinstance(column, str | None):
+            raise ValueError(f'found {dict(table)!r}, expected {{ file = "NAME.ecsv", column = "NAME" }}')
+        if name.endswith(".npy"):
+            if column is not None:
+                raise ValueError(f"{name!r} holds one array without columns, found column = {column!r}")
+            found = files.array(name)
+            return found if "unit" not in table else found * float(self.unit.parse(f"1 {table['unit']}"))
+        if column is None:
+            raise ValueError(f'which column of {name!r}? Expected {{ file = "{name}", column = "NAME" }}')
+        return files.column(name, column, self.unit, table.get("unit"))
+
+    def _from_list(self, value: Any) -> Array:
+        """Read a list of numbers and quantities, nested for more dimensions, or a list with one unit as text."""
+        if isinstance(value, str):
+            numbers, _, unit = value.rpartition("]")
+            try:
+                numbers, unit = json.loads(numbers + "]"), unit.strip()
+            except ValueError:
+                raise ValueError(f'expected a list with a unit such as "[8, 12] {self.unit.name}"') from None
+            factor = float(self.unit.parse(f"1 {unit}")) if unit else 1.0
+            return factor * self._from_list(numbers)
+        if hasattr(value, "unit") and np.ndim(value):  # a quantity of astropy's
+            value = [f"{number!r} {value.unit}" for number in np.asarray(value, dtype=float).tolist()]
+        if not isinstance(value, Sequence):
+            raise ValueError(f"found {value!r}, expected a list of numbers in {self.unit.label}, or a file")
+        try:
+            return np.array(self._numbers(value), dtype=float)
+        except (TypeError, ValueError) as error:
+            shape = "inhomogeneous" in str(error)
+            raise ValueError("the lists inside the list are not of one length" if shape else str(error)) from None
+
+    def _numbers(self, value: Any) -> Any:
+        if isinstance(value, list | tuple):
+            return [self._numbers(item) for item in value]
+        return float(self.unit.parse(value))
+
+    def checked(self, found: Array) -> Array:
+        """Return a read-only array in C order; ValueError where it is not as it should be."""
+        if self.ndim is not None and found.ndim != self.ndim:
+            raise ValueError(f"found an array of shape {found.shape}, expected {self.ndim} dimension(s)")
+        if found.size < self.least:
+            raise ValueError(f"found {found.size} number(s), expected at least {self.least}")
+        self._require(np.isfinite(found), found, "a finite number")
+        if self.sign:
+            self._require(found > 0 if self.sign == POSITIVE else found >= 0, found, self.sign)
+        if self.increasing:
+            rises = np.concatenate([[True], np.diff(found) > 0])
+            self._require(rises, found, "larger than the one before: sort them")
+        found = np.ascontiguousarray(found)
+        found.flags.writeable = False
+        return found
+
+    def _require(self, good: Any, found: Array, wanted: str) -> None:
+        if not np.all(good):
+            place = np.unravel_index(int(np.argmin(good)), found.shape)
+            index = "".join(f"[{i}]" for i in place)
+            raise ValueError(f"entry {index} is {found[place]:g} {self.unit.name}".rstrip() + f", expected {wanted}")
+
+
+@dataclass(frozen=True)
+class Increasing:
+    """Demands of an array field that its numbers increase: ``Annotated[LengthArray, Increasing(least=4)]``."""
+
+    least: int = 2
+    """How many there must be at least."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Check what the array type before it has read."""
+        check = ArrayOf(UNITS["Number"], increasing=True, least=self.least)
+        return core_schema.no_info_after_validator_function(check.checked, handler(source))
+
+
+def array_schema(unit: Unit) -> dict[str, Any]:
+    """Return the JSON Schema of an array as a run file writes it."""
+    entry = {"anyOf": [{"type": "number"}, {"type": "string"}, {"type": "array"}, {"type": "object"}]}
+    told = f"[8, 12] {unit.name}".rstrip()
+    text = {"type": "string", "examples": [told, "table.npy"]}
+    properties = {key: {"type": "string"} for key in KEYS}
+    table = {"type": "object", "properties": properties, "required": ["file"], "additionalProperties": False}
+    return {"anyOf": [{"type": "array", "items": entry}, text, table]}
+
+
+LengthArray = Annotated[Array, ArrayOf(UNITS["Length"], POSITIVE)]
+"""Positive lengths in kpc, (n,)."""
+CoordinateArray = Annotated[Array, ArrayOf(UNITS["Length"])]
+"""Positions along an axis in kpc, of either sign, (n,)."""
+MassArray = Annotated[Array, ArrayOf(UNITS["Mass"], POSITIVE)]
+"""Positive masses in Msun, (n,)."""
+SpeedArray = Annotated[Array, ArrayOf(UNITS["Speed"], NOT_NEGATIVE)]
+"""Speeds in km/s, zero or more, (n,)."""
+VelocityArray = Annotated[Array, ArrayOf(UNITS["Speed"])]
+"""Velocities in km/s, of either sign, (n,)."""
+DurationArray = Annotated[Array, ArrayOf(UNITS["Duration"], POSITIVE)]
+"""Positive durations in Gyr, (n,)."""
+TimeArray = Annotated[Array, ArrayOf(UNITS["Duration"])]
+"""Times in Gyr, 0 today and negative in the past, (n,)."""
+AngleArray = Annotated[Array, ArrayOf(UNITS["Angle"])]
+"""Angles in degrees, (n,)."""
+ProperMotionArray = Annotated[Array, ArrayOf(UNITS["ProperMotion"])]
+"""Proper motions in mas/yr, (n,)."""
+NumberArray = Annotated[Array, ArrayOf(UNITS["Number"])]
+"""Dimensionless numbers, (n,)."""
+NumberTensor = Annotated[Array, ArrayOf(UNITS["Number"], ndim=None)]
+"""Dimensionless numbers in an array of any number of dimensions."""

@@ -1,0 +1,146 @@
+"""The data files of a run file: where their paths begin, what is in them, and the digest of it."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from streamkit.errors import nearest
+from streamkit.stream import Array
+
+if TYPE_CHECKING:
+    from astropy.table import Table
+
+    from streamkit.units import Unit
+
+FORMATS = {".ecsv": "ascii.ecsv", ".csv": "ascii.csv", ".fits": "fits", ".fit": "fits"}
+"""Suffixes of tables, with astropy's names of their formats. A `.npy` file holds one array."""
+
+
+@dataclass
+class Files:
+    """The data files that the fields of one run file name: each is read once.
+
+    Attributes
+    ----------
+    folder
+        What paths are relative to.
+    known
+        SHA-256 that files had before, by their names in the run file: another content is then an error.
+    read
+        SHA-256 of those that have been read.
+    """
+
+    folder: Path = field(default_factory=Path.cwd)
+    known: Mapping[str, str] = field(default_factory=dict)
+    read: dict[str, str] = field(default_factory=dict)
+    _contents: dict[str, bytes] = field(default_factory=dict, repr=False)
+    _tables: dict[str, Table] = field(default_factory=dict, repr=False)
+
+    def content(self, name: str) -> bytes:
+        """Return what is in a file; ValueError if it cannot be read, or is not what it was."""
+        if name not in self._contents:
+            try:
+                found = (self.folder / name).read_bytes()
+            except OSError as error:
+                raise ValueError(f"cannot read the file {name!r} ({error.strerror}) in {self.folder}") from None
+            digest = hashlib.sha256(found).hexdigest()
+            if self.known.get(name, digest) != digest:
+                raise ValueError(f"the file {name!r} has changed since it was read first")
+            self._contents[name], self.read[name] = found, digest
+        return self._contents[name]
+
+    def array(self, name: str) -> Array:
+        """Return the array in a `.npy` file; ValueError if there is none, or one of objects."""
+        with np.errstate(all="ignore"):
+            try:
+                found = np.load(io.BytesIO(self.content(name)), allow_pickle=False)
+                if isinstance(found, np.ndarray) and found.dtype.kind in "iuf":
+                    return np.asarray(found, dtype=float)
+            except (ValueError, OSError, EOFError) as error:
+                if name not in self._contents:
+                    raise
+                raise ValueError(f"{name!r} is no array in numpy's format ({error})") from None
+        raise ValueError(f"{name!r} holds no array of numbers")
+
+    def names(self, name: str) -> list[str]:
+        """Return the names of the columns of a table; ValueError if the file holds none."""
+        return list(self._table(name).colnames)
+
+    def column(self, name: str, column: str, unit: Unit, told: Any = None) -> Array:
+        """Return a column of a table, (n,) in a unit.
+
+        Parameters
+        ----------
+        name
+            The file: ECSV, FITS or CSV.
+        column
+            Name of the column.
+        unit
+            What its values are converted to.
+        told
+            Unit of a column for which the file gives none.
+
+        Raises ValueError for a file that holds no table, a column that is missing (names the nearest), has no unit or
+        one of another dimension, has no numbers, or lacks some.
+        """
+        table = self._table(name)
+        if column not in table.colnames:
+            names = ", ".join(table.colnames)
+            raise ValueError(f"{name!r} has no column {column!r}.{nearest(column, table.colnames)} It has: {names}.")
+        found, where = table[column], f"column {column!r} of {name!r}"
+        if getattr(found, "mask", None) is not None and np.any(found.mask):
+            raise ValueError(
+                f"{where}: the value of row {_first(found.mask)} is missing; expected a number in each row"
+            )
+        if found.dtype.kind not in "iuf":
+            raise ValueError(f"{where}: found {str(found[0]) if len(found) else 'nothing'!r}, expected numbers")
+        return np.asarray(found, dtype=float) * self._factor(where, found.unit, unit, told)
+
+    @staticmethod
+    def _factor(where: str, found: Any, unit: Unit, told: Any) -> float:
+        from astropy import units as u  # slow to import, and only tables need it
+
+        if found is None and told is None and unit.name:
+            raise ValueError(
+                f"{where}: the file gives no unit, expected one like {unit.name}. Write it into the file, or beside "
+                f'it in the run file: unit = "{unit.name}"'
+            )
+        try:
+            given = u.Unit(str(told or "")) if found is None else found
+            return float((given or u.dimensionless_unscaled).to(unit.name or u.dimensionless_unscaled))
+        except (ValueError, u.UnitConversionError):
+            text = told if found is None else found
+            raise ValueError(f"{where}: found the unit {str(text)!r}, expected {unit.label} or one like it") from None
+
+    def _table(self, name: str) -> Table:
+        if name not in self._tables:
+            suffix = Path(name).suffix.lower()
+            if suffix not in FORMATS:
+                raise ValueError(
+                    f"{name!r}: the suffix says the format and must be one of {', '.join(FORMATS)}; found {suffix!r}"
+                )
+            from astropy.table import Table  # slow to import, and only tables need it
+
+            found = self.content(name)
+            try:
+                content: Any = io.BytesIO(found) if suffix.startswith(".fit") else found.decode()
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")
+                    table = Table.read(content, format=FORMATS[suffix])
+            except Exception as error:  # each format has errors of its own
+                text = " ".join(str(error).split())[:200]
+                raise ValueError(f"{name!r} is no table in the format {suffix[1:].upper()} ({text})") from None
+            self._tables[name] = table
+        return self._tables[name]
+
+
+def _first(mask: Any) -> int:
+    return int(np.argmax(mask)) if np.ndim(mask) else 0

@@ -1,0 +1,169 @@
+"""Tables as fields: several columns of one length, from a file or from lists in the run file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic_core import CoreSchema, core_schema
+
+from streamkit.errors import nearest
+from streamkit.fields.arrays import ArrayOf, array_schema
+from streamkit.fields.files import Files
+from streamkit.stream import Array
+from streamkit.units import Unit, unit_called
+
+KEYS = ("file", "columns", "units")
+
+
+class Table:
+    """Columns of one length, read-only: ``table["phi1"]`` is an array (n,) in the declared unit.
+
+    Tables are equal if their columns are.
+    """
+
+    def __init__(self, columns: Mapping[str, Array]) -> None:
+        self._columns = dict(columns)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the columns."""
+        return tuple(self._columns)
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(next(iter(self._columns.values())))
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._columns
+
+    def __getitem__(self, name: str) -> Array:
+        return self._columns[name]
+
+    def __eq__(self, other: object) -> bool:
+        return (
+            isinstance(other, Table)
+            and self.names == other.names
+            and all(np.array_equal(column, other[name]) for name, column in self._columns.items())
+        )
+
+    def __hash__(self) -> int:
+        return hash(tuple((name, column.tobytes()) for name, column in self._columns.items()))
+
+    def __repr__(self) -> str:
+        return f"Table({', '.join(self.names)}; {len(self)} rows)"
+
+    def to_dict(self) -> dict[str, list[float]]:
+        """Return the columns as lists."""
+        return {name: column.tolist() for name, column in self._columns.items()}
+
+
+class Columns:
+    """Declares the columns of a table field and their units: ``Annotated[Table, Columns(t="Gyr", factor="")]``.
+
+    `optional` adds columns that may be missing. Units are those of astropy; '' is a plain number.
+
+    Raises ValueError: If a unit is none that streamkit or astropy knows.
+    """
+
+    def __init__(self, /, **units: str) -> None:
+        self.units: dict[str, Unit] = {name: unit_called(unit) for name, unit in units.items()}
+        self.needed = frozenset(units)
+        self.least = 1
+        self.sorted_by = ""
+
+    def optional(self, /, **units: str) -> Columns:
+        """Return the declaration with columns that may be missing."""
+        return self._changed(units=self.units | {name: unit_called(unit) for name, unit in units.items()})
+
+    def increasing(self, column: str, least: int = 2) -> Columns:
+        """Return the declaration of a table of at least so many rows, in increasing order of a column."""
+        return self._changed(sorted_by=column, least=least)
+
+    def _changed(self, **values: Any) -> Columns:
+        other = Columns()
+        vars(other).update(vars(self) | values)
+        return other
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Read with `read`, write as lists."""
+        return core_schema.with_info_plain_validator_function(
+            lambda value, info: self.read(value, info.context),
+            serialization=core_schema.plain_serializer_function_ser_schema(lambda table: table.to_dict()),
+        )
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """Describe the forms that `read` takes."""
+        texts = {"type": "object", "additionalProperties": {"type": "string"}}
+        properties = {"file": {"type": "string"}, "columns": texts, "units": texts}
+        file = {"type": "object", "properties": properties, "required": ["file"], "additionalProperties": False}
+        lists = {
+            "type": "object",
+            "properties": {name: array_schema(unit) for name, unit in self.units.items()},
+            "required": sorted(self.needed),
+            "additionalProperties": False,
+        }
+        return {"anyOf": [{"type": "string", "examples": ["table.ecsv"]}, file, lists]}
+
+    def read(self, value: Any, files: Files | None = None) -> Table:
+        """Return the table that a run file gives; ValueError says what is wrong with it."""
+        if isinstance(value, Table):
+            value = value.to_dict()
+        if isinstance(value, str | Path):
+            value = {"file": str(value)}
+        if not isinstance(value, Mapping):
+            raise ValueError(f'found {value!r}, expected a file such as "table.ecsv", or columns as lists')
+        found = self._from_file(value, files or Files()) if "file" in value else self._from_lists(value, files)
+        if missing := sorted(self.needed - found.keys()):
+            raise ValueError(f"the column {missing[0]!r} is missing; expected {', '.join(self.units)}")
+        lengths = {name: len(column) for name, column in found.items()}
+        if len(set(lengths.values())) > 1:
+            shown = ", ".join(f"{name} {length}" for name, length in lengths.items())
+            raise ValueError(f"the columns differ in length: {shown}")
+        return Table(found)
+
+    def _mark(self, name: str) -> ArrayOf:
+        return ArrayOf(self.units[name], increasing=name == self.sorted_by, least=self.least)
+
+    def _from_lists(self, value: Mapping[str, Any], files: Files | None) -> dict[str, Array]:
+        for name in value:
+            self._check_name(name)
+        return {name: self._named(name, value[name], files) for name in self.units if name in value}
+
+    def _check_name(self, name: str) -> None:
+        if name not in self.units:
+            raise ValueError(
+                f"there is no column {name!r}.{nearest(name, self.units)} Allowed: {', '.join(self.units)}."
+            )
+
+    def _named(self, name: str, value: Any, files: Files | None) -> Array:
+        try:
+            return self._mark(name).read(value, files)
+        except ValueError as error:
+            raise ValueError(f"column {name!r}: {error}") from None
+
+    def _from_file(self, value: Mapping[str, Any], files: Files) -> dict[str, Array]:
+        for key in value:
+            if key not in KEYS:
+                raise ValueError(f"a table has no key {key!r}.{nearest(key, KEYS)} Allowed: {', '.join(KEYS)}.")
+        file, renamed, units = value["file"], value.get("columns", {}), value.get("units", {})
+        if not isinstance(file, str):
+            raise ValueError(f"found file = {file!r}, expected the name of a file in quotes")
+        for key, names in (("columns", renamed), ("units", units)):
+            if not isinstance(names, Mapping) or not all(isinstance(text, str) for text in names.values()):
+                raise ValueError(f'found {key} = {names!r}, expected {key} = {{ NAME = "..." }}')
+            for name in names:
+                self._check_name(name)
+        there = files.names(file)
+        wanted = [name for name in self.units if name in self.needed or name in renamed or name in there]
+        found = {}
+        for name in wanted:
+            column = files.column(file, renamed.get(name, name), self.units[name], units.get(name))
+            try:
+                found[name] = self._mark(name).checked(column)
+            except ValueError as error:
+                raise ValueError(f"column {renamed.get(name, name)!r} of {file!r}: {error}") from None
+        return found
