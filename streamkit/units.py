@@ -23,6 +23,15 @@ KMS_PER_MASYR_KPC = 4.740470463533349
 """Tangential velocity in km/s of 1 mas/yr at 1 kpc."""
 
 
+def _as_float(value: float) -> float:
+    """Return a float or a small integer as it is; a `ValueError` for an integer that no float can hold."""
+    try:
+        float(value)
+    except OverflowError:
+        raise ValueError(f"expected a number below 1e308, found an integer of {value.bit_length()} bits") from None  # type: ignore[attr-defined]  # only integers do
+    return value
+
+
 @dataclass(frozen=True)
 class Unit:
     """The unit of a field in the run file, and the factor that takes it to the engine's units."""
@@ -38,7 +47,7 @@ class Unit:
         if isinstance(value, bool):
             raise ValueError(f"expected a number in {self.label} or a quantity, found {value!r}")
         if isinstance(value, int | float):
-            return value
+            return _as_float(value)
         from astropy import units as u  # slow to import, and bare numbers do not need it
 
         target = u.dimensionless_unscaled if not self.name else u.Unit(self.name)

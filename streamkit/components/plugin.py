@@ -225,6 +225,8 @@ def with_neighbours(path: Path) -> list[Path]:
 
 def _load_file(path: Path) -> tuple[str, ModuleType]:
     """Import a one-off plugin file; its supplier carries the hash of its text and of what it imports beside it."""
+    if path.exists() and not path.is_file():
+        raise SpecError(f"plugins: {str(path)!r} is not a file")
     try:
         digest = _digest(with_neighbours(path))
     except OSError as error:

@@ -13,10 +13,15 @@ from tomlkit.items import Item, Table
 
 from streamkit.errors import SpecError
 
+DEEPEST = 20
+"""Most tables and lists inside each other: a run file needs a quarter of it."""
+
 
 def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file; a `SpecError` says if it cannot be read, is not text, or is not TOML."""
     try:
+        if path.exists() and not path.is_file():  # a device may have no end
+            raise SpecError(f"{path}: cannot read the run file: it is a {kind_of_file(path)}")
         return tomllib.loads(path.read_bytes().decode())
     except OSError as error:
         raise SpecError(f"{path}: cannot read the run file: {error.strerror}") from None
@@ -24,6 +29,25 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise SpecError(f"{path}: not a text file in UTF-8: {error.reason} at byte {error.start}") from None
     except tomllib.TOMLDecodeError as error:
         raise SpecError(f"{path}: not valid TOML: {error}") from None
+    except RecursionError:
+        raise SpecError(f"{path}: more than {DEEPEST} tables or lists lie inside each other") from None
+    except ValueError as error:  # an integer of thousands of digits, a date that does not exist
+        raise SpecError(f"{path}: not a value that can be read: {error}") from None
+
+
+def kind_of_file(path: Path) -> str:
+    """Return what a path that is no file is, for messages."""
+    return "directory" if path.is_dir() else "device or pipe"
+
+
+def depth(value: Any) -> int:
+    """Return how many tables and lists lie inside each other, counted up to `DEEPEST` + 1."""
+    level, inside = 0, [value]
+    while inside and level <= DEEPEST:
+        tables = [item for item in inside if isinstance(item, Mapping | list | tuple)]
+        inside = [x for item in tables for x in (item.values() if isinstance(item, Mapping) else item)]
+        level += bool(tables)
+    return level
 
 
 def to_toml(document: Mapping[str, Any], header: str = "") -> str:
@@ -72,7 +96,7 @@ def literal(text: str) -> Any:
     """Read a command-line value as TOML does: ``6.4e8``, ``true``, ``{ normal = [1, 2] }``; else a string."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         return text
 
 

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from streamkit.components import Component, Integrator, Observable, Potential, Registry, Stripping, load_registry
 from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.fields import Files
+from streamkit.spec.document import DEEPEST, depth
 from streamkit.spec.priors import PRIORS
 from streamkit.spec.progenitor import BODY_WAYS, WAYS, BodyPlace, PhaseSpace, Sun, choose_coordinates
 from streamkit.spec.section import Section, read_section
@@ -22,6 +23,8 @@ from streamkit.spec.settings import VERSION, Likelihood, RunFile, Sampler
 from streamkit.units import Unit
 
 DEFAULT_KIND = {"integrator": "adaptive", "observable": "apocentres"}
+LONGEST = 2000
+"""Most characters of a sentence about one error."""
 _EXPECTED = {
     "version": f"{VERSION}",
     "seed": "a whole number, zero or more",
@@ -67,6 +70,8 @@ def resolve(
     Without a registry, what is installed is loaded as it is needed, beside the plugin files and the classes in
     ``components``. Every error is told, on a line of its own.
     """
+    if depth(source) > DEEPEST:
+        raise SpecError(f"{name}: more than {DEEPEST} tables or lists lie inside each other")
     reader = _Reader(name, _plain_values(source), files)
     reader.head()
     plugins = reader.raw.get("plugins", [])
@@ -74,6 +79,8 @@ def resolve(
         try:
             paths = ((files.folder / file).resolve() for file in plugins)
             registry = load_registry(paths, classes=components, lazy=True)
+        except ValueError as error:
+            raise SpecError(f"{name}: plugins: no path of a file: {error}") from None
         except SpecError as error:
             raise SpecError(f"{name}: {error}") from None
         except PluginError as error:
@@ -99,7 +106,7 @@ class _Reader:
     def stop(self) -> None:
         """Raise what was collected."""
         if self.errors:
-            raise SpecError("\n".join(f"{self.name}: {error}" for error in self.errors))
+            raise SpecError("\n".join(f"{self.name}: {_shortened(error)}" for error in self.errors))
 
     def head(self) -> None:
         """Check the keys, and what stands outside the sections."""
@@ -272,6 +279,11 @@ class _Reader:
             return potential, self.refuse(f"{path}: {error}")
         called = f"the {'progenitor' if progenitor else 'body'} ({cls.kind}, {way.title})"
         return potential, read_section(path, way, rest, self.errors, called, names)
+
+
+def _shortened(error: str) -> str:
+    """Leave out the middle of a sentence that repeats a very long value."""
+    return error if len(error) <= LONGEST else f"{error[: LONGEST // 2]} ... {error[-LONGEST // 2 :]}"
 
 
 def _plain_values(value: Any) -> Any:
