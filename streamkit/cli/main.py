@@ -7,6 +7,7 @@ import click
 from streamkit.cli.ablate import ablate
 from streamkit.cli.check import check
 from streamkit.cli.group import Commands
+from streamkit.cli.new import new
 from streamkit.cli.plugins import plugins
 from streamkit.cli.reference import reference
 from streamkit.cli.report import report
@@ -22,5 +23,5 @@ def main() -> None:
     """Weigh a galaxy with a tidal stream."""
 
 
-for command in (check, stream, ablate, sensitivity, run, report, plugins, reference, schema):
+for command in (check, stream, ablate, sensitivity, run, report, plugins, reference, schema, new):
     main.add_command(command)

@@ -1,0 +1,88 @@
+"""``streamkit new``: every package that it writes installs, and passes its own test as it is written."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from commands import call, refused
+
+import streamkit
+from streamkit.components import ROLES
+
+HERE = str(Path(streamkit.__file__).parent.parent)
+
+
+def test_there_is_one_for_every_role() -> None:
+    told = refused("new", "galaxy", "mine")
+    for role in ROLES:
+        assert repr(role) in told
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_it_passes_its_own_test(role: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    out = call("new", role, "my_first").stdout
+    package = tmp_path / "streamkit-my-first"
+    names = {"pyproject.toml", "streamkit_my_first.py", "test_my_first.py", "README.md"}
+    assert {file.name for file in package.iterdir()} == names
+    assert "pip install -e streamkit-my-first pytest" in out
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([HERE, str(package)])}
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", package]
+    done = subprocess.run(command, cwd=package, env=environment, capture_output=True, text=True)
+    assert "1 passed" in done.stdout, done.stdout + done.stderr
+
+
+def test_a_potential_takes_less_than_forty_lines(tmp_path: Path) -> None:
+    call("new", "potential", "short", "-o", tmp_path / "deep" / "short")
+    files = list((tmp_path / "deep" / "short").iterdir())
+    assert len(files) == 4
+    assert sum(len(file.read_text().splitlines()) for file in files) < 40
+
+
+def test_pip_installs_it_and_a_run_file_finds_it(tmp_path: Path) -> None:
+    call("new", "potential", "installed", "-o", tmp_path / "package")
+    install = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--disable-pip-version-check"]
+    if importlib.util.find_spec("hatchling"):  # else pip fetches it for the build
+        install.append("--no-build-isolation")
+    done = subprocess.run(
+        [*install, "--target", tmp_path / "site", tmp_path / "package"], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([HERE, str(tmp_path / "site")])}
+    command = [sys.executable, "-m", "streamkit", "plugins", "potential", "installed"]
+    listing = subprocess.run(command, env=environment, capture_output=True, text=True).stdout
+    assert listing.startswith("potential installed, from streamkit-installed 0.1\n")
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        (
+            "My-Halo",
+            "'My-Halo' cannot be the name of a component: allowed are lower-case letters, digits and underscores",
+        ),
+        ("My-Halo", "Perhaps 'my_halo'?"),
+        ("MyHalo", "Perhaps 'my_halo'?"),
+        ("2halos", "a letter first. Perhaps 'halos'?"),
+        ("../halo", "Perhaps 'halo'?"),
+        ("é", "cannot be the name"),
+        ("potential", "its class would be called Potential, which means something else already"),
+        ("true", "its class would be called True"),
+        ("plummer", f"there is a potential of this name already, from streamkit {streamkit.__version__}"),
+    ],
+)
+def test_names_that_cannot_be(name: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert told in refused("new", "potential", name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_directory_that_exists_is_left_alone(tmp_path: Path) -> None:
+    told = refused("new", "potential", "mine", "-o", tmp_path)
+    assert f"{tmp_path}: is there already, and nothing was changed" in told
+    assert not list(tmp_path.iterdir())
