@@ -61,6 +61,7 @@ from .units import PositiveNumber as PositiveNumber
 from .units import ProperMotion as ProperMotion
 from .units import Speed as Speed
 from .units import Symbol as Symbol
+from .units import Unit as Unit
 from .units import Velocity as Velocity
 from .units import VelocityDatum as VelocityDatum
 

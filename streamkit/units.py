@@ -10,8 +10,9 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, Any, get_args
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, GetCoreSchemaHandler
 from pydantic.fields import FieldInfo
+from pydantic_core import CoreSchema, core_schema
 
 G = 4.300917270e-6
 """Gravitational constant in kpc (km/s)^2 / Msun."""
@@ -34,10 +35,25 @@ def _as_float(value: float) -> float:
 
 @dataclass(frozen=True)
 class Unit:
-    """The unit of a field in the run file, and the factor that takes it to the engine's units."""
+    """The unit of a field in the run file, and the factor that takes it to the engine's units.
+
+    As the mark of a field, ``Annotated[float, Unit("Msun / kpc3")]``, it makes a physical number of it: a quantity in
+    any unit of that dimension is read, and a prior. The types below are such numbers.
+
+    Attributes
+    ----------
+    name
+        The unit by astropy's name, empty for a dimensionless number.
+    to_internal
+        Its size in the units of the engine: kpc, km/s, Msun, radians, kpc/(km/s).
+    """
 
     name: str
     to_internal: float = 1.0
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Read quantities with `parse`."""
+        return core_schema.no_info_before_validator_function(self.parse, handler(source))
 
     def parse(self, value: Any) -> Any:
         """Turn ``"8 kpc"`` or an astropy Quantity into a number in this unit; leave numbers alone.
@@ -97,25 +113,25 @@ def unit_called(name: str) -> Unit:
     return Unit(u.Unit(name).to_string())
 
 
-Mass = Annotated[float, BeforeValidator(_MASS.parse), _MASS, Field(gt=0)]
+Mass = Annotated[float, _MASS, Field(gt=0)]
 """A positive mass in Msun."""
-Length = Annotated[float, BeforeValidator(_LENGTH.parse), _LENGTH, Field(gt=0)]
+Length = Annotated[float, _LENGTH, Field(gt=0)]
 """A positive length in kpc."""
-Coordinate = Annotated[float, BeforeValidator(_LENGTH.parse), _LENGTH]
+Coordinate = Annotated[float, _LENGTH]
 """A position along an axis in kpc, of either sign."""
-Speed = Annotated[float, BeforeValidator(_SPEED.parse), _SPEED, Field(ge=0)]
+Speed = Annotated[float, _SPEED, Field(ge=0)]
 """A speed in km/s, zero or more."""
-Velocity = Annotated[float, BeforeValidator(_SPEED.parse), _SPEED]
+Velocity = Annotated[float, _SPEED]
 """A velocity component in km/s, of either sign."""
-Duration = Annotated[float, BeforeValidator(_TIME.parse), _TIME, Field(gt=0)]
+Duration = Annotated[float, _TIME, Field(gt=0)]
 """A positive duration in Gyr."""
-Angle = Annotated[float, BeforeValidator(_ANGLE.parse), _ANGLE]
+Angle = Annotated[float, _ANGLE]
 """An angle in degrees."""
-ProperMotion = Annotated[float, BeforeValidator(_PM.parse), _PM]
+ProperMotion = Annotated[float, _PM]
 """A proper motion in mas/yr."""
-Number = Annotated[float, BeforeValidator(_NUMBER.parse), _NUMBER]
+Number = Annotated[float, _NUMBER]
 """A dimensionless number."""
-PositiveNumber = Annotated[float, BeforeValidator(_NUMBER.parse), _NUMBER, Field(gt=0)]
+PositiveNumber = Annotated[float, _NUMBER, Field(gt=0)]
 """A positive dimensionless number."""
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import dis
 import inspect
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -44,6 +45,22 @@ class Component(BaseModel, ABC):
                 )
         if cls.__dict__.get("kind") and issubclass(cls, Potential):
             _check_signature(cls)
+
+    @classmethod
+    def for_section(cls, section: Mapping[str, Any]) -> type[Self]:
+        """Return the class that reads a section of the run file: this one, or one of its kind with other fields.
+
+        For components whose parameters depend on what the section says, such as the name of another package's
+        potential: they return a class made for it, with the same kind. The same section gives the same class.
+
+        Parameters
+        ----------
+        section
+            What the run file gives, without the kind.
+
+        Raises ValueError: With a sentence, for a section that no class can read.
+        """
+        return cls
 
     def __eq__(self, other: object) -> bool:
         """Say whether the other is of the same class and has the same values: arrays are compared by their numbers."""

@@ -181,6 +181,10 @@ class _Reader:
         if cls is None:
             return None
         fields = {key: value for key, value in table.items() if key != "kind"}
+        try:
+            cls = cls.for_section(fields)
+        except ValueError as error:
+            return self.refuse(f"{path}: {error}")
         return read_section(path, cls, fields, self.errors, f"the {role} {cls.kind!r}", files=self.files)
 
     def expand_preset(self) -> None:

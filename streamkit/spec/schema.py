@@ -58,7 +58,11 @@ def _component(cls: type[Component], what: str = "", way: type[Place] | None = N
     kind: Any = Annotated[Literal[cls.kind], WithJsonSchema({"const": cls.kind})]
     fields: Any = {"kind": (kind, cls.kind if way is None and DEFAULT_KIND.get(cls.role) == cls.kind else ...)}
     if way is None:
-        return create_model(f"{cls.role}/{cls.kind}", __base__=section_model(cls), **fields)
+        made = create_model(f"{cls.role}/{cls.kind}", __base__=section_model(cls), **fields)
+        if cls.for_section.__func__ is not Component.for_section.__func__:  # type: ignore[attr-defined]
+            made.model_config["extra"] = "allow"  # what the section says decides which fields there are
+            made.model_rebuild(force=True)
+        return made
     bases = section_model(cls), section_model(way)
     text = f"{section_model(cls).__doc__} As a {what}, its place given as: {way.title}."
     return create_model(f"{what}/{cls.kind}/{way.__name__}", __base__=bases, __doc__=text, **fields)

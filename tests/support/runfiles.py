@@ -104,7 +104,7 @@ def accepts(schema: dict[str, Any], value: Any, root: dict[str, Any]) -> bool:
         "required": lambda names: all(name in value for name in names),
         "properties": lambda known: all(accepts(known[k], v, root) for k, v in value.items() if k in known),
         "additionalProperties": lambda rest: all(
-            rest is not False and accepts(rest, value[key], root)
+            rest is True or (rest is not False and accepts(rest, value[key], root))
             for key in value.keys() - schema.get("properties", {}).keys()
         ),
     }  # fmt: skip
