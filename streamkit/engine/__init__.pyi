@@ -6,6 +6,7 @@ from .field import Field as Field
 from .field import adaptive_step as adaptive_step
 from .field import build_field as build_field
 from .field import split_step as split_step
+from .kernels import Force as Force
 from .methods import LEAPFROG as LEAPFROG
 from .methods import PEFRL as PEFRL
 from .methods import RKN4 as RKN4

@@ -169,8 +169,13 @@ class Field:
             ) from error
 
 
-def build_field(potentials: Sequence[Force]) -> Field:
-    """Compile (or load from the disk cache) the forces of the potentials, which add up, fixed at the origin."""
+def build_field(potentials: Sequence[Force], *, exact: bool = False) -> Field:
+    """Compile (or load from the disk cache) the forces of the potentials, which add up, fixed at the origin.
+
+    Each by what stands for it in a loop; ``exact`` takes the potentials themselves.
+    """
+    if not exact:
+        potentials = [p.in_loop() for p in potentials]
     built = [kernels.compiled_kernel(type(p)) if p.compiled else kernels.numpy_kernel(type(p)) for p in potentials]
     values = [p.in_engine_units() for p in potentials]
     forces = Forces(

@@ -18,6 +18,7 @@ import numpy as np
 from numba import carray, njit, types
 from numba.core import sigutils
 from numba.core.ccallback import CFunc
+from numba.core.compiler import Compiler
 from numba.core.errors import NumbaError
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
@@ -29,6 +30,8 @@ from streamkit.stream import Array
 
 _POINTER = types.CPointer(types.float64)
 SIGNATURE = types.void(types.intp, *[_POINTER] * 5, types.intp)
+_LONGEST = 1 << 40
+"""Numbers in a packed table, at most: the compiled code does not look."""
 
 
 class Force(Protocol):
@@ -36,6 +39,7 @@ class Force(Protocol):
 
     kind: ClassVar[str]
     compiled: ClassVar[bool]
+    packed: ClassVar[bool]
 
     @staticmethod
     def acceleration(x: Any, y: Any, z: Any, t: Any, *parameters: Any) -> Any:
@@ -48,6 +52,17 @@ class Force(Protocol):
     def in_engine_units(self) -> Array:
         """(k,) The values of these."""
 
+    def in_loop(self) -> Force:
+        """Return what stands for it in a loop: itself, or an expansion of it."""
+
+
+class _Apart(Compiler):  # type: ignore[misc]  # numba is untyped here
+    """Tells LLVM that the arguments of a kernel do not overlap: what is read from a table may then be vectorised."""
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.state.flags.noalias = True
+
 
 @functools.cache
 def compiled_kernel(cls: type[Force]) -> Any:
@@ -55,11 +70,21 @@ def compiled_kernel(cls: type[Force]) -> Any:
 
     Raises `PluginError` if numba cannot compile the author's function.
     """
-    count = len(cls.parameters())
+    count = 1 if cls.packed else len(cls.parameters())
     acceleration = njit(forceinline=True, **OPTIONS)(cls.acceleration)
 
+    @njit(forceinline=True, **OPTIONS)
+    def unpacked(p):
+        return to_fixed_tuple(carray(p, (count,)), count)
+
+    @njit(forceinline=True, **OPTIONS)
+    def whole(p):
+        return (carray(p, (_LONGEST,)),)
+
+    arguments = whole if cls.packed else unpacked
+
     def kernel(n, t, p, centre, q, a, fresh):
-        parameters = to_fixed_tuple(carray(p, (count,)), count)
+        parameters = arguments(p)
         times = carray(t, (n,))
         place = carray(q, (3 * ROW,))
         total = carray(a, (3 * ROW,))
@@ -73,8 +98,8 @@ def compiled_kernel(cls: type[Force]) -> Any:
             total[2 * ROW + i] = az if fresh else total[2 * ROW + i] + az
 
     args, return_type = sigutils.normalize_signature(SIGNATURE)
-    cfunc: Any = CFunc(kernel, (args, return_type), locals={}, options=dict(OPTIONS))
-    digest = content_digest(cls.acceleration, count)
+    cfunc: Any = CFunc(kernel, (args, return_type), locals={}, options=dict(OPTIONS), pipeline_class=_Apart)
+    digest = content_digest(cls.acceleration, -1 if cls.packed else count)
     if digest is not None:
         cfunc._cache = ContentCache(kernel, digest)
     try:

@@ -17,6 +17,12 @@ def warning_list(texts: Sequence[str]) -> str:
     return "\n".join(["warnings", *(paragraph(text, "  - ") for text in texts)]) if texts else ""
 
 
+def describe_expansions(setup: Setup) -> str:
+    """Say by what expansions potentials are made that are not compiled; nothing without any."""
+    found = setup.expansions()
+    return f"expansions\n{columns(found.items())}" if found else ""
+
+
 def describe_prediction(setup: Setup, prediction: Prediction) -> str:
     """Show the observables beside the data, and the difference in standard errors of the data."""
     if setup.observable is None:
@@ -76,6 +82,7 @@ def describe_stream(
     parts = [f"{spec.source}: one stream (seed {spec.seed})"]
     parts += [f"parameters\n{columns(rows)}"] if rows else []
     parts.append(f"stream\n{columns(counts)}")
+    parts.append(describe_expansions(setup))
     if setup.observable is None:
         parts.append("observables: the run file has none")
     elif prediction is not None:

@@ -21,6 +21,7 @@ from pydantic import (
     create_model,
 )  # fmt: skip
 
+from streamkit.components import Potential
 from streamkit.errors import OutOfDomain
 from streamkit.fields import DataFile, Files, Table
 from streamkit.spec.priors import PRIORS, Prior, PriorTable, parse, quantity
@@ -51,10 +52,13 @@ class Section(Generic[M]):
         if not self.priors:
             return self.centre
         try:
-            return self.cls.model_validate(self.given | {name: values[full] for name, full in self._free})
+            built = self.cls.model_validate(self.given | {name: values[full] for name, full in self._free})
         except ValidationError as error:
             where = ".".join([self.path, *(str(part) for part in error.errors()[0]["loc"][:1])])
             raise OutOfDomain(f"{where} is outside its allowed range") from None
+        if isinstance(built, Potential):
+            built.shaped_like(self.centre, self.path)  # type: ignore[arg-type]  # it is of the same class
+        return built
 
     @cached_property
     def _free(self) -> list[tuple[str, str]]:
@@ -156,6 +160,8 @@ def read_section(
         for name in table
         if name not in priors
     }
+    if isinstance(centre, Potential):
+        centre.shaped_like(centre, path)
     return None if outside else Section(path, cls, given, priors, centre, {name: table[name] for name in data})
 
 

@@ -88,3 +88,8 @@ class Setup:
         """The progenitor as a body that is slowed down, or moves the Milky Way; None if it is a test particle."""
         moved = self.friction or self.reflex
         return Body(self.satellite, self.q, self.v, self.friction, self.reflex) if moved else None
+
+    def expansions(self) -> dict[str, str]:
+        """Describe the expansions that stand for potentials which are not compiled, by their path in the run file."""
+        used = [*self.potentials.values(), *(body.potential for body in self.bodies.values()), self.satellite]
+        return {p.place or p.kind: found.text() for p in used if (found := p.expanded()) is not None}

@@ -25,6 +25,7 @@ LAYERS = (
     {"observe", "spec"},
     {"components"},
     {"fields"},
+    {"expansion"},
     {"engine"},
     {"stream"},
     {"errors", "units", "elementary"},

@@ -20,7 +20,7 @@ from streamkit.report import locked
 from streamkit.sample import CHAIN, ChainFile, Limits, Posterior, Sampling, Signals, Stopped, Workers, blob_dtype
 from streamkit.spec import Source, Spec, as_spec
 from streamkit.stream import Array
-from streamkit.study.fit.directory import LITERATURE, RECOVERY, claim, read_chain
+from streamkit.study.fit.directory import RECOVERY, claim, read_chain
 from streamkit.study.fit.products import PRODUCTS, write_products
 from streamkit.study.fit.results import Results
 
@@ -92,7 +92,7 @@ def run(
         going_on, backend = False, Backend()
         if directory is not None:
             stack.enter_context(locked(directory))
-            going_on = claim(directory, spec, options, (*PRODUCTS, *RECOVERY, LITERATURE), resume, force)
+            going_on = claim(directory, spec, options, (*PRODUCTS, *RECOVERY), resume, force)
             backend = ChainFile(str(directory / CHAIN))
         pool = stack.enter_context(Workers({"full": posterior, "cheap": cheap}, workers))
         stack.enter_context(_explained(pool, directory, backend, _again(spec, directory, quick)))

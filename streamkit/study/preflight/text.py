@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from streamkit.report import columns, describe_prediction, number, seconds, span, warning_list
+from streamkit.report import columns, describe_expansions, describe_prediction, number, seconds, span, warning_list
 from streamkit.spec import Setup, Spec
 from streamkit.stream import Array
 from streamkit.study.preflight.draws import PriorDraws
@@ -32,6 +32,8 @@ def describe_preflight(spec: Spec, found: Preflight) -> str:
     setup = found.setup
     place = "the prior's centre" if spec.names else "the given parameters"
     parts = [f"at {place}\n" + columns(_orbit_rows(setup, found.orbit))]
+    if expansions := describe_expansions(setup):
+        parts.append(expansions)
     if setup.observable is not None and found.prediction is not None:
         parts.append(describe_prediction(setup, found.prediction))
     if found.prior_draws is not None:

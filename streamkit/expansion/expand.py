@@ -1,0 +1,198 @@
+"""Expand a force: choose the form and the nodes by what they reach at held-out points, and keep them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from streamkit import engine
+from streamkit.errors import OutOfDomain
+from streamkit.expansion.forces import Expansion, expansion_of
+from streamkit.expansion.grid import Grid
+from streamkit.expansion.symmetry import ForceAt, Symmetry, random_positions, symmetry_of
+from streamkit.stream import Array
+
+Form: TypeAlias = Literal["auto", "spherical", "axisymmetric", "general", "none"]
+"""Forms of an expansion, as a run file names them."""
+
+HELD_OUT, AGAIN = 512, 64
+"""Points at which an expansion is compared with the force: when its nodes are chosen, and ever after."""
+MARGIN = 0.5
+"""Nodes are added until the error is this part of the tolerance: other parameters may ask for a little more."""
+MOST = 100_000
+"""Most nodes."""
+SLOWEST = 0.05
+"""Least power of the number of nodes with which an error must fall to go on."""
+ROUND = 1e-5
+"""Symmetries hold to this part of the tolerance."""
+THICKNESS = (1e3, 3.0, 0.3)
+"""Scale heights in kpc to try."""
+CORE = 1.0
+"""Inside this radius in kpc errors are relative to the typical acceleration there: at a centre it may vanish."""
+
+
+class NoExpansion(Exception):  # noqa: N818  a statement about a potential; who asks for it names that
+    """A force has no expansion: why, and what to do."""
+
+
+@dataclass(frozen=True)
+class Expanded:
+    """An expansion and what is known of it.
+
+    Attributes
+    ----------
+    force
+        What the compiled loop takes.
+    grid
+        Its nodes.
+    error, points
+        Largest relative error of the acceleration, and the number of held-out points at which it was found.
+    """
+
+    force: Expansion
+    grid: Grid
+    error: float
+    points: int
+
+    def text(self) -> str:
+        """Describe it in a line."""
+        grid = self.grid
+        size = [f"{grid.radii} radii"]
+        if grid.heights > 1:
+            size.append(f"{grid.heights} polar angles")
+        if grid.angles > 1:
+            size.append(f"{grid.angles} azimuths (m up to {grid.orders[-1]})")
+        return (
+            f"{grid.form} expansion, {' x '.join(size)}, largest error {self.error:.1g} at {self.points} "
+            "held-out points"
+        )
+
+
+def expand(force: ForceAt, form: Form, tolerance: float) -> Expanded:
+    """Expand a force in a form, with as few nodes as meet the tolerance at held-out points.
+
+    Parameters
+    ----------
+    force
+        Acceleration (3, n) in (km/s)^2/kpc at a time and positions (3, n) in kpc.
+    form
+        ``auto`` takes the simplest that the force's symmetries allow.
+    tolerance
+        Largest relative error |da| / |a| from 0.1 to 500 kpc.
+
+    Raises NoExpansion if the force depends on time, is not finite somewhere, or no grid of `MOST` nodes will do.
+    """
+    symmetry = symmetry_of(force, max(tolerance * ROUND, 1e-11))
+    if not symmetry.static:
+        raise NoExpansion('it changes in time, and an expansion stands still: set expansion = "none"')
+    check = _Check(force, HELD_OUT)
+    if not np.isfinite(check.exact).all():
+        raise NoExpansion('its force is not finite everywhere from 0.1 to 500 kpc: set expansion = "none"')
+    form = _form(symmetry) if form == "auto" else form
+    starts = _starts(form, symmetry)
+    tried = [_try(force, grid, check) for grid in starts]
+    best = min(tried, key=lambda found: found.error)
+    while best.error > MARGIN * tolerance:
+        finer = [grid for grid in _finer(best.grid) if grid.nodes <= MOST]
+        gains = [(_gain(best, found), found) for found in (_try(force, grid, check) for grid in finer)]
+        gain, better = max(gains, key=lambda pair: pair[0], default=(0.0, best))
+        if gain < SLOWEST:
+            break
+        best = better
+    if not best.error <= tolerance:
+        raise NoExpansion(
+            f"its {form} expansion misses the tolerance {tolerance:g}: with {best.grid.nodes} nodes the largest "
+            f"error is {best.error:.1g}, at {check.place(best.force)}. Raise the tolerance, "
+            + ('take expansion = "auto", ' if form != _form(symmetry) else "")
+            + 'or set expansion = "none", which asks the potential itself'
+        )
+    return best
+
+
+def expand_like(model: Expanded, force: ForceAt, tolerance: float, missed: str) -> Expanded:
+    """Expand a force at the nodes of another one, so that it is a smooth function of the force's parameters.
+
+    Raises OutOfDomain with the sentence ``missed`` where that misses the tolerance.
+    """
+    try:
+        found = _try(force, model.grid, _Check(force, AGAIN))
+    except NoExpansion:
+        raise OutOfDomain(missed) from None
+    if not found.error <= tolerance:
+        raise OutOfDomain(missed)
+    return found
+
+
+class _Check:
+    """Compares expansions with the force at points that are no nodes."""
+
+    def __init__(self, force: ForceAt, count: int) -> None:
+        self.q = random_positions(count, np.random.default_rng(count))
+        self.exact = force(0.0, self.q)
+        self.r = np.sqrt((self.q**2).sum(axis=0))
+
+    @cached_property
+    def size(self) -> Array:
+        """(n,) What an error is relative to."""
+        size = np.sqrt((self.exact**2).sum(axis=0))
+        inside = self.r < CORE
+        typical = np.median(size[inside]) if inside.any() else 0.0
+        return np.asarray(np.maximum(np.where(inside, np.maximum(size, typical), size), 1e-300))
+
+    def errors(self, expansion: Expansion) -> Array:
+        """(n,) Relative errors."""
+        found = engine.build_field([expansion]).acceleration(0.0, self.q)
+        return np.asarray(np.sqrt(((found - self.exact) ** 2).sum(axis=0)) / self.size)
+
+    def place(self, expansion: Expansion) -> str:
+        """Return where the error is largest."""
+        i = int(np.argmax(self.errors(expansion)))
+        return f"({', '.join(f'{x:.3g}' for x in self.q[:, i])}) kpc"
+
+
+def _try(force: ForceAt, grid: Grid, check: _Check) -> Expanded:
+    q = grid.positions()
+    values = force(0.0, q)
+    bad = np.flatnonzero(~np.isfinite(values).all(axis=0))
+    if len(bad):
+        where = np.sqrt((q[:, bad[0]] ** 2).sum())
+        raise NoExpansion(f'its force is not finite at a radius of {where:.3g} kpc: set expansion = "none"')
+    expansion = expansion_of(grid, values)
+    return Expanded(expansion, grid, float(check.errors(expansion).max()), len(check.r))
+
+
+def _gain(old: Expanded, new: Expanded) -> float:
+    """Power of the number of nodes with which the error falls."""
+    return float(np.log(old.error / new.error) / np.log(new.grid.nodes / old.grid.nodes))
+
+
+def _form(symmetry: Symmetry) -> Form:
+    return "spherical" if symmetry.spherical else "axisymmetric" if symmetry.axisymmetric else "general"
+
+
+def _starts(form: Form, symmetry: Symmetry) -> list[Grid]:
+    if form == "spherical":
+        return [Grid(50)]
+    heights = 13 if symmetry.mirror else 25
+    flat = [Grid(50, heights, thickness=h, mirror=symmetry.mirror) for h in THICKNESS]
+    if form == "axisymmetric":
+        return flat
+    step, sines = 2 if symmetry.half_turn else 1, not symmetry.sideways
+    angles = (6 if sines else 4) * (1 if step == 2 else 2)
+    return [replace(grid, angles=angles, step=step, sines=sines) for grid in flat]
+
+
+def _finer(grid: Grid) -> list[Grid]:
+    """Return the grids with more nodes in one direction or in all."""
+    radii = grid.radii * 3 // 2
+    heights = 2 * (grid.heights * 3 // 4) + 1 if grid.heights > 1 else 1
+    angles = grid.angles + (2 if grid.sines or grid.step == 1 else 1) if grid.angles > 1 else 1
+    finer = [replace(grid, radii=radii, heights=heights, angles=angles), replace(grid, radii=radii)]
+    if heights > 1:
+        finer.append(replace(grid, heights=heights))
+    if angles > 1:
+        finer.append(replace(grid, angles=angles))
+    return finer

@@ -1,0 +1,71 @@
+"""Expansions as forces: what the engine takes in place of a potential that it cannot compile."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Any, ClassVar
+
+import numpy as np
+
+from streamkit.expansion import forms
+from streamkit.expansion.grid import Grid
+from streamkit.expansion.tables import table_of
+from streamkit.stream import Array
+
+
+class Expansion:
+    """The force of a table, compiled."""
+
+    kind: ClassVar[str] = "expansion"
+    compiled: ClassVar[bool] = True
+    packed: ClassVar[bool] = True
+    force: ClassVar[Any]
+
+    def __init__(self, table: Array) -> None:
+        self.table = table
+
+    @staticmethod
+    def acceleration(x: Any, y: Any, z: Any, t: Any, table: Any) -> Any:
+        """Return ``(ax, ay, az)``."""
+        raise NotImplementedError
+
+    @classmethod
+    def parameters(cls) -> Mapping[str, object]:
+        """Return the one argument of `acceleration` after t."""
+        return {"table": None}
+
+    def in_engine_units(self) -> Array:
+        """Return the table."""
+        return self.table
+
+    def in_loop(self) -> Expansion:
+        """Return the expansion itself."""
+        return self
+
+
+@cache
+def form_of(count: int, sines: bool) -> type[Expansion]:
+    """Return the class of expansions with so many harmonics beyond the mean; -1: of a sphere. Once per process."""
+    if count < 0:
+        force = forms.spherical
+    elif count == 0:
+        force = forms.axisymmetric
+    else:
+        force = forms.general(count, sines)
+
+    def acceleration(x: Any, y: Any, z: Any, t: Any, table: Any) -> Any:  # noqa: ARG001  a force has a time
+        return force(x, y, z, table)
+
+    return type("Expansion", (Expansion,), {"acceleration": staticmethod(acceleration)})
+
+
+def expansion_of(grid: Grid, force: Array) -> Expansion:
+    """Return the expansion from the acceleration (3, nodes) at ``grid.positions()``.
+
+    Raises ValueError if one of these numbers is not finite.
+    """
+    if not np.isfinite(force).all():
+        raise ValueError("the acceleration is not finite")
+    count = -1 if grid.form == "spherical" else len(grid.orders) - 1
+    return form_of(count, grid.sines)(table_of(grid, force))
