@@ -12,14 +12,20 @@ from __future__ import annotations
 from typing import Any
 
 from streamkit import Component, Integrator, Observable, Potential, Stripping
-from streamkit.testing import integrators, observables, potentials, stripping
-from streamkit.testing.common import COMMON, Check, failures
+from streamkit.testing import common, dimensions, integrators, observables, potentials, stripping, use
+from streamkit.testing.common import Check, failures, title
+from streamkit.testing.contained import in_a_process
+from streamkit.testing.quick import quick_failures
 
-__all__ = ["check", "checks"]
+__all__ = ["check", "checks", "quick_failures"]
+
+COMMON = (*common.COMMON, use.keeps_no_state, use.prints_nothing)
 
 
 def check(cls: type[Component], **options: Any) -> None:
-    """Build ``cls(**cls.example)`` and run every check of its role.
+    """Build ``cls(**cls.example)`` and run every check of its role, in a process of their own where there is fork.
+
+    Of a potential it prints M(<r) and v_c at a few radii: look whether they are what you meant (``pytest -s``).
 
     Parameters
     ----------
@@ -28,7 +34,8 @@ def check(cls: type[Component], **options: Any) -> None:
     **options
         ``negative_density=True`` for a potential that is meant to have one somewhere;
         ``accuracy=1e-8`` for an integrator without a field ``step``: the relative error it may make over a
-        good part of a radial period (1e-5 unless told).
+        good part of a radial period (1e-5 unless told);
+        ``slow=True`` for what is meant for single streams, not for fits.
 
     Raises AssertionError: One error with a line for each check that failed.
     """
@@ -38,14 +45,23 @@ def check(cls: type[Component], **options: Any) -> None:
         component = cls(**cls.example)
     except Exception as error:  # an example that does not validate is the first thing to report
         raise AssertionError(f"{name}: {cls.__name__}(**{cls.__name__}.example) raised {error}") from error
-    lines = failures(component, todo)
+    lines = in_a_process(lambda: failures(component, todo))
+    if isinstance(component, Potential) and not lines:
+        print(f"{name} with {component!r}\n{dimensions.profile(component)}")  # noqa: T201  for the author's eye
     if lines:
         head = f"{name} ({cls.role} {cls.kind!r}) fails {len(lines)} of {len(todo)} checks:"
         raise AssertionError("\n  ".join([head, *lines]))
 
 
-def checks(cls: type[Component], *, negative_density: bool = False, accuracy: float = 1e-5) -> tuple[Check, ...]:
+def checks(
+    cls: type[Component], *, negative_density: bool = False, accuracy: float = 1e-5, slow: bool = False
+) -> tuple[Check, ...]:
     """Return the checks that `check` runs on a class. Each takes the example component."""
+    found = _checks(cls, negative_density, accuracy)
+    return tuple(one for one in found if not (slow and title(one).endswith("is fast")))
+
+
+def _checks(cls: type[Component], negative_density: bool, accuracy: float) -> tuple[Check, ...]:
     if issubclass(cls, Potential):
         return COMMON + potentials.checks(negative_density)
     if issubclass(cls, Stripping):

@@ -13,6 +13,7 @@ from streamkit.engine import Field, build_field
 from streamkit.testing import reference
 from streamkit.testing.common import Check, example_of, require
 from streamkit.testing.hosts import TODAY, Isochrone, Satellite, progenitor_orbit, swarm
+from streamkit.testing.speed import integrator_is_fast
 
 SPAN = 0.4
 """Gyr: a good part of a radial period."""
@@ -160,4 +161,5 @@ def checks(accuracy: float) -> tuple[Check, ...]:
         comes_back,
         takes_any_number,
         takes_releases_off_the_grid,
+        integrator_is_fast,
     )

@@ -9,6 +9,7 @@ import numpy as np
 
 from streamkit import Observable, Prediction, Stream
 from streamkit.testing.common import Check, require
+from streamkit.testing.speed import observable_is_fast
 from streamkit.testing.streams import PARTICLES, example_stream, select
 
 
@@ -83,6 +84,26 @@ def leaves_the_stream_alone(observable: Observable) -> None:
     require(not changed, f"predict changes {', '.join(changed)}")
 
 
+SEEDS = 12
+"""Streams of 2000 particles that tell the scatter of a measurement."""
+
+
+def variance_is_that_of_the_scatter(observable: Observable) -> None:
+    """Check the variance against the scatter over streams with other draws: between a tenth and thirty times."""
+    all_of_them = [_predict(observable, example_stream(2000, seed)) for seed in range(3, 3 + SEEDS)]
+    some = [one for one in all_of_them if not one.why_not]
+    if len(some) < 4:
+        return
+    scatter = np.var([one.mean for one in some], axis=0, ddof=1)
+    told = np.median([one.variance for one in some], axis=0)
+    for name, true, said in zip(some[0].names, scatter, told, strict=True):
+        require(
+            0.1 * true <= said <= 30 * true or said == true == 0,
+            f"{name}: the variance is {said:.3g}, and the scatter over {len(some)} streams {true:.3g}: return the "
+            "variance of the mean that comes from the number of particles, sum(w^2 (x - mean)^2) for weights of sum 1",
+        )
+
+
 def says_why_not(observable: Observable) -> None:
     """Check that a stream without the feature gives NaN and a short constant reason, and no exception."""
     for what, stream in _poor_streams().items():
@@ -131,7 +152,9 @@ CHECKS: tuple[Check, ...] = (
     measures_a_stream,
     does_not_care_for_the_order,
     leaves_the_stream_alone,
+    variance_is_that_of_the_scatter,
     says_why_not,
     has_a_covariance_of_its_data,
     has_a_likelihood,
+    observable_is_fast,
 )

@@ -7,7 +7,14 @@ import numpy as np
 from streamkit import Array, G, Potential
 from streamkit.engine import build_field
 from streamkit.testing.common import Check, require
+from streamkit.testing.dimensions import (
+    enclosed_mass,
+    has_dimensions,
+    mass_agrees_with_force,
+    time_is_not_converted_twice,
+)
 from streamkit.testing.reference import acceleration, divergence_and_curl, gradient
+from streamkit.testing.speed import potential_is_fast
 
 COUNT = 200
 """More than one batch of the compiled loop."""
@@ -67,6 +74,27 @@ def is_finite(potential: Potential) -> None:
         a = acceleration([potential], np.zeros(q.shape[1]), q)
         bad = np.flatnonzero(~np.isfinite(a).all(axis=0))
         require(not len(bad), f"not finite at {len(bad)} points, the first {q[:, bad[:1]].ravel()} kpc")
+
+
+def is_finite_at_the_centre(potential: Potential) -> None:
+    """Check that a force which vanishes towards the centre is finite there, where a satellite has its own centre."""
+    near, nearer = (_size(acceleration([potential], 0.0, np.full((3, 1), r)))[0] for r in (1e-3, 1e-6))
+    if nearer < 0.1 * near:
+        centre = acceleration([potential], 0.0, np.zeros((3, 1))).ravel()
+        require(
+            np.isfinite(centre).all(),
+            f"the force falls to zero towards r = 0, and is {centre} there: write it without a division by r, or "
+            "add 1e-300 to r^2",
+        )
+
+
+def pulls_inwards(potential: Potential) -> None:
+    """Check that the force points inwards, seen over whole spheres from 10 to 300 kpc."""
+    mass = enclosed_mass(potential, np.geomspace(10.0, 300.0, 8))
+    require(
+        (mass > 0).any() or not (mass < 0).any(),
+        "the force points outwards everywhere: its sign is wrong, acceleration is -grad(potential)",
+    )
 
 
 def engine_agrees_with_numpy(potential: Potential) -> None:
@@ -129,10 +157,15 @@ def checks(negative_density: bool) -> tuple[Check, ...]:
         arrays_in_arrays_out,
         floats_agree_with_arrays,
         is_finite,
+        is_finite_at_the_centre,
         engine_agrees_with_numpy,
         engine_adds,
         expansion_meets_its_tolerance,
         is_curl_free,
         energy_matches_force,
+        mass_agrees_with_force,
+        has_dimensions,
+        time_is_not_converted_twice,
+        potential_is_fast,
     )
-    return always if negative_density else (*always, density_is_positive)
+    return always if negative_density else (*always, pulls_inwards, density_is_positive)

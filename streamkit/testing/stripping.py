@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
+from pydantic import ValidationError
 
 from streamkit import GYR, LEADING, TRAILING, Array, IntArray, Orbit, Release, Stripping
 from streamkit.testing.common import Check, require
 from streamkit.testing.hosts import MASS, progenitor_orbit
+from streamkit.testing.speed import stripping_is_fast
 
 LOOKBACK = -3.0
 ROTATION = np.array([[2.0, -1.0, 2.0], [2.0, 2.0, -1.0], [-1.0, 2.0, 2.0]]) / 3.0
@@ -110,11 +114,32 @@ def turns_with_the_orbit(scheme: Stripping) -> None:
     require(far <= sigmas * np.sqrt(4 / count), f"the covariance turns otherwise by {far:.2g}")
 
 
+def uses_its_draws(scheme: Stripping) -> None:
+    """Check that every row of the normals changes the release: ``draws`` is not too large."""
+    for name in (name for name in type(scheme).parameters() if getattr(scheme, name) == 0 and name != "mass_loss"):
+        with suppress(ValidationError):  # a dispersion of zero hides its normals
+            scheme = type(scheme)(**{**scheme.model_dump(), name: 1.0})
+    orbit, tail, normals = _case(scheme, 50)
+    try:
+        whole = _both(scheme.release(orbit, tail, MASS, normals))
+    except (IndexError, ValueError) as error:
+        raise AssertionError(f"{error}, with draws = {scheme.draws}: declare as many as are used") from error
+    for row in range(scheme.draws):
+        other = normals.copy()
+        other[row] = np.random.default_rng(9).standard_normal(50)
+        require(
+            not np.array_equal(_both(scheme.release(orbit, tail, MASS, other)), whole),
+            f"normals[{row}] changes nothing: draws is {scheme.draws}, declare as many as are used",
+        )
+
+
 CHECKS: tuple[Check, ...] = (
     says_how_many_draws,
     releases_as_many_as_asked,
     release_has_the_right_shape,
+    uses_its_draws,
     chance_is_an_argument,
     tails_lie_on_their_sides,
     turns_with_the_orbit,
+    stripping_is_fast,
 )

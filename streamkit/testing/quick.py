@@ -1,0 +1,44 @@
+"""The quick half of the conformance tests, for the components of a run: seconds in all, and nothing is compiled."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from streamkit import Component, Potential, Stripping
+from streamkit.testing import dimensions, potentials, stripping, use
+from streamkit.testing.common import Check, failures
+
+POTENTIAL: tuple[Check, ...] = (
+    potentials.arrays_in_arrays_out,
+    use.keeps_no_state,
+    potentials.pulls_inwards,
+    potentials.is_curl_free,
+    potentials.energy_matches_force,
+    dimensions.mass_agrees_with_force,
+    dimensions.has_dimensions,
+    dimensions.time_is_not_converted_twice,
+)
+STRIPPING: tuple[Check, ...] = (
+    use.keeps_no_state,
+    stripping.release_has_the_right_shape,
+    stripping.uses_its_draws,
+    stripping.tails_lie_on_their_sides,
+)
+BUDGET = 1.5
+"""Seconds after which no further check is begun."""
+
+
+def quick_failures(component: Component, clock: Callable[[], Any] = time.perf_counter) -> list[str]:
+    """Return a line for each failure of the quick checks of a component with its fields as they are.
+
+    Other roles than potentials and stripping schemes have none: trial streams show what is wrong with them.
+    """
+    todo = POTENTIAL if isinstance(component, Potential) else STRIPPING if isinstance(component, Stripping) else ()
+    lines: list[str] = []
+    begin = clock()
+    for check in todo:
+        if clock() - begin < BUDGET:
+            lines += failures(component, [check])
+    return lines

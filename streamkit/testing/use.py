@@ -1,0 +1,73 @@
+"""One use of a component of any role, and what follows from repeating it: no hidden state, nothing printed."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import ValidationError
+
+from streamkit import GYR, Array, Component, Integrator, Observable, Potential, Stripping
+from streamkit.engine import build_field
+from streamkit.testing.common import require
+from streamkit.testing.contained import printed
+from streamkit.testing.hosts import MASS, Isochrone, progenitor_orbit, swarm
+from streamkit.testing.reference import acceleration
+from streamkit.testing.streams import example_stream, select
+
+
+def use(component: Component, seed: int = 1) -> Array:
+    """Return what a component gives for one input: an acceleration, a release, a step, a measurement."""
+    rng = np.random.default_rng(seed)
+    if isinstance(component, Potential):
+        q = rng.standard_normal((3, 50)) * np.geomspace(1.0, 100.0, 50)
+        return acceleration([component], np.linspace(-5.0, 0.0, 50), q)
+    if isinstance(component, Stripping):
+        orbit = progenitor_orbit(-3.0).at(np.linspace(-3.0, 0.0, 50, endpoint=False) * GYR)
+        tail = np.where(np.arange(50) % 2, 1, -1)
+        release = component.release(orbit, tail, MASS, rng.standard_normal((component.draws, 50)))
+        return np.concatenate([release.q, release.v])
+    if isinstance(component, Integrator):
+        q, v = swarm(7, seed)
+        component.advance(build_field([Isochrone()]), q, v, np.zeros(7), 0.02 * GYR)
+        return np.concatenate([q, v])
+    assert isinstance(component, Observable)  # noqa: S101  there are four roles
+    stream = example_stream()
+    return component.predict(select(stream, slice(seed - 1, None))).mean
+
+
+def keeps_no_state(component: Component) -> None:
+    """Check that a call gives the same again, after calls with other input and of a component with other fields."""
+    first = use(component)
+    use(component, seed=2)
+    other = _another(component)
+    if other is not None:
+        use(other)
+    again = use(component)
+    require(
+        np.array_equal(first, again, equal_nan=True),
+        "the same call gives something else the second time: draw no random numbers, and keep nothing between calls "
+        "(no globals, no caches that depend on the last call)",
+    )
+
+
+def prints_nothing(component: Component) -> None:
+    """Check that a use prints nothing: a fit uses it 100 000 times."""
+
+    def everything() -> None:
+        use(component)
+        if isinstance(component, Potential) and component.compiled:
+            build_field([component]).acceleration(np.zeros(3), swarm(3)[0])
+
+    text = printed(everything).strip()
+    require(not text, f"prints {text[:60]!r} at a call: take it out, a fit makes 100 000 of them")
+
+
+def _another(component: Component) -> Component | None:
+    """Return a component with other numbers, if its bounds allow some."""
+    fields = component.model_dump()
+    for name in type(component).parameters():
+        if isinstance(fields[name], float):
+            try:
+                return type(component)(**{**fields, name: 0.97 * fields[name] + 0.01})
+            except ValidationError:
+                continue
+    return None
