@@ -8,9 +8,11 @@ from .files import contents as contents
 from .files import locked as locked
 from .files import origin as origin
 from .files import replace_whole as replace_whole
+from .files import safely as safely
 from .files import save as save
 from .files import save_picture as save_picture
 from .files import save_table as save_table
+from .files import to_disk as to_disk
 from .stream_figure import draw_stream as draw_stream
 from .stream_figure import draw_unwrapped as draw_unwrapped
 from .stream_file import FORMATS as FORMATS

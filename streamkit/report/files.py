@@ -104,13 +104,38 @@ def origin(spec: Spec) -> dict[str, Any]:
 
 
 def replace_whole(path: Path, writer: Callable[[Path], object]) -> None:
-    """Let ``writer`` write a temporary file beside ``path``, then put it in place in one step."""
+    """Let ``writer`` write a temporary file beside ``path``, then put it in place in one step.
+
+    It is on the disk before it takes the place of an older one: a power cut leaves one of the two.
+    """
     part = path.with_name(f".{path.stem}.part{path.suffix}")
     try:
         writer(part)
+        to_disk(part)
         os.replace(part, path)  # noqa: PTH105  the one call that is atomic by contract
+        with suppress(OSError):  # not every system opens directories
+            to_disk(path.parent)
     finally:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+
+
+def to_disk(path: Path) -> None:
+    """Have the system put a file, or the entries of a directory, on the disk before going on."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+@contextmanager
+def safely(path: Path) -> Iterator[None]:
+    """Turn a failure to write the file, a full disk among them, into a `ChainError` that says so."""
+    try:
+        yield
+    except OSError as error:
+        raise ChainError(f"{path}: cannot be written ({error.strerror or error})") from error
 
 
 def contents(directory: Path) -> list[str]:

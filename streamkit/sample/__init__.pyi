@@ -1,7 +1,7 @@
 from .chain import CHAIN as CHAIN
 from .chain import Chain as Chain
-from .chain import ChainFile as ChainFile
 from .chain import read_chain_file as read_chain_file
+from .chain_file import ChainFile as ChainFile
 from .convergence import Convergence as Convergence
 from .convergence import Limits as Limits
 from .convergence import autocorrelation_times as autocorrelation_times
@@ -10,6 +10,7 @@ from .convergence import effective_samples as effective_samples
 from .convergence import rank_r_hat as rank_r_hat
 from .convergence import stuck_walkers as stuck_walkers
 from .ensemble import Sampling as Sampling
+from .journal import JOURNAL as JOURNAL
 from .moves import learning_steps as learning_steps
 from .posterior import Evaluation as Evaluation
 from .posterior import Posterior as Posterior

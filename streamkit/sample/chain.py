@@ -1,58 +1,32 @@
-"""The chain file ``chain.h5``: emcee's HDF5 backend, what streamkit adds to it, and reading it with care."""
+"""The chain of a run as it is on the disk: ``chain.h5`` with the journal's latest steps, read with care."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from time import sleep
-from types import EllipsisType
 from typing import Any
 
 import h5py
 import numpy as np
-from emcee.backends import HDFBackend
 
 from streamkit.errors import ChainError
+from streamkit.sample.journal import journal_of
+from streamkit.sample.step import Step, chained, checksum_of, step_of
 from streamkit.stream import Array
 
 CHAIN = "chain.h5"
 GROUP = "mcmc"
+DATA = "chain", "log_prob", "blobs", "accepted"
+TRIED, REPLICAS = "trials", "replicas"
+"""Data sets of what the moves learned from, and of the replicas of the surrogate."""
+RESTORE = "Nothing was changed: restore it from a copy, or start again with --force."
 
 
-class ChainFile(HDFBackend):  # type: ignore[misc]  # emcee has no types
-    """emcee's backend, which opens and closes the file at every step, so that a killed run leaves it whole.
-
-    Without HDF5's file lock: a `streamkit report` of a run that is still going must not stop it. Two runs are
-    kept apart by a lock on the directory.
-    """
-
-    def open(self, mode: str = "r") -> h5py.File:
-        """Open the file."""
-        return h5py.File(self.filename, mode, locking=False)
-
-    def note(self, **attributes: Any) -> None:
-        """Store attributes beside the chain: mappings and lists as JSON."""
-        with self.open("a") as file:
-            for key, value in attributes.items():
-                file.attrs[key] = json.dumps(value) if isinstance(value, dict | list) else value
-
-    def put(self, name: str, shape: tuple[int, ...], index: int | EllipsisType, row: Array) -> None:
-        """Store a row, or all (...), of an array of this shape, which is NaN where nothing was stored."""
-        with self.open("a") as file:
-            if name not in file:
-                file.create_dataset(name, shape, dtype=float, fillvalue=np.nan)
-            file[name][index] = row
-
-    def get(self, name: str) -> Array | None:
-        """Return the array of `put`; None if there is none."""
-        with self.open() as file:
-            return np.asarray(file[name][...]) if name in file else None
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Chain:
-    """What a chain file holds.
+    """What a chain file holds, and the journal beside it.
 
     Attributes
     ----------
@@ -65,7 +39,19 @@ class Chain:
     accepted
         (walkers,) accepted moves.
     attributes
-        What the run noted: digest, quick, status, calls, reasons.
+        What the run noted: digest, quick, status, counts.
+    random_state
+        The generator's after the last step; None for no step.
+    tried
+        (steps of learning, walkers, k) what the moves learn from, NaN where nothing was stored; or None.
+    replicas
+        (k, d) replicas of the surrogate after the last step, or None.
+    journal
+        The steps at the end that only the journal holds.
+    start
+        The ensemble before the first step, if the journal holds it.
+    checksum
+        Of all samples.
     """
 
     chain: Array
@@ -73,35 +59,139 @@ class Chain:
     blobs: Any
     accepted: Array
     attributes: dict[str, Any]
+    random_state: tuple[Any, ...] | None = None
+    tried: Array | None = None
+    replicas: Array | None = None
+    journal: list[Step] = field(default_factory=list)
+    start: Step | None = None
+    checksum: str = ""
 
 
 def read_chain_file(path: Path) -> Chain:
-    """Read a chain file, that of a running run too; ChainError if it is missing, truncated, or no chain."""
-    if not path.exists():
+    """Read a chain file and its journal, those of a running run too.
+
+    Raises ChainError if there is neither, if one is truncated or no chain, or if it was changed after it was written.
+    """
+    steps = [step_of(record) for record in journal_of(path).read()]  # first: it may be cleared
+    if not path.exists() and not steps:
         raise ChainError(f"{path}: there is no chain file: the run did not get as far as its first step")
-    for attempt in range(3):
+    for attempt in range(2):
         try:
-            return _read(path)
-        except (OSError, KeyError, RuntimeError, ValueError) as error:
+            return _continued(_read(path), steps, path)
+        except (OSError, KeyError, RuntimeError, ValueError, TypeError) as error:
             reason = error
-            if attempt < 2:
-                sleep(0.1)  # the running run may just be writing
+            if steps and steps[0].number <= 1:
+                return _continued(_nothing(steps[0]), steps, path)
+            if not attempt:
+                sleep(0.1)  # an older streamkit may just be writing
     raise ChainError(
-        f"{path}: not a readable chain file ({str(reason).splitlines()[0]}). It may be truncated. "
-        "Nothing was changed: restore it from a copy, or start again with --force."
+        f"{path}: not a readable chain file ({str(reason).splitlines()[0]}). It may be truncated. {RESTORE}"
+    )
+
+
+def _nothing(first: Step) -> Chain:
+    """Return the chain without any step, for an ensemble of this form."""
+    walkers, d = first.coords.shape
+    blobs = None if first.blobs is None else np.empty((0, walkers), dtype=first.blobs.dtype)
+    attributes = {"digest": first.digest} if first.digest else {}
+    return Chain(
+        np.empty((0, walkers, d)), np.empty((0, walkers)), blobs, np.zeros(walkers), attributes, checksum=first.digest
+    )
+
+
+def _continued(stored: Chain, steps: list[Step], path: Path) -> Chain:
+    """Return the chain continued by the steps of the journal that it does not hold yet."""
+    done, checksum = len(stored.chain), stored.checksum
+    tail: list[Step] = []
+    start = steps[0] if steps and steps[0].number == 0 and done == 0 else None
+    for step in steps:
+        if step.number <= done:
+            continue
+        checksum = chained(checksum, step.coords, step.log_prob, step.blobs)
+        if step.number != done + len(tail) + 1 or step.checksum != checksum:
+            raise ChainError(
+                f"{journal_of(path).path}: does not continue {path.name}, of {done} steps: one of them belongs to "
+                f"another run. {RESTORE}"
+            )
+        tail.append(step)
+    if not tail:
+        if start is None:
+            return stored
+        attributes = stored.attributes | {"counts": dict(start.counts)}
+        return Chain(stored.chain, stored.log_prob, stored.blobs, stored.accepted, attributes,
+                     start=start, checksum=checksum)  # fmt: skip
+    last = tail[-1]
+    rows = [] if stored.tried is None else list(stored.tried[:done])
+    rows += [step.tried for step in tail if step.tried is not None]
+    blobs = None if last.blobs is None else np.array([step.blobs for step in tail])
+    if blobs is not None and stored.blobs is not None:
+        blobs = np.concatenate([stored.blobs, blobs])
+    return Chain(
+        np.concatenate([stored.chain, [step.coords for step in tail]]),
+        np.concatenate([stored.log_prob, [step.log_prob for step in tail]]),
+        blobs,
+        stored.accepted + np.sum([step.accepted for step in tail], axis=0),
+        stored.attributes | {"counts": dict(last.counts)},
+        last.random_state,
+        np.array(rows) if rows else None,
+        last.replicas,
+        tail,
+        checksum=checksum,
     )
 
 
 def _read(path: Path) -> Chain:
+    """Read the chain file alone."""
     with h5py.File(path, "r", locking=False) as file:
+        for name in (
+            GROUP,
+            *(f"{GROUP}/{item}" for item in DATA),
+            TRIED,
+            REPLICAS,
+        ):
+            _no_link(path, file, name)
         group = file[GROUP]
         steps = int(group.attrs["iteration"])
         attributes = {key: _plain(value) for key, value in file.attrs.items()}
-        chain, log_prob = group["chain"][:steps], group["log_prob"][:steps]
-        blobs = group["blobs"][:steps] if "blobs" in group else np.empty(log_prob.shape, dtype=[])
+        chain, log_prob, accepted = group["chain"][:steps], group["log_prob"][:steps], group["accepted"][...]
+        blobs = group["blobs"][:steps] if "blobs" in group else None
         if len(chain) != steps or len(log_prob) != steps:
             raise ValueError(f"{steps} steps announced, {len(chain)} found")
-        return Chain(chain, log_prob, blobs, group["accepted"][...], attributes)
+        random = [value for key, value in sorted(group.attrs.items()) if key.startswith("random_state_")]
+        tried, replicas = (file[name][...] if name in file else None for name in (TRIED, REPLICAS))
+    if not (np.isfinite(chain).all() and np.isfinite(log_prob).all()):
+        raise _changed(path, "it holds samples that are no numbers")
+    checksum = attributes.get("digest", "")
+    for row in range(steps):
+        checksum = chained(checksum, chain[row], log_prob[row], None if blobs is None else blobs[row])
+    if "checksum" in attributes:
+        if attributes["checksum"] != checksum:
+            raise _changed(path, "its samples have another checksum")
+        if attributes["seal"] != seal(accepted, random, tried, replicas, attributes.get("counts", {})):
+            raise _changed(path, "what is stored beside its samples has another checksum")
+    return Chain(chain, log_prob, blobs, accepted, attributes, tuple(random) or None, tried, replicas,
+                 checksum=checksum)  # fmt: skip
+
+
+def seal(accepted: Array, random: Any, tried: Array | None, replicas: Array | None, counts: dict[str, Any]) -> str:
+    """Return the checksum of what is stored beside the samples."""
+    arrays = [np.empty(0) if array is None else array for array in (tried, replicas)]
+    state = [part if isinstance(part, str) else np.asarray(part, dtype=float) for part in random]
+    return checksum_of(accepted, *state, *arrays, json.dumps(counts, sort_keys=True))
+
+
+def _changed(path: Path, what: str) -> ChainError:
+    return ChainError(f"{path}: was changed after it was written: {what}. {RESTORE}")
+
+
+def _no_link(path: Path, file: Any, name: str) -> None:
+    """Refuse links, and data that lie in other files."""
+    link = file.get(name, getlink=True) if name.split("/")[0] in file or "/" not in name else None
+    if isinstance(link, h5py.ExternalLink | h5py.SoftLink):
+        raise _changed(path, f"{name} is a link to somewhere else")
+    item = file.get(name)
+    if isinstance(item, h5py.Dataset) and (item.external or item.is_virtual):
+        raise _changed(path, f"the data of {name} are in another file")
 
 
 def _plain(value: Any) -> Any:

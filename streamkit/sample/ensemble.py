@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from time import monotonic
 from typing import Any
@@ -12,8 +14,9 @@ import numpy as np
 from emcee.backends import Backend
 from tqdm import tqdm
 
+from streamkit.errors import ChainError
 from streamkit.observe import Data
-from streamkit.sample.chain import ChainFile
+from streamkit.sample.chain_file import ChainFile
 from streamkit.sample.convergence import CHECK, Convergence, Limits
 from streamkit.sample.coordinates import Space
 from streamkit.sample.history import Trials
@@ -24,10 +27,8 @@ from streamkit.sample.workers import Workers
 from streamkit.spec import Prior
 from streamkit.stream import Array
 
-REPLICAS = "replicas"
-"""Where the chain file keeps the replicas of the surrogate."""
 NOTES = 5.0
-"""Seconds between two notes of the counts in the chain file, and between two looks at the mass."""
+"""Seconds between two looks at the mass."""
 
 
 class Bar(tqdm):  # type: ignore[misc]  # tqdm has no types
@@ -70,9 +71,10 @@ class Sampling:
     progress: bool = True
     mass: Callable[[Array], float] | None = None
     data: Data | None = None
-    counts: dict[str, Any] = field(
+    _counts: dict[str, Any] = field(
         default_factory=lambda: {"calls": 0, "search_calls": 0, "reasons": {}, "surrogate": ""}
     )
+    _before: dict[str, Any] = field(default_factory=dict)
     _state: emcee.State | None = None
     _trials: Trials = field(init=False)
 
@@ -93,7 +95,7 @@ class Sampling:
             rng = np.random.default_rng([self.seed, 1])
             search = Search(self.priors, self.pool.evaluate, self.walkers, rng, deadline, tell)
             points, results = search.run()
-        self.counts["search_calls"] = search.calls
+        self._before = self._counts = self._counts | {"search_calls": search.calls}
         rows = [result.row() for result in results]
         self._state = emcee.State(
             points,
@@ -104,13 +106,22 @@ class Sampling:
         # the search is reported by itself; from here on every call is a proposal of the sampler
         self.pool.calls["full"] = 0
         self.pool.reasons["full"].clear()
-
-    def resume(self, counts: dict[str, Any]) -> None:
-        """Go on from the last stored step, with the generator's state stored there: as if never stopped."""
-        self.counts = {key: counts.get(key, value) for key, value in self.counts.items()}
-        self._state = self.backend.get_last_sample()
         if isinstance(self.backend, ChainFile):
-            self._trials.load(self.backend)
+            self.backend.begin(self._state, self._counts)
+
+    def resume(self) -> None:
+        """Go on from the last step of a chain file, with all that is stored there: as if never stopped.
+
+        Raises ChainError if it cannot be read, or was changed.
+        """
+        assert isinstance(self.backend, ChainFile)  # noqa: S101  chains in memory end with the process
+        self.backend.load()
+        start = self.backend.start
+        self._state = self.backend.get_last_sample() if start is None else start.state
+        counts = self.backend.counts
+        self._before = self._counts = {key: counts.get(key, value) for key, value in self._counts.items()}
+        if self.backend.tried is not None:
+            self._trials.load(self.backend.tried)
 
     def advance(self, limits: Limits) -> str:
         """Take steps until a limit is reached; return which: "converged", "steps" or "time".
@@ -142,7 +153,6 @@ class Sampling:
                         self._state, done = state, done + 1
                         bar.update()
                         if clock.is_due():
-                            self._note()
                             bar.set_postfix_str(clock.line(sampler, done, tau, self._masses(state)), refresh=False)
                         if monotonic() > limits.deadline:
                             return "time"
@@ -155,14 +165,13 @@ class Sampling:
                         tau = float(np.max(judged.tau))
             return "steps"
         finally:
-            self._note()
+            if isinstance(self.backend, ChainFile):
+                with suppress(ChainError):  # its journal holds all; whoever closes the run tries again, and tells
+                    self.backend.consolidate()
 
     def totals(self) -> dict[str, Any]:
-        """Return the counts of all calls, those before a resumption included."""
-        reasons = dict(self.counts["reasons"])
-        for reason, count in self.pool.reasons["full"].items():
-            reasons[reason] = reasons.get(reason, 0) + count
-        return self.counts | {"calls": self.counts["calls"] + self.pool.calls["full"], "reasons": reasons}
+        """Return the counts of all calls for the finished steps, those before a resumption included."""
+        return self._counts
 
     def _judge(self, limits: Limits) -> Convergence:
         chain = np.asarray(self.backend.get_chain())
@@ -179,24 +188,24 @@ class Sampling:
         y = space.to(points)
         inside = np.isfinite(space.ln_prior(y))
         surrogate = learn(y[inside], mean[inside], variance[inside], self.data, lnl[inside])
-        self.counts["surrogate"] = "none" if surrogate is None else surrogate.subject
+        subject = {"surrogate": "none" if surrogate is None else surrogate.subject}
+        self._before, self._counts = self._before | subject, self._counts | subject
         for move in walks:
             move.learn(surrogate, self.walkers, self.seed, steps == LEARNING[-1])
             if done > steps and isinstance(self.backend, ChainFile):  # resumed
-                kept = self.backend.get(REPLICAS)
+                kept = self.backend.replicas
                 if kept is not None and kept.shape == move.replicas.shape:
                     move.replicas = kept
 
     def _keep(self, moves: Sequence[tuple[emcee.moves.Move, float]], step: int) -> None:
-        """Store beside the chain what the moves know, so that a resumed run goes on as an unbroken one would."""
-        self._trials.keep(step, self.backend)
-        for move, _ in moves:
-            if isinstance(move, SurrogateMove) and len(move.replicas) and isinstance(self.backend, ChainFile):
-                self.backend.put(REPLICAS, move.replicas.shape, ..., move.replicas)
-
-    def _note(self) -> None:
+        """Store the step together with what the moves know: a resumed run goes on as an unbroken one would."""
+        before = self._before
+        reasons = dict(Counter(before["reasons"]) + self.pool.reasons["full"])
+        self._counts = before | {"calls": before["calls"] + self.pool.calls["full"], "reasons": reasons}
+        tried = self._trials.keep(step)
         if isinstance(self.backend, ChainFile):
-            self.backend.note(counts=self.totals())
+            replicas = [move.replicas for move, _ in moves if isinstance(move, SurrogateMove) and len(move.replicas)]
+            self.backend.commit(self._counts, tried, replicas[0] if replicas else None)
 
     def _masses(self, state: emcee.State) -> Array | None:
         """(walkers,) Masses inside 100 kpc of the ensemble."""

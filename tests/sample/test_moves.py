@@ -228,7 +228,7 @@ def test_what_is_learned_from_is_all_that_was_tried(tmp_path):
     run, _ = banana_run(file, Limits(30), "surrogate")
     pool = Workers({"full": Banana()})
     kept = Trials(pool, LEARNING[-1], 16, 3, 2)
-    kept.load(file)
+    kept.load(file.tried)
     points, mean, variance, lnl = kept.until(30)
     inside = run.totals()["calls"] - run.totals()["reasons"].get("outside the prior", 0)
     found = (np.abs(points) <= 3).all(axis=1)
@@ -247,7 +247,8 @@ def test_a_chain_that_learns_is_resumed_bit_for_bit(tmp_path, stop):
     whole, parts = (ChainFile(str(tmp_path / f"{name}.h5")) for name in ("whole", "parts"))
     banana_run(whole, Limits(70), "surrogate")
     banana_run(parts, Limits(stop), "surrogate")
-    banana_run(ChainFile(parts.filename), Limits(70), "surrogate", resume=True)
+    parts = ChainFile(parts.filename)
+    banana_run(parts, Limits(70), "surrogate", resume=True)
     for name in ("get_chain", "get_log_prob", "get_blobs"):
         np.testing.assert_array_equal(getattr(whole, name)(), getattr(parts, name)())
 

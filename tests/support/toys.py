@@ -103,7 +103,7 @@ def banana_run(backend, limits, moves: str, resume: bool = False, toy: Banana | 
     with Workers({"full": toy, "cheap": toy}) as pool:
         run = Sampling(toy.priors, 16, 5, moves, pool, backend, blob_dtype(m), progress=False, data=toy.data)
         if resume:
-            run.resume({})
+            run.resume()
         else:
             run.begin()
         return run, run.advance(limits)

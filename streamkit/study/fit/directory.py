@@ -15,8 +15,8 @@ from typing import Any
 
 from streamkit.components import with_neighbours
 from streamkit.errors import ChainError
-from streamkit.report import contents, replace_whole
-from streamkit.sample import CHAIN, Chain, read_chain_file
+from streamkit.report import contents, replace_whole, safely
+from streamkit.sample import CHAIN, JOURNAL, Chain, read_chain_file
 from streamkit.spec import Spec, differences, to_toml
 
 RUN_FILE = "run.toml"
@@ -65,7 +65,8 @@ def claim(
     if not going_on:
         _write_run_file(directory, spec, options)
     manifest = json.dumps(_manifest(spec, options), indent=2) + "\n"
-    replace_whole(directory / MANIFEST, lambda part: part.write_text(manifest))
+    with safely(directory / MANIFEST):
+        replace_whole(directory / MANIFEST, lambda part: part.write_text(manifest))
     return going_on
 
 
@@ -78,13 +79,15 @@ def _write_run_file(directory: Path, spec: Spec, options: dict[str, Any]) -> Non
     for source in sources:
         copies |= {PLUGIN_COPIES / file.relative_to(source.parent): file for file in with_neighbours(source)}
     for place, file in copies.items():
-        (directory / place).parent.mkdir(parents=True, exist_ok=True)
-        replace_whole(directory / place, partial(shutil.copyfile, file))
+        with safely(directory / place):
+            (directory / place).parent.mkdir(parents=True, exist_ok=True)
+            replace_whole(directory / place, partial(shutil.copyfile, file))
     if sources:
         document["plugins"] = [f"{PLUGIN_COPIES}/{source.name}" for source in sources]
     components = [f"{path}: {cls.kind} ({supplier})" for path, cls, supplier in spec.components()]
     text = to_toml(document, "\n".join([header(options), *components]))
-    replace_whole(directory / RUN_FILE, lambda part: part.write_text(text))
+    with safely(directory / RUN_FILE):
+        replace_whole(directory / RUN_FILE, lambda part: part.write_text(text))
 
 
 def _copies(spec: Spec) -> dict[str, str]:
@@ -129,9 +132,10 @@ def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
             f"What differs (there -> here): {'; '.join(changed)}. "
             "Choose another directory, or --force to overwrite."
         )
-    if CHAIN not in files:
+    if CHAIN not in files and JOURNAL not in files:
         return False
-    return len(read_chain(directory).chain) > 0
+    found = read_chain(directory)
+    return len(found.chain) > 0 or found.start is not None
 
 
 def _only_ours(directory: Path, files: list[str], products: Collection[str]) -> None:

@@ -14,13 +14,24 @@ import numpy as np
 from emcee.backends import Backend
 
 from streamkit.components import Component
-from streamkit.errors import ComponentError, Interrupted
+from streamkit.errors import ChainError, ComponentError, Interrupted
 from streamkit.model import Host
 from streamkit.report import locked
-from streamkit.sample import CHAIN, ChainFile, Limits, Posterior, Sampling, Signals, Stopped, Workers, blob_dtype
+from streamkit.sample import (
+    CHAIN,
+    JOURNAL,
+    ChainFile,
+    Limits,
+    Posterior,
+    Sampling,
+    Signals,
+    Stopped,
+    Workers,
+    blob_dtype,
+)
 from streamkit.spec import Source, Spec, as_spec
 from streamkit.stream import Array
-from streamkit.study.fit.directory import RECOVERY, claim, read_chain
+from streamkit.study.fit.directory import RECOVERY, claim
 from streamkit.study.fit.products import PRODUCTS, write_products
 from streamkit.study.fit.results import Results
 
@@ -92,7 +103,7 @@ def run(
         going_on, backend = False, Backend()
         if directory is not None:
             stack.enter_context(locked(directory))
-            going_on = claim(directory, spec, options, (*PRODUCTS, *RECOVERY), resume, force)
+            going_on = claim(directory, spec, options, (*PRODUCTS, JOURNAL, *RECOVERY), resume, force)
             backend = ChainFile(str(directory / CHAIN))
         pool = stack.enter_context(Workers({"full": posterior, "cheap": cheap}, workers))
         stack.enter_context(_explained(pool, directory, backend, _again(spec, directory, quick)))
@@ -100,15 +111,16 @@ def run(
             spec.priors, spec.sampler.walkers, spec.seed, spec.sampler.moves, pool, backend,
             blob_dtype(posterior.size), progress, lambda theta: _mass_100(spec, theta), posterior.data,
         )  # fmt: skip
-        if going_on and directory is not None:
-            sampling.resume(read_chain(directory).attributes.get("counts", {}))
-        else:
-            sampling.begin(begin + QUICK_SEARCH if quick else np.inf)
         if isinstance(backend, ChainFile):
             backend.note(status="unfinished", quick=quick, digest=spec.digest())
+        if going_on:
+            sampling.resume()
+        else:
+            sampling.begin(begin + QUICK_SEARCH if quick else np.inf)
         status = sampling.advance(limits)
         if isinstance(backend, ChainFile):
             backend.note(status=status)
+            backend.consolidate()
     if directory is None:
         return Results.in_memory(spec, backend, sampling.totals(), status, quick)
     if products:
@@ -145,8 +157,8 @@ def _explained(pool: Workers, directory: Path | None, backend: Backend, again: s
             yield
     except Stopped as stop:
         raise Interrupted(f"stopped after {_left(directory, backend, again)}", stop.signum) from None
-    except ComponentError as error:
-        raise ComponentError(f"{error}. The run stopped after {_left(directory, backend, again)}") from error
+    except (ComponentError, ChainError) as error:
+        raise type(error)(f"{error}. The run stopped after {_left(directory, backend, again)}") from error
 
 
 def _again(spec: Spec, directory: Path | None, quick: bool) -> str:
@@ -161,4 +173,5 @@ def _left(directory: Path | None, backend: Backend, again: str) -> str:
         return f"{steps} steps, which were kept in memory only and are lost: give `out` to keep them."
     if steps == 0:
         return f"no finished step. To begin again: {again}"
-    return f"{steps} finished steps, all of them in {directory / CHAIN}. To continue: {again}"
+    where = [directory / name for name in (CHAIN, JOURNAL) if (directory / name).exists()]
+    return f"{steps} finished steps, all of them in {' and '.join(map(str, where))}. To continue: {again}"

@@ -186,6 +186,7 @@ def test_a_run_of_one_step_has_a_report_too(run, tmp_path):
     out = copy_of(run, tmp_path / "run")
     with h5py.File(out / "chain.h5", "a") as file:
         file["mcmc"].attrs["iteration"] = 1
+        del file.attrs["checksum"]  # which says that there were more
     run = write_products(out)
     assert len(run.chain) == 1
     table = read(run, "summary.ecsv")

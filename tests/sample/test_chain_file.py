@@ -1,0 +1,249 @@
+"""A step is stored as a whole or not at all: runs that are killed again and again, and files cut at every byte."""
+
+import multiprocessing
+import os
+import signal
+import time
+import warnings
+
+import emcee
+import h5py
+import numpy as np
+import pytest
+from toys import banana_run
+
+import streamkit as sk
+from streamkit.sample import ChainFile, Limits, chain_file, read_chain_file
+from streamkit.sample.journal import Journal, journal_of
+
+STEPS = 120
+LIMITS = Limits(STEPS, tau_factor=1e9)
+PARTS = "chain", "log_prob", "blobs", "accepted", "tried", "replicas", "checksum"
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """Return the chain of a run that nobody disturbed."""
+    file = ChainFile(str(tmp_path_factory.mktemp("whole") / "chain.h5"))
+    banana_run(file, LIMITS, "surrogate")
+    return read_chain_file(file._path)
+
+
+def same(found, wanted):
+    for name in PARTS:
+        np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name), err_msg=name)
+    for one, two in zip(found.random_state, wanted.random_state, strict=True):
+        np.testing.assert_array_equal(one, two)
+    assert found.attributes["counts"] == wanted.attributes["counts"]
+
+
+def go_on(path, awake=None):
+    """Begin a run, or continue it."""
+    file, resume = ChainFile(str(path)), False
+    if path.exists():
+        file.load()
+        resume = file.iteration > 0 or file.start is not None
+    if awake is not None:
+        awake.set()
+    banana_run(file, LIMITS, "surrogate", resume=resume)
+
+
+def killed(path, wait):
+    """Go on in another process, and kill it after so many seconds."""
+    context = multiprocessing.get_context("fork")
+    awake = context.Event()
+    process = context.Process(target=go_on, args=(path, awake))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of threads of linear algebra
+        process.start()
+    assert awake.wait(30)
+    time.sleep(wait)
+    process.kill()
+    process.join()
+    return process.exitcode == -signal.SIGKILL
+
+
+def kill_again_and_again(path, tries, seed):
+    """Kill a run so many times; the file is readable each time, and never gets shorter."""
+    rng, steps = np.random.default_rng(seed), 0
+    for number in range(tries):
+        # the waits shrink as the chain grows, so that the kills are spread over all of it
+        if not killed(path, rng.uniform(0, 0.12) if steps < STEPS - 20 else rng.uniform(0, 0.01)):
+            break
+        if path.exists():
+            found = len(read_chain_file(path).chain)
+            assert found >= steps, number
+            steps = found
+    return steps
+
+
+def test_a_run_killed_fifty_times_is_the_run_that_was_not(tmp_path, whole, monkeypatch):
+    monkeypatch.setattr(chain_file, "TAIL", 7)
+    path = tmp_path / "chain.h5"
+    kill_again_and_again(path, 50, 1)
+    go_on(path)
+    same(read_chain_file(path), whole)
+    assert [file.name for file in tmp_path.iterdir()] == ["chain.h5"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(10))
+def test_many_more_kills(tmp_path, whole, monkeypatch, seed):
+    monkeypatch.setattr(chain_file, "TAIL", int(2 ** (seed % 5)))
+    kill_again_and_again(tmp_path / "chain.h5", 100, 100 + seed)
+    go_on(tmp_path / "chain.h5")
+    same(read_chain_file(tmp_path / "chain.h5"), whole)
+
+
+@pytest.mark.parametrize("call", ["fsync", "replace"])
+def test_a_death_at_any_call_to_the_system_costs_nothing(tmp_path, whole, monkeypatch, call):
+    """The process dies at every such call of a stretch of the run, once each."""
+    monkeypatch.setattr(chain_file, "TAIL", 3)
+    path, original, context = tmp_path / "chain.h5", getattr(os, call), multiprocessing.get_context("fork")
+
+    def run(deadly):
+        left = [deadly]
+
+        def die(*args, **options):
+            left[0] -= 1
+            if not left[0]:
+                os.kill(os.getpid(), signal.SIGKILL)
+            return original(*args, **options)
+
+        setattr(os, call, die)
+        go_on(path)
+
+    for deadly in range(1, 6):
+        process = context.Process(target=run, args=(deadly,))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)
+            process.start()
+        process.join()
+        assert process.exitcode == -signal.SIGKILL
+    go_on(path)
+    same(read_chain_file(path), whole)
+
+
+def test_a_journal_cut_at_any_byte_keeps_the_records_before(tmp_path):
+    journal = Journal(tmp_path / "chain.journal")
+    ends = [0]
+    for number in range(3):
+        journal.append({"x": np.arange(number + 1.0)})
+        ends.append(journal.path.stat().st_size)
+    data = journal.path.read_bytes()
+    for cut in range(0, len(data) + 1, 5):
+        journal.path.write_bytes(data[:cut])
+        mine = Journal(journal.path)
+        found = mine.read()
+        assert len(found) == sum(end <= cut for end in ends[1:])
+        mine.append({"x": np.array([7.0])})
+        assert [record["x"][-1] for record in Journal(journal.path).read()] == [*range(len(found)), 7.0]
+
+
+def test_a_damaged_journal_is_told_from_one_that_was_cut(tmp_path):
+    journal = Journal(tmp_path / "chain.journal")
+    for number in range(3):
+        journal.append({"x": np.full(5, float(number))})
+    data = bytearray(journal.path.read_bytes())
+    data[200] ^= 1
+    journal.path.write_bytes(data)
+    with pytest.raises(sk.ChainError, match="damaged at byte 20"):
+        Journal(journal.path).read()
+    journal.path.write_bytes(b"hello")
+    with pytest.raises(sk.ChainError, match="not a journal"):
+        Journal(journal.path).read()
+
+
+def test_a_chain_file_that_cannot_be_read_is_rebuilt_as_long_as_the_journal_holds_all(tmp_path, whole, monkeypatch):
+    path = tmp_path / "chain.h5"
+    file = ChainFile(str(path))
+    file.consolidate = lambda: None  # as if it had been killed
+    banana_run(file, Limits(40, tau_factor=1e9), "surrogate")
+    path.write_bytes(path.read_bytes()[:1000])
+    assert len(read_chain_file(path).chain) == 40
+    go_on(path)
+    same(read_chain_file(path), whole)
+
+
+def test_emcee_reads_the_file_of_a_finished_run(tmp_path, whole):
+    path = tmp_path / "chain.h5"
+    go_on(path)
+    reader = emcee.backends.HDFBackend(str(path), read_only=True)
+    np.testing.assert_array_equal(reader.get_chain(), whole.chain)
+    np.testing.assert_array_equal(reader.get_blobs(), whole.blobs)
+    assert reader.iteration == STEPS
+    mine = ChainFile(str(path))
+    mine.load()
+    for options in ({}, {"flat": True}, {"thin": 7}, {"discard": 50, "thin": 3}):
+        np.testing.assert_array_equal(mine.get_log_prob(**options), reader.get_log_prob(**options))
+
+
+def test_a_chain_of_an_older_version_is_continued(tmp_path, whole):
+    """It has no checksums, rows of all the steps of learning, and room for steps that were not taken."""
+    path = tmp_path / "chain.h5"
+    file = ChainFile(str(path))
+    banana_run(file, Limits(40, tau_factor=1e9), "surrogate")
+    with h5py.File(path, "a") as stored:
+        del stored.attrs["checksum"], stored.attrs["seal"]
+        for name in ("chain", "log_prob", "blobs"):
+            stored["mcmc"][name].resize(100, axis=0)
+        rows = stored["trials"][...]
+        del stored["trials"]
+        stored["trials"] = np.concatenate([rows, np.full((360, *rows.shape[1:]), np.nan)])
+    go_on(path)
+    same(read_chain_file(path), whole)
+
+
+def nan(file):
+    file["mcmc/chain"][3, 2, 1] = np.nan
+
+
+def sample(file):
+    file["mcmc/chain"][3, 2, 1] += 1e-9
+
+
+def fewer(file):
+    file["mcmc"].attrs["iteration"] = 20
+
+
+def generator(file):
+    file["mcmc"].attrs["random_state_2"] = 5
+
+
+def learned(file):
+    file["trials"][3] = 0
+
+
+def linked(file):
+    file.move("mcmc/chain", "mcmc/other")
+    file["mcmc/chain"] = h5py.SoftLink("/mcmc/other")
+
+
+def elsewhere(file):
+    with h5py.File(file.filename + ".2", "w") as other:
+        other["mcmc/log_prob"] = file["mcmc/log_prob"][...]
+    del file["mcmc/log_prob"]
+    file["mcmc/log_prob"] = h5py.ExternalLink(file.filename + ".2", "mcmc/log_prob")
+
+
+@pytest.mark.parametrize("change", [nan, sample, fewer, generator, learned, linked, elsewhere])
+def test_a_chain_changed_behind_its_back_is_refused(tmp_path, change):
+    path = tmp_path / "chain.h5"
+    banana_run(ChainFile(str(path)), Limits(30, tau_factor=1e9), "surrogate")
+    with h5py.File(path, "a") as file:
+        change(file)
+    with pytest.raises(sk.ChainError, match="was changed after it was written: "):
+        ChainFile(str(path)).load()
+
+
+def test_a_journal_of_another_run_is_refused(tmp_path, monkeypatch):
+    one, two = tmp_path / "one.h5", tmp_path / "two.h5"
+    for path, moves in ((one, "surrogate"), (two, "de")):
+        file = ChainFile(str(path))
+        banana_run(file, Limits(30, tau_factor=1e9), moves)
+        file.load()
+        file.consolidate = lambda: None
+        banana_run(file, Limits(32, tau_factor=1e9), moves, resume=True)
+    journal_of(two).path.replace(journal_of(one).path)
+    with pytest.raises(sk.ChainError, match=r"does not continue one\.h5, of 30 steps"):
+        ChainFile(str(one)).load()
