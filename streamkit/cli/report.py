@@ -13,14 +13,21 @@ from streamkit.study import fit
 @click.argument("directory", metavar="DIR", type=click.Path(path_type=Path))
 @click.option("--truth", metavar="TRUE.toml", type=click.Path(path_type=Path),
               help="A run file whose [potential] is the true host of a mock: compare with it.")  # fmt: skip
-def report(directory: Path, truth: Path | None) -> None:
-    """Write a run's tables and pictures again.
+@click.option("--literature", metavar="FILE", type=click.Path(path_type=Path),
+              help="A table of published masses or circular velocities to show beside the run's own.")  # fmt: skip
+def report(directory: Path, truth: Path | None, literature: Path | None) -> None:
+    """Write a run's tables, pictures and page again.
+
+    The page, report.html, says what was found, whether to believe it, and what was run.
 
     With --truth also the recovery of a mock: the mass profile and rotation curve over the true ones, with the relative
     difference, and recovered minus true in sigma by radius. The [potential] of TRUE.toml needs numbers, no priors;
     other sections are not looked at.
+
+    With --literature also published values: a table (ECSV, CSV, FITS, VOTable) with the columns quantity (M or v_c),
+    radius (kpc), value, error_minus, error_plus (Msun or km/s) and reference. It is kept in DIR for later reports.
     """
-    results = fit.write_products(directory, truth)
+    results = fit.write_products(directory, truth, literature)
     click.echo(fit.describe_results(results))
     if truth is not None:
         click.echo(f"\n{fit.describe_recovery(directory)}")

@@ -26,6 +26,7 @@ from streamkit.report import (
     with_unit,
 )
 from streamkit.stream import Array
+from streamkit.study.fit.literature import draw_literature
 from streamkit.study.fit.results import Results
 
 if TYPE_CHECKING:
@@ -135,18 +136,28 @@ def corner(results: Results) -> Figure:
     return figure
 
 
-def mass_profile(results: Results, profile: QTable | None = None, axes: Axes | None = None) -> Figure:
-    """Draw the mass inside each radius with its 68 % and 95 % bands, and the radii of the data."""
-    return _profile(results, profile, axes, "M", 1e-11, r"$M(<r)\ \,[10^{11}\,M_\odot]$")
+def mass_profile(
+    results: Results, profile: QTable | None = None, axes: Axes | None = None, literature: QTable | None = None
+) -> Figure:
+    """Draw the mass inside each radius with its 68 % and 95 % bands, the radii of the data and published values."""
+    return _profile(results, profile, axes, literature, "M", 1e-11, r"$M(<r)\ \,[10^{11}\,M_\odot]$")
 
 
-def rotation_curve(results: Results, profile: QTable | None = None, axes: Axes | None = None) -> Figure:
-    """Draw the circular velocity with its 68 % and 95 % bands, and the radii of the data."""
-    return _profile(results, profile, axes, "v_c", 1.0, r"$v_{\rm c}(r)\ \,[{\rm km\,s}^{-1}]$")
+def rotation_curve(
+    results: Results, profile: QTable | None = None, axes: Axes | None = None, literature: QTable | None = None
+) -> Figure:
+    """Draw the circular velocity with its 68 % and 95 % bands, the radii of the data and published values."""
+    return _profile(results, profile, axes, literature, "v_c", 1.0, r"$v_{\rm c}(r)\ \,[{\rm km\,s}^{-1}]$")
 
 
 def _profile(
-    results: Results, profile: QTable | None, axes: Axes | None, name: str, factor: float, label: str
+    results: Results,
+    profile: QTable | None,
+    axes: Axes | None,
+    literature: QTable | None,
+    name: str,
+    factor: float,
+    label: str,
 ) -> Figure:
     """Draw one column of a profile; what is extrapolated beyond the `reach` is shaded."""
     profile = results.mass_profile(radii(results)) if profile is None else profile
@@ -162,6 +173,8 @@ def _profile(
     axes.axvspan(min(r[0], low), low, **shade)
     axes.axvspan(high, max(r[-1], high), **shade, label="extrapolated")
     data_radii(axes, results)
+    if literature is not None:
+        draw_literature(axes, literature, name, factor)
     axes.set_xlabel(r"$r\ \,[{\rm kpc}]$", fontsize=13)
     axes.set_ylabel(label, fontsize=13)
     if text := remark(results):

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from streamkit.errors import ChainError, OutOfDomain
-from streamkit.report import draw_stream, save_picture, save_table
+from streamkit.report import draw_stream, save, save_picture, save_table
 from streamkit.sample import CHAIN
 from streamkit.study.fit.directory import MANIFEST, RECOVERY, RUN_FILE
 from streamkit.study.fit.figures import corner, mass_profile, radii, remark, rotation_curve, traces
+from streamkit.study.fit.literature import read_literature
+from streamkit.study.fit.page import PAGE, page_text
+from streamkit.study.fit.page import RADII as PAGE_RADII
 from streamkit.study.fit.recovery import DRAWN, RADII, recovery_figure, recovery_table, true_host
 from streamkit.study.fit.results import Results
 from streamkit.study.fit.tables import printable
@@ -49,14 +53,19 @@ FIGURES: dict[str, Callable[[Results], Figure]] = {
     "best_stream.png": best_stream,
     "traces.png": traces,
 }
-PRODUCTS = (RUN_FILE, MANIFEST, CHAIN, *TABLES, *FIGURES)
+LITERATURE = "literature.ecsv"
+"""Published values that a report was given, kept for the next one."""
+PRODUCTS = (RUN_FILE, MANIFEST, CHAIN, *TABLES, *FIGURES, PAGE, LITERATURE)
 """Every file that a run writes into its output directory."""
 
 
-def write_products(run: Results | str | Path, truth: str | Path | None = None) -> Results:
-    """Write every table and picture of a run into its directory, and return its results.
+def write_products(
+    run: Results | str | Path, truth: str | Path | None = None, literature: str | Path | None = None
+) -> Results:
+    """Write every table and picture of a run and its page into its directory, and return its results.
 
-    A picture that fails is left out, with a warning in the log; `Results.failed` and the diagnostics hold the reason.
+    A picture or page that fails is left out, with a warning in the log; `Results.failed` and the diagnostics hold the
+    reason.
 
     Parameters
     ----------
@@ -64,6 +73,9 @@ def write_products(run: Results | str | Path, truth: str | Path | None = None) -
         The run, or its directory.
     truth
         A TOML file whose ``[potential]`` is the true host of a mock: the recovery is written too.
+    literature
+        A table of published masses and circular velocities (`read_literature`) to show beside the run's own. It is
+        kept in the directory, and shown again by later reports.
 
     Raises ChainError if there is no readable run. Raises SpecError if the truth is not valid. Nothing has then been
     written.
@@ -73,7 +85,12 @@ def write_products(run: Results | str | Path, truth: str | Path | None = None) -
     if where is None:
         raise ChainError("these results are in memory only: a report needs a directory")
     tables, figures = dict(TABLES), dict(FIGURES)
-    wanted = [PROFILE_RADII, radii(results)]
+    published = _published(where, literature)
+    wanted = [PROFILE_RADII, radii(results), np.array(PAGE_RADII)]
+    if published is not None:
+        figures["mass_profile.png"] = partial(mass_profile, literature=published)
+        figures["rotation_curve.png"] = partial(rotation_curve, literature=published)
+        wanted.append(np.asarray(published["radius"]))
     if truth is not None:
         host = true_host(truth, results.spec)
         tables[RECOVERY[0]] = lambda results: recovery_table(results, host)
@@ -81,18 +98,41 @@ def write_products(run: Results | str | Path, truth: str | Path | None = None) -
         wanted += [RADII, DRAWN]
     results.profiles(np.concatenate(wanted))  # in one go
     results.failed = {}
-    for name, draw in figures.items():
+    writers: dict[str, Callable[[Path], None]] = {
+        name: partial(_draw, draw=draw, results=results) for name, draw in figures.items()
+    }
+    writers[PAGE] = partial(_write_page, results=results, literature=published)  # it shows the pictures: the last
+    for name, write in writers.items():
         try:
-            save_picture(where / name, draw(results))
+            write(where / name)
         except Exception as error:
             (where / name).unlink(missing_ok=True)  # an older one would belong to other samples
             results.failed[name] = f"{type(error).__name__}: {error}"
     for name, make in tables.items():
         table = make(results)
         if results.failed:
-            table.meta["pictures that failed"] = dict(results.failed)
+            table.meta["products that failed"] = dict(results.failed)
         save_table(where / name, printable(table, None))
     if results.failed:
         reasons = "; ".join(f"{name} ({reason})" for name, reason in results.failed.items())
-        logging.getLogger("streamkit").warning("Some pictures could not be drawn, all else was: %s", reasons)
+        logging.getLogger("streamkit").warning("Some products could not be made, all else was: %s", reasons)
     return results
+
+
+def _published(where: Path, literature: str | Path | None) -> QTable | None:
+    """Return the published values given now, or with an earlier report."""
+    kept = where / LITERATURE
+    if literature is None:
+        return read_literature(kept) if kept.exists() else None
+    table = read_literature(literature)
+    save_table(kept, table)
+    return table
+
+
+def _draw(path: Path, draw: Callable[[Results], Figure], results: Results) -> None:
+    save_picture(path, draw(results))
+
+
+def _write_page(path: Path, results: Results, literature: QTable | None) -> None:
+    text = page_text(results, literature)
+    save(path, lambda part: part.write_text(text, encoding="utf-8"))

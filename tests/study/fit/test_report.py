@@ -55,7 +55,7 @@ def read(run, name):
 
 def test_every_product_is_written(run):
     names = {path.name for path in run.directory.iterdir()}
-    assert names == {*TABLES, *PICTURES, "run.toml", "manifest.json", "chain.h5"}
+    assert names == {*TABLES, *PICTURES, "report.html", "run.toml", "manifest.json", "chain.h5"}
     assert names <= set(PRODUCTS)
     for name in PICTURES:
         pixels = imread(run.directory / name)
@@ -170,16 +170,16 @@ def test_a_picture_that_fails_costs_no_other(run, tmp_path, monkeypatch, caplog)
     (out / "corner.png").write_text("of another chain")
     monkeypatch.setattr(products, "FIGURES", {"corner.png": broken, "rotation_curve.png": rotation_curve})
     results = write_products(out)
-    assert {"rotation_curve.png", *TABLES} == {path.name for path in out.iterdir()} - {
+    assert {"rotation_curve.png", "report.html", *TABLES} == {path.name for path in out.iterdir()} - {
         "run.toml",
         "manifest.json",
         "chain.h5",
     }
     assert results.failed == {"corner.png": "ZeroDivisionError: no ink"}
     assert [record.getMessage() for record in caplog.records] == [
-        "Some pictures could not be drawn, all else was: corner.png (ZeroDivisionError: no ink)"
+        "Some products could not be made, all else was: corner.png (ZeroDivisionError: no ink)"
     ]
-    assert read(results, "diagnostics.ecsv").meta["pictures that failed"] == results.failed
+    assert read(results, "diagnostics.ecsv").meta["products that failed"] == results.failed
 
 
 def test_a_run_of_one_step_has_a_report_too(run, tmp_path):

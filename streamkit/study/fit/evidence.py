@@ -1,0 +1,139 @@
+"""Numbers that speak for or against a chain: drift, ranks, prediction against data, posterior against prior."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.stats import chi2, norm, rankdata
+
+from streamkit.errors import OutOfDomain
+from streamkit.sample import Posterior
+from streamkit.spec import Prior
+from streamkit.stream import Array
+
+if TYPE_CHECKING:
+    from streamkit.study.fit.results import Results
+
+MOST = 2000
+"""Samples that a prediction is compared with the data for."""
+EDGE = 0.02
+"""The outermost fraction of a prior, at either end, that counts as its edge."""
+
+
+def drift(kept: Array, tau: Array) -> Array:
+    """(d,) Difference of the means of the last and the first third of a chain, in its standard errors (Geweke 1992).
+
+    Parameters
+    ----------
+    kept, tau
+        (steps, walkers, d) samples after burn-in, and (d,) their autocorrelation times in steps; NaN for fewer than
+        6 steps.
+    """
+    steps, walkers, d = kept.shape
+    third = steps // 3
+    if third < 2:
+        return np.full(d, np.nan)
+    first, last = kept[:third], kept[-third:]
+    variance = (first.var(axis=(0, 1)) + last.var(axis=(0, 1))) * tau / (third * walkers)
+    with np.errstate(all="ignore"):  # a parameter that never moved
+        return np.asarray((last.mean(axis=(0, 1)) - first.mean(axis=(0, 1))) / np.sqrt(variance))
+
+
+def ranks(kept: Array) -> Array:
+    """(steps, walkers, d) Rank of every sample among all of its parameter, between 0 and 1 (Vehtari+ 2021, sec. 4)."""
+    flat = kept.reshape(-1, kept.shape[2])
+    return np.asarray((rankdata(flat, axis=0) - 0.5) / len(flat)).reshape(kept.shape)
+
+
+def rank_scores(kept: Array, tau: Array) -> Array:
+    """(walkers, d) How far each walker's mean rank is from 1/2, in standard errors of its independent samples."""
+    steps = len(kept)
+    with np.errstate(all="ignore"):
+        return np.asarray((ranks(kept).mean(axis=0) - 0.5) / np.sqrt(tau / (12 * steps)))
+
+
+def chance(scores: Array) -> float:
+    """Return the probability that the largest of n independent normal scores is as large; NaN without any."""
+    known = np.abs(scores[np.isfinite(scores)])
+    if not known.size:
+        return np.nan
+    return float(-np.expm1(known.size * np.log1p(-2 * norm.sf(known.max()))))
+
+
+def prior_fractions(prior: Prior, values: Array) -> Array:
+    """(n,) Fraction of the prior below each value: uniform on [0, 1] if the posterior is the prior."""
+    u = np.linspace(1e-6, 1 - 1e-6, 20001)
+    return np.asarray(np.interp(values, prior.ppf(u), u))
+
+
+def contraction(fractions: Array) -> float:
+    """Return the posterior's spread over the prior's, both in fractions of the prior: 1 if the data say nothing."""
+    return float(np.sqrt(12) * fractions.std())
+
+
+@dataclass(frozen=True)
+class Predictive:
+    """The data and what the posterior predicts for them.
+
+    Attributes
+    ----------
+    names, data, errors
+        (m,) of the data that are there.
+    mean, variance
+        (n, m) predictions of the samples, and the variance of each estimate.
+    """
+
+    names: tuple[str, ...]
+    data: Array
+    errors: Array
+    mean: Array
+    variance: Array
+    add_noise: bool
+
+    @property
+    def total(self) -> Array:
+        """(n, m) Variances that the likelihood compares with."""
+        return self.errors**2 + (self.variance if self.add_noise else np.zeros_like(self.variance))
+
+    @property
+    def deviations(self) -> Array:
+        """(m,) Median prediction minus datum, in standard errors of the datum."""
+        return np.asarray((np.median(self.mean, axis=0) - self.data) / self.errors)
+
+    @property
+    def noise(self) -> Array:
+        """(m,) The model's own noise over the error of the datum, median over the samples."""
+        return np.asarray(np.sqrt(np.median(self.variance, axis=0)) / self.errors)
+
+    @property
+    def p_value(self) -> float:
+        """The posterior predictive p-value of chi^2 (Gelman, Meng & Stern 1996, eq. 8)."""
+        found = ((self.data - self.mean) ** 2 / self.total).sum(axis=1)
+        return float(chi2.sf(found, len(self.data)).mean())
+
+
+def predictive(results: Results) -> Predictive | None:
+    """Return data and predictions of a run; None if the run kept no predictions."""
+    blobs = results.blobs
+    if blobs is None or not blobs.dtype.names or "mean" not in blobs.dtype.names:
+        return None
+    data = Posterior(results.spec).data
+    kept = blobs[results.discard :].ravel()
+    kept = kept[np.linspace(0, len(kept) - 1, min(len(kept), MOST)).astype(int)]
+    used = np.isfinite(data.values)
+    mean, variance = kept["mean"][:, used], kept["variance"][:, used]
+    good = np.isfinite(mean).all(axis=1) & np.isfinite(variance).all(axis=1)
+    if not good.any():
+        return None
+    names = tuple(name for name, there in zip(_names(results, len(used)), used, strict=True) if there)
+    return Predictive(names, data.values[used], data.errors[used], mean[good], variance[good], data.add_noise)
+
+
+def _names(results: Results, m: int) -> tuple[str, ...]:
+    """(m,) What the observable calls its data."""
+    try:
+        return results.best_stream[1].names
+    except OutOfDomain:  # another machine's rounding may lose a stream at the edge
+        return tuple(f"datum {i + 1}" for i in range(m))

@@ -1,0 +1,116 @@
+"""What others found: a table of masses and circular velocities, beside a run's own and over its pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from streamkit.errors import StreamkitError, nearest
+
+if TYPE_CHECKING:
+    from astropy.table import QTable, Table
+
+    from streamkit.study.fit.results import Results
+
+UNITS = {"M": "Msun", "v_c": "km / s"}
+"""The quantities that a table may hold, and their units."""
+NUMBERS = ("radius", "value", "error_minus", "error_plus")
+COLUMNS = ("quantity", *NUMBERS, "reference")
+MARKERS = "sD^vopP*hX"
+
+
+def read_literature(path: str | Path) -> QTable:
+    """Read a table of published values, of any format that astropy recognises by the name: ECSV, FITS, VOTable, CSV.
+
+    Columns: quantity, "M" (mass inside the radius) or "v_c" (circular velocity); radius in kpc unless the column has
+    another unit; value, error_minus and error_plus (both positive, 1 sigma) in Msun or km/s; reference. The table
+    returned holds plain numbers in these units.
+
+    Raises StreamkitError if it cannot be read or is not such a table: with the row.
+    """
+    from astropy.io.registry import IORegistryError
+    from astropy.table import Table
+
+    path = Path(path)
+    if not path.is_file():
+        raise StreamkitError(f"literature {str(path)!r}: there is no such file")
+    try:
+        try:
+            table = Table.read(path)
+        except IORegistryError:
+            table = Table.read(path, format="ascii")
+    except Exception as error:
+        reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
+        raise StreamkitError(f"literature {str(path)!r}: cannot be read as a table ({reason})") from None
+    return checked(table, f"literature {str(path)!r}")
+
+
+def checked(table: Table, where: str) -> QTable:
+    """Return a table of published values in plain numbers: kpc, Msun, km/s. StreamkitError says what is wrong."""
+    from astropy import units as u
+    from astropy.table import QTable
+
+    if missing := [name for name in COLUMNS if name not in table.colnames]:
+        near = nearest(missing[0], table.colnames)
+        raise StreamkitError(
+            f"{where}: the column {missing[0]!r} is missing. Wanted: {', '.join(COLUMNS)}; found: "
+            f"{', '.join(table.colnames)}.{near}"
+        )
+    numbers: dict[str, Any] = {}
+    quantities = [str(name) for name in table["quantity"]]
+    for row, name in enumerate(quantities, 1):
+        if name not in UNITS:
+            raise StreamkitError(f"{where}, row {row}: the quantity must be M or v_c, found {name!r}")
+    for name in NUMBERS:
+        column = table[name]
+        try:
+            units = ["kpc" if name == "radius" else UNITS[quantity] for quantity in quantities]
+            given = column.unit
+            plain = column.value if given is not None else column
+            values = np.array(plain, dtype=float)
+            factors = [1.0 if given is None else u.Unit(given).to(unit) for unit in units]
+        except (TypeError, ValueError, u.UnitConversionError) as error:
+            raise StreamkitError(f"{where}: the column {name!r} is not usable ({error})") from None
+        numbers[name] = values * np.array(factors)
+        good = np.isfinite(values) & (values >= 0 if name.startswith("error") else values > 0)
+        if not good.all():
+            row = int(np.argmin(good))
+            raise StreamkitError(f"{where}, row {row + 1}: {name} must be a positive number, found {values[row]:g}")
+    columns = {"quantity": quantities, **numbers, "reference": [str(text) for text in table["reference"]]}
+    return QTable(columns, names=COLUMNS)
+
+
+def draw_literature(axes: Axes, table: QTable, name: str, factor: float = 1.0) -> None:
+    """Draw the published values of one quantity over a profile, each reference with its own marker."""
+    rows = table[[quantity == name for quantity in table["quantity"]]]
+    for i, reference in enumerate(dict.fromkeys(rows["reference"])):
+        those = rows[rows["reference"] == reference]
+        errors = factor * np.array([those["error_minus"], those["error_plus"]])
+        axes.errorbar(
+            those["radius"], factor * those["value"], yerr=errors, fmt=MARKERS[i % len(MARKERS)], ms=6, color="black",
+            mfc="white", capsize=3, lw=1.2, zorder=5, label=reference,
+        )  # fmt: skip
+
+
+def beside_literature(results: Results, table: QTable) -> QTable:
+    """Return the published values with the run's own at the same radii.
+
+    Further columns: ours, ours_minus, ours_plus (median and half-widths of the 68 % interval), and deviation: ours
+    minus theirs in standard errors, the two errors that face each other added in quadrature.
+    """
+    ours: dict[str, list[float]] = {name: [] for name in ("ours", "ours_minus", "ours_plus", "deviation")}
+    mass, v_c = results.profiles(np.asarray(table["radius"], dtype=float))
+    for k, row in enumerate(table):
+        low, middle, high = np.percentile((mass if row["quantity"] == "M" else v_c)[:, k], [16, 50, 84])
+        above = middle > row["value"]
+        error = np.hypot(middle - low, row["error_plus"]) if above else np.hypot(high - middle, row["error_minus"])
+        found = (middle, middle - low, high - middle, (middle - row["value"]) / error if error else np.nan)
+        for name, value in zip(ours, found, strict=True):
+            ours[name].append(float(value))
+    beside = table.copy()
+    for name, values in ours.items():
+        beside[name] = values
+    return beside

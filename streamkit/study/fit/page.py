@@ -1,0 +1,227 @@
+"""The page of a run, ``report.html``: one file that needs no other and no network."""
+
+from __future__ import annotations
+
+import base64
+import re
+from collections.abc import Callable, Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from streamkit.report import number
+from streamkit.study.fit.directory import manifest
+from streamkit.study.fit.evidence import contraction, predictive, prior_fractions
+from streamkit.study.fit.figures import reach, remark
+from streamkit.study.fit.literature import beside_literature
+from streamkit.study.fit.page_figures import predicted_data, priors_and_posteriors, rank_plots
+from streamkit.study.fit.results import Results
+from streamkit.study.fit.verdicts import LEVELS, overall, verdicts
+
+if TYPE_CHECKING:
+    from astropy.table import QTable
+
+PAGE = "report.html"
+TEMPLATE = "page.html.jinja"
+WIDEST = 1700
+"""Pixels of a picture in the page: two for each of the widest column."""
+COLOURS = 160
+"""Colours of a picture in the page: drawings have few, and a picture is a third as large with a palette."""
+RADII = (25.0, 50.0, 75.0, 100.0, 150.0, 200.0)
+"""Radii in kpc of the masses in the page."""
+DRAWN = {
+    "mass": "mass_profile.png",
+    "rotation": "rotation_curve.png",
+    "stream": "best_stream.png",
+    "corner": "corner.png",
+    "traces": "traces.png",
+}
+"""Pictures of the page that are products of their own."""
+CLASSES = dict(zip(LEVELS, ("fine", "look", "not"), strict=True))
+SIGNS = dict(zip(LEVELS, ("✓", "!", "✕"), strict=True))
+
+
+def page_text(results: Results, literature: QTable | None = None) -> str:
+    """Return the page of a run as HTML.
+
+    Parameters
+    ----------
+    results
+        The run. Pictures that its directory holds are taken from there.
+    literature
+        Published values, as `read_literature` returns them.
+    """
+    from jinja2 import Environment, PackageLoader
+
+    found = verdicts(results)
+    level, sentence = overall(found)
+    environment = Environment(
+        loader=PackageLoader("streamkit.study.fit", "."), autoescape=True, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.globals.update(css=CLASSES, sign=SIGNS)
+    environment.filters["options"] = _unbroken
+    return environment.get_template(TEMPLATE).render(
+        title=Path(str(results.spec.source)).name if results.directory is None else results.directory.resolve().name,
+        remark=remark(results),
+        note=results.note(),
+        level=level,
+        sentence=sentence,
+        verdicts=found,
+        counts={name: sum(v.level == name for v in found) for name in LEVELS},
+        by_subject={v.subject: v for v in found},
+        parameters=list(_parameters(results)),
+        masses=list(_masses(results)),
+        literature=[] if literature is None else list(_literature(results, literature)),
+        pictures=_pictures(results),
+        data=list(_data(results)),
+        reasons=list(_reasons(results)),
+        run=_run(results),
+        toml=results.spec.toml(),
+    )
+
+
+def _parameters(results: Results) -> Iterator[dict[str, Any]]:
+    fractions = (prior_fractions(p, x) for p, x in zip(results.spec.priors, results.samples.T, strict=True))
+    for row, unit, prior, u in zip(results.summary(), results.spec.units, results.spec.priors, fractions, strict=True):
+        yield {
+            "name": row["parameter"],
+            "unit": unit.replace(" ", ""),
+            "median": number(row["median"]),
+            "interval": tuple((number(row[f"lo{p}"]), number(row[f"hi{p}"])) for p in (68, 95)),
+            "best": number(row["best"]),
+            "prior": prior.text(unit.replace(" ", "")),
+            "n_eff": _or_dash(row["effective_samples"], ".0f"),
+            "tau": _or_dash(row["autocorrelation_time"], ".0f"),
+            "r_hat": _or_dash(row["r_hat"], ".3f"),
+            "contraction": f"{contraction(u):.2f}",
+        }
+
+
+def _masses(results: Results) -> Iterator[dict[str, Any]]:
+    low, high = reach(results)
+    table = results.mass_profile(RADII)
+    for row in table:
+        r = float(row["r"].to_value("kpc"))
+        mass = [row[f"M{suffix}"].to_value("1e11 Msun") for suffix in ("", "_lo68", "_hi68", "_lo95", "_hi95")]
+        speed = [row[f"v_c{suffix}"].to_value("km/s") for suffix in ("", "_lo68", "_hi68", "_lo95", "_hi95")]
+        yield {
+            "r": f"{r:g}",
+            "M": [f"{m:.2f}" for m in mass],
+            "v_c": [f"{v:.0f}" for v in speed],
+            "beyond": not low <= r <= high,
+        }
+
+
+def _literature(results: Results, table: QTable) -> Iterator[dict[str, Any]]:
+    for row in beside_literature(results, table):
+        scale, unit, digits = (1e11, "1e11 Msun", 2) if row["quantity"] == "M" else (1.0, "km/s", 0)
+        theirs, ours = (
+            [f"{row[name] / scale:.{digits}f}" for name in names]
+            for names in (("value", "error_minus", "error_plus"), ("ours", "ours_minus", "ours_plus"))
+        )
+        yield {
+            "what": f"{'M(<r)' if row['quantity'] == 'M' else 'v_c'}, {row['radius']:g} kpc",
+            "unit": unit,
+            "theirs": theirs,
+            "ours": ours,
+            "deviation": f"{row['deviation']:+.1f}" if np.isfinite(row["deviation"]) else "-",
+            "reference": row["reference"],
+        }
+
+
+def _data(results: Results) -> Iterator[dict[str, Any]]:
+    if (seen := predictive(results)) is None:
+        return
+    for k, name in enumerate(seen.names):
+        low, middle, high = np.percentile(seen.mean[:, k], [16, 50, 84])
+        yield {
+            "name": name,
+            "data": f"{seen.data[k]:.4g} ± {seen.errors[k]:.3g}",
+            "model": f"{middle:.4g} (+{high - middle:.2g} −{middle - low:.2g})",
+            "deviation": f"{seen.deviations[k]:+.1f}",
+            "noise": f"{seen.noise[k]:.2f}",
+        }
+
+
+def _reasons(results: Results) -> Iterator[dict[str, Any]]:
+    for reason, n in sorted(results.reasons.items(), key=lambda item: -item[1]):
+        yield {"reason": reason, "count": n, "share": 100 * n / max(results.calls, 1)}
+
+
+def _run(results: Results) -> dict[str, Any]:
+    """What was run: facts for the table at the end of the page."""
+    steps, walkers, d = results.chain.shape
+    known = {} if results.directory is None else manifest(results.directory)
+    spec = results.spec
+    return {
+        "facts": {
+            "run file": Path(str(spec.source)).name,
+            "digest": spec.digest(),
+            "seed": spec.seed,
+            "chain": f"{steps} steps of {walkers} walkers, {d} free parameters; {results.discard} steps of burn-in",
+            "ended": {
+                "converged": "by the rule of convergence",
+                "steps": "at the number of steps it was given",
+                "time": "at its time limit",
+            }.get(results.status, "not yet, or by an interruption"),
+            "streams made": f"{results.calls} by the sampler, {results.search_calls} in the search for a start",
+        },
+        "components": [(path, cls.kind, supplier, cls.reference) for path, cls, supplier in spec.components()],
+        "versions": known.get("versions", {}),
+    }
+
+
+def _pictures(results: Results) -> dict[str, str]:
+    """Return the pictures by name; one that fails is left out, with the reason in `Results.failed`."""
+    fractions = [prior_fractions(p, x) for p, x in zip(results.spec.priors, results.samples.T, strict=True)]
+    seen = predictive(results)
+    makers: dict[str, Callable[[], Figure]] = {
+        "ranks": lambda: rank_plots(results),
+        "priors": lambda: priors_and_posteriors(results, fractions),
+    }
+    if seen is not None:
+        makers["data"] = lambda: predicted_data(seen)
+    found = {}
+    for name, file in DRAWN.items():
+        if results.directory is not None and (path := results.directory / file).exists():
+            found[name] = embedded(path.read_bytes())
+    for name, make in makers.items():
+        buffer = BytesIO()
+        try:
+            make().savefig(buffer, format="png", dpi=170)
+        except Exception as error:
+            results.failed[f"{PAGE}, {name}"] = f"{type(error).__name__}: {error}"
+        else:
+            found[name] = embedded(buffer.getvalue())
+    return found
+
+
+def embedded(png: bytes) -> str:
+    """Return a picture as an address that holds it: no wider than the page needs, with a palette."""
+    from PIL import Image
+
+    try:
+        with Image.open(BytesIO(png)) as image:
+            white = Image.new("RGB", image.size, "white")
+            white.paste(image, mask=image.getchannel("A") if image.mode == "RGBA" else None)
+    except OSError:
+        return ""
+    if white.width > WIDEST:
+        white = white.resize((WIDEST, round(white.height * WIDEST / white.width)), Image.Resampling.LANCZOS)
+    buffer = BytesIO()
+    white.quantize(COLOURS).save(buffer, format="png", optimize=True)
+    return f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}"
+
+
+def _unbroken(text: str) -> str:
+    """Return a sentence as HTML in which the options of commands are not broken over two lines."""
+    from markupsafe import Markup, escape
+
+    return Markup(re.sub(r"(--\w+)", r'<code class="option">\1</code>', str(escape(text))))  # noqa: S704  escaped
+
+
+def _or_dash(value: float, form: str) -> str:
+    return f"{value:{form}}" if np.isfinite(value) else "–"

@@ -1,0 +1,189 @@
+"""The page of a run: whole in itself, with the answer, the verdicts and what was run; and published values."""
+
+import base64
+import re
+from html.parser import HTMLParser
+from io import BytesIO
+
+import numpy as np
+import pytest
+from astropy import units as u
+from astropy.table import Table
+from matplotlib.image import imread
+from toys import FIT
+
+import streamkit as sk
+from streamkit.study.fit import write_products
+from streamkit.study.fit.literature import beside_literature, read_literature
+from streamkit.study.fit.page import embedded, page_text
+from streamkit.study.fit.verdicts import LEVELS, overall, verdicts
+
+PUBLISHED = """quantity,radius,value,error_minus,error_plus,reference
+M,100,4.1e11,0.7e11,0.8e11,Gibbons+ 2014
+v_c,8,237,3,4,a <b>bold</b> guess
+"""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """Return a small run with its products, and published values in its page."""
+    where = tmp_path_factory.mktemp("runs")
+    (where / "published.csv").write_text(PUBLISHED)
+    results = sk.run(sk.load(FIT), out=where / "run", steps=30, progress=False, products=False)
+    return write_products(results, literature=where / "published.csv")
+
+
+class Page(HTMLParser):
+    """The tags of a page that is well formed, and its text."""
+
+    EMPTY = {"meta", "img", "br", "link"}
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.tags, self.words = [], [], []
+        self.feed(text)
+        assert not self.open
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in self.EMPTY:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] != "style":
+            self.words.append(data)
+
+    @property
+    def text(self):
+        return " ".join(" ".join(self.words).split())
+
+
+@pytest.fixture(scope="module")
+def page(run):
+    return Page((run.directory / "report.html").read_text(encoding="utf-8"))
+
+
+def test_the_page_needs_no_other_file_and_no_network(run, page):
+    for tag, attributes in page.tags:
+        assert tag not in ("script", "link", "iframe", "object")
+        for name in ("src", "href"):
+            if name in attributes:
+                assert attributes[name].startswith(("data:image/png;base64,", "#")), attributes[name]
+    css = (run.directory / "report.html").read_text(encoding="utf-8").split("</style>")[0]
+    assert "url(" not in css
+    assert "@import" not in css
+    ids = {attributes.get("id") for _, attributes in page.tags}
+    assert {a["href"][1:] for tag, a in page.tags if tag == "a"} <= ids
+
+
+def test_the_page_shows_every_picture_and_says_what_it_is(run, page):
+    assert run.failed == {}
+    pictures = [attributes for tag, attributes in page.tags if tag == "img"]
+    assert len(pictures) == 8
+    for attributes in pictures:
+        assert attributes["alt"]
+        pixels = imread(BytesIO(base64.b64decode(attributes["src"].partition(",")[2])), format="png")
+        assert pixels[..., :3].std() > 0.02
+
+
+def test_the_page_holds_the_answer(run, page):
+    summary, masses = run.summary(), run.mass_profile([25, 100, 200])
+    for row in summary:
+        assert row["parameter"] in page.text
+        for column in ("median", "lo68", "hi68", "lo95", "hi95"):
+            assert f"{row[column]:.4g}" in page.text
+    for row in masses:
+        assert f"{row['M'].to_value('1e11 Msun'):.2f}" in page.text
+        assert f"{row['v_c'].to_value('km/s'):.0f}" in page.text
+
+
+def test_the_page_holds_every_verdict_with_its_rule(run, page):
+    found = verdicts(run)
+    level, sentence = overall(found)
+    assert level == LEVELS[-1]  # 30 steps
+    assert sentence in page.text
+    assert run.note() in page.text
+    for verdict in found:
+        for text in (verdict.subject, verdict.value, verdict.rule):
+            assert text in page.text, text
+        words = re.sub(r"\W+", " ", verdict.sentence)
+        assert words.strip() in re.sub(r"\W+", " ", page.text)
+
+
+def test_the_page_says_what_was_run(run, page):
+    assert run.spec.digest() in page.text
+    for path, cls, supplier in run.spec.components():
+        assert {path, cls.kind, supplier} <= set(re.split(r"\s(?=\S)", page.text)) | {supplier}
+        assert supplier in page.text
+    assert '[potential]\nkind = "tf"' in "".join(page.words)
+    for reason, count in run.reasons.items():
+        assert f"{reason} {count}" in page.text
+
+
+def test_published_values_stand_beside_the_runs_own(run, page):
+    low, middle, high = np.percentile(run.profiles(np.array([100.0]))[0], [16, 50, 84])
+    (row, _) = beside_literature(run, read_literature(run.directory / "literature.ecsv"))
+    assert row["ours"] == pytest.approx(middle)
+    facing = np.hypot(middle - low, 0.8e11) if middle > 4.1e11 else np.hypot(high - middle, 0.7e11)
+    assert row["deviation"] == pytest.approx((middle - 4.1e11) / facing)
+    assert "a <b>bold</b> guess" in page.text  # as text
+    assert "4.10 +0.80 −0.70" in page.text
+    assert f"{row['deviation']:+.1f} sigma" in page.text
+
+
+def test_a_later_report_shows_the_published_values_too(run):
+    before = (run.directory / "report.html").read_text(encoding="utf-8")
+    write_products(run.directory)
+    assert "Gibbons+ 2014" in (run.directory / "report.html").read_text(encoding="utf-8")
+    assert len(before) > 50_000
+
+
+def test_results_in_memory_have_a_page(run):
+    results = sk.run(sk.load(FIT), steps=20, progress=False)
+    assert "Can it be believed?" in Page(page_text(results)).text
+
+
+def test_a_picture_that_cannot_be_read_is_left_out():
+    assert embedded(b"") == ""
+
+
+def test_published_values_are_converted(tmp_path):
+    table = Table({"quantity": ["M", "M"], "radius": [0.1, 0.2], "reference": ["G14", "G14"]})
+    table["radius"].unit = "Mpc"
+    for name, values in {"value": [4.1, 5.6], "error_minus": [0.7, 1.2], "error_plus": [0.7, 1.2]}.items():
+        table[name] = values
+        table[name].unit = u.Unit("1e11 Msun")
+    table.write(tmp_path / "table.ecsv")
+    found = read_literature(tmp_path / "table.ecsv")
+    np.testing.assert_allclose(found["radius"], [100, 200])
+    np.testing.assert_allclose(found["error_plus"], [0.7e11, 1.2e11])
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "message"),
+    [
+        ("quantity", "mass", r"row 1: the quantity must be M or v_c, found 'mass'"),
+        ("radius", -8.0, "row 1: radius must be a positive number, found -8"),
+        ("error_plus", -1.0, "error_plus"),
+        ("value", "much", "'value' is not usable"),
+        ("reference", None, "the column 'reference' is missing"),
+    ],
+)
+def test_a_table_that_is_none_of_published_values_is_refused(tmp_path, column, value, message):
+    row = {"quantity": "M", "radius": 100.0, "value": 4e11, "error_minus": 1e11, "error_plus": 1e11, "reference": "x"}
+    row = {key: value if key == column else old for key, old in row.items() if key != column or value is not None}
+    Table([row]).write(tmp_path / "table.ecsv")
+    with pytest.raises(sk.StreamkitError, match=message):
+        read_literature(tmp_path / "table.ecsv")
+
+
+@pytest.mark.parametrize("content", [None, "", "\x00\x01", "a,b\n1"])
+def test_a_file_that_is_no_table_is_refused(tmp_path, content):
+    path = tmp_path / "table.csv"
+    if content is not None:
+        path.write_text(content)
+    with pytest.raises(sk.StreamkitError, match=r"literature '.*table\.csv'"):
+        read_literature(path)
