@@ -25,6 +25,7 @@ SEEDS = click.option("--seeds", default=1, show_default=True, type=click.IntRang
 WORKERS = click.option("--workers", default=1, show_default=True, type=click.IntRange(1), metavar="N",
                        help="Processes that make the streams.")  # fmt: skip
 FORCE = click.option("-f", "--force", is_flag=True, help="Replace the products in DIR.")
+FORCE_FILE = click.option("-f", "--force", is_flag=True, help="Replace the files if they exist.")
 QUIET = click.option("-q", "--quiet", is_flag=True, help="No progress bar and no tables printed.")
 
 

@@ -9,7 +9,7 @@ import click
 
 import streamkit as sk
 from streamkit import report
-from streamkit.cli.options import RUN_FILE, SET, load_spec, read_settings
+from streamkit.cli.options import FORCE_FILE, RUN_FILE, SET, load_spec, read_settings
 from streamkit.errors import OutOfDomain, StreamkitError
 
 
@@ -20,7 +20,7 @@ from streamkit.errors import OutOfDomain, StreamkitError
               help="Write the particles to FILE.ecsv, .hdf5 or .fits.")  # fmt: skip
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",
               help="Draw the stream to FILE.png, .pdf or .svg.")  # fmt: skip
-@click.option("-f", "--force", is_flag=True, help="Replace the files if they exist.")
+@FORCE_FILE
 def stream(run_file: Path, settings: tuple[str, ...], output: Path | None, plot: Path | None, force: bool) -> None:
     """Make one stream, print it beside the data.
 

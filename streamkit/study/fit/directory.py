@@ -27,6 +27,8 @@ DATA_COPIES = "data"
 """Folder with copies of the run's data files."""
 RECOVERY = ("recovery.ecsv", "recovery.png")
 """What a report beside the truth adds."""
+LITERATURE = "literature.ecsv"
+"""Published values that a report was given, kept for the next one."""
 
 
 def claim(

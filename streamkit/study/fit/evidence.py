@@ -9,6 +9,7 @@ import numpy as np
 from scipy.stats import chi2, norm, rankdata
 
 from streamkit.errors import OutOfDomain
+from streamkit.observe import gaussian
 from streamkit.sample import Posterior
 from streamkit.spec import Prior
 from streamkit.stream import Array
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
 MOST = 2000
 """Samples that a prediction is compared with the data for."""
+COMPARED = 5
+"""Samples whose ln likelihood is compared with that of a Gaussian."""
 EDGE = 0.02
 """The outermost fraction of a prior, at either end, that counts as its edge."""
 
@@ -83,6 +86,12 @@ class Predictive:
         (m,) of the data that are there.
     mean, variance
         (n, m) predictions of the samples, and the variance of each estimate.
+    add_noise
+        Whether the likelihood adds that variance to the errors.
+    covariance
+        (m, m) of the errors; None where they are independent.
+    gaussian
+        Whether the likelihood is the Gaussian of these data, and no observable has one of its own.
     """
 
     names: tuple[str, ...]
@@ -90,11 +99,13 @@ class Predictive:
     errors: Array
     mean: Array
     variance: Array
-    add_noise: bool
+    add_noise: bool = False
+    covariance: Array | None = None
+    gaussian: bool = True
 
     @property
     def total(self) -> Array:
-        """(n, m) Variances that the likelihood compares with."""
+        """(n, m) Variances that the likelihood compares with, correlations left aside."""
         return self.errors**2 + (self.variance if self.add_noise else np.zeros_like(self.variance))
 
     @property
@@ -110,7 +121,13 @@ class Predictive:
     @property
     def p_value(self) -> float:
         """The posterior predictive p-value of chi^2 (Gelman, Meng & Stern 1996, eq. 8)."""
-        found = ((self.data - self.mean) ** 2 / self.total).sum(axis=1)
+        away = self.mean - self.data
+        if self.covariance is None:
+            found = (away**2 / self.total).sum(axis=1)
+        else:
+            noise = self.total - self.errors**2
+            pairs = zip(away, noise, strict=True)
+            found = np.array([r @ np.linalg.solve(self.covariance + np.diag(v), r) for r, v in pairs])
         return float(chi2.sf(found, len(self.data)).mean())
 
 
@@ -123,12 +140,22 @@ def predictive(results: Results) -> Predictive | None:
     kept = blobs[results.discard :].ravel()
     kept = kept[np.linspace(0, len(kept) - 1, min(len(kept), MOST)).astype(int)]
     used = np.isfinite(data.values)
-    mean, variance = kept["mean"][:, used], kept["variance"][:, used]
-    good = np.isfinite(mean).all(axis=1) & np.isfinite(variance).all(axis=1)
-    if not good.any():
+    kept = kept[np.isfinite(kept["mean"][:, used]).all(axis=1) & np.isfinite(kept["variance"][:, used]).all(axis=1)]
+    if not len(kept):
         return None
+    some = kept[:COMPARED]
+    expected = [gaussian(row["mean"], row["variance"], data) for row in some]
     names = tuple(name for name, there in zip(_names(results, len(used)), used, strict=True) if there)
-    return Predictive(names, data.values[used], data.errors[used], mean[good], variance[good], data.add_noise)
+    return Predictive(
+        names,
+        data.values[used],
+        data.errors[used],
+        kept["mean"][:, used],
+        kept["variance"][:, used],
+        data.add_noise,
+        None if data.covariance is None else data.covariance[np.ix_(used, used)],
+        bool(np.allclose(some["ln_likelihood"], expected, rtol=1e-6)),
+    )
 
 
 def _names(results: Results, m: int) -> tuple[str, ...]:

@@ -63,7 +63,7 @@ def priors_and_posteriors(results: Results, fractions: list[Array]) -> Figure:
     figure, panels = panel_grid(len(fractions), 2.6, 1.7, share=True)
     edges = np.linspace(0, 1, 26)
     for axes, u, name in zip(panels, fractions, _names(results), strict=False):
-        axes.hist(u, edges, density=True, color=BAND_68)
+        axes.hist(u, edges.tolist(), density=True, color=BAND_68)
         axes.axhline(1, color=VERMILION, lw=1.2, ls="--")
         axes.set_title(name, fontsize=11)
         axes.set_xlim(0, 1)

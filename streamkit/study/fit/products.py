@@ -13,7 +13,7 @@ import numpy as np
 from streamkit.errors import ChainError, OutOfDomain
 from streamkit.report import draw_stream, save, save_picture, save_table
 from streamkit.sample import CHAIN
-from streamkit.study.fit.directory import MANIFEST, RECOVERY, RUN_FILE
+from streamkit.study.fit.directory import LITERATURE, MANIFEST, RECOVERY, RUN_FILE
 from streamkit.study.fit.figures import corner, mass_profile, radii, remark, rotation_curve, traces
 from streamkit.study.fit.literature import read_literature
 from streamkit.study.fit.page import PAGE, page_text
@@ -53,9 +53,7 @@ FIGURES: dict[str, Callable[[Results], Figure]] = {
     "best_stream.png": best_stream,
     "traces.png": traces,
 }
-LITERATURE = "literature.ecsv"
-"""Published values that a report was given, kept for the next one."""
-PRODUCTS = (RUN_FILE, MANIFEST, CHAIN, *TABLES, *FIGURES, PAGE, LITERATURE)
+PRODUCTS = (RUN_FILE, MANIFEST, CHAIN, *TABLES, *FIGURES, PAGE)
 """Every file that a run writes into its output directory."""
 
 

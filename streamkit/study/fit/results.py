@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable
 from functools import cached_property
 from html import escape
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from streamkit.components import GIVEN, Component
-from streamkit.errors import ChainError, SpecError
+from streamkit.errors import ChainError, SpecError, nearest
 from streamkit.model import Host
 from streamkit.sample import (
     Chain,
@@ -24,12 +25,15 @@ from streamkit.sample import (
 )
 from streamkit.spec import Spec, load
 from streamkit.stream import Array, IntArray, Prediction, Stream
+from streamkit.study.fit.conversion import arviz_tree, sample_frame
 from streamkit.study.fit.directory import RUN_FILE, manifest, read_chain
 from streamkit.study.fit.tables import diagnostics_table, profile_table, summary_table
 
 if TYPE_CHECKING:
+    import pandas as pd
     from astropy.table import QTable
     from emcee.backends import Backend
+    from xarray import DataTree
 
 MAX_MODELS = 5000
 """Samples that a mass profile is computed for."""
@@ -173,6 +177,41 @@ class Results:
     def stuck(self) -> IntArray:
         """(n,) Numbers of the walkers that are stuck far below the others."""
         return stuck_walkers(self.chain, self.log_prob)
+
+    def __getitem__(self, name: str) -> Array:
+        """(n,) Samples after burn-in of the parameter with this name, such as ``results["potential.v0"]``."""
+        if name not in self.names:
+            known = ", ".join(self.names)
+            raise KeyError(f"no free parameter is called {name!r}.{nearest(name, self.names)} Known: {known}")
+        return self.samples[:, self.names.index(name)]
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Return the samples after burn-in as a pandas DataFrame: walker, step, the parameters, ln posterior.
+
+        Raises StreamkitError without pandas: it comes with ``streamkit[export]``.
+        """
+        return sample_frame(self.names, self.kept, self.log_prob, self.discard)
+
+    def to_arviz(self) -> DataTree:
+        """Return the samples after burn-in as ArviZ wants them: an xarray DataTree, each walker a chain.
+
+        Groups: ``posterior`` (the parameters, with units), ``sample_stats`` (``lp``, ln posterior, and ln likelihood),
+        ``predictions`` (mean and variance for each datum) and ``observed_data``. For ArviZ before 1.0,
+        ``arviz.InferenceData.from_datatree`` takes it.
+
+        Raises StreamkitError without arviz-base: it comes with ``streamkit[export]``.
+        """
+        attributes: dict[str, str | int | float] = {
+            "created_by": f"streamkit {version('streamkit')}",
+            "digest": self.spec.digest(),
+            "note": self.note(),
+            "converged": int(self.converged),
+            "burn_in": self.discard,
+        }
+        blobs = None if self.blobs is None else self.blobs[self.discard :]
+        kept, log_prob = self.kept, self.log_prob[self.discard :]
+        data = Posterior(self.spec).data
+        return arviz_tree(self.names, self.spec.units, kept, log_prob, blobs, data, attributes)
 
     def best(self) -> dict[str, float]:
         """Return the parameters of the highest ln posterior."""

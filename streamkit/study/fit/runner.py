@@ -31,7 +31,7 @@ from streamkit.sample import (
 )
 from streamkit.spec import Source, Spec, as_spec
 from streamkit.stream import Array
-from streamkit.study.fit.directory import RECOVERY, claim
+from streamkit.study.fit.directory import LITERATURE, RECOVERY, claim
 from streamkit.study.fit.products import PRODUCTS, write_products
 from streamkit.study.fit.results import Results
 
@@ -103,7 +103,7 @@ def run(
         going_on, backend = False, Backend()
         if directory is not None:
             stack.enter_context(locked(directory))
-            going_on = claim(directory, spec, options, (*PRODUCTS, JOURNAL, *RECOVERY), resume, force)
+            going_on = claim(directory, spec, options, (*PRODUCTS, JOURNAL, *RECOVERY, LITERATURE), resume, force)
             backend = ChainFile(str(directory / CHAIN))
         pool = stack.enter_context(Workers({"full": posterior, "cheap": cheap}, workers))
         stack.enter_context(_explained(pool, directory, backend, _again(spec, directory, quick)))

@@ -108,7 +108,8 @@ def verdicts(results: Results) -> list[Verdict]:
         acceptance_verdict(results.acceptance),
     ]
     if (seen := predictive(results)) is not None:
-        found += [predictive_verdict(seen), noise_verdict(seen)]
+        found += [predictive_verdict(seen)] if seen.gaussian else []
+        found.append(noise_verdict(seen))
     found.append(reasons_verdict(results.reasons, results.calls))
     fractions = [prior_fractions(p, x) for p, x in zip(results.spec.priors, results.samples.T, strict=True)]
     found.append(prior_verdict(names, fractions))

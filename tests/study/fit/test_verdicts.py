@@ -113,6 +113,16 @@ def test_the_predictive_p_value_is_that_of_replicated_data():
     assert found.p_value == pytest.approx(chi2.sf(3.25, 2), abs=0.02)
 
 
+def test_a_covariance_counts_in_the_predictive_p_value():
+    """Data with a correlation of 0.9: a common shift is likely, an opposite one is not."""
+    mean, nothing = np.array([[2.0, 2.0]]), np.zeros((1, 2))
+    covariance = np.array([[1, 0.9], [0.9, 1]])
+    for sign, chi_2 in ((1, 2 * 4 / 1.9), (-1, 2 * 4 / 0.1)):
+        shift = mean * [1, sign]
+        found = Predictive(("a", "b"), np.zeros(2), np.ones(2), shift, nothing, covariance=covariance)
+        assert found.p_value == pytest.approx(chi2.sf(chi_2, 2))
+
+
 def test_a_model_that_does_not_make_the_data_is_seen():
     assert rules.predictive_verdict(seen([0.3, 0.5])).level == FINE
     assert rules.predictive_verdict(seen([0.0, 3.0])).level == LOOK

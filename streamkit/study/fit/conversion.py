@@ -1,0 +1,81 @@
+"""Samples in the forms of other libraries: columns, a pandas DataFrame, an xarray DataTree as ArviZ reads it."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from streamkit.errors import StreamkitError
+from streamkit.observe import Data
+from streamkit.stream import Array
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from xarray import DataTree
+
+MISSING = "{what} needs {package}: pip install 'streamkit[export]'"
+
+
+def sample_columns(names: Sequence[str], kept: Array, log_prob: Array, discard: int) -> dict[str, Array]:
+    """Return the columns (n,) of a table of samples: walker, step (from 1), the parameters, ln posterior."""
+    steps, walkers, d = kept.shape
+    step, walker = np.mgrid[discard + 1 : discard + steps + 1, :walkers]
+    flat = kept.reshape(-1, d)
+    columns = {"walker": walker.ravel(), "step": step.ravel()}
+    return {**columns, **dict(zip(names, flat.T, strict=True)), "ln_posterior": log_prob[discard:].ravel()}
+
+
+def sample_frame(names: Sequence[str], kept: Array, log_prob: Array, discard: int) -> pd.DataFrame:
+    """Return the table of `sample_columns` as a pandas DataFrame."""
+    try:
+        import pandas as pd  # optional, and slow to load
+    except ImportError:
+        raise StreamkitError(MISSING.format(what="a DataFrame", package="pandas")) from None
+    return pd.DataFrame(sample_columns(names, kept, log_prob, discard))
+
+
+def arviz_tree(
+    names: Sequence[str],
+    units: Sequence[str],
+    kept: Array,
+    log_prob: Array,
+    blobs: Any,
+    data: Data,
+    attributes: Mapping[str, str | int | float],
+) -> DataTree:
+    """Return samples as ArviZ wants them, each walker a chain: see `Results.to_arviz`.
+
+    Parameters
+    ----------
+    names, units
+        Of the d parameters.
+    kept, log_prob, blobs
+        (steps, walkers, d) samples, (steps, walkers) ln posterior, and what was stored with each, after burn-in.
+    data
+        What predictions are compared with.
+    attributes
+        What the whole is, for its attributes.
+    """
+    try:
+        import arviz_base  # optional, and slow to load
+    except ImportError:
+        raise StreamkitError(MISSING.format(what="ArviZ's form of the samples", package="arviz-base")) from None
+    groups: dict[str, dict[str, Array]] = {
+        "posterior": {name: kept[..., i].T for i, name in enumerate(names)},
+        "sample_stats": {"lp": log_prob.T},
+        "observed_data": {"value": data.values, "error": data.errors},
+    }
+    if blobs is not None and blobs.dtype.names and "mean" in blobs.dtype.names:
+        groups["sample_stats"]["ln_likelihood"] = blobs["ln_likelihood"].T
+        groups["predictions"] = {name: np.swapaxes(blobs[name], 0, 1) for name in ("mean", "variance")}
+    datum = {name: ["datum"] for name in ("value", "error", "mean", "variance")}
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Found chain dimension", UserWarning)  # a short chain may have more walkers
+        tree: DataTree = arviz_base.from_dict(groups, dims=datum, pred_dims=datum)
+    for name, unit in zip(names, units, strict=True):
+        tree["posterior"][name].attrs["units"] = unit
+    tree.attrs.update(attributes)
+    return tree

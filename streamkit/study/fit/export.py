@@ -1,0 +1,79 @@
+"""The samples of a run as files for other programs: netCDF for ArviZ, GetDist's text, tables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from streamkit.report import save, save_table
+from streamkit.spec import Prior
+from streamkit.study.fit.conversion import sample_columns
+
+if TYPE_CHECKING:
+    from streamkit.study.fit.results import Results
+
+EXPORTS = {
+    ".nc": "netCDF for ArviZ",
+    ".csv": "one row per sample",
+    ".ecsv": "the same with units",
+    ".txt": "GetDist, with .paramnames and .ranges beside it",
+}
+"""What a file with each suffix holds."""
+
+
+def write_samples(results: Results, path: Path) -> list[Path]:
+    """Write the samples after burn-in in the format that the suffix of a file names; return the files.
+
+    Raises StreamkitError if the file cannot be written, or a package that is needed is not there.
+    """
+    if path.suffix == ".nc":
+        tree = results.to_arviz()
+        save(path, lambda part: tree.to_netcdf(part, engine="h5netcdf"))
+        return [path]
+    if path.suffix in (".csv", ".ecsv"):
+        table = sample_table(results)
+        if path.suffix == ".ecsv":
+            save_table(path, table)
+        else:
+            save(path, lambda part: table.write(part, format="ascii.csv", overwrite=True))
+        return [path]
+    return write_getdist(results, path)
+
+
+def sample_table(results: Results) -> Any:
+    """Return an astropy QTable of the samples after burn-in: walker, step, the parameters with units, ln posterior."""
+    from astropy import units as u
+    from astropy.table import QTable
+
+    columns: dict[str, Any] = sample_columns(results.names, results.kept, results.log_prob, results.discard)
+    for name, unit in zip(results.names, results.spec.units, strict=True):
+        columns[name] = columns[name] * u.Unit(unit) if unit else columns[name]
+    return QTable(columns, meta={"note": results.note(), "digest": results.spec.digest()})
+
+
+def write_getdist(results: Results, path: Path) -> list[Path]:
+    """Write the samples as GetDist reads them: ROOT.txt (weight, -ln posterior, parameters), .paramnames, .ranges.
+
+    Labels are the symbols of the run file's fields. Ranges are those of the priors that end.
+    """
+    flat = results.samples
+    ln_p = results.log_prob[results.discard :].ravel()
+    table = np.column_stack([np.ones(len(flat)), -ln_p, flat])
+    labels = [
+        name if symbol == name else symbol.strip("$")
+        for name, symbol in zip(results.names, results.spec.symbols, strict=True)
+    ]
+    lines = [f"{name}\t{label}" for name, label in zip(results.names, labels, strict=True)]
+    ranges = [f"{name} {_end(p, 0)} {_end(p, 1)}" for name, p in zip(results.names, results.spec.priors, strict=True)]
+    files = [path, path.with_suffix(".paramnames"), path.with_suffix(".ranges")]
+    save(files[0], lambda part: np.savetxt(part, table, fmt="%.10g"))
+    for file, text in zip(files[1:], (lines, ranges), strict=True):
+        save(file, lambda part, text=text: part.write_text("\n".join(text) + "\n", encoding="utf-8"))  # type: ignore[misc]
+    return files
+
+
+def _end(prior: Prior, which: int) -> str:
+    value = prior.support[which]
+    return f"{value:.10g}" if np.isfinite(value) else "N"

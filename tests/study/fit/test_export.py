@@ -1,0 +1,98 @@
+"""Samples for other programs: each is read back by the program itself, and holds the same numbers."""
+
+import builtins
+
+import numpy as np
+import pytest
+import xarray
+from astropy import units as u
+from astropy.table import QTable
+from commands import call, refused
+from getdist import loadMCSamples
+from toys import FIT
+
+import streamkit as sk
+from streamkit.study.fit import write_samples
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    where = tmp_path_factory.mktemp("runs") / "run"
+    return sk.run(sk.load(FIT), out=where, steps=30, progress=False, products=False)
+
+
+def test_samples_by_name(run):
+    np.testing.assert_array_equal(run["potential.alpha"], run.samples[:, 1])
+    with pytest.raises(KeyError, match=r"Did you mean 'potential\.alpha'"):
+        run["potential.alfa"]
+
+
+def test_a_data_frame_has_a_row_per_sample(run):
+    frame = run.to_pandas()
+    assert list(frame.columns) == ["walker", "step", *run.names, "ln_posterior"]
+    np.testing.assert_array_equal(frame[list(run.names)], run.samples)
+    assert frame["step"].min() == run.discard + 1
+    assert frame["step"].max() == 30
+    row = frame[(frame["walker"] == 4) & (frame["step"] == 30)].iloc[0]
+    np.testing.assert_array_equal(row[list(run.names)], run.chain[29, 4])
+    assert row["ln_posterior"] == run.log_prob[29, 4]
+
+
+def test_netcdf_holds_walkers_as_chains_with_predictions_and_data(run, tmp_path):
+    assert write_samples(run, tmp_path / "samples.nc") == [tmp_path / "samples.nc"]
+    with xarray.open_datatree(tmp_path / "samples.nc", engine="h5netcdf") as tree:
+        v0 = tree["posterior"]["potential.v0"]
+        assert v0.dims == ("chain", "draw")
+        assert v0.attrs["units"] == "km / s"
+        np.testing.assert_array_equal(v0, run.kept[..., 0].T)
+        np.testing.assert_array_equal(tree["sample_stats"]["lp"], run.log_prob[run.discard :].T)
+        mean = tree["predictions"]["mean"]
+        assert mean.dims == ("chain", "draw", "datum")
+        np.testing.assert_array_equal(mean[3, 2], run.blobs["mean"][run.discard + 2, 3])
+        np.testing.assert_array_equal(tree["observed_data"]["value"], [57, 112, 100])
+        np.testing.assert_array_equal(tree["observed_data"]["error"], [5, 15, 8])
+        assert tree.attrs["digest"] == run.spec.digest()
+
+
+def test_getdist_reads_samples_labels_and_ranges(run, tmp_path):
+    files = write_samples(run, tmp_path / "chain.txt")
+    assert [file.suffix for file in files] == [".txt", ".paramnames", ".ranges"]
+    read = loadMCSamples(str(tmp_path / "chain"), settings={"ignore_rows": 0})
+    assert read.getParamNames().list() == list(run.names)
+    np.testing.assert_allclose(read.samples, run.samples, rtol=1e-9)
+    np.testing.assert_allclose(read.loglikes, -run.log_prob[run.discard :].ravel(), rtol=1e-9)
+    np.testing.assert_allclose(read.getMeans(), run.samples.mean(axis=0), rtol=1e-9)
+    assert read.ranges.getLower("potential.v0") == 215
+    assert read.ranges.getUpper("potential.alpha") == 0.45
+    assert read.getParamNames().labels() == ["v_0", r"\alpha"]
+
+
+def test_a_table_has_units(run, tmp_path):
+    write_samples(run, tmp_path / "samples.ecsv")
+    table = QTable.read(tmp_path / "samples.ecsv")
+    np.testing.assert_allclose(table["potential.v0"].to_value(u.km / u.s), run["potential.v0"])
+
+
+def test_the_command_writes_and_refuses(run, tmp_path):
+    done = call("export", run.directory, "-o", tmp_path / "samples.csv")
+    assert str(tmp_path / "samples.csv") in done.output
+    assert len((tmp_path / "samples.csv").read_text().splitlines()) == 1 + len(run.samples)
+    assert "--force" in refused("export", run.directory, "-o", tmp_path / "samples.csv")
+    assert call("export", run.directory, "-f", "-o", tmp_path / "samples.csv").exit_code == 0
+    assert "must be one of .nc" in refused("export", run.directory, "-o", tmp_path / "samples.hdf5")
+    (tmp_path / "chain.ranges").touch()
+    assert "chain.ranges" in refused("export", run.directory, "-o", tmp_path / "chain.txt")
+
+
+@pytest.mark.parametrize(("package", "method"), [("pandas", "to_pandas"), ("arviz_base", "to_arviz")])
+def test_a_package_that_is_not_there_is_named(run, monkeypatch, package, method):
+    real = builtins.__import__
+
+    def missing(name, *args, **options):
+        if name == package:
+            raise ImportError(name)
+        return real(name, *args, **options)
+
+    monkeypatch.setattr(builtins, "__import__", missing)
+    with pytest.raises(sk.StreamkitError, match=r"streamkit\[export\]"):
+        getattr(run, method)()
