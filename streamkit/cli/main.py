@@ -6,6 +6,7 @@ import click
 
 from streamkit.cli.ablate import ablate
 from streamkit.cli.check import check
+from streamkit.cli.cite import cite
 from streamkit.cli.export import export
 from streamkit.cli.group import Commands
 from streamkit.cli.new import new
@@ -24,5 +25,5 @@ def main() -> None:
     """Weigh a galaxy with a tidal stream."""
 
 
-for command in (check, stream, ablate, sensitivity, run, report, export, plugins, reference, schema, new):
+for command in (check, stream, ablate, sensitivity, run, report, export, cite, plugins, reference, schema, new):
     main.add_command(command)

@@ -34,6 +34,8 @@ class Component(BaseModel, ABC):
     """Values for the fields without defaults: shown in listings, used by the conformance tests."""
     reference: ClassVar[str] = ""
     """The paper it follows."""
+    bibtex: ClassVar[str] = ""
+    """Its BibTeX entries, for `streamkit cite`; without them `reference` is printed as a note."""
 
     @classmethod
     def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:

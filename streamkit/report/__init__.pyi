@@ -1,3 +1,5 @@
+from .bibliography import bibliography as bibliography
+from .bibliography import cited as cited
 from .component_text import check_name as check_name
 from .component_text import field_table as field_table
 from .component_text import listing as listing

@@ -94,9 +94,11 @@ class Command:
     def reads(self) -> set[str]:
         """Return the files and directories that it needs."""
         named = {word for word in self.words[1:] if Path(word).suffix in SUFFIXES}
-        return (named | ({self.words[2]} if self.words[1] in ("report", "export") else set())) - self.makes()
+        return (named | ({self.words[2]} if self.words[1] in OF_A_RUN else set())) - self.makes()
 
 
+OF_A_RUN = ("report", "export", "cite", "status")
+"""Commands that read the directory of a run."""
 SUFFIXES = (".toml", ".npz", ".hdf5", ".py", ".ecsv", ".png")
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from streamkit.report import number
+from streamkit.report import cited, number
 from streamkit.study.fit.directory import manifest
 from streamkit.study.fit.evidence import contraction, predictive, prior_fractions
 from streamkit.study.fit.figures import reach, remark
@@ -80,6 +80,7 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
         reasons=list(_reasons(results)),
         run=_run(results),
         toml=results.spec.toml(),
+        bibtex=cited(results.spec),
     )
 
 

@@ -1,0 +1,104 @@
+"""What to cite for a run file, as BibTeX: its components, its sampler and the packages that do the work."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from functools import cache
+from importlib.metadata import version
+from importlib.resources import files
+
+from streamkit.components import Component
+from streamkit.spec import Spec
+
+ALWAYS = {
+    "Harris2020": "NumPy",
+    "Virtanen2020": "SciPy",
+    "Lam2015": "numba, the compiled loop",
+    "Astropy2013": "astropy",
+    "Astropy2018": "astropy",
+    "Astropy2022": "astropy",
+    "Hunter2007": "matplotlib, the pictures",
+}
+FIT = {
+    "ForemanMackey2013": "emcee, the sampler",
+    "DelMoral2006": "the search for a start",
+    "Vehtari2021": "R-hat",
+    "ForemanMackey2016": "corner, a picture of a fit",
+}
+MOVES = {"surrogate": "terBraak2006", "de": "terBraak2006", "stretch": "Goodman2010"}
+
+
+@cache
+def bibliography() -> dict[str, str]:
+    """Return the entries that streamkit brings, by key."""
+    text = files("streamkit.report").joinpath("references.bib").read_text(encoding="utf-8")
+    entries = [f"@{part.strip()}" for part in re.split(r"^@", text, flags=re.MULTILINE)[1:]]
+    return {key_of(entry): entry for entry in entries}
+
+
+def key_of(entry: str) -> str:
+    """Return the key of a BibTeX entry."""
+    return entry.partition("{")[2].partition(",")[0].strip()
+
+
+def cited(spec: Spec) -> str:
+    """Return BibTeX of exactly what a run file uses, each entry below a comment that says what for.
+
+    A component's `bibtex` is taken as it stands; without one its `reference` is looked up among the entries that
+    streamkit brings, and what is not there becomes a note. A run file without free parameters has no sampler.
+    """
+    uses: dict[str, list[str]] = {}
+    entries = dict(bibliography())
+    for path, cls, supplier in spec.components():
+        for key, entry in _of_component(cls):
+            entries.setdefault(key, entry)
+            uses.setdefault(key, []).append(f"{path} = {cls.kind} ({supplier})")
+    software = dict(ALWAYS)
+    if spec.names:
+        software |= FIT | {MOVES[spec.sampler.moves]: f"the moves of the walkers, {spec.sampler.moves!r}"}
+    for key, what in software.items():
+        uses.setdefault(key, []).append(what)
+    head = f"% What {spec.source} uses. The sources of your data are not in it: cite them too."
+    parts = [f"{head}\n{_own(spec)}"]
+    parts += ["\n".join([*(f"% {what}" for what in dict.fromkeys(whats)), entries[key]]) for key, whats in uses.items()]
+    return "\n\n".join(parts) + "\n"
+
+
+def _own(spec: Spec) -> str:
+    return (
+        "@misc{streamkit,\n  author = {{The streamkit developers}},\n  title = {{streamkit}},\n"
+        f"  version = {{{version('streamkit')}}},\n  note = {{run digest {spec.digest()}}},\n}}"
+    )
+
+
+def _of_component(cls: type[Component]) -> Iterator[tuple[str, str]]:
+    """Yield keys and entries of what a component follows."""
+    if cls.bibtex.strip():
+        for part in re.split(r"^\s*@", cls.bibtex, flags=re.MULTILINE)[1:]:
+            yield key_of(part), f"@{part.strip()}"
+        return
+    if not cls.reference:
+        return
+    found = [(key, entry) for key, entry in bibliography().items() if _is_named(entry, cls.reference)]
+    if found:
+        yield from found
+    else:
+        key = f"{cls.role}-{cls.kind}".replace("_", "-")
+        yield key, f"@misc{{{key},\n  note = {{{escaped(cls.reference)}}},\n}}"
+
+
+def _is_named(entry: str, reference: str) -> bool:
+    """Say whether a reference names an entry: by journal, volume and page, or a book by its title or authors."""
+    field = dict(re.findall(r"^\s*(\w+) = \{+(.*?)\}+,$", entry, flags=re.MULTILINE))
+    if "journal" in field:
+        place = re.escape(f"{field['journal']} {field['volume']}, {field['pages']}")
+        return re.search(rf"(?<!\w){place}(?!\w)", reference) is not None
+    families = [author.partition(",")[0] for author in field["author"].split(" and ")]
+    named = f"{' & '.join(families)} {field['year']}"
+    return entry.startswith("@book") and (field["title"] in reference or named in reference)
+
+
+def escaped(text: str) -> str:
+    """Return a text for TeX: its special characters escaped."""
+    return re.sub(r"([&%$#_{}])", r"\\\1", text).replace("~", r"\textasciitilde{}").replace("^", r"\textasciicircum{}")

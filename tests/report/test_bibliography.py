@@ -1,0 +1,80 @@
+"""What to cite: every reference of ours is an entry, and a run file cites what it uses and nothing else."""
+
+import re
+
+import pytest
+from commands import call, refused
+from runfiles import BASE, PLUGIN, changed
+
+import streamkit as sk
+from streamkit.components import load_registry
+from streamkit.report.bibliography import ALWAYS, FIT, MOVES, _is_named, bibliography, cited
+from streamkit.spec import to_toml
+
+ENTRIES = bibliography()
+OURS = sorted(
+    {
+        cls.reference
+        for kinds in load_registry().entries.values()
+        for cls in (entry.cls for entry in kinds.values())
+        if cls.reference and cls.__module__.split(".")[0].startswith("streamkit")
+    }
+)
+
+
+def keys(text):
+    return re.findall(r"^@\w+\{([^,]+),$", text, re.MULTILINE)
+
+
+def test_every_entry_is_whole_and_has_its_own_key():
+    for key, entry in ENTRIES.items():
+        assert entry.count("{") == entry.count("}"), key
+        assert re.search(r"^  author = ", entry, re.MULTILINE), key
+        assert re.search(rf"^  year = \{{{key[-4:]}\}},$", entry, re.MULTILINE), key
+    assert {*ALWAYS, *FIT, *MOVES.values()} <= ENTRIES.keys()
+
+
+@pytest.mark.parametrize("reference", OURS)
+def test_every_paper_that_our_components_name_has_an_entry(reference):
+    named = len(re.findall(r"(?<!\d)(?:1[89]|20)\d\d(?!\d)(?=, |\))", reference))
+    assert sum(_is_named(entry, reference) for entry in ENTRIES.values()) == named > 0
+
+
+def test_what_is_used_is_cited_and_nothing_else():
+    text = cited(sk.load(BASE))
+    assert {"streamkit", "Gibbons2014", "Plummer1911", *ALWAYS, *FIT, "terBraak2006"} <= set(keys(text))
+    assert not {"Hernquist1990", "Goodman2010", "Kuepper2012"} & set(keys(text))
+    assert len(keys(text)) == len(set(keys(text)))
+    above = text[: text.index("@article{Gibbons2014")].rpartition("\n\n")[2]
+    assert "potential = tf" in above
+    assert "stripping = mlcs" in above
+    assert sk.load(BASE).digest() in text
+
+
+def test_a_run_file_without_free_parameters_has_no_sampler():
+    document = changed("potential", "v0", 220)
+    document["progenitor"] |= {"mass": 5e8, "lookback": 3}
+    document["stripping"]["sigma"] = 10
+    assert not set(FIT) & set(keys(cited(sk.load(document))))
+
+
+def cored(tmp_path, lines):
+    (tmp_path / "cored.py").write_text(PLUGIN.replace('    kind = "cored"\n', f'    kind = "cored"\n{lines}'))
+    document = changed("potential", {"kind": "cored", "v": 200})
+    path = tmp_path / "run.toml"
+    path.write_text(to_toml({"plugins": ["./cored.py"], **document}))
+    return path
+
+
+def test_a_strangers_reference_is_a_note_and_its_bibtex_is_taken_as_it_is(tmp_path):
+    text = call("cite", cored(tmp_path, '    reference = "Doe & Roe 2031, J. Imag. 1, 2_3"\n')).output
+    assert r"note = {Doe \& Roe 2031, J. Imag. 1, 2\_3}" in text
+    entries = "@article{Doe2031, year = 2031}\n\n@book{Roe2032,\n  title = {Us}\n}"
+    text = call("cite", cored(tmp_path, f'    bibtex = """{entries}"""\n')).output
+    assert "@article{Doe2031, year = 2031}" in text
+    assert "@book{Roe2032,\n  title = {Us}\n}" in text
+    assert "@misc{potential-cored" not in text
+
+
+def test_a_directory_without_a_run_is_refused(tmp_path):
+    assert "run.toml" in refused("cite", tmp_path)
