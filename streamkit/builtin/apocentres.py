@@ -71,6 +71,16 @@ class Apocentres(Observable):
         values, errors = np.array(pairs).T
         return values, errors
 
+    def mock(self, prediction: Prediction, rng: np.random.Generator) -> dict[str, Any]:
+        """Return the numbers in use with Gaussian noise of their errors."""
+        values, errors = self.data()
+        drawn = rng.normal(prediction.mean, np.nan_to_num(errors))
+        return {
+            name: [float(value), float(error)]
+            for name, datum, value, error in zip(NAMES, values, drawn, errors, strict=True)
+            if np.isfinite(datum)
+        }
+
     def predict(self, stream: Stream) -> Prediction:
         """Measure both apocentres (kpc) and the precession (deg); NaN for what has no value and no datum."""
         fits, reasons = self._fits(stream)

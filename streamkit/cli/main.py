@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from streamkit.cli.ablate import ablate
+from streamkit.cli.calibrate import calibrate
 from streamkit.cli.check import check
 from streamkit.cli.cite import cite
 from streamkit.cli.export import export
@@ -25,5 +26,7 @@ def main() -> None:
     """Weigh a galaxy with a tidal stream."""
 
 
-for command in (check, stream, ablate, sensitivity, run, report, export, cite, plugins, reference, schema, new):
+for command in (
+    check, stream, ablate, sensitivity, calibrate, run, report, export, cite, plugins, reference, schema, new,
+):  # fmt: skip
     main.add_command(command)

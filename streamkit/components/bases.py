@@ -343,6 +343,13 @@ class Observable(Component):
         """
         return None
 
+    def mock(self, prediction: Prediction, rng: np.random.Generator) -> dict[str, Any]:
+        """Return the fields, as a run file writes them, of data that this prediction might have given. Optional.
+
+        The noise is that of the data, drawn from ``rng``; `streamkit calibrate` needs it.
+        """
+        raise StreamkitError(f"the observable {self.kind} makes no mock data: define `mock`")
+
     def marks(self, prediction: Prediction) -> tuple[Mark, ...]:
         """Return what a picture of the unwrapped stream shows of the measurement and of the data. Optional."""
         return ()

@@ -18,6 +18,7 @@ PLUGINS = sorted((ROOT / "plugins").rglob("*.py")) + sorted((ROOT / "tests" / "t
 LAYERS = (
     {"__main__"},
     {"cli"},
+    {"study.calibration"},
     {"study.fit", "study.ablation", "study.sensitivity", "study.preflight"},
     {"study.grid"},
     {"sample", "nbody"},

@@ -1,0 +1,5 @@
+"""The calibration study: whether the intervals of a fit are as wide as they say."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,101 @@
+"""One draw of a calibration: a truth from the prior, mock data of it, a fit of these, and where the truth falls."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from streamkit.errors import OutOfDomain, StreamkitError
+from streamkit.model import Host
+from streamkit.sample import Posterior
+from streamkit.spec import Spec
+from streamkit.stream import Array
+from streamkit.study.fit import run
+
+MASS_RADII = (50.0, 100.0, 200.0)
+"""kpc: where enclosed masses are compared besides the parameters."""
+TRIES = 1000
+"""Truths that are tried until one has a stream that can be measured."""
+
+
+@dataclass(frozen=True)
+class Draw:
+    """What came of one draw.
+
+    Attributes
+    ----------
+    index
+        Its number: with the run file's seed it says which random numbers were used.
+    truth, ranks
+        (d,) the parameters, in the units of the run file, and the share of the posterior samples below each.
+    masses, mass_ranks
+        The same of the enclosed mass in Msun at `MASS_RADII`.
+    r_hat, ess
+        The largest R-hat, and the smallest effective number of samples, of the fit.
+    calls
+        Streams that it took.
+    """
+
+    index: int
+    truth: tuple[float, ...]
+    ranks: tuple[float, ...]
+    masses: tuple[float, ...]
+    mass_ranks: tuple[float, ...]
+    r_hat: float
+    ess: float
+    calls: int
+
+    def line(self) -> str:
+        """Return it as a line of JSON."""
+        return json.dumps(asdict(self))
+
+    @staticmethod
+    def of_line(line: str) -> Draw:
+        """Read what `line` gave; a ValueError, TypeError or KeyError for anything else."""
+        table: dict[str, Any] = json.loads(line)
+        lists = {name: tuple(map(float, value)) for name, value in table.items() if isinstance(value, list)}
+        return Draw(**table | lists)
+
+
+def make_draw(spec: Spec, index: int) -> Draw:
+    """Draw a truth from the prior, make data of it with other random numbers than the fit's, and fit them.
+
+    Talts+ 2018, arXiv:1804.06788. A truth without a measurable stream is drawn again: its posterior is empty too.
+    Raises StreamkitError if there is none among a thousand, or the observable makes no mock data.
+    """
+    rng = np.random.default_rng([spec.seed, 7, index])
+    theta, mocked = _mock(spec, rng, index)
+    results = run(mocked, progress=False)
+    samples, radii = results.samples, np.array(MASS_RADII)
+    masses = Host(spec.bind(theta).potentials).mass_inside(radii)
+    found = results.profiles(radii)[0]
+    return Draw(
+        index,
+        tuple(theta.tolist()),
+        tuple((samples < theta).mean(axis=0).tolist()),
+        tuple(masses.tolist()),
+        tuple((found < masses).mean(axis=0).tolist()),
+        float(np.max(results.r_hat)),
+        float(np.nan_to_num(results.ess).min()),
+        results.calls + results.search_calls,
+    )
+
+
+def _mock(spec: Spec, rng: np.random.Generator, index: int) -> tuple[Array, Spec]:
+    """Return a truth, and the run file with data that it might have given."""
+    posterior = Posterior(spec.with_values({"seed": int(rng.integers(1 << 31))}))
+    for _ in range(TRIES):
+        theta = np.array([float(prior.sample(rng, 1)[0]) for prior in spec.priors])
+        try:
+            prediction = posterior.predict(theta)[1]
+        except OutOfDomain:
+            continue
+        if not prediction.why_not:
+            observable = spec.bind(theta).observable
+            assert observable is not None  # noqa: S101  the posterior has made sure of it
+            fields = observable.mock(prediction, rng)
+            return theta, spec.with_values({f"observable.{name}": value for name, value in fields.items()})
+    raise StreamkitError(f"draw {index}: none of {TRIES} points of the prior has a stream that can be measured")

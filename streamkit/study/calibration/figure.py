@@ -1,0 +1,40 @@
+"""The picture of a calibration: the ranks of the truths against uniform ones."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from arviz_stats.ecdf_utils import ecdf_pit
+from matplotlib.figure import Figure
+
+from streamkit.report import BAND_95, BLUE, GREY, VERMILION, finish, label_all, labels, panel_grid
+from streamkit.study.calibration.draw import MASS_RADII
+from streamkit.study.calibration.runner import Calibration
+
+SIMULATIONS = 2000
+"""Sets of uniform ranks that the band is made of."""
+
+
+def calibration_figure(found: Calibration) -> Figure:
+    """Draw the empirical distribution of the ranks less the uniform one, with its simultaneous 95 % band.
+
+    Inside the band the intervals are as wide as they say. A hump to the left and a dip to the right is a posterior
+    that is too narrow, the reverse one too wide; a hump alone is a bias (Saeilynoja, Buerkner & Vehtari 2022).
+    """
+    names = [*labels(found.spec.names, found.spec.symbols), *(rf"$M({r:g}\,{{\rm kpc}})$" for r in MASS_RADII)]
+    ranks = np.concatenate([found.ranks, found.mass_ranks], axis=1)
+    figure, panels = panel_grid(len(names), 2.3, 1.9, share=True)
+    rng = np.random.default_rng(0)
+    for axes, name, column in zip(panels, names, ranks.T, strict=True):
+        band: Any = ecdf_pit  # has no types
+        x, ecdf, low, high = (np.asarray(each, dtype=float) for each in band(column, 0.95, SIMULATIONS, rng=rng))
+        axes.fill_between(x, low - x, high - x, color=BAND_95, lw=0, step="post")
+        axes.axhline(0.0, color=GREY, lw=0.8)
+        outside = bool(((ecdf < low) | (ecdf > high)).any())
+        axes.step(x, ecdf - x, where="post", color=VERMILION if outside else BLUE, lw=1.3)
+        axes.set_title(name, fontsize=11)
+        axes.set_xlim(0.0, 1.0)
+        finish(axes)
+    label_all(figure, f"rank of the truth among the posterior samples, {len(found.draws)} draws", "ECDF - uniform")
+    return figure

@@ -1,0 +1,104 @@
+"""The calibration: many draws, finished ones kept in a file as they come."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from streamkit.errors import StreamkitError
+from streamkit.spec import Spec
+from streamkit.stream import Array
+from streamkit.study.calibration.draw import Draw, make_draw
+from streamkit.study.grid import run_jobs
+
+DRAWS = "draws.jsonl"
+"""The finished draws, one a line below the digest of their run file."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The finished draws of a run file, in order, and why there are no others; empty if nothing is missing."""
+
+    spec: Spec
+    draws: tuple[Draw, ...]
+    stopped: str = ""
+
+    @cached_property
+    def ranks(self) -> Array:
+        """(n, d) The share of the posterior samples below each true parameter."""
+        return np.array([draw.ranks for draw in self.draws])
+
+    @cached_property
+    def mass_ranks(self) -> Array:
+        """(n, 3) The same of the enclosed masses."""
+        return np.array([draw.mass_ranks for draw in self.draws])
+
+    def coverage(self, probability: float) -> Array:
+        """(3,) The share of the draws whose true masses lie in the central interval of this probability."""
+        return np.asarray((np.abs(self.mass_ranks - 0.5) <= 0.5 * probability).mean(axis=0))
+
+
+def calibrate(
+    spec: Spec,
+    out: Path,
+    draws: int,
+    workers: int = 1,
+    resume: bool = False,
+    done: Callable[[], object] = lambda: None,
+) -> Calibration:
+    """Make as many draws as are missing, each a fit of its own; ``done`` is called after each.
+
+    Raises StreamkitError if ``out`` holds draws of another run file, or some and ``resume`` is not asked for. Raises
+    ComponentError if a component fails.
+    """
+    file = out / DRAWS
+    known = read_draws(file, spec) if resume else {}
+    if not resume or not file.exists():
+        out.mkdir(parents=True, exist_ok=True)
+        file.write_text(json.dumps({"digest": spec.digest()}) + "\n")
+    packed = pickle.dumps(spec)
+    for _ in known:
+        done()
+    jobs = {index: (packed, index, file) for index in range(draws) if index not in known}
+    found, stopped = run_jobs(_work, jobs, workers, done)
+    every = {**known, **found}
+    if not every:
+        raise StreamkitError(f"{spec.source}: {stopped} before the first draw was finished")
+    return Calibration(spec, tuple(every[index] for index in sorted(every)), stopped)
+
+
+def read_draws(file: Path, spec: Spec) -> dict[int, Draw]:
+    """Return the draws in a file by number; what an untimely end left of a line is passed over."""
+    if not file.exists():
+        return {}
+    first, *lines = file.read_text(errors="replace").splitlines() or [""]
+    if spec.digest() not in first:
+        raise StreamkitError(f"{file}: these draws belong to another run file, or to other settings of it")
+    found = {}
+    for line in lines:
+        try:
+            draw = Draw.of_line(line)
+        except (ValueError, TypeError, KeyError, AttributeError):
+            continue
+        if len(draw.ranks) == len(spec.names):
+            found[draw.index] = draw
+    return found
+
+
+def _work(job: tuple[bytes, int, Path]) -> Draw:
+    packed, index, file = job
+    draw = make_draw(pickle.loads(packed), index)  # noqa: S301  our own, from the process that started this one
+    line = f"\n{draw.line()}\n".encode()  # one write, and a line of its own whatever stands before
+    handle = os.open(file, os.O_WRONLY | os.O_APPEND)
+    try:
+        os.write(handle, line)
+    finally:
+        os.close(handle)
+    return draw

@@ -1,0 +1,68 @@
+"""The tables of a calibration: every draw, and the coverage of the masses."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from streamkit.report import columns, paragraph
+from streamkit.study.calibration.draw import MASS_RADII
+from streamkit.study.calibration.runner import Calibration
+
+if TYPE_CHECKING:
+    from astropy.table import QTable
+
+PROBABILITIES = (0.5, 0.68, 0.95)
+"""Of the intervals whose coverage is told."""
+UNSURE = 1.1
+"""A fit whose R-hat is above this tells little about its intervals."""
+
+
+def draws_table(found: Calibration) -> QTable:
+    """Return one row per draw: truth and rank of every parameter and mass, and how far its fit had converged."""
+    from astropy import units as u
+    from astropy.table import Column, QTable
+
+    out, draws = QTable(), found.draws
+    out["draw"] = [draw.index for draw in draws]
+    for i, (name, unit) in enumerate(zip(found.spec.names, found.spec.units, strict=True)):
+        out[name] = np.array([draw.truth[i] for draw in draws]) * u.Unit(unit)
+        share = "share of the posterior samples below the truth"
+        out[f"{name}_rank"] = Column(found.ranks[:, i], description=share)
+    for i, radius in enumerate(MASS_RADII):
+        out[f"mass_{radius:g}"] = np.array([draw.masses[i] for draw in draws]) * u.Msun
+        out[f"mass_{radius:g}_rank"] = found.mass_ranks[:, i]
+    out["r_hat"] = [draw.r_hat for draw in draws]
+    out["effective_samples"] = [draw.ess for draw in draws]
+    out["calls"] = [draw.calls for draw in draws]
+    return out
+
+
+def coverage_table(found: Calibration) -> QTable:
+    """Return one row per interval: how often it holds the true M(<50), M(<100) and M(<200 kpc), with its error."""
+    from astropy.table import QTable
+
+    out, n = QTable(), len(found.draws)
+    out["probability"] = PROBABILITIES
+    shares = np.array([found.coverage(p) for p in PROBABILITIES])
+    for i, radius in enumerate(MASS_RADII):
+        out[f"mass_{radius:g}"] = shares[:, i]
+    out["error"] = np.sqrt(np.multiply(PROBABILITIES, 1 - np.array(PROBABILITIES)) / n)
+    out["error"].description = "of a share of so many draws, if the intervals are right"
+    return out
+
+
+def describe_calibration(found: Calibration) -> str:
+    """Show the coverage for a terminal, and which fits had not converged."""
+    n, unsure = len(found.draws), sum(draw.r_hat > UNSURE for draw in found.draws)
+    rows = [("interval", *(f"M(<{r:g} kpc)" for r in MASS_RADII), "expected")]
+    for p in PROBABILITIES:
+        error = np.sqrt(p * (1 - p) / n)
+        shares = (f"{share:.0%}" for share in found.coverage(p))
+        rows.append((f"{p:.0%}", *shares, f"{p:.0%} +- {error:.0%}"))
+    parts = [f"share of {n} draws whose truth lies in the central interval\n{columns(rows)}"]
+    if unsure:
+        told = f"{unsure} of {n} fits have R-hat above {UNSURE:g}: take more steps, their intervals are not settled."
+        parts.append(paragraph(told))
+    return "\n\n".join(parts)

@@ -1,0 +1,133 @@
+"""The calibration study: ranks against closed forms, draws that survive, products."""
+
+import numpy as np
+import pytest
+from astropy.table import QTable
+from click.testing import CliRunner
+from runfiles import changed
+from scipy.stats import norm
+
+import streamkit as sk
+from streamkit.cli.main import main
+from streamkit.study.calibration import Calibration, Draw, calibrate, calibration_products
+from streamkit.study.calibration.draw import make_draw
+from streamkit.study.calibration.runner import DRAWS, read_draws
+
+PLUGIN = '''
+import numpy as np
+from streamkit import Observable, Prediction, VelocityDatum, hookimpl
+
+class Itself(Observable):
+    """The parameter v0 of the host, measured directly: its posterior is known."""
+
+    kind = "itself"
+    example = {"speed": [200.0, 20.0]}
+    speed: VelocityDatum
+
+    def predict(self, stream):
+        return Prediction(("speed",), np.array([stream.parameters["potential.v0"]]), np.zeros(1))
+
+    def data(self):
+        return np.array([self.speed[0]]), np.array([self.speed[1]])
+
+    def mock(self, prediction, rng):
+        return {"speed": [float(rng.normal(prediction.mean[0], self.speed[1])), self.speed[1]]}
+
+@hookimpl
+def streamkit_components():
+    return [Itself]
+'''
+MEAN, SD, ERROR = 200.0, 20.0, 20.0
+
+
+@pytest.fixture
+def spec(tmp_path):
+    (tmp_path / "itself.py").write_text(PLUGIN)
+    document = changed("plugins", [str(tmp_path / "itself.py")])
+    document["potential"] |= {"v0": {"normal": [MEAN, SD]}}
+    document["progenitor"] |= {"mass": 5e8, "lookback": 0.2}
+    document["stripping"] |= {"particles": 2, "sigma": 10.0}
+    document["observable"] = {"kind": "itself", "speed": [MEAN, ERROR]}
+    document["sampler"] = {"moves": "stretch", "steps": 250, "walkers": 8, "tau_factor": 10.0, "r_hat": 1.5}
+    return sk.load(document)
+
+
+def test_the_rank_is_that_of_the_exact_posterior(spec):
+    """Prior and datum are Gaussian with one width, so the posterior's mean is halfway, its width 1/sqrt2 of theirs."""
+    for index in range(3):
+        draw = make_draw(spec, index)
+        rng = np.random.default_rng([spec.seed, 7, index])
+        rng.integers(1 << 31)
+        truth = float(spec.priors[0].sample(rng, 1)[0])
+        datum = rng.normal(truth, ERROR)
+        assert draw.truth == (pytest.approx(truth),)
+        exact = norm.cdf((truth - 0.5 * (datum + MEAN)) / (SD / np.sqrt(2)))
+        assert draw.ranks[0] == pytest.approx(exact, abs=0.15)
+        assert draw.mass_ranks[1] == pytest.approx(draw.ranks[0], abs=1e-12)  # the mass rises with v0
+
+
+@pytest.fixture
+def short(spec):
+    return spec.with_values({"sampler.steps": 20})
+
+
+def test_draws_are_kept_and_only_the_missing_ones_made(short, tmp_path):
+    out, seen = tmp_path / "out", []
+    first = calibrate(short, out, 2, done=lambda: seen.append(1))
+    lines = (out / DRAWS).read_text()
+    (out / DRAWS).write_text(lines + '{"index": 9, "tru')
+    again = calibrate(short, out, 3, resume=True)
+    assert again.draws[:2] == first.draws
+    assert [draw.index for draw in again.draws] == [0, 1, 2]
+    assert read_draws(out / DRAWS, short) == dict(enumerate(again.draws))
+    assert len(seen) == 2
+
+
+def test_draws_of_another_run_file_are_refused(short, tmp_path):
+    calibrate(short, tmp_path / "out", 1)
+    with pytest.raises(sk.StreamkitError, match="belong to another run file"):
+        calibrate(short.with_values({"stripping.sigma": 5.0}), tmp_path / "out", 1, resume=True)
+
+
+def uniform(spec, n):
+    ranks = (np.arange(n) + 0.5) / n
+    return Calibration(
+        spec, tuple(Draw(i, (1.0,), (r,), (1.0,) * 3, (r,) * 3, 1.0, 1e3, 10) for i, r in enumerate(ranks))
+    )
+
+
+def test_coverage_of_uniform_ranks(spec):
+    found = uniform(spec, 200)
+    for probability in (0.5, 0.68, 0.95):
+        assert found.coverage(probability) == pytest.approx([probability] * 3, abs=0.005)
+    products = calibration_products(found)
+    assert "68%" in products.text
+    assert products.pictures["calibration.png"]().axes[0].get_title()
+
+
+def test_an_observable_without_mock_data_says_so(spec, tmp_path):
+    (tmp_path / "itself.py").write_text(PLUGIN.replace("def mock", "def mocked").replace('"itself"', '"other"'))
+    other = sk.load({**spec.document, "observable": {"kind": "other", "speed": [200.0, 20.0]}})
+    with pytest.raises(sk.StreamkitError, match="makes no mock data"):
+        make_draw(other, 0)
+
+
+def test_apocentres_draw_around_what_they_predict():
+    observable = sk.load(changed("observable", {"kind": "apocentres", "leading": [47.8, 0.5]})).bind().observable
+    prediction = sk.Prediction(("leading", "trailing", "precession"), np.array([40.0, 60.0, 90.0]), np.zeros(3))
+    drawn = [observable.mock(prediction, np.random.default_rng(i)) for i in range(400)]
+    assert {tuple(fields) for fields in drawn} == {("leading",)}
+    values = np.array([fields["leading"] for fields in drawn])
+    assert values[:, 0].mean() == pytest.approx(40.0, abs=0.1)
+    assert values[:, 0].std() == pytest.approx(0.5, rel=0.15)
+
+
+def test_the_command(spec, tmp_path):
+    (tmp_path / "run.toml").write_text(spec.toml())
+    options = ["calibrate", str(tmp_path / "run.toml"), "-o", str(tmp_path / "out"), "--draws", "2"]
+    done = CliRunner().invoke(main, [*options, "--set", "sampler.steps=40"])
+    assert done.exit_code == 0, done.output
+    assert "share of 2 draws" in done.output
+    assert len(QTable.read(tmp_path / "out" / "calibration.ecsv")) == 2
+    assert (tmp_path / "out" / "calibration.png").stat().st_size > 5000
+    assert CliRunner().invoke(main, options).exit_code == 2
