@@ -23,9 +23,15 @@ from streamkit.stream import Array, IntArray
 
 BATCH = 1024
 """Prior draws at a time: a power of two, as Sobol sequences want."""
+PARTS = 16
+"""Parts of a batch, after each of which the search looks whether it has enough, and at the time."""
+HURRIED = 128
+"""The same where there is a time limit."""
 MAX_BATCHES = 8
 GIVE_UP = 2
 """Batches without a single stream after which the search ends."""
+GRACE = 10.0
+"""Seconds beyond a time limit, or as long again as the limit was, in which a first few streams must be found."""
 ENOUGH = 4
 """Draws with streams, in units of the population, after which no more are needed."""
 SWEEPS = 5
@@ -34,6 +40,23 @@ ROUNDS = 6
 """Times that the walkers' places are filled up."""
 SPREAD = 12.0
 """A walker may start this far in ln p below the best, plus half the number of parameters."""
+
+
+SWEEPS_IN_ALL = 20
+"""Sweeps of a search through all temperatures, for estimates: fewer for weak data, more for strong ones."""
+
+
+def expected_calls(walkers: int, parameters: int, good: float) -> tuple[int, int]:
+    """Estimate the calls of a search, cheap and full, if the fraction ``good`` of the prior gives streams."""
+    wanted = population_of(walkers, parameters)
+    part = BATCH // PARTS
+    drawn = GIVE_UP * BATCH if good <= 0 else min(part * -int(-ENOUGH * wanted / good // part), MAX_BATCHES * BATCH)
+    return drawn + (SWEEPS_IN_ALL * wanted if good > 0 else 0), 2 * walkers
+
+
+def population_of(walkers: int, parameters: int) -> int:
+    """Return the number of particles of the sequential Monte Carlo."""
+    return max(2 * walkers, 4 * parameters, 16)
 
 
 class HasQuantile(Protocol):
@@ -61,7 +84,8 @@ class Search:
     rng
         The only source of chance.
     deadline
-        Value of `time.monotonic` after which the cheap search ends where it stands; infinity for none.
+        Value of `time.monotonic` after which the cheap search ends where it stands; infinity for none. As
+        long again after it, a search that has found next to nothing gives up.
     tell
         Called with a line about the progress after every batch of evaluations.
     """
@@ -74,6 +98,7 @@ class Search:
     tell: Callable[[str], None] = lambda _: None
     calls: int = 0
     inverse_temperature: float = 0.0
+    begun: float = field(default_factory=monotonic)
     reasons: Counter[str] = field(default_factory=Counter)
 
     def run(self) -> tuple[Array, list[Evaluation]]:
@@ -81,6 +106,7 @@ class Search:
 
         A StreamkitError with the counted reasons if streams that can be fitted are too rare.
         """
+        self.begun = monotonic()
         u, lnl = self._draw()
         u, lnl = self._temper(u, lnl)
         u = self._make_distinct(u, lnl)
@@ -89,7 +115,7 @@ class Search:
     @property
     def population(self) -> int:
         """Particles of the sequential Monte Carlo."""
-        return max(2 * self.walkers, 4 * len(self.priors), 16)
+        return population_of(self.walkers, len(self.priors))
 
     def _theta(self, u: Array) -> Array:
         """(n, d) Parameters at unit-cube points (n, d)."""
@@ -109,29 +135,41 @@ class Search:
         sobol = qmc.Sobol(d, scramble=True, seed=self.rng)
         u, lnl = np.empty((0, d)), np.empty(0)
         drawn = 0
+        parts = HURRIED if np.isfinite(self.deadline) else PARTS
         for batch in range(MAX_BATCHES):
             if batch == GIVE_UP and not len(lnl):
                 break
             # ppf(0) and ppf(1) may be infinite: keep a hair's breadth away
             points = np.clip(sobol.random(BATCH), 1e-9, 1 - 1e-9)
-            for part in np.array_split(points, 16):
+            for part in np.array_split(points, parts):
                 values = self._ln_likelihood(part)
                 drawn += len(part)
                 good = np.isfinite(values)
                 u, lnl = np.concatenate([u, part[good]]), np.concatenate([lnl, values[good]])
                 self.tell(f"{len(lnl)} of {drawn} draws of the prior give a stream with observables")
-                late = monotonic() > self.deadline
-                if len(lnl) >= (self.population if late else ENOUGH * self.population):
+                now = monotonic()
+                if len(lnl) >= (max(d + 2, self.walkers) if now > self.deadline else ENOUGH * self.population):
                     return u, lnl
+                if self._out_of_time():
+                    if len(lnl) >= d + 2:
+                        return u, lnl
+                    raise StreamkitError(self._nowhere(drawn, len(lnl), f" in {now - self.begun:.0f} s"))
             if len(lnl) >= self.population:
                 return u, lnl
         if len(lnl) < d + 2:
-            counted = "; ".join(f"{reason}: {n} of {drawn}" for reason, n in self.reasons.most_common())
-            raise StreamkitError(
-                f"found no place to start: of {drawn} draws of the prior only {len(lnl)} give a stream with "
-                f"observables ({counted}). Check the priors with `streamkit check`."
-            )
+            raise StreamkitError(self._nowhere(drawn, len(lnl)))
         return u, lnl
+
+    def _out_of_time(self) -> bool:
+        """Say whether the time limit is so far behind that a search without success must end."""
+        return monotonic() > self.deadline + max(self.deadline - self.begun, GRACE)
+
+    def _nowhere(self, drawn: int, good: int, within: str = "") -> str:
+        counted = "; ".join(f"{reason}: {n} of {drawn}" for reason, n in self.reasons.most_common())
+        return (
+            f"found no place to start{within}: of {drawn} draws of the prior only {good} give a stream with "
+            f"observables ({counted}). Check the priors, and the seconds of a call, with `streamkit check`."
+        )
 
     def _temper(self, u: Array, lnl: Array) -> tuple[Array, Array]:
         """Switch the likelihood on, keeping half of the population effective at every step."""
@@ -181,7 +219,8 @@ class Search:
         """Undo the copies that resampling made, by more moves; return the distinct points (n, d)."""
         for _ in range(5 * SWEEPS):
             distinct = np.unique(u, axis=0)
-            if len(distinct) >= min(1.25 * self.walkers, len(u)):
+            late = monotonic() > self.deadline and len(distinct) >= 3
+            if late or len(distinct) >= min(1.25 * self.walkers, len(u)):
                 return distinct
             u, lnl, _ = self._sweep(u, lnl)
         return np.unique(u, axis=0)
@@ -210,7 +249,7 @@ class Search:
                 near = np.sort(np.argsort(-lnp)[: self.walkers])
             if len(near) >= self.walkers:
                 return points[near[: self.walkers]], [results[i] for i in near[: self.walkers]]
-            if len(results) < 3:
+            if len(results) < 3 or (self._out_of_time() and len(results) < self.walkers):
                 break
             best = np.argsort(-lnp)[: max(self.walkers, 3)]
             u = self._around(u_good[best], self.walkers)

@@ -67,16 +67,24 @@ def mass_agrees_with_force(potential: Potential) -> None:
     )
 
 
-DIMENSIONS = {"Msun": (0, 1), "kpc": (1, 0), "km / s": (-0.5, 0.5), "Gyr": (1.5, -0.5), "mas / yr": (-1.5, 0.5)}
-"""Powers of the length and of the mass in each unit, G being fixed."""
+def powers_of(unit: str) -> tuple[float, float]:
+    """Return the powers of the length and of the mass in a unit, G being fixed: a time is L^(3/2) M^(-1/2)."""
+    from astropy import units as u  # slow to import
+
+    base = u.Unit(unit).decompose(bases=[u.kpc, u.Msun, u.Gyr, u.rad])
+    power = {str(name): float(exponent) for name, exponent in zip(base.bases, base.powers, strict=True)}
+    time = power.get("Gyr", 0.0)
+    return power.get("kpc", 0.0) + 1.5 * time, power.get("solMass", 0.0) - 0.5 * time
+
+
 HIDDEN = {
     "a length in kpc (Length)": (1, 0),
     "a mass in Msun (Mass)": (0, 1),
     "a speed in km/s (Speed)": (-0.5, 0.5),
     "a time (Duration; in acceleration it is in kpc/(km/s))": (1.5, -0.5),
-    "one over a time (declare the time, a Duration, and divide by it)": (-1.5, 0.5),
-    "a density (declare a Mass and a Length)": (-3, 1),
-    "a mass over a length (declare a Mass and a Length, or a Speed)": (-1, 1),
+    "one over a time (declare the time, a Duration, and divide by it; or Annotated[float, Unit(...)])": (-1.5, 0.5),
+    "a density (Annotated[float, Unit('Msun / kpc3')])": (-3, 1),
+    "a mass over a length (Annotated[float, Unit('Msun / kpc')], or a Speed)": (-1, 1),
 }
 NAMED = re.compile(r"\b(kpc|pc|Mpc|km/s|km / s|Msun|Gyr|Myr|mas|deg|rad)\b")
 """A description that says a unit which no type has, such as km/s/kpc."""
@@ -109,7 +117,7 @@ def _homogeneous(potential: Potential, assumed: dict[str, tuple[float, float]]) 
     """Say whether the force in other units is the same force, with the dimensions of some numbers assumed."""
     fields: dict[str, Any] = potential.model_dump()
     for name, unit in type(potential).parameters().items():
-        length, mass = assumed.get(name, DIMENSIONS.get(unit.name, (0, 0)))
+        length, mass = assumed.get(name, powers_of(unit.name))
         fields[name] = fields[name] * LENGTH**length * MASS**mass
     try:
         scaled = type(potential)(**fields)

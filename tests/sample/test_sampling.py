@@ -4,6 +4,7 @@ import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from time import monotonic, sleep
 
 import emcee
 import numpy as np
@@ -263,3 +264,23 @@ def test_a_worker_that_does_not_know_a_class_says_what_to_do():
     """The pickle of a class that is in no module of the worker's."""
     with pytest.raises(sk.PluginError, match=r"a worker cannot find .*under plugins in the run file"):
         _evaluate_sent(b"cno_such_module\nPosterior\n.", "full", np.zeros(1))
+
+
+class Scarce(Gaussian):
+    """Hardly any stream, and each takes its time."""
+
+    def evaluate(self, theta):
+        sleep(1e-3)
+        rejected = Evaluation(-np.inf, -np.inf, np.full(2, np.nan), np.full(2, np.nan), "no stream here")
+        return super().evaluate(theta) if theta[0] > 19.9 and theta[1] > 19 else rejected
+
+
+def test_a_time_limit_ends_a_search_that_finds_nothing(monkeypatch):
+    monkeypatch.setattr("streamkit.sample.start.GRACE", 0.3)
+    posterior, begin = Scarce(), monotonic()
+    search = Search(
+        PRIORS, lambda points, _: [posterior.evaluate(p) for p in points], 24, np.random.default_rng(1), begin + 0.2
+    )
+    with pytest.raises(sk.StreamkitError, match=r"found no place to start in \d+ s: of \d+ draws .*no stream here"):
+        search.run()
+    assert monotonic() - begin < 1.5

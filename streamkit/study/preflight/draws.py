@@ -33,12 +33,15 @@ class PriorDraws:
         (good,) CPU seconds of each of them.
     reasons
         Why the others have none, and how many.
+    total
+        CPU seconds of all of them.
     """
 
     draws: int
     good: Array
     seconds: Array
     reasons: Counter[str]
+    total: float = 0.0
 
 
 def predict(model: Model, theta: Array) -> tuple[Prediction | None, str]:
@@ -71,4 +74,6 @@ def try_prior_draws(spec: Spec, draws: int) -> PriorDraws:
         else:
             good.append(theta)
             seconds.append(time.process_time() - begin)
-    return PriorDraws(done, np.array(good).reshape(-1, len(spec.names)), np.array(seconds), reasons)
+    return PriorDraws(
+        done, np.array(good).reshape(-1, len(spec.names)), np.array(seconds), reasons, time.process_time() - start
+    )

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
-from streamkit.errors import SpecError
 from streamkit.model import Model
-from streamkit.sample import Posterior
 from streamkit.spec import Setup, Spec
-from streamkit.stream import Array, Prediction
+from streamkit.stream import Prediction
+from streamkit.study.preflight.cost import Cost, search_cost, time_call
+from streamkit.study.preflight.doubts import component_doubts
 from streamkit.study.preflight.draws import PriorDraws, predict, try_prior_draws
 from streamkit.study.preflight.orbit import OrbitSummary, summarise_orbit
 from streamkit.study.preflight.warnings import (
@@ -22,18 +19,6 @@ from streamkit.study.preflight.warnings import (
     short_lookback,
     sun_warnings,
 )
-
-SLOW = 5.0
-"""A first call of so many CPU seconds is not repeated: loading the machine code is a small part of it."""
-
-
-@dataclass(frozen=True)
-class Cost:
-    """CPU seconds of the first call of a process and of a later one, measured at ``where``."""
-
-    first: float
-    call: float
-    where: str
 
 
 @dataclass(frozen=True)
@@ -82,7 +67,7 @@ def run_preflight(spec: Spec, *, draws: int = 64) -> Preflight:
     if reason and tried is not None and len(tried.good):
         where, theta = "a draw from the prior that has a stream", tried.good[0]
     call, unfit = time_call(spec, theta, first)
-    warnings = orbit_warnings(spec, setup, orbit)
+    warnings = component_doubts(setup) + orbit_warnings(spec, setup, orbit)
     if reason and (len(orbit.apocentres) or prediction is None):
         warnings.append(f"There is no prediction at {asked}: {reason}.{short_lookback(orbit)}")
     if setup.observable is not None and prediction is not None:
@@ -90,31 +75,12 @@ def run_preflight(spec: Spec, *, draws: int = 64) -> Preflight:
     warnings += prior_warnings(tried)
     warnings += [f"This run file cannot be fitted: {unfit}."] if unfit else sampler_warnings(spec)
     warnings += sun_warnings(setup.sun)
-    return Preflight(setup, orbit, prediction, reason, Cost(first, call, where), tried, tuple(warnings))
-
-
-def time_call(spec: Spec, theta: Array, first: float) -> tuple[float, str]:
-    """Return the CPU seconds of a call at theta (d,): the median of a few, or ``first`` if that was `SLOW`.
-
-    The call is one of the posterior, or of the stream alone where nothing can be fitted; the second value is
-    then the reason why.
-    """
-    unfit = ""
-    call: Callable[[Array], object]
-    try:
-        call = Posterior(spec)
-    except SpecError as error:
-        unfit, model = str(error), Model(spec)
-
-        def call(theta: Array) -> object:
-            return predict(model, theta)
-
-    if first > SLOW:
-        return first, unfit
-    call(theta)  # draws the random numbers of a new process
-    seconds: list[float] = []
-    while len(seconds) < 3 and sum(seconds) < 3.0:
-        begin = time.process_time()
-        call(theta)
-        seconds.append(time.process_time() - begin)
-    return float(np.median(seconds)), unfit
+    return Preflight(
+        setup,
+        orbit,
+        prediction,
+        reason,
+        Cost(first, call, where, *search_cost(spec, tried, call)),
+        tried,
+        tuple(warnings),
+    )

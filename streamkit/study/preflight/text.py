@@ -7,9 +7,10 @@ import numpy as np
 from streamkit.report import columns, describe_expansions, describe_prediction, number, seconds, span, warning_list
 from streamkit.spec import Setup, Spec
 from streamkit.stream import Array
+from streamkit.study.preflight.cost import Cost
 from streamkit.study.preflight.draws import PriorDraws
 from streamkit.study.preflight.orbit import OrbitSummary
-from streamkit.study.preflight.preflight import Cost, Preflight
+from streamkit.study.preflight.preflight import Preflight
 
 
 def describe_spec(spec: Spec) -> str:
@@ -81,5 +82,8 @@ def _cost(spec: Spec, cost: Cost) -> str:
         walkers, steps = spec.sampler.walkers, spec.sampler.steps
         total = walkers * steps
         calls = f"{walkers} walkers x at most {steps} steps = {total} calls"
-        rows.append(("the run", f"{calls}: {seconds(total * cost.call)}, shared by the workers"))
+        if cost.search_calls:
+            few = f"about {cost.search_calls} calls, most with {spec.sampler.start_particles} particles"
+            rows.append(("the search for a start", f"{few}: {seconds(cost.search)}"))
+        rows.append(("the run", f"{calls}: {seconds(total * cost.call + cost.search)}, shared by the workers"))
     return "\n".join(["cost in CPU time", columns(rows)])

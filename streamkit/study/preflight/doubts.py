@@ -1,0 +1,27 @@
+"""What the quick half of the conformance tests finds wrong with the components of a run that are not built in."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+
+import numpy as np
+
+from streamkit.components import Component
+from streamkit.spec import Setup
+from streamkit.testing import quick_failures
+
+
+def component_doubts(setup: Setup) -> list[str]:
+    """Return a paragraph for each failure; what the components print meanwhile is dropped."""
+    used: dict[str, Component] = {f"potential {name}": one for name, one in setup.potentials.items()}
+    used |= {f"body {name}": body.potential for name, body in setup.bodies.items()}
+    used |= {"progenitor": setup.satellite, "stripping": setup.stripping}
+    found = []
+    for where, component in used.items():
+        if not type(component).__module__.startswith("streamkit."):
+            with contextlib.redirect_stdout(io.StringIO()), np.errstate(all="ignore"):
+                lines = quick_failures(component)
+            found += [f"{where.removeprefix('potential ')} ({component.kind}): {line}" for line in lines]
+    told = "A component of this run fails a conformance test, and its streams may be wrong. "
+    return [f"{told}{line}. All tests: streamkit.testing.check." for line in found]
