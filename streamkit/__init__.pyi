@@ -6,7 +6,10 @@ from .components import Potential as Potential
 from .components import Preset as Preset
 from .components import Stripping as Stripping
 from .components import hookimpl as hookimpl
+from .elementary import cubic as cubic
+from .elementary import cubic_pieces as cubic_pieces
 from .elementary import exp as exp
+from .elementary import interp as interp
 from .elementary import log as log
 from .elementary import power as power
 from .elementary import sqrt as sqrt

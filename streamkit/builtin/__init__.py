@@ -3,7 +3,18 @@
 from __future__ import annotations
 
 from streamkit import CONTRACT, Component, Preset, hookimpl
-from streamkit.builtin import apocentres, bar, discs, halos, integrators, milky_way, potentials, spheroids, stripping
+from streamkit.builtin import (
+    apocentres,
+    bar,
+    discs,
+    halos,
+    integrators,
+    milky_way,
+    potentials,
+    spherical_table,
+    spheroids,
+    stripping,
+)
 
 STREAMKIT_CONTRACT = CONTRACT
 
@@ -25,11 +36,13 @@ def streamkit_components() -> list[type[Component] | Preset]:
         halos.NFWTriaxial,
         halos.NFWEllipsoidal,
         spheroids.Dehnen,
+        spheroids.HernquistSpeed,
         spheroids.Spheroid,
         spheroids.PowerCutoff,
         discs.ExponentialDisc,
         discs.Sech2Disc,
         bar.Bar,
+        spherical_table.SphericalTable,
         stripping.LagrangeCloud,
         stripping.Streakline,
         integrators.Leapfrog,

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from streamkit import G, Length, Mass, Number, Potential, Symbol, exp, log, sqrt
+from streamkit import G, Length, Mass, Number, OutOfDomain, Potential, Speed, Symbol, exp, log, sqrt
 
 TINY = 1e-30
 """kpc^2, added to squared radii: a force at the very centre is zero and not 0/0."""
@@ -45,6 +45,47 @@ class Dehnen(Potential):
         r = np.sqrt(x * x + y * y + z * z + TINY)
         y = -np.log1p(a / r)
         return G * mass / a * (y if gamma == 2 else np.expm1((2 - gamma) * y) / (2 - gamma))
+
+
+class HernquistSpeed(Potential):
+    """Hernquist sphere of a given mass that has a given circular speed at a radius: a = sqrt(G M r / v^2) - r.
+
+    A mass with a prior then keeps the rotation curve that was observed; the defaults are the Large Magellanic Cloud's
+    (91.7 km/s at 8.7 kpc). A mass below ``v^2 r / G``, 1.7e10 Msun with these, has no such sphere, and is rejected.
+    """
+
+    kind = "hernquist_vcirc"
+    example = {"mass": 1.4e11}
+    reference = "Hernquist 1990, ApJ 356, 359; Erkal et al. 2019, MNRAS 487, 2685; van der Marel & Kallivayalil 2014"
+
+    mass: Annotated[Mass, Symbol("$M$")] = Field(description="Total mass.")
+    r: Annotated[Length, Symbol("$r$")] = Field(default=8.7, description="Radius of the observed speed.")
+    v_circ: Annotated[Speed, Symbol(r"$v_{\rm c}$")] = Field(default=91.7, gt=0, description="Circular speed there.")
+
+    @property
+    def scale_radius(self) -> float:
+        """The scale length a in kpc."""
+        return self.prepare(self.mass, self.r, self.v_circ)["a"]
+
+    @staticmethod
+    def prepare(mass: float, r: float, v_circ: float) -> dict[str, float]:
+        """Return the scale length; OutOfDomain if there is none."""
+        a = float(np.sqrt(G * mass * r) / v_circ - r)
+        if not a > 0:
+            raise OutOfDomain("the mass of hernquist_vcirc is too small for its circular speed")
+        return {"a": a}
+
+    @staticmethod
+    def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any, a: Any) -> Any:
+        """Return -G M / (r + a)^2 along the radius."""
+        r = sqrt(x * x + y * y + z * z + TINY)
+        k = -G * mass / (r * (r + a) * (r + a))
+        return k * x, k * y, k * z
+
+    @staticmethod
+    def potential(x: Any, y: Any, z: Any, t: Any, mass: Any, a: Any) -> Any:
+        """Return -G M / (r + a)."""
+        return -G * mass / (np.sqrt(x * x + y * y + z * z) + a)
 
 
 class Spheroid(Potential):

@@ -1,7 +1,6 @@
 from .bases import Component as Component
 from .bases import Integrator as Integrator
 from .bases import Observable as Observable
-from .bases import Potential as Potential
 from .bases import Stripping as Stripping
 from .disabled import switched_off as switched_off
 from .given import GIVEN as GIVEN
@@ -11,6 +10,7 @@ from .known import where_to_find as where_to_find
 from .plugin import ROLES as ROLES
 from .plugin import Plugin as Plugin
 from .plugin import with_neighbours as with_neighbours
+from .potential import Potential as Potential
 from .preset import Preset as Preset
 from .registry import Registry as Registry
 from .registry import load_registry as load_registry

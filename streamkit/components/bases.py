@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import dis
-import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
-from pydantic.fields import FieldInfo
+from pydantic import BaseModel, ConfigDict, Field
 
-from streamkit import engine, expansion
-from streamkit.errors import PluginError, StreamkitError
+from streamkit.errors import PluginError
+from streamkit.fields import array_unit
 from streamkit.stream import Array, IntArray, Mark, Orbit, Prediction, Release, Stream
 from streamkit.units import GYR, Duration, Number, PositiveNumber, Unit, unit_of
 
@@ -47,10 +44,6 @@ class Component(BaseModel, ABC):
                     f"{cls.__name__} derives from the component {base.__name__}: components are final. "
                     f"Derive from {base.role.capitalize()} and hold a {base.__name__} instead."
                 )
-        if cls.__dict__.get("kind") and issubclass(cls, Potential):
-            _check_signature(cls)
-            if not cls.compiled:
-                _add_evaluation(cls)
 
     @classmethod
     def for_section(cls, section: Mapping[str, Any]) -> type[Self]:
@@ -79,139 +72,21 @@ class Component(BaseModel, ABC):
         values = (getattr(self, name) for name in type(self).model_fields)
         return hash((type(self), *(v.tobytes() if isinstance(v, np.ndarray) else v for v in values)))
 
-    def in_engine_units(self) -> Array:
-        """(k,) The values of the numeric fields in engine units, in the order of declaration."""
-        values = [
-            getattr(self, name) * unit.to_internal
-            for name, field in type(self).model_fields.items()
-            if (unit := unit_of(field)) is not None
-        ]
-        return np.array(values, dtype=float)
+    def in_engine_units(self) -> tuple[Any, ...]:
+        """Return the values of the numeric fields in engine units, numbers and arrays, in the order of declaration."""
+        fields = ((getattr(self, name), unit.to_internal) for name, unit in self.measured().items())
+        return tuple(value if factor == 1.0 or value is None else value * factor for value, factor in fields)
+
+    @classmethod
+    def measured(cls) -> dict[str, Unit]:
+        """Return the units of the fields that are numbers, or arrays of them."""
+        units = {name: unit_of(field) or array_unit(field) for name, field in cls.model_fields.items()}
+        return {name: unit for name, unit in units.items() if unit is not None}
 
     @classmethod
     def parameters(cls) -> dict[str, Unit]:
         """Return the fields that are physical numbers, and may thus have a prior, with their units."""
         return {name: unit for name, field in cls.model_fields.items() if (unit := unit_of(field)) is not None}
-
-
-def _check_signature(cls: type[Potential]) -> None:
-    found = tuple(inspect.signature(cls.acceleration).parameters)
-    wanted = ("x", "y", "z", "t", *cls.parameters())
-    if found != wanted:
-        raise PluginError(
-            f"{cls.__module__}.{cls.__name__}.acceleration: the arguments must be ({', '.join(wanted)}), "
-            f"that is x, y, z, t and then the fields by name; found ({', '.join(found)})"
-        )
-    if cls.compiled and any(step.opname == "RAISE_VARARGS" for step in dis.get_instructions(cls.acceleration)):
-        raise PluginError(
-            f"{cls.__module__}.{cls.__name__}.acceleration: compiled code cannot raise or assert, the exception "
-            "would be lost: return NaN where there is no force, bound the fields, or set `compiled = False`"
-        )
-    if len(cls.parameters()) != len(cls.model_fields):
-        odd = sorted(set(cls.model_fields) - set(cls.parameters()))
-        raise PluginError(
-            f"{cls.__module__}.{cls.__name__}: every field of a potential must be a number with a unit "
-            f"(Mass, Length, Number, ...); {', '.join(odd)} is not"
-        )
-
-
-EVALUATION = "expansion", "tolerance"
-"""Fields that every potential has that is not compiled."""
-
-
-def _add_evaluation(cls: type[Potential]) -> None:
-    """Give a potential that is not compiled the fields of its evaluation, after the author's."""
-    chosen = "auto" if cls.evaluation == "expansion" else "none"
-    said = (
-        "What the stream is made with: an expansion of the potential, spherical, axisymmetric, general, or auto, the "
-        "simplest that its symmetries allow; none asks the potential itself, slowly."
-    )
-    limit = "Largest relative error of the acceleration by the expansion, from 0.1 to 500 kpc."
-    fields: dict[str, tuple[Any, Any]] = {
-        "expansion": (Literal["auto", "spherical", "axisymmetric", "general", "none"], Field(chosen, description=said)),
-        "tolerance": (float, Field(1e-4, ge=1e-8, le=0.1, description=limit)),
-    }
-    for name, (annotation, default) in fields.items():
-        if name in cls.model_fields:
-            raise PluginError(f"{cls.__module__}.{cls.__name__}: no field of a potential may be called {name!r}")
-        cls.__pydantic_fields__[name] = FieldInfo.from_annotated_attribute(annotation, default)
-        cls.__annotations__[name] = annotation
-    cls.model_rebuild(force=True)
-
-
-class Potential(Component):
-    """A gravitational potential, centred on the origin."""
-
-    role: ClassVar[str] = "potential"
-    compiled: ClassVar[bool] = True
-    """False: `acceleration` is called with whole arrays through NumPy, for bodies that numba cannot take."""
-    evaluation: ClassVar[Literal["exact", "expansion"]] = "exact"
-    """What is made of a potential that is not compiled, unless the run file says otherwise with ``expansion``."""
-    packed: ClassVar[bool] = False
-    """The engine's own: whether `acceleration` gets its numbers as one array."""
-
-    _expanded: expansion.Expanded | None = PrivateAttr(None)
-    _like: Potential | None = PrivateAttr(None)
-    _place: str = PrivateAttr("")
-
-    @staticmethod
-    @abstractmethod
-    def acceleration(x: Any, y: Any, z: Any, t: Any, *parameters: Any) -> Any:
-        """Return ``(ax, ay, az)`` in (km/s)^2/kpc at position (kpc) and time t (kpc/(km/s)).
-
-        The arguments after t are the fields, by name and in order, in engine units (kpc, km/s, Msun, radians).
-        Elementwise: floats in, floats out; arrays of one shape in, arrays of that shape out. Write ``log``,
-        ``exp`` and ``power`` with the functions that streamkit exports: they compile to vector code.
-        """
-
-    @staticmethod
-    def potential(x: Any, y: Any, z: Any, t: Any, *parameters: Any) -> Any:
-        """Return the potential in (km/s)^2 for the same arguments. Optional: energies need it."""
-        raise StreamkitError("this potential gives no potential energy: define `potential` beside `acceleration`")
-
-    @classmethod
-    def has_energy(cls) -> bool:
-        """Say whether the class defines `potential`."""
-        return cls.potential is not Potential.potential
-
-    @property
-    def place(self) -> str:
-        """Where it stands in the run file: ``potential.halo``; empty if it comes from none."""
-        return self._place
-
-    def shaped_like(self, other: Potential, place: str) -> None:
-        """Take the nodes of an expansion from another instance of the class, so that ln p has no steps.
-
-        ``place`` is the path in the run file, for messages.
-        """
-        self._like, self._place = other, place
-
-    def in_loop(self) -> engine.Force:
-        """Return what stands for the potential in the compiled loop: itself, or an expansion."""
-        found = self.expanded()
-        return self if found is None else found.force
-
-    def expanded(self) -> expansion.Expanded | None:
-        """Return the expansion that the stream is made with, made on first use; None if there is none.
-
-        Raises StreamkitError if it cannot be made, or misses its tolerance; OutOfDomain if it was made for other
-        parameters and misses the tolerance at these.
-        """
-        if self.compiled or self.expansion == "none":  # type: ignore[attr-defined]  # see `_add_evaluation`
-            return None
-        if self._expanded is None:
-            exact = engine.build_field([self], exact=True).acceleration
-            form, tolerance = self.expansion, self.tolerance  # type: ignore[attr-defined]
-            model = self._like.expanded() if self._like not in (None, self) else None
-            if model is None:
-                try:
-                    self._expanded = expansion.expand(exact, form, tolerance)
-                except expansion.NoExpansion as error:
-                    raise StreamkitError(f"{self._place or 'potential'} ({self.kind}): {error}") from None
-            else:
-                missed = f"the expansion of the potential {self.kind} misses its tolerance"
-                self._expanded = expansion.expand_like(model, exact, tolerance, missed)
-        return self._expanded
 
 
 class Stripping(Component):

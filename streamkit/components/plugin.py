@@ -20,7 +20,8 @@ from typing import Any
 import pluggy
 
 from streamkit.components import hookspecs
-from streamkit.components.bases import Component, Integrator, Observable, Potential, Stripping
+from streamkit.components.bases import Component, Integrator, Observable, Stripping
+from streamkit.components.potential import Potential
 from streamkit.components.preset import Preset
 from streamkit.errors import PluginError, SpecError
 

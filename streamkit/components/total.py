@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from streamkit.components.bases import Potential
+from streamkit.components.potential import Potential
 from streamkit.errors import blamed
 from streamkit.stream import Array, read_only
 
@@ -34,7 +34,7 @@ def add_up(what: str, potentials: Iterable[Potential], q: Array) -> Array:
     total: Array = np.zeros(())
     for potential in potentials:
         with blamed(f"potential {potential.kind}"):
-            parameters = potential.in_engine_units().tolist()
+            parameters = potential.in_engine_units()
             total = total + np.stack(getattr(type(potential), what)(x, y, z, t, *parameters))
     return total
 

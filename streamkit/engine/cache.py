@@ -76,7 +76,7 @@ def cached(signature: Any) -> Callable[[Callable[..., Any]], Any]:
     return decorate
 
 
-def content_digest(function: Callable[..., Any], count: int) -> str | None:
+def content_digest(function: Callable[..., Any], layout: object) -> str | None:
     """Return a hash of all that determines a kernel's machine code, None if that cannot be known.
 
     That is the author's function (bytecode, constants, defaults) and, followed to the end, all that it refers to:
@@ -91,7 +91,7 @@ def content_digest(function: Callable[..., Any], count: int) -> str | None:
             content.add_function(function)
     except _UnknownError:
         return None
-    return digest_of_parts([ENGINE, str(count), *content.parts])
+    return digest_of_parts([ENGINE, str(layout), *content.parts])
 
 
 class _UnknownError(Exception):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from streamkit.engine import kernels, loops
+from streamkit.engine.arguments import layout_of, pack
 from streamkit.engine.forces import DEEPEST, NO_FRAME, NO_TRACKS, Forces
 from streamkit.engine.kernels import Force, NumpyKernel
 from streamkit.engine.loops import NUMBERS, WORK, Scratch
@@ -162,27 +163,32 @@ class Field:
         for i, error in failed:
             if isinstance(error, OutOfDomain):
                 raise error
-            begin, end = self.forces.offset[i : i + 2]
             raise ComponentError(
-                f"potential {self.names[i]} raised {type(error).__name__}: {error} "
-                f"(parameters {self.forces.parameters[begin:end].tolist()})"
+                f"potential {self.names[i]} raised {type(error).__name__}: {error} (parameters {self.kernels[i].told})"
             ) from error
 
 
 def build_field(potentials: Sequence[Force], *, exact: bool = False) -> Field:
     """Compile (or load from the disk cache) the forces of the potentials, which add up, fixed at the origin.
 
-    Each by what stands for it in a loop; ``exact`` takes the potentials themselves.
+    Each by what stands for it in a loop; ``exact`` takes the potentials themselves, as large as they are today.
     """
-    if not exact:
-        potentials = [p.in_loop() for p in potentials]
-    built = [kernels.compiled_kernel(type(p)) if p.compiled else kernels.numpy_kernel(type(p)) for p in potentials]
-    values = [p.in_engine_units() for p in potentials]
+    built: list[Any] = []
+    packed: list[Array] = []
+    for p in potentials:
+        force, growth = (p, None) if exact else (p.in_loop(), p.growth_table())
+        if force.compiled:
+            values = force.in_engine_units() + (growth or ())
+            built.append(kernels.compiled_kernel(type(force), layout_of(values), growth is not None))
+            packed.append(pack(values))
+        else:
+            built.append(NumpyKernel(force, growth))
+            packed.append(np.zeros(0))
     forces = Forces(
         address=np.array([k.address for k in built], dtype=np.int64),
-        offset=np.cumsum([0, *map(len, values)]).astype(np.int64),
+        offset=np.cumsum([0, *map(len, packed)]).astype(np.int64),
         trajectory=np.full(len(built), -1),
-        parameters=np.concatenate([*values, np.zeros(1)]),  # never empty: its address is passed on
+        parameters=np.concatenate([*packed, np.zeros(1)]),  # never empty: its address is passed on
         first=0.0,
         step=1.0,
         tracks=NO_TRACKS,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, ClassVar, Protocol
 
@@ -20,9 +20,10 @@ from numba.core import sigutils
 from numba.core.ccallback import CFunc
 from numba.core.compiler import Compiler
 from numba.core.errors import NumbaError
-from numba.np.unsafe.ndarray import to_fixed_tuple
 
+from streamkit.elementary import interp
 from streamkit.engine import vector  # noqa: F401  its overloads are what the elementary functions compile to
+from streamkit.engine.arguments import ENDLESS, unpacker
 from streamkit.engine.cache import OPTIONS, ContentCache, content_digest
 from streamkit.engine.forces import ROW
 from streamkit.errors import PluginError
@@ -30,8 +31,6 @@ from streamkit.stream import Array
 
 _POINTER = types.CPointer(types.float64)
 SIGNATURE = types.void(types.intp, *[_POINTER] * 5, types.intp)
-_LONGEST = 1 << 40
-"""Numbers in a packed table, at most: the compiled code does not look."""
 
 
 class Force(Protocol):
@@ -39,18 +38,16 @@ class Force(Protocol):
 
     kind: ClassVar[str]
     compiled: ClassVar[bool]
-    packed: ClassVar[bool]
 
     @staticmethod
     def acceleration(x: Any, y: Any, z: Any, t: Any, *parameters: Any) -> Any:
         """Return ``(ax, ay, az)``, elementwise."""
 
-    @classmethod
-    def parameters(cls) -> Mapping[str, object]:
-        """Return the arguments of `acceleration` after t, by name."""
+    def in_engine_units(self) -> tuple[Any, ...]:
+        """Return the arguments of `acceleration` after t: numbers and arrays; any object if it is not compiled."""
 
-    def in_engine_units(self) -> Array:
-        """(k,) The values of these."""
+    def growth_table(self) -> tuple[Array, Array] | None:
+        """Return times (n,), increasing, and the factors (n,) on the force; None if it does not change."""
 
     def in_loop(self) -> Force:
         """Return what stands for it in a loop: itself, or an expansion of it."""
@@ -65,43 +62,59 @@ class _Apart(Compiler):  # type: ignore[misc]  # numba is untyped here
 
 
 @functools.cache
-def compiled_kernel(cls: type[Force]) -> Any:
+def compiled_kernel(cls: type[Force], layout: tuple[int, ...], growing: bool = False) -> Any:
     """Return the machine code of a potential class: an object with an ``address``. Once per class and process.
+
+    Parameters
+    ----------
+    cls
+        The potential.
+    layout
+        Dimensions of the arguments after t, as `layout_of` gives them.
+    growing
+        Whether two more arguments are times and factors by which the force is multiplied.
 
     Raises `PluginError` if numba cannot compile the author's function.
     """
-    count = 1 if cls.packed else len(cls.parameters())
-    acceleration = njit(forceinline=True, **OPTIONS)(cls.acceleration)
+    inlined = njit(forceinline=True, **OPTIONS)
+    acceleration, unpack = inlined(cls.acceleration), unpacker(layout)
 
-    @njit(forceinline=True, **OPTIONS)
-    def unpacked(p):
-        return to_fixed_tuple(carray(p, (count,)), count)
-
-    @njit(forceinline=True, **OPTIONS)
-    def whole(p):
-        return (carray(p, (_LONGEST,)),)
-
-    arguments = whole if cls.packed else unpacked
-
-    def kernel(n, t, p, centre, q, a, fresh):
-        parameters = arguments(p)
-        times = carray(t, (n,))
-        place = carray(q, (3 * ROW,))
-        total = carray(a, (3 * ROW,))
-        c = carray(centre, (3,))
+    @inlined
+    def sweep(begin, end, times, place, total, c, fresh, parameters, factor):
         x, y, z = c[0], c[1], c[2]
-        for i in range(n):
+        for i in range(begin, end):
             dx, dy, dz = place[i] - x, place[ROW + i] - y, place[2 * ROW + i] - z
             ax, ay, az = acceleration(dx, dy, dz, times[i], *parameters)
-            total[i] = ax if fresh else total[i] + ax
-            total[ROW + i] = ay if fresh else total[ROW + i] + ay
-            total[2 * ROW + i] = az if fresh else total[2 * ROW + i] + az
+            total[i] = factor * ax if fresh else total[i] + factor * ax
+            total[ROW + i] = factor * ay if fresh else total[ROW + i] + factor * ay
+            total[2 * ROW + i] = factor * az if fresh else total[2 * ROW + i] + factor * az
+
+    def kernel(n, t, p, centre, q, a, fresh):
+        parameters = unpack(carray(p, (ENDLESS,)))
+        times = carray(t, (n,))
+        place, total, c = carray(q, (3 * ROW,)), carray(a, (3 * ROW,)), carray(centre, (3,))
+        sweep(0, n, times, place, total, c, fresh, parameters, 1.0)
+
+    def growing_kernel(n, t, p, centre, q, a, fresh):
+        parameters = unpack(carray(p, (ENDLESS,)))
+        knots, factors = parameters[-2], parameters[-1]
+        times = carray(t, (n,))
+        place, total, c = carray(q, (3 * ROW,)), carray(a, (3 * ROW,)), carray(centre, (3,))
+        together = True
+        for i in range(n):
+            together &= times[i] == times[0]
+        if together:
+            sweep(0, n, times, place, total, c, fresh, parameters[:-2], interp(times[0], knots, factors))
+        else:
+            for i in range(n):
+                sweep(i, i + 1, times, place, total, c, fresh, parameters[:-2], interp(times[i], knots, factors))
 
     args, return_type = sigutils.normalize_signature(SIGNATURE)
-    cfunc: Any = CFunc(kernel, (args, return_type), locals={}, options=dict(OPTIONS), pipeline_class=_Apart)
-    digest = content_digest(cls.acceleration, -1 if cls.packed else count)
+    chosen = growing_kernel if growing else kernel
+    cfunc: Any = CFunc(chosen, (args, return_type), locals={}, options=dict(OPTIONS), pipeline_class=_Apart)
+    digest = content_digest(cls.acceleration, layout)
     if digest is not None:
-        cfunc._cache = ContentCache(kernel, digest)
+        cfunc._cache = ContentCache(chosen, digest)
     try:
         cfunc.compile()
     except NumbaError as error:
@@ -130,18 +143,24 @@ def _look(kind: Any, address: int) -> Array:
 
 
 class NumpyKernel:
-    """A kernel whose body runs in Python, once per batch: for ``compiled = False``.
+    """A kernel whose body runs in Python, once per batch: for ``compiled = False``. It belongs to one instance.
 
     Exceptions cannot cross the compiled loop. The first, whatever its type, is kept in ``error`` for the engine to
     raise: from then on the accelerations are NaN, and the author's function is not called.
     """
 
-    def __init__(self, cls: type[Force]) -> None:
+    def __init__(self, force: Force, growth: tuple[Array, Array] | None = None) -> None:
         self.error: BaseException | None = None
-        self._parameters = ctypes.c_double * len(cls.parameters())
-        self._acceleration = cls.acceleration
+        self._arguments, self._growth = force.in_engine_units(), growth
+        self._acceleration = force.acceleration
         self._callback = _CALLBACK(self._call)
         self.address = ctypes.cast(self._callback, ctypes.c_void_p).value
+
+    @property
+    def told(self) -> str:
+        """The arguments after t, for messages; arrays and objects by their type."""
+        shown = (f"{v!r}" if isinstance(v, float) else f"{type(v).__name__} {np.shape(v)}" for v in self._arguments)
+        return f"[{', '.join(shown)}]"
 
     def _call(self, n: int, t: int, p: int, centre: int, q: int, a: int, fresh: int) -> None:
         total = _view(_ROWS, a).reshape(3, ROW)[:, :n]
@@ -152,7 +171,10 @@ class NumpyKernel:
                     place = place - np.array(about)[:, None]
                     place.flags.writeable = False
                 x, y, z = place
-                found = self._acceleration(x, y, z, _look(_TIMES, t)[:n], *self._parameters.from_address(p))
+                times = _look(_TIMES, t)[:n]
+                found = self._acceleration(x, y, z, times, *self._arguments)
+                if self._growth is not None:
+                    found = np.stack(found) * np.interp(times, *self._growth)
                 if fresh:
                     total[:] = found
                 else:
@@ -182,9 +204,3 @@ class NumpyKernel:
             yield
         finally:
             sys.unraisablehook = before
-
-
-@functools.cache
-def numpy_kernel(cls: type[Force]) -> NumpyKernel:
-    """Return the Python kernel of a class with ``compiled = False``. Once per class and process."""
-    return NumpyKernel(cls)

@@ -9,12 +9,17 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic, overload
 
 from streamkit import elementary
 
+SHIFTER = 6755399441055744.0
+"""1.5 * 2^52: added to a number it rounds it, and leaves the integer in the last bits."""
+SHIFTED_BITS = 0x4338000000000000
+INSIDE = 1.0 - 2.0**-53
 LN2_HI = 6.93147180369123816490e-01  # ln 2 in two pieces, so that k * LN2_HI is exact (fdlibm)
 LN2_LO = 1.90821492927058770002e-10
 SQRT_HALF_BITS = 0x3FE6A09E667F3BCD
@@ -106,3 +111,43 @@ def _power(x, y):
 @overload(elementary.sqrt, jit_options={"forceinline": True, "error_model": "numpy"})
 def _sqrt(x):
     return lambda x: math.sqrt(x)  # noqa: PLW0108  numba wants a Python function
+
+
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+def cell_of(x, first, last, count):
+    """Cell of an even grid and the place in it: without branches, and safe for every x. NaN stays NaN."""
+    u = (x - first) * (count / (last - first))
+    inside = u if u > 0.0 else 0.0
+    inside = inside if inside < count * INSIDE else count * INSIDE
+    shifted = (inside - 0.5) + SHIFTER
+    s = inside - (shifted - SHIFTER)
+    return np.uint64(bits_of(shifted) - SHIFTED_BITS), s if u == u else u
+
+
+@overload(elementary.cubic, jit_options={"forceinline": True, "error_model": "numpy"})
+def _cubic(x, ends, pieces):
+    def compiled(x, ends, pieces):
+        k, s = cell_of(float(x), float(ends[0]), float(ends[1]), float(pieces.shape[0]))
+        return pieces[k, 0] + s * (pieces[k, 1] + s * (pieces[k, 2] + s * pieces[k, 3]))
+
+    return compiled
+
+
+@overload(elementary.interp, jit_options={"forceinline": True, "error_model": "numpy"})
+def _interp(x, xp, fp):
+    def even(x, xp, fp):
+        k, s = cell_of(float(x), float(xp[0]), float(xp[1]), float(fp.shape[0] - 1))
+        return fp[k] + s * (fp[k + np.uint64(1)] - fp[k])
+
+    def uneven(x, xp, fp):
+        low, count = 0, xp.shape[0] - 1
+        while count > 1:  # without branches: which half is unpredictable
+            half = count >> 1
+            low = low + half if xp[low + half] <= x else low
+            count -= half
+        s = (x - xp[low]) / (xp[low + 1] - xp[low])
+        s = 0.0 if s < 0.0 else s
+        s = 1.0 if s > 1.0 else s
+        return fp[low] + s * (fp[low + 1] - fp[low])
+
+    return even if isinstance(xp, types.BaseTuple) else uneven

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import cache
 from typing import Any, ClassVar
 
@@ -19,7 +18,6 @@ class Expansion:
 
     kind: ClassVar[str] = "expansion"
     compiled: ClassVar[bool] = True
-    packed: ClassVar[bool] = True
     force: ClassVar[Any]
 
     def __init__(self, table: Array) -> None:
@@ -30,14 +28,12 @@ class Expansion:
         """Return ``(ax, ay, az)``."""
         raise NotImplementedError
 
-    @classmethod
-    def parameters(cls) -> Mapping[str, object]:
-        """Return the one argument of `acceleration` after t."""
-        return {"table": None}
-
-    def in_engine_units(self) -> Array:
+    def in_engine_units(self) -> tuple[Array]:
         """Return the table."""
-        return self.table
+        return (self.table,)
+
+    def growth_table(self) -> None:
+        """Return that the force does not change; what it stands for may."""
 
     def in_loop(self) -> Expansion:
         """Return the expansion itself."""

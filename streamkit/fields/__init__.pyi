@@ -14,6 +14,7 @@ from .arrays import VelocityArray as VelocityArray
 from .datafile import DataFile as DataFile
 from .files import Files as Files
 from .marks import array_of as array_of
+from .marks import array_unit as array_unit
 from .marks import columns_of as columns_of
 from .table import Columns as Columns
 from .table import Table as Table

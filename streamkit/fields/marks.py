@@ -8,6 +8,7 @@ from pydantic.fields import FieldInfo
 
 from streamkit.fields.arrays import ArrayOf
 from streamkit.fields.table import Columns
+from streamkit.units import Unit
 
 T = TypeVar("T")
 
@@ -26,3 +27,9 @@ def array_of(field: FieldInfo) -> ArrayOf | None:
 def columns_of(field: FieldInfo) -> Columns | None:
     """Return the declared columns of a field that holds a table, which may be left out; None for any other field."""
     return _mark(field, Columns)
+
+
+def array_unit(field: FieldInfo) -> Unit | None:
+    """Return the unit of a field that holds an array; None for any other field."""
+    mark = array_of(field)
+    return None if mark is None else mark.unit

@@ -273,7 +273,7 @@ class _Reader:
             )
             text = f"{path}.kind: the potential {cls.kind!r} has no field 'mass' in Msun, which {reason}"
             return self.refuse(text), None
-        names = tuple(cls.model_fields)
+        names = tuple(name for name in cls.model_fields if name != "growth")  # the host alone may grow
         own = {key: value for key, value in table.items() if key in names}
         rest = {key: value for key, value in table.items() if key not in ("kind", *names)}
         potential = read_section(path, cls, own, self.errors, f"the potential {cls.kind!r}", files=self.files)

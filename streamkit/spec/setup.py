@@ -38,7 +38,12 @@ class Body:
 
     @property
     def extent(self) -> float:
-        """The first length among the fields of its potential in kpc, its scale length; 0 for a point mass."""
+        """Its scale length in kpc; 0 for a point mass.
+
+        That is the potential's ``scale_radius``, if it has such a property, else the first length among its fields.
+        """
+        if hasattr(self.potential, "scale_radius"):
+            return float(self.potential.scale_radius)
         lengths = [name for name, unit in self.potential.parameters().items() if unit.name == "kpc"]
         return float(getattr(self.potential, lengths[0])) if lengths else 0.0
 

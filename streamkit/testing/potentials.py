@@ -60,7 +60,7 @@ def floats_agree_with_arrays(potential: Potential) -> None:
         return
     q, t = positions(1e-2, 1e3), times()
     whole = acceleration([potential], t, q)
-    values = [float(p) for p in potential.in_engine_units()]
+    values = potential.in_engine_units()
     single = np.array(
         [type(potential).acceleration(*map(float, point), *values) for point in zip(*q, t, strict=True)]
     ).T

@@ -331,7 +331,7 @@ def test_a_signal_at_the_threshold_of_a_callback_is_not_lost(monkeypatch, capfd,
     with monkeypatch.context() as patch:
         patch.setattr(NumpyKernel, "_call", answering)
         field = build_field([Stopping()])
-        kernel = NumpyKernel(Stopping)
+        kernel = NumpyKernel(Stopping())
     forces = field.forces._replace(address=np.array([kernel.address], dtype=np.int64))
     CALLS.clear()
     with pytest.raises(KeyboardInterrupt):

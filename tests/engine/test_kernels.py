@@ -99,12 +99,12 @@ from streamkit.engine.cache import content_digest
 from streamkit.engine.kernels import compiled_kernel
 from streamkit.engine.loops import ROW
 numba.config.CACHE_DIR = "cache"  # for the kernel alone: the loops have been loaded by now
-kernel = compiled_kernel(point.Point)
+kernel = compiled_kernel(point.Point, (0,))
 q, a = np.zeros(3 * ROW), np.full(3 * ROW, np.nan)  # a is replaced
 q[0], q[ROW] = 3.0, 4.0
 arrays = [np.zeros(1), np.array([1e11]), np.zeros(3), q, a]
 kernel.ctypes(1, *(a.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for a in arrays), 1)
-print(content_digest(point.Point.acceleration, 1), arrays[4][0].hex(), kernel.cache_hits)
+print(content_digest(point.Point.acceleration, (0,)), arrays[4][0].hex(), kernel.cache_hits)
 """
 
 

@@ -160,7 +160,7 @@ class Slow(sk.Potential):
     @staticmethod
     def acceleration(x, y, z, t, mass):
         parts = [HALO, MiyamotoNagai(mass=mass, a=3.0, b=0.28)]
-        forces = [type(p).acceleration(x, y, z, t, *p.in_engine_units().tolist()) for p in parts]
+        forces = [type(p).acceleration(x, y, z, t, *p.in_engine_units()) for p in parts]
         return tuple(sum(force[k] for force in forces) for k in range(3))
 
 
