@@ -19,6 +19,8 @@ from .errors import OutOfDomain as OutOfDomain
 from .errors import PluginError as PluginError
 from .errors import SpecError as SpecError
 from .errors import StreamkitError as StreamkitError
+from .expansion import Multipoles as Multipoles
+from .expansion import multipole_table as multipole_table
 from .fields import AngleArray as AngleArray
 from .fields import Columns as Columns
 from .fields import CoordinateArray as CoordinateArray

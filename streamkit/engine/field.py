@@ -15,6 +15,7 @@ from streamkit.engine.forces import DEEPEST, NO_FRAME, NO_TRACKS, Forces
 from streamkit.engine.kernels import Force, NumpyKernel
 from streamkit.engine.loops import NUMBERS, WORK, Scratch
 from streamkit.engine.methods import RKN4, Splitting
+from streamkit.engine.sparing import orbit_states
 from streamkit.engine.steps import Method
 from streamkit.errors import ComponentError, OutOfDomain
 from streamkit.stream import Array, Orbit
@@ -72,15 +73,18 @@ class Field:
         """Integrate one orbit from t0 to t1 (either direction), with nodes at most ``max_step`` apart."""
         count = max(int(np.ceil(abs(t1 - t0) / max_step)), 2)
         step = (t1 - t0) / count
-        out = np.empty((count + 1, 9))
-        method = Method(RKN4.drift, RKN4.kick, np.zeros(2), 1)
-        q, v = (np.require(x, float, ["C", "W"]) for x in (q, v))
-        self.run(loops.carry, method, q, v, t0, step, out)
-        t = t0 + step * np.arange(count + 1)
+        t: Array = t0 + step * np.arange(count + 1, dtype=float)
         t[-1] = t1
+        q, v = (np.require(x, float, ["C", "W"]) for x in (q, v))
+        if self._in_python:
+            states = orbit_states(self.acceleration, q, v, t)
+        else:
+            out = np.empty((count + 1, 9))
+            self.run(loops.carry, Method(RKN4.drift, RKN4.kick, np.zeros(2), 1), q, v, t0, step, out)
+            states = out.T
         if step < 0:
-            t, out = t[::-1], out[::-1]
-        states = np.ascontiguousarray(out.T)
+            t, states = t[::-1], states[:, ::-1]
+        states = np.ascontiguousarray(states)
         return Orbit(np.ascontiguousarray(t), states[:3], states[3:6], states[6:], np.full(count + 1, np.nan))
 
     def with_moving(self, other: Field, orbit: Orbit) -> Field:

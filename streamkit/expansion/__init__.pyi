@@ -6,3 +6,5 @@ from .expand import expand_like as expand_like
 from .forces import Expansion as Expansion
 from .forces import expansion_of as expansion_of
 from .grid import Grid as Grid
+from .multipoles import Multipoles as Multipoles
+from .multipoles import multipole_table as multipole_table

@@ -1,6 +1,6 @@
 """CPU seconds of one stream: streamkit, gala and galpy side by side, in alternation, on one core.
 
-    python tests/benchmarks/reference_stream.py [--rounds 3]
+    python tests/benchmarks/reference_stream.py [--rounds 3] [--only NumPy]
 
 The job is section 3.2 of Gibbons, Belokurov & Evans 2014: an NFW halo (M200 = 7.5e11 Msun, c = 20), a Plummer
 progenitor (6.4e8 Msun, 0.85 kpc) on an orbit of 18 to 70 kpc, 12 660 particles over 4.31 Gyr, progenitor gravity on.
@@ -17,16 +17,18 @@ import sys
 import time
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 
 from snapshots import reference_errors
 
 import streamkit as sk
+from streamkit.builtin.halos import NFWTriaxial
 from streamkit.builtin.integrators import Adaptive, ForestRuth, Leapfrog
 from streamkit.builtin.potentials import NFW, Hernquist, MiyamotoNagai, Plummer, TruncatedFlat
 from streamkit.builtin.stripping import LagrangeCloud
@@ -35,7 +37,7 @@ from streamkit.engine import build_field
 from streamkit.model import NODE, standard_normals
 from streamkit.model.model import simulate
 from streamkit.spec import Setup
-from streamkit.units import Length, Mass
+from streamkit.units import Number
 
 MASS, RADIUS, LOOKBACK, PARTICLES = 6.4e8, 0.85, 4.31, 12660
 HALO = NFW(mass=3.584843593e11, rs=9.370845158)
@@ -44,26 +46,37 @@ DATA = np.load(Path(__file__).parents[1] / "data" / "nfw_stream.npz")
 START = DATA["progenitor_start"]
 
 
-class NumpyNFW(Potential):
-    """The halo as a plug-in author without numba writes it: NumPy on whole batches."""
+BULGE, DISC = Hernquist(mass=3e10, a=0.5), MiyamotoNagai(mass=3.3e10, a=4.0, b=0.4)
+TRIAXIAL = NFWTriaxial(mass=HALO.mass, rs=HALO.rs, p=0.9, q=0.8)
 
-    kind = "numpy_nfw"
-    compiled = False
-    mass: Mass
-    rs: Length
 
-    @staticmethod
-    def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any, rs: Any) -> Any:
-        """Minus the gradient of -G M ln(1 + r / rs) / r."""
-        r = np.sqrt(x * x + y * y + z * z)
-        f = -sk.G * mass * (np.log1p(r / rs) - r / (r + rs)) / r**3
-        return f * x, f * y, f * z
+def in_numpy(*potentials: Potential, expansion: str) -> Potential:
+    """Return the sum of potentials as a plug-in author without numba writes it: NumPy on whole batches."""
+
+    class InNumpy(Potential):
+        kind = "in_numpy"
+        compiled = False
+        factor: Number = 1.0
+
+        @staticmethod
+        def acceleration(x: Any, y: Any, z: Any, t: Any, factor: Any) -> Any:
+            """Add up the accelerations."""
+            forces = [type(p).acceleration(x, y, z, t, *p.in_engine_units()) for p in potentials]
+            return tuple(factor * sum(force[k] for force in forces) for k in range(3))
+
+    return InNumpy(expansion=expansion)  # type: ignore[call-arg]
 
 
 HOSTS: dict[str, tuple[Potential, ...]] = {
     "TF host": (FLAT,),
-    "bulge + disc + halo": (Hernquist(mass=3e10, a=0.5), MiyamotoNagai(mass=3.3e10, a=4.0, b=0.4), HALO),
-    "NFW in NumPy": (NumpyNFW(mass=HALO.mass, rs=HALO.rs),),
+    "NFW in NumPy": (in_numpy(HALO, expansion="none"),),
+    "NFW in NumPy, expanded": (in_numpy(HALO, expansion="auto"),),
+    "bulge + disc + halo": (BULGE, DISC, HALO),
+    "bulge + disc + halo in NumPy": (in_numpy(BULGE, DISC, HALO, expansion="none"),),
+    "bulge + disc + halo in NumPy, expanded": (in_numpy(BULGE, DISC, HALO, expansion="auto"),),
+    "triaxial NFW": (TRIAXIAL,),
+    "triaxial NFW in NumPy": (in_numpy(TRIAXIAL, expansion="none"),),
+    "triaxial NFW in NumPy, expanded": (in_numpy(TRIAXIAL, expansion="auto"),),
 }
 
 
@@ -80,7 +93,18 @@ def streamkit_job(integrator: Integrator, *host: Potential, gravity: bool = True
     satellite = Plummer(mass=MASS, radius=RADIUS)
     setup = Setup({p.kind: p for p in host}, satellite, MASS, q, v, LOOKBACK, stripping, integrator, None, 1, {})
     normals = standard_normals(stripping, 1)
-    return lambda: void(simulate(setup, normals))
+
+    def job() -> None:
+        simulate(replace(setup, potentials={p.kind: renewed(p) for p in host}), normals)
+
+    return job
+
+
+def renewed(potential: Potential) -> Potential:
+    """Return the potential as the next call of a fit has it: its expansion is to be made, at the same nodes."""
+    other = type(potential)(**dict(potential))
+    other.shaped_like(potential, potential.kind)
+    return other
 
 
 def void(_: object) -> None:
@@ -134,7 +158,9 @@ def main() -> None:
     """Time every job in turn, several rounds, and print minima and ratios."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=3, help="rounds of all jobs in alternation")
-    rounds = parser.parse_args().rounds
+    parser.add_argument("--only", default="", metavar="TEXT", help="only jobs with this in their name, and the first")
+    options = parser.parse_args()
+    rounds = options.rounds
     settings: dict[str, Integrator] = {
         "adaptive (default)": Adaptive(),
         "adaptive, eta 0.5, 0.55": Adaptive(eta=0.5, eta_progenitor=0.55),
@@ -150,9 +176,12 @@ def main() -> None:
     jobs["streamkit default, no progenitor gravity"] = streamkit_job(Adaptive(), HALO, gravity=False), 1.0
     for name, make, scale in (("gala, leapfrog", gala_job, 1.0), ("galpy, dop853_c by hand", galpy_job, 40.0)):
         try:
-            jobs[name] = make(), scale
+            if options.only in name:
+                jobs[name] = make(), scale
         except ImportError as error:
             print(f"{name} is left out: {error}")
+    first = next(iter(jobs))
+    jobs = {name: job for name, job in jobs.items() if options.only in name or name == first}
     seconds: dict[str, list[float]] = {name: [] for name in jobs}
     for _ in range(rounds):
         for name, (job, scale) in jobs.items():
@@ -161,9 +190,9 @@ def main() -> None:
             seconds[name].append(scale * (time.process_time() - begin))
     best = {name: min(values) for name, values in seconds.items()}
     reference = best["streamkit adaptive (default)"]
-    print(f"{'':42s} CPU s   ratio  particles/s  median, 99 % error [kpc]")
+    print(f"{'':60s} CPU s   ratio  particles/s  median, 99 % error [kpc]")
     for name, value in best.items():
-        line = f"{name:42s} {value:6.3f} {value / reference:7.1f} {PARTICLES / value:11.0f}"
+        line = f"{name:60s} {value:6.3f} {value / reference:7.1f} {PARTICLES / value:11.0f}"
         if (integrator := settings.get(name.removeprefix("streamkit "))) is not None:
             errors = reference_errors(integrator)
             line += f"  {np.median(errors):.1e}  {np.percentile(errors, 99):.1e}"

@@ -1,0 +1,180 @@
+"""A potential as spherical harmonics with splines in ln r, and how to make one from a potential or a density."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from streamkit.expansion.harmonics import at_directions, legendre, names, quadrature
+from streamkit.stream import Array
+from streamkit.units import G
+
+TINY = 1e-30
+
+
+class Multipoles:
+    """``Phi = sum over l, m of Phi_lm(r) P_lm(cos theta) cos(m phi)``, with ``sin(|m| phi)`` for m < 0.
+
+    The mean square of every harmonic over the sphere is 1: Phi_00 is the mean potential. Phi_lm are cubic splines in
+    ln r. Inside the first radius they go on in the power of r that Phi_00 has there; outside the last one they fall as
+    r^-(l+1), as without mass.
+
+    Parameters
+    ----------
+    degree, order, radius, phi
+        (n,) l, m, r in kpc and Phi_lm(r) in (km/s)^2: every pair of l and m that occurs at the same four radii or more,
+        in any order of rows.
+
+    Raises ValueError if that is not so.
+    """
+
+    def __init__(self, degree: Array, order: Array, radius: Array, phi: Array) -> None:
+        from scipy.interpolate import CubicSpline  # slow to import
+
+        degree, order, radius, phi = (np.asarray(a, dtype=float) for a in (degree, order, radius, phi))
+        radii = np.unique(radius)
+        pairs = list(zip(degree, order, strict=True))
+        self.harmonics = sorted({(int(n), int(m)) for n, m in pairs})
+        wrong = [pair for pair in pairs if pair[0] != int(pair[0]) or pair[1] != int(pair[1]) or abs(pair[1]) > pair[0]]
+        if wrong:
+            raise ValueError(f"found l = {wrong[0][0]:g}, m = {wrong[0][1]:g}; expected whole numbers with |m| <= l")
+        if len(radii) < 4 or radii[0] <= 0:
+            raise ValueError(f"found {len(radii)} radii from {radii[0]:g} kpc; expected four or more, all positive")
+        if (0, 0) not in self.harmonics:
+            raise ValueError("found no rows with l = 0, m = 0: the mean potential")
+        index = {pair: k for k, pair in enumerate(self.harmonics)}
+        values = np.full((len(radii), len(self.harmonics)), np.nan)
+        values[np.searchsorted(radii, radius), [index[int(n), int(m)] for n, m in pairs]] = phi
+        if len(phi) != values.size or not np.isfinite(values).all():
+            raise ValueError(
+                f"found {len(phi)} rows; expected each of the {len(self.harmonics)} pairs of l and m once at each of "
+                f"the {len(radii)} radii"
+            )
+        self._ends = np.log(radii[[0, -1]])
+        self._spline = CubicSpline(np.log(radii), values)
+        self._values = self._spline(self._ends)
+        self._slopes = self._spline(self._ends, 1)
+        mean = self._spline(self._ends[0], 2)[index[0, 0]] / self._slopes[0, index[0, 0]]
+        inner = np.full(len(self.harmonics), min(max(float(np.nan_to_num(mean)), 0.1), 2.0))
+        self._powers = np.array([inner, [-(n + 1.0) for n, _ in self.harmonics]])
+
+    def radial(self, r: Array) -> tuple[Array, Array]:
+        """(h, n) Phi_lm at radii r (n,), and their derivatives with respect to ln r."""
+        s = np.log(r)
+        c = np.clip(s, *self._ends)
+        value, slope = self._spline(c), self._spline(c, 1)
+        for end, outside in ((0, s < self._ends[0]), (1, s > self._ends[1])):
+            k, d = self._powers[end], self._slopes[end]
+            growth = np.exp(k * (s[outside] - c[outside])[:, None])
+            value[outside] = self._values[end] + d / k * (growth - 1)
+            slope[outside] = d * growth
+        return value.T, slope.T
+
+    def potential(self, x: Any, y: Any, z: Any) -> Any:
+        """Return the potential in (km/s)^2 at positions in kpc, floats or arrays of one shape."""
+        q = np.stack(np.broadcast_arrays(x, y, z)).astype(float)
+        flat = q.reshape(3, -1)
+        r = np.sqrt((flat**2).sum(axis=0) + TINY)
+        value, _ = self.radial(r)
+        return (value * at_directions(self.harmonics, flat / r)).sum(axis=0).reshape(q.shape[1:])[()]
+
+    def acceleration(self, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
+        """Return minus its gradient in (km/s)^2/kpc."""
+        q = np.stack(np.broadcast_arrays(x, y, z)).astype(float)
+        flat = q.reshape(3, -1)
+        r = np.sqrt((flat**2).sum(axis=0) + TINY)
+        value, slope = self.radial(r)
+        ex, ey, mu = flat / r
+        m_max = max(abs(m) for _, m in self.harmonics)
+        polynomials = legendre(max(n for n, _ in self.harmonics), m_max, mu)
+        powers = [np.ones_like(ex) + 0j]
+        for _ in range(m_max):
+            powers.append(powers[-1] * (ex + 1j * ey))
+        ds, dmu, radial, gx, gy = (np.zeros_like(r) for _ in range(5))
+        for (n, signed), phi, dphi in zip(self.harmonics, value, slope, strict=True):
+            m = abs(signed)
+            part, along = polynomials[n, m]
+            less = m * powers[m - 1] if m else np.zeros_like(ex) + 0j  # of e^m: d/dx + i times it is d/dy
+            c, bx, by = (
+                (powers[m].real, less.real, -less.imag) if signed >= 0 else (powers[m].imag, less.imag, less.real)
+            )
+            ds += dphi * part * c
+            dmu += phi * along * c
+            radial += m * phi * part * c
+            gx += phi * part * bx
+            gy += phi * part * by
+        out = -(ds - dmu * mu - radial) / r
+        found = np.stack([out * ex - gx / r, out * ey - gy / r, out * mu - dmu / r])
+        ax, ay, az = found.reshape(q.shape)
+        return ax[()], ay[()], az[()]
+
+
+def multipole_table(
+    *,
+    potential: Callable[[Array, Array, Array], Array] | None = None,
+    density: Callable[[Array, Array, Array], Array] | None = None,
+    l_max: int = 8,
+    m_max: int | None = None,
+    even: bool = False,
+    radii: Array | None = None,
+) -> Any:
+    """Return the table of a `multipole` potential, from a potential or a density.
+
+    Parameters
+    ----------
+    potential, density
+        One of them: a function of x, y, z (n,) in kpc that returns (km/s)^2 or Msun/kpc^3, (n,).
+    l_max, m_max
+        Largest degree and order; m_max is l_max unless given, 0 for an axisymmetric body.
+    even
+        Leave out what vanishes for a body that is symmetric about its three planes.
+    radii
+        (k,) in kpc, increasing; 100 from 0.01 to 1000 kpc unless given. A density is taken to continue as a power of
+        r inside the first, and to vanish outside the last.
+
+    Returns
+    -------
+    An `astropy.table.Table` with the columns l, m, r (kpc) and phi (km2 / s2): write it with
+    ``table.write("halo.ecsv")``, or give it to `Multipoles`. A density's multipoles solve Poisson's equation (Binney &
+    Tremaine 2008, eq. 2.95).
+    """
+    from astropy.table import Table  # slow to import
+
+    if (potential is None) == (density is None):
+        raise ValueError("expected either a potential or a density")
+    r = np.geomspace(0.01, 1000.0, 100) if radii is None else np.asarray(radii, dtype=float)
+    harmonics = names(l_max, l_max if m_max is None else m_max, even)
+    directions, weights = quadrature(l_max, max(abs(m) for _, m in harmonics))
+    function = potential or density
+    assert function is not None  # noqa: S101  said above
+    x, y, z = (directions[:, None, :] * r[:, None]).reshape(3, -1)
+    values = np.broadcast_to(np.asarray(function(x, y, z), dtype=float), x.shape).reshape(len(r), -1)
+    amplitudes = values @ (at_directions(harmonics, directions) * weights).T
+    if density is not None:
+        amplitudes = np.array([
+            _poisson(n, r, amplitude) for (n, _), amplitude in zip(harmonics, amplitudes.T, strict=True)
+        ]).T  # fmt: skip
+    n, m = np.array(harmonics).T
+    columns = {
+        "l": np.repeat(n, len(r)),
+        "m": np.repeat(m, len(r)),
+        "r": np.tile(r, len(n)),
+        "phi": amplitudes.T.ravel(),
+    }
+    return Table(columns, units={"r": "kpc", "phi": "km2 / s2"})
+
+
+def _poisson(degree: int, r: Array, density: Array) -> Array:
+    """(k,) Phi_lm at r (k,) of the density rho_lm (k,) there."""
+    from scipy.interpolate import CubicSpline
+
+    s = np.log(r)
+    inner = CubicSpline(s, density * r ** (degree + 3)).antiderivative()(s)
+    outer = CubicSpline(s, density * r ** (2 - degree)).antiderivative()(s)
+    here = density[0] * r[0] ** (degree + 3)
+    if here != 0.0:  # a power of r inside the first radius
+        slope = float(np.log(density[1] / density[0]) / (s[1] - s[0])) if density[1] / density[0] > 0 else 0.0
+        inner = inner + here / max(degree + 3 + slope, 0.1)
+    return np.asarray(-4 * np.pi * G / (2 * degree + 1) * (inner / r ** (degree + 1) + (outer[-1] - outer) * r**degree))
