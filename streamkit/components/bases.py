@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from streamkit.errors import PluginError
+from streamkit.errors import PluginError, StreamkitError
 from streamkit.fields import array_unit
 from streamkit.stream import Array, IntArray, Mark, Orbit, Prediction, Release, Stream
 from streamkit.units import GYR, Duration, Number, PositiveNumber, Unit, unit_of
