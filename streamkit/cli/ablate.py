@@ -22,6 +22,7 @@ from streamkit.study import grid
               help="A field and its values, such as stripping.kind=mlcs,streakline. "
               "Repeated: every combination.")  # fmt: skip
 @SET
+@click.option("--stream", metavar="NAME", help="The stream to look at, where the run file has several.")
 @click.option("--reference", metavar="SNAPSHOT",
               help="N-body snapshot to compare with: HDF5 in the Gadget layout (FILE.hdf5, or "
               "FILE.hdf5:PartType2) or a plain table (FILE.npz). Left out: the first variant.")  # fmt: skip
@@ -37,6 +38,7 @@ def ablate(
     run_file: Path,
     variations: tuple[str, ...],
     settings: tuple[str, ...],
+    stream: str | None,
     reference: str | None,
     match_rate: bool,
     seeds: int,
@@ -63,11 +65,15 @@ def ablate(
     report.check_directory(out, study.PRODUCTS, "an ablation", force)
     spec = load_spec(run_file, settings)
     variants = study.variants_of(spec, read_variations(variations))
-    beside = None if reference is None else study.read_reference(reference, spec)
+    name = spec.stream_name(stream)
+    beside = None if reference is None else study.read_reference(reference, spec, name)
 
     def run(done: Callable[[], object]) -> grid.Products:
-        found = study.run_ablation(spec, variants, beside, seeds=seeds, workers=workers, match=match_rate, done=done)
+        found = study.run_ablation(
+            spec, variants, beside, stream=name, seeds=seeds, workers=workers, match=match_rate, done=done
+        )
         said = {"reference": reference or found.beside, "match_rate": match_rate, "seeds": seeds}
+        said |= {"stream": name} if len(spec.streams) > 1 else {}
         return study.ablation_products(found, said)
 
     conduct(out, seeds * len(variants), quiet, run)

@@ -24,24 +24,34 @@ from streamkit.errors import OutOfDomain, StreamkitError
 def stream(run_file: Path, settings: tuple[str, ...], output: Path | None, plot: Path | None, force: bool) -> None:
     """Make one stream, print it beside the data.
 
-    Free parameters are at the prior's centre unless --set says otherwise.
+    Of a run file with several, make each: its files have its name, FILE-gd1.ecsv. Free parameters are at the prior's
+    centre unless --set says otherwise.
     """
-    if output is not None:
-        report.check_target(output, report.FORMATS, "--output", force)
-    if plot is not None:
-        report.check_target(plot, report.PICTURES, "--plot", force)
     spec = load_spec(run_file, settings)
-    begin = time.process_time()
-    setup = spec.bind()
-    try:
-        made, prediction = sk.Model(spec).observe(setup)
-    except OutOfDomain as error:
-        raise StreamkitError(f"{run_file}: there is no stream at these parameters: {error}") from None
-    spent = time.process_time() - begin
-    click.echo(report.describe_stream(spec, setup, made, prediction, spent, read_settings(settings)))
-    if output is not None:
-        report.write_stream(made, spec, output, force=force)
-        click.echo(f"particles: {output}")
-    if plot is not None:
-        report.save_picture(plot, report.draw_stream(made, prediction, setup))
-        click.echo(f"picture: {plot}")
+    particles, pictures = ({name: _file(path, name, spec) for name in spec.streams} for path in (output, plot))
+    for files, suffixes, option in ((particles, report.FORMATS, "--output"), (pictures, report.PICTURES, "--plot")):
+        for path in filter(None, files.values()):
+            report.check_target(path, suffixes, option, force)
+    model, said = sk.Model(spec), []
+    for name in spec.streams:
+        begin = time.process_time()
+        setup = spec.bind(stream=name)
+        try:
+            made, prediction = model.observe(setup)
+        except OutOfDomain as error:
+            which = "no stream" if len(spec.streams) == 1 else f"no stream {name!r}"
+            raise StreamkitError(f"{run_file}: there is {which} at these parameters: {error}") from None
+        spent = time.process_time() - begin
+        said.append(report.describe_stream(spec, setup, made, prediction, spent, read_settings(settings)))
+        click.echo(said[-1] if len(said) == 1 else f"\n{said[-1]}")
+        if file := particles[name]:
+            report.write_stream(made, spec, file, force=force)
+            click.echo(f"particles: {file}")
+        if file := pictures[name]:
+            report.save_picture(file, report.draw_stream(made, prediction, setup))
+            click.echo(f"picture: {file}")
+
+
+def _file(path: Path | None, name: str, spec: sk.Spec) -> Path | None:
+    """Return the file of one stream: with its name, where there are several."""
+    return path if path is None or len(spec.streams) == 1 else path.with_stem(f"{path.stem}-{name}")

@@ -2,6 +2,7 @@ from .host import NODE as NODE
 from .host import Host as Host
 from .model import Model as Model
 from .model import simulate as simulate
+from .observation import Observation as Observation
 from .progenitor import next_apocentre as next_apocentre
 from .progenitor import progenitor_track as progenitor_track
 from .release import standard_normals as standard_normals

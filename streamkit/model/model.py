@@ -13,10 +13,11 @@ from streamkit.engine import build_field
 from streamkit.errors import ComponentError, OutOfDomain, blamed
 from streamkit.model.host import Host
 from streamkit.model.integrate import integrate
+from streamkit.model.observation import Observation
 from streamkit.model.progenitor import next_apocentre, progenitor_track
 from streamkit.model.release import release_particles, standard_normals
 from streamkit.observe import Data, measure_stream, read_data
-from streamkit.spec import Setup, Source, as_spec
+from streamkit.spec import Bound, Setup, Source, as_spec
 from streamkit.stream import Array, Prediction, Stream
 
 
@@ -29,55 +30,97 @@ class Model:
 
     def __init__(self, spec: Source) -> None:
         self.spec = as_spec(spec)
-        self._asked: tuple[Observable, Data] | None = None
+        self._asked: dict[tuple[str, str], tuple[Observable, Data]] = {}
 
-    def data(self, observable: Observable) -> Data:
-        """Return the data of an observable of this run file; asked for once where no field of it has a prior."""
-        if self._asked is None or self._asked[0] is not observable:  # one with free fields is new at every parameter
-            self._asked = observable, read_data(observable, self.spec.likelihood.noise == "add")
-        return self._asked[1]
+    def data(self, setup: Setup) -> dict[str, Data]:
+        """Return the data of a stream's observables by name; asked for once where no field of one has a prior."""
+        add_noise = self.spec.likelihood.noise == "add"
+        found = {}
+        for name, observable in setup.observables.items():
+            asked, data = self._asked.get((setup.name, name), (None, None))
+            if data is None or asked is not observable:  # one with free fields is a new one at every call
+                data = read_data(observable, add_noise)
+                self._asked[setup.name, name] = observable, data
+            found[name] = data
+        return found
+
+    @property
+    def normals(self) -> Array:
+        """(draws, n) The standard normals of the only stream's particles; the first n do not depend on their number."""
+        return self._draws[self.spec.stream_name()]
 
     @cached_property
-    def normals(self) -> Array:
-        """(draws, n) The standard normals of all particles; the first n do not depend on their number."""
-        setup = self.spec.bind()
-        with blamed(f"stripping {setup.stripping.kind}"):
-            return standard_normals(setup.stripping, setup.seed)
+    def _draws(self) -> dict[str, Array]:
+        """(draws, n) The standard normals of every stream's particles, by its name."""
+        drawn = {}
+        for name, stream in self.spec.parts.streams.items():
+            stripping = stream.stripping.centre
+            with blamed(f"stripping {stripping.kind}"):
+                drawn[name] = standard_normals(stripping, self.spec.parts.seed_of(name))
+        return drawn
 
-    def stream(self, parameters: Array | Mapping[str, float] | None = None) -> Stream:
+    def stream(self, parameters: Array | Mapping[str, float] | None = None, name: str | None = None) -> Stream:
         """Return the stream at parameters (d,), or a mapping of some of them; the rest at the prior's centre.
 
-        Raises OutOfDomain if there is no such stream; its reason says why. Raises ComponentError if a component fails
-        or breaks its contract: with its role, its kind and the parameters.
+        Its name is needed where there are several. Raises OutOfDomain if there is no such stream; its reason says why.
+        Raises ComponentError if a component fails or breaks its contract: with its role, its kind and the parameters.
         """
-        setup = self.spec.bind(parameters)
-        with self.naming_parameters(setup):
-            return simulate(setup, self.normals)
+        return self._made(self.spec.bind(parameters, name))
 
-    def observe(self, setup: Setup) -> tuple[Stream, Prediction | None]:
-        """Return the stream of a bound spec, and what its observable says of it (None without one).
+    def streams(self, parameters: Array | Mapping[str, float] | None = None) -> dict[str, Stream]:
+        """Return all streams by name, as `stream` does; a single one without a name is called ``stream``."""
+        bound = self.spec.bind_all(parameters)
+        host = Host(bound.potentials, bound.bodies)
+        return {name: self._made(setup, host) for name, setup in bound.streams.items()}
+
+    def _made(self, setup: Setup, host: Host | None = None) -> Stream:
+        """Return the stream of a bound spec; OutOfDomain begins with its name where there are several."""
+        try:
+            with self.naming_parameters(setup.values):
+                return simulate(setup, self._draws[setup.name], host)
+        except OutOfDomain as error:
+            raise OutOfDomain(
+                error.reason if len(self.spec.streams) == 1 else f"{setup.name}: {error.reason}"
+            ) from None
+
+    def observe(self, setup: Setup, host: Host | None = None) -> tuple[Stream, Prediction | None]:
+        """Return the stream of a bound spec, and what its observables say of it (None without one).
 
         Raises OutOfDomain, ComponentError as `stream`; an observable without a value gives a reason instead.
         """
-        with self.naming_parameters(setup):
-            stream = simulate(setup, self.normals)
-            observable = setup.observable
-            return stream, None if observable is None else measure_stream(observable, stream, self.data(observable))
+        stream = self._made(setup, host)
+        with self.naming_parameters(setup.values):
+            return stream, measure_stream(setup.observables, stream, self.data(setup))
+
+    def observe_all(self, bound: Bound) -> Observation:
+        """Return all streams of a bound spec, in one host, and what their observables say; raises as `observe`."""
+        host = Host(bound.potentials, bound.bodies)
+        streams: dict[str, Stream] = {}
+        predictions: dict[str, Prediction] = {}
+        for name, setup in bound.streams.items():
+            streams[name], prediction = self.observe(setup, host)
+            if prediction is not None:
+                predictions[name] = prediction
+        return Observation(streams, predictions)
 
     @contextmanager
-    def naming_parameters(self, setup: Setup) -> Iterator[None]:
+    def naming_parameters(self, values: Mapping[str, float]) -> Iterator[None]:
         """Add the free parameters to a `ComponentError`; its cause stays."""
         try:
             yield
         except ComponentError as error:
-            given = zip(setup.values.items(), self.spec.units, strict=True)
+            given = zip(values.items(), self.spec.units, strict=True)
             text = ", ".join(f"{name} = {value!r} {unit}".strip() for (name, value), unit in given)
             raise ComponentError(f"{error}. Parameters: {text or 'none is free'}") from error.__cause__
 
 
-def simulate(setup: Setup, normals: Array) -> Stream:
-    """Return the stream of fully bound components, with normals (draws, n) that belong to the particles."""
-    host = Host(setup.potentials, setup.bodies, setup.companion)
+def simulate(setup: Setup, normals: Array, shared: Host | None = None) -> Stream:
+    """Return the stream of fully bound components, with normals (draws, n) that belong to the particles.
+
+    The host may be there already, ``shared`` by streams whose progenitors are test particles in it.
+    """
+    moved = setup.companion
+    host = Host(setup.potentials, setup.bodies, moved) if shared is None or moved else shared
     track = progenitor_track(host, setup)
     start = release_particles(setup, track, normals)
     field = host.until(float(track.t[0]))

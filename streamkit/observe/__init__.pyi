@@ -1,9 +1,14 @@
+from .asides import marks_of as marks_of
+from .asides import radii_of as radii_of
+from .asides import remarks_of as remarks_of
 from .data import Data as Data
 from .data import join_data as join_data
 from .data import read_data as read_data
 from .likelihood import compare_with_data as compare_with_data
 from .likelihood import gaussian as gaussian
+from .measure import UNNAMED as UNNAMED
 from .measure import measure_stream as measure_stream
+from .measure import parts_of as parts_of
 from .track import CELL as CELL
 from .track import ENOUGH as ENOUGH
 from .track import Track as Track

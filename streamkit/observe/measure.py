@@ -2,19 +2,43 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from streamkit.components import Observable
 from streamkit.errors import ComponentError, blamed
 from streamkit.observe.data import Data
-from streamkit.stream import Prediction, Stream
+from streamkit.stream import Prediction, Stream, join_predictions
+
+UNNAMED = "observable"
+"""What the only observable of a stream is called, if the run file does not name it."""
 
 
-def measure_stream(observable: Observable, stream: Stream, known: Data | None = None) -> Prediction:
-    """Return what the observable says of the stream; its data are asked for unless they are ``known``.
+def measure_stream(
+    observables: Mapping[str, Observable], stream: Stream, known: Mapping[str, Data] | None = None
+) -> Prediction | None:
+    """Return what the observables say of the stream, as one prediction; None without observables.
 
-    ComponentError if it fails, predicts other shapes than its data have, or for a datum no number without a reason.
+    Parameters
+    ----------
+    observables
+        By name. The names of the predicted numbers begin with it, but for a single observable called ``observable``.
+    known
+        Their data; else they are asked for.
+
+    ComponentError if one fails, predicts other shapes than its data have, or for a datum no number without a reason.
     """
+    found = {name: _measure(observable, stream, (known or {}).get(name)) for name, observable in observables.items()}
+    return found.get(UNNAMED) if found.keys() <= {UNNAMED} else join_predictions(found)
+
+
+def parts_of(prediction: Prediction) -> dict[str, Prediction]:
+    """Return what each observable of a stream said, by its name, from what `measure_stream` returned."""
+    return prediction.parts or {UNNAMED: prediction}
+
+
+def _measure(observable: Observable, stream: Stream, known: Data | None) -> Prediction:
     name = f"observable {observable.kind}"
     with blamed(name):
         prediction = observable.predict(stream)

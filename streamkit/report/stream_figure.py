@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from streamkit.observe import marks_of
 from streamkit.report.style import ARM_STYLE, VERMILION, NotebookFigure, angle_ticks, finish
 from streamkit.spec import Setup
 from streamkit.stream import Mark, Prediction, Stream, orbital_plane
@@ -63,8 +64,7 @@ def draw_unwrapped(particles: Stream, prediction: Prediction | None, setup: Setu
     angle = np.degrees(particles.winding)
     _points(particles, angle, particles.r, axes)
     axes.plot(0, particles.orbit.r[-1], **PROGENITOR)
-    observable = None if setup is None else setup.observable
-    marks = () if prediction is None or observable is None else observable.marks(prediction)
+    marks = () if prediction is None or setup is None else marks_of(setup.observables, prediction)
     for mark in marks:
         _mark(axes, mark)
     peaks = [float(x) for mark in marks if mark.look == "peak" for x in mark.x]

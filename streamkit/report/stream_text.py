@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from streamkit.observe import remarks_of
 from streamkit.report.text import columns, number, paragraph, seconds
 from streamkit.spec import Setup, Spec, as_written
 from streamkit.stream import Prediction, Stream
@@ -25,11 +26,12 @@ def describe_expansions(setup: Setup) -> str:
 
 def describe_prediction(setup: Setup, prediction: Prediction) -> str:
     """Show the observables beside the data, and the difference in standard errors of the data."""
-    if setup.observable is None:
+    if not setup.observables:
         return "observables: the run file has none"
+    kinds = ", ".join(observable.kind for observable in setup.observables.values())
     if prediction.why_not:
-        return f"observables ({setup.observable.kind}): no value, {prediction.why_not}"
-    data, errors = setup.observable.data()
+        return f"observables ({kinds}): no value, {prediction.why_not}"
+    data, errors = np.concatenate([observable.data() for observable in setup.observables.values()], axis=1)
     rows = [("", "model", "own noise", "data", "model - data")]
     for name, mean, variance, datum, error in zip(
         prediction.names, prediction.mean, prediction.variance, data, errors, strict=True
@@ -40,7 +42,7 @@ def describe_prediction(setup: Setup, prediction: Prediction) -> str:
             name, *shown, f"{datum:g} +- {error:g}" if known else "-",
             f"{(mean - datum) / error:+.1f} sigma" if known else "-",
         ))  # fmt: skip
-    return "\n".join([f"observables ({setup.observable.kind})", columns(rows)])
+    return "\n".join([f"observables ({kinds})", columns(rows)])
 
 
 def describe_stream(
@@ -79,14 +81,15 @@ def describe_stream(
         ("bound", f"{bound} ({bound / len(stream):.1%})"),
         ("CPU time", f"{seconds(spent)}, machine code loaded included"),
     ]
-    parts = [f"{spec.source}: one stream (seed {spec.seed})"]
+    named = "one stream" if len(spec.streams) == 1 else f"stream {setup.name}"
+    parts = [f"{spec.source}: {named} (seed {spec.seed})"]
     parts += [f"parameters\n{columns(rows)}"] if rows else []
     parts.append(f"stream\n{columns(counts)}")
     parts.append(describe_expansions(setup))
-    if setup.observable is None:
+    if not setup.observables:
         parts.append("observables: the run file has none")
     elif prediction is not None:
-        parts += [describe_prediction(setup, prediction), warning_list(setup.observable.remarks(prediction))]
+        parts += [describe_prediction(setup, prediction), warning_list(remarks_of(setup.observables, prediction))]
     return "\n\n".join(part for part in parts if part)
 
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from streamkit.errors import OutOfDomain, SpecError
-from streamkit.model import Model
-from streamkit.observe import compare_with_data
-from streamkit.spec import Setup, Source, as_spec
+from streamkit.model import Model, Observation
+from streamkit.observe import compare_with_data, join_data, parts_of
+from streamkit.spec import Bound, Setup, Source, as_spec
 from streamkit.stream import Array, Prediction, Stream
 
 OUTSIDE = "outside the prior"
@@ -59,12 +59,14 @@ class Posterior:
         self.model = Model(spec)
         if not spec.names:
             raise SpecError("no field has a prior: a fit needs at least one free parameter")
-        observable = spec.bind().observable
-        if observable is None:
-            raise SpecError("observable: there is none, and a fit needs one with data")
-        self.data = self.model.data(observable)
-        if not np.isfinite(self.data.values).any():
-            raise SpecError("observable: there is no datum to compare with")
+        bound = spec.bind_all()
+        for name, setup in bound.streams.items():
+            where = f"{spec.prefix(name)}observable"
+            if not setup.observables:
+                raise SpecError(f"{where}: there is none, and a fit needs one with data{_for_each(bound)}")
+            if not any(np.isfinite(data.values).any() for data in self.model.data(setup).values()):
+                raise SpecError(f"{where}: there is no datum to compare with")
+        self.data = join_data([data for setup in bound.streams.values() for data in self.model.data(setup).values()])
         self.size = len(self.data.values)
 
     def __repr__(self) -> str:
@@ -94,30 +96,37 @@ class Posterior:
         if ln_prior == -np.inf:
             return self.rejected(OUTSIDE)
         try:
-            setup = self.spec.bind(theta)
-            prediction = self._observed(setup)[1]
+            bound = self.spec.bind_all(theta)
+            found = self.model.observe_all(bound)
         except OutOfDomain as error:
             return self.rejected(error.reason)
+        prediction = found.prediction
+        assert prediction is not None  # noqa: S101  __init__ has made sure of observables
         if prediction.why_not:
             return self.rejected(prediction.why_not)
-        with self.model.naming_parameters(setup):
-            ln_likelihood = self._compare(setup, prediction)
+        with self.model.naming_parameters(bound.values):
+            ln_likelihood = sum(self._compare(setup, found.predictions[name]) for name, setup in bound.streams.items())
         return Evaluation(ln_prior + ln_likelihood, ln_likelihood, prediction.mean, prediction.variance)
 
-    def predict(self, theta: Array) -> tuple[Stream, Prediction]:
-        """Return the stream at theta (d,) and what the observable says of it; OutOfDomain if there is none."""
-        return self._observed(self.spec.bind(theta))
+    def observe(self, theta: Array) -> Observation:
+        """Return the streams at theta (d,) and what the observables say of them; OutOfDomain if there are none."""
+        return self.model.observe_all(self.spec.bind_all(theta))
 
-    def _observed(self, setup: Setup) -> tuple[Stream, Prediction]:
-        stream, prediction = self.model.observe(setup)
-        assert prediction is not None  # noqa: S101  __init__ has made sure of an observable
-        return stream, prediction
+    def predict(self, theta: Array) -> tuple[Stream, Prediction]:
+        """Return the only stream at theta (d,) and what is said of it; OutOfDomain if there is none."""
+        name, found = self.spec.stream_name(), self.observe(theta)
+        return found.streams[name], found.predictions[name]
 
     def _compare(self, setup: Setup, prediction: Prediction) -> float:
-        assert setup.observable is not None  # noqa: S101  checked in __init__
-        return compare_with_data(setup.observable, prediction, self.model.data(setup.observable))
+        """Return the ln likelihood of one stream: that of its observables, which add up."""
+        data, parts = self.model.data(setup), parts_of(prediction)
+        return sum(compare_with_data(each, parts[name], data[name]) for name, each in setup.observables.items())
 
     def rejected(self, reason: str) -> Evaluation:
         """Return what stands for parameters without a stream, or an observable: no numbers, and the reason."""
         nothing = np.full(self.size, np.nan)
         return Evaluation(-np.inf, -np.inf, nothing, nothing, reason)
+
+
+def _for_each(bound: Bound) -> str:
+    return " for every stream" if len(bound.streams) > 1 else ""

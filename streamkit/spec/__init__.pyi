@@ -3,6 +3,7 @@ from .document import differences as differences
 from .document import literal as literal
 from .document import read_toml as read_toml
 from .document import to_toml as to_toml
+from .parts import stream_seed as stream_seed
 from .priors import PRIORS as PRIORS
 from .priors import LogUniform as LogUniform
 from .priors import Normal as Normal
@@ -19,7 +20,9 @@ from .schema import json_schema as json_schema
 from .settings import Likelihood as Likelihood
 from .settings import RunFile as RunFile
 from .settings import Sampler as Sampler
+from .setup import ONLY as ONLY
 from .setup import Body as Body
+from .setup import Bound as Bound
 from .setup import Setup as Setup
 from .spec import Source as Source
 from .spec import Spec as Spec

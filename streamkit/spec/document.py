@@ -56,7 +56,7 @@ def to_toml(document: Mapping[str, Any], header: str = "") -> str:
     Parameters
     ----------
     document
-        Top-level values and sections; a section is a table of fields, or of tables of fields with a ``kind``.
+        Top-level values and sections; a section is a table of fields, or holds sections with a ``kind``.
     header
         Text for a comment at the top.
     """
@@ -69,11 +69,16 @@ def to_toml(document: Mapping[str, Any], header: str = "") -> str:
 
 
 def _table(fields: Mapping[str, Any]) -> Table:
-    several = bool(fields) and all(isinstance(value, Mapping) and "kind" in value for value in fields.values())
+    several = bool(fields) and all(map(_is_section, fields.values()))
     table = tomlkit.table(is_super_table=several)
     for key, value in fields.items():
         table.add(key, _table(value) if several else _inline(value))
     return table
+
+
+def _is_section(value: Any) -> bool:
+    """Say whether a value is a table of fields with a ``kind``, or holds nothing but such tables."""
+    return isinstance(value, Mapping) and ("kind" in value or (bool(value) and all(map(_is_section, value.values()))))
 
 
 def _inline(value: Any) -> Item:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import reduce
 from pathlib import Path
 from typing import Any
@@ -11,15 +10,17 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from streamkit.components import Component, Integrator, Observable, Potential, Registry, Stripping, load_registry
+from streamkit.components import Component, Registry, load_registry
 from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.fields import Files
 from streamkit.spec.document import DEEPEST, depth
+from streamkit.spec.parts import Parts, StreamParts
 from streamkit.spec.priors import PRIORS
-from streamkit.spec.progenitor import BODY_WAYS, WAYS, BodyPlace, PhaseSpace, Sun, choose_coordinates
+from streamkit.spec.progenitor import BODY_WAYS, WAYS, Sun, choose_coordinates
 from streamkit.spec.section import Section, read_section
 from streamkit.spec.sentences import should
 from streamkit.spec.settings import VERSION, Likelihood, RunFile, Sampler
+from streamkit.spec.setup import ONLY
 from streamkit.units import Unit
 
 DEFAULT_KIND = {"integrator": "adaptive", "observable": "apocentres"}
@@ -32,29 +33,8 @@ _EXPECTED = {
 }
 
 
-@dataclass(frozen=True)
-class Parts:
-    """The validated sections of a run file."""
-
-    seed: int
-    sun: Section[Sun]
-    potentials: dict[str, Section[Potential]]
-    bodies: dict[str, tuple[Section[Potential], Section[BodyPlace]]]
-    satellite: Section[Potential]
-    phase: Section[PhaseSpace]
-    stripping: Section[Stripping]
-    integrator: Section[Integrator]
-    observable: Section[Observable] | None
-    likelihood: Section[Likelihood]
-    sampler: Section[Sampler]
-
-    @property
-    def sections(self) -> list[Section[Any]]:
-        """All of them, in the default order."""
-        bodies = [section for pair in self.bodies.values() for section in pair]
-        first: list[Section[Any]] = [self.sun, *self.potentials.values(), *bodies, self.satellite, self.phase]
-        last = (self.stripping, self.integrator, self.observable, self.likelihood, self.sampler)
-        return first + [section for section in last if section is not None]
+OF_A_STREAM = ("progenitor", "stripping", "observable")
+"""The sections that each of several streams has of its own."""
 
 
 def resolve(
@@ -138,15 +118,12 @@ class _Reader:
         sun = self.plain("sun", Sun)
         potentials = self.potentials()
         bodies = self.bodies()
-        satellite, phase = self.placed("progenitor", self.raw.get("progenitor"), WAYS)
-        stripping = self.component("stripping", "stripping")
+        streams = self.streams()
         integrator = self.component("integrator", "integrator", self.raw.get("integrator", {}))
-        observable = self.component("observable", "observable") if "observable" in self.raw else None
         likelihood, sampler = self.plain("likelihood", Likelihood), self.plain("sampler", Sampler)
         self.stop()
         parts = Parts(
-            self.raw.get("seed", 0), sun, potentials, bodies, satellite, phase, stripping, integrator,
-            observable, likelihood, sampler,
+            self.raw.get("seed", 0), sun, potentials, bodies, streams, integrator, likelihood, sampler
         )  # fmt: skip
         walkers, free = parts.sampler.centre.walkers, sum(len(section.priors) for section in parts.sections)
         if walkers < 2 * free:
@@ -162,7 +139,7 @@ class _Reader:
 
     def kind(self, role: str, path: str, table: dict[str, Any]) -> Any:
         """Look up the class that a table names."""
-        kind = table.get("kind", DEFAULT_KIND.get(path))
+        kind = table.get("kind", DEFAULT_KIND.get(role))
         self.registry = self.registry.having(role, kind)
         if kind is None:
             known = ", ".join(sorted(self.registry.entries[role]))
@@ -172,11 +149,12 @@ class _Reader:
         except SpecError as error:
             return self.refuse(str(error))
 
-    def component(self, path: str, role: str, table: dict[str, Any] | None = None) -> Any:
+    def component(self, path: str, role: str, table: Any) -> Any:
         """Validate a section whose class its kind names."""
-        table = self.raw.get(path) if table is None else table
         if table is None:
             return self.refuse(f"the section [{path}] is missing")
+        if not isinstance(table, dict):
+            return self.refuse(f"{path}: found {table!r}, expected a section, [{path}]")
         cls = self.kind(role, path, table)
         if cls is None:
             return None
@@ -221,25 +199,84 @@ class _Reader:
             if isinstance(value, dict) and ("kind" in value or not ("kind" in table or PRIORS.keys() & value.keys()))
         ]
         if not named:
-            return {"potential": self.component("potential", "potential")}
+            return {"potential": self.component("potential", "potential", self.raw.get("potential"))}
+        return self.named("potential", "potential", table, named)
+
+    def named(self, path: str, role: str, table: dict[str, Any], named: list[str]) -> Any:
+        """Validate several components that add up, each in a section with its name."""
+        several = f"{role}s"
         if "kind" in table:
             return self.refuse(
-                f"potential: found a kind of its own and the named potentials {', '.join(named)}; expected one "
-                "potential in [potential], or only named ones, each in its own [potential.NAME]"
+                f"{path}: found a kind of its own and the named {several} {', '.join(named)}; expected one "
+                f"{role} in [{path}], or only named ones, each in its own [{path}.NAME]"
             )
-        out: dict[str, Section[Potential]] = {}
+        out: dict[str, Section[Any]] = {}
         for key, value in table.items():
-            path = f"potential.{key}"
+            where = f"{path}.{key}"
             if not isinstance(value, dict):
                 self.refuse(
-                    f"{path}: found {value!r} beside the named potentials {', '.join(named)}; expected a section "
-                    f"[{path}] with a kind"
+                    f"{where}: found {value!r} beside the named {several} {', '.join(named)}; expected a section "
+                    f"[{where}] with a kind"
                 )
-            elif "." in key:
-                self.refuse(f"{path}: the name of a potential may not contain a dot")
-            else:
-                out[key] = self.component(path, "potential", value)
+            elif not self.dotted(where, key, role):
+                out[key] = self.component(where, role, value)
         return out
+
+    def dotted(self, path: str, name: str, what: str) -> bool:
+        """Refuse a name with a dot: paths are made of names and dots."""
+        if "." in name:
+            article = "an" if what[0] in "aeiou" else "a"
+            self.refuse(f"{path}: the name of {article} {what} may not contain a dot")
+        return "." in name
+
+    def streams(self) -> Any:
+        """Validate the streams: the one that the run file does not name, or several by name."""
+        table = self.raw.get("stream", {})
+        if not table:
+            return {ONLY: self.stream("", self.raw)}
+        out: dict[str, StreamParts] = {}
+        for key in OF_A_STREAM:
+            if key in self.raw:
+                self.refuse(
+                    f"{key}: found beside the named streams {', '.join(table)}; expected one stream, or only named "
+                    f"ones, each with a [stream.NAME.{key}] of its own"
+                )
+        for key, value in table.items():
+            path = f"stream.{key}"
+            if key in OF_A_STREAM:
+                self.refuse(f"{path}: the name of the stream is missing; expected [stream.NAME.{key}]")
+            elif not isinstance(value, dict):
+                self.refuse(f"{path}: found {value!r}, expected sections such as [{path}.progenitor]")
+            elif key == ONLY:
+                self.refuse(f"{path}: a stream may not be called {ONLY!r}, as that without a name is")
+            elif not self.dotted(path, key, "stream"):
+                for other in value.keys() - set(OF_A_STREAM):
+                    self.refuse(
+                        f"{path}.{other}: no section of a stream.{nearest(other, OF_A_STREAM)} "
+                        f"Allowed: {', '.join(OF_A_STREAM)}."
+                    )
+                out[key] = self.stream(f"{path}.", value)
+        return out
+
+    def stream(self, prefix: str, table: dict[str, Any]) -> StreamParts:
+        """Validate the sections of one stream."""
+        satellite, phase = self.placed(f"{prefix}progenitor", table.get("progenitor"), WAYS)
+        stripping = self.component(f"{prefix}stripping", "stripping", table.get("stripping"))
+        return StreamParts(satellite, phase, stripping, self.observables(f"{prefix}observable", table))
+
+    def observables(self, path: str, table: dict[str, Any]) -> Any:
+        """Validate the observables of a stream: none, one, or several by name."""
+        if "observable" not in table:
+            return {}
+        given = table["observable"]
+        named = (
+            [key for key, value in given.items() if isinstance(value, dict) and "kind" in value]
+            if isinstance(given, dict)
+            else []
+        )
+        if named:
+            return self.named(path, "observable", given, named)
+        return {"observable": self.component(path, "observable", given)}
 
     def bodies(self) -> Any:
         """Validate the bodies, each by its name."""
@@ -251,20 +288,20 @@ class _Reader:
             path = f"body.{key}"
             if not isinstance(value, dict):
                 self.refuse(f"{path}: found {value!r}, expected a section [{path}] with a kind")
-            elif "." in key:
-                self.refuse(f"{path}: the name of a body may not contain a dot")
-            else:
+            elif not self.dotted(path, key, "body"):
                 out[key] = self.placed(path, value, BODY_WAYS)
         return out
 
-    def placed(self, path: str, table: dict[str, Any] | None, ways: Any) -> tuple[Any, Any]:
+    def placed(self, path: str, table: Any, ways: Any) -> tuple[Any, Any]:
         """Validate the progenitor or a body: its own potential, and its place today in one of the ways."""
         if table is None:
             return self.refuse(f"the section [{path}] is missing"), None
+        if not isinstance(table, dict):
+            return self.refuse(f"{path}: found {table!r}, expected a section, [{path}]"), None
         cls = self.kind("potential", path, table)
         if cls is None:
             return None, None
-        progenitor = path == "progenitor"
+        progenitor = ways is WAYS
         if cls.parameters().get("mass", Unit("")).name != "Msun":
             reason = (
                 "the tidal radius of a progenitor needs; plummer has one"
@@ -313,9 +350,9 @@ def _document(raw: dict[str, Any], plugins: list[str], parts: Parts) -> dict[str
         table.update(section.document())
     filled: dict[str, Any] = {}
     for path, table in tables.items():
-        top, *name = path.split(".")
-        given = reduce(lambda inner, key: inner.get(key, {}), (top, *name), raw)
-        ordered = {key: table[key] for key in dict.fromkeys(("kind", *given, *table)) if key in table}
-        filled[top] = filled.get(top, {}) | {name[0]: ordered} if name else ordered
+        *above, name = path.split(".")
+        given = reduce(lambda inner, key: inner.get(key, {}), (*above, name), raw)
+        place = reduce(lambda inner, key: inner.setdefault(key, {}), above, filled)
+        place[name] = {key: table[key] for key in dict.fromkeys(("kind", *given, *table)) if key in table}
     document: dict[str, Any] = {"version": VERSION, "seed": parts.seed} | ({"plugins": plugins} if plugins else {})
     return document | {key: filled[key] for key in dict.fromkeys((*raw, *filled)) if key in filled}

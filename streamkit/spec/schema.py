@@ -43,14 +43,21 @@ def json_schema(registry: Registry) -> dict[str, Any]:
         )
         for what, ways in (("progenitor", WAYS), ("body", BODY_WAYS))
     )
-    named = dict.__class_getitem__((str, sections["potential"]))
-    sections["potential"] |= Annotated[named, Field(min_length=1)]
+    for role in ("potential", "observable"):
+        named = dict.__class_getitem__((str, sections[role]))
+        sections[role] |= Annotated[named, Field(min_length=1)]
     sections["progenitor"] = Union[progenitors]  # noqa: UP007
     sections["body"] = dict.__class_getitem__((str, Union[bodies]))  # noqa: UP007
+    of_a_stream: Any = {name: (sections[name], ...) for name in ("progenitor", "stripping")}
+    of_a_stream["observable"] = sections["observable"], {}
+    stream = create_model("Stream", __config__=RunFile.model_config, __doc__="One of several.", **of_a_stream)
+    sections["stream"] = dict.__class_getitem__((str, stream))
     sections |= {cls.__name__.lower(): section_model(cls) for cls in (Sun, Likelihood, Sampler)}
     fields: Any = {name: (sections.get(name, f.annotation), f) for name, f in RunFile.model_fields.items()}
     schema = create_model("RunFile", __config__=RunFile.model_config, __doc__="A run file of streamkit.", **fields)
-    return {"$schema": GenerateJsonSchema.schema_dialect} | schema.model_json_schema(schema_generator=_Generator)
+    one_or_several = {"oneOf": [{"required": ["progenitor", "stripping"]}, {"required": ["stream"]}]}
+    made = schema.model_json_schema(schema_generator=_Generator)
+    return {"$schema": GenerateJsonSchema.schema_dialect} | made | one_or_several
 
 
 def _component(cls: type[Component], what: str = "", way: type[Place] | None = None) -> type[BaseModel]:

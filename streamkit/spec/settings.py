@@ -23,10 +23,22 @@ class RunFile(BaseModel):
     sun: dict[str, Any] = Field(default={}, description="The Sun, from which the progenitor was observed.")
     potential: dict[str, Any] = Field(description="The host: one, or several that add up, as [potential.NAME].")
     body: dict[str, Any] = Field(default={}, description="Galaxies that move beside the host, each as [body.NAME].")
-    progenitor: dict[str, Any] = Field(description="Its own potential, its place today, and the look-back time.")
-    stripping: dict[str, Any] = Field(description="When, where and how fast particles leave the progenitor.")
+    progenitor: dict[str, Any] = Field(
+        default={}, description="Its own potential, its place today, and the look-back time."
+    )
+    stripping: dict[str, Any] = Field(
+        default={}, description="When, where and how fast particles leave the progenitor."
+    )
     integrator: dict[str, Any] = Field(default={}, description="How orbits are integrated.")
-    observable: dict[str, Any] = Field(default={}, description="What is measured of the stream, and the data.")
+    observable: dict[str, Any] = Field(
+        default={},
+        description="What is measured of the stream, and the data: one, or several that add up, as [observable.NAME].",
+    )
+    stream: dict[str, Any] = Field(
+        default={},
+        description="Several streams in one host: [stream.NAME.progenitor], [stream.NAME.stripping], "
+        "[stream.NAME.observable], in place of the three sections above.",
+    )
     likelihood: dict[str, Any] = Field(default={}, description="How the prediction is compared with the data.")
     sampler: dict[str, Any] = Field(default={}, description="How the posterior is sampled.")
 

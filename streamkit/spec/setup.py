@@ -5,8 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from streamkit.components import Integrator, Observable, Potential, Stripping
+from streamkit.errors import StreamkitError
 from streamkit.spec.progenitor import Sun
 from streamkit.stream import Array
+
+ONLY = "stream"
+"""What the stream of a run file is called that has one, and does not name it."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +54,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Setup:
-    """A run file bound to parameter values: what the model computes with.
+    """One stream of a run file bound to parameter values: what the model computes with.
 
     Attributes
     ----------
@@ -64,12 +68,18 @@ class Setup:
         (3,) Galactocentric position (kpc) and velocity (km/s) of the progenitor today.
     lookback
         Gyr.
+    observables
+        By name; a single one is called ``observable``.
+    seed
+        That of its own random draws.
     sun
         The Sun that the stream is seen from; its v_circ is a number.
     values
         The free parameters by name, in the units of the run file.
     friction, reflex
         As those of a `Body`, for the progenitor.
+    name
+        What the run file calls the stream.
     """
 
     potentials: dict[str, Potential]
@@ -80,13 +90,23 @@ class Setup:
     lookback: float
     stripping: Stripping
     integrator: Integrator
-    observable: Observable | None
+    observables: dict[str, Observable]
     seed: int
     values: dict[str, float]
     bodies: dict[str, Body] = field(default_factory=dict)
     friction: bool = False
     reflex: bool = False
     sun: Sun = field(default_factory=Sun)
+    name: str = ONLY
+
+    @property
+    def observable(self) -> Observable | None:
+        """The only observable; None without one. StreamkitError if there are several."""
+        if len(self.observables) > 1:
+            raise StreamkitError(
+                f"there are several observables, {', '.join(self.observables)}: choose one by its name"
+            )
+        return next(iter(self.observables.values()), None)
 
     @property
     def companion(self) -> Body | None:
@@ -98,3 +118,24 @@ class Setup:
         """Describe the expansions that stand for potentials which are not compiled, by their path in the run file."""
         used = [*self.potentials.values(), *(body.potential for body in self.bodies.values()), self.satellite]
         return {p.place or p.kind: found.text() for p in used if (found := p.expanded()) is not None}
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A run file bound to parameter values: all its streams, and what they share.
+
+    Attributes
+    ----------
+    potentials, bodies, sun
+        The host, the galaxies beside it and the Sun, as in every `Setup`.
+    streams
+        What each stream is computed with, by name; a single one is called ``stream``.
+    values
+        The free parameters by name, in the units of the run file.
+    """
+
+    potentials: dict[str, Potential]
+    bodies: dict[str, Body]
+    sun: Sun
+    streams: dict[str, Setup]
+    values: dict[str, float]

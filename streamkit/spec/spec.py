@@ -19,10 +19,12 @@ from streamkit.components import Component, Registry
 from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.fields import Files
 from streamkit.spec.document import read_toml, to_toml
+from streamkit.spec.parts import Parts
 from streamkit.spec.priors import Prior
-from streamkit.spec.reader import Parts, resolve
+from streamkit.spec.reader import resolve
+from streamkit.spec.section import Section
 from streamkit.spec.settings import Likelihood, Sampler
-from streamkit.spec.setup import Body, Setup
+from streamkit.spec.setup import ONLY, Bound, Setup
 from streamkit.stream import Array
 from streamkit.units import Unit, symbol_of, unit_of
 
@@ -101,12 +103,19 @@ class Spec:
         """Unit, prior and symbol of every physical number by its path, in the order of the run file."""
         known = {}
         for section in self.parts.sections:
-            owner = "sat" if section is self.parts.satellite else section.path.partition(".")[2]
+            owner = self._owner(section)
             for name, field in section.cls.model_fields.items():
                 if (unit := unit_of(field)) is not None:
                     path = f"{section.path}.{name}"
                     known[path] = unit, section.priors.get(name), symbol_of(field, owner) or path
         return {path: known[path] for path in _paths(self.document) if path in known}
+
+    def _owner(self, section: Section[Any]) -> str:
+        """Return what marks the symbols of a section's fields: whose they are."""
+        top, _, name = section.path.partition(".")
+        stream = name.partition(".")[0] if top == "stream" else ""
+        satellite = any(section is stream.satellite for stream in self.parts.streams.values())
+        return ",".join(filter(None, ("sat" if satellite else "", stream))) if stream or satellite else name
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -132,44 +141,41 @@ class Spec:
         """(d,) The centres of the priors."""
         return np.array([prior.centre for prior in self.priors])
 
-    def bind(self, theta: Array | Mapping[str, Any] | None = None) -> Setup:
-        """Return the components at the given parameters.
+    def bind(self, theta: Array | Mapping[str, Any] | None = None, stream: str | None = None) -> Setup:
+        """Return the components of one stream at the given parameters.
 
         Parameters
         ----------
         theta
             (d,) values in the order of `names`, or some of them by name (numbers or quantities; the others
             take the centre of their prior), or None for all centres.
+        stream
+            The name of the stream; may be left out where there is one.
 
         Raises OutOfDomain if a value breaks the constraint of its field; a wrong name or number of values is a
         `SpecError`.
         """
-        parts, values = self.parts, self._values(theta)
-        phase = parts.phase.build(values)
-        potentials = {name: section.build(values) for name, section in parts.potentials.items()}
-        satellite, sun = parts.satellite.build(values), parts.sun.build(values).tied(potentials.values())
-        q, v = phase.today(sun)
-        bodies = {}
-        for name, (potential, place) in parts.bodies.items():
-            at = place.build(values)
-            bodies[name] = Body(potential.build(values), *at.today(sun), at.friction != "none", at.reflex)
-        return Setup(
-            potentials=potentials,
-            satellite=satellite,
-            mass=float(satellite.mass),  # type: ignore[attr-defined]  # resolve() has made sure of it
-            q=q,
-            v=v,
-            lookback=phase.lookback,
-            stripping=parts.stripping.build(values),
-            integrator=parts.integrator.build(values),
-            observable=parts.observable.build(values) if parts.observable else None,
-            seed=parts.seed,
-            values=values,
-            bodies=bodies,
-            friction=phase.friction == "chandrasekhar",
-            reflex=bool(phase.reflex),
-            sun=sun,
-        )
+        name = self.stream_name(stream)
+        return self.bind_all(theta).streams[name]
+
+    @property
+    def streams(self) -> tuple[str, ...]:
+        """The names of the streams; a single one without a name is called ``stream``."""
+        return tuple(self.parts.streams)
+
+    def stream_name(self, given: str | None = None) -> str:
+        """Return the name of a stream, which may be left out where there is one; a `SpecError` lists the names."""
+        if given is None and len(self.streams) == 1:
+            return self.streams[0]
+        if given not in self.streams:
+            found = "no name of a stream" if given is None else f"no stream is called {given!r}"
+            guess = "" if given is None else nearest(given, self.streams)
+            raise SpecError(f"{self.source}: {found}.{guess} Streams: {', '.join(self.streams)}.")
+        return given
+
+    def bind_all(self, theta: Array | Mapping[str, Any] | None = None) -> Bound:
+        """Return all streams at the given parameters, and what they share; ``theta`` and errors as for `bind`."""
+        return self.parts.bound(self._values(theta))
 
     def _values(self, theta: Array | Mapping[str, Any] | None) -> dict[str, float]:
         theta = {} if theta is None else theta
@@ -195,6 +201,18 @@ class Spec:
                 raise SpecError(f"{self.source}: {name}: {error}") from None
         return values
 
+    def prefix(self, stream: str | None = None) -> str:
+        """Return what the paths of a stream's sections begin with: ``stream.gd1.``; nothing for one without a name."""
+        name = self.stream_name(stream)
+        return f"stream.{name}." if name != ONLY else ""
+
+    def with_particles(self, most: int) -> Spec:
+        """Return the spec with no more particles in each stream than so many."""
+        now = {name: stream.stripping.centre.particles for name, stream in self.parts.streams.items()}
+        return self.with_values(
+            {f"{self.prefix(name)}stripping.particles": min(count, most) for name, count in now.items()}
+        )
+
     def with_values(self, values: Mapping[str, Any]) -> Spec:
         """Return the spec with some fields replaced, validated as in the file.
 
@@ -218,10 +236,13 @@ class Spec:
 
     def _check_path(self, path: str, values: Mapping[str, Any]) -> None:
         parent = path.rpartition(".")[0]
-        tables = [section.path for section in self.parts.sections] + ["observable"]
+        without = [
+            self.prefix(name) + "observable" for name, stream in self.parts.streams.items() if not stream.observables
+        ]
+        tables = [section.path for section in self.parts.sections] + without
         known = [f"{s.path}.{name}" for s in self.parts.sections for name in s.cls.model_fields]
         known += ["seed", *(f"{table}.kind" for table in tables)]
-        renewed = f"{parent}.kind" in values or (parent == "observable" and self.parts.observable is None)
+        renewed = f"{parent}.kind" in values or parent in without
         if path not in known and not (renewed and parent in tables):
             raise SpecError(f"{self.source}: there is no field {path!r}.{nearest(path, known)}")
 

@@ -12,6 +12,7 @@ from .observer import Observer as Observer
 from .orbit import Orbit as Orbit
 from .prediction import Mark as Mark
 from .prediction import Prediction as Prediction
+from .prediction import join_predictions as join_predictions
 from .sky_frames import Frame as Frame
 from .sky_frames import sky_matrix as sky_matrix
 from .stream import Release as Release

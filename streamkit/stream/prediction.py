@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from html import escape
 from typing import Literal
@@ -51,6 +52,8 @@ class Prediction:
         Empty, or the reason (a short constant sentence) why there is no value; mean is then NaN.
     details
         What the observable itself wants to show of the measurement (tracks, fits); free-form.
+    parts
+        The predictions that it is made of, by name, in order; none for one observable's own.
     """
 
     names: tuple[str, ...]
@@ -58,6 +61,7 @@ class Prediction:
     variance: Array
     why_not: str = ""
     details: dict[str, Array] = field(default_factory=dict)
+    parts: dict[str, Prediction] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         if self.why_not:
@@ -76,3 +80,14 @@ class Prediction:
             f"<tr><td>{escape(name)}</td><td>{mean:.5g}</td><td>{noise:.2g}</td></tr>" for name, mean, noise in rows
         )
         return f"<table><tr><th></th><th>value</th><th>own noise</th></tr>{''.join(cells)}</table>"
+
+
+def join_predictions(parts: Mapping[str, Prediction]) -> Prediction:
+    """Return several predictions as one, the names of each after that of its part and a dot.
+
+    The reason why there is no value is that of the first part without one.
+    """
+    mean, variance = (np.concatenate([getattr(p, name) for p in parts.values()]) for name in ("mean", "variance"))
+    names = tuple(f"{name}.{own}" for name, part in parts.items() for own in part.names)
+    why_not = next((f"{name}: {part.why_not}" for name, part in parts.items() if part.why_not), "")
+    return Prediction(names, mean, variance, why_not, parts=dict(parts))

@@ -40,6 +40,8 @@ def test_examples_satisfy_the_schema(path: Path, schema: dict[str, Any]) -> None
         changed("version", 2),
         changed("potenial", {}),
         changed("observable", {"kind": "apocentres", "leading": [1]}),
+        changed("observable", {"one": {"kind": "apocentres", "leading": [1]}}),
+        changed("stream", {"gd1": {"progenitor": BASE["progenitor"], "stripping": BASE["stripping"]}}),
     ],
 )
 def test_the_schema_refuses_what_load_refuses(source: dict[str, Any], schema: dict[str, Any]) -> None:

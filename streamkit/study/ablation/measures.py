@@ -82,21 +82,19 @@ class Portrait:
         return found
 
 
-def portrait(spec: Spec, theta: Array | Mapping[str, Any] | None = None) -> Portrait:
+def portrait(spec: Spec, theta: Array | Mapping[str, Any] | None = None, stream: str | None = None) -> Portrait:
     """Return the portrait of the stream at parameters (d,), or a mapping of some; the rest at the prior's centre.
 
-    It raises what `Model.stream` does.
+    The stream's name is needed where there are several. It raises what `Model.stream` does.
     """
-    setup = spec.bind(theta)
-    stream, prediction = Model(spec).observe(setup)
-    return Portrait(stream, setup, prediction)
+    setup = spec.bind(theta, stream)
+    made, prediction = Model(spec).observe(setup)
+    return Portrait(made, setup, prediction)
 
 
 def portrait_of(stream: Stream, setup: Setup, *, snapshot: bool = False) -> Portrait:
-    """Return the portrait of a stream that is there already: what the run file's observable says of it is added."""
-    observable = setup.observable
-    prediction = None if observable is None else measure_stream(observable, stream)
-    return Portrait(stream, setup, prediction, snapshot)
+    """Return the portrait of a stream that is there already: what the run file's observables say of it is added."""
+    return Portrait(stream, setup, measure_stream(setup.observables, stream), snapshot)
 
 
 def compare(this: Portrait, other: Portrait) -> dict[str, float]:
@@ -181,11 +179,10 @@ def pulls(this: Portrait, other: Portrait) -> dict[str, float]:
     A `ComponentError` says that the observable fails on the reference.
     """
     found = observables(this)
-    observable = this.setup.observable
-    if not found or observable is None:
+    reference = measure_stream(this.setup.observables, other.stream)
+    if not found or reference is None:
         return {}
-    reference = measure_stream(observable, other.stream)
-    _, errors = observable.data()
+    errors = np.concatenate([observable.data()[1] for observable in this.setup.observables.values()])
     away = (np.array(list(found.values())) - reference.mean) / np.where(errors > 0, errors, np.nan)
     return {f"pull_{name}": value for name, value in zip(reference.names, away.tolist(), strict=True)}
 

@@ -67,14 +67,15 @@ Made = tuple[Stream, Prediction | None, float]
 """A stream, what the observable says of it, and the CPU seconds of both."""
 
 
-def make_stream(spec: Spec) -> Made | str:
-    """Return what a run file gives at the centres of its priors, or why there is none."""
-    small = spec.with_values({"stripping.particles": min(WARM, spec.bind().stripping.particles)})
+def make_stream(job: tuple[Spec, str]) -> Made | str:
+    """Return what a run file gives for the stream of this name at the centres of its priors, or why there is none."""
+    spec, name = job
+    small = spec.with_particles(WARM)
     with suppress(OutOfDomain, ComponentError):  # the full stream says why, or does better
-        Model(small).observe(small.bind())
+        Model(small).observe(small.bind(stream=name))
     begin = time.process_time()
     try:
-        made = Model(spec).observe(spec.bind())
+        made = Model(spec).observe(spec.bind(stream=name))
     except OutOfDomain as error:
         return f"no stream: {error.reason}"
     except ComponentError as error:
@@ -82,11 +83,11 @@ def make_stream(spec: Spec) -> Made | str:
     return *made, time.process_time() - begin
 
 
-def read_reference(path: str, spec: Spec) -> Portrait:
-    """Return an N-body snapshot as the reference of an ablation."""
-    snapshot = nbody.read_snapshot(path)
+def read_reference(path: str, spec: Spec, stream: str | None = None) -> Portrait:
+    """Return an N-body snapshot as the reference of an ablation, of the stream of this name where there are several."""
+    snapshot, setup = nbody.read_snapshot(path), spec.bind(stream=stream)
     try:
-        return portrait_of(nbody.as_stream(snapshot, spec.bind()), spec.bind(), snapshot=True)
+        return portrait_of(nbody.as_stream(snapshot, setup), setup, snapshot=True)
     except OutOfDomain as error:
         raise StreamkitError(
             f"{spec.source}: the progenitor has no orbit to compare the snapshot with: {error}"
@@ -98,6 +99,7 @@ def run_ablation(
     variants: Sequence[Variant],
     reference: Portrait | None = None,
     *,
+    stream: str | None = None,
     seeds: int = 1,
     workers: int = 1,
     match: bool = False,
@@ -114,6 +116,8 @@ def run_ablation(
         What the variants start from; its seed is the first of ``seeds`` consecutive ones.
     variants, reference
         From `variants_of` and `read_reference`; without the latter, the first variant that has a stream is the one.
+    stream
+        The name of the stream that is looked at; may be left out where there is one.
     workers
         Processes.
     match
@@ -121,9 +125,9 @@ def run_ablation(
     done
         Called after each stream.
     """
-    outcomes = tuple(Outcome(variant) for variant in variants)
+    outcomes, name = tuple(Outcome(variant) for variant in variants), spec.stream_name(stream)
     jobs = {
-        (seed, i): variant.spec.with_values({"seed": variant.spec.seed + seed})
+        (seed, i): (variant.spec.with_values({"seed": variant.spec.seed + seed}), name)
         for seed in range(seeds)
         for i, variant in enumerate(variants)
     }
@@ -136,7 +140,7 @@ def run_ablation(
             outcomes[i].blame(made)
         else:
             cpu[seed, i] = made[2]
-            _keep(outcomes[i], seed, Portrait(made[0], job.bind(), made[1]), reference if match else None)
+            _keep(outcomes[i], seed, Portrait(made[0], job[0].bind(stream=name), made[1]), reference if match else None)
     for i, outcome in enumerate(outcomes):
         for seed, portrait in outcome.portraits.items():
             other = reference or next(o.portraits[seed] for o in outcomes if seed in o.portraits)

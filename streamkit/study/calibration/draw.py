@@ -10,6 +10,7 @@ import numpy as np
 
 from streamkit.errors import OutOfDomain, StreamkitError
 from streamkit.model import Host
+from streamkit.observe import parts_of
 from streamkit.sample import Posterior
 from streamkit.spec import Spec
 from streamkit.stream import Array
@@ -70,7 +71,7 @@ def make_draw(spec: Spec, index: int) -> Draw:
     theta, mocked = _mock(spec, rng, index)
     results = run(mocked, progress=False)
     samples, radii = results.samples, np.array(MASS_RADII)
-    masses = Host(spec.bind(theta).potentials).mass_inside(radii)
+    masses = Host(spec.bind_all(theta).potentials).mass_inside(radii)
     found = results.profiles(radii)[0]
     return Draw(
         index,
@@ -90,12 +91,16 @@ def _mock(spec: Spec, rng: np.random.Generator, index: int) -> tuple[Array, Spec
     for _ in range(TRIES):
         theta = np.array([float(prior.sample(rng, 1)[0]) for prior in spec.priors])
         try:
-            prediction = posterior.predict(theta)[1]
+            found = posterior.observe(theta)
         except OutOfDomain:
             continue
-        if not prediction.why_not:
-            observable = spec.bind(theta).observable
-            assert observable is not None  # noqa: S101  the posterior has made sure of it
-            fields = observable.mock(prediction, rng)
-            return theta, spec.with_values({f"observable.{name}": value for name, value in fields.items()})
+        if any(prediction.why_not for prediction in found.predictions.values()):
+            continue
+        fields: dict[str, Any] = {}
+        for stream, setup in spec.bind_all(theta).streams.items():
+            sections, parts = spec.parts.streams[stream].observables, parts_of(found.predictions[stream])
+            for name, observable in setup.observables.items():
+                mock = observable.mock(parts[name], rng)
+                fields |= {f"{sections[name].path}.{field}": value for field, value in mock.items()}
+        return theta, spec.with_values(fields)
     raise StreamkitError(f"draw {index}: none of {TRIES} points of the prior has a stream that can be measured")

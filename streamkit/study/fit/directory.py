@@ -17,7 +17,7 @@ from streamkit.components import with_neighbours
 from streamkit.errors import ChainError
 from streamkit.report import contents, replace_whole, safely
 from streamkit.sample import CHAIN, JOURNAL, Chain, read_chain_file
-from streamkit.spec import Spec, differences, to_toml
+from streamkit.spec import ONLY, Spec, differences, to_toml
 
 RUN_FILE = "run.toml"
 MANIFEST = "manifest.json"
@@ -99,6 +99,11 @@ def _copies(spec: Spec) -> dict[str, str]:
         name: f"{DATA_COPIES}/{digest[:8] + '-' if names[Path(name).name] > 1 else ''}{Path(name).name}"
         for name, digest in spec.files.items()
     }
+
+
+def stream_pictures(spec: Spec) -> dict[str, str]:
+    """Return the file of every stream's picture, and the stream's name: ``best_stream.png`` for a single one."""
+    return {f"best_stream{'' if name == ONLY else f'_{name}'}.png": name for name in spec.streams}
 
 
 def header(options: dict[str, Any]) -> str:

@@ -161,6 +161,8 @@ def predictive(results: Results) -> Predictive | None:
 def _names(results: Results, m: int) -> tuple[str, ...]:
     """(m,) What the observable calls its data."""
     try:
-        return results.best_stream[1].names
+        prediction = results.best_observation.prediction
+        assert prediction is not None  # noqa: S101  a fit has observables
+        return prediction.names
     except OutOfDomain:  # another machine's rounding may lose a stream at the edge
         return tuple(f"datum {i + 1}" for i in range(m))

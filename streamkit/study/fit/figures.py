@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import ScalarFormatter
 
 from streamkit.errors import OutOfDomain
+from streamkit.observe import radii_of
 from streamkit.report import (
     BAND_68,
     BAND_95,
@@ -42,10 +43,10 @@ def reach(results: Results) -> tuple[float, float]:
     """Return the least and the largest radius in kpc that the best stream or the data reach; 10 and 130 without."""
     found = list(_data_radii(results).values())
     try:
-        stream, _ = results.best_stream
+        streams = results.best_observation.streams
     except OutOfDomain:  # another machine's rounding may lose a stream at the edge
-        pass
-    else:
+        streams = {}
+    for stream in streams.values():
         debris = stream.r if stream.bound.all() else stream.r[~stream.bound]
         found += [stream.orbit.r.min(), stream.orbit.r.max(), *np.percentile(debris, [0.5, 99.5])]
     return (float(min(found)), float(max(found))) if found else (10.0, 130.0)
@@ -257,8 +258,12 @@ def data_radii(axes: Axes, results: Results) -> None:
 
 def _data_radii(results: Results) -> dict[str, float]:
     """Return the radii in kpc that the data speak of, by name."""
-    observable = results.spec.bind(results.best()).observable
-    return {} if observable is None else observable.radii()
+    streams = results.spec.bind_all(results.best()).streams
+    return {
+        label if len(streams) == 1 else f"{name}: {label}": radius
+        for name, setup in streams.items()
+        for label, radius in radii_of(setup.observables).items()
+    }
 
 
 def _labels(results: Results) -> tuple[Array, list[str], list[str]]:

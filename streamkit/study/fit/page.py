@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from streamkit.report import cited, number
-from streamkit.study.fit.directory import manifest
+from streamkit.study.fit.directory import manifest, stream_pictures
 from streamkit.study.fit.evidence import contraction, predictive, prior_fractions
 from streamkit.study.fit.figures import reach, remark
 from streamkit.study.fit.literature import beside_literature
@@ -35,7 +35,6 @@ RADII = (25.0, 50.0, 75.0, 100.0, 150.0, 200.0)
 DRAWN = {
     "mass": "mass_profile.png",
     "rotation": "rotation_curve.png",
-    "stream": "best_stream.png",
     "corner": "corner.png",
     "traces": "traces.png",
 }
@@ -76,6 +75,7 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
         masses=list(_masses(results)),
         literature=[] if literature is None else list(_literature(results, literature)),
         pictures=_pictures(results),
+        streams=results.spec.streams,
         data=list(_data(results)),
         reasons=list(_reasons(results)),
         run=_run(results),
@@ -186,7 +186,8 @@ def _pictures(results: Results) -> dict[str, str]:
     if seen is not None:
         makers["data"] = lambda: predicted_data(seen)
     found = {}
-    for name, file in DRAWN.items():
+    files = DRAWN | {f"stream {name}": file for file, name in stream_pictures(results.spec).items()}
+    for name, file in files.items():
         if results.directory is not None and (path := results.directory / file).exists():
             found[name] = embedded(path.read_bytes())
     for name, make in makers.items():

@@ -13,7 +13,8 @@ import numpy as np
 from streamkit.errors import ChainError, OutOfDomain
 from streamkit.report import draw_stream, save, save_picture, save_table
 from streamkit.sample import CHAIN
-from streamkit.study.fit.directory import LITERATURE, MANIFEST, RECOVERY, RUN_FILE
+from streamkit.spec import Spec
+from streamkit.study.fit.directory import LITERATURE, MANIFEST, RECOVERY, RUN_FILE, stream_pictures
 from streamkit.study.fit.figures import corner, mass_profile, radii, remark, rotation_curve, traces
 from streamkit.study.fit.literature import read_literature
 from streamkit.study.fit.page import PAGE, page_text
@@ -31,14 +32,14 @@ PROFILE_RADII = np.arange(5.0, 201.0, 5.0)
 """Radii in kpc of the table of masses: 5 to 200, with 50, 100, 150 and 200 among them."""
 
 
-def best_stream(results: Results) -> Figure:
-    """Draw the stream at the best sample."""
-    best = results.best()
+def best_stream(results: Results, name: str) -> Figure:
+    """Draw the stream of this name at the best sample."""
     try:
-        stream, prediction = results.best_stream
+        found = results.best_observation
     except OutOfDomain as error:  # another machine's rounding may lose a stream at the edge
         raise ChainError(f"the stream of the best sample could not be made again: {error.reason}") from None
-    return draw_stream(stream, prediction, results.spec.bind(best), note=remark(results) if results.quick else "")
+    setup, note = results.spec.bind(results.best(), name), remark(results) if results.quick else ""
+    return draw_stream(found.streams[name], found.predictions[name], setup, note=note)
 
 
 TABLES: dict[str, Callable[[Results], QTable]] = {
@@ -50,11 +51,17 @@ FIGURES: dict[str, Callable[[Results], Figure]] = {
     "corner.png": corner,
     "mass_profile.png": mass_profile,
     "rotation_curve.png": rotation_curve,
-    "best_stream.png": best_stream,
     "traces.png": traces,
 }
-PRODUCTS = (RUN_FILE, MANIFEST, CHAIN, *TABLES, *FIGURES, PAGE)
-"""Every file that a run writes into its output directory."""
+
+
+def products_of(spec: Spec) -> tuple[str, ...]:
+    """Return every file that a run of this spec writes into its output directory."""
+    return (RUN_FILE, MANIFEST, CHAIN, *TABLES, *FIGURES, *stream_pictures(spec), PAGE)
+
+
+PRODUCTS = (RUN_FILE, MANIFEST, CHAIN, *TABLES, *FIGURES, "best_stream.png", PAGE)
+"""`products_of` a run file with one stream."""
 
 
 def write_products(
@@ -83,6 +90,8 @@ def write_products(
     if where is None:
         raise ChainError("these results are in memory only: a report needs a directory")
     tables, figures = dict(TABLES), dict(FIGURES)
+    for file, name in stream_pictures(results.spec).items():
+        figures[file] = partial(best_stream, name=name)
     published = _published(where, literature)
     wanted = [PROFILE_RADII, radii(results), np.array(PAGE_RADII)]
     if published is not None:

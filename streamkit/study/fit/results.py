@@ -13,7 +13,7 @@ import numpy as np
 
 from streamkit.components import GIVEN, Component
 from streamkit.errors import ChainError, SpecError, nearest
-from streamkit.model import Host
+from streamkit.model import Host, Observation
 from streamkit.sample import (
     Chain,
     Convergence,
@@ -219,9 +219,15 @@ class Results:
         return dict(zip(self.names, self.chain[step, walker].tolist(), strict=True))
 
     @cached_property
+    def best_observation(self) -> Observation:
+        """All streams at the best sample, and what is predicted of them. Raises OutOfDomain if there are none."""
+        return Posterior(self.spec).observe(np.array(list(self.best().values())))
+
+    @property
     def best_stream(self) -> tuple[Stream, Prediction]:
-        """The stream at the best sample, and what the observable says of it. Raises OutOfDomain if there is none."""
-        return Posterior(self.spec).predict(np.array(list(self.best().values())))
+        """The only stream at the best sample, and what its observables say. Raises OutOfDomain if there is none."""
+        name, best = self.spec.stream_name(), self.best_observation
+        return best.streams[name], best.predictions[name]
 
     @property
     def converged(self) -> bool:
@@ -285,7 +291,7 @@ class Results:
         if len(samples) > MAX_MODELS:
             samples = samples[np.linspace(0, len(samples) - 1, MAX_MODELS).astype(int)]
         distinct, where = np.unique(samples, axis=0, return_inverse=True)
-        hosts = [Host(self.spec.bind(theta).potentials) for theta in distinct]
+        hosts = [Host(self.spec.bind_all(theta).potentials) for theta in distinct]
         mass = np.reshape([host.mass_inside(radii) for host in hosts], (-1, len(radii)))
         v_c = np.reshape([host.circular_velocity(radii) for host in hosts], (-1, len(radii)))
         return mass[where.ravel()], v_c[where.ravel()]

@@ -8,7 +8,6 @@ from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from time import monotonic
-from typing import Any
 
 import numpy as np
 from emcee.backends import Backend
@@ -32,7 +31,7 @@ from streamkit.sample import (
 from streamkit.spec import Source, Spec, as_spec
 from streamkit.stream import Array
 from streamkit.study.fit.directory import LITERATURE, RECOVERY, claim
-from streamkit.study.fit.products import PRODUCTS, write_products
+from streamkit.study.fit.products import products_of, write_products
 from streamkit.study.fit.results import Results
 
 QUICK_PARTICLES = 2000
@@ -103,7 +102,9 @@ def run(
         going_on, backend = False, Backend()
         if directory is not None:
             stack.enter_context(locked(directory))
-            going_on = claim(directory, spec, options, (*PRODUCTS, JOURNAL, *RECOVERY, LITERATURE), resume, force)
+            going_on = claim(
+                directory, spec, options, (*products_of(spec), JOURNAL, *RECOVERY, LITERATURE), resume, force
+            )
             backend = ChainFile(str(directory / CHAIN))
         pool = stack.enter_context(Workers({"full": posterior, "cheap": cheap}, workers))
         stack.enter_context(_explained(pool, directory, backend, _again(spec, directory, quick)))
@@ -131,22 +132,17 @@ def run(
 def quick_spec(spec: Spec) -> Spec:
     """Return the spec of the coarse look: fewer particles and walkers, the noise of the former added."""
     walkers = min(spec.sampler.walkers, max(QUICK_WALKERS, 2 * len(spec.names) + 2))
-    return _with_particles(spec, QUICK_PARTICLES, {"sampler.walkers": walkers})
+    return spec.with_particles(QUICK_PARTICLES).with_values({"sampler.walkers": walkers, "likelihood.noise": "add"})
 
 
 def cheap_spec(spec: Spec) -> Spec:
     """Return the spec that searches for a start: few particles, their noise added to the data's."""
-    return _with_particles(spec, spec.sampler.start_particles, {})
-
-
-def _with_particles(spec: Spec, particles: int, values: dict[str, Any]) -> Spec:
-    now = spec.bind(spec.centre()).stripping.particles
-    return spec.with_values(values | {"stripping.particles": min(now, particles), "likelihood.noise": "add"})
+    return spec.with_particles(spec.sampler.start_particles).with_values({"likelihood.noise": "add"})
 
 
 def _mass_100(spec: Spec, theta: Array) -> float:
     """Return the mass inside 100 kpc in Msun."""
-    return float(Host(spec.bind(theta).potentials).mass_inside(np.array([100.0]))[0])
+    return float(Host(spec.bind_all(theta).potentials).mass_inside(np.array([100.0]))[0])
 
 
 @contextmanager

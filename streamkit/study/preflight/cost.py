@@ -13,7 +13,7 @@ from streamkit.model import Model
 from streamkit.sample import Posterior, expected_calls
 from streamkit.spec import Spec
 from streamkit.stream import Array
-from streamkit.study.preflight.draws import TRIAL_PARTICLES, PriorDraws, predict
+from streamkit.study.preflight.draws import TRIAL_PARTICLES, PriorDraws, observe
 
 SLOW = 5.0
 """A first call of so many CPU seconds is not repeated: loading the machine code is a small part of it."""
@@ -61,7 +61,7 @@ def time_call(spec: Spec, theta: Array, first: float) -> tuple[float, str]:
         unfit, model = str(error), Model(spec)
 
         def call(theta: Array) -> object:
-            return predict(model, theta)
+            return observe(model, theta)
 
     if first > SLOW:
         return first, unfit

@@ -44,19 +44,18 @@ class PriorDraws:
     total: float = 0.0
 
 
-def predict(model: Model, theta: Array) -> tuple[Prediction | None, str]:
-    """Return what the observable says of the stream at theta (d,), and the reason if it says nothing."""
+def observe(model: Model, theta: Array) -> tuple[dict[str, Prediction], str]:
+    """Return what is predicted of each stream at theta (d,), and the reason if something has no value."""
     try:
-        _, prediction = model.observe(model.spec.bind(theta))
+        found = model.observe_all(model.spec.bind_all(theta))
     except OutOfDomain as error:
-        return None, error.reason
-    return prediction, "" if prediction is None else prediction.why_not
+        return {}, error.reason
+    return found.predictions, "" if found.prediction is None else found.prediction.why_not
 
 
 def try_prior_draws(spec: Spec, draws: int) -> PriorDraws:
     """Try streams with few particles at random points of the prior, drawn from the run's seed."""
-    few = min(TRIAL_PARTICLES, spec.bind(spec.centre()).stripping.particles)
-    model = Model(spec.with_values({"stripping.particles": few}))
+    model = Model(spec.with_particles(TRIAL_PARTICLES))
     rng = np.random.default_rng(spec.seed)
     points = np.stack([prior.sample(rng, draws) for prior in spec.priors], axis=1)
     reasons: Counter[str] = Counter()
@@ -68,7 +67,7 @@ def try_prior_draws(spec: Spec, draws: int) -> PriorDraws:
         if begin - start > BUDGET:
             break
         done += 1
-        _, reason = predict(model, theta)
+        _, reason = observe(model, theta)
         if reason:
             reasons[reason] += 1
         else:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from streamkit.model import Model
+from streamkit.observe import remarks_of
 from streamkit.spec import Setup, Spec
 from streamkit.stream import Prediction
 from streamkit.study.preflight.cost import Cost, search_cost, time_call
 from streamkit.study.preflight.doubts import component_doubts
-from streamkit.study.preflight.draws import PriorDraws, predict, try_prior_draws
+from streamkit.study.preflight.draws import PriorDraws, observe, try_prior_draws
 from streamkit.study.preflight.orbit import OrbitSummary, summarise_orbit
 from streamkit.study.preflight.warnings import (
     orbit_warnings,
@@ -22,15 +24,25 @@ from streamkit.study.preflight.warnings import (
 
 
 @dataclass(frozen=True)
+class Look:
+    """One stream at the prior's centre: its components, the summary of its progenitor's orbit, and what is predicted.
+
+    There is no prediction without a stream or an observable.
+    """
+
+    setup: Setup
+    orbit: OrbitSummary
+    prediction: Prediction | None
+
+
+@dataclass(frozen=True)
 class Preflight:
     """What is known of a run before it starts.
 
     Attributes
     ----------
-    setup, orbit
-        The components and the summary of the progenitor's orbit at the prior's centre.
-    prediction
-        What the observable says there; None without a stream or an observable.
+    streams
+        Each stream at the prior's centre, by name.
     reason
         Why there is no prediction there; empty if there is one.
     cost
@@ -41,9 +53,7 @@ class Preflight:
         One paragraph each.
     """
 
-    setup: Setup
-    orbit: OrbitSummary
-    prediction: Prediction | None
+    streams: dict[str, Look]
     reason: str
     cost: Cost
     prior_draws: PriorDraws | None
@@ -56,10 +66,10 @@ def run_preflight(spec: Spec, *, draws: int = 64) -> Preflight:
     A `ComponentError` says that a component fails.
     """
     centre = spec.centre()
-    setup = spec.bind(centre)
-    orbit = summarise_orbit(setup)
+    bound = spec.bind_all(centre)
+    orbits = {name: summarise_orbit(setup) for name, setup in bound.streams.items()}
     begin = time.process_time()
-    prediction, reason = predict(Model(spec), centre)
+    predictions, reason = observe(Model(spec), centre)
     first = time.process_time() - begin
     tried = try_prior_draws(spec, draws) if draws and spec.names else None
     asked = "the prior's centre" if spec.names else "the given parameters"
@@ -67,20 +77,25 @@ def run_preflight(spec: Spec, *, draws: int = 64) -> Preflight:
     if reason and tried is not None and len(tried.good):
         where, theta = "a draw from the prior that has a stream", tried.good[0]
     call, unfit = time_call(spec, theta, first)
-    warnings = component_doubts(setup) + orbit_warnings(spec, setup, orbit)
-    if reason and (len(orbit.apocentres) or prediction is None):
-        warnings.append(f"There is no prediction at {asked}: {reason}.{short_lookback(orbit)}")
-    if setup.observable is not None and prediction is not None:
-        warnings += setup.observable.remarks(prediction)
+    looks = {name: Look(setup, orbits[name], predictions.get(name)) for name, setup in bound.streams.items()}
+    doubts = [text for look in looks.values() for text in component_doubts(look.setup)]
+    warnings = [*dict.fromkeys(doubts), *_of_streams(spec, looks)]
+    if reason and (any(len(orbit.apocentres) for orbit in orbits.values()) or not predictions):
+        shortest = min(orbits.values(), key=lambda orbit: orbit.completed)
+        warnings.append(f"There is no prediction at {asked}: {reason}.{short_lookback(shortest)}")
+    for look in looks.values():
+        if look.prediction is not None:
+            warnings += remarks_of(look.setup.observables, look.prediction)
     warnings += prior_warnings(tried)
     warnings += [f"This run file cannot be fitted: {unfit}."] if unfit else sampler_warnings(spec)
-    warnings += sun_warnings(setup.sun)
-    return Preflight(
-        setup,
-        orbit,
-        prediction,
-        reason,
-        Cost(first, call, where, *search_cost(spec, tried, call)),
-        tried,
-        tuple(warnings),
-    )
+    warnings += sun_warnings(bound.sun)
+    return Preflight(looks, reason, Cost(first, call, where, *search_cost(spec, tried, call)), tried, tuple(warnings))
+
+
+def _of_streams(spec: Spec, looks: Mapping[str, Look]) -> list[str]:
+    """Return the warnings of each orbit, with the stream's name where there are several."""
+    found = []
+    for name, look in looks.items():
+        before = f"{name}: " if len(looks) > 1 else ""
+        found += [before + text for text in orbit_warnings(spec, look.setup, look.orbit)]
+    return found

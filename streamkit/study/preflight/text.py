@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from streamkit.report import columns, describe_expansions, describe_prediction, number, seconds, span, warning_list
-from streamkit.spec import Setup, Spec
+from streamkit.spec import ONLY, Setup, Spec
 from streamkit.stream import Array
 from streamkit.study.preflight.cost import Cost
 from streamkit.study.preflight.draws import PriorDraws
@@ -30,13 +30,15 @@ def describe_spec(spec: Spec) -> str:
 
 def describe_preflight(spec: Spec, found: Preflight) -> str:
     """Say what the preflight found: the orbit, the streams over the prior, the cost and the warnings."""
-    setup = found.setup
     place = "the prior's centre" if spec.names else "the given parameters"
-    parts = [f"at {place}\n" + columns(_orbit_rows(setup, found.orbit))]
-    if expansions := describe_expansions(setup):
-        parts.append(expansions)
-    if setup.observable is not None and found.prediction is not None:
-        parts.append(describe_prediction(setup, found.prediction))
+    parts = []
+    for name, look in found.streams.items():
+        head = f"at {place}" if name == ONLY else f"stream {name}, at {place}"
+        parts.append(f"{head}\n" + columns(_orbit_rows(look.setup, look.orbit)))
+        if name == next(iter(found.streams)) and (expansions := describe_expansions(look.setup)):
+            parts.append(expansions)
+        if look.setup.observables and look.prediction is not None:
+            parts.append(describe_prediction(look.setup, look.prediction))
     if found.prior_draws is not None:
         parts.append(_prior_draws(found.prior_draws))
     parts.append(_cost(spec, found.cost))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import reduce
+
 import numpy as np
 
 from streamkit.errors import OutOfDomain
@@ -19,7 +21,7 @@ def orbit_warnings(spec: Spec, setup: Setup, orbit: OrbitSummary) -> list[str]:
         why = f"has no apocentre within the last {HORIZON:g} Gyr"
         if orbit.escapes:
             why = "is unbound: its energy is above the host's potential at infinity"
-        return [f"The progenitor {why}, so there is no stream with apocentres.{_swapped(spec)}"]
+        return [f"The progenitor {why}, so there is no stream with apocentres.{_swapped(spec, setup.name)}"]
     found = []
     if not orbit.returns:
         found.append("The progenitor has no apocentre in the next 6 Gyr: the leading arm cannot be measured.")
@@ -46,16 +48,18 @@ def short_lookback(orbit: OrbitSummary) -> str:
     return f" The look-back time covers {covered} of the progenitor. Raise progenitor.lookback."
 
 
-def _swapped(spec: Spec) -> str:
+def _swapped(spec: Spec, stream: str) -> str:
     """Ask whether the two proper motions are swapped, if exchanging them binds the orbit."""
-    section = spec.document["progenitor"]
-    pair = [f"progenitor.{name}" for name in section if name.startswith("pm_")]
-    if len(pair) != 2:
+    path = f"{spec.prefix(stream)}progenitor"
+    section = reduce(dict.__getitem__, path.split("."), spec.document)
+    names = [name for name in section if name.startswith("pm_")]
+    if len(names) != 2:
         return ""
-    first, second = (section[path.removeprefix("progenitor.")] for path in pair)
+    pair = [f"{path}.{name}" for name in names]
+    first, second = (section[name] for name in names)
     other = spec.with_values({pair[0]: second, pair[1]: first})
     try:
-        turned = summarise_orbit(other.bind(other.centre()))
+        turned = summarise_orbit(other.bind(other.centre(), stream))
     except OutOfDomain:
         return ""
     if len(turned.apocentres) == 0 or turned.escapes:

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from streamkit.errors import ComponentError, OutOfDomain, SpecError, StreamkitError, nearest
-from streamkit.observe import Data
+from streamkit.observe import UNNAMED, Data
 from streamkit.sample import Evaluation, Posterior
-from streamkit.spec import Spec
+from streamkit.spec import ONLY, Spec
 from streamkit.study.grid import run_jobs
 from streamkit.study.sensitivity.curves import Curve, curve_of, prior_grid, with_fixed
 from streamkit.units import datum_unit
@@ -62,7 +62,7 @@ def fixed_point(spec: Spec, point: Mapping[str, Any]) -> dict[str, float]:
 
     A `SpecError` says which name is no free parameter, or which value lies outside its prior.
     """
-    values = spec.bind(point).values
+    values = spec.bind_all(point).values
     for name, prior, unit in zip(spec.names, spec.priors, spec.units, strict=True):
         if not np.isfinite(prior.lnpdf(values[name])):
             raise SpecError(
@@ -107,12 +107,14 @@ def run_sensitivity(
     packed, fixed = pickle.dumps(spec), tuple(values[name] for name in spec.names)
     first = posterior(packed, 0)
     try:
-        observables = first.predict(np.array(fixed))[1].names
+        prediction = first.observe(np.array(fixed)).prediction
     except OutOfDomain as error:
         raise StreamkitError(
             f"{spec.source}: there is no stream where the parameters are fixed: {error}. Choose another place "
             "with --set"
         ) from None
+    assert prediction is not None  # noqa: S101  a posterior has observables
+    observables = prediction.names
     grids = {}  # by parameter: where it stands among all, its values, and all parameters at each of them
     for name in names:
         i = spec.names.index(name)
@@ -150,6 +152,9 @@ def evaluate(job: tuple[bytes, int, tuple[float, ...]]) -> Evaluation:
 
 def _units(spec: Spec, names: Sequence[str]) -> tuple[str, ...]:
     """Return the units of the observables that are called as the run file's data are; '' for others."""
-    observable = spec.parts.observable
-    fields = {} if observable is None else observable.cls.model_fields
-    return tuple(datum_unit(fields[name]) if name in fields else "" for name in names)
+    known: dict[str, str] = {}
+    for stream, parts in spec.parts.streams.items():
+        for key, section in parts.observables.items():
+            before = [part for part, unnamed in ((stream, ONLY), (key, UNNAMED)) if part != unnamed]
+            known |= {".".join([*before, n]): datum_unit(field) for n, field in section.cls.model_fields.items()}
+    return tuple(known.get(name, "") for name in names)

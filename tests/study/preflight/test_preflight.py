@@ -111,7 +111,7 @@ def test_the_papers_swapped_proper_motions_are_caught() -> None:
         pm_l_cosb={"normal": ["1.97 mas/yr", "0.3 mas/yr"]}, pm_b={"normal": ["-2.44 mas/yr", "0.3 mas/yr"]}
     )
     found = run_preflight(swapped, draws=0)
-    assert len(found.orbit.apocentres) == 0
+    assert len(found.streams["stream"].orbit.apocentres) == 0
     text = found.warnings[0]
     assert "unbound" in text
     assert "two proper motions swapped?" in text
@@ -163,8 +163,8 @@ def test_the_epoch_aware_rule_needs_two_apocentres() -> None:
     period = summarise_orbit(setup).period
     short = paper(lookback=1.2 * period).with_values({"observable.recent_debris": "epoch_aware"})
     found = run_preflight(short, draws=0)
-    assert found.orbit.completed == 1
-    assert orbit_warnings(short, short.bind(), found.orbit) == []
+    assert found.streams["stream"].orbit.completed == 1
+    assert orbit_warnings(short, short.bind(), found.streams["stream"].orbit) == []
     text = next(text for text in found.warnings if "no prediction" in text)
     assert "covers fewer than 2 apocentres" in text
     assert "covers 1 apocentre of" in text
@@ -204,7 +204,7 @@ def test_a_longer_lookback_is_advised_by_the_orbit_whatever_the_observable(
     (tmp_path / "stranger.py").write_text(STRANGER)
     run["plugins"] = [str(tmp_path / "stranger.py")]
     found = run_preflight(sk.load(run), draws=0)
-    assert (found.orbit.completed < 2) == advised
+    assert (found.streams["stream"].orbit.completed < 2) == advised
     text = next(text for text in found.warnings if "no prediction" in text)
     assert text.startswith("There is no prediction at the prior's centre: something is missing.")
     assert text.endswith("Raise progenitor.lookback.") == advised
@@ -277,7 +277,9 @@ def test_how_far_the_bodies_go() -> None:
     clump |= {"x": radius, "y": 0.0, "z": 0.0, "vx": 0.0, "vy": 0.0, "vz": speed}
     whole = document({"kind": "kepler", "mass": mass}, (20.0, 0.0, 0.0), (0.0, 100.0, 0.0)) | {"body": {"clump": clump}}
     found = run_preflight(sk.load(whole), draws=0)
-    assert found.orbit.bodies == {"clump": (pytest.approx(radius, rel=1e-6), pytest.approx(radius, rel=1e-6))}
+    assert found.streams["stream"].orbit.bodies == {
+        "clump": (pytest.approx(radius, rel=1e-6), pytest.approx(radius, rel=1e-6))
+    }
     assert "body clump" in describe_preflight(sk.load(whole), found)
 
 

@@ -1,0 +1,34 @@
+"""What observables say beside their numbers: marks for pictures, remarks, and the radii that they speak of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from streamkit.components import Observable
+from streamkit.observe.measure import UNNAMED, parts_of
+from streamkit.stream import Mark, Prediction
+
+
+def marks_of(observables: Mapping[str, Observable], prediction: Prediction) -> tuple[Mark, ...]:
+    """Return what a picture of the unwrapped stream shows of all measurements."""
+    parts = parts_of(prediction)
+    return tuple(mark for name, each in observables.items() for mark in each.marks(parts[name]))
+
+
+def remarks_of(observables: Mapping[str, Observable], prediction: Prediction) -> tuple[str, ...]:
+    """Return every doubt about the measurements, with the name of the observable if it has one."""
+    parts = parts_of(prediction)
+    return tuple(f"{_before(name)}{text}" for name, each in observables.items() for text in each.remarks(parts[name]))
+
+
+def radii_of(observables: Mapping[str, Observable]) -> dict[str, float]:
+    """Return the Galactocentric radii in kpc that the data speak of, by name."""
+    return {
+        f"{_before(name)}{label}": radius
+        for name, each in observables.items()
+        for label, radius in each.radii().items()
+    }
+
+
+def _before(name: str) -> str:
+    return "" if name == UNNAMED else f"{name}: "

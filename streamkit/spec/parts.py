@@ -1,0 +1,90 @@
+"""The validated sections of a run file, and what they are at parameter values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from streamkit.components import Integrator, Observable, Potential, Stripping
+from streamkit.spec.progenitor import BodyPlace, PhaseSpace, Sun
+from streamkit.spec.section import Section
+from streamkit.spec.settings import Likelihood, Sampler
+from streamkit.spec.setup import ONLY, Body, Bound, Setup
+
+
+@dataclass(frozen=True)
+class StreamParts:
+    """The validated sections of one stream, the observables by their names: ``observable`` if there is but one."""
+
+    satellite: Section[Potential]
+    phase: Section[PhaseSpace]
+    stripping: Section[Stripping]
+    observables: dict[str, Section[Observable]]
+
+
+@dataclass(frozen=True)
+class Parts:
+    """The validated sections of a run file."""
+
+    seed: int
+    sun: Section[Sun]
+    potentials: dict[str, Section[Potential]]
+    bodies: dict[str, tuple[Section[Potential], Section[BodyPlace]]]
+    streams: dict[str, StreamParts]
+    integrator: Section[Integrator]
+    likelihood: Section[Likelihood]
+    sampler: Section[Sampler]
+
+    @property
+    def sections(self) -> list[Section[Any]]:
+        """All of them, in the default order."""
+        bodies = [section for pair in self.bodies.values() for section in pair]
+        found: list[Section[Any]] = [self.sun, *self.potentials.values(), *bodies]
+        for stream in self.streams.values():
+            found += [stream.satellite, stream.phase, stream.stripping]
+        observables = [section for stream in self.streams.values() for section in stream.observables.values()]
+        return [*found, self.integrator, *observables, self.likelihood, self.sampler]
+
+    def seed_of(self, stream: str) -> int:
+        """Return the seed of a stream's own random draws."""
+        return stream_seed(self.seed, "" if stream == ONLY else stream)
+
+    def bound(self, values: Mapping[str, float]) -> Bound:
+        """Return all streams at the values of the free parameters by name; OutOfDomain if one breaks its field."""
+        potentials = {name: section.build(values) for name, section in self.potentials.items()}
+        sun, integrator = self.sun.build(values).tied(potentials.values()), self.integrator.build(values)
+        bodies = {}
+        for name, (potential, place) in self.bodies.items():
+            at = place.build(values)
+            bodies[name] = Body(potential.build(values), *at.today(sun), at.friction != "none", at.reflex)
+        streams = {}
+        for name, stream in self.streams.items():
+            satellite, phase = stream.satellite.build(values), stream.phase.build(values)
+            q, v = phase.today(sun)
+            streams[name] = Setup(
+                potentials=potentials,
+                satellite=satellite,
+                mass=float(satellite.mass),  # type: ignore[attr-defined]  # the reader has made sure of it
+                q=q,
+                v=v,
+                lookback=phase.lookback,
+                stripping=stream.stripping.build(values),
+                integrator=integrator,
+                observables={key: section.build(values) for key, section in stream.observables.items()},
+                seed=self.seed_of(name),
+                values=dict(values),
+                bodies=bodies,
+                friction=phase.friction == "chandrasekhar",
+                reflex=bool(phase.reflex),
+                sun=sun,
+                name=name,
+            )
+        return Bound(potentials, bodies, sun, streams, dict(values))
+
+
+def stream_seed(seed: int, name: str) -> int:
+    """Return the seed of a stream's own draws: its name decides. It is the given one for a stream without a name."""
+    return int(np.random.SeedSequence([seed, *name.encode()]).generate_state(1)[0]) if name else seed
