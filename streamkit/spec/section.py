@@ -23,7 +23,7 @@ from pydantic import (
 
 from streamkit.components import Potential
 from streamkit.errors import OutOfDomain
-from streamkit.fields import DataFile, Files, Table
+from streamkit.fields import DataFile, Files, Table, array_of
 from streamkit.spec.priors import PRIORS, Prior, PriorTable, parse, quantity
 from streamkit.spec.sentences import sentence, should
 from streamkit.units import Unit, unit_of
@@ -42,6 +42,7 @@ class Section(Generic[M]):
     given: dict[str, Any]
     """The values from the run file of the fields without a prior."""
     priors: dict[str, Prior]
+    """By field, or ``v_c.0`` for the first entry of an array."""
     centre: M
     """The instance with every free field at the centre of its prior."""
     written: dict[str, Any] = dataclass_field(default_factory=dict)
@@ -52,7 +53,7 @@ class Section(Generic[M]):
         if not self.priors:
             return self.centre
         try:
-            built = self.cls.model_validate(self.given | {name: values[full] for name, full in self._free})
+            built = self.cls.model_validate(_filled(self.given, {name: values[full] for name, full in self._free}))
         except ValidationError as error:
             where = ".".join([self.path, *(str(part) for part in error.errors()[0]["loc"][:1])])
             raise OutOfDomain(f"{where} is outside its allowed range") from None
@@ -64,13 +65,19 @@ class Section(Generic[M]):
     def _free(self) -> list[tuple[str, str]]:
         return [(name, f"{self.path}.{name}") for name in self.priors]
 
+    def entries(self) -> dict[str, Unit]:
+        """Return the unit of every number in a list of an array field, as ``v_c.0``: each may have a prior."""
+        lists = {name: value for name, value in self.written.items() if isinstance(value, list)}
+        marks = {name: mark for name in lists if (mark := array_of(self.cls.model_fields[name])) is not None}
+        return {f"{name}.{i}": mark.unit for name, mark in marks.items() for i in range(len(lists[name]))}
+
     def defaults(self) -> dict[str, Any]:
         """Return the fields that have a default, as the resolved run file writes the default."""
         return section_model(self.cls).model_construct().model_dump(mode="json", exclude_none=True, warnings=False)
 
     def document(self) -> dict[str, Any]:
         """Return the section as the resolved run file holds it: every field, quantities as text."""
-        values = {name: getattr(self.centre, name) for name in self.cls.model_fields} | self.priors
+        values = {name: self.priors.get(name, getattr(self.centre, name)) for name in self.cls.model_fields}
         written = section_model(self.cls).model_construct(**values).model_dump(mode="json", exclude_none=True)
         # pairs such as a datum and its error keep the units they were given with
         lists = {name: value for name, value in self.given.items() if isinstance(value, list)}
@@ -138,15 +145,17 @@ def read_section(
     Messages call the class ``called``, as in ``the potential 'tf'``, and know of ``more`` fields at this place.
     Data files are read through ``files``.
     """
+    plain, pulled = _without_priors(path, cls, table, errors)
     try:
-        read = section_model(cls).model_validate(table, context=files)
+        read = section_model(cls).model_validate(plain, context=files)
     except ValidationError as error:
         errors.extend(sentence(path, cls, item, called, more) for item in error.errors())
         return None
     values = ((name, getattr(read, name)) for name in table)
     priors = {name: value for name, value in values if isinstance(value, Prior)}
     data = {name: value for name in table if isinstance(value := getattr(read, name), np.ndarray | Table | DataFile)}
-    trial = {name: priors[name].centre if name in priors else data.get(name, value) for name, value in table.items()}
+    trial = {name: priors[name].centre if name in priors else data.get(name, value) for name, value in plain.items()}
+    priors |= pulled
     outside = _outside(cls, trial, priors)
     errors.extend(f"{path}.{name}: {problem}" for name, problem in outside.items())
     try:
@@ -162,7 +171,53 @@ def read_section(
     }
     if isinstance(centre, Potential):
         centre.shaped_like(centre, path)
-    return None if outside else Section(path, cls, given, priors, centre, {name: table[name] for name in data})
+    written = {name: _list_written(cls, name, table[name], pulled) for name in data}
+    return None if outside else Section(path, cls, given, priors, centre, written)
+
+
+def _without_priors(
+    path: str, cls: type[BaseModel], table: Mapping[str, Any], errors: list[str]
+) -> tuple[dict[str, Any], dict[str, Prior]]:
+    """Put the centres of priors into the lists of array fields; return the table, and the priors as ``v_c.0``."""
+    plain, pulled = dict(table), {}
+    for name, value in table.items():
+        mark = array_of(cls.model_fields[name]) if name in cls.model_fields else None
+        if mark is None or not isinstance(value, list) or not any(isinstance(item, Mapping) for item in value):
+            continue
+        plain[name] = list(value)
+        for i, item in enumerate(value):
+            if isinstance(item, Mapping):
+                try:
+                    pulled[f"{name}.{i}"] = parse(item, mark.unit)
+                    plain[name][i] = pulled[f"{name}.{i}"].centre
+                except ValueError as error:
+                    errors.append(f"{path}.{name}.{i}: {error}")
+                    plain[name][i] = 1.0
+    return plain, pulled
+
+
+def _list_written(cls: type[BaseModel], name: str, value: Any, pulled: Mapping[str, Prior]) -> Any:
+    """Return what the resolved run file writes for an array: as it was given, priors in the field's unit."""
+    mark = array_of(cls.model_fields[name])
+    if mark is None or not isinstance(value, list):
+        return value
+    return [
+        pulled[f"{name}.{i}"].document(mark.unit) if f"{name}.{i}" in pulled else item for i, item in enumerate(value)
+    ]
+
+
+def _filled(given: Mapping[str, Any], values: Mapping[str, float]) -> dict[str, Any]:
+    """Return the fields with other values, those of an array's entries by names such as ``v_c.0``."""
+    filled = dict(given)
+    for name, value in values.items():
+        field, _, index = name.partition(".")
+        if index:
+            if filled[field] is given[field]:
+                filled[field] = np.array(given[field])
+            filled[field][int(index)] = value
+        else:
+            filled[field] = value
+    return filled
 
 
 def _outside(cls: type[BaseModel], trial: dict[str, Any], priors: dict[str, Prior]) -> dict[str, str]:
@@ -171,7 +226,7 @@ def _outside(cls: type[BaseModel], trial: dict[str, Any], priors: dict[str, Prio
     found: dict[str, str] = {}
     for side in (0, 1):
         try:
-            cls.model_validate(trial | {name: both[side] for name, both in ends.items()})
+            cls.model_validate(_filled(trial, {name: both[side] for name, both in ends.items()}))
         except ValidationError as error:
             for item in error.errors():
                 name = str(item["loc"][0]) if item["loc"] else ""
@@ -179,6 +234,8 @@ def _outside(cls: type[BaseModel], trial: dict[str, Any], priors: dict[str, Prio
                     shown = priors[name].text((unit_of(cls.model_fields[name]) or Unit("")).name)
                     problem = f"the prior {shown} reaches outside the field's range: a value {should(item['msg'])}"
                     found.setdefault(name, problem)
+                elif any(key.startswith(f"{name}.") for key in priors if name):
+                    found.setdefault(name, f"a prior reaches outside the field's range: {should(item['msg'])}")
     return found
 
 

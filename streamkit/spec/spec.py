@@ -108,6 +108,8 @@ class Spec:
                 if (unit := unit_of(field)) is not None:
                     path = f"{section.path}.{name}"
                     known[path] = unit, section.priors.get(name), symbol_of(field, owner) or path
+            for name, unit in section.entries().items():
+                known[f"{section.path}.{name}"] = unit, section.priors.get(name), f"{section.path}.{name}"
         return {path: known[path] for path in _paths(self.document) if path in known}
 
     def _owner(self, section: Section[Any]) -> str:
@@ -231,7 +233,7 @@ class Spec:
             table = document
             for key in tables:
                 table = table.setdefault(key, {})
-            table[name] = value
+            table[int(name) if isinstance(table, list) else name] = value
         return _make(document, self.source, self.registry, self.folder, self.given, self.files)
 
     def _check_path(self, path: str, values: Mapping[str, Any]) -> None:
@@ -241,6 +243,7 @@ class Spec:
         ]
         tables = [section.path for section in self.parts.sections] + without
         known = [f"{s.path}.{name}" for s in self.parts.sections for name in s.cls.model_fields]
+        known += [f"{s.path}.{name}" for s in self.parts.sections for name in s.entries()]
         known += ["seed", *(f"{table}.kind" for table in tables)]
         renewed = f"{parent}.kind" in values or parent in without
         if path not in known and not (renewed and parent in tables):
@@ -352,9 +355,9 @@ def _moved(value: Any, places: Mapping[str, str]) -> Any:
     return places.get(value, value) if isinstance(value, str) else value
 
 
-def _paths(table: Mapping[str, Any], prefix: str = "") -> list[str]:
-    """Return the path of every entry, nested ones too, in order."""
+def _paths(table: Mapping[str, Any] | list[Any], prefix: str = "") -> list[str]:
+    """Return the path of every entry, nested ones too, in order; entries of lists by their number."""
     paths = []
-    for key, value in table.items():
-        paths += [prefix + key, *(_paths(value, f"{prefix}{key}.") if isinstance(value, Mapping) else [])]
+    for key, value in table.items() if isinstance(table, Mapping) else enumerate(table):
+        paths += [f"{prefix}{key}", *(_paths(value, f"{prefix}{key}.") if isinstance(value, Mapping | list) else [])]
     return paths
