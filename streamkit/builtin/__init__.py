@@ -14,6 +14,7 @@ from streamkit.builtin import (
     spherical_table,
     spheroids,
     stripping,
+    track,
 )
 
 STREAMKIT_CONTRACT = CONTRACT
@@ -50,6 +51,7 @@ def streamkit_components() -> list[type[Component] | Preset]:
         integrators.Adaptive,
         integrators.Reference,
         apocentres.Apocentres,
+        track.Track,
         milky_way.BOVY2014,
         milky_way.MCMILLAN2017,
         milky_way.GALA_V1,

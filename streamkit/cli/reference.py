@@ -61,7 +61,7 @@ def reference(section: str | None, kind: str | None) -> None:
 
 
 def _placed(registry: components.Registry, kind: str | None, ways: Sequence[Any], more: list[str]) -> list[str]:
-    """The potential of a progenitor or a body, its place today in one of three ways, and what more there is."""
+    """The potential of a progenitor or a body, its place today in one of several ways, and what more there is."""
     able = [k for k, entry in sorted(registry.entries["potential"].items()) if "mass" in entry.cls.parameters()]
     if kind is None:
         parts = [f"kind: one of the potentials with a mass\n{report.paragraph(', '.join(able), '  ')}"]
@@ -73,5 +73,5 @@ def _placed(registry: components.Registry, kind: str | None, ways: Sequence[Any]
     taken = registry.entries["potential"][kind].cls.model_fields.keys() if kind else set()
     for way in ways:
         if not taken & way.model_fields.keys():
-            parts.append(f"place today: {way.title}\n{report.field_table(way, way.coordinates(), 'field')}")
+            parts.append(f"place today: {way.title}\n{report.field_table(way, way.fields(), 'field')}")
     return [*parts, f"in every case\n{report.field_table(ways[0], more, 'field')}"]

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from streamkit.errors import PluginError, StreamkitError
 from streamkit.fields import array_unit
-from streamkit.stream import Array, IntArray, Mark, Orbit, Prediction, Release, Stream
+from streamkit.stream import Array, Frame, IntArray, Mark, Orbit, Panel, Prediction, Release, Stream
 from streamkit.units import GYR, Duration, Number, PositiveNumber, Unit, unit_of
 
 if TYPE_CHECKING:  # the engine brings numba, which naming a component does not need
@@ -228,6 +228,14 @@ class Observable(Component):
     def marks(self, prediction: Prediction) -> tuple[Mark, ...]:
         """Return what a picture of the unwrapped stream shows of the measurement and of the data. Optional."""
         return ()
+
+    def panels(self, stream: Stream, prediction: Prediction) -> tuple[Panel, ...]:
+        """Return pictures of the stream on the sky, in place of the unwrapped stream. Optional."""
+        return ()
+
+    def sky_frame(self) -> Frame:
+        """Return the frame on the sky that the data are given in, for tables of particles. Optional."""
+        return None
 
     def remarks(self, prediction: Prediction) -> tuple[str, ...]:
         """Return a sentence for every doubt about the measurement, for `check` and `stream`. Optional."""

@@ -1,4 +1,6 @@
+from .asides import frame_of as frame_of
 from .asides import marks_of as marks_of
+from .asides import panels_of as panels_of
 from .asides import radii_of as radii_of
 from .asides import remarks_of as remarks_of
 from .data import Data as Data

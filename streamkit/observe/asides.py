@@ -6,13 +6,24 @@ from collections.abc import Mapping
 
 from streamkit.components import Observable
 from streamkit.observe.measure import UNNAMED, parts_of
-from streamkit.stream import Mark, Prediction
+from streamkit.stream import Frame, Mark, Panel, Prediction, Stream
 
 
 def marks_of(observables: Mapping[str, Observable], prediction: Prediction) -> tuple[Mark, ...]:
     """Return what a picture of the unwrapped stream shows of all measurements."""
     parts = parts_of(prediction)
     return tuple(mark for name, each in observables.items() for mark in each.marks(parts[name]))
+
+
+def panels_of(observables: Mapping[str, Observable], stream: Stream, prediction: Prediction) -> tuple[Panel, ...]:
+    """Return the pictures on the sky of all observables."""
+    parts = parts_of(prediction)
+    return tuple(panel for name, each in observables.items() for panel in each.panels(stream, parts[name]))
+
+
+def frame_of(observables: Mapping[str, Observable]) -> Frame:
+    """Return the frame on the sky of the first observable that has one; None without any."""
+    return next((frame for each in observables.values() if (frame := each.sky_frame()) is not None), None)
 
 
 def remarks_of(observables: Mapping[str, Observable], prediction: Prediction) -> tuple[str, ...]:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from streamkit.observe import marks_of
+from streamkit.observe import marks_of, panels_of
 from streamkit.report.style import ARM_STYLE, VERMILION, NotebookFigure, angle_ticks, finish
 from streamkit.spec import Setup
-from streamkit.stream import Mark, Prediction, Stream, orbital_plane
+from streamkit.stream import Mark, Panel, Prediction, Stream, orbital_plane
 from streamkit.units import GYR
 
 BEYOND = 180.0
@@ -29,7 +30,9 @@ LEGEND: dict[str, Any] = {"frameon": True, "framealpha": 0.85, "edgecolor": "non
 def draw_stream(
     particles: Stream, prediction: Prediction | None = None, setup: Setup | None = None, note: str = ""
 ) -> Figure:
-    """Draw a stream in its orbital plane, and unwrapped with the fitted apocentres and the data over it."""
+    """Draw a stream in its orbital plane, and the observable's panels, or else r against the unwrapped angle."""
+    if setup is not None and prediction is not None and (panels := panels_of(setup.observables, particles, prediction)):
+        return draw_sky(particles, panels, note)
     figure = NotebookFigure(figsize=(12.5, 5.2), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1, 1.25))
     draw_plane(particles, left)
@@ -37,6 +40,41 @@ def draw_stream(
     if note:
         figure.suptitle(note, color=VERMILION, fontsize=13)
     return figure
+
+
+def draw_sky(particles: Stream, panels: Sequence[Panel], note: str = "") -> Figure:
+    """Draw a stream in its orbital plane, and what an observable shows of it on the sky, a panel below the other."""
+    rows = (len(panels) + 1) // 2
+    figure = NotebookFigure(figsize=(14.0, max(2.3 * rows, 5.2)), layout="constrained")
+    grid = figure.add_gridspec(rows, 3, width_ratios=(1.1, 1, 1))
+    draw_plane(particles, figure.add_subplot(grid[:, 0]))
+    for i, panel in enumerate(panels):
+        draw_panel(particles, panel, figure.add_subplot(grid[i % rows, 1 + i // rows]))
+    if note:
+        figure.suptitle(note, color=VERMILION, fontsize=13)
+    return figure
+
+
+def draw_panel(particles: Stream, panel: Panel, axes: Axes) -> None:
+    """Draw particles on the sky with the data over them, over the range of the data and a fifth beyond."""
+    data = [mark for mark in panel.marks if mark.look == "datum"]
+    x = np.concatenate([mark.x for mark in data]) if data else panel.x
+    margin = 0.2 * max(float(np.ptp(x)), 5.0)
+    low, high = float(x.min()) - margin, float(x.max()) + margin
+    inside = (panel.x > low) & (panel.x < high) & ~particles.bound & np.isfinite(panel.y)
+    if inside.any():
+        _points(particles, panel.x, panel.y, axes)
+    for mark in panel.marks:
+        _mark(axes, mark, 3.5)
+    ends = [edge for mark in data for edge in (float(mark.y.min()) - mark.y_error, float(mark.y.max()) + mark.y_error)]
+    ends += [float(y) for mark in panel.marks for y in (mark.y.min(), mark.y.max())]
+    ends += np.percentile(panel.y[inside], [2, 98]).tolist() if inside.any() else []
+    bottom, top = min(ends, default=0.0), max(ends, default=1.0)
+    rim = 0.08 * max(top - bottom, 1e-6)
+    axes.set(xlim=(low, high), ylim=(bottom - rim, top + rim))
+    axes.set_xlabel(panel.x_label, fontsize=11)
+    axes.set_ylabel(panel.y_label, fontsize=11)
+    finish(axes)
 
 
 def draw_plane(particles: Stream, axes: Axes) -> None:
@@ -83,11 +121,11 @@ def draw_unwrapped(particles: Stream, prediction: Prediction | None, setup: Setu
     axes.legend(named.values(), named.keys(), **LEGEND)
 
 
-def _mark(axes: Axes, mark: Mark) -> None:
+def _mark(axes: Axes, mark: Mark, size: float = 5.0) -> None:
     """Draw what an observable wants to show."""
     if mark.look == "datum":
         axes.errorbar(
-            mark.x, mark.y, xerr=mark.x_error or None, yerr=mark.y_error or None, label=mark.label, fmt="s", ms=5,
+            mark.x, mark.y, xerr=mark.x_error or None, yerr=mark.y_error or None, label=mark.label, fmt="s", ms=size,
             color="#CC79A7", mec="black", ecolor="black", capsize=3, zorder=7,
         )  # fmt: skip
     elif mark.look == "peak":

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from streamkit.report.files import check_target, origin, save
 from streamkit.spec import Spec
-from streamkit.stream import Stream
+from streamkit.stream import Frame, Stream
 
 if TYPE_CHECKING:
     from astropy.table import QTable
@@ -18,7 +18,7 @@ FORMATS = {".ecsv": "ascii.ecsv", ".hdf5": "hdf5", ".h5": "hdf5", ".fits": "fits
 """Suffixes a stream can be written to, with astropy's name of the format."""
 
 
-def write_stream(stream: Stream, spec: Spec, path: Path, *, force: bool = False) -> None:
+def write_stream(stream: Stream, spec: Spec, path: Path, *, frame: Frame = None, force: bool = False) -> None:
     """Write one row per particle, with units, and in the header what is needed to make the stream again.
 
     Parameters
@@ -29,13 +29,15 @@ def write_stream(stream: Stream, spec: Spec, path: Path, *, force: bool = False)
         The run file it was made from: its digest, seed and resolved text go into the header.
     path
         Ends in one of `FORMATS`.
+    frame
+        Frame on the sky whose angles are written beside RA and Dec; None for none.
     force
         Whether an existing file may be replaced. It is replaced whole, or not at all.
 
     Raises StreamkitError if the file exists, cannot be written, or has another suffix.
     """
     check_target(path, FORMATS, "output", force)
-    table = stream.table()
+    table = stream.table(frame)
     table.meta.update(provenance(stream, spec))
     save(path, lambda part: _write_table(table, part, FORMATS[path.suffix]))
 

@@ -1,4 +1,4 @@
-"""The place today of the progenitor or of a body, given in one of three ways, and the Sun it was observed from."""
+"""The place today of the progenitor or of a body, given in one of several ways, and the Sun it was observed from."""
 
 from __future__ import annotations
 
@@ -8,24 +8,26 @@ from functools import cache
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from streamkit.components import Potential, circular_speed
 from streamkit.errors import OutOfDomain, StreamkitError
-from streamkit.stream import Array, Observer, to_galactocentric
+from streamkit.stream import Array, Observer, sky_matrix, to_galactocentric
 from streamkit.units import Angle, Coordinate, Duration, Length, ProperMotion, Symbol, Unit, Velocity
 
-_SPEED = Unit("km / s")
+
+class _OrHost(Unit):
+    """A unit whose fields may hold the text "host" in place of a number."""
+
+    def parse(self, value: Any) -> Any:
+        """Read a quantity as any unit does, and leave "host" alone."""
+        try:
+            return value if value == "host" else super().parse(value)
+        except ValueError as error:
+            raise ValueError(f'{error}; or "host"') from None
 
 
-def _speed_or_host(value: Any) -> Any:
-    try:
-        return value if value == "host" else _SPEED.parse(value)
-    except ValueError as error:
-        raise ValueError(f'{error}; or "host"') from None
-
-
-TiedSpeed = Annotated[Annotated[float, Field(ge=0)] | Literal["host"], BeforeValidator(_speed_or_host), _SPEED]
+TiedSpeed = Annotated[Annotated[float, Field(ge=0)] | Literal["host"], _OrHost("km / s")]
 """A speed in km/s, zero or more, or the text "host"."""
 
 
@@ -100,6 +102,12 @@ class Place(BaseModel, ABC):
     @cache
     def coordinates(cls) -> tuple[str, ...]:
         """Return the names of the six coordinates."""
+        return tuple(name for name in cls.fields() if name != "frame")
+
+    @classmethod
+    @cache
+    def fields(cls) -> tuple[str, ...]:
+        """Return the names of the fields that say where it is: the coordinates, and their frame if it has a field."""
         return tuple(name for name in cls.model_fields if name not in ("lookback", "friction", "reflex"))
 
 
@@ -148,6 +156,36 @@ class _Equatorial(_OnSky):
     v_los: Annotated[Velocity, Symbol(r"$v_{\rm los}$")] = Field(description="Heliocentric line-of-sight velocity.")
 
 
+class _OnStream(Place):
+    """Coordinates and proper motions along and across a stream."""
+
+    title: ClassVar[str] = "stream's own sky"
+
+    frame: str | dict[str, tuple[float, float]] | tuple[tuple[float, float, float], ...] = Field(
+        description='Frame of phi1, phi2: a name such as "GD1Koposov10", { pole = [ra, dec], origin = [ra, dec] } in '
+        "degrees, or the three rows of a matrix from ICRS."
+    )
+    phi1: Annotated[Angle, Symbol(r"$\phi_1$")] = Field(description="Longitude along the stream.")
+    phi2: Annotated[Angle, Symbol(r"$\phi_2$")] = Field(ge=-90, le=90, description="Latitude across the stream.")
+    distance: Annotated[Length, Symbol("$d$")] = Field(description="Heliocentric distance.")
+    pm_phi1_cosphi2: Annotated[ProperMotion, Symbol(r"$\mu_{\phi_1} \cos \phi_2$")] = Field(
+        description="Proper motion in phi1, times cos phi2."
+    )
+    pm_phi2: Annotated[ProperMotion, Symbol(r"$\mu_{\phi_2}$")] = Field(description="Proper motion in phi2.")
+    v_los: Annotated[Velocity, Symbol(r"$v_{\rm los}$")] = Field(description="Heliocentric line-of-sight velocity.")
+
+    @field_validator("frame")
+    @classmethod
+    def _known(cls, value: Any) -> Any:
+        sky_matrix(value)
+        return value
+
+    def today(self, sun: Sun) -> tuple[Array, Array]:
+        """Transform from the stream's frame."""
+        lon, lat, distance, pm_lon, pm_lat, v_los = (getattr(self, name) for name in self.coordinates())
+        return to_galactocentric(sky_matrix(self.frame), lon, lat, distance, pm_lon, pm_lat, v_los, sun.observer)
+
+
 class _Cartesian(Place):
     """Galactocentric Cartesian coordinates; the Sun does not enter."""
 
@@ -189,6 +227,10 @@ class EquatorialSky(_Equatorial, PhaseSpace):
     """Equatorial (ICRS) coordinates and proper motions."""
 
 
+class StreamSky(_OnStream, PhaseSpace):
+    """Coordinates and proper motions along and across a stream."""
+
+
 class Galactocentric(_Cartesian, PhaseSpace):
     """Galactocentric Cartesian coordinates; the Sun does not enter."""
 
@@ -214,7 +256,7 @@ class BodyGalactocentric(_Cartesian, BodyPlace):
     """Galactocentric Cartesian coordinates; the Sun does not enter."""
 
 
-WAYS: tuple[type[PhaseSpace], ...] = (GalacticSky, EquatorialSky, Galactocentric)
+WAYS: tuple[type[PhaseSpace], ...] = (GalacticSky, EquatorialSky, StreamSky, Galactocentric)
 BODY_WAYS: tuple[type[BodyPlace], ...] = (BodyGalacticSky, BodyEquatorialSky, BodyGalactocentric)
 
 P = TypeVar("P", bound=Place)
@@ -243,7 +285,7 @@ def choose_coordinates(
     fits = [way for way in free if given & (set(way.coordinates()) - shared)]
     if len(fits) == 1:
         return fits[0]
-    sets = "; ".join(f"{way.title}: {', '.join(way.coordinates())}" for way in free)
+    sets = "; ".join(f"{way.title}: {', '.join(way.fields())}" for way in free)
     clash = "".join(
         f" ({way.title} is not available here: the {owner}'s potential has a field "
         f"{', '.join(sorted(taken & way.model_fields.keys()))} of its own.)"

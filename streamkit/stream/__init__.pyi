@@ -6,11 +6,13 @@ from .arrays import BoolArray as BoolArray
 from .arrays import IntArray as IntArray
 from .arrays import read_only as read_only
 from .frames import Seen as Seen
+from .frames import place_on_sky as place_on_sky
 from .frames import seen_from as seen_from
 from .frames import to_galactocentric as to_galactocentric
 from .observer import Observer as Observer
 from .orbit import Orbit as Orbit
 from .prediction import Mark as Mark
+from .prediction import Panel as Panel
 from .prediction import Prediction as Prediction
 from .prediction import join_predictions as join_predictions
 from .sky_frames import Frame as Frame

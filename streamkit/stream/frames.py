@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from streamkit.stream.arrays import Array
-from streamkit.stream.observer import Observer
+from streamkit.stream.observer import GIBBONS14, Observer
 from streamkit.units import KMS_PER_MASYR_KPC
 
 Sky = Literal["icrs", "galactic"]
@@ -39,7 +39,7 @@ def axes(sky: Sky) -> Array:
 
 
 def to_galactocentric(
-    sky: Sky,
+    sky: Sky | Array,
     lon: float,
     lat: float,
     distance: float,
@@ -53,7 +53,7 @@ def to_galactocentric(
     Parameters
     ----------
     sky
-        Frame of the coordinates and of the proper motions.
+        Frame of the coordinates and of the proper motions: a name, or the matrix (3, 3) that leads to it from ICRS.
     lon, lat
         Degrees.
     distance, pm_lon_cos_lat, pm_lat, v_los
@@ -77,8 +77,18 @@ def to_galactocentric(
             v_los * sd + north * cd,
         ]
     )
-    turn = sun.tilt @ axes(sky)
+    turn = sun.tilt @ (axes(sky) if isinstance(sky, str) else axes("icrs") @ sky.T)
     return turn @ place + sun.q, turn @ motion + sun.v
+
+
+def place_on_sky(phi1: Array, phi2: Array, distance: Array, matrix: Array, sun: Observer = GIBBONS14) -> Array:
+    """(3, n) Galactocentric positions in kpc of angles (n,) in degrees and distances (n,) in kpc.
+
+    The matrix (3, 3) leads from ICRS to the frame of the angles, as `sky_matrix` gives it.
+    """
+    a, d = np.radians(phi1), np.radians(phi2)
+    place = distance * np.array([np.cos(a) * np.cos(d), np.sin(a) * np.cos(d), np.sin(d)])
+    return np.asarray(sun.tilt @ axes("icrs") @ matrix.T @ place + sun.q[:, None])
 
 
 class Seen(NamedTuple):

@@ -36,6 +36,27 @@ class Mark:
     y_error: float = 0.0
 
 
+@dataclass(frozen=True)
+class Panel:
+    """A picture of particles and data on the sky.
+
+    Attributes
+    ----------
+    x_label, y_label
+        With units.
+    x, y
+        (n,) every particle of the stream; NaN for none.
+    marks
+        Lines and data over them, in the same units.
+    """
+
+    x_label: str
+    y_label: str
+    x: Array
+    y: Array
+    marks: tuple[Mark, ...] = ()
+
+
 @dataclass(frozen=True, repr=False)
 class Prediction:
     """What an observable says of a stream.

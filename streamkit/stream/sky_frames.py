@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from streamkit.errors import nearest
 from streamkit.stream.arrays import Array, read_only
 from streamkit.stream.frames import axes
 
-Frame: TypeAlias = str | Mapping[str, Any] | Sequence[Sequence[float]] | Array | None
+Frame = str | Mapping[str, Any] | Sequence[Sequence[float]] | Array | None
 """A name, ``{"pole": [ra, dec], "origin": [ra, dec]}``, a (3, 3) matrix from ICRS, or None for ICRS itself."""
 
 FROM_ICRS: dict[str, list[list[float]]] = {

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from streamkit.stream.arrays import ARMS, Array, BoolArray, IntArray, freeze, read_only
-from streamkit.stream.frames import Seen, seen_from
+from streamkit.stream.frames import Seen, axes, seen_from
 from streamkit.stream.observer import GIBBONS14, Observer
 from streamkit.stream.orbit import Orbit
 from streamkit.stream.sky_coord import to_sky_coord
@@ -152,6 +152,28 @@ class Stream:
         Raises ValueError for a frame that does not exist.
         """
         return seen_from(self.sun, self.q, self.v, sky_matrix(frame))
+
+    def unwrapped_longitude(self, frame: Frame = None) -> Array:
+        """(n,) Longitude in degrees in a frame, as in `seen`, that counts on along the stream through whole turns.
+
+        The progenitor's is in (-180, 180]. Whole turns are those of the angle that a particle is ahead of the
+        progenitor at the Galactic centre, so the frame should lie along the stream, and debris farther from the
+        centre than the Sun.
+        """
+        matrix = sky_matrix(frame)
+        core = self.orbit.q[:, -1:], self.orbit.v[:, -1:]
+        own = float(seen_from(self.sun, *core, matrix).phi1[0])
+        turn = matrix @ (self.sun.tilt @ axes("icrs")).T
+        (x, y, _), (u, v, _) = ((turn @ each[:, 0]).tolist() for each in core)
+        centred = np.degrees(np.arctan2(y, x)) + np.sign(x * v - y * u) * np.degrees(self.winding)
+        shift = np.round((np.degrees(np.arctan2(y, x)) - own) / 360.0)
+        longitude = self.seen(frame).phi1
+        return np.asarray(longitude + 360.0 * (np.round((centred - longitude) / 360.0) - shift))
+
+    def toward(self, velocity: Array) -> Array:
+        """(n,) Component of a Galactocentric velocity (3,) along the line of sight from the Sun to each particle."""
+        away = self.q - self.sun.q[:, None]
+        return np.asarray(velocity @ away / np.sqrt((away**2).sum(axis=0)))
 
     def sky(self, frame: Frame = None) -> SkyCoord:
         """Return the particles as an astropy SkyCoord with distance, proper motions and radial velocity.

@@ -360,6 +360,7 @@ def test_every_public_name_has_a_docstring() -> None:
         | documented_constants("streamkit.components.hookspecs")
         | documented_constants("streamkit.fields.arrays")
         | documented_constants("streamkit.stream.arrays")
+        | documented_constants("streamkit.stream.sky_frames")
     )
     for name in sk.__all__:
         value = getattr(sk, name)

@@ -65,7 +65,7 @@ def test_the_sagittarius_examples_hold_the_data_and_priors_of_the_paper(name: st
 
 
 def rule(spec: sk.Spec) -> str:
-    return str(spec.document["observable"]["recent_debris"])
+    return str(spec.document["observable"].get("recent_debris"))
 
 
 def test_an_example_uses_the_default_rule_for_recent_debris() -> None:

@@ -287,8 +287,9 @@ def test_the_door_completes() -> None:
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
-def test_examples_load_and_round_trip(path: Path) -> None:
+def test_examples_load_and_round_trip(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     spec = sk.load(path)
+    monkeypatch.chdir(path.parent)  # what the names of files in a mapping are relative to
     assert sk.load(tomllib.loads(spec.toml())) == spec
     spec.bind()
 

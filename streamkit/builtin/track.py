@@ -1,0 +1,327 @@
+"""Built-in observable: the track of a stream on the sky, against binned means or member stars."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field, field_validator, model_validator
+
+from streamkit import (
+    Angle,
+    Array,
+    Columns,
+    Coordinate,
+    Frame,
+    Mark,
+    Number,
+    Observable,
+    Panel,
+    Prediction,
+    ProperMotion,
+    Stream,
+    Table,
+    Velocity,
+    VelocityArray,
+    place_on_sky,
+    sky_matrix,
+)  # fmt: skip
+from streamkit.builtin.track_columns import COLUMNS, DEPTH
+from streamkit.builtin.track_likelihood import ln_mixture, scatter_of
+from streamkit.builtin.track_lines import ENOUGH, REACH, Lines, gather, local_lines
+
+FEWEST = 10
+"""Particles that have left the progenitor below which there is no stream."""
+FAR = 90.0
+"""Degrees from the nearest debris beyond which it does not matter that there is more on the other side of the sky."""
+ARMS = {"leading": 1, "trailing": -1}
+
+Name = Literal["phi2", "distance", "distance_modulus", "pm_phi1_cosphi2", "pm_phi2", "radial_velocity"]
+FrameField = str | dict[str, tuple[float, float]] | tuple[tuple[float, float, float], ...]
+
+
+class Track(Observable):
+    """A stream's track on the sky: latitude, distance, proper motions and velocity at longitudes phi1.
+
+    Each column has its own longitudes; one that is left out is not compared. At a datum's longitude a local line is
+    fitted to the debris with a Gaussian kernel in phi1. Means are compared with the line; member stars (`stars`) with
+    the line and the spread of the debris about it. Where the stream has no debris ln p falls by the distance to the
+    nearest, in units of the kernel. Bound particles do not count. With `unwrapped` the longitudes count on through
+    whole turns. Several data at one longitude are independent.
+    """
+
+    kind = "track"
+    reference = "Erkal et al. 2019, MNRAS 487, 2685: local lines, here with a kernel for their window"
+    example: ClassVar[dict[str, Any]] = {
+        "frame": {"pole": [192.86, 27.13], "origin": [266.4, -28.94]},
+        "distance": {"phi1": [-30.0, 20.0], "distance": [20.0, 22.0], "error": [1.0, 1.0]},
+        "radial_velocity": {"phi1": [-10.0], "radial_velocity": [10.0], "error": [2.0]},
+    }
+
+    frame: FrameField = Field(
+        description='Frame of phi1, phi2: a name such as "GD1Koposov10", { pole = [ra, dec], origin = [ra, dec] } in '
+        "degrees, or the three rows of a matrix from ICRS."
+    )
+    phi2: Annotated[Table, Columns(phi1="deg", phi2="deg", error="deg")] | None = Field(
+        default=None, description="Latitudes."
+    )
+    distance: Annotated[Table, Columns(phi1="deg", distance="kpc", error="kpc")] | None = Field(
+        default=None, description="Heliocentric distances."
+    )
+    distance_modulus: Annotated[Table, Columns(phi1="deg", distance_modulus="mag", error="mag")] | None = Field(
+        default=None, description="Distance moduli."
+    )
+    distance_depth: Annotated[Table, Columns(phi1="deg", depth="kpc", error="kpc")] | None = Field(
+        default=None, description="Standard deviations of the distance of the debris at a longitude."
+    )
+    pm_phi1_cosphi2: Annotated[Table, Columns(phi1="deg", pm_phi1_cosphi2="mas/yr", error="mas/yr")] | None = Field(
+        default=None, description="Proper motions in phi1, times cos phi2; not corrected for the Sun's."
+    )
+    pm_phi2: Annotated[Table, Columns(phi1="deg", pm_phi2="mas/yr", error="mas/yr")] | None = Field(
+        default=None, description="Proper motions in phi2; not corrected for the Sun's."
+    )
+    radial_velocity: Annotated[Table, Columns(phi1="deg", radial_velocity="km/s", error="km/s")] | None = Field(
+        default=None, description="Line-of-sight velocities."
+    )
+    velocity_frame: Literal["heliocentric", "gsr"] = Field(
+        default="heliocentric", description="Whether the velocities are heliocentric, or corrected for the Sun's."
+    )
+    gsr_sun: VelocityArray | None = Field(
+        default=None,
+        description="With 'gsr': the Sun's velocity (towards the centre, along the rotation, to the north pole) that "
+        "the table was corrected with. Left out: that of [sun].",
+    )
+    stars: tuple[Name, ...] = Field(
+        default=(), description="The columns whose data are single member stars; the others hold means."
+    )
+    kernel: Angle = Field(default=2.0, gt=0, description="Standard deviation of the kernel in phi1.")
+    unwrapped: bool = Field(
+        default=False,
+        description="Whether phi1 counts on through whole turns along the stream, from the progenitor in (-180, 180]: "
+        "the wraps of a long stream are then told apart by the angle that their debris has swept.",
+    )
+    arm: Literal["leading", "trailing", "both"] = Field(default="both", description="Which debris is compared.")
+    phi2_dispersion: Angle = Field(default=0.0, ge=0, description="Extra dispersion of phi2, added to its errors.")
+    distance_dispersion: Coordinate = Field(default=0.0, ge=0, description="Extra dispersion of the distance.")
+    distance_modulus_dispersion: Number = Field(default=0.0, ge=0, description="Extra dispersion of the modulus.")
+    pm_phi1_cosphi2_dispersion: ProperMotion = Field(default=0.0, ge=0, description="Extra dispersion of this column.")
+    pm_phi2_dispersion: ProperMotion = Field(default=0.0, ge=0, description="Extra dispersion of this column.")
+    radial_velocity_dispersion: Velocity = Field(default=0.0, ge=0, description="Extra dispersion of the velocity.")
+    phi2_outliers: Number = Field(default=0.0, ge=0, lt=1, description="Fraction of its data that are no members.")
+    distance_outliers: Number = Field(default=0.0, ge=0, lt=1, description="The same for the distance.")
+    distance_modulus_outliers: Number = Field(default=0.0, ge=0, lt=1, description="The same for the modulus.")
+    pm_phi1_cosphi2_outliers: Number = Field(default=0.0, ge=0, lt=1, description="The same for this column.")
+    pm_phi2_outliers: Number = Field(default=0.0, ge=0, lt=1, description="The same for this column.")
+    radial_velocity_outliers: Number = Field(default=0.0, ge=0, lt=1, description="The same for the velocity.")
+
+    @field_validator("frame")
+    @classmethod
+    def _known(cls, value: Any) -> Any:
+        sky_matrix(value)
+        return value
+
+    @model_validator(mode="after")
+    def _complete(self) -> Track:
+        if not self.given:
+            raise ValueError(f"there are no data: expected at least one table of {', '.join((*COLUMNS, DEPTH))}")
+        for name, (phi1, _, error) in self.given.items():
+            if not (error > 0).all():
+                row = int(np.argmin(error > 0))
+                raise ValueError(f"{name}: the errors must be positive, row {row + 1} (phi1 = {phi1[row]:g}) has "
+                                 f"{error[row]:g}")  # fmt: skip
+            if not self.unwrapped and np.ptp(phi1) > 360:
+                raise ValueError(
+                    f"{name}: phi1 runs over {np.ptp(phi1):g} deg, more than a turn; with unwrapped = true it counts on"
+                )
+        if self.gsr_sun is not None and (len(self.gsr_sun) != 3 or self.velocity_frame != "gsr"):
+            raise ValueError('gsr_sun takes three velocities, and velocity_frame = "gsr"')
+        if missing := [name for name in self.stars if name not in self.given]:
+            raise ValueError(f"stars names {missing[0]!r}, for which there is no table")
+        return self
+
+    @cached_property
+    def given(self) -> dict[str, tuple[Array, Array, Array]]:
+        """The data by field: longitudes, values and errors, (k,) each."""
+        tables = {name: getattr(self, name) for name in (*COLUMNS, DEPTH)}
+        key = {DEPTH: "depth"}
+        return {
+            name: (table["phi1"], table[key.get(name, name)], table["error"])
+            for name, table in tables.items()
+            if table is not None
+        }
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """One for every datum: the column and the longitude, and a count where several have the same."""
+        seen: dict[str, int] = {}
+        found = []
+        for column, (phi1, _, _) in self.given.items():
+            for angle in phi1.tolist():
+                name = f"{column} at {angle:g}"
+                seen[name] = seen.get(name, 0) + 1
+                found.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+        return tuple(found)
+
+    @cached_property
+    def _places(self) -> tuple[Array, dict[str, Array]]:
+        """The different longitudes (u,) of all data, and for each field which of them its data have."""
+        parts = [phi1 for phi1, _, _ in self.given.values()]
+        different, which = np.unique(np.concatenate(parts), return_inverse=True)
+        ends = np.cumsum([len(part) for part in parts])[:-1]
+        return different, dict(zip(self.given, np.split(which, ends), strict=True))
+
+    def sky_frame(self) -> Frame:
+        """Return the frame of phi1 and phi2."""
+        return self.frame
+
+    def data(self) -> tuple[Array, Array]:
+        """Return the values and errors of all data, column after column; extra dispersions are not in the errors."""
+        return tuple(np.concatenate([part[i] for part in self.given.values()]) for i in (1, 2))  # type: ignore[return-value]
+
+    def predict(self, stream: Stream) -> Prediction:
+        """Fit the line at every longitude.
+
+        The details hold, for every datum, the spread (m,) of the debris about it, and ln_coverage (m,), the ln of the
+        share of a well-covered line's density that is there.
+        """
+        chosen = ~stream.bound
+        if self.arm != "both":
+            chosen = stream.arm == ARMS[self.arm]
+        if chosen.sum() < FEWEST or not stream.weight[chosen].sum() > 0:
+            none = np.full(len(self.names), np.nan)
+            return Prediction(self.names, none, none, why_not="too few particles have left the progenitor")
+        longitude, columns = self.of_particles(stream)
+        different, which = self._places
+        margin = 0.0
+        if not self.unwrapped:
+            middle = float(np.degrees(np.angle(np.exp(1j * np.radians(different)).sum())))
+            longitude, different = (_within(angle, middle) for angle in (longitude, different))
+            farthest = np.abs(different - middle).max() + REACH * self.kernel
+            margin = float(np.clip(farthest - FAR, 0.0, 360.0))
+        of = list(columns)
+        debris = gather(
+            longitude[chosen], np.array(list(columns.values()))[:, chosen], stream.weight[chosen],
+            margin,
+        )  # fmt: skip
+        depth = of.index("distance") if DEPTH in self.given else -1
+        lines = local_lines(debris, different, self.kernel, depth=depth)
+        parts = [self._part(name, lines, of.index(_column(name)), which[name]) for name in self.given]
+        mean, variance, spread, count = (np.concatenate(part) for part in zip(*parts, strict=True))
+        coverage = -np.logaddexp(0.0, np.log(ENOUGH) - count)
+        details = {"spread": spread, "ln_coverage": coverage}
+        return Prediction(self.names, mean, variance, details=details)
+
+    def _part(self, name: str, lines: Lines, row: int, which: Array) -> tuple[Array, Array, Array, Array]:
+        """Mean, variance, spread and ln of the count of one field's data."""
+        count = lines.ln_count[which]
+        if name != DEPTH:
+            return lines.value[row, which], lines.variance[row, which], lines.spread[row, which], count
+        spread = np.hypot(lines.spread[row, which], self.distance_dispersion)
+        return spread, lines.depth_variance[which], np.zeros(len(which)), count
+
+    def of_particles(self, stream: Stream) -> tuple[Array, dict[str, Array]]:
+        """Return the longitude (n,) of the particles, and the columns (n,) that data are compared with, by name."""
+        seen = stream.seen(self.frame)
+        if self.velocity_frame == "gsr":
+            velocity = seen.radial_velocity_gsr
+            if self.gsr_sun is not None:
+                velocity = seen.radial_velocity + stream.toward(self.gsr_sun)
+            seen = seen._replace(radial_velocity=velocity)
+        longitude = stream.unwrapped_longitude(self.frame) if self.unwrapped else seen.phi1
+        wanted = {_column(name) for name in self.given}
+        return longitude, {name: column.of(seen) for name, column in COLUMNS.items() if name in wanted}
+
+    def ln_likelihood(self, prediction: Prediction, add_noise: bool) -> float:
+        """Return the sum over columns of `ln_mixture`: Gaussians about the lines, extra dispersions, outliers."""
+        total, start = 0.0, 0
+        for name, (phi1, value, error) in self.given.items():
+            part = slice(start, start := start + len(phi1))
+            variance = error**2
+            if name != DEPTH:
+                variance = variance + getattr(self, f"{name}_dispersion") ** 2
+            if name in self.stars:
+                variance = variance + prediction.details["spread"][part] ** 2
+            if add_noise:
+                variance = variance + prediction.variance[part]
+            outliers = 0.0 if name == DEPTH else getattr(self, f"{name}_outliers")
+            coverage = prediction.details["ln_coverage"][part]
+            background = scatter_of(value, error)
+            total += ln_mixture(value, variance, prediction.mean[part], coverage, outliers, background)
+        return total
+
+    def mock(self, prediction: Prediction, rng: np.random.Generator) -> dict[str, Any]:
+        """Return tables with Gaussian noise: errors, extra dispersion, for stars the spread; a fraction of outliers."""
+        found, start = {}, 0
+        for name, (phi1, value, error) in self.given.items():
+            part = slice(start, start := start + len(phi1))
+            extra = 0.0 if name == DEPTH else getattr(self, f"{name}_dispersion")
+            spread = prediction.details["spread"][part] if name in self.stars else 0.0
+            drawn = rng.normal(prediction.mean[part], np.sqrt(error**2 + extra**2 + spread**2))
+            if name != DEPTH:
+                other = rng.normal(*scatter_of(value, error), len(phi1))
+                drawn = np.where(rng.random(len(phi1)) < getattr(self, f"{name}_outliers"), other, drawn)
+            table = {"phi1": phi1, "depth" if name == DEPTH else name: drawn, "error": error}
+            found[name] = {key: column.tolist() for key, column in table.items()}
+        return found
+
+    def panels(self, stream: Stream, prediction: Prediction) -> tuple[Panel, ...]:
+        """Return a picture for every column: debris, fitted lines and data against longitude."""
+        longitude, columns = self.of_particles(stream)
+        found, start = [], 0
+        for name, (phi1, value, error) in self.given.items():
+            part = slice(start, start := start + len(phi1))
+            order = np.argsort(phi1, kind="stable")
+            marks = [
+                Mark("datum", np.array([x]), np.array([y]), "data", 0.0, float(e))
+                for x, y, e in zip(phi1, value, error, strict=True)
+            ]
+            if not prediction.why_not:
+                marks.append(Mark("fit", phi1[order], prediction.mean[part][order], "fitted track"))
+            column = COLUMNS[_column(name)]
+            label = "spread of the distance [kpc]" if name == DEPTH else f"{column.label} [{column.unit}]"
+            if name == "radial_velocity" and self.velocity_frame == "gsr":
+                label = label.replace(" [", ", GSR [")
+            x = longitude if self.unwrapped else _within(longitude, float(phi1.mean()))
+            y = np.full(len(longitude), np.nan) if name == DEPTH else columns[name]
+            found.append(Panel(r"$\phi_1$ [deg]", label, x, y, tuple(marks)))
+        return tuple(found)
+
+    def remarks(self, prediction: Prediction) -> tuple[str, ...]:
+        """Say which data lie where the stream has no debris."""
+        found, start = [], 0
+        for name, (phi1, _, _) in self.given.items():
+            part = slice(start, start := start + len(phi1))
+            if prediction.why_not:
+                continue
+            empty = np.unique(phi1[prediction.details["ln_coverage"][part] < np.log(0.5)])
+            if len(empty):
+                where = ", ".join(f"{angle:g}" for angle in empty[:8]) + (", ..." if len(empty) > 8 else "")
+                found.append(
+                    f"{name}: {len(empty)} of its longitudes lie where the stream has no debris, fewer than "
+                    f"{ENOUGH:g} particles within a kernel of {self.kernel:g} deg (phi1 = {where}). Raise "
+                    "progenitor.lookback or stripping.particles, or place the progenitor nearer."
+                )
+        return tuple(found)
+
+    def radii(self) -> dict[str, float]:
+        """Return the least and the greatest Galactocentric radius of the distances, seen from 8 kpc at phi2 = 0."""
+        parts = [(phi1, value) for name, (phi1, value, _) in self.given.items() if name == "distance"]
+        parts += [(phi1, 10 ** ((value - 10) / 5)) for name, (phi1, value, _) in self.given.items()
+                  if name == "distance_modulus"]  # fmt: skip
+        if not parts:
+            return {}
+        phi1, distance = (np.concatenate(part) for part in zip(*parts, strict=True))
+        q = place_on_sky(phi1, np.zeros(len(phi1)), distance, sky_matrix(self.frame))
+        r = np.sqrt((q**2).sum(axis=0))
+        return {"innermost distance": float(r.min()), "outermost distance": float(r.max())}
+
+
+def _column(name: str) -> str:
+    """Return the column that a field's data are compared with."""
+    return "distance" if name == DEPTH else name
+
+
+def _within(angle: Array, middle: float) -> Array:
+    """(n,) Angles in degrees within half a turn of the middle."""
+    return np.asarray(angle - 360.0 * np.round((angle - middle) / 360.0))

@@ -1,0 +1,32 @@
+"""The columns of a track: what each is called, its unit, and how particles have it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from streamkit import Array, Seen
+
+
+class Column(NamedTuple):
+    """One column: its unit, what a picture calls it, and the particles' values (n,)."""
+
+    unit: str
+    label: str
+    of: Callable[[Seen], Array]
+
+
+COLUMNS: dict[str, Column] = {
+    "phi2": Column("deg", r"$\phi_2$", lambda seen: seen.phi2),
+    "distance": Column("kpc", "distance", lambda seen: seen.distance),
+    "distance_modulus": Column("mag", "distance modulus", lambda seen: np.asarray(5 * np.log10(seen.distance) + 10)),
+    "pm_phi1_cosphi2": Column("mas/yr", r"$\mu_{\phi_1} \cos \phi_2$", lambda seen: seen.pm_phi1_cosphi2),
+    "pm_phi2": Column("mas/yr", r"$\mu_{\phi_2}$", lambda seen: seen.pm_phi2),
+    "radial_velocity": Column("km/s", r"$v_r$", lambda seen: seen.radial_velocity),
+}
+"""By the names of the fields and of the tables' columns."""
+
+DEPTH = "distance_depth"
+"""The field whose datum is the spread of the distance."""

@@ -1,0 +1,45 @@
+"""The likelihood of data along a track: means or single stars, extra dispersion, outliers, missing debris."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from streamkit import Array
+
+BROAD = 3.0
+"""Errors by which the broad Gaussian of outliers is wider than the scatter of the data."""
+
+
+def ln_mixture(
+    value: Array, variance: Array, mean: Array, ln_coverage: Array, outliers: float, background: tuple[float, float]
+) -> float:
+    """Return the sum over data of ln [(1 - f) c N(value; mean, variance) + f N(value; background)].
+
+    Parameters
+    ----------
+    value
+        (m,) data.
+    variance, mean
+        (m,) of the Gaussian that the stream predicts, errors included.
+    ln_coverage
+        (m,) ln c: zero where the stream has debris, falling with the distance to the nearest.
+    outliers
+        f, the fraction of data that are none of the stream.
+    background
+        Mean and standard deviation of the outliers. Hogg, Bovy & Lang 2010, arXiv:1008.4686, equation 17.
+    """
+    stream = ln_gaussian(value - mean, variance) + ln_coverage
+    if not outliers > 0:
+        return float(stream.sum())
+    other = ln_gaussian(value - background[0], np.full(len(value), background[1] ** 2))
+    return float(np.logaddexp(np.log1p(-outliers) + stream, np.log(outliers) + other).sum())
+
+
+def ln_gaussian(difference: Array, variance: Array) -> Array:
+    """(m,) ln of a Gaussian density at differences (m,) from its mean."""
+    return np.asarray(-0.5 * (difference**2 / variance + np.log(2 * np.pi * variance)))
+
+
+def scatter_of(value: Array, error: Array) -> tuple[float, float]:
+    """Return the mean, and a width that holds data and outliers: the data's variance plus (3 errors)^2."""
+    return float(value.mean()), float(np.sqrt(value.var() + (BROAD * error).mean() ** 2))
