@@ -169,9 +169,9 @@ class Potential(Component):
         return values
 
     def __getstate__(self) -> dict[Any, Any]:
-        """Leave out what was prepared: it may be large, and need not pickle."""
-        state = super().__getstate__()
-        return state | {"__pydantic_private__": (state["__pydantic_private__"] or {}) | {"_prepared": (0, ())}}
+        """Leave out what was prepared or expanded: it may be large, and need not pickle."""
+        state, made = super().__getstate__(), {"_prepared": (0, ()), "_expanded": None, "_like": None}
+        return state | {"__pydantic_private__": (state["__pydantic_private__"] or {}) | made}
 
     @classmethod
     def has_energy(cls) -> bool:
@@ -206,7 +206,8 @@ class Potential(Component):
         if self._expanded is None:
             exact = engine.build_field([self], exact=True).acceleration
             form, tolerance = self.expansion, self.tolerance  # type: ignore[attr-defined]
-            model = self._like.expanded() if self._like not in (None, self) else None
+            other = self._like
+            model = None if other is None or other is self else other.expanded()
             if model is None:
                 try:
                     self._expanded = expansion.expand(exact, form, tolerance)

@@ -105,6 +105,9 @@ def field_table(cls: type[BaseModel], names: Iterable[str], called: str = "param
     if len(beside.splitlines()) == len(rows) + 1:
         return beside
     first, *lines = columns([row[:-1] for row in (head, *rows)]).splitlines()
+    if len(lines) != len(rows):  # too wide for a line each
+        wide = max(len(row[0]) for row in (head, *rows))
+        first, *lines = (paragraph("  ".join(row[1:-1]), f"  {row[0]:{wide}}  ") for row in (head, *rows))
     below = (paragraph(row[-1], " " * 6) for row in rows)
     return "\n".join([first, *(f"{line}\n{text}" for line, text in zip(lines, below, strict=True))])
 
