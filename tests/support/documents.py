@@ -36,6 +36,7 @@ WIDE: dict[str, Any] = {
 HOSTS: dict[str, dict[str, Any]] = {
     "sagittarius": {"v0": [235, 245], "rs": [20, 22], "alpha": 0.72},
     "sagittarius_modern": {"v0": [235, 245], "rs": [20, 22], "alpha": 0.72},
+    "sagittarius_track": {"v0": [235, 245], "rs": [20, 22], "alpha": 0.72},
     "sagittarius_lmc": {"halo.mass": [5e11, 6e11]},
     "mock_tf": {"v0": [205, 215], "rs": [11, 13], "alpha": 0.45},
     "mock_tf_turning": {"v0": [205, 215], "rs": [11, 13], "alpha": 0.45},
