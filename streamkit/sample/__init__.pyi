@@ -15,6 +15,10 @@ from .moves import learning_steps as learning_steps
 from .posterior import Evaluation as Evaluation
 from .posterior import Posterior as Posterior
 from .posterior import blob_dtype as blob_dtype
+from .processes import LOOK as LOOK
+from .processes import CallTimeout as CallTimeout
+from .processes import Processes as Processes
+from .processes import WorkerDied as WorkerDied
 from .start import expected_calls as expected_calls
 from .workers import Signals as Signals
 from .workers import Stopped as Stopped

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
+import math
 import pickle
 import signal
 import threading
-import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, Future
 from typing import Any, Protocol
+
+import numpy as np
 
 from streamkit.errors import PluginError, StreamkitError
 from streamkit.sample.posterior import Evaluation
+from streamkit.sample.processes import LOOK, Processes
 from streamkit.stream import Array
 
 Row = tuple[float, float, Array, Array]
@@ -52,6 +53,8 @@ class Workers:
         By name; for an executor of your own they must pickle.
     workers
         A number of processes; or any `concurrent.futures.Executor` (MPI's and Dask's among them), left running.
+    slots
+        Calls that such an executor makes at a time.
 
     Attributes
     ----------
@@ -63,9 +66,10 @@ class Workers:
         Number of the signal that asked for an end, or 0.
     """
 
-    def __init__(self, posteriors: Mapping[str, Evaluates], workers: int | Executor = 1) -> None:
+    def __init__(self, posteriors: Mapping[str, Evaluates], workers: int | Executor = 1, slots: int = 2) -> None:
         self._posteriors = dict(posteriors)
         self._workers = workers
+        self._slots = slots if isinstance(workers, Executor) else workers
         self._executor: Executor | None = None
         self._sent = b""
         self.calls: Counter[str] = Counter()
@@ -86,33 +90,58 @@ class Workers:
     def evaluate(self, points: Array, which: str = "full") -> list[Evaluation]:
         """Evaluate at points (n, d), in order.
 
-        Raises `Stopped` as soon as ``stop`` is set, ComponentError if a component fails, and StreamkitError if a
-        worker process dies.
+        Raises `Stopped` soon after ``stop`` is set, ComponentError if a component fails, StreamkitError if worker
+        processes die again and again.
         """
         results: list[Evaluation] = []
-        try:
-            for result in self._results(points, which):
-                self.calls[which] += 1
-                if result.reason:
-                    self.reasons[which][result.reason] += 1
-                results.append(result)
-                if self.stop:
-                    raise Stopped(self.stop)
-        except BrokenExecutor:
-            raise StreamkitError(
-                "a worker process died (killed, or out of memory): try fewer workers, or fewer particles"
-            ) from None
+        for result in self._results(points, which):
+            self.calls[which] += 1
+            if result.reason:
+                self.reasons[which][result.reason] += 1
+            results.append(result)
+            if self.stop:
+                raise Stopped(self.stop)
         return results
 
     def _results(self, points: Array, which: str) -> Iterator[Evaluation]:
         if self._executor is None:
-            return (self._posteriors[which].evaluate(point) for point in points)
+            yield from (self._posteriors[which].evaluate(point) for point in points)
+            return
+        futures = [self._submit(part, which) for part in self._parts(points)]
+        try:
+            for future in futures:
+                yield from self._wait(future)
+        except BrokenExecutor as error:
+            raise StreamkitError(f"the workers of the executor died ({error})") from None
+        finally:
+            for future in futures:
+                future.cancel()
+
+    def _submit(self, part: Array, which: str) -> Future[list[Evaluation]]:
+        assert self._executor is not None  # noqa: S101  the caller has looked
         if isinstance(self._workers, Executor):
-            n = len(points)
-            return self._executor.map(_evaluate_sent, [self._sent] * n, [which] * n, points)
-        # Calls differ in cost by the look-back time: small chunks keep every core busy to the end.
-        chunk = max(len(points) // (16 * self._workers), 1)
-        return self._executor.map(_evaluate, [which] * len(points), points, chunksize=chunk)
+            return self._executor.submit(_evaluate_sent, self._sent, which, part)
+        return self._executor.submit(_evaluate, which, part)
+
+    def _parts(self, points: Array) -> list[Array]:
+        """Return the points as parts that are sent as a whole.
+
+        Calls differ in cost by the look-back time: small parts keep every core busy to the end. Other people's
+        executors take several milliseconds for each.
+        """
+        foreign = isinstance(self._workers, Executor)
+        each = len(points) // (4 * self._slots) if foreign else len(points) // (16 * self._slots)
+        return np.array_split(points, -(-len(points) // max(each, 1))) if len(points) else []
+
+    def _wait(self, future: Future[list[Evaluation]]) -> list[Evaluation]:
+        while True:
+            try:
+                return future.result(LOOK)
+            except TimeoutError:
+                if future.done():
+                    raise
+                if self.stop:
+                    raise Stopped(self.stop) from None
 
 
 class Signals:
@@ -138,20 +167,9 @@ class Signals:
         self._target.stop = signum
 
 
-def pool(count: int, posteriors: Mapping[str, Evaluates] | None = None) -> ProcessPoolExecutor:
-    """Return worker processes that leave signals to their parent, end with it, and hold the posteriors.
-
-    They are forked here and now, where that exists: this takes milliseconds, and asks nothing of the caller's main
-    module. Later, threads (a progress bar's) might hold locks that a forked process would wait for in vain.
-    """
-    method = "fork" if "fork" in multiprocessing.get_all_start_methods() else "spawn"
-    context = multiprocessing.get_context(method)
-    executor = ProcessPoolExecutor(count, mp_context=context, initializer=_prepare, initargs=(posteriors or {},))
-    with warnings.catch_warnings():
-        # from Python 3.12 on, threads of numpy's linear algebra are warned of too; these survive a fork
-        warnings.filterwarnings("ignore", message=".*fork", category=DeprecationWarning)
-        executor.submit(os.getpid)  # the first task forks all of them
-    return executor
+def pool(count: int, posteriors: Mapping[str, Evaluates] | None = None, limit: float = math.inf) -> Processes:
+    """Return worker processes that hold the posteriors; a call may take ``limit`` seconds."""
+    return Processes(count, _hold, (dict(posteriors or {}),), limit)
 
 
 _POSTERIORS: dict[str, Evaluates] = {}
@@ -160,26 +178,15 @@ _SENT: dict[bytes, dict[str, Evaluates]] = {}
 """The posteriors that a worker of somebody else's executor was sent last, by their pickle."""
 
 
-def _prepare(posteriors: Mapping[str, Evaluates]) -> None:
-    """Start a worker: the parent alone answers signals, and the worker ends with it, killed or not."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+def _hold(posteriors: Mapping[str, Evaluates]) -> None:
     _POSTERIORS.update(posteriors)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
 
-def _end_with(parent: Any) -> None:
-    parent.join()
-    os._exit(1)
+def _evaluate(which: str, points: Array) -> list[Evaluation]:
+    return [_POSTERIORS[which].evaluate(point) for point in points]
 
 
-def _evaluate(which: str, point: Array) -> Evaluation:
-    return _POSTERIORS[which].evaluate(point)
-
-
-def _evaluate_sent(sent: bytes, which: str, point: Array) -> Evaluation:
+def _evaluate_sent(sent: bytes, which: str, points: Array) -> list[Evaluation]:
     if sent not in _SENT:
         _SENT.clear()
         try:
@@ -189,4 +196,4 @@ def _evaluate_sent(sent: bytes, which: str, point: Array) -> Evaluation:
                 f"a worker cannot find what the run needs ({error}). A class given in Python must be in a module that "
                 "every worker can import; or put it in a file and name that under plugins in the run file."
             ) from error
-    return _SENT[sent][which].evaluate(point)
+    return [_SENT[sent][which].evaluate(point) for point in points]

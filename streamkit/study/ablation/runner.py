@@ -47,7 +47,7 @@ class Outcome:
 class Ablation:
     """A finished ablation: the run file that the variants start from, and what became of each, in the grid's order.
 
-    The reference is a snapshot, or the first variant's own stream. ``stopped`` is `INTERRUPTED` if the user ended it.
+    The reference is a snapshot, or the first variant's own stream. ``stopped`` says why it ended early.
     """
 
     spec: Spec
@@ -132,7 +132,7 @@ def run_ablation(
         for i, variant in enumerate(variants)
     }
     found, stopped = run_jobs(make_stream, jobs, workers, done)
-    missing = INTERRUPTED if stopped == INTERRUPTED else "no stream: its process died (killed, or out of memory)"
+    missing = INTERRUPTED if stopped == INTERRUPTED else "no stream: its processes died (killed, or out of memory)"
     cpu = {}
     for (seed, i), job in jobs.items():
         made = found.get((seed, i), missing)
@@ -154,7 +154,7 @@ def run_ablation(
     if first is None:
         reasons = "; ".join(f"{o.variant.label}: {', '.join(o.reasons)}" for o in outcomes)
         raise StreamkitError(f"{spec.source}: no variant has a stream. {reasons}")
-    return Ablation(spec, outcomes, reference or first, stopped if stopped == INTERRUPTED else "")
+    return Ablation(spec, outcomes, reference or first, stopped)
 
 
 def _keep(outcome: Outcome, seed: int, portrait: Portrait, rate: Portrait | None) -> None:

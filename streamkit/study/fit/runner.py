@@ -25,6 +25,7 @@ from streamkit.sample import (
     Sampling,
     Signals,
     Stopped,
+    WorkerDied,
     Workers,
     blob_dtype,
 )
@@ -153,7 +154,7 @@ def _explained(pool: Workers, directory: Path | None, backend: Backend, again: s
             yield
     except Stopped as stop:
         raise Interrupted(f"stopped after {_left(directory, backend, again)}", stop.signum) from None
-    except (ComponentError, ChainError) as error:
+    except (ComponentError, ChainError, WorkerDied) as error:
         raise type(error)(f"{error}. The run stopped after {_left(directory, backend, again)}") from error
 
 

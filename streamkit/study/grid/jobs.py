@@ -5,15 +5,13 @@ from __future__ import annotations
 import signal
 import threading
 from collections.abc import Callable, Hashable, Iterator, Mapping
-from concurrent.futures import as_completed
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from typing import TypeVar
 
-from streamkit.sample import pool
+from streamkit.sample import LOOK, WorkerDied, pool
 
 INTERRUPTED = "interrupted"
-DIED = "a worker process died (killed, or out of memory): try fewer workers, or fewer particles"
+DIED = str(WorkerDied())
 
 
 Key = TypeVar("Key", bound=Hashable)
@@ -40,15 +38,17 @@ def run_jobs(
                 return found, ""
             executor = pool(workers)
             try:
-                futures = {executor.submit(work, job): key for key, job in jobs.items()}
-                for future in as_completed(futures):
-                    try:
-                        found[futures[future]] = future.result()
-                    except BrokenProcessPool:  # which breaks all that are left; others may be finished
-                        stopped = DIED
-                    done()
+                left = {key: executor.submit(work, job) for key, job in jobs.items()}
+                while left:
+                    executor.work(lambda: any(future.done() for future in left.values()), LOOK)
+                    for key in [key for key, future in left.items() if future.done()]:
+                        try:
+                            found[key] = left.pop(key).result()
+                        except WorkerDied:  # which costs no other job
+                            stopped = DIED
+                        done()
             finally:
-                executor.shutdown(wait=True, cancel_futures=True)
+                executor.shutdown(cancel_futures=True)
     except KeyboardInterrupt:
         stopped = INTERRUPTED
     return found, stopped
