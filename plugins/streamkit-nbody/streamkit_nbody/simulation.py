@@ -187,9 +187,9 @@ class Simulation:
 
     def _energy(self, t: float, q: Array, v: Array, own: Array) -> float:
         """Return the total energy in Msun (km/s)^2, with the particles' own potential (n,); NaN if not known."""
-        if self.without_energy or self.host.bodies:
-            return float("nan")
         hosts = self.host.potentials.values()
+        if self.without_energy or self.host.bodies or any(p.growth for p in hosts):
+            return float("nan")
         host = sum(np.asarray(p.potential(*q, self._epoch(t), *p.in_engine_units())) for p in hosts)
         return self.gravity.mass * float((0.5 * (v * v).sum(axis=0) + 0.5 * own + host).sum())
 
