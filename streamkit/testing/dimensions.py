@@ -98,7 +98,8 @@ def has_dimensions(potential: Potential) -> None:
     A force with dimensional constants of its own, such as a table, is not homogeneous and cannot be looked at.
     """
     units = type(potential).parameters()
-    if not all(isinstance(getattr(potential, name), float | int) for name in type(potential).model_fields):
+    values = [getattr(potential, name) for name in type(potential).model_fields]
+    if not all(value is None or isinstance(value, float | int) for value in values):  # tables, text
         return
     if _homogeneous(potential, {}):
         return
@@ -118,7 +119,8 @@ def _homogeneous(potential: Potential, assumed: dict[str, tuple[float, float]]) 
     fields: dict[str, Any] = potential.model_dump()
     for name, unit in type(potential).parameters().items():
         length, mass = assumed.get(name, powers_of(unit.name))
-        fields[name] = fields[name] * LENGTH**length * MASS**mass
+        if fields[name] is not None:
+            fields[name] = fields[name] * LENGTH**length * MASS**mass
     try:
         scaled = type(potential)(**fields)
     except ValidationError:  # a bound that is a length, say

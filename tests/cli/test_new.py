@@ -12,13 +12,14 @@ import pytest
 from commands import call, refused
 
 import streamkit
-from streamkit.components import ROLES
+from streamkit.cli.new import ROLES
 
 HERE = str(Path(streamkit.__file__).parent.parent)
 
 
 def test_there_is_one_for_every_role() -> None:
     told = refused("new", "galaxy", "mine")
+    assert {"potential", "stripping", "integrator", "observable"} <= set(ROLES)
     for role in ROLES:
         assert repr(role) in told
 
