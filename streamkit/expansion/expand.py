@@ -166,7 +166,7 @@ def _try(force: ForceAt, grid: Grid, check: _Check) -> Expanded:
 
 def _gain(old: Expanded, new: Expanded) -> float:
     """Power of the number of nodes with which the error falls."""
-    return float(np.log(old.error / new.error) / np.log(new.grid.nodes / old.grid.nodes))
+    return float(np.log(old.error / max(new.error, 1e-300)) / np.log(new.grid.nodes / old.grid.nodes))
 
 
 def _form(symmetry: Symmetry) -> Form:
