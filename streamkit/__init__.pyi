@@ -1,5 +1,7 @@
 from .components import CONTRACT as CONTRACT
 from .components import Component as Component
+from .components import HostData as HostData
+from .components import HostView as HostView
 from .components import Integrator as Integrator
 from .components import Observable as Observable
 from .components import Potential as Potential
@@ -67,7 +69,9 @@ from .units import G as G
 from .units import Length as Length
 from .units import LengthDatum as LengthDatum
 from .units import Mass as Mass
+from .units import MassDatum as MassDatum
 from .units import Number as Number
+from .units import NumberDatum as NumberDatum
 from .units import PositiveNumber as PositiveNumber
 from .units import ProperMotion as ProperMotion
 from .units import Speed as Speed

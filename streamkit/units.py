@@ -158,6 +158,10 @@ def _measurement(unit: Unit) -> BeforeValidator:
 
 LengthDatum = Annotated[tuple[float, float], _measurement(_LENGTH), Datum(_LENGTH.name)]
 """A measured length and its standard error in kpc."""
+MassDatum = Annotated[tuple[float, float], _measurement(_MASS), Datum(_MASS.name)]
+"""A measured mass and its standard error in Msun."""
+NumberDatum = Annotated[tuple[float, float], _measurement(_NUMBER), Datum(_NUMBER.name)]
+"""A measured number without a unit and its standard error."""
 AngleDatum = Annotated[tuple[float, float], _measurement(_ANGLE), Datum(_ANGLE.name)]
 """A measured angle and its standard error in degrees."""
 VelocityDatum = Annotated[tuple[float, float], _measurement(_SPEED), Datum(_SPEED.name)]

@@ -1,5 +1,8 @@
 from .bases import Component as Component
+from .bases import HostData as HostData
+from .bases import HostView as HostView
 from .bases import Integrator as Integrator
+from .bases import Measurement as Measurement
 from .bases import Observable as Observable
 from .bases import Stripping as Stripping
 from .disabled import switched_off as switched_off

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -24,7 +24,7 @@ class Component(BaseModel, ABC):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True)
 
     role: ClassVar[str]
-    """potential, stripping, integrator or observable: the section of the run file; set by the four bases."""
+    """potential, stripping, integrator, observable or data: the section of the run file; set by the five bases."""
     kind: ClassVar[str]
     """What a run file calls it; unique within its role."""
     example: ClassVar[dict[str, Any]] = {}
@@ -182,21 +182,15 @@ class Integrator(Component):
         """
 
 
-class Observable(Component):
-    """What a survey would report about a stream, and the data it is compared with."""
-
-    role: ClassVar[str] = "observable"
-
-    @abstractmethod
-    def predict(self, stream: Stream) -> Prediction:
-        """Measure the stream. Never raises for a stream without the feature: says why_not instead."""
+class Measurement(Component):
+    """Data, and how a prediction is compared with them."""
 
     @abstractmethod
     def data(self) -> tuple[Array, Array]:
         """Return the observed values and their standard errors, (m,) each, NaN where there is no datum.
 
-        A prediction may be NaN where there is no datum, and nowhere else. Asked once where no field of the observable
-        has a prior, else at every parameter.
+        A prediction may be NaN where there is no datum, and nowhere else. Asked once where no field has a prior, else
+        at every parameter.
         """
 
     def covariance(self) -> Array | None:
@@ -212,7 +206,7 @@ class Observable(Component):
         Parameters
         ----------
         prediction
-            What `predict` said of the stream; it has a value.
+            What `predict` said; it has a value.
         add_noise
             Whether to add the prediction's own variance to that of the data.
         """
@@ -223,7 +217,21 @@ class Observable(Component):
 
         The noise is that of the data, drawn from ``rng``; `streamkit calibrate` needs it.
         """
-        raise StreamkitError(f"the observable {self.kind} makes no mock data: define `mock`")
+        raise StreamkitError(f"the {self.role} {self.kind} makes no mock data: define `mock`")
+
+    def radii(self) -> dict[str, float]:
+        """Return the Galactocentric radii in kpc that the data speak of, by name: profiles mark them. Optional."""
+        return {}
+
+
+class Observable(Measurement):
+    """What a survey would report about a stream, and the data it is compared with."""
+
+    role: ClassVar[str] = "observable"
+
+    @abstractmethod
+    def predict(self, stream: Stream) -> Prediction:
+        """Measure the stream. Never raises for a stream without the feature: says why_not instead."""
 
     def marks(self, prediction: Prediction) -> tuple[Mark, ...]:
         """Return what a picture of the unwrapped stream shows of the measurement and of the data. Optional."""
@@ -241,6 +249,31 @@ class Observable(Component):
         """Return a sentence for every doubt about the measurement, for `check` and `stream`. Optional."""
         return ()
 
-    def radii(self) -> dict[str, float]:
-        """Return the Galactocentric radii in kpc that the data speak of, by name: profiles mark them. Optional."""
-        return {}
+
+class HostView(Protocol):
+    """What `HostData` may ask of the host today, without the galaxies that move beside it."""
+
+    def circular_velocity(self, radii: Array) -> Array:
+        """(n,) Circular velocity in km/s at radii (n,) in kpc in the plane."""
+
+    def mass_inside(self, radii: Array) -> Array:
+        """(n,) Mass in Msun inside radii (n,) in kpc."""
+
+    def flattening(self, radii: Array, z: Array) -> Array:
+        """(n,) Flattening of the potential at cylindrical radii and heights (n,) in kpc."""
+
+    def acceleration(self, q: Array) -> Array:
+        """(3, n) Acceleration in (km/s)^2/kpc at positions (3, n) in kpc."""
+
+    def potential(self, q: Array) -> Array | None:
+        """(n,) Potential in (km/s)^2 at positions (3, n) in kpc; None where a component gives none."""
+
+
+class HostData(Measurement):
+    """Data that are no stream, and speak of the host alone: a rotation curve, a mass, the prior of a derived number."""
+
+    role: ClassVar[str] = "data"
+
+    @abstractmethod
+    def predict(self, host: HostView) -> Prediction:
+        """Return what the host says, with zero variances where it is exact; a why_not where there is no value."""

@@ -164,6 +164,20 @@ class Host:
         pull = self._inward(circle(), radii).mean(axis=1)
         return np.asarray(np.sqrt(np.maximum(radii * pull, 0.0)))
 
+    def flattening(self, radii: Array, z: Array) -> Array:
+        """(n,) Flattening of the potential at cylindrical radii and heights (n,) in kpc, without bodies.
+
+        ``sqrt(z <a_R> / (R <a_z>))``, means around the axis (Bovy+ 2016, ApJ 833, 31): the axis ratio of a potential of
+        R^2 + z^2 / q^2. NaN where a force points outwards.
+        """
+        radii, z = np.broadcast_arrays(np.asarray(radii, dtype=float), np.asarray(z, dtype=float))
+        around = circle()
+        places = around[:, None, :] * radii[:, None] + np.array([0.0, 0.0, 1.0])[:, None, None] * z[:, None]
+        force = self.acceleration(np.ascontiguousarray(places.reshape(3, -1))).reshape(places.shape)
+        outwards, upwards = np.einsum("crk,ck->rk", force, around).mean(axis=1), force[2].mean(axis=1)
+        with np.errstate(all="ignore"):
+            return np.asarray(np.sqrt(z * outwards / (radii * upwards)))
+
     def _inward(self, directions: Array, radii: Array) -> Array:
         """(nr, k) Inward radial acceleration at radii (nr,) along directions (3, k)."""
         places = np.ascontiguousarray(directions[:, None, :] * radii[:, None])

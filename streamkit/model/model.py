@@ -8,7 +8,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from streamkit.components import Observable
+from streamkit.components import Measurement
 from streamkit.engine import build_field
 from streamkit.errors import ComponentError, OutOfDomain, blamed
 from streamkit.model.host import Host
@@ -16,7 +16,7 @@ from streamkit.model.integrate import integrate
 from streamkit.model.observation import Observation
 from streamkit.model.progenitor import next_apocentre, progenitor_track
 from streamkit.model.release import release_particles, standard_normals
-from streamkit.observe import Data, measure_stream, read_data
+from streamkit.observe import Data, measure_host, measure_stream, read_data
 from streamkit.spec import Bound, Setup, Source, as_spec
 from streamkit.stream import Array, Prediction, Stream
 
@@ -30,19 +30,19 @@ class Model:
 
     def __init__(self, spec: Source) -> None:
         self.spec = as_spec(spec)
-        self._asked: dict[tuple[str, str], tuple[Observable, Data]] = {}
+        self._asked: dict[tuple[str, str], tuple[Measurement, Data]] = {}
 
     def data(self, setup: Setup) -> dict[str, Data]:
         """Return the data of a stream's observables by name; asked for once where no field of one has a prior."""
-        add_noise = self.spec.likelihood.noise == "add"
-        found = {}
-        for name, observable in setup.observables.items():
-            asked, data = self._asked.get((setup.name, name), (None, None))
-            if data is None or asked is not observable:  # one with free fields is a new one at every call
-                data = read_data(observable, add_noise)
-                self._asked[setup.name, name] = observable, data
-            found[name] = data
-        return found
+        return {name: self.known(f"stream.{setup.name}", name, one) for name, one in setup.observables.items()}
+
+    def known(self, place: str, name: str, measurement: Measurement) -> Data:
+        """Return the data of one measurement; asked for once where no field of it has a prior."""
+        asked, data = self._asked.get((place, name), (None, None))
+        if data is None or asked is not measurement:  # one with free fields is a new one at every call
+            data = read_data(measurement, self.spec.likelihood.noise == "add")
+            self._asked[place, name] = measurement, data
+        return data
 
     @property
     def normals(self) -> Array:
@@ -101,6 +101,9 @@ class Model:
             streams[name], prediction = self.observe(setup, host)
             if prediction is not None:
                 predictions[name] = prediction
+        with self.naming_parameters(bound.values):
+            for name, data in bound.data.items():
+                predictions[f"data.{name}"] = measure_host(data, host, self.known("data", name, data))
         return Observation(streams, predictions)
 
     @contextmanager

@@ -11,7 +11,7 @@ from streamkit.stream import Prediction, Stream, join_predictions
 
 @dataclass(frozen=True)
 class Observation:
-    """The streams by name, and what is predicted of each that has an observable."""
+    """The streams by name, and what is predicted: of each that has an observable, and of ``data.NAME``."""
 
     streams: dict[str, Stream]
     predictions: dict[str, Prediction]
@@ -21,4 +21,4 @@ class Observation:
         """All predictions as one, their names after that of the stream if it has one; None without an observable."""
         if self.predictions.keys() <= {ONLY}:
             return self.predictions.get(ONLY)
-        return join_predictions(self.predictions)
+        return join_predictions(self.predictions, ONLY)

@@ -9,6 +9,7 @@ from .data import read_data as read_data
 from .likelihood import compare_with_data as compare_with_data
 from .likelihood import gaussian as gaussian
 from .measure import UNNAMED as UNNAMED
+from .measure import measure_host as measure_host
 from .measure import measure_stream as measure_stream
 from .measure import parts_of as parts_of
 from .track import CELL as CELL

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from streamkit.components import Observable
+from streamkit.components import Measurement, Observable
 from streamkit.observe.measure import UNNAMED, parts_of
 from streamkit.stream import Frame, Mark, Panel, Prediction, Stream
 
@@ -32,7 +32,7 @@ def remarks_of(observables: Mapping[str, Observable], prediction: Prediction) ->
     return tuple(f"{_before(name)}{text}" for name, each in observables.items() for text in each.remarks(parts[name]))
 
 
-def radii_of(observables: Mapping[str, Observable]) -> dict[str, float]:
+def radii_of(observables: Mapping[str, Measurement]) -> dict[str, float]:
     """Return the Galactocentric radii in kpc that the data speak of, by name."""
     return {
         f"{_before(name)}{label}": radius

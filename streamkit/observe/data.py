@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
-from streamkit.components import Observable
+from streamkit.components import Measurement
 from streamkit.errors import ComponentError, blamed
 from streamkit.stream import Array
 
@@ -36,9 +36,9 @@ class Data:
     covariance: Array | None = None
 
 
-def read_data(observable: Observable, add_noise: bool = False) -> Data:
+def read_data(observable: Measurement, add_noise: bool = False) -> Data:
     """Return the data of an observable. ComponentError if it fails, or gives other shapes or numbers than it should."""
-    name = f"observable {observable.kind}"
+    name = f"{observable.role} {observable.kind}"
     with blamed(name):
         values, errors = (np.asarray(each, dtype=float) for each in observable.data())
         given = observable.covariance()

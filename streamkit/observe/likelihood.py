@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
-from streamkit.components import Observable
+from streamkit.components import Measurement
 from streamkit.errors import ComponentError, blamed
 from streamkit.observe.data import Data
 from streamkit.stream import Array, Prediction
 
 
-def compare_with_data(observable: Observable, prediction: Prediction, data: Data) -> float:
+def compare_with_data(observable: Measurement, prediction: Prediction, data: Data) -> float:
     """Return the ln likelihood of the data: what the observable itself says, or that of `gaussian`.
 
     ComponentError if it fails, or is no finite number.
     """
-    name = f"observable {observable.kind}"
+    name = f"{observable.role} {observable.kind}"
     with blamed(name):
         own = observable.ln_likelihood(prediction, data.add_noise)
         value = gaussian(prediction.mean, prediction.variance, data) if own is None else float(own)

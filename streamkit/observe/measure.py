@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
-from streamkit.components import Observable
+from streamkit.components import HostData, HostView, Observable
 from streamkit.errors import ComponentError, blamed
 from streamkit.observe.data import Data
 from streamkit.stream import Prediction, Stream, join_predictions
@@ -38,10 +39,15 @@ def parts_of(prediction: Prediction) -> dict[str, Prediction]:
     return prediction.parts or {UNNAMED: prediction}
 
 
-def _measure(observable: Observable, stream: Stream, known: Data | None) -> Prediction:
-    name = f"observable {observable.kind}"
+def measure_host(data: HostData, host: HostView, known: Data | None = None) -> Prediction:
+    """Return what the host says of data that are no stream; ComponentError as `measure_stream`."""
+    return _measure(data, host, known)
+
+
+def _measure(observable: Any, source: Any, known: Data | None) -> Prediction:
+    name = f"{observable.role} {observable.kind}"
     with blamed(name):
-        prediction = observable.predict(stream)
+        prediction: Prediction = observable.predict(source)
         data = observable.data()[0] if known is None else known.values
         mean, variance = np.shape(prediction.mean), np.shape(prediction.variance)
         if prediction.why_not:

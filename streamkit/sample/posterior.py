@@ -66,7 +66,9 @@ class Posterior:
                 raise SpecError(f"{where}: there is none, and a fit needs one with data{_for_each(bound)}")
             if not any(np.isfinite(data.values).any() for data in self.model.data(setup).values()):
                 raise SpecError(f"{where}: there is no datum to compare with")
-        self.data = join_data([data for setup in bound.streams.values() for data in self.model.data(setup).values()])
+        parts = [data for setup in bound.streams.values() for data in self.model.data(setup).values()]
+        parts += [self.model.known("data", name, data) for name, data in bound.data.items()]
+        self.data = join_data(parts)
         self.size = len(self.data.values)
 
     def __repr__(self) -> str:
@@ -106,6 +108,9 @@ class Posterior:
             return self.rejected(prediction.why_not)
         with self.model.naming_parameters(bound.values):
             ln_likelihood = sum(self._compare(setup, found.predictions[name]) for name, setup in bound.streams.items())
+            for name, data in bound.data.items():
+                known = self.model.known("data", name, data)
+                ln_likelihood += compare_with_data(data, found.predictions[f"data.{name}"], known)
         return Evaluation(ln_prior + ln_likelihood, ln_likelihood, prediction.mean, prediction.variance)
 
     def observe(self, theta: Array) -> Observation:

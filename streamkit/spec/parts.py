@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from streamkit.components import Integrator, Observable, Potential, Stripping
+from streamkit.components import HostData, Integrator, Observable, Potential, Stripping
 from streamkit.spec.progenitor import BodyPlace, PhaseSpace, Sun
 from streamkit.spec.section import Section
 from streamkit.spec.settings import Likelihood, Sampler
@@ -34,6 +34,7 @@ class Parts:
     potentials: dict[str, Section[Potential]]
     bodies: dict[str, tuple[Section[Potential], Section[BodyPlace]]]
     streams: dict[str, StreamParts]
+    data: dict[str, Section[HostData]]
     integrator: Section[Integrator]
     likelihood: Section[Likelihood]
     sampler: Section[Sampler]
@@ -46,7 +47,7 @@ class Parts:
         for stream in self.streams.values():
             found += [stream.satellite, stream.phase, stream.stripping]
         observables = [section for stream in self.streams.values() for section in stream.observables.values()]
-        return [*found, self.integrator, *observables, self.likelihood, self.sampler]
+        return [*found, self.integrator, *observables, *self.data.values(), self.likelihood, self.sampler]
 
     def seed_of(self, stream: str) -> int:
         """Return the seed of a stream's own random draws."""
@@ -82,7 +83,8 @@ class Parts:
                 sun=sun,
                 name=name,
             )
-        return Bound(potentials, bodies, sun, streams, dict(values))
+        data = {name: section.build(values) for name, section in self.data.items()}
+        return Bound(potentials, bodies, sun, streams, data, dict(values))
 
 
 def stream_seed(seed: int, name: str) -> int:

@@ -118,12 +118,12 @@ class _Reader:
         sun = self.plain("sun", Sun)
         potentials = self.potentials()
         bodies = self.bodies()
-        streams = self.streams()
+        streams, data = self.streams(), self.data()
         integrator = self.component("integrator", "integrator", self.raw.get("integrator", {}))
         likelihood, sampler = self.plain("likelihood", Likelihood), self.plain("sampler", Sampler)
         self.stop()
         parts = Parts(
-            self.raw.get("seed", 0), sun, potentials, bodies, streams, integrator, likelihood, sampler
+            self.raw.get("seed", 0), sun, potentials, bodies, streams, data, integrator, likelihood, sampler
         )  # fmt: skip
         walkers, free = parts.sampler.centre.walkers, sum(len(section.priors) for section in parts.sections)
         if walkers < 2 * free:
@@ -277,6 +277,16 @@ class _Reader:
         if named:
             return self.named(path, "observable", given, named)
         return {"observable": self.component(path, "observable", given)}
+
+    def data(self) -> Any:
+        """Validate the data that are no stream, each by its name."""
+        table, out = self.raw.get("data", {}), {}
+        if "kind" in table:
+            return self.refuse("data: found a kind of its own; expected a section [data.NAME] for each")
+        for key, value in table.items():
+            if not self.dotted(f"data.{key}", key, "datum"):
+                out[key] = self.component(f"data.{key}", "data", value)
+        return out
 
     def bodies(self) -> Any:
         """Validate the bodies, each by its name."""

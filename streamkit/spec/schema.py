@@ -46,6 +46,7 @@ def json_schema(registry: Registry) -> dict[str, Any]:
     for role in ("potential", "observable"):
         named = dict.__class_getitem__((str, sections[role]))
         sections[role] |= Annotated[named, Field(min_length=1)]
+    sections["data"] = dict.__class_getitem__((str, sections["data"]))
     sections["progenitor"] = Union[progenitors]  # noqa: UP007
     sections["body"] = dict.__class_getitem__((str, Union[bodies]))  # noqa: UP007
     of_a_stream: Any = {name: (sections[name], ...) for name in ("progenitor", "stripping")}

@@ -34,6 +34,9 @@ class RunFile(BaseModel):
         default={},
         description="What is measured of the stream, and the data: one, or several that add up, as [observable.NAME].",
     )
+    data: dict[str, Any] = Field(
+        default={}, description="Data that are no stream and speak of the host, each as [data.NAME]."
+    )
     stream: dict[str, Any] = Field(
         default={},
         description="Several streams in one host: [stream.NAME.progenitor], [stream.NAME.stripping], "

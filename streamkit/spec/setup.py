@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from streamkit.components import Integrator, Observable, Potential, Stripping
+from streamkit.components import HostData, Integrator, Observable, Potential, Stripping
 from streamkit.errors import StreamkitError
 from streamkit.spec.progenitor import Sun
 from streamkit.stream import Array
@@ -130,6 +130,8 @@ class Bound:
         The host, the galaxies beside it and the Sun, as in every `Setup`.
     streams
         What each stream is computed with, by name; a single one is called ``stream``.
+    data
+        Those that are no stream, by name.
     values
         The free parameters by name, in the units of the run file.
     """
@@ -138,4 +140,5 @@ class Bound:
     bodies: dict[str, Body]
     sun: Sun
     streams: dict[str, Setup]
+    data: dict[str, HostData]
     values: dict[str, float]

@@ -103,12 +103,13 @@ class Prediction:
         return f"<table><tr><th></th><th>value</th><th>own noise</th></tr>{''.join(cells)}</table>"
 
 
-def join_predictions(parts: Mapping[str, Prediction]) -> Prediction:
-    """Return several predictions as one, the names of each after that of its part and a dot.
+def join_predictions(parts: Mapping[str, Prediction], unnamed: str = "") -> Prediction:
+    """Return several predictions as one, the names of each after that of its part and a dot, but for an ``unnamed``.
 
     The reason why there is no value is that of the first part without one.
     """
     mean, variance = (np.concatenate([getattr(p, name) for p in parts.values()]) for name in ("mean", "variance"))
-    names = tuple(f"{name}.{own}" for name, part in parts.items() for own in part.names)
-    why_not = next((f"{name}: {part.why_not}" for name, part in parts.items() if part.why_not), "")
+    names = tuple(own if name == unnamed else f"{name}.{own}" for name, part in parts.items() for own in part.names)
+    reasons = (part.why_not if n == unnamed else f"{n}: {part.why_not}" for n, part in parts.items() if part.why_not)
+    why_not = next(reasons, "")
     return Prediction(names, mean, variance, why_not, parts=dict(parts))

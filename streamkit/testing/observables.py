@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from streamkit import Observable, Prediction, Stream
+from streamkit import HostData, Observable, Prediction, Stream
 from streamkit.testing.common import Check, require
 from streamkit.testing.speed import observable_is_fast
 from streamkit.testing.streams import PARTICLES, example_stream, select
@@ -121,7 +121,7 @@ def says_why_not(observable: Observable) -> None:
         require(nan or (poor.variance >= 0).all(), f"variance {poor.variance} for a stream with {what}")
 
 
-def has_a_covariance_of_its_data(observable: Observable) -> None:
+def has_a_covariance_of_its_data(observable: Observable | HostData) -> None:
     """Check that a covariance, if there is one, has the data's errors on its diagonal and is positive definite."""
     covariance = observable.covariance()
     if covariance is None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from pydantic import ValidationError
 
-from streamkit import GYR, Array, Component, Integrator, Observable, Potential, Stripping
+from streamkit import GYR, Array, Component, HostData, Integrator, Observable, Potential, Stripping
 from streamkit.engine import build_field
 from streamkit.testing.common import require
 from streamkit.testing.contained import printed
+from streamkit.testing.host_data import FlattenedHost
 from streamkit.testing.hosts import MASS, Isochrone, progenitor_orbit, swarm
 from streamkit.testing.reference import acceleration
 from streamkit.testing.streams import example_stream, select
@@ -29,7 +30,9 @@ def use(component: Component, seed: int = 1) -> Array:
         q, v = swarm(7, seed)
         component.advance(build_field([Isochrone()]), q, v, np.zeros(7), 0.02 * GYR)
         return np.concatenate([q, v])
-    assert isinstance(component, Observable)  # noqa: S101  there are four roles
+    if isinstance(component, HostData):
+        return component.predict(FlattenedHost()).mean
+    assert isinstance(component, Observable)  # noqa: S101  there are five roles
     stream = example_stream()
     return component.predict(select(stream, slice(seed - 1, None))).mean
 

@@ -258,12 +258,13 @@ def data_radii(axes: Axes, results: Results) -> None:
 
 def _data_radii(results: Results) -> dict[str, float]:
     """Return the radii in kpc that the data speak of, by name."""
-    streams = results.spec.bind_all(results.best()).streams
+    bound = results.spec.bind_all(results.best())
+    streams = bound.streams
     return {
         label if len(streams) == 1 else f"{name}: {label}": radius
         for name, setup in streams.items()
         for label, radius in radii_of(setup.observables).items()
-    }
+    } | radii_of(bound.data)
 
 
 def _labels(results: Results) -> tuple[Array, list[str], list[str]]:

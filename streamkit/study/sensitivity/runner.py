@@ -157,4 +157,6 @@ def _units(spec: Spec, names: Sequence[str]) -> tuple[str, ...]:
         for key, section in parts.observables.items():
             before = [part for part, unnamed in ((stream, ONLY), (key, UNNAMED)) if part != unnamed]
             known |= {".".join([*before, n]): datum_unit(field) for n, field in section.cls.model_fields.items()}
+    for key, data in spec.parts.data.items():
+        known |= {f"data.{key}.{n}": datum_unit(field) for n, field in data.cls.model_fields.items()}
     return tuple(known.get(name, "") for name in names)

@@ -284,8 +284,7 @@ def test_the_products_of_another_one_are_not_replaced(run_file: Path, tmp_path: 
 
 
 def test_units_are_those_of_the_data(small: sk.Spec) -> None:
-    observable = small.parts.observable
-    assert observable is not None
+    observable = small.parts.streams["stream"].observables["observable"]
     assert {name: datum_unit(field) for name, field in observable.cls.model_fields.items()} == {
         "leading": "kpc", "trailing": "kpc", "precession": "deg", "recent_debris": "", "coverage": "", "phase": "",
     }  # fmt: skip
