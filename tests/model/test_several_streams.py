@@ -198,3 +198,26 @@ def test_a_fit_of_several_streams_is_reported_with_a_picture_of_each(tmp_path):
     assert set(results.best_observation.streams) == {"near", "far"}
     again = sk.run(PAIR, out, steps=6, resume=True, progress=False)
     assert len(again.chain) == 6
+
+
+def test_two_mock_streams_recover_the_host_better_than_either():
+    """On a grid over both parameters of the host, with data from a stream of other random numbers."""
+    document = pair("stream", "far", "progenitor", "v_los", 150)
+    document["stream"]["far"]["observable"] = copy.deepcopy(FIT["observable"])
+    truth = np.array([230.0, 0.35])
+    for name, stream in sk.Posterior(sk.load(document | {"seed": 99})).observe(truth).predictions.items():
+        errors = zip(("leading", "trailing", "precession"), stream.mean, (5, 15, 8), strict=True)
+        document["stream"][name]["observable"] |= {datum: [float(mean), error] for datum, mean, error in errors}
+    posterior = sk.Posterior(sk.load(document))
+    grid = np.stack(np.meshgrid(np.linspace(216, 244, 8), np.linspace(0.26, 0.44, 8)), axis=-1).reshape(-1, 2)
+    found = [posterior.evaluate(theta) for theta in grid]
+    mean, data = np.array([each.mean for each in found]), posterior.data
+    chi2 = ((mean - data.values) / data.errors) ** 2
+    volume = {}
+    for name, part in {"near": slice(0, 3), "far": slice(3, 6), "both": slice(0, 6)}.items():
+        ln = np.where(np.isfinite(mean).all(axis=1), -0.5 * chi2[:, part].sum(axis=1), -np.inf)
+        weight = np.exp(ln - ln.max())
+        volume[name] = np.sqrt(np.linalg.det(np.cov(grid.T, aweights=weight)))
+        centre = np.average(grid, axis=0, weights=weight)
+        assert (np.abs(centre - truth) < 2 * np.sqrt(np.diag(np.cov(grid.T, aweights=weight)))).all()
+    assert volume["both"] < 0.9 * min(volume["near"], volume["far"])
