@@ -10,6 +10,7 @@ from streamkit.cli.check import check
 from streamkit.cli.cite import cite
 from streamkit.cli.export import export
 from streamkit.cli.group import Commands
+from streamkit.cli.init import init
 from streamkit.cli.new import new
 from streamkit.cli.plugins import plugins
 from streamkit.cli.reference import reference
@@ -17,6 +18,7 @@ from streamkit.cli.report import report
 from streamkit.cli.run import run
 from streamkit.cli.schema import schema
 from streamkit.cli.sensitivity import sensitivity
+from streamkit.cli.status import status
 from streamkit.cli.stream import stream
 
 
@@ -27,6 +29,7 @@ def main() -> None:
 
 
 for command in (
-    check, stream, ablate, sensitivity, calibrate, run, report, export, cite, plugins, reference, schema, new,
+    init, check, stream, ablate, sensitivity, calibrate, run, status, report, export, cite, plugins, reference, schema,
+    new,
 ):  # fmt: skip
     main.add_command(command)

@@ -26,6 +26,7 @@ WORKERS = click.option("--workers", default=1, show_default=True, type=click.Int
                        help="Processes that make the streams.")  # fmt: skip
 FORCE = click.option("-f", "--force", is_flag=True, help="Replace the products in DIR.")
 FORCE_FILE = click.option("-f", "--force", is_flag=True, help="Replace the files if they exist.")
+JSON = click.option("--json", "as_json", is_flag=True, help="Print it as JSON.")
 QUIET = click.option("-q", "--quiet", is_flag=True, help="No progress bar and no tables printed.")
 
 

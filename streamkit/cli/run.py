@@ -6,12 +6,13 @@ from pathlib import Path
 
 import click
 
-from streamkit.cli.options import RUN_FILE, load_spec
+from streamkit.cli.options import RUN_FILE, SET, load_spec
 from streamkit.study import fit
 
 
 @click.command()
 @RUN_FILE
+@SET
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="DIR",
               help="Directory of the products; default: the run file's name without .toml.")  # fmt: skip
 @click.option("--workers", default=1, show_default=True, type=click.IntRange(1), metavar="N",
@@ -20,10 +21,11 @@ from streamkit.study import fit
               help="Longest chain in steps per walker, in place of the run file's.")  # fmt: skip
 @click.option("--quick", is_flag=True, help="A coarse look within minutes; says so on every product.")
 @click.option("--resume", is_flag=True, help="Continue the chain in DIR.")
-@click.option("--force", is_flag=True, help="Replace the run in DIR.")
+@click.option("-f", "--force", is_flag=True, help="Replace the run in DIR.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress bar and no summary.")
 def run(
     run_file: Path,
+    settings: tuple[str, ...],
     output: Path | None,
     workers: int,
     steps: int | None,
@@ -38,7 +40,7 @@ def run(
     """
     if resume and force:
         raise click.UsageError("--resume continues the run in DIR and --force replaces it: give one of them")
-    spec = load_spec(run_file)
+    spec = load_spec(run_file, settings)
     out = output if output is not None else Path(run_file.stem)
     results = fit.run(
         spec, out=out, workers=workers, steps=steps, quick=quick, resume=resume, force=force, progress=not quiet

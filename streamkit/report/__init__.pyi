@@ -7,6 +7,7 @@ from .files import PICTURES as PICTURES
 from .files import check_directory as check_directory
 from .files import check_target as check_target
 from .files import contents as contents
+from .files import is_locked as is_locked
 from .files import locked as locked
 from .files import origin as origin
 from .files import replace_whole as replace_whole

@@ -168,6 +168,23 @@ def locked(directory: Path) -> Iterator[None]:
                 path.rmdir()
 
 
+def is_locked(directory: Path) -> bool:
+    """Say whether a run is writing into a directory right now."""
+    from filelock import FileLock, Timeout
+
+    if not (directory / LOCK).exists():
+        return False
+    lock = FileLock(directory / LOCK)
+    try:
+        lock.acquire(blocking=False)
+    except Timeout:
+        return True
+    except OSError:  # a directory that cannot be written, by us
+        return False
+    lock.release()
+    return False
+
+
 def _take(lock: BaseFileLock, directory: Path) -> None:
     from filelock import Timeout
 

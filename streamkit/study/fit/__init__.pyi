@@ -5,4 +5,6 @@ from .products import write_products as write_products
 from .recovery import describe_recovery as describe_recovery
 from .results import Results as Results
 from .runner import run as run
+from .status import describe_status as describe_status
+from .status import read_status as read_status
 from .text import describe_results as describe_results

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
+import shlex
 import shutil
 import tomllib
 from collections import Counter
@@ -180,6 +181,15 @@ def _manifest(spec: Spec, options: dict[str, Any]) -> dict[str, Any]:
         "components": {path: f"{cls.kind} from {supplier}" for path, cls, supplier in spec.components()},
         "options": options,
     }
+
+
+def resume_command(directory: Path, options: dict[str, Any]) -> str:
+    """Return the command that goes on with the run in a directory, with the options that it was begun with.
+
+    It names the resolved run file there, which holds what was set on the command line too.
+    """
+    arguments = [str(word) for word in options.get("arguments", ["--quick"] if options.get("quick") else [])]
+    return shlex.join(["streamkit", "run", str(directory / RUN_FILE), "-o", str(directory), *arguments, "--resume"])
 
 
 def manifest(directory: Path) -> dict[str, Any]:

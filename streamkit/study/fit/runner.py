@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from time import monotonic
+from time import monotonic, time
 
 import numpy as np
 from emcee.backends import Backend
@@ -31,7 +30,7 @@ from streamkit.sample import (
 )
 from streamkit.spec import Source, Spec, as_spec
 from streamkit.stream import Array
-from streamkit.study.fit.directory import LITERATURE, RECOVERY, claim
+from streamkit.study.fit.directory import LITERATURE, RECOVERY, claim, resume_command
 from streamkit.study.fit.products import products_of, write_products
 from streamkit.study.fit.results import Results
 
@@ -97,7 +96,8 @@ def run(
         spec.sampler.r_hat,
         begin + QUICK_SAMPLING if quick else np.inf,
     )
-    directory, options = None if out is None else Path(out), {"quick": quick, "steps": limits.steps}
+    directory = None if out is None else Path(out)
+    options = {"quick": quick, "steps": limits.steps, "arguments": _arguments(workers, steps, quick)}
     posterior.evaluate(spec.centre())  # compiles once, before the workers fork; fails before anything is written
     with ExitStack() as stack:
         going_on, backend = False, Backend()
@@ -108,7 +108,7 @@ def run(
             )
             backend = ChainFile(str(directory / CHAIN))
         pool = stack.enter_context(Workers({"full": posterior, "cheap": cheap}, workers))
-        stack.enter_context(_explained(pool, directory, backend, _again(spec, directory, quick)))
+        stack.enter_context(_explained(pool, directory, backend, resume_command(directory or Path(), options)))
         sampling = Sampling(
             spec.priors, spec.sampler.walkers, spec.seed, spec.sampler.moves, pool, backend,
             blob_dtype(posterior.size), progress, lambda theta: _mass_100(spec, theta), posterior.data,
@@ -119,6 +119,8 @@ def run(
             sampling.resume()
         else:
             sampling.begin(begin + QUICK_SEARCH if quick else np.inf)
+        if isinstance(backend, ChainFile):
+            backend.note(since=time(), first=int(backend.iteration))
         status = sampling.advance(limits)
         if isinstance(backend, ChainFile):
             backend.note(status=status)
@@ -158,10 +160,10 @@ def _explained(pool: Workers, directory: Path | None, backend: Backend, again: s
         raise type(error)(f"{error}. The run stopped after {_left(directory, backend, again)}") from error
 
 
-def _again(spec: Spec, directory: Path | None, quick: bool) -> str:
-    """Return the command that goes on with a run."""
-    options = ["--quick"] if quick else []
-    return shlex.join(["streamkit", "run", spec.source, "-o", str(directory), *options, "--resume"])
+def _arguments(workers: int | Executor, steps: int | None, quick: bool) -> list[str]:
+    """Return the arguments of the command that a run was begun with, those that matter when it goes on."""
+    processes = ["--workers", str(workers)] if isinstance(workers, int) and workers > 1 else []
+    return [*(["--quick"] if quick else []), *processes, *(["--steps", str(steps)] if steps is not None else [])]
 
 
 def _left(directory: Path | None, backend: Backend, again: str) -> str:

@@ -1,0 +1,112 @@
+"""How far a run has come: its steps, whether it is alive, when it may end, and how to go on with it."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from streamkit.errors import ChainError
+from streamkit.report import columns, is_locked, paragraph, seconds
+from streamkit.sample import CHAIN, JOURNAL
+from streamkit.study.fit.directory import manifest, read_chain, resume_command
+from streamkit.study.fit.results import Results
+from streamkit.study.fit.verdicts import overall, verdicts
+
+
+def read_status(directory: Path) -> dict[str, Any]:
+    """Return what is known of a run, running or not, as JSON can hold it; None where a number is not known.
+
+    Keys: state ("running", "converged", "steps", "time" or "unfinished"), steps, most_steps, walkers, acceptance,
+    effective_samples (the least), r_hat (the largest), verdict, note, last_alive and expected_end (seconds since 1970;
+    the latter of a running run, when it reaches its number of steps or, if sooner, as many autocorrelation times as it
+    wants), and go_on (a command).
+
+    Raises ChainError if there is no run.
+    """
+    if not directory.is_dir():
+        raise ChainError(f"{directory}: there is no such directory")
+    options = manifest(directory).get("options", {})
+    running = is_locked(directory)
+    files = [path for name in (CHAIN, JOURNAL) if (path := directory / name).exists()]
+    known: dict[str, Any] = {
+        "state": "running" if running else "unfinished",
+        "steps": 0,
+        "most_steps": options.get("steps"),
+        "last_alive": max((path.stat().st_mtime for path in files), default=None),
+        "go_on": resume_command(directory, options),
+    }
+    try:
+        results = Results(directory)
+    except ChainError:
+        if files and not running:
+            read_chain(directory)  # says what is wrong with it; one without a step is readable
+        return known
+    steps = len(results.chain)
+    level, sentence = overall(verdicts(results))
+    known |= {
+        "state": "running" if running else results.status,
+        "steps": steps,
+        "walkers": results.chain.shape[1],
+        "acceptance": results.acceptance,
+        "effective_samples": _plain(np.min(results.ess)),
+        "r_hat": _plain(np.max(results.r_hat)),
+        "verdict": level,
+        "sentence": sentence,
+        "note": results.note(),
+    }
+    if running:
+        known["expected_end"] = _expected_end(results, known, read_chain(directory).attributes)
+    return known
+
+
+def _expected_end(results: Results, known: dict[str, Any], attributes: dict[str, Any]) -> float | None:
+    """When the run may end, from its mean pace since it was started or resumed."""
+    since, first = attributes.get("since"), attributes.get("first", 0)
+    steps, last = known["steps"], known["last_alive"]
+    if since is None or steps <= first or known["most_steps"] is None:
+        return None
+    wanted = results.convergence.learned + results.spec.sampler.tau_factor * float(np.max(results.tau))
+    most = min(known["most_steps"], max(wanted, steps)) if np.isfinite(wanted) else known["most_steps"]
+    return float(last + (last - since) / (steps - first) * (most - steps))
+
+
+def _plain(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+STATES = {
+    "running": "running now",
+    "converged": "ended, converged",
+    "steps": "ended at the number of steps it was given",
+    "time": "ended at its time limit",
+    "unfinished": "stopped before its end",
+}
+
+
+def describe_status(directory: Path, known: dict[str, Any], now: float | None = None) -> str:
+    """Show what `read_status` found, for a terminal, at a time in seconds since 1970."""
+    now = time.time() if now is None else now
+    rows = [("state", STATES[known["state"]])]
+    most = f" of at most {known['most_steps']}" if known["most_steps"] is not None else ""
+    rows.append(("steps", f"{known['steps']}{most}"))
+    if known["last_alive"] is not None:
+        rows.append(("last alive", f"{_clock(known['last_alive'])}, {seconds(max(now - known['last_alive'], 0))} ago"))
+    if known.get("expected_end") is not None:
+        left = known["expected_end"] - now
+        rows.append(("expected end", f"{_clock(known['expected_end'])}, in {seconds(max(left, 0))}"))
+    for name, form in (("acceptance", ".2f"), ("effective_samples", ".0f"), ("r_hat", ".3f")):
+        if known.get(name) is not None:
+            rows.append((name.replace("_", " ").replace("r hat", "R-hat"), f"{known[name]:{form}}"))
+    parts = [f"{directory}\n{columns(rows)}"]
+    if "note" in known:
+        parts.append(paragraph(f"{known['sentence']} {known['note']}"))
+    if known["state"] != "running":
+        parts.append(f"to go on:\n  {known['go_on']}")
+    return "\n\n".join(parts)
+
+
+def _clock(when: float) -> str:
+    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(when))

@@ -1,0 +1,111 @@
+"""How far a run has come, how to go on with it, and a run file to begin with."""
+
+import json
+import shlex
+import shutil
+import tomllib
+
+import pytest
+from commands import call, refused
+from documents import ROOT
+from toys import FIT
+
+import streamkit as sk
+from streamkit.cli.init import examples, tables_of
+from streamkit.report import locked
+from streamkit.spec import to_toml
+from streamkit.study.fit import describe_status, read_status
+from streamkit.study.fit.status import _expected_end
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    where = tmp_path_factory.mktemp("runs") / "run"
+    return sk.run(sk.load(FIT), out=where, steps=30, progress=False, products=False)
+
+
+def test_the_status_of_a_run_that_ended(run):
+    known = json.loads(call("status", run.directory, "--json").output)
+    assert (known["state"], known["steps"], known["most_steps"], known["walkers"]) == ("steps", 30, 30, 6)
+    assert known["acceptance"] == pytest.approx(run.acceptance)
+    assert known["last_alive"] == (run.directory / "chain.h5").stat().st_mtime
+    assert "expected_end" not in known
+    text = call("status", run.directory).output
+    assert "30 of at most 30" in text
+    assert known["go_on"] in text
+    assert run.note()[:30] in " ".join(text.split())
+
+
+def test_a_run_that_is_going_on_has_an_expected_end(run):
+    with locked(run.directory):
+        known = read_status(run.directory)
+        assert known["state"] == "running"
+        text = describe_status(run.directory, known, now=known["last_alive"] + 90)
+    assert "90 s ago" in text
+    assert "to go on" not in text
+    assert known["expected_end"] >= known["last_alive"]
+    assert read_status(run.directory)["state"] == "steps"
+
+
+def test_the_expected_end_is_that_of_the_mean_pace(run):
+    """30 steps in 60 s: 15 more take 30 s, if no convergence comes before."""
+    known = read_status(run.directory)
+    attributes = {"since": known["last_alive"] - 60.0, "first": 0}
+    end = _expected_end(run, known | {"most_steps": 45}, attributes)
+    assert end == pytest.approx(known["last_alive"] + 60 / 30 * 15)
+    assert _expected_end(run, known, {}) is None
+
+
+def test_the_command_to_go_on_keeps_the_options(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "small.toml").write_text(to_toml(sk.load(FIT).document))
+    options = ["--steps", "5", "--workers", "2", "-q"]
+    assert call("run", "small.toml", "--set", "progenitor.v_los=150", "-o", "out", *options).exit_code == 0
+    go_on = shlex.split(json.loads(call("status", "out", "--json").output)["go_on"])
+    assert go_on == ["streamkit", "run", "out/run.toml", "-o", "out", "--workers", "2", "--steps", "5", "--resume"]
+    (tmp_path / "small.toml").unlink()
+    done = call(*[word if word != "5" else "7" for word in go_on[1:]])
+    assert done.exit_code == 0, done.output
+    results = sk.Results("out")
+    assert len(results.chain) == 7
+    assert results.spec.document["progenitor"]["v_los"] == "150.0 km/s"
+
+
+def test_no_step_and_no_run(run, tmp_path):
+    assert "no such directory" in refused("status", tmp_path / "none")
+    assert "manifest.json" in refused("status", tmp_path)
+    for name in ("manifest.json", "run.toml"):
+        shutil.copy(run.directory / name, tmp_path)
+    known = json.loads(call("status", tmp_path, "--json").output)
+    assert (known["state"], known["steps"], known["last_alive"]) == ("unfinished", 0, None)
+    assert "stopped before its end" in call("status", tmp_path).output
+
+
+def test_a_run_file_to_begin_with(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    listed = call("init").output
+    assert "sagittarius " in listed
+    assert "mine.toml" in call("init", "sagittarius", "-o", "mine.toml").output
+    text = (tmp_path / "mine.toml").read_text()
+    assert text == (ROOT / "examples" / "sagittarius" / "sagittarius.toml").read_text()
+    assert sum(line.lstrip().startswith("#") for line in text.splitlines()) > 5
+    assert "--force" in refused("init", "sagittarius", "-o", "mine.toml")
+    assert call("init", "sagittarius", "-f", "-o", "mine.toml").exit_code == 0
+    assert "Did you mean 'sagittarius'" in refused("init", "sagitarius")
+
+
+def test_a_wheel_holds_the_examples():
+    """They are packed one by one: what `init` lists in a clone is what it lists when installed."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    packed = project["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
+    files = [file for path in examples().values() for file in (path, *tables_of(path))]
+    assert {str(path.relative_to(ROOT)): f"streamkit/{path.relative_to(ROOT)}" for path in files} == packed
+
+
+def test_the_tables_of_an_example_come_with_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "phi2.ecsv").touch()
+    assert "phi2.ecsv" in refused("init", "gd1")
+    assert not (tmp_path / "gd1.toml").exists()
+    assert call("init", "gd1", "-f").exit_code == 0
+    assert sk.load("gd1.toml").document["observable"]["kind"] == "track"
