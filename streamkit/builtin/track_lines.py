@@ -15,8 +15,8 @@ from streamkit import Array
 
 WING = 1e-3
 """Height of the exponential wings: the Gaussian is all that counts within three kernels of debris."""
-REACH = 5.0
-"""Kernels beyond the nearest particle after which the wings are cut, where they are 3e-5 of the peak among debris."""
+REACH = 4.0
+"""Kernels beyond the nearest particle after which the wings are cut, where both are 4e-4 of the peak among debris."""
 ENOUGH = 5.0
 """Particles under a kernel that give a line: far below it the slope and the spread are those of the whole stream."""
 

@@ -14,7 +14,7 @@ from scipy.stats import norm
 import streamkit as sk
 from streamkit.builtin.track import Track
 from streamkit.builtin.track_likelihood import ln_mixture, scatter_of
-from streamkit.builtin.track_lines import ENOUGH, WING, Debris, gather, local_lines
+from streamkit.builtin.track_lines import ENOUGH, REACH, WING, Debris, gather, local_lines
 from streamkit.stream import orbital_plane
 from streamkit.stream.frames import axes
 from streamkit.testing.streams import example_stream, select
@@ -42,12 +42,13 @@ def test_a_line_is_the_weighted_least_squares_of_numpy() -> None:
     for i, at in enumerate(AT):
         x = (phi - at) / 3
         k = weight * (np.exp(-0.5 * x**2) + WING * np.exp(1 - np.sqrt(1 + x**2)))
+        k[np.abs(x) > REACH + np.abs(x).min()] = 0.0
         for row, y in enumerate(columns):
             slope, value = np.polyfit(phi - at, y, 1, w=np.sqrt(k))
-            assert found.value[row, i] == pytest.approx(value, rel=1e-6, abs=1e-4)
+            assert found.value[row, i] == pytest.approx(value, rel=1e-9)
             spread = np.sqrt(k @ (y - value - slope * (phi - at)) ** 2 / k.sum())
-            assert found.spread[row, i] == pytest.approx(spread, rel=5e-3)  # the wings are cut
-        assert found.ln_count[i] == pytest.approx(np.log(k.sum()), abs=1e-3)
+            assert found.spread[row, i] == pytest.approx(spread, rel=1e-9)
+        assert found.ln_count[i] == pytest.approx(np.log(k.sum()), abs=1e-9)
 
 
 def test_a_straight_stream_is_found_exactly() -> None:

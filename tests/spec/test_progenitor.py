@@ -1,5 +1,7 @@
 """The progenitor's place and the Sun, against astropy and the numbers of the literature."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from astropy import coordinates as c
@@ -7,8 +9,8 @@ from astropy import units as u
 from pydantic import ValidationError
 
 from streamkit.spec import Sun
-from streamkit.spec.progenitor import WAYS, EquatorialSky, GalacticSky, Galactocentric, choose_coordinates
-from streamkit.stream import sky_matrix
+from streamkit.spec.progenitor import WAYS, EquatorialSky, GalacticSky, Galactocentric, StreamSky, choose_coordinates
+from streamkit.stream import seen_from, sky_matrix
 from streamkit.stream.frames import CENTRE_ICRS
 
 SGR = {"l": 5.5689, "b": -14.1669, "distance": 25.2, "pm_l_cosb": -2.44, "pm_b": 1.97, "v_los": 153.0}
@@ -82,6 +84,23 @@ def test_the_sun_itself() -> None:
 def test_the_sun_must_be_near_the_plane() -> None:
     with pytest.raises(ValidationError, match="less than r0"):
         Sun(r0=8, z=9)
+
+
+@pytest.mark.parametrize("frame", ["GD1Koposov10", "SagittariusLaw10", {"pole": (30.0, 40.0), "origin": (200.0, 0.0)}])
+def test_a_place_in_a_frame_of_a_stream_is_the_same_place_in_icrs(frame: Any) -> None:
+    """Left-handed frames too; the way there is the one that streams are seen by."""
+    star = {"ra": 140.0, "dec": 30.0, "distance": 9.0, "pm_ra_cosdec": -5.0, "pm_dec": -8.0, "v_los": 40.0}
+    q, v = EquatorialSky(**star, lookback=1).today(Sun())
+    seen = seen_from(Sun().observer, q[:, None], v[:, None], sky_matrix(frame))
+    names = ("phi1", "phi2", "distance", "pm_phi1_cosphi2", "pm_phi2", "v_los")
+    there = {name: float(value[0]) for name, value in zip(names, seen[:6], strict=True)}
+    found = StreamSky(frame=frame, **there, lookback=1).today(Sun())
+    np.testing.assert_allclose(found, (q, v), rtol=1e-11, atol=1e-9)
+
+
+def test_a_progenitor_in_a_frame_that_does_not_exist_is_said() -> None:
+    with pytest.raises(ValidationError, match="Did you mean 'GD1Koposov10'"):
+        StreamSky(frame="GD1Koposov", phi1=0, phi2=0, distance=1, pm_phi1_cosphi2=0, pm_phi2=0, v_los=0, lookback=1)
 
 
 def sagittarius(ra: np.ndarray, dec: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
