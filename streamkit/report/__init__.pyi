@@ -21,6 +21,7 @@ from .stream_figure import draw_unwrapped as draw_unwrapped
 from .stream_file import FORMATS as FORMATS
 from .stream_file import write_stream as write_stream
 from .stream_text import describe_expansions as describe_expansions
+from .stream_text import describe_measured as describe_measured
 from .stream_text import describe_prediction as describe_prediction
 from .stream_text import describe_stream as describe_stream
 from .stream_text import warning_list as warning_list

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from streamkit.components import Measurement
 from streamkit.observe import remarks_of
 from streamkit.report.text import columns, number, paragraph, seconds
 from streamkit.spec import Setup, Spec, as_written
@@ -28,10 +29,15 @@ def describe_prediction(setup: Setup, prediction: Prediction) -> str:
     """Show the observables beside the data, and the difference in standard errors of the data."""
     if not setup.observables:
         return "observables: the run file has none"
-    kinds = ", ".join(observable.kind for observable in setup.observables.values())
+    return describe_measured("observables", list(setup.observables.values()), prediction)
+
+
+def describe_measured(called: str, measured: Sequence[Measurement], prediction: Prediction) -> str:
+    """Show what is predicted of all ``measured`` beside their data."""
+    kinds = ", ".join(each.kind for each in measured)
     if prediction.why_not:
-        return f"observables ({kinds}): no value, {prediction.why_not}"
-    data, errors = np.concatenate([observable.data() for observable in setup.observables.values()], axis=1)
+        return f"{called} ({kinds}): no value, {prediction.why_not}"
+    data, errors = np.concatenate([each.data() for each in measured], axis=1)
     rows = [("", "model", "own noise", "data", "model - data")]
     for name, mean, variance, datum, error in zip(
         prediction.names, prediction.mean, prediction.variance, data, errors, strict=True
@@ -42,7 +48,7 @@ def describe_prediction(setup: Setup, prediction: Prediction) -> str:
             name, *shown, f"{datum:g} +- {error:g}" if known else "-",
             f"{(mean - datum) / error:+.1f} sigma" if known else "-",
         ))  # fmt: skip
-    return "\n".join([f"observables ({kinds})", columns(rows)])
+    return "\n".join([f"{called} ({kinds})", columns(rows)])
 
 
 def describe_stream(

@@ -4,6 +4,7 @@ import copy
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from runfiles import error_of
 from scipy.stats import multivariate_normal, norm
 from toys import FIT
@@ -11,6 +12,7 @@ from toys import FIT
 import streamkit as sk
 from streamkit.builtin.halos import LogarithmicHalo
 from streamkit.builtin.potentials import Hernquist, Kepler
+from streamkit.cli.main import main
 from streamkit.model import Host
 
 CURVE = {"kind": "rotation_curve", "table": {"R": [8.0, 12.0, 20.0], "v_c": [225, 221, 208], "error": [1.5, 2.0, 6.0]}}
@@ -83,3 +85,12 @@ def test_what_is_wrong_with_data_is_said(data, words):
     found = error_of(copy.deepcopy(FIT) | {"data": data})
     assert words in found
     assert len(found.splitlines()) == 1
+
+
+def test_check_shows_the_data_of_the_host(tmp_path):
+    path = tmp_path / "data.toml"
+    path.write_text(fit(curve=CURVE, sun=SPEED).toml())
+    said = CliRunner().invoke(main, ["check", str(path)], catch_exceptions=False)
+    assert said.exit_code == 0
+    assert "data curve (rotation_curve)" in said.output
+    assert "v_c(12 kpc)" in said.output

@@ -107,7 +107,7 @@ def test_a_covariance_is_that_of_a_multivariate_normal(add_noise):
 )
 def test_what_is_no_covariance_of_the_data_is_refused(covariance, words):
     class Correlated:
-        kind = "correlated"
+        role, kind = "observable", "correlated"
 
         def data(self):
             return np.zeros(3), np.ones(3)

@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from streamkit.components import HostData
 from streamkit.model import Model
 from streamkit.observe import remarks_of
 from streamkit.spec import Setup, Spec
@@ -43,6 +44,8 @@ class Preflight:
     ----------
     streams
         Each stream at the prior's centre, by name.
+    data
+        Those that are no stream, each with what the host there predicts, by name.
     reason
         Why there is no prediction there; empty if there is one.
     cost
@@ -54,6 +57,7 @@ class Preflight:
     """
 
     streams: dict[str, Look]
+    data: dict[str, tuple[HostData, Prediction]]
     reason: str
     cost: Cost
     prior_draws: PriorDraws | None
@@ -78,6 +82,8 @@ def run_preflight(spec: Spec, *, draws: int = 64) -> Preflight:
         where, theta = "a draw from the prior that has a stream", tried.good[0]
     call, unfit = time_call(spec, theta, first)
     looks = {name: Look(setup, orbits[name], predictions.get(name)) for name, setup in bound.streams.items()}
+    places = {name: f"data.{name}" for name in bound.data if f"data.{name}" in predictions}
+    data = {name: (bound.data[name], predictions[place]) for name, place in places.items()}
     doubts = [text for look in looks.values() for text in component_doubts(look.setup)]
     warnings = [*dict.fromkeys(doubts), *_of_streams(spec, looks)]
     if reason and (any(len(orbit.apocentres) for orbit in orbits.values()) or not predictions):
@@ -89,7 +95,9 @@ def run_preflight(spec: Spec, *, draws: int = 64) -> Preflight:
     warnings += prior_warnings(tried)
     warnings += [f"This run file cannot be fitted: {unfit}."] if unfit else sampler_warnings(spec)
     warnings += sun_warnings(bound.sun)
-    return Preflight(looks, reason, Cost(first, call, where, *search_cost(spec, tried, call)), tried, tuple(warnings))
+    return Preflight(
+        looks, data, reason, Cost(first, call, where, *search_cost(spec, tried, call)), tried, tuple(warnings)
+    )
 
 
 def _of_streams(spec: Spec, looks: Mapping[str, Look]) -> list[str]:

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from streamkit.report import columns, describe_expansions, describe_prediction, number, seconds, span, warning_list
+from streamkit.report import (
+    columns,
+    describe_expansions,
+    describe_measured,
+    describe_prediction,
+    number,
+    seconds,
+    span,
+    warning_list,
+)
 from streamkit.spec import ONLY, Setup, Spec
 from streamkit.stream import Array
 from streamkit.study.preflight.cost import Cost
@@ -39,6 +48,8 @@ def describe_preflight(spec: Spec, found: Preflight) -> str:
             parts.append(expansions)
         if look.setup.observables and look.prediction is not None:
             parts.append(describe_prediction(look.setup, look.prediction))
+    for name, (data, prediction) in found.data.items():
+        parts.append(describe_measured(f"data {name}", [data], prediction))
     if found.prior_draws is not None:
         parts.append(_prior_draws(found.prior_draws))
     parts.append(_cost(spec, found.cost))
