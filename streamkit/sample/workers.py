@@ -9,15 +9,17 @@ import threading
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from concurrent.futures import BrokenExecutor, Executor, Future
+from time import monotonic
 from typing import Any, Protocol
 
 import numpy as np
 
 from streamkit.errors import PluginError, StreamkitError
 from streamkit.sample.posterior import Evaluation
-from streamkit.sample.processes import LOOK, Processes
+from streamkit.sample.processes import LOOK, CallTimeout, Processes
 from streamkit.stream import Array
 
+OVERTIME = "the call took too long"
 Row = tuple[float, float, Array, Array]
 
 
@@ -26,6 +28,9 @@ class Evaluates(Protocol):
 
     def evaluate(self, theta: Array) -> Evaluation:
         """Evaluate at theta (d,)."""
+
+    def rejected(self, reason: str) -> Evaluation:
+        """Return what stands for parameters without an answer."""
 
 
 class Stoppable(Protocol):
@@ -55,6 +60,11 @@ class Workers:
         A number of processes; or any `concurrent.futures.Executor` (MPI's and Dask's among them), left running.
     slots
         Calls that such an executor makes at a time.
+    limit
+        Seconds that a call may take. A process of ours is ended then; elsewhere a call that took longer is noticed
+        when it is over, and with an executor of your own not at all.
+    reject
+        Whether a longer call counts as a rejection; else `CallTimeout` is raised.
 
     Attributes
     ----------
@@ -66,7 +76,15 @@ class Workers:
         Number of the signal that asked for an end, or 0.
     """
 
-    def __init__(self, posteriors: Mapping[str, Evaluates], workers: int | Executor = 1, slots: int = 2) -> None:
+    def __init__(
+        self,
+        posteriors: Mapping[str, Evaluates],
+        workers: int | Executor = 1,
+        slots: int = 2,
+        limit: float = math.inf,
+        reject: bool = False,
+    ) -> None:
+        self._limit, self._reject = limit, reject
         self._posteriors = dict(posteriors)
         self._workers = workers
         self._slots = slots if isinstance(workers, Executor) else workers
@@ -80,7 +98,7 @@ class Workers:
         if isinstance(self._workers, Executor):
             self._executor, self._sent = self._workers, pickle.dumps(self._posteriors)
         elif self._workers > 1:
-            self._executor = pool(self._workers, self._posteriors)
+            self._executor = pool(self._workers, self._posteriors, self._limit)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -105,12 +123,19 @@ class Workers:
 
     def _results(self, points: Array, which: str) -> Iterator[Evaluation]:
         if self._executor is None:
-            yield from (self._posteriors[which].evaluate(point) for point in points)
+            for point in points:
+                begin = monotonic()
+                result = self._posteriors[which].evaluate(point)
+                yield result if monotonic() - begin <= self._limit else self._overtime(point, which)
             return
-        futures = [self._submit(part, which) for part in self._parts(points)]
+        parts = self._parts(points)
+        futures = [self._submit(part, which) for part in parts]
         try:
-            for future in futures:
-                yield from self._wait(future)
+            for part, future in zip(parts, futures, strict=True):
+                try:
+                    yield from self._wait(future)
+                except CallTimeout:
+                    yield self._overtime(part[0], which)
         except BrokenExecutor as error:
             raise StreamkitError(f"the workers of the executor died ({error})") from None
         finally:
@@ -126,12 +151,20 @@ class Workers:
     def _parts(self, points: Array) -> list[Array]:
         """Return the points as parts that are sent as a whole.
 
-        Calls differ in cost by the look-back time: small parts keep every core busy to the end. Other people's
-        executors take several milliseconds for each.
+        Calls differ in cost by the look-back time: single ones keep every core busy to the end. Other people's
+        executors take several milliseconds for each part.
         """
-        foreign = isinstance(self._workers, Executor)
-        each = len(points) // (4 * self._slots) if foreign else len(points) // (16 * self._slots)
+        each = len(points) // (4 * self._slots) if isinstance(self._workers, Executor) else 1
         return np.array_split(points, -(-len(points) // max(each, 1))) if len(points) else []
+
+    def _overtime(self, point: Array, which: str) -> Evaluation:
+        """Return what stands for a call that took too long, or raise `CallTimeout`."""
+        if self._reject:
+            return self._posteriors[which].rejected(OVERTIME)
+        raise CallTimeout(
+            f"a call took longer than sampler.call_limit = {self._limit:g} s, at the parameters "
+            f'{", ".join(f"{value:.6g}" for value in point)}; sampler.over_limit = "reject" would go on'
+        )
 
     def _wait(self, future: Future[list[Evaluation]]) -> list[Evaluation]:
         while True:

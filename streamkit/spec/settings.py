@@ -79,6 +79,17 @@ class Sampler(BaseModel):
         default="surrogate",
         description="Exchange with a learned surrogate of the posterior, differential evolution, or the stretch move.",
     )
+    call_limit: float = Field(
+        default=3600.0,
+        gt=0,
+        description="Longest time of one call in seconds. A worker process is ended then; without workers it is only "
+        "noticed when the call is over.",
+    )
+    over_limit: Literal["stop", "reject"] = Field(
+        default="stop",
+        description="What becomes of a longer call: the run stops, or it is a rejection, with this reason. Which calls "
+        "are rejected then depends on the machine.",
+    )
 
 
 class Likelihood(BaseModel):

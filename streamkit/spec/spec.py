@@ -28,7 +28,7 @@ from streamkit.spec.setup import ONLY, Bound, Setup
 from streamkit.stream import Array
 from streamkit.units import Unit, symbol_of, unit_of
 
-NOT_PHYSICS = ("steps", "tau_factor", "r_hat")
+NOT_PHYSICS = ("steps", "tau_factor", "r_hat", "call_limit", "over_limit")
 """Fields of the sampler that a resumed run may change."""
 
 

@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import resource
 import signal
 import time
 import warnings
@@ -120,6 +121,33 @@ def test_a_death_at_any_call_to_the_system_costs_nothing(tmp_path, whole, monkey
             process.start()
         process.join()
         assert process.exitcode == -signal.SIGKILL
+    go_on(path)
+    same(read_chain_file(path), whole)
+
+
+@pytest.mark.parametrize("room", [3_000, 30_000, 60_000, 100_000, 200_000])
+def test_a_full_disk_ends_in_a_sentence_and_costs_no_step(tmp_path, whole, monkeypatch, room):
+    """No file may grow beyond so many bytes; when there is room again the run goes on as if nothing had been."""
+    monkeypatch.setattr(chain_file, "TAIL", 9)
+    path, context = tmp_path / "chain.h5", multiprocessing.get_context("fork")
+    told = context.SimpleQueue()
+
+    def run():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
+        try:
+            go_on(path)
+        except sk.ChainError as error:
+            told.put(str(error))
+
+    process = context.Process(target=run)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        process.start()
+    process.join()
+    assert process.exitcode == 0
+    assert "cannot be written (File too large)" in told.get()
+    if path.exists():
+        assert len(read_chain_file(path).chain) > 5 or room < 60_000
     go_on(path)
     same(read_chain_file(path), whole)
 

@@ -12,11 +12,12 @@ from contextlib import suppress
 import numpy as np
 import pytest
 from emcee.backends import Backend
-from toys import Gaussian, sampling
+from toys import Gaussian, Slow, sampling
 
 import streamkit as sk
 from streamkit.sample import CallTimeout, Limits, Processes, WorkerDied, Workers
 from streamkit.sample.processes import TRIES
+from streamkit.sample.workers import OVERTIME
 
 
 def square(x):
@@ -110,6 +111,24 @@ def test_a_call_that_never_ends_is_ended(caplog):
         assert time.monotonic() - begin < 5
         assert [future.result() for future in futures[1:]] == [9, 16]
     assert not caplog.records
+
+
+@pytest.mark.parametrize(("count", "seconds"), [(1, 0.02), (2, 1000)])
+def test_a_call_over_its_limit_is_rejected_or_stops_the_run(count, seconds):
+    points = np.random.default_rng(0).standard_normal((30, 3))
+    slow = (np.abs(points[:, 0]) * 1e6).astype(int) % 10 == 0
+    assert slow.any()
+    assert not slow.all()
+    limit = 0.01 if count == 1 else 0.2
+    with Workers({"full": Slow(seconds)}, count, limit=limit, reject=True) as pool:
+        found = pool.evaluate(points)
+        assert [result.reason == OVERTIME for result in found] == slow.tolist()
+        assert pool.reasons["full"] == {OVERTIME: slow.sum()}
+    with (
+        Workers({"full": Slow(seconds)}, count, limit=limit) as pool,
+        pytest.raises(CallTimeout, match=r"sampler\.call_limit = 0\..* s, at the parameters"),
+    ):
+        pool.evaluate(points)
 
 
 def test_what_a_plugin_does_to_its_process_hurts_nobody_else(executor):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
@@ -48,6 +49,22 @@ class Gaussian:
 
 def sampling(pool: Workers, backend, seed: int = 5, walkers: int = 24, moves: str = "de") -> Sampling:
     return Sampling(PRIORS, walkers, seed, moves, pool, backend, blob_dtype(2), progress=False)
+
+
+class Slow(Gaussian):
+    """One that never ends for a tenth of the points."""
+
+    def evaluate(self, theta):
+        if int(abs(theta[0]) * 1e6) % 10 == 0:
+            time.sleep(self.seconds)
+        return super().evaluate(theta)
+
+    def rejected(self, reason):
+        return Evaluation(-np.inf, -np.inf, np.full(2, np.nan), np.full(2, np.nan), reason)
+
+    def __init__(self, seconds: float) -> None:
+        super().__init__()
+        self.seconds = seconds
 
 
 class Banana:

@@ -65,11 +65,11 @@ def claim(
                 (directory / name).unlink(missing_ok=True)
     elif files:
         raise ChainError(_occupied(directory, files))
-    if not going_on:
-        _write_run_file(directory, spec, options)
     manifest = json.dumps(_manifest(spec, options), indent=2) + "\n"
     with safely(directory / MANIFEST):
         replace_whole(directory / MANIFEST, lambda part: part.write_text(manifest))
+    if not going_on:
+        _write_run_file(directory, spec, options)
     return going_on
 
 
@@ -117,6 +117,9 @@ def header(options: dict[str, Any]) -> str:
 
 def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
     """Check that the directory holds the run of this spec; return whether its chain has begun."""
+    begun = CHAIN in files or JOURNAL in files
+    if MANIFEST in files and not begun and RUN_FILE not in files and manifest(directory)["digest"] == spec.digest():
+        return False  # it was killed between the first two files
     if MANIFEST not in files or RUN_FILE not in files:
         raise ChainError(
             f"{directory}: holds no run to resume ({MANIFEST} or {RUN_FILE} is missing, found "
@@ -140,7 +143,7 @@ def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
             f"What differs (there -> here): {'; '.join(changed)}. "
             "Choose another directory, or --force to overwrite."
         )
-    if CHAIN not in files and JOURNAL not in files:
+    if not begun:
         return False
     found = read_chain(directory)
     return len(found.chain) > 0 or found.start is not None

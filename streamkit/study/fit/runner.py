@@ -18,6 +18,7 @@ from streamkit.report import locked
 from streamkit.sample import (
     CHAIN,
     JOURNAL,
+    CallTimeout,
     ChainFile,
     Limits,
     Posterior,
@@ -107,7 +108,8 @@ def run(
                 directory, spec, options, (*products_of(spec), JOURNAL, *RECOVERY, LITERATURE), resume, force
             )
             backend = ChainFile(str(directory / CHAIN))
-        pool = stack.enter_context(Workers({"full": posterior, "cheap": cheap}, workers))
+        limit, reject = spec.sampler.call_limit, spec.sampler.over_limit == "reject"
+        pool = stack.enter_context(Workers({"full": posterior, "cheap": cheap}, workers, limit=limit, reject=reject))
         stack.enter_context(_explained(pool, directory, backend, resume_command(directory or Path(), options)))
         sampling = Sampling(
             spec.priors, spec.sampler.walkers, spec.seed, spec.sampler.moves, pool, backend,
@@ -156,7 +158,7 @@ def _explained(pool: Workers, directory: Path | None, backend: Backend, again: s
             yield
     except Stopped as stop:
         raise Interrupted(f"stopped after {_left(directory, backend, again)}", stop.signum) from None
-    except (ComponentError, ChainError, WorkerDied) as error:
+    except (ComponentError, ChainError, CallTimeout, WorkerDied) as error:
         raise type(error)(f"{error}. The run stopped after {_left(directory, backend, again)}") from error
 
 

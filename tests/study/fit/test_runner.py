@@ -125,6 +125,12 @@ def test_a_run_stopped_before_its_first_step_begins_again(finished, tmp_path):
     np.testing.assert_array_equal(again.chain, sk.Results(finished).chain)
 
 
+def test_a_run_killed_between_its_first_files_is_resumed(finished, tmp_path):
+    (tmp_path / MANIFEST).write_bytes((finished / MANIFEST).read_bytes())
+    again = sk.run(sk.load(FIT), out=tmp_path, steps=1, resume=True, progress=False, products=False)
+    np.testing.assert_array_equal(again.chain, sk.Results(finished).chain[:1])
+
+
 def test_a_file_is_no_output_directory(tmp_path):
     (tmp_path / "file").write_text("mine")
     with pytest.raises(sk.ChainError, match="is a file"):
