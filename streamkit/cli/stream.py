@@ -8,10 +8,9 @@ from pathlib import Path
 import click
 
 import streamkit as sk
-from streamkit import report
+from streamkit import observe, report
 from streamkit.cli.options import FORCE_FILE, RUN_FILE, SET, load_spec, read_settings
 from streamkit.errors import OutOfDomain, StreamkitError
-from streamkit.observe import frame_of
 
 
 @click.command()
@@ -46,7 +45,7 @@ def stream(run_file: Path, settings: tuple[str, ...], output: Path | None, plot:
         said.append(report.describe_stream(spec, setup, made, prediction, spent, read_settings(settings)))
         click.echo(said[-1] if len(said) == 1 else f"\n{said[-1]}")
         if file := particles[name]:
-            report.write_stream(made, spec, file, frame=frame_of(setup.observables), force=force)
+            report.write_stream(made, spec, file, frame=observe.frame_of(setup.observables), force=force)
             click.echo(f"particles: {file}")
         if file := pictures[name]:
             report.save_picture(file, report.draw_stream(made, prediction, setup))

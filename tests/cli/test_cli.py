@@ -118,7 +118,8 @@ def test_plugins_lists_everything_and_describes_one() -> None:
     one = call("plugins", "potential", "tf").stdout
     assert "Gibbons, Belokurov & Evans 2014, MNRAS 445, 3788" in one
     rows = [line.split() for line in one.splitlines()]
-    assert ["v0", "km/s", "required", ">", "0", "Circular", "velocity", "at", "the", "centre."] in rows
+    assert ["v0", "km/s", "required", ">", "0"] in [row[:5] for row in rows]
+    assert "Circular velocity at the centre." in one
     assert ["alpha", "-", "required", ">=", "0,", "<=", "1"] in [row[:7] for row in rows]
 
 
