@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from streamkit.components import Measurement
 from streamkit.errors import ComponentError, blamed
@@ -75,6 +74,10 @@ def join_data(parts: Sequence[Data]) -> Data:
     values, errors = (np.concatenate([getattr(part, name) for part in parts]) for name in ("values", "errors"))
     covariance = None
     if any(part.covariance is not None for part in parts):
-        blocks = [np.diag(part.errors**2) if part.covariance is None else part.covariance for part in parts]
-        covariance = np.asarray(block_diag(*blocks))
+        covariance, first = np.zeros((len(values), len(values))), 0
+        for part in parts:
+            last = first + len(part.values)
+            block = np.diag(part.errors**2) if part.covariance is None else part.covariance
+            covariance[first:last, first:last] = block
+            first = last
     return Data(values, errors, parts[0].add_noise, covariance)
