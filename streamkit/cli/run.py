@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from streamkit.cli.options import RUN_FILE, SET, load_spec
+from streamkit.sample import engine
 from streamkit.study import fit
 
 
@@ -17,6 +18,11 @@ from streamkit.study import fit
               help="Directory of the products; default: the run file's name without .toml.")  # fmt: skip
 @click.option("--workers", default=1, show_default=True, type=click.IntRange(1), metavar="N",
               help="Processes that evaluate the posterior.")  # fmt: skip
+@click.option("--engine", "engine_name", default="processes", show_default=True,
+              type=click.Choice(["processes", "serial", "mpi", "dask"]),
+              help="Where it is evaluated: the samples do not depend on it.")  # fmt: skip
+@click.option("--scheduler", default="", metavar="ADDRESS",
+              help="Running Dask scheduler; else dask starts N workers here.")  # fmt: skip
 @click.option("--steps", type=click.IntRange(1), metavar="N",
               help="Longest chain in steps per walker, in place of the run file's.")  # fmt: skip
 @click.option("--quick", is_flag=True, help="A coarse look within minutes; says so on every product.")
@@ -28,6 +34,8 @@ def run(
     settings: tuple[str, ...],
     output: Path | None,
     workers: int,
+    engine_name: str,
+    scheduler: str,
     steps: int | None,
     quick: bool,
     resume: bool,
@@ -42,8 +50,9 @@ def run(
         raise click.UsageError("--resume continues the run in DIR and --force replaces it: give one of them")
     spec = load_spec(run_file, settings)
     out = output if output is not None else Path(run_file.stem)
-    results = fit.run(
-        spec, out=out, workers=workers, steps=steps, quick=quick, resume=resume, force=force, progress=not quiet
-    )
+    with engine(engine_name, workers, scheduler) as where:
+        results = fit.run(
+            spec, out=out, workers=where, steps=steps, quick=quick, resume=resume, force=force, progress=not quiet
+        )
     if not quiet:
         click.echo(fit.describe_results(results))

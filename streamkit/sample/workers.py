@@ -8,15 +8,16 @@ import signal
 import threading
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from concurrent.futures import BrokenExecutor, Executor, Future
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from time import monotonic
 from typing import Any, Protocol
 
 import numpy as np
 
-from streamkit.errors import PluginError, StreamkitError
+from streamkit.errors import PluginError
+from streamkit.sample.engines import slots
 from streamkit.sample.posterior import Evaluation
-from streamkit.sample.processes import LOOK, CallTimeout, Processes
+from streamkit.sample.processes import LOOK, CallTimeout, Processes, WorkerDied
 from streamkit.stream import Array
 
 OVERTIME = "the call took too long"
@@ -58,8 +59,6 @@ class Workers:
         By name; for an executor of your own they must pickle.
     workers
         A number of processes; or any `concurrent.futures.Executor` (MPI's and Dask's among them), left running.
-    slots
-        Calls that such an executor makes at a time.
     limit
         Seconds that a call may take. A process of ours is ended then; elsewhere a call that took longer is noticed
         when it is over, and with an executor of your own not at all.
@@ -80,14 +79,13 @@ class Workers:
         self,
         posteriors: Mapping[str, Evaluates],
         workers: int | Executor = 1,
-        slots: int = 2,
         limit: float = math.inf,
         reject: bool = False,
     ) -> None:
         self._limit, self._reject = limit, reject
         self._posteriors = dict(posteriors)
         self._workers = workers
-        self._slots = slots if isinstance(workers, Executor) else workers
+        self._slots = slots(workers) if isinstance(workers, Executor) else workers
         self._executor: Executor | None = None
         self._sent = b""
         self.calls: Counter[str] = Counter()
@@ -136,8 +134,10 @@ class Workers:
                     yield from self._wait(future)
                 except CallTimeout:
                     yield self._overtime(part[0], which)
-        except BrokenExecutor as error:
-            raise StreamkitError(f"the workers of the executor died ({error})") from None
+        except Exception as error:
+            if isinstance(error, BrokenExecutor | CancelledError) or type(error).__name__ == "KilledWorker":  # Dask's
+                raise WorkerDied(f"the workers of the executor died ({error})") from None
+            raise
         finally:
             for future in futures:
                 future.cancel()

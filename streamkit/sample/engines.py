@@ -1,0 +1,90 @@
+"""Where calls are made: in this process, in others, on the ranks of an MPI job, or on a Dask cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from importlib import import_module
+from typing import Any
+
+from streamkit.errors import StreamkitError, nearest
+
+ENGINES = ("processes", "serial", "mpi", "dask")
+"""The engines by name; the samples do not depend on them."""
+LAUNCH = "mpiexec -n 8 python -m mpi4py.futures -m streamkit run RUN.toml --engine mpi"
+
+
+@contextmanager
+def engine(name: str, workers: int, scheduler: str = "") -> Iterator[int | Executor]:
+    """Provide what `Workers` takes: a number of processes, or an executor, which ends with the context.
+
+    Parameters
+    ----------
+    name
+        One of `ENGINES`.
+    workers
+        Processes: of ours, or of a local Dask cluster. MPI has its ranks.
+    scheduler
+        Address of a running Dask scheduler, in place of a local cluster.
+
+    Raises StreamkitError for an unknown name, without the package that it needs, or if it was launched wrongly.
+    """
+    if name not in ENGINES:
+        raise StreamkitError(f"engine {name!r}: allowed are {', '.join(ENGINES)}.{nearest(name, ENGINES)}")
+    if scheduler and name != "dask":
+        raise StreamkitError(f"scheduler {scheduler!r}: only the engine dask has one; found {name!r}")
+    if name == "mpi":
+        with _mpi() as executor:
+            yield executor
+    elif name == "dask":
+        with _dask(workers, scheduler) as executor:
+            yield executor
+    else:
+        yield 1 if name == "serial" else workers
+
+
+def slots(executor: Executor) -> int:
+    """Return how many calls an executor makes at a time; 2 if it does not say."""
+    for name in ("slots", "num_workers", "_max_workers"):
+        if found := getattr(executor, name, 0):
+            return int(found)
+    return 2
+
+
+def _package(module: str, extra: str) -> Any:
+    try:
+        return import_module(module)
+    except (ImportError, RuntimeError) as error:  # mpi4py raises the latter without an MPI library
+        reason = str(error).splitlines()[0]
+        raise StreamkitError(
+            f"engine {extra}: {module} cannot be imported ({reason}); pip install 'streamkit[{extra}]'"
+        ) from None
+
+
+@contextmanager
+def _mpi() -> Iterator[Executor]:
+    """The ranks of this job but the first, which is this one."""
+    futures = _package("mpi4py.futures", "mpi")
+    if getattr(import_module("mpi4py.futures._core"), "SharedPool", None) is None:
+        raise StreamkitError(f"engine mpi: its ranks are not there, as it was launched in another way than `{LAUNCH}`")
+    with futures.MPIPoolExecutor() as executor:
+        yield executor
+
+
+@contextmanager
+def _dask(workers: int, scheduler: str) -> Iterator[Executor]:
+    """The workers of a running scheduler, or of a cluster on this machine, which replaces dead ones."""
+    distributed = _package("distributed", "dask")
+    try:
+        client = (
+            distributed.Client(scheduler, timeout=10)
+            if scheduler
+            else distributed.Client(n_workers=workers, threads_per_worker=1, dashboard_address=None)
+        )
+    except (OSError, ValueError) as error:
+        raise StreamkitError(f"engine dask: no scheduler at {scheduler!r} ({error})") from None
+    with client:
+        executor = client.get_executor(pure=False)
+        executor.slots = sum(client.nthreads().values())
+        yield executor
