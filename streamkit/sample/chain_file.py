@@ -165,7 +165,10 @@ class ChainFile(Backend):  # type: ignore[misc]  # emcee has no types
         if self._tail:
             image.grow(len(self._tail), self._tail[0].blobs)
             for step in self._tail:
-                image.save_step(step.state, step.accepted)
+                state = step.state
+                if step is not self._tail[-1]:
+                    state.random_state = ()  # HDF5 would not use the room of the one before again
+                image.save_step(state, step.accepted)
         self._write(image)
         if self._tail:
             self._tail, self._patience = [], 0
