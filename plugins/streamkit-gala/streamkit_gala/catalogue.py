@@ -1,0 +1,178 @@
+"""What gala has: its potentials by name, and their parameters as gala declares them."""
+
+from __future__ import annotations
+
+import inspect
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cache
+from typing import Any
+
+PHYSICAL = ("mass", "length", "speed", "angle", "mass density", "dimensionless")
+"""Physical types that a run file can hold."""
+NOT_ALONE = ("PotentialBase", "CPotentialBase", "CompositePotential", "CCompositePotential", "NullPotential")
+"""Classes that are no potential by themselves; sums are several sections of a run file."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of a gala potential.
+
+    Attributes
+    ----------
+    name
+        In the run file: gala's own, ``m``, and for a part of a composite ``halo_m``.
+    keys
+        Where gala takes it: ``("m",)``, ``("halo", "m")``.
+    physical_type
+        By astropy's name; None for what is no physical quantity.
+    default
+        gala's, in the units of `unit_system`; None if there is none.
+    dimensions
+        0 for a number.
+    """
+
+    name: str
+    keys: tuple[str, ...]
+    physical_type: str | None
+    default: Any = None
+    dimensions: int = 0
+
+
+@cache
+def unit_system() -> Any:
+    """Return gala's unit system with the units of streamkit's engine: kpc, km/s, Msun, rad, and G from astropy.
+
+    It names the derived units, too: gala would compose them anew in every call, for a millisecond.
+    """
+    import astropy.units as u  # these two are slow to import, and only a run file with a gala potential needs them
+    from gala.units import UnitSystem
+
+    speed = u.km / u.s
+    time = u.def_unit("kpc/(km/s)", u.kpc / speed)
+    return UnitSystem(u.kpc, time, u.Msun, u.rad, speed, speed**2, speed**2 / u.kpc)
+
+
+@cache
+def classes() -> Mapping[str, Any]:
+    """Return gala's potentials by name. ValueError if gala cannot be imported."""
+    try:
+        from gala import potential
+    except ImportError as error:
+        raise ValueError(f"gala cannot be imported ({error}): pip install 'gala>=1.11'") from None
+    found = vars(potential).items()
+    return {
+        name: item
+        for name, item in found
+        if inspect.isclass(item)
+        and issubclass(item, potential.PotentialBase)
+        and item.ndim == 3
+        and name not in NOT_ALONE
+    }
+
+
+def class_called(name: Any) -> Any:
+    """Return gala's class; ValueError with the nearest name if there is none."""
+    known = classes()
+    if isinstance(name, str) and name in known:
+        return known[name]
+    import gala
+
+    lower = {item.lower(): item for item in known}
+    guess = str(name).lower()
+    near = get_close_matches(guess, lower, 1) or get_close_matches(guess + "potential", lower, 1)
+    hint = f" Did you mean {lower[near[0]]!r}?" if near else ""
+    raise ValueError(f"gala {gala.__version__} has no potential {name!r}.{hint} It has {', '.join(sorted(known))}.")
+
+
+def construct(cls: Any, values: Mapping[tuple[str, ...], Any]) -> Any:
+    """Build a gala potential from numbers in the units of `unit_system`, by gala's keys."""
+    arguments: dict[str, Any] = {}
+    for (first, *rest), value in values.items():
+        if rest:
+            arguments.setdefault(first, {})[rest[0]] = value
+        else:
+            arguments[first] = value
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of what later versions of gala will do: the version is part of a run
+        return cls(units=unit_system(), **arguments)
+
+
+def parameters_of(name: str, options: Mapping[str, Any]) -> tuple[Parameter, ...]:
+    """Return the parameters of the potential that gala calls ``name``.
+
+    Parameters
+    ----------
+    name
+        gala's name of the class.
+    options
+        What the section of the run file says: the ``version`` of a Milky Way and the ``lmax`` of a multipole
+        decide which parameters there are.
+
+    Raises ValueError: If there is no such potential, or it takes what a run file cannot hold.
+    """
+    cls = class_called(name)
+    signature = inspect.signature(cls)
+    if hasattr(cls, "keys"):
+        return tuple(_of_composite(cls, signature, options))
+    if name == "MultipolePotential":
+        return tuple(_of_multipole(options))
+    return tuple(_of_class(name, cls)) + tuple(_switches(signature))
+
+
+def _of_class(name: str, cls: Any) -> Iterator[Parameter]:
+    for key, declared in cls._parameters.items():
+        default = _in_system(declared.default)
+        parameter = Parameter(key, (key,), declared.physical_type, default, getattr(declared, "ndim", 0))
+        is_number = parameter.physical_type in PHYSICAL and not parameter.dimensions
+        if not is_number and not (parameter.dimensions and parameter.physical_type == "dimensionless"):
+            raise ValueError(
+                f"gala's {name} takes {key!r}, a {parameter.physical_type or 'Python object'}"
+                f"{' array' if parameter.dimensions else ''}, which this section cannot hold. streamkit has "
+                "spherical_table and multipole for tables, and [body.NAME] for what moves."
+            )
+        yield parameter
+
+
+def _of_composite(cls: Any, signature: inspect.Signature, options: Mapping[str, Any]) -> Iterator[Parameter]:
+    """Those of the parts, and gala's values of them as defaults."""
+    given = {}
+    if "version" in signature.parameters:
+        yield Parameter("version", ("version",), None, "latest")
+        given = {("version",): options.get("version", "latest")}
+    for part, potential in construct(cls, given).items():
+        for key, value in potential.parameters.items():
+            declared = potential._parameters[key]
+            yield Parameter(f"{part}_{key}", (part, key), declared.physical_type, _in_system(value))
+        for switch in _switches(inspect.signature(type(potential))):
+            yield Parameter(f"{part}_{switch.name}", (part, switch.name), None, switch.default)
+
+
+def _of_multipole(options: Mapping[str, Any]) -> Iterator[Parameter]:
+    order = options.get("lmax")
+    if not isinstance(order, int) or isinstance(order, bool) or not 0 <= order <= 20:
+        raise ValueError(f"lmax: found {order!r}, expected a whole number from 0 to 20, the order of the multipoles")
+    yield Parameter("lmax", ("lmax",), None, order)
+    yield Parameter("inner", ("inner",), None, False)
+    yield Parameter("m", ("m",), "mass")
+    yield Parameter("r_s", ("r_s",), "length")
+    for degree in range(order + 1):
+        for m in range(degree + 1):
+            for kind in ("S", "T") if m else ("S",):
+                yield Parameter(f"{kind}{degree}{m}", (f"{kind}{degree}{m}",), "dimensionless", 0.0)
+
+
+def _switches(signature: inspect.Signature) -> Iterator[Parameter]:
+    """What is true or false."""
+    for key, parameter in signature.parameters.items():
+        if isinstance(parameter.default, bool):
+            yield Parameter(key, (key,), None, parameter.default)
+
+
+def _in_system(value: Any) -> Any:
+    """Return a number in the units of `unit_system`."""
+    if hasattr(value, "unit"):
+        value = value.decompose(unit_system()).value
+    return float(value) if value is not None and not isinstance(value, str | bool) else value

@@ -1,0 +1,165 @@
+"""A stream beside the Large Magellanic Cloud: streamkit, and gala in the same host, side by side on one core.
+
+    python tests/benchmarks/moving_hosts.py [--particles 400] [--rounds 3]
+
+The run file is examples/lmc/sagittarius_lmc.toml without progenitor gravity. gala gets the particles as streamkit
+releases them, in the inertial frame: its `TimeInterpolatedPotential` carries the Milky Way and the cloud along their
+orbits, which are ours; forces and moving frame are independent. For the differences, relative to the distance and the
+speed of each particle, SciPy's DOP853 integrates gala's gradient: gala 1.11.0's own integrators go wrong in a sum of
+two such potentials (two halves of a halo, at rest, are not the halo), so they are timed only.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import streamkit as sk
+from streamkit.builtin.integrators import Adaptive, Reference
+from streamkit.components import Integrator
+from streamkit.model import Host, progenitor_track, simulate, standard_normals
+from streamkit.model.release import Start, release_particles
+from streamkit.spec import Setup
+
+RUN = Path(__file__).parents[2] / "examples" / "lmc" / "sagittarius_lmc.toml"
+ALONE = {"stripping.progenitor_gravity": False, "body.lmc.mass": "1.4e11 Msun"}
+
+
+def setup_of(particles: int, integrator: Integrator, **changes: Any) -> Setup:
+    """The run file at the centres of its priors, with test particles."""
+    spec = sk.load(RUN).with_values(ALONE | {"stripping.particles": particles} | changes)
+    return replace(spec.bind(), integrator=integrator)
+
+
+def released(setup: Setup) -> tuple[Host, Start]:
+    """Host and release states."""
+    host = Host(setup.potentials, setup.bodies, setup.companion)
+    track = progenitor_track(host, setup)
+    return host, release_particles(setup, track, standard_normals(setup.stripping, setup.seed))
+
+
+def gala_host(host: Host, start: float) -> tuple[Any, Any]:
+    """The same host in gala, from a time in kpc/(km/s) to today, and the path of its centre (a spline of 6 numbers)."""
+    import gala.potential as gp
+    from astropy import units as u
+    from gala.units import UnitSystem
+    from scipy.interpolate import CubicHermiteSpline
+
+    units = UnitSystem(u.kpc, u.Myr, u.Msun, u.rad, u.kpc / u.Myr**2)  # what is not named, gala composes at each call
+    known = {
+        "hernquist": lambda p: (gp.HernquistPotential, {"m": p.mass * u.Msun, "c": p.a * u.kpc}),
+        "hernquist_vcirc": lambda p: (
+            gp.HernquistPotential,
+            {"m": p.mass * u.Msun, "c": (np.sqrt(sk.G * p.mass * p.r) / p.v_circ - p.r) * u.kpc},
+        ),
+        "miyamoto_nagai": lambda p: (
+            gp.MiyamotoNagaiPotential,
+            {"m": p.mass * u.Msun, "a": p.a * u.kpc, "b": p.b * u.kpc},
+        ),
+        "nfw": lambda p: (gp.NFWPotential, {"m": p.mass * u.Msun, "r_s": p.rs * u.kpc}),
+    }
+    paths = host.paths(start)
+    order = np.argsort(paths.centre.t)
+    t = paths.centre.t[order] * u.kpc / (u.km / u.s)
+    total = gp.CCompositePotential()
+
+    def add(name: str, potential: Any, path: np.ndarray) -> None:
+        cls, parameters = known[potential.kind](potential)
+        origin = path[:, order].T * u.kpc
+        total[name] = gp.TimeInterpolatedPotential(cls, t.to(u.Myr), origin=origin, units=units, **parameters)
+
+    for name, potential in host.potentials.items():
+        add(name, potential, paths.centre.q)
+    for name, body in host.bodies.items():
+        add(name, body.potential, paths.centre.q + paths.bodies[name].q)
+    return total, CubicHermiteSpline(paths.centre.t[order], paths.centre.q.T[order], paths.centre.v.T[order])
+
+
+def in_inertial_frame(path: Any, start: Start) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
+    """Yield the release times, which particles leave then, and their states (6, k)."""
+    times, velocity = start.at_release.t, path.derivative()
+    for t in np.unique(times):
+        here = times == t
+        q, v = start.q[:, here] + path(t)[:, None], start.v[:, here] + velocity(t)[:, None]
+        yield float(t), here, np.concatenate([q, v])
+
+
+def by_gradient(total: Any, path: Any, start: Start) -> np.ndarray:
+    """(6, n) The particles today, about the Milky Way: SciPy's DOP853 with gala's forces."""
+    from astropy import units as u
+    from scipy.integrate import solve_ivp
+
+    myr = (1 * u.kpc / (u.km / u.s)).to_value(u.Myr)
+    found = np.empty((6, len(start.tail)))
+
+    def rates(t: float, w: np.ndarray) -> np.ndarray:
+        state = w.reshape(6, -1)
+        pull = total.gradient(np.ascontiguousarray(state[:3]), t=t * myr).value * (u.kpc / u.Myr).to(u.km / u.s)
+        return np.concatenate([state[3:], -pull * myr]).ravel()
+
+    for t, here, w in in_inertial_frame(path, start):
+        done = solve_ivp(rates, (t, 0.0), w.ravel(), method="DOP853", rtol=1e-11, atol=1e-11)
+        found[:, here] = done.y[:, -1].reshape(6, -1)
+    return found - np.concatenate([path(0.0), path.derivative()(0.0)])[:, None]
+
+
+def by_integrator(total: Any, path: Any, start: Start) -> None:
+    """Let gala's own DOP853 carry the particles, at its default tolerance."""
+    import gala.integrate as gi
+    from astropy import units as u
+    from gala.dynamics import PhaseSpacePosition
+
+    for t, _, w in in_inertial_frame(path, start):
+        times = (np.array([t, 0.0]) * u.kpc / (u.km / u.s)).to(u.Myr)
+        place = PhaseSpacePosition(w[:3] * u.kpc, w[3:] * u.km / u.s)
+        total.integrate_orbit(place, t=times, Integrator=gi.DOPRI853Integrator)
+
+
+def differences(particles: int) -> np.ndarray:
+    """(2, n) Relative differences of positions and velocities today."""
+    setup = setup_of(particles, Reference(rtol=1e-11, atol=1e-11))
+    host, start = released(setup)
+    stream = simulate(setup, standard_normals(setup.stripping, setup.seed))
+    found = by_gradient(*gala_host(host, float(start.orbit.t[0])), start)
+
+    def size(vectors: np.ndarray) -> np.ndarray:
+        return np.sqrt((vectors**2).sum(axis=0))
+
+    return np.array([size(found[:3] - stream.q) / size(stream.q), size(found[3:] - stream.v) / size(stream.v)])
+
+
+def main() -> None:
+    """Print the differences, and CPU seconds in turn."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--particles", type=int, default=400)
+    parser.add_argument("--rounds", type=int, default=3)
+    given = parser.parse_args()
+    for name, values in zip(("positions", "velocities"), differences(given.particles), strict=True):
+        print(f"{name}: relative difference, median {np.median(values):.1e}, largest {values.max():.1e}")
+    setup = setup_of(given.particles, Adaptive())
+    host, start = released(setup)
+    total, path = gala_host(host, float(start.orbit.t[0]))
+    normals = standard_normals(setup.stripping, setup.seed)
+    jobs = {
+        "streamkit, whole stream, default": lambda: simulate(setup, normals),
+        "gala, the particles alone, DOP853": lambda: by_integrator(total, path, start),
+    }
+    seconds: dict[str, list[float]] = {name: [] for name in jobs}
+    for _ in range(given.rounds):
+        for name, job in jobs.items():
+            begin = time.process_time()
+            job()
+            seconds[name].append(time.process_time() - begin)
+    best = {name: min(values) for name, values in seconds.items()}
+    for name, value in best.items():
+        print(f"{name:36s} {value:7.3f} CPU s {1e3 * value / given.particles:8.3f} ms a particle")
+
+
+if __name__ == "__main__":
+    main()
