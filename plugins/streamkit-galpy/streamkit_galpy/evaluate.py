@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-TIMES = np.linspace(-12.0, 6.0, 361)
-"""Times in kpc/(km/s) at which a potential is asked whether it changes."""
+TIMES = np.linspace(-11.93, 5.81, 12)
+"""Times in kpc/(km/s) at which a potential is asked whether it changes: what turns, does between any two."""
 AXIS = 1e-12
 """Least cylindrical radius in ro: on the axis itself galpy's torque over radius is 0/0."""
 
