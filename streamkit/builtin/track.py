@@ -200,10 +200,9 @@ class Track(Observable):
             farthest = np.abs(different - middle).max() + REACH * self.kernel
             margin = float(np.clip(farthest - FAR, 0.0, 360.0))
         of = list(columns)
-        debris = gather(
-            longitude[chosen], np.array(list(columns.values()))[:, chosen], stream.weight[chosen],
-            margin,
-        )  # fmt: skip
+        away = np.flatnonzero(chosen)
+        of_debris = [column[away] for column in columns.values()]
+        debris = gather(longitude[away], of_debris, stream.weight[away], margin)
         depth = of.index("distance") if DEPTH in self.given else -1
         lines = local_lines(debris, different, self.kernel, depth=depth)
         parts = [self._part(name, lines, of.index(_column(name)), which[name]) for name in self.given]

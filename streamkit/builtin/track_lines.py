@@ -7,6 +7,8 @@ gives it, the number of particles under the kernel falls as exp(-distance / kern
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +17,7 @@ from streamkit import Array
 
 WING = 1e-3
 """Height of the exponential wings: the Gaussian is all that counts within three kernels of debris."""
+LN_WING = math.log(WING)
 REACH = 4.0
 """Kernels beyond the nearest particle after which the wings are cut, where both are 4e-4 of the peak among debris."""
 ENOUGH = 5.0
@@ -22,6 +25,10 @@ ENOUGH = 5.0
 
 TURN = 360.0
 """Degrees."""
+MOST = 300.0
+"""Greatest ln of a number of particles, so that it has an exponential."""
+TILE, BLOCK = 12, 512
+"""Lines that are fitted together, and particles that are summed together."""
 
 
 class Debris(NamedTuple):
@@ -72,25 +79,27 @@ class Lines(NamedTuple):
     ln_count: Array
 
 
-def gather(longitude: Array, columns: Array, weight: Array, margin: float = 0.0) -> Debris:
-    """Sort particles by longitude (n,), for columns (c, n) and weights (n,).
+def gather(longitude: Array, columns: Sequence[Array], weight: Array, margin: float = 0.0) -> Debris:
+    """Sort particles by longitude (n,), for c columns (n,) and weights (n,).
 
     With a margin, those so many degrees from either end of the turn are repeated beyond the other one, so that a kernel
     may reach over the seam.
     """
     order = np.argsort(longitude)
-    longitude, columns, weight = longitude[order], columns[:, order], weight[order]
+    longitude, weight = longitude[order], weight[order]
+    sorted_ = np.stack([column[order] for column in columns])
     share = weight / weight.sum()
-    centre = columns @ share
-    columns = columns - centre[:, None]
-    about = longitude - longitude @ share
-    slope = np.sqrt(columns**2 @ share / max(float(about**2 @ share), 1e-12))
+    centre = np.einsum("cn,n->c", sorted_, share)  # BLAS would wake threads for this, which costs far more
+    sorted_ -= centre[:, None]
+    about = longitude - (longitude * share).sum()
+    breadth2 = max(float((about * about * share).sum()), 1e-12)
+    slope = np.sqrt(np.einsum("cn,cn,n->c", sorted_, sorted_, share) / breadth2)
     if margin:
         low, high = np.searchsorted(longitude, (longitude[0] + margin, longitude[-1] - margin)).tolist()
         longitude = np.concatenate([longitude[high:] - TURN, longitude, longitude[:low] + TURN])
-        columns = np.concatenate([columns[:, high:], columns, columns[:, :low]], axis=1)
+        sorted_ = np.concatenate([sorted_[:, high:], sorted_, sorted_[:, :low]], axis=1)
         weight = np.concatenate([weight[high:], weight, weight[:low]])
-    return Debris(longitude, columns, weight, centre, slope)
+    return Debris(longitude, sorted_, weight, centre, slope)
 
 
 def local_lines(debris: Debris, at: Array, kernel: float, enough: float = ENOUGH, depth: int = -1) -> Lines:
@@ -110,11 +119,16 @@ def local_lines(debris: Debris, at: Array, kernel: float, enough: float = ENOUGH
     depth
         The column whose spread is wanted with its variance; -1 for none.
     """
-    both = np.concatenate([debris.columns, debris.columns**2])
-    found = [_line(debris, both, phi, kernel, enough, depth) for phi in at.tolist()]
-    value, noise, square = (np.array(part).T for part in zip(*(f[:3] for f in found), strict=True))
-    leverage, drift, fourth, count = np.array([f[3:] for f in found]).T
-    number = np.exp(np.minimum(count, 300.0))
+    order = np.argsort(at)
+    powers = _powers(debris, kernel)
+    tiles = [order[i : i + TILE] for i in range(0, len(at), TILE)]
+    found = [_tile(debris, powers, at[tile], kernel, enough, depth) for tile in tiles]
+    parts = [np.empty((len(debris.columns), len(at))) for _ in range(3)] + [np.empty(len(at)) for _ in range(4)]
+    for tile, fit in zip(tiles, found, strict=True):
+        for part, piece in zip(parts, fit, strict=True):
+            part[..., tile] = piece
+    value, noise, square, leverage, drift, fourth, count = parts
+    number = np.exp(np.minimum(count, MOST))
     few = enough / (number + enough)
     sure = number + 1e-9
     pool = square @ sure / sure.sum()
@@ -125,50 +139,93 @@ def local_lines(debris: Debris, at: Array, kernel: float, enough: float = ENOUGH
     return Lines(value + debris.centre[:, None], variance, np.sqrt(spread2), of_depth, count)
 
 
-def _line(
-    debris: Debris, both: Array, phi: float, kernel: float, enough: float, depth: int
-) -> tuple[Array, Array, Array, float, float, float, float]:
-    """Fit one line.
+def _powers(debris: Debris, kernel: float) -> Array:
+    """(n + BLOCK, 3 + 3c) For each particle 1, x and x^2, and of every column y, y^2 and x y; then rows of zeros.
 
-    Returns b (c,), its variance (c,), and the mean square about it (c,); for all columns the sum of the squared weights
-    of the particles in b, how far a slope that is not fixed moves b, the variance of the depth's mean square, and ln of
-    the count.
+    x is the longitude less its mean in units of the kernel.
     """
-    longitude = debris.longitude
-    i = int(np.searchsorted(longitude, phi))
-    nearest = min(abs(float(longitude[j]) - phi) for j in (max(i - 1, 0), min(i, len(longitude) - 1)))
-    ends = (phi - nearest - REACH * kernel, phi + nearest + REACH * kernel)
-    low, high = np.searchsorted(longitude, ends).tolist()
-    x = (longitude[low:high] - phi) / kernel
-    x2 = x * x
-    far = float(np.sqrt(1.0 + (nearest / kernel) ** 2)) - 1.0  # taken out, so that nothing underflows
-    k = np.exp(far - 0.5 * x2)
-    k += WING * np.exp(far + 1.0 - np.sqrt(1.0 + x2))
-    k *= debris.weight[low:high]
-    total = float(k.sum())
-    count = float(np.log(total)) - far
-    k /= total
-    middle = float(k @ x)
-    x -= middle
-    width = float(k @ (x * x))
-    ridge = enough / (float(np.exp(min(count, 300.0))) + enough)
-    stiff = max(width + ridge, 1e-12)
-    own2 = (k * (1.0 - middle / stiff * x)) ** 2  # b is the sum of the columns times the root of this
-    part = np.empty((len(k), 4))
-    part[:, 0], part[:, 1], part[:, 2], part[:, 3] = k, k * x, own2, own2 * x
-    sums = both[:, low:high] @ part
-    c = len(debris.columns)
-    first, second = sums[:c], sums[c:]
-    mean, slope = first[:, 0], first[:, 1] / stiff
-    square = np.maximum(second[:, 0] - mean**2 - slope * (2 * first[:, 1] - slope * width), 0.0)
-    leverage, skew, spin = float(own2.sum()), float(part[:, 3].sum()), float(part[:, 3] @ x)
-    noise = (
-        second[:, 2] - 2 * (mean * first[:, 2] + slope * first[:, 3])
-        + mean**2 * leverage + 2 * mean * slope * skew + slope**2 * spin
-    )  # fmt: skip
-    fourth = 0.0
+    c, n = debris.columns.shape
+    x = (debris.longitude - debris.longitude.mean()) / kernel
+    rows = np.zeros((3 + 3 * c, n + BLOCK))
+    rows[0, :n], rows[1, :n] = 1.0, x
+    rows[3 : 3 + c, :n] = debris.columns
+    np.multiply(x, x, out=rows[2, :n])
+    np.multiply(debris.columns, debris.columns, out=rows[3 + c : 3 + 2 * c, :n])
+    np.multiply(debris.columns, x, out=rows[3 + 2 * c :, :n])
+    return np.ascontiguousarray(rows.T)
+
+
+def _sums(weights: Array, powers: Array) -> Array:
+    """(t, 3 + 3c) Sums of the powers (b BLOCK, 3 + 3c) with weights (t, b BLOCK).
+
+    Block after block, each small enough for BLAS to take one thread: more cost more than they give.
+    """
+    t, n = weights.shape
+    blocks = weights.reshape(t, n // BLOCK, BLOCK).transpose(1, 0, 2)
+    return np.asarray((blocks @ powers.reshape(n // BLOCK, BLOCK, -1)).sum(axis=0))
+
+
+def _tile(
+    debris: Debris, powers: Array, at: Array, kernel: float, enough: float, depth: int
+) -> tuple[Array, Array, Array, Array, Array, Array, Array]:
+    """Fit the lines at a few neighbouring longitudes (t,).
+
+    Returns b (c, t), its variance (c, t), and the mean square about it (c, t); for all columns the sum of the squared
+    weights of the particles in b, how far a slope that is not fixed moves b, the variance of the depth's mean square,
+    and ln of the count, (t,) each.
+    """
+    longitude, c = debris.longitude, len(debris.columns)
+    i = np.searchsorted(longitude, at)
+    last = len(longitude) - 1
+    nearest = np.minimum(np.abs(longitude[np.maximum(i - 1, 0)] - at), np.abs(longitude[np.minimum(i, last)] - at))
+    reach = nearest + REACH * kernel
+    low, high = (np.searchsorted(longitude, end) for end in (at - reach, at + reach))
+    begin = int(low.min())
+    k = np.zeros((len(at), -(-(int(high.max()) - begin) // BLOCK) * BLOCK))
+    far = np.where(nearest > kernel, nearest / kernel, 0.0)  # taken out, so that nothing underflows
+    powers = powers[begin : begin + k.shape[1]]
+    here = np.ascontiguousarray(powers[:, 1])
+    centre = (at - longitude.mean()) / kernel
+    for row, phi, lift, a, b in zip(k, centre.tolist(), far.tolist(), low.tolist(), high.tolist(), strict=True):
+        _fill(row[a - begin : b - begin], here[a - begin : b - begin], debris.weight[a:b], phi, lift)
+    total, x, x2, *of = _sums(k, powers).T
+    count = np.log(total) - far
+    x, x2 = x / total, x2 / total
+    mean, mean2, xy = (np.array(of[j * c : (j + 1) * c]) / total for j in range(3))
+    width = np.maximum(x2 - x * x, 0.0)
+    ridge = enough / (np.exp(np.minimum(count, MOST)) + enough)
+    stiff = np.maximum(width + ridge, 1e-12)
+    middle = x - centre
+    tilt = middle / stiff
+    own = np.multiply.outer(-tilt / total, here)
+    own += ((1.0 + tilt * x) / total)[:, None]
+    own *= k
+    own *= own  # b is the sum of the columns times the root of this
+    cross = xy - mean * x
+    slope = cross / stiff
+    square = np.maximum(mean2 - mean**2 - slope * (2 * cross - slope * width), 0.0)
+    leverage, o, o2, *of = _sums(own, powers).T
+    first, second, mixed = (np.array(of[j * c : (j + 1) * c]) for j in range(3))
+    start = mean - slope * x  # the line is start + slope x
+    noise = second - 2 * (start * first + slope * mixed) + start**2 * leverage + 2 * start * slope * o + slope**2 * o2
+    fourth = np.zeros(len(at))
     if depth >= 0:
-        residual = debris.columns[depth, low:high] - mean[depth] - slope[depth] * x
-        fourth = float((residual * residual - square[depth]) ** 2 @ (k * k))
+        rest = powers[:, 3 + depth] - start[depth][:, None] - np.multiply.outer(slope[depth], here)
+        fourth = np.einsum("tn,tn,tn->t", (rest * rest - square[depth][:, None]) ** 2, k, k) / total**2
     drift = middle * kernel * ridge / stiff
     return mean - slope * middle, np.maximum(noise, 0.0), square, leverage, drift, fourth, count
+
+
+def _fill(k: Array, x: Array, weight: Array, centre: float, lift: float) -> None:
+    """Write the kernel about a centre, times e^lift and the weights, of particles at x (w,) into k (w,)."""
+    x2 = x - centre
+    x2 *= x2
+    np.multiply(x2, -0.5, out=k)
+    if lift:
+        k += lift
+    np.exp(k, out=k)
+    x2 += 1.0
+    np.sqrt(x2, out=x2)
+    np.subtract(lift + 1.0 + LN_WING, x2, out=x2)
+    k += np.exp(x2, out=x2)
+    k *= weight
