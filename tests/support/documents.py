@@ -43,6 +43,10 @@ HOSTS: dict[str, dict[str, Any]] = {
     "mock_bulge_disc_halo": {"v0": [231, 241], "rs": [45, 49], "alpha": 0.5},
     "mock_lm10": {"v0": [203, 209], "rs": [25, 29], "alpha": 0.15},
     "gd1": {"v0": [215, 230], "q": 0.9},
+    "pal5": {"halo.mass": [4e11, 5e11], "halo.q": 1.0},
+    "gd1_pal5": {"halo.mass": [4e11, 5e11], "halo.q": 1.0, "disc.mass": 6.8e10},
+    "orphan_lmc": {"halo.mass": [4e11, 5e11], "halo.rs": 16.0},
+    "orphan_alone": {"halo.mass": [4e11, 5e11], "halo.rs": 16.0},
     "figure5": {"m200": [7e11, 8e11], "c200": [19, 21]},
 }
 """The free parameters, near those of a stream that can be measured."""
@@ -134,8 +138,9 @@ def reduced(path: Path, particles: int = 500) -> Spec:
     }
     if path.stem.startswith("sagittarius"):
         host["progenitor.lookback"] = {"uniform": [3.6, 3.8]}
-    wide = WIDE if spec.document["observable"]["kind"] == "apocentres" else {}
-    return spec.with_values(centre | host | NARROW | wide | {"stripping.particles": particles})
+    wide = WIDE if spec.document.get("observable", {}).get("kind") == "apocentres" else {}
+    few = {f"{s.path}.particles": particles for s in spec.parts.sections if s.path.endswith("stripping")}
+    return spec.with_values(centre | host | NARROW | wide | few)
 
 
 def lay_desk(where: Path) -> None:
