@@ -50,4 +50,4 @@ def calibrate(
     def run(done: Callable[[], object]) -> grid.Products:
         return study.calibration_products(study.calibrate(spec, out, draws, workers, resume, done))
 
-    conduct(out, draws, quiet, run)
+    conduct(out, draws, quiet, run, "draw")

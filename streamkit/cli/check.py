@@ -25,4 +25,4 @@ def check(run_file: Path, settings: tuple[str, ...], draws: int) -> None:
     spec = load_spec(run_file, settings)
     click.echo(preflight.describe_spec(spec))
     click.echo()
-    click.echo(preflight.describe_preflight(spec, preflight.run_preflight(spec, draws=draws)))
+    click.echo(preflight.describe_preflight(spec, preflight.run_preflight(spec, draws=draws, progress=True)))

@@ -10,6 +10,7 @@ import click
 
 import streamkit as sk
 from streamkit import spec as run_files
+from streamkit.cli.compiling import tell_of_compiling
 
 INVALID, INTERRUPTED = 2, 130
 """Exit statuses of the commands: bad input, and stopped by Ctrl-C."""
@@ -39,7 +40,9 @@ def directory(suffix: str) -> Callable[[Any], Any]:
 
 
 def load_spec(run_file: Path, settings: Sequence[str] = ()) -> sk.Spec:
-    """Read the run file and apply the settings."""
+    """Read the run file and apply the settings; from now on the command tells if it compiles, unless it is quiet."""
+    if not click.get_current_context().params.get("quiet"):
+        tell_of_compiling()
     spec = sk.load(run_file)
     return spec.with_values(read_settings(settings)) if settings else spec
 

@@ -12,13 +12,12 @@ from streamkit.cli.options import INTERRUPTED, INVALID
 from streamkit.study import grid
 
 
-def conduct(out: Path, streams: int, quiet: bool, study: Callable[[Callable[[], object]], grid.Products]) -> None:
+def conduct(
+    out: Path, count: int, quiet: bool, study: Callable[[Callable[[], object]], grid.Products], unit: str = "stream"
+) -> None:
     """Run a study, which calls its argument after each of so many streams, and show what it found."""
-    from tqdm import tqdm
-
-    tqdm.monitor_interval = 0  # no thread beside the one that starts worker processes
     with report.locked(out):
-        with tqdm(total=streams, unit="stream", disable=True if quiet else None, leave=False) as bar:
+        with report.Progress(out.name, count, unit, shown=not quiet) as bar:
             products = study(bar.update)
         grid.write_tables(products, out)
         if not quiet:

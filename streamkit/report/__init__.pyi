@@ -16,6 +16,7 @@ from .files import save as save
 from .files import save_picture as save_picture
 from .files import save_table as save_table
 from .files import to_disk as to_disk
+from .progress import Progress as Progress
 from .stream_figure import draw_stream as draw_stream
 from .stream_figure import draw_unwrapped as draw_unwrapped
 from .stream_file import FORMATS as FORMATS

@@ -12,10 +12,10 @@ from typing import Any
 import emcee
 import numpy as np
 from emcee.backends import Backend
-from tqdm import tqdm
 
 from streamkit.errors import ChainError
 from streamkit.observe import Data
+from streamkit.report import Progress
 from streamkit.sample.chain_file import ChainFile
 from streamkit.sample.convergence import CHECK, Convergence, Limits
 from streamkit.sample.coordinates import Space
@@ -29,12 +29,6 @@ from streamkit.stream import Array
 
 NOTES = 5.0
 """Seconds between two looks at the mass."""
-
-
-class Bar(tqdm):  # type: ignore[misc]  # tqdm has no types
-    """A progress bar without tqdm's thread that looks after slow ones: processes are forked while none runs."""
-
-    monitor_interval = 0
 
 
 @dataclass
@@ -54,11 +48,13 @@ class Sampling:
     dtype
         The record stored with each sample.
     progress
-        Whether to show progress bars.
+        Whether to show progress.
     mass
         The mass inside 100 kpc at a point, for the progress bar.
     data
         What the blobs' "mean" is compared with: the surrogate needs it.
+    full_cost
+        Cost of a "full" call in units of a "cheap" one, about: for the end of the search.
     """
 
     priors: Sequence[Prior]
@@ -71,6 +67,7 @@ class Sampling:
     progress: bool = True
     mass: Callable[[Array], float] | None = None
     data: Data | None = None
+    full_cost: float = 1.0
     _counts: dict[str, Any] = field(
         default_factory=lambda: {"calls": 0, "search_calls": 0, "reasons": {}, "surrogate": ""}
     )
@@ -86,14 +83,15 @@ class Sampling:
     def begin(self, deadline: float = np.inf) -> None:
         """Find starting points and empty the backend. The first step is not taken yet."""
         self.backend.reset(self.walkers, len(self.priors))
-        with Bar(desc="searching the prior", unit=" calls", disable=not self.progress, leave=False) as bar:
+        with Progress("search for a start", 1, shown=self.progress, deadline=deadline) as bar:
 
             def tell(line: str) -> None:
-                bar.set_description_str(line, refresh=False)
-                bar.update(search.calls - bar.n)
+                bar.note(line)
+                bar.expect(search.work + search.work_left)
+                bar.update(search.work - bar.done)
 
             rng = np.random.default_rng([self.seed, 1])
-            search = Search(self.priors, self.pool.evaluate, self.walkers, rng, deadline, tell)
+            search = Search(self.priors, self.pool.evaluate, self.walkers, rng, deadline, tell, self.full_cost)
             points, results = search.run()
         self._before = self._counts = self._counts | {"search_calls": search.calls}
         rows = [result.row() for result in results]
@@ -144,16 +142,19 @@ class Sampling:
             return "converged"
         tau, clock = np.nan, _Clock(self.pool)
         try:
-            with Bar(total=limits.steps, initial=done, unit="step", disable=not self.progress) as bar:
+            with Progress(
+                "sampling", limits.steps, "step",
+                done=done, shown=self.progress, keep=True, deadline=limits.deadline,
+            ) as bar:  # fmt: skip
                 while done < limits.steps:
                     ends = [CHECK * (done // CHECK + 1), limits.steps, *LEARNING]
                     todo = min(end for end in ends if end > done) - done
                     for state in sampler.sample(self._state, iterations=todo):
                         self._keep(moves, done)
                         self._state, done = state, done + 1
-                        bar.update()
                         if clock.is_due():
-                            bar.set_postfix_str(clock.line(sampler, done, tau, self._masses(state)), refresh=False)
+                            bar.note(clock.line(sampler, done, tau, self._masses(state)))
+                        bar.update()
                         if monotonic() > limits.deadline:
                             return "time"
                     if done in LEARNING:

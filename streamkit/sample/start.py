@@ -49,9 +49,13 @@ SWEEPS_IN_ALL = 20
 def expected_calls(walkers: int, parameters: int, good: float) -> tuple[int, int]:
     """Estimate the calls of a search, cheap and full, if the fraction ``good`` of the prior gives streams."""
     wanted = population_of(walkers, parameters)
+    return draws_for(wanted, good) + (SWEEPS_IN_ALL * wanted if good > 0 else 0), 2 * walkers
+
+
+def draws_for(wanted: int, good: float) -> int:
+    """Estimate the draws of the prior for a population, if the fraction ``good`` of them gives streams."""
     part = BATCH // PARTS
-    drawn = GIVE_UP * BATCH if good <= 0 else min(part * -int(-ENOUGH * wanted / good // part), MAX_BATCHES * BATCH)
-    return drawn + (SWEEPS_IN_ALL * wanted if good > 0 else 0), 2 * walkers
+    return GIVE_UP * BATCH if good <= 0 else min(part * -int(-ENOUGH * wanted / good // part), MAX_BATCHES * BATCH)
 
 
 def population_of(walkers: int, parameters: int) -> int:
@@ -88,6 +92,13 @@ class Search:
         long again after it, a search that has found next to nothing gives up.
     tell
         Called with a line about the progress after every batch of evaluations.
+    full_cost
+        Cost of a "full" evaluation in units of a "cheap" one, about.
+
+    Attributes
+    ----------
+    work, work_left
+        What was done and, about, what is left to do, in cheap evaluations.
     """
 
     priors: Sequence[HasQuantile]
@@ -96,7 +107,10 @@ class Search:
     rng: np.random.Generator
     deadline: float = np.inf
     tell: Callable[[str], None] = lambda _: None
+    full_cost: float = 1.0
     calls: int = 0
+    work: float = 0.0
+    work_left: float = 0.0
     inverse_temperature: float = 0.0
     begun: float = field(default_factory=monotonic)
     reasons: Counter[str] = field(default_factory=Counter)
@@ -126,6 +140,7 @@ class Search:
         """(n,) ln likelihood of the cheap model at unit-cube points."""
         results = self.evaluate(self._theta(u), "cheap")
         self.calls += len(results)
+        self.work += len(results)
         self.reasons.update(result.reason for result in results if result.reason)
         return np.array([result.ln_likelihood for result in results])
 
@@ -146,7 +161,8 @@ class Search:
                 drawn += len(part)
                 good = np.isfinite(values)
                 u, lnl = np.concatenate([u, part[good]]), np.concatenate([lnl, values[good]])
-                self.tell(f"{len(lnl)} of {drawn} draws of the prior give a stream with observables")
+                self._expect(draws_for(self.population, len(lnl) / drawn) - drawn, SWEEPS_IN_ALL)
+                self.tell(f"{len(lnl)} of {drawn} draws of the prior have a stream")
                 now = monotonic()
                 if len(lnl) >= (max(d + 2, self.walkers) if now > self.deadline else ENOUGH * self.population):
                     return u, lnl
@@ -164,6 +180,10 @@ class Search:
         """Say whether the time limit is so far behind that a search without success must end."""
         return monotonic() > self.deadline + max(self.deadline - self.begun, GRACE)
 
+    def _expect(self, cheap: float, sweeps: float) -> None:
+        """Say how many cheap evaluations and sweeps are left before the full ones."""
+        self.work_left = max(cheap, 0) + sweeps * self.population + 2 * self.walkers * self.full_cost
+
     def _nowhere(self, drawn: int, good: int, within: str = "") -> str:
         counted = "; ".join(f"{reason}: {n} of {drawn}" for reason, n in self.reasons.most_common())
         return (
@@ -173,17 +193,22 @@ class Search:
 
     def _temper(self, u: Array, lnl: Array) -> tuple[Array, Array]:
         """Switch the likelihood on, keeping half of the population effective at every step."""
+        reached: list[float] = []
+        sweeps = 0
         while self.inverse_temperature < 1:
             target = min(0.5 * self.population, 0.9 * len(u))
             step = _largest_step(lnl, target, 1 - self.inverse_temperature)
             self.inverse_temperature += step
+            reached.append(self.inverse_temperature)
             keep = _systematic(_weights(lnl, step), self.population, self.rng)
             u, lnl = u[keep], lnl[keep]
             moved = 0
             for _ in range(SWEEPS):
                 if monotonic() > self.deadline:
                     return u, lnl
+                self._expect(0, _sweeps_left(reached, sweeps))
                 u, lnl, accepted = self._sweep(u, lnl)
+                sweeps += 1
                 moved += accepted
                 if moved > len(u):
                     break
@@ -211,7 +236,7 @@ class Search:
             accepted += int(taken.sum())
         self.tell(
             f"inverse temperature {self.inverse_temperature:.3g}, best ln L {lnl.max():.1f}, "
-            f"{100 * accepted / n:.0f} % of the moves accepted"
+            f"{100 * accepted / n:.0f} % accepted"
         )
         return u, lnl, accepted
 
@@ -222,6 +247,7 @@ class Search:
             late = monotonic() > self.deadline and len(distinct) >= 3
             if late or len(distinct) >= min(1.25 * self.walkers, len(u)):
                 return distinct
+            self._expect(0, 0)
             u, lnl, _ = self._sweep(u, lnl)
         return np.unique(u, axis=0)
 
@@ -238,12 +264,14 @@ class Search:
             theta = self._theta(u)
             found = self.evaluate(theta, "full")
             self.calls += len(found)
+            self.work += len(found) * self.full_cost
             self.reasons.update(result.reason for result in found if result.reason)
             good = [i for i, result in enumerate(found) if np.isfinite(result.lnp)]
             u_good, points = np.concatenate([u_good, u[good]]), np.concatenate([points, theta[good]])
             results.extend(found[i] for i in good)
             lnp = np.array([result.lnp for result in results])
             near = np.flatnonzero(lnp > lnp.max(initial=-np.inf) - floor)
+            self.work_left = self.walkers * self.full_cost if len(near) < self.walkers else 0.0
             self.tell(f"{min(len(near), self.walkers)} of {self.walkers} walkers placed")
             if len(near) < self.walkers <= len(results) and monotonic() > self.deadline:
                 near = np.sort(np.argsort(-lnp)[: self.walkers])
@@ -268,6 +296,14 @@ class Search:
         base, first, second = (u[self.rng.integers(len(u), size=n)] for _ in range(3))
         jitter = 0.02 * u.std(axis=0) * self.rng.standard_normal(base.shape)
         return _reflected(base + 0.3 * (first - second) + jitter)
+
+
+def _sweeps_left(reached: Sequence[float], sweeps: int) -> float:
+    """Estimate the sweeps to come from the inverse temperatures so far: each is about the same factor larger."""
+    if len(reached) < 2:
+        return max(SWEEPS_IN_ALL - sweeps, 0)
+    growth = np.log(reached[-1] / reached[0]) / (len(reached) - 1)
+    return float(-np.log(reached[-1]) / growth * max(sweeps, 1) / len(reached))
 
 
 def _reflected(u: Array) -> Array:

@@ -1,6 +1,7 @@
 """The sampling code on posteriors known in closed form: quantiles, counts, resumption, start, diagnostics."""
 
 import os
+import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -217,6 +218,7 @@ def test_processes_are_forked_before_any_thread_is_started(monkeypatch, capsys):
         return fork()
 
     monkeypatch.setattr(os, "fork", watched)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     toy = Gaussian()
     with Workers({"full": toy, "cheap": toy}, 2) as workers:
         run = Sampling(PRIORS, 8, 5, "de", workers, Backend(), blob_dtype(2), progress=True)

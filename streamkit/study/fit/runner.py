@@ -72,7 +72,7 @@ def run(
     resume, force
         Continue the run in ``out``; or overwrite what streamkit wrote there.
     progress
-        Show progress bars.
+        Show progress: a bar on a terminal or in a notebook, elsewhere a line every minute.
     products
         Write tables and pictures at the end, if there is a directory.
     components
@@ -114,6 +114,7 @@ def run(
         sampling = Sampling(
             spec.priors, spec.sampler.walkers, spec.seed, spec.sampler.moves, pool, backend,
             blob_dtype(posterior.size), progress, lambda theta: _mass_100(spec, theta), posterior.data,
+            _particles(spec) / _particles(cheap_spec(spec)),
         )  # fmt: skip
         if isinstance(backend, ChainFile):
             backend.note(status="unfinished", quick=quick, digest=spec.digest())
@@ -143,6 +144,11 @@ def quick_spec(spec: Spec) -> Spec:
 def cheap_spec(spec: Spec) -> Spec:
     """Return the spec that searches for a start: few particles, their noise added to the data's."""
     return spec.with_particles(spec.sampler.start_particles).with_values({"likelihood.noise": "add"})
+
+
+def _particles(spec: Spec) -> int:
+    """Return the particles of all streams together."""
+    return sum(stream.stripping.centre.particles for stream in spec.parts.streams.values())
 
 
 def _mass_100(spec: Spec, theta: Array) -> float:

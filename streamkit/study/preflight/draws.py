@@ -10,6 +10,7 @@ import numpy as np
 
 from streamkit.errors import OutOfDomain
 from streamkit.model import Model
+from streamkit.report import Progress
 from streamkit.spec import Spec
 from streamkit.stream import Array, Prediction
 
@@ -53,8 +54,11 @@ def observe(model: Model, theta: Array) -> tuple[dict[str, Prediction], str]:
     return found.predictions, "" if found.prediction is None else found.prediction.why_not
 
 
-def try_prior_draws(spec: Spec, draws: int) -> PriorDraws:
-    """Try streams with few particles at random points of the prior, drawn from the run's seed."""
+def try_prior_draws(spec: Spec, draws: int, progress: bool = False) -> PriorDraws:
+    """Try streams with few particles at random points of the prior, drawn from the run's seed.
+
+    No further one is begun after `BUDGET`.
+    """
     model = Model(spec.with_particles(TRIAL_PARTICLES))
     rng = np.random.default_rng(spec.seed)
     points = np.stack([prior.sample(rng, draws) for prior in spec.priors], axis=1)
@@ -62,17 +66,21 @@ def try_prior_draws(spec: Spec, draws: int) -> PriorDraws:
     good: list[Array] = []
     seconds: list[float] = []
     done, start = 0, time.process_time()
-    for theta in points:
-        begin = time.process_time()
-        if begin - start > BUDGET:
-            break
-        done += 1
-        _, reason = observe(model, theta)
-        if reason:
-            reasons[reason] += 1
-        else:
-            good.append(theta)
-            seconds.append(time.process_time() - begin)
+    with Progress("trial streams over the prior", draws, "stream", shown=progress) as bar:
+        for theta in points:
+            begin = time.process_time()
+            if begin - start > BUDGET:
+                break
+            done += 1
+            _, reason = observe(model, theta)
+            end = time.process_time()
+            if reason:
+                reasons[reason] += 1
+            else:
+                good.append(theta)
+                seconds.append(end - begin)
+            bar.expect(min(draws, int(done * BUDGET / max(end - start, 1e-9)) + 1))
+            bar.update()
     return PriorDraws(
         done, np.array(good).reshape(-1, len(spec.names)), np.array(seconds), reasons, time.process_time() - start
     )

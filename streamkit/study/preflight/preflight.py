@@ -64,9 +64,10 @@ class Preflight:
     warnings: tuple[str, ...]
 
 
-def run_preflight(spec: Spec, *, draws: int = 64) -> Preflight:
+def run_preflight(spec: Spec, *, draws: int = 64, progress: bool = False) -> Preflight:
     """Look at the run file's physics at the prior's centre, try up to so many draws from the prior and time one call.
 
+    What it does, and how long that will take, is shown if ``progress``.
     A `ComponentError` says that a component fails.
     """
     centre = spec.centre()
@@ -75,7 +76,7 @@ def run_preflight(spec: Spec, *, draws: int = 64) -> Preflight:
     begin = time.process_time()
     predictions, reason = observe(Model(spec), centre)
     first = time.process_time() - begin
-    tried = try_prior_draws(spec, draws) if draws and spec.names else None
+    tried = try_prior_draws(spec, draws, progress) if draws and spec.names else None
     asked = "the prior's centre" if spec.names else "the given parameters"
     where, theta = asked, centre
     if reason and tried is not None and len(tried.good):

@@ -1,0 +1,35 @@
+"""One sentence while machine code is compiled: on a new machine that takes a minute or two, without another sign."""
+
+from __future__ import annotations
+
+import mmap
+from typing import Any
+
+import click
+
+SENTENCE = (
+    "compiling machine code, once for these components on this machine: seconds, and a minute or two for the "
+    "first of all"
+)
+
+
+def tell_of_compiling() -> None:
+    """Have the rest of this command, in the processes that it forks too, say once that something is compiled."""
+    from numba.core import event  # heavy, and wanted by commands that compute only
+
+    told = mmap.mmap(-1, 1)  # forked processes share it
+
+    class Listener(event.Listener):  # type: ignore[misc]  # numba is untyped here
+        """Says it at the first compilation: what is read from the disk is none."""
+
+        def on_start(self, event: Any) -> None:
+            if not told[0]:
+                told[0] = 1
+                click.echo(f"streamkit: {SENTENCE}", err=True)
+
+        def on_end(self, event: Any) -> None:
+            pass
+
+    listener = Listener()
+    event.register("numba:compile", listener)
+    click.get_current_context().find_root().call_on_close(lambda: event.unregister("numba:compile", listener))
