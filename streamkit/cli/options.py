@@ -47,15 +47,15 @@ def load_spec(run_file: Path, settings: Sequence[str] = ()) -> sk.Spec:
     return spec.with_values(read_settings(settings)) if settings else spec
 
 
-def read_settings(settings: Sequence[str]) -> dict[str, Any]:
+def read_settings(settings: Sequence[str], option: str = "--set") -> dict[str, Any]:
     """Turn ``PATH=VALUE`` arguments into fields and values, the values read as a run file reads them."""
     values: dict[str, Any] = {}
     for setting in settings:
         path, equals, text = setting.partition("=")
         path, text = path.strip(), text.strip()
         if not (equals and path and text):
-            raise click.UsageError(f"--set {setting!r}: expected PATH=VALUE, such as progenitor.mass=6.4e8")
+            raise click.UsageError(f"{option} {setting!r}: expected PATH=VALUE, such as progenitor.mass=6.4e8")
         if path in values:
-            raise click.UsageError(f"--set {path}: given twice, {values[path]!r} and {text!r}")
+            raise click.UsageError(f"{option} {path}: given twice, {values[path]!r} and {text!r}")
         values[path] = run_files.literal(text)
     return values

@@ -61,17 +61,29 @@ class Draw:
         return Draw(**table | lists)
 
 
-def make_draw(spec: Spec, index: int) -> Draw:
+def make_draw(spec: Spec, index: int, truth: Spec | None = None) -> Draw:
     """Draw a truth from the prior, make data of it with other random numbers than the fit's, and fit them.
 
     Talts+ 2018, arXiv:1804.06788. A truth without a measurable stream is drawn again: its posterior is empty too.
-    Raises StreamkitError if there is none among a thousand, or the observable makes no mock data.
+
+    Parameters
+    ----------
+    spec
+        The run file of the fit.
+    index
+        Number of the draw.
+    truth
+        Another run file with the same free parameters, whose stream gives the data: what a fit by a model that is not
+        the true one is worth. The fit's own where left out.
+
+    Raises StreamkitError if none of a thousand truths has a stream, or the observable makes no mock data.
     """
+    truth = spec if truth is None else truth
     rng = np.random.default_rng([spec.seed, 7, index])
-    theta, mocked = _mock(spec, rng, index)
+    theta, mocked = _mock(spec, truth, rng, index)
     results = run(mocked, progress=False)
     samples, radii = results.samples, np.array(MASS_RADII)
-    masses = Host(spec.bind_all(theta).potentials).mass_inside(radii)
+    masses = Host(truth.bind_all(theta).potentials).mass_inside(radii)
     found = results.profiles(radii)[0]
     return Draw(
         index,
@@ -85,9 +97,9 @@ def make_draw(spec: Spec, index: int) -> Draw:
     )
 
 
-def _mock(spec: Spec, rng: np.random.Generator, index: int) -> tuple[Array, Spec]:
-    """Return a truth, and the run file with data that it might have given."""
-    posterior = Posterior(spec.with_values({"seed": int(rng.integers(1 << 31))}))
+def _mock(spec: Spec, truth: Spec, rng: np.random.Generator, index: int) -> tuple[Array, Spec]:
+    """Return a truth, and the run file of the fit with data that it might have given."""
+    posterior = Posterior(truth.with_values({"seed": int(rng.integers(1 << 31))}))
     for _ in range(TRIES):
         theta = np.array([float(prior.sample(rng, 1)[0]) for prior in spec.priors])
         try:
@@ -97,8 +109,8 @@ def _mock(spec: Spec, rng: np.random.Generator, index: int) -> tuple[Array, Spec
         if any(prediction.why_not for prediction in found.predictions.values()):
             continue
         fields: dict[str, Any] = {}
-        for stream, setup in spec.bind_all(theta).streams.items():
-            sections, parts = spec.parts.streams[stream].observables, parts_of(found.predictions[stream])
+        for stream, setup in truth.bind_all(theta).streams.items():
+            sections, parts = truth.parts.streams[stream].observables, parts_of(found.predictions[stream])
             for name, observable in setup.observables.items():
                 mock = observable.mock(parts[name], rng)
                 fields |= {f"{sections[name].path}.{field}": value for field, value in mock.items()}

@@ -23,10 +23,9 @@ def calibration_figure(found: Calibration) -> Figure:
     that is too narrow, the reverse one too wide; a hump alone is a bias (Saeilynoja, Buerkner & Vehtari 2022).
     """
     names = [*labels(found.spec.names, found.spec.symbols), *(rf"$M({r:g}\,{{\rm kpc}})$" for r in MASS_RADII)]
-    ranks = np.concatenate([found.ranks, found.mass_ranks], axis=1)
     figure, panels = panel_grid(len(names), 2.3, 1.9, share=True)
     rng = np.random.default_rng(0)
-    for axes, name, column in zip(panels, names, ranks.T, strict=True):
+    for axes, name, column in zip(panels, names, found.every_rank.T, strict=True):
         band: Any = ecdf_pit  # has no types
         x, ecdf, low, high = (np.asarray(each, dtype=float) for each in band(column, 0.95, SIMULATIONS, rng=rng))
         axes.fill_between(x, low - x, high - x, color=BAND_95, lw=0, step="post")

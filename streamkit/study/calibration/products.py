@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 from streamkit.study.calibration.figure import calibration_figure
 from streamkit.study.calibration.runner import DRAWS, Calibration
@@ -18,4 +19,7 @@ def calibration_products(found: Calibration) -> Products:
     tables = {TABLE: draws_table(found), COVERAGE: coverage_table(found)}
     pictures = {PICTURE: partial(calibration_figure, found)}
     text = describe_calibration(found)
-    return Products(found.spec, RUN, text, tables, pictures, {"draws": len(found.draws)}, found.stopped)
+    header: dict[str, Any] = {"draws": len(found.draws)}
+    if found.truth is not None:
+        header["truth"] = found.truth.document
+    return Products(found.spec, RUN, text, tables, pictures, header, found.stopped)

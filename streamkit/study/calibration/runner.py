@@ -24,11 +24,15 @@ DRAWS = "draws.jsonl"
 
 @dataclass(frozen=True)
 class Calibration:
-    """The finished draws of a run file, in order, and why there are no others; empty if nothing is missing."""
+    """The finished draws of a run file, in order, and why there are no others; empty if nothing is missing.
+
+    ``truth`` is the run file whose streams gave the data, where it is another one.
+    """
 
     spec: Spec
     draws: tuple[Draw, ...]
     stopped: str = ""
+    truth: Spec | None = None
 
     @cached_property
     def ranks(self) -> Array:
@@ -40,9 +44,17 @@ class Calibration:
         """(n, 3) The same of the enclosed masses."""
         return np.array([draw.mass_ranks for draw in self.draws])
 
+    @cached_property
+    def every_rank(self) -> Array:
+        """(n, d + 3) Those of the parameters, then those of the masses."""
+        return np.concatenate([self.ranks, self.mass_ranks], axis=1)
+
     def coverage(self, probability: float) -> Array:
-        """(3,) The share of the draws whose true masses lie in the central interval of this probability."""
-        return np.asarray((np.abs(self.mass_ranks - 0.5) <= 0.5 * probability).mean(axis=0))
+        """(d + 3,) The share of the draws whose truth lies in the central interval of this probability.
+
+        Of the parameters, then of the enclosed masses.
+        """
+        return np.asarray((np.abs(self.every_rank - 0.5) <= 0.5 * probability).mean(axis=0))
 
 
 def calibrate(
@@ -52,18 +64,23 @@ def calibrate(
     workers: int = 1,
     resume: bool = False,
     done: Callable[[], object] = lambda: None,
+    truth: Spec | None = None,
 ) -> Calibration:
     """Make as many draws as are missing, each a fit of its own; ``done`` is called after each.
 
-    Raises StreamkitError if ``out`` holds draws of another run file, or some and ``resume`` is not asked for. Raises
-    ComponentError if a component fails.
+    The data come from the streams of ``truth``, where that is given (see `make_draw`).
+
+    Raises StreamkitError if ``out`` holds draws of another run file, or some and ``resume`` is not asked for, or if
+    the free parameters of ``truth`` are not those of the fit. Raises ComponentError if a component fails.
     """
+    if truth is not None and (truth.names, truth.priors) != (spec.names, spec.priors):
+        raise StreamkitError(f"{spec.source}: {_difference(spec, truth)}")
     file = out / DRAWS
-    known = read_draws(file, spec) if resume else {}
+    known = read_draws(file, spec, truth) if resume else {}
     if not resume or not file.exists():
         out.mkdir(parents=True, exist_ok=True)
-        file.write_text(json.dumps({"digest": spec.digest()}) + "\n")
-    packed = pickle.dumps(spec)
+        file.write_text(json.dumps({"digest": _digest(spec, truth)}) + "\n")
+    packed = pickle.dumps((spec, truth))
     for _ in known:
         done()
     jobs = {index: (packed, index, file) for index in range(draws) if index not in known}
@@ -71,15 +88,15 @@ def calibrate(
     every = {**known, **found}
     if not every:
         raise StreamkitError(f"{spec.source}: {stopped} before the first draw was finished")
-    return Calibration(spec, tuple(every[index] for index in sorted(every)), stopped)
+    return Calibration(spec, tuple(every[index] for index in sorted(every)), stopped, truth)
 
 
-def read_draws(file: Path, spec: Spec) -> dict[int, Draw]:
+def read_draws(file: Path, spec: Spec, truth: Spec | None = None) -> dict[int, Draw]:
     """Return the draws in a file by number; what an untimely end left of a line is passed over."""
     if not file.exists():
         return {}
     first, *lines = file.read_text(errors="replace").splitlines() or [""]
-    if spec.digest() not in first:
+    if json.dumps(_digest(spec, truth)) not in first:
         raise StreamkitError(f"{file}: these draws belong to another run file, or to other settings of it")
     found = {}
     for line in lines:
@@ -92,9 +109,25 @@ def read_draws(file: Path, spec: Spec) -> dict[int, Draw]:
     return found
 
 
+def _digest(spec: Spec, truth: Spec | None) -> str:
+    return spec.digest() if truth is None else f"{spec.digest()} {truth.digest()}"
+
+
+def _difference(spec: Spec, truth: Spec) -> str:
+    """Say which free parameter one of them has alone, or with a prior of its own."""
+    priors, others = (dict(zip(each.names, each.priors, strict=True)) for each in (spec, truth))
+    name = next(name for name in (*priors, *others) if priors.get(name) != others.get(name))
+    found = "none" if name not in others else "another prior" if name in priors else "one"
+    return (
+        f"the streams of the truth must have the free parameters of the fit: for {name} they have {found}. Give both "
+        "the same number, with --set or in the run file"
+    )
+
+
 def _work(job: tuple[bytes, int, Path]) -> Draw:
     packed, index, file = job
-    draw = make_draw(pickle.loads(packed), index)  # noqa: S301  our own, from the process that started this one
+    spec, truth = pickle.loads(packed)  # noqa: S301  our own, from the process that started this one
+    draw = make_draw(spec, index, truth)
     line = f"\n{draw.line()}\n".encode()  # one write, and a line of its own whatever stands before
     handle = os.open(file, os.O_WRONLY | os.O_APPEND)
     try:

@@ -40,14 +40,14 @@ def draws_table(found: Calibration) -> QTable:
 
 
 def coverage_table(found: Calibration) -> QTable:
-    """Return one row per interval: how often it holds the true M(<50), M(<100) and M(<200 kpc), with its error."""
+    """Return one row per interval: how often it holds each true parameter and enclosed mass, with its error."""
     from astropy.table import QTable
 
     out, n = QTable(), len(found.draws)
     out["probability"] = PROBABILITIES
     shares = np.array([found.coverage(p) for p in PROBABILITIES])
-    for i, radius in enumerate(MASS_RADII):
-        out[f"mass_{radius:g}"] = shares[:, i]
+    for i, name in enumerate((*found.spec.names, *(f"mass_{radius:g}" for radius in MASS_RADII))):
+        out[name] = shares[:, i]
     out["error"] = np.sqrt(np.multiply(PROBABILITIES, 1 - np.array(PROBABILITIES)) / n)
     out["error"].description = "of a share of so many draws, if the intervals are right"
     return out
@@ -56,11 +56,13 @@ def coverage_table(found: Calibration) -> QTable:
 def describe_calibration(found: Calibration) -> str:
     """Show the coverage for a terminal, and which fits had not converged."""
     n, unsure = len(found.draws), sum(draw.r_hat > UNSURE for draw in found.draws)
-    rows = [("interval", *(f"M(<{r:g} kpc)" for r in MASS_RADII), "expected")]
-    for p in PROBABILITIES:
-        error = np.sqrt(p * (1 - p) / n)
-        shares = (f"{share:.0%}" for share in found.coverage(p))
-        rows.append((f"{p:.0%}", *shares, f"{p:.0%} +- {error:.0%}"))
+    rows = [("interval", *(f"{p:.0%}" for p in PROBABILITIES), "mean rank")]
+    errors = [f"{p:.0%} +- {np.sqrt(p * (1 - p) / n):.0%}" for p in PROBABILITIES]
+    rows.append(("expected", *errors, f"0.50 +- {np.sqrt(1 / 12 / n):.2f}"))
+    shares = np.array([found.coverage(p) for p in PROBABILITIES]).T
+    names = (*found.spec.names, *(f"M(<{r:g} kpc)" for r in MASS_RADII))
+    for name, share, rank in zip(names, shares, found.every_rank.mean(axis=0), strict=True):
+        rows.append((name, *(f"{each:.0%}" for each in share), f"{rank:.2f}"))
     parts = [f"share of {n} draws whose truth lies in the central interval\n{columns(rows)}"]
     if unsure:
         told = f"{unsure} of {n} fits have R-hat above {UNSURE:g}: take more steps, their intervals are not settled."

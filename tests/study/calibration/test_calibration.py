@@ -15,7 +15,7 @@ from streamkit.study.calibration.runner import DRAWS, read_draws
 
 PLUGIN = '''
 import numpy as np
-from streamkit import Observable, Prediction, VelocityDatum, hookimpl
+from streamkit import Observable, Prediction, Velocity, VelocityDatum, hookimpl
 
 class Itself(Observable):
     """The parameter v0 of the host, measured directly: its posterior is known."""
@@ -23,9 +23,10 @@ class Itself(Observable):
     kind = "itself"
     example = {"speed": [200.0, 20.0]}
     speed: VelocityDatum
+    bias: Velocity = 0.0
 
     def predict(self, stream):
-        return Prediction(("speed",), np.array([stream.parameters["potential.v0"]]), np.zeros(1))
+        return Prediction(("speed",), np.array([stream.parameters["potential.v0"] + self.bias]), np.zeros(1))
 
     def data(self):
         return np.array([self.speed[0]]), np.array([self.speed[1]])
@@ -99,10 +100,43 @@ def uniform(spec, n):
 def test_coverage_of_uniform_ranks(spec):
     found = uniform(spec, 200)
     for probability in (0.5, 0.68, 0.95):
-        assert found.coverage(probability) == pytest.approx([probability] * 3, abs=0.005)
+        assert found.coverage(probability) == pytest.approx([probability] * 4, abs=0.005)
     products = calibration_products(found)
     assert "68%" in products.text
     assert products.pictures["calibration.png"]().axes[0].get_title()
+
+
+def test_data_of_another_truth_show_its_bias(spec):
+    """The truth's speed is read 1.5 errors too high, so the exact posterior is 0.75 errors too high."""
+    high = spec.with_values({"observable.bias": 1.5 * ERROR})
+    draws = [(make_draw(spec, index), make_draw(spec, index, high)) for index in range(2)]
+    for own, other in draws:
+        assert own.truth == other.truth
+        assert own.masses == other.masses
+        moved = norm.ppf(own.ranks[0]) - norm.ppf(other.ranks[0])
+        assert moved == pytest.approx(0.75 * ERROR / (SD / np.sqrt(2)), abs=0.4)
+
+
+def test_draws_of_another_truth_are_refused(short, tmp_path):
+    other = short.with_values({"observable.bias": 1.0})
+    calibrate(short, tmp_path / "out", 1, truth=other)
+    with pytest.raises(sk.StreamkitError, match="belong to another run file"):
+        calibrate(short, tmp_path / "out", 1, resume=True)
+    again = calibrate(short, tmp_path / "out", 1, resume=True, truth=other)
+    assert "bias" in str(calibration_products(again).header["truth"])
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"potential.v0": 200.0}, "potential.v0 they have none"),
+        ({"potential.rs": {"uniform": [5, 20]}}, "rs they have one"),
+        ({"potential.v0": {"normal": [100, 5]}}, "another prior"),
+    ],
+)
+def test_the_truth_has_the_free_parameters_of_the_fit(short, tmp_path, change, text):
+    with pytest.raises(sk.StreamkitError, match=text):
+        calibrate(short, tmp_path / "out", 1, truth=short.with_values(change))
 
 
 def test_an_observable_without_mock_data_says_so(spec, tmp_path):
@@ -125,9 +159,12 @@ def test_apocentres_draw_around_what_they_predict():
 def test_the_command(spec, tmp_path):
     (tmp_path / "run.toml").write_text(spec.toml())
     options = ["calibrate", str(tmp_path / "run.toml"), "-o", str(tmp_path / "out"), "--draws", "2"]
-    done = CliRunner().invoke(main, [*options, "--set", "sampler.steps=40"])
+    done = CliRunner().invoke(main, [*options, "--set", "sampler.steps=40", "--truth-set", "stripping.sigma=5"])
     assert done.exit_code == 0, done.output
     assert "share of 2 draws" in done.output
     assert len(QTable.read(tmp_path / "out" / "calibration.ecsv")) == 2
     assert (tmp_path / "out" / "calibration.png").stat().st_size > 5000
     assert CliRunner().invoke(main, options).exit_code == 2
+    wrong = CliRunner().invoke(main, [*options, "-f", "--truth-set", "stripping.kin=streakline"])
+    assert wrong.exit_code == 2
+    assert "Did you mean 'stripping.kind'" in " ".join(wrong.output.split())
