@@ -52,6 +52,7 @@ from .stream import Mark as Mark
 from .stream import Observer as Observer
 from .stream import Orbit as Orbit
 from .stream import Panel as Panel
+from .stream import PanelData as PanelData
 from .stream import Prediction as Prediction
 from .stream import Release as Release
 from .stream import Seen as Seen

@@ -11,10 +11,11 @@ from pydantic import Field, field_validator, model_validator
 from streamkit import (
     Angle,
     Array,
+    BoolArray,
     Columns,
     Coordinate,
     Frame,
-    Mark,
+    IntArray,
     Number,
     Observable,
     Panel,
@@ -27,9 +28,10 @@ from streamkit import (
     place_on_sky,
     sky_matrix,
 )  # fmt: skip
-from streamkit.builtin.track_columns import COLUMNS, DEPTH
+from streamkit.builtin.track_columns import COLUMNS, DEPTH, column_of, within
 from streamkit.builtin.track_likelihood import ln_mixture, scatter_of
 from streamkit.builtin.track_lines import ENOUGH, REACH, Lines, gather, local_lines
+from streamkit.builtin.track_panels import column_panels
 
 FEWEST = 10
 """Particles that have left the progenitor below which there is no stream."""
@@ -164,7 +166,7 @@ class Track(Observable):
         return tuple(found)
 
     @cached_property
-    def _places(self) -> tuple[Array, dict[str, Array]]:
+    def _places(self) -> tuple[Array, dict[str, IntArray]]:
         """The different longitudes (u,) of all data, and for each field which of them its data have."""
         parts = [phi1 for phi1, _, _ in self.given.values()]
         different, which = np.unique(np.concatenate(parts), return_inverse=True)
@@ -185,34 +187,46 @@ class Track(Observable):
         The details hold, for every datum, the spread (m,) of the debris about it, and ln_coverage (m,), the ln of the
         share of a well-covered line's density that is there.
         """
-        chosen = ~stream.bound
-        if self.arm != "both":
-            chosen = stream.arm == ARMS[self.arm]
-        if chosen.sum() < FEWEST or not stream.weight[chosen].sum() > 0:
+        different, which = self._places
+        if not self.shows(stream):
             none = np.full(len(self.names), np.nan)
             return Prediction(self.names, none, none, why_not="too few particles have left the progenitor")
-        longitude, columns = self.of_particles(stream)
-        different, which = self._places
-        margin = 0.0
-        if not self.unwrapped:
-            middle = float(np.degrees(np.angle(np.exp(1j * np.radians(different)).sum())))
-            longitude, different = (_within(angle, middle) for angle in (longitude, different))
-            farthest = np.abs(different - middle).max() + REACH * self.kernel
-            margin = float(np.clip(farthest - FAR, 0.0, 360.0))
-        of = list(columns)
-        away = np.flatnonzero(chosen)
-        of_debris = [column[away] for column in columns.values()]
-        debris = gather(longitude[away], of_debris, stream.weight[away], margin)
-        depth = of.index("distance") if DEPTH in self.given else -1
-        lines = local_lines(debris, different, self.kernel, depth=depth)
-        parts = [self._part(name, lines, of.index(_column(name)), which[name]) for name in self.given]
+        lines, of = self.lines(stream, different)
+        parts = [self.part_of(name, lines, of.index(column_of(name)), which[name]) for name in self.given]
         mean, variance, spread, count = (np.concatenate(part) for part in zip(*parts, strict=True))
         coverage = -np.logaddexp(0.0, np.log(ENOUGH) - count)
         details = {"spread": spread, "ln_coverage": coverage}
         return Prediction(self.names, mean, variance, details=details)
 
-    def _part(self, name: str, lines: Lines, row: int, which: Array) -> tuple[Array, Array, Array, Array]:
-        """Mean, variance, spread and ln of the count of one field's data."""
+    def shows(self, stream: Stream) -> bool:
+        """Say whether the stream has enough debris for lines."""
+        chosen = self._chosen(stream)
+        return bool(chosen.sum() >= FEWEST and stream.weight[chosen].sum() > 0)
+
+    def lines(self, stream: Stream, at: Array) -> tuple[Lines, list[str]]:
+        """Fit the lines at longitudes (m,) in degrees, of all columns that data are compared with; and their names."""
+        chosen = self._chosen(stream)
+        longitude, columns = self.of_particles(stream)
+        margin = 0.0
+        if not self.unwrapped:
+            different = self._places[0]
+            middle = float(np.degrees(np.angle(np.exp(1j * np.radians(different)).sum())))
+            longitude, at = (within(angle, middle) for angle in (longitude, at))
+            farthest = np.abs(at - middle).max() + REACH * self.kernel
+            margin = float(np.clip(farthest - FAR, 0.0, 360.0))
+        away = np.flatnonzero(chosen)
+        of_debris = [column[away] for column in columns.values()]
+        debris = gather(longitude[away], of_debris, stream.weight[away], margin)
+        of = list(columns)
+        depth = of.index("distance") if DEPTH in self.given else -1
+        return local_lines(debris, at, self.kernel, depth=depth), of
+
+    def _chosen(self, stream: Stream) -> BoolArray:
+        """(n,) The debris that is compared."""
+        return ~stream.bound if self.arm == "both" else stream.arm == ARMS[self.arm]
+
+    def part_of(self, name: str, lines: Lines, row: int, which: IntArray) -> tuple[Array, Array, Array, Array]:
+        """Mean, variance, spread and ln of the count of one field, at some of the lines."""
         count = lines.ln_count[which]
         if name != DEPTH:
             return lines.value[row, which], lines.variance[row, which], lines.spread[row, which], count
@@ -228,7 +242,7 @@ class Track(Observable):
                 velocity = seen.radial_velocity + stream.toward(self.gsr_sun)
             seen = seen._replace(radial_velocity=velocity)
         longitude = stream.unwrapped_longitude(self.frame) if self.unwrapped else seen.phi1
-        wanted = {_column(name) for name in self.given}
+        wanted = {column_of(name) for name in self.given}
         return longitude, {name: column.of(seen) for name, column in COLUMNS.items() if name in wanted}
 
     def ln_likelihood(self, prediction: Prediction, add_noise: bool) -> float:
@@ -236,11 +250,7 @@ class Track(Observable):
         total, start = 0.0, 0
         for name, (phi1, value, error) in self.given.items():
             part = slice(start, start := start + len(phi1))
-            variance = error**2
-            if name != DEPTH:
-                variance = variance + getattr(self, f"{name}_dispersion") ** 2
-            if name in self.stars:
-                variance = variance + prediction.details["spread"][part] ** 2
+            variance = self.scatter2(name, error, prediction.details["spread"][part])
             if add_noise:
                 variance = variance + prediction.variance[part]
             outliers = 0.0 if name == DEPTH else getattr(self, f"{name}_outliers")
@@ -249,14 +259,20 @@ class Track(Observable):
             total += ln_mixture(value, variance, prediction.mean[part], coverage, outliers, background)
         return total
 
+    def scatter2(self, name: str, error: Array, spread: Array) -> Array:
+        """(k,) Variances of one field's data about the lines: errors, extra dispersion, and the spread for stars."""
+        variance = error**2
+        if name != DEPTH:
+            variance = variance + getattr(self, f"{name}_dispersion") ** 2
+        return variance + spread**2 if name in self.stars else variance
+
     def mock(self, prediction: Prediction, rng: np.random.Generator) -> dict[str, Any]:
         """Return tables with Gaussian noise: errors, extra dispersion, for stars the spread; a fraction of outliers."""
         found, start = {}, 0
         for name, (phi1, value, error) in self.given.items():
             part = slice(start, start := start + len(phi1))
-            extra = 0.0 if name == DEPTH else getattr(self, f"{name}_dispersion")
-            spread = prediction.details["spread"][part] if name in self.stars else 0.0
-            drawn = rng.normal(prediction.mean[part], np.sqrt(error**2 + extra**2 + spread**2))
+            variance = self.scatter2(name, error, prediction.details["spread"][part])
+            drawn = rng.normal(prediction.mean[part], np.sqrt(variance))
             if name != DEPTH:
                 other = rng.normal(*scatter_of(value, error), len(phi1))
                 drawn = np.where(rng.random(len(phi1)) < getattr(self, f"{name}_outliers"), other, drawn)
@@ -265,26 +281,8 @@ class Track(Observable):
         return found
 
     def panels(self, stream: Stream, prediction: Prediction) -> tuple[Panel, ...]:
-        """Return a picture for every column: debris, fitted lines and data against longitude."""
-        longitude, columns = self.of_particles(stream)
-        found, start = [], 0
-        for name, (phi1, value, error) in self.given.items():
-            part = slice(start, start := start + len(phi1))
-            order = np.argsort(phi1, kind="stable")
-            marks = [
-                Mark("datum", np.array([x]), np.array([y]), "data", 0.0, float(e))
-                for x, y, e in zip(phi1, value, error, strict=True)
-            ]
-            if not prediction.why_not:
-                marks.append(Mark("fit", phi1[order], prediction.mean[part][order], "fitted track"))
-            column = COLUMNS[_column(name)]
-            label = "spread of the distance [kpc]" if name == DEPTH else f"{column.label} [{column.unit}]"
-            if name == "radial_velocity" and self.velocity_frame == "gsr":
-                label = label.replace(" [", ", GSR [")
-            x = longitude if self.unwrapped else _within(longitude, float(phi1.mean()))
-            y = np.full(len(longitude), np.nan) if name == DEPTH else columns[name]
-            found.append(Panel(r"$\phi_1$ [deg]", label, x, y, tuple(marks)))
-        return tuple(found)
+        """Return a picture for every column: debris, fitted lines, data and residuals against longitude."""
+        return column_panels(self, stream, prediction)
 
     def remarks(self, prediction: Prediction) -> tuple[str, ...]:
         """Say which data lie where the stream has no debris."""
@@ -314,13 +312,3 @@ class Track(Observable):
         q = place_on_sky(phi1, np.zeros(len(phi1)), distance, sky_matrix(self.frame))
         r = np.sqrt((q**2).sum(axis=0))
         return {"innermost distance": float(r.min()), "outermost distance": float(r.max())}
-
-
-def _column(name: str) -> str:
-    """Return the column that a field's data are compared with."""
-    return "distance" if name == DEPTH else name
-
-
-def _within(angle: Array, middle: float) -> Array:
-    """(n,) Angles in degrees within half a turn of the middle."""
-    return np.asarray(angle - 360.0 * np.round((angle - middle) / 360.0))

@@ -30,3 +30,13 @@ COLUMNS: dict[str, Column] = {
 
 DEPTH = "distance_depth"
 """The field whose datum is the spread of the distance."""
+
+
+def column_of(name: str) -> str:
+    """Return the column that a field's data are compared with."""
+    return "distance" if name == DEPTH else name
+
+
+def within(angle: Array, middle: float) -> Array:
+    """(n,) Angles in degrees within half a turn of the middle."""
+    return np.asarray(angle - 360.0 * np.round((angle - middle) / 360.0))

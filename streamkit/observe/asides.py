@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from streamkit.components import Measurement, Observable
 from streamkit.observe.measure import UNNAMED, parts_of
@@ -16,9 +17,14 @@ def marks_of(observables: Mapping[str, Observable], prediction: Prediction) -> t
 
 
 def panels_of(observables: Mapping[str, Observable], stream: Stream, prediction: Prediction) -> tuple[Panel, ...]:
-    """Return the pictures on the sky of all observables."""
-    parts = parts_of(prediction)
-    return tuple(panel for name, each in observables.items() for panel in each.panels(stream, parts[name]))
+    """Return the pictures on the sky of all observables; the rows of their data are those of the whole prediction."""
+    parts, found, start = parts_of(prediction), [], 0
+    for name, each in observables.items():
+        for panel in each.panels(stream, parts[name]):
+            data = panel.data
+            found.append(panel if data is None else replace(panel, data=replace(data, rows=data.rows + start)))
+        start += len(parts[name].names)
+    return tuple(found)
 
 
 def frame_of(observables: Mapping[str, Observable]) -> Frame:

@@ -17,8 +17,8 @@ from .files import save_picture as save_picture
 from .files import save_table as save_table
 from .files import to_disk as to_disk
 from .progress import Progress as Progress
+from .stream_axes import draw_unwrapped as draw_unwrapped
 from .stream_figure import draw_stream as draw_stream
-from .stream_figure import draw_unwrapped as draw_unwrapped
 from .stream_file import FORMATS as FORMATS
 from .stream_file import write_stream as write_stream
 from .stream_text import describe_expansions as describe_expansions

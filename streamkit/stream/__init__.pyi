@@ -13,6 +13,7 @@ from .observer import Observer as Observer
 from .orbit import Orbit as Orbit
 from .prediction import Mark as Mark
 from .prediction import Panel as Panel
+from .prediction import PanelData as PanelData
 from .prediction import Prediction as Prediction
 from .prediction import join_predictions as join_predictions
 from .sky_frames import Frame as Frame

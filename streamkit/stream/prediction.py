@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from streamkit.stream.arrays import Array
+from streamkit.stream.arrays import Array, IntArray
 
 
 @dataclass(frozen=True)
@@ -37,17 +37,40 @@ class Mark:
 
 
 @dataclass(frozen=True)
+class PanelData:
+    """The data that a panel shows, and how far the model is from them.
+
+    Attributes
+    ----------
+    rows
+        (k,) which of the observable's numbers they are.
+    x, y, error
+        (k,) longitudes, values and standard errors, in the units of the panel.
+    pull
+        (k,) data minus model, in the standard deviations that the likelihood compares with; NaN without a value.
+    """
+
+    rows: IntArray
+    x: Array
+    y: Array
+    error: Array
+    pull: Array
+
+
+@dataclass(frozen=True)
 class Panel:
     """A picture of particles and data on the sky.
 
     Attributes
     ----------
     x_label, y_label
-        With units.
+        With units. Panels with the same label below each other share their axis.
     x, y
         (n,) every particle of the stream; NaN for none.
     marks
-        Lines and data over them, in the same units.
+        Lines over them, in the same units; a "fit" is the model, and NaN where it has no debris.
+    data
+        What is compared; a panel of residuals is drawn below.
     """
 
     x_label: str
@@ -55,6 +78,7 @@ class Panel:
     x: Array
     y: Array
     marks: tuple[Mark, ...] = ()
+    data: PanelData | None = None
 
 
 @dataclass(frozen=True, repr=False)

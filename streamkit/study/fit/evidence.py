@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import chi2, norm, rankdata
 
 from streamkit.errors import OutOfDomain
@@ -131,14 +132,35 @@ class Predictive:
         return float(chi2.sf(found, len(self.data)).mean())
 
 
-def predictive(results: Results) -> Predictive | None:
-    """Return data and predictions of a run; None if the run kept no predictions."""
+def predicted_intervals(results: Results, stream: str) -> dict[str, Array]:
+    """Return the 95 % and 68 % intervals (2, m) of what the model predicts of one stream; none if it was not kept."""
+    kept = _predictions(results)
+    if kept is None or stream not in (found := results.best_observation.predictions):
+        return {}
+    sizes = {name: len(prediction.names) for name, prediction in found.items()}
+    start = sum(n for i, n in enumerate(sizes.values()) if i < list(sizes).index(stream))
+    mean = kept["mean"][:, start : start + sizes[stream]]
+    known = mean[np.isfinite(mean).all(axis=1)]
+    if not len(known):
+        return {}
+    return {name: np.percentile(known, ends, axis=0) for name, ends in (("95 %", (2.5, 97.5)), ("68 %", (16, 84)))}
+
+
+def _predictions(results: Results) -> NDArray[Any] | None:
+    """(n,) What was predicted at some of the samples, mean and variance; None if the run kept no predictions."""
     blobs = results.blobs
     if blobs is None or not blobs.dtype.names or "mean" not in blobs.dtype.names:
         return None
-    data = Posterior(results.spec).data
     kept = blobs[results.discard :].ravel()
-    kept = kept[np.linspace(0, len(kept) - 1, min(len(kept), MOST)).astype(int)]
+    return np.asarray(kept[np.linspace(0, len(kept) - 1, min(len(kept), MOST)).astype(int)])
+
+
+def predictive(results: Results) -> Predictive | None:
+    """Return data and predictions of a run; None if the run kept no predictions."""
+    kept = _predictions(results)
+    if kept is None:
+        return None
+    data = Posterior(results.spec).data
     used = np.isfinite(data.values)
     kept = kept[np.isfinite(kept["mean"][:, used]).all(axis=1) & np.isfinite(kept["variance"][:, used]).all(axis=1)]
     if not len(kept):

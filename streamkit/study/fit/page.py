@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from streamkit.observe import frame_of
 from streamkit.report import cited, number
 from streamkit.study.fit.directory import manifest, stream_pictures
 from streamkit.study.fit.evidence import contraction, predictive, prior_fractions
@@ -76,12 +77,19 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
         literature=[] if literature is None else list(_literature(results, literature)),
         pictures=_pictures(results),
         streams=results.spec.streams,
+        on_sky=_on_sky(results),
         data=list(_data(results)),
         reasons=list(_reasons(results)),
         run=_run(results),
         toml=results.spec.toml(),
         bibtex=cited(results.spec),
     )
+
+
+def _on_sky(results: Results) -> set[str]:
+    """Return the names of the streams that are shown on the sky."""
+    bound = results.spec.bind_all(results.best())
+    return {name for name, setup in bound.streams.items() if frame_of(setup.observables) is not None}
 
 
 def _parameters(results: Results) -> Iterator[dict[str, Any]]:

@@ -15,6 +15,7 @@ from streamkit.report import draw_stream, save, save_picture, save_table
 from streamkit.sample import CHAIN
 from streamkit.spec import Spec
 from streamkit.study.fit.directory import LITERATURE, MANIFEST, RECOVERY, RUN_FILE, stream_pictures
+from streamkit.study.fit.evidence import predicted_intervals
 from streamkit.study.fit.figures import corner, mass_profile, radii, remark, rotation_curve, traces
 from streamkit.study.fit.literature import read_literature
 from streamkit.study.fit.page import PAGE, page_text
@@ -39,7 +40,7 @@ def best_stream(results: Results, name: str) -> Figure:
     except OutOfDomain as error:  # another machine's rounding may lose a stream at the edge
         raise ChainError(f"the stream of the best sample could not be made again: {error.reason}") from None
     setup, note = results.spec.bind(results.best(), name), remark(results) if results.quick else ""
-    return draw_stream(found.streams[name], found.predictions[name], setup, note=note)
+    return draw_stream(found.streams[name], found.predictions[name], setup, note, predicted_intervals(results, name))
 
 
 TABLES: dict[str, Callable[[Results], QTable]] = {
