@@ -6,7 +6,10 @@ from .components import Integrator as Integrator
 from .components import Observable as Observable
 from .components import Potential as Potential
 from .components import Preset as Preset
+from .components import Sampler as Sampler
+from .components import Samples as Samples
 from .components import Stripping as Stripping
+from .components import Target as Target
 from .components import hookimpl as hookimpl
 from .elementary import cubic as cubic
 from .elementary import cubic_pieces as cubic_pieces

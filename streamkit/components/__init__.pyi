@@ -17,6 +17,9 @@ from .potential import Potential as Potential
 from .preset import Preset as Preset
 from .registry import Registry as Registry
 from .registry import load_registry as load_registry
+from .sampler import Sampler as Sampler
+from .sampler import Samples as Samples
+from .sampler import Target as Target
 from .total import AZIMUTH as AZIMUTH
 from .total import add_up as add_up
 from .total import circle as circle

@@ -24,7 +24,7 @@ class Component(BaseModel, ABC):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True)
 
     role: ClassVar[str]
-    """potential, stripping, integrator, observable or data: the section of the run file; set by the five bases."""
+    """The section of the run file: potential, stripping, integrator, observable, data or sampler. The bases set it."""
     kind: ClassVar[str]
     """What a run file calls it; unique within its role."""
     example: ClassVar[dict[str, Any]] = {}

@@ -23,11 +23,12 @@ from streamkit.components import hookspecs
 from streamkit.components.bases import Component, HostData, Integrator, Observable, Stripping
 from streamkit.components.potential import Potential
 from streamkit.components.preset import Preset
+from streamkit.components.sampler import Sampler
 from streamkit.errors import PluginError, SpecError
 
 OURS = "streamkit."
 ROLES: dict[str, type[Component]] = {
-    base.role: base for base in (Potential, Stripping, Integrator, Observable, HostData)
+    base.role: base for base in (Potential, Stripping, Integrator, Observable, HostData, Sampler)
 }
 
 
@@ -184,7 +185,7 @@ def _components(module: ModuleType) -> list[type[Component] | Preset]:
 
 def check_class(cls: Any) -> None:
     """Refuse what is no whole component: a PluginError."""
-    if not (inspect.isclass(cls) and issubclass(cls, Potential | Stripping | Integrator | Observable | HostData)):
+    if not (inspect.isclass(cls) and issubclass(cls, Component) and issubclass(cls, tuple(ROLES.values()))):
         raise PluginError(f"{cls!r} is no component class: {', '.join(ROLES)}")
     if "kind" in cls.model_fields:
         raise PluginError(

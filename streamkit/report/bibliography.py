@@ -20,13 +20,7 @@ ALWAYS = {
     "Astropy2022": "astropy",
     "Hunter2007": "matplotlib, the pictures",
 }
-FIT = {
-    "ForemanMackey2013": "emcee, the sampler",
-    "DelMoral2006": "the search for a start",
-    "Vehtari2021": "R-hat",
-    "ForemanMackey2016": "corner, a picture of a fit",
-}
-MOVES = {"surrogate": "terBraak2006", "de": "terBraak2006", "stretch": "Goodman2010"}
+FIT = {"ForemanMackey2016": "corner, a picture of a fit"}
 
 
 @cache
@@ -56,7 +50,7 @@ def cited(spec: Spec) -> str:
             uses.setdefault(key, []).append(f"{path} = {cls.kind} ({supplier})")
     software = dict(ALWAYS)
     if spec.names:
-        software |= FIT | {MOVES[spec.sampler.moves]: f"the moves of the walkers, {spec.sampler.moves!r}"}
+        software |= spec.sampler.cites() | FIT
     for key, what in software.items():
         uses.setdefault(key, []).append(what)
     head = f"% What {spec.source} uses. The sources of your data are not in it: cite them too."

@@ -1,3 +1,5 @@
+from .calls import CALLS as CALLS
+from .calls import Calls as Calls
 from .chain import CHAIN as CHAIN
 from .chain import Chain as Chain
 from .chain import read_chain_file as read_chain_file
@@ -22,6 +24,11 @@ from .processes import CallTimeout as CallTimeout
 from .processes import Processes as Processes
 from .processes import WorkerDied as WorkerDied
 from .start import expected_calls as expected_calls
+from .task import Task as Task
+from .weighted import SAMPLES as SAMPLES
+from .weighted import Stopping as Stopping
+from .weighted import Weighted as Weighted
+from .weighted import read_weighted as read_weighted
 from .workers import Signals as Signals
 from .workers import Stopped as Stopped
 from .workers import Workers as Workers

@@ -15,11 +15,11 @@ from .progenitor import BODY_WAYS as BODY_WAYS
 from .progenitor import WAYS as WAYS
 from .progenitor import Sun as Sun
 from .reader import DEFAULT_KIND as DEFAULT_KIND
+from .reader import is_silent as is_silent
 from .reader import resolve as resolve
 from .schema import json_schema as json_schema
 from .settings import Likelihood as Likelihood
 from .settings import RunFile as RunFile
-from .settings import Sampler as Sampler
 from .setup import ONLY as ONLY
 from .setup import Body as Body
 from .setup import Bound as Bound

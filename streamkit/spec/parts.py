@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from streamkit.components import HostData, Integrator, Observable, Potential, Stripping
+from streamkit.components import HostData, Integrator, Observable, Potential, Sampler, Stripping
 from streamkit.spec.progenitor import BodyPlace, PhaseSpace, Sun
 from streamkit.spec.section import Section
-from streamkit.spec.settings import Likelihood, Sampler
+from streamkit.spec.settings import Likelihood
 from streamkit.spec.setup import ONLY, Body, Bound, Setup
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from streamkit.components import Component, Registry, load_registry
+from streamkit.components import Component, Registry, Sampler, load_registry
 from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.fields import Files
 from streamkit.spec.document import DEEPEST, depth
@@ -19,11 +19,11 @@ from streamkit.spec.priors import PRIORS
 from streamkit.spec.progenitor import BODY_WAYS, WAYS, Sun, choose_coordinates
 from streamkit.spec.section import Section, read_section
 from streamkit.spec.sentences import should
-from streamkit.spec.settings import VERSION, Likelihood, RunFile, Sampler
+from streamkit.spec.settings import VERSION, Likelihood, RunFile
 from streamkit.spec.setup import ONLY
 from streamkit.units import Unit
 
-DEFAULT_KIND = {"integrator": "adaptive", "observable": "apocentres"}
+DEFAULT_KIND = {"integrator": "adaptive", "observable": "apocentres", "sampler": "emcee"}
 LONGEST = 2000
 """Most characters of a sentence about one error."""
 _EXPECTED = {
@@ -67,6 +67,14 @@ def resolve(
             raise PluginError(f"{name}: {error}") from error.__cause__
     parts = reader.parts(registry)
     return _document(reader.raw, plugins, parts), name, reader.registry, parts
+
+
+def is_silent(cls: type[Any]) -> bool:
+    """Say whether a component is not named in a resolved run file: the sampler that was there before there were kinds.
+
+    Run files and digests of that time stay what they are.
+    """
+    return issubclass(cls, Sampler) and cls.kind == DEFAULT_KIND["sampler"]
 
 
 class _Reader:
@@ -120,16 +128,17 @@ class _Reader:
         bodies = self.bodies()
         streams, data = self.streams(), self.data()
         integrator = self.component("integrator", "integrator", self.raw.get("integrator", {}))
-        likelihood, sampler = self.plain("likelihood", Likelihood), self.plain("sampler", Sampler)
+        likelihood = self.plain("likelihood", Likelihood)
+        sampler = self.sampler(self.raw.get("sampler", {}))
         self.stop()
         parts = Parts(
             self.raw.get("seed", 0), sun, potentials, bodies, streams, data, integrator, likelihood, sampler
         )  # fmt: skip
-        walkers, free = parts.sampler.centre.walkers, sum(len(section.priors) for section in parts.sections)
-        if walkers < 2 * free:
-            self.refuse(
-                f"sampler.walkers: found {walkers}, expected at least {2 * free}, twice the number of free parameters"
-            )
+        for name in parts.sampler.priors:
+            self.refuse(f"sampler.{name}: takes no prior: give a plain value")
+        free = sum(len(section.priors) for section in parts.sections)
+        if free and (reason := parts.sampler.centre.unfit(free)):
+            self.refuse(f"sampler.{reason}")
         self.stop()
         return parts
 
@@ -164,6 +173,19 @@ class _Reader:
         except ValueError as error:
             return self.refuse(f"{path}: {error}")
         return read_section(path, cls, fields, self.errors, f"the {role} {cls.kind!r}", files=self.files)
+
+    def sampler(self, table: dict[str, Any]) -> Any:
+        """Validate the sampler; a field that belongs to another one is told with that one's name."""
+        before = len(self.errors)
+        section = self.component("sampler", "sampler", table)
+        for i in range(before, len(self.errors)):
+            name = self.errors[i].partition(":")[0].removeprefix("sampler.")
+            owners = [
+                kind for kind, entry in self.registry.entries["sampler"].items() if name in entry.cls.model_fields
+            ]
+            if owners and "has no field" in self.errors[i]:
+                self.errors[i] += f" {name!r} is a field of the sampler {owners[0]!r}."
+        return section
 
     def expand_preset(self) -> None:
         """Put the named potentials of a published model in the place of its name."""
@@ -355,9 +377,11 @@ def _document(raw: dict[str, Any], plugins: list[str], parts: Parts) -> dict[str
     tables: dict[str, dict[str, Any]] = {}
     for section in parts.sections:
         table = tables.setdefault(section.path, {})
-        if issubclass(section.cls, Component):
+        if issubclass(section.cls, Component) and not is_silent(section.cls):
             table["kind"] = section.cls.kind
         table.update(section.document())
+        if issubclass(section.cls, Sampler):  # its own settings stand before those of all samplers
+            table = tables[section.path] = dict(sorted(table.items(), key=lambda item: item[0] in Sampler.model_fields))
     filled: dict[str, Any] = {}
     for path, table in tables.items():
         *above, name = path.split(".")

@@ -54,44 +54,6 @@ class RunFile(BaseModel):
         return files
 
 
-class Sampler(BaseModel):
-    """Settings of emcee."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    walkers: int = Field(default=32, ge=2, description="Number of walkers, at least twice the free parameters.")
-    steps: int = Field(default=5000, ge=1, description="Longest chain, in steps per walker.")
-    tau_factor: float = Field(
-        default=50.0, gt=0, description="Stop when the chain is longer than so many autocorrelation times."
-    )
-    r_hat: float = Field(
-        default=1.02,
-        gt=1,
-        description="Stop only when the rank-normalised R-hat of every parameter is below this.",
-    )
-    start_particles: int = Field(
-        default=1000,
-        ge=2,
-        description="Particles of the streams that the search for a start tries, the run's own number at most. Where "
-        "an observable is made of little of the debris, such small streams have none of it: take more.",
-    )
-    moves: Literal["surrogate", "de", "stretch"] = Field(
-        default="surrogate",
-        description="Exchange with a learned surrogate of the posterior, differential evolution, or the stretch move.",
-    )
-    call_limit: float = Field(
-        default=3600.0,
-        gt=0,
-        description="Longest time of one call in seconds. A worker process is ended then; without workers it is only "
-        "noticed when the call is over.",
-    )
-    over_limit: Literal["stop", "reject"] = Field(
-        default="stop",
-        description="What becomes of a longer call: the run stops, or it is a rejection, with this reason. Which calls "
-        "are rejected then depends on the machine.",
-    )
-
-
 class Likelihood(BaseModel):
     """Settings of the comparison with the data."""
 

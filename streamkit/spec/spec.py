@@ -15,21 +15,18 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from streamkit.components import Component, Registry
+from streamkit.components import Component, Registry, Sampler
 from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.fields import Files
 from streamkit.spec.document import read_toml, to_toml
 from streamkit.spec.parts import Parts
 from streamkit.spec.priors import Prior
-from streamkit.spec.reader import resolve
+from streamkit.spec.reader import is_silent, resolve
 from streamkit.spec.section import Section
-from streamkit.spec.settings import Likelihood, Sampler
+from streamkit.spec.settings import Likelihood
 from streamkit.spec.setup import ONLY, Bound, Setup
 from streamkit.stream import Array
 from streamkit.units import Unit, symbol_of, unit_of
-
-NOT_PHYSICS = ("steps", "tau_factor", "r_hat", "call_limit", "over_limit")
-"""Fields of the sampler that a resumed run may change."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +87,7 @@ class Spec:
 
     @property
     def sampler(self) -> Sampler:
-        """The settings of the sampler."""
+        """The sampler with its settings."""
         return self.parts.sampler.centre
 
     @property
@@ -256,8 +253,8 @@ class Spec:
                 del table[name]
 
     def components(self) -> list[tuple[str, type[Component], str]]:
-        """Return path, class and supplier of every component in use."""
-        used = [s for s in self.parts.sections if issubclass(s.cls, Component)]
+        """Return path, class and supplier of every component in use, the default sampler left out."""
+        used = [s for s in self.parts.sections if issubclass(s.cls, Component) and not is_silent(s.cls)]
         return [(section.path, section.cls, self.registry.supplier(section.cls)) for section in used]
 
     def digest(self) -> str:
@@ -267,7 +264,7 @@ class Spec:
         """
         document = self.with_files_at({name: f"sha256:{digest}" for name, digest in self.files.items()})
         physics = {k: v for k, v in document.items() if k != "plugins"}
-        physics["sampler"] = {k: v for k, v in physics["sampler"].items() if k not in NOT_PHYSICS}
+        physics["sampler"] = {k: v for k, v in physics["sampler"].items() if k not in self.sampler.loose()}
         suppliers = [[path, cls.kind, supplier] for path, cls, supplier in self.components()]
         text = json.dumps([physics, self.names, suppliers], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()

@@ -11,8 +11,18 @@ from __future__ import annotations
 
 from typing import Any
 
-from streamkit import Component, HostData, Integrator, Observable, Potential, Stripping
-from streamkit.testing import common, dimensions, host_data, integrators, observables, potentials, stripping, use
+from streamkit import Component, HostData, Integrator, Observable, Potential, Sampler, Stripping
+from streamkit.testing import (
+    common,
+    dimensions,
+    host_data,
+    integrators,
+    observables,
+    potentials,
+    samplers,
+    stripping,
+    use,
+)
 from streamkit.testing.common import Check, failures, title
 from streamkit.testing.contained import in_a_process
 from streamkit.testing.quick import quick_failures
@@ -30,7 +40,7 @@ def check(cls: type[Component], **options: Any) -> None:
     Parameters
     ----------
     cls
-        A component class: potential, stripping scheme, integrator, observable or data on the host.
+        A component class: potential, stripping scheme, integrator, observable, data on the host or sampler.
     **options
         ``negative_density=True`` for a potential that is meant to have one somewhere;
         ``accuracy=1e-8`` for an integrator without a field ``step``: the relative error it may make over a
@@ -72,4 +82,8 @@ def _checks(cls: type[Component], negative_density: bool, accuracy: float) -> tu
         return COMMON + observables.CHECKS
     if issubclass(cls, HostData):
         return COMMON + host_data.CHECKS
-    raise AssertionError(f"{cls!r} is no potential, stripping scheme, integrator, observable or host data class")
+    if issubclass(cls, Sampler):
+        return samplers.CHECKS
+    raise AssertionError(
+        f"{cls!r} is no potential, stripping scheme, integrator, observable, host data or sampler class"
+    )

@@ -67,6 +67,7 @@ def test_the_built_ins_are_found_through_their_entry_point():
         "stripping": {"mlcs", "streakline"},
         "integrator": {"leapfrog", "pefrl", "dop853"},
         "observable": {"apocentres"},
+        "sampler": {"emcee"},
     }  # fmt: skip
     for role, kinds in wanted.items():
         assert kinds <= set(found.entries[role])

@@ -17,8 +17,8 @@ from typing import Any
 from streamkit.components import with_neighbours
 from streamkit.errors import ChainError
 from streamkit.report import contents, replace_whole, safely
-from streamkit.sample import CHAIN, JOURNAL, Chain, read_chain_file
-from streamkit.spec import ONLY, Spec, differences, to_toml
+from streamkit.sample import CALLS, CHAIN, JOURNAL, SAMPLES, Chain, Weighted, read_chain_file, read_weighted
+from streamkit.spec import DEFAULT_KIND, ONLY, Spec, differences, to_toml
 
 RUN_FILE = "run.toml"
 MANIFEST = "manifest.json"
@@ -117,7 +117,7 @@ def header(options: dict[str, Any]) -> str:
 
 def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
     """Check that the directory holds the run of this spec; return whether its chain has begun."""
-    begun = CHAIN in files or JOURNAL in files
+    begun = any(name in files for name in (CHAIN, JOURNAL, SAMPLES, CALLS))
     if MANIFEST in files and not begun and RUN_FILE not in files and manifest(directory)["digest"] == spec.digest():
         return False  # it was killed between the first two files
     if MANIFEST not in files or RUN_FILE not in files:
@@ -138,6 +138,9 @@ def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
         changed = differences(document, here)
         changed += [f"the data file {name}" for name, sha in spec.files.items() if data.get(name, sha) != sha]
         changed = changed or ["a plugin or streamkit itself"]
+        if (was := document.get("sampler", {}).get("kind", DEFAULT_KIND["sampler"])) != spec.sampler.kind:
+            told = f"the sampler: {was} there, {spec.sampler.kind} here, which cannot go on with the other's samples"
+            changed = [told, *(one for one in changed if not one.startswith("sampler"))]
         raise ChainError(
             f"{directory}: holds another run, and its chain cannot be continued with this run file. "
             f"What differs (there -> here): {'; '.join(changed)}. "
@@ -145,6 +148,8 @@ def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
         )
     if not begun:
         return False
+    if CALLS in files or SAMPLES in files:
+        return True
     found = read_chain(directory)
     return len(found.chain) > 0 or found.start is not None
 
@@ -210,11 +215,25 @@ def manifest(directory: Path) -> dict[str, Any]:
 
 def read_chain(directory: Path) -> Chain:
     """Read the chain of a run; ChainError if it cannot be read, or is not that of this directory's run."""
-    found, wanted = read_chain_file(directory / CHAIN), manifest(directory)["digest"]
-    digest = found.attributes.get("digest", wanted)
+    found = read_chain_file(directory / CHAIN)
+    _is_own(directory, CHAIN, "chain", found.attributes)
+    return found
+
+
+def read_samples(directory: Path) -> Weighted | None:
+    """Read the weighted samples of a run, None for one that keeps a chain; errors as those of `read_chain`."""
+    if not any((directory / name).exists() for name in (SAMPLES, CALLS)):
+        return None
+    found = read_weighted(directory / SAMPLES)
+    _is_own(directory, SAMPLES, "file of samples", found.attributes)
+    return found
+
+
+def _is_own(directory: Path, file: str, called: str, attributes: dict[str, Any]) -> None:
+    wanted = manifest(directory)["digest"]
+    digest = attributes.get("digest", wanted)
     if digest != wanted:
         raise ChainError(
-            f"{directory / CHAIN}: is the chain of another run, of digest {str(digest)[:12]}; that of "
+            f"{directory / file}: is the {called} of another run, of digest {str(digest)[:12]}; that of "
             f"{MANIFEST} is {wanted[:12]}. Nothing was changed: put the right file back, or start again with --force."
         )
-    return found

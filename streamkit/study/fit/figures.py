@@ -26,6 +26,7 @@ from streamkit.report import (
     ticks,
     with_unit,
 )
+from streamkit.sample import Weighted
 from streamkit.stream import Array
 from streamkit.study.fit.literature import draw_literature
 from streamkit.study.fit.results import Results
@@ -186,7 +187,12 @@ def _profile(
 
 
 def traces(results: Results) -> Figure:
-    """Draw the walkers' paths: every parameter and ln p against the step, with the burn-in shaded."""
+    """Draw the walkers' paths: every parameter and ln p against the step, with the burn-in shaded.
+
+    Weighted samples are drawn against their number, as the sampler gave them: nested sampling climbs from the prior.
+    """
+    if results.weighted is not None:
+        return _climb(results, results.weighted)
     steps, walkers, d = results.chain.shape
     scale, own, units = _labels(results)
     columns = min(3, d + 1)
@@ -237,6 +243,37 @@ def _no_contour_warning(record: logging.LogRecord) -> bool:
 def levels(profile: QTable, name: str, factor: float) -> dict[str, Array]:
     """Return median and intervals (nr,) of one quantity of a profile, times the factor, by suffix."""
     return {level: profile[name + level].value * factor for level in ("", "_lo68", "_hi68", "_lo95", "_hi95")}
+
+
+def _climb(results: Results, found: Weighted) -> Figure:
+    """Draw weighted samples in the order of their ln likelihood: all of them grey, and blue by their weight."""
+    order = np.argsort(found.blobs["ln_likelihood"], kind="stable")
+    order = order[np.isfinite(found.log_prob[order])]
+    d = found.points.shape[1]
+    scale, own, units = _labels(results)
+    columns = min(3, d + 1)
+    rows = -(-(d + 1) // columns)
+    figure = NotebookFigure(figsize=(4.3 * columns, 1.75 * rows + 0.8), layout="constrained")
+    panels: Any = figure.subplots(rows, columns, squeeze=False, sharex=True)
+    between = ["\n" if len(name) > (25 if "$" in name else 8) else " " for name in own]
+    names = [with_unit(*each) for each in zip(own, units, between, strict=True)] + [r"$\ln p$"]
+    every = order[:: max(len(order) // 5000, 1)]
+    x = np.arange(1, len(order) + 1)[:: max(len(order) // 5000, 1)]
+    share = found.weights[every] / found.weights.max()
+    lnp = found.log_prob[every]
+    values = [found.points[every, i] / scale[i] for i in range(d)] + [lnp]
+    for axes, value, name in zip(panels.flat, values, names, strict=False):
+        axes.plot(x, value, ".", color=GREY, ms=1.5, alpha=0.4, mew=0, rasterized=True)
+        axes.scatter(x, value, s=5, color=BLUE, alpha=share, lw=0, rasterized=True)
+        axes.set_ylabel(name, fontsize=12)
+        ticks(axes)
+    panels.flat[d].set_ylim(lnp.max() - 60, lnp.max() + 2)
+    for axes in list(panels.flat)[d + 1 :]:
+        axes.set_visible(False)
+    figure.supxlabel("number of the sample, by rising likelihood", fontsize=12)
+    text, title = remark(results), "grey: all samples; blue: by their weight"
+    figure.suptitle(f"{text} ({title})" if text else title, fontsize=11, color=VERMILION if text else "black")
+    return figure
 
 
 def bands(axes: Axes, r: Array, values: Mapping[str, Array]) -> None:

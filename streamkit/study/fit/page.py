@@ -19,7 +19,7 @@ from streamkit.study.fit.evidence import contraction, predictive, prior_fraction
 from streamkit.study.fit.figures import reach, remark
 from streamkit.study.fit.literature import beside_literature
 from streamkit.study.fit.page_figures import predicted_data, priors_and_posteriors, rank_plots
-from streamkit.study.fit.results import Results
+from streamkit.study.fit.results import Results, evidence_text
 from streamkit.study.fit.verdicts import LEVELS, overall, verdicts
 
 if TYPE_CHECKING:
@@ -165,14 +165,20 @@ def _run(results: Results) -> dict[str, Any]:
     steps, walkers, d = results.chain.shape
     known = {} if results.directory is None else manifest(results.directory)
     spec = results.spec
+    chain = f"{steps} steps of {walkers} walkers, {d} free parameters; {results.discard} steps of burn-in"
+    if results.weighted is not None:
+        many = f"none: {len(results.weighted.points)} weighted samples, {d} free parameters"
+        chain = f"{many}, here as {steps} of equal weight; {evidence_text(results.weighted)}"
     return {
         "facts": {
             "run file": Path(str(spec.source)).name,
             "digest": spec.digest(),
             "seed": spec.seed,
-            "chain": f"{steps} steps of {walkers} walkers, {d} free parameters; {results.discard} steps of burn-in",
+            "sampler": spec.sampler.kind,
+            "chain": chain,
             "ended": {
                 "converged": "by the rule of convergence",
+                "few": "by the rule of the sampler, with few effective samples",
                 "steps": "at the number of steps it was given",
                 "time": "at its time limit",
             }.get(results.status, "not yet, or by an interruption"),
@@ -187,10 +193,9 @@ def _pictures(results: Results) -> dict[str, str]:
     """Return the pictures by name; one that fails is left out, with the reason in `Results.failed`."""
     fractions = [prior_fractions(p, x) for p, x in zip(results.spec.priors, results.samples.T, strict=True)]
     seen = predictive(results)
-    makers: dict[str, Callable[[], Figure]] = {
-        "ranks": lambda: rank_plots(results),
-        "priors": lambda: priors_and_posteriors(results, fractions),
-    }
+    makers: dict[str, Callable[[], Figure]] = {"priors": lambda: priors_and_posteriors(results, fractions)}
+    if results.weighted is None:
+        makers["ranks"] = lambda: rank_plots(results)
     if seen is not None:
         makers["data"] = lambda: predicted_data(seen)
     found = {}

@@ -12,8 +12,8 @@ import numpy as np
 
 from streamkit.errors import ChainError, OutOfDomain
 from streamkit.report import draw_stream, save, save_picture, save_table
-from streamkit.sample import CHAIN
-from streamkit.spec import Spec
+from streamkit.sample import CALLS, CHAIN, SAMPLES
+from streamkit.spec import Spec, is_silent
 from streamkit.study.fit.directory import LITERATURE, MANIFEST, RECOVERY, RUN_FILE, stream_pictures
 from streamkit.study.fit.evidence import predicted_intervals
 from streamkit.study.fit.figures import corner, mass_profile, radii, remark, rotation_curve, traces
@@ -58,7 +58,8 @@ FIGURES: dict[str, Callable[[Results], Figure]] = {
 
 def products_of(spec: Spec) -> tuple[str, ...]:
     """Return every file that a run of this spec writes into its output directory."""
-    return (RUN_FILE, MANIFEST, CHAIN, *TABLES, *FIGURES, *stream_pictures(spec), PAGE)
+    kept = (CHAIN,) if is_silent(type(spec.sampler)) else (SAMPLES, CALLS)
+    return (RUN_FILE, MANIFEST, *kept, *TABLES, *FIGURES, *stream_pictures(spec), PAGE)
 
 
 PRODUCTS = (RUN_FILE, MANIFEST, CHAIN, *TABLES, *FIGURES, "best_stream.png", PAGE)

@@ -18,6 +18,8 @@ from streamkit.sample import (
     Chain,
     Convergence,
     Posterior,
+    Stopping,
+    Weighted,
     effective_samples,
     learning_steps,
     rank_r_hat,
@@ -26,7 +28,7 @@ from streamkit.sample import (
 from streamkit.spec import Spec, load
 from streamkit.stream import Array, IntArray, Prediction, Stream
 from streamkit.study.fit.conversion import arviz_tree, sample_frame
-from streamkit.study.fit.directory import RUN_FILE, manifest, read_chain
+from streamkit.study.fit.directory import RUN_FILE, manifest, read_chain, read_samples
 from streamkit.study.fit.tables import diagnostics_table, profile_table, summary_table
 
 if TYPE_CHECKING:
@@ -67,11 +69,14 @@ class Results:
         What the surrogate of the moves was learned of: "the observables", "ln likelihood" where these do not explain
         it, or "none" where nothing could be learned; empty where none was asked for, or not yet learned.
     status
-        Why the sampling ended: "converged", "steps", "time", or "unfinished".
+        Why the sampling ended: "converged", "steps", "time", "few" (effective samples), or "unfinished".
     quick
         Whether it is a coarse look.
     directory
         Where it is, or None for one in memory.
+    weighted
+        The weighted samples of a sampler that gives such, with the evidence; None for a chain. `chain` then holds as
+        many samples of equal weight as they are worth, drawn with the seed of the run, as one walker.
     failed
         Pictures that could not be drawn, with the reason.
 
@@ -83,7 +88,8 @@ class Results:
         if not where.is_dir():
             raise ChainError(f"{where}: there is no such directory")
         options = manifest(where).get("options", {})
-        found = read_chain(where)
+        weighted = read_samples(where)
+        found = _as_chain(weighted, int(manifest(where).get("seed", 0))) if weighted is not None else read_chain(where)
         counts = found.attributes.get("counts", {})
         quick = bool(options.get("quick", False))
         status = str(found.attributes.get("status", "unfinished"))
@@ -95,7 +101,7 @@ class Results:
                 raise
             told = f"{where}: the run had components given in Python ({'; '.join(lost)})"
             raise ChainError(f"{told}: read it in Python, with Results(directory, components=[...])") from error
-        self._fill(spec, found, counts, status, quick)
+        self._fill(spec, found, counts, status, quick, weighted)
         self.directory: Path | None = where
 
     @classmethod
@@ -109,8 +115,25 @@ class Results:
         self.directory = None
         return self
 
-    def _fill(self, spec: Spec, found: Chain, counts: dict[str, Any], status: str, quick: bool) -> None:
-        self.spec = spec
+    @classmethod
+    def of_weighted(cls, spec: Spec, found: Weighted, quick: bool) -> Results:
+        """Return the results of a run with weighted samples that was kept in memory."""
+        self = cls.__new__(cls)
+        notes = found.attributes
+        self._fill(spec, _as_chain(found, spec.seed), notes["counts"], notes["status"], quick, found)
+        self.directory = None
+        return self
+
+    def _fill(
+        self,
+        spec: Spec,
+        found: Chain,
+        counts: dict[str, Any],
+        status: str,
+        quick: bool,
+        weighted: Weighted | None = None,
+    ) -> None:
+        self.spec, self.weighted = spec, weighted
         self.chain, self.log_prob, self.blobs = found.chain, found.log_prob, found.blobs
         self.calls, self.search_calls = int(counts.get("calls", 0)), int(counts.get("search_calls", 0))
         self.reasons: dict[str, int] = counts.get("reasons", {})
@@ -125,7 +148,11 @@ class Results:
                 f"the chain has {self.chain.shape[2]} parameters and the run file {len(spec.names)} free ones: "
                 "they belong to different runs"
             )
-        sampler = spec.sampler
+        self.convergence: Convergence | Stopping
+        if weighted is not None:
+            self.convergence, self.acceptance = Stopping(weighted), float(weighted.ess / max(self.calls, 1))
+            return
+        sampler: Any = spec.sampler
         self.convergence = Convergence(self.chain, learning_steps(sampler.moves), sampler.tau_factor, sampler.r_hat)
         moved = np.diff(self.chain[self.convergence.learned :], axis=0).any(axis=2)
         self.acceptance = float(moved.mean() if moved.size else np.mean(found.accepted) / len(self.chain))
@@ -137,6 +164,8 @@ class Results:
 
     def __repr__(self) -> str:
         steps, walkers, d = self.chain.shape
+        if self.weighted is not None:
+            return f"<Results: {len(self.weighted.points)} weighted samples, {d} parameters, {self.note()}>"
         trust = "converged" if self.converged else "not converged"
         return f"<Results: {steps} steps of {walkers} walkers, {d} parameters, {trust}>"
 
@@ -146,7 +175,7 @@ class Results:
     @property
     def discard(self) -> int:
         """Steps left out: those of learning, then three times the longest autocorrelation time, at most half."""
-        return len(self.chain) // 2 if self.quick else self.convergence.discard
+        return len(self.chain) // 2 if self.quick and self.weighted is None else self.convergence.discard
 
     @property
     def kept(self) -> Array:
@@ -166,17 +195,19 @@ class Results:
     @property
     def ess(self) -> Array:
         """(d,) Effective number of independent samples after burn-in."""
+        if self.weighted is not None:
+            return np.full(len(self.names), self.weighted.ess)
         return effective_samples(self.kept, self.tau)
 
     @cached_property
     def r_hat(self) -> Array:
         """(d,) Rank-normalised split R-hat after burn-in, each walker a chain."""
-        return rank_r_hat(self.kept) if self.quick else self.convergence.r_hat
+        return rank_r_hat(self.kept) if self.quick and self.weighted is None else self.convergence.r_hat
 
     @cached_property
     def stuck(self) -> IntArray:
         """(n,) Numbers of the walkers that are stuck far below the others."""
-        return stuck_walkers(self.chain, self.log_prob)
+        return stuck_walkers(self.chain, self.log_prob) if self.weighted is None else np.empty(0, dtype=np.int64)
 
     def __getitem__(self, name: str) -> Array:
         """(n,) Samples after burn-in of the parameter with this name, such as ``results["potential.v0"]``."""
@@ -215,6 +246,8 @@ class Results:
 
     def best(self) -> dict[str, float]:
         """Return the parameters of the highest ln posterior."""
+        if self.weighted is not None:
+            return dict(zip(self.names, self.weighted.points[np.argmax(self.weighted.log_prob)].tolist(), strict=True))
         step, walker = np.unravel_index(np.argmax(self.log_prob), self.log_prob.shape)
         return dict(zip(self.names, self.chain[step, walker].tolist(), strict=True))
 
@@ -237,12 +270,22 @@ class Results:
     def note(self) -> str:
         """Say in one sentence how far the percentiles can be trusted, and what is missing."""
         steps = len(self.chain)
+        if self.weighted is not None:
+            return self._weighted_note(self.weighted)
         if self.quick:
             return f"QUICK LOOK, {steps} steps: few particles, not converged, not for science."
         if missing := self.convergence.missing(self.names):
             return f"Not converged: {missing}."
         span, r_hat = self.convergence.span, self.r_hat.max()
         return f"{steps} steps are {span:.0f} autocorrelation times, and R-hat is {r_hat:.3f} at most."
+
+    def _weighted_note(self, found: Weighted) -> str:
+        if self.quick:
+            return f"QUICK LOOK, {self.calls} calls: few particles, not converged, not for science."
+        if missing := self.convergence.missing(self.names):
+            return f"Not converged: {missing}."
+        met = f"The rule of {self.spec.sampler.kind} is met"
+        return f"{met}, with {found.ess:.0f} effective samples; {evidence_text(found)}."
 
     def summary(self) -> QTable:
         """Return one row per parameter.
@@ -272,7 +315,8 @@ class Results:
 
     def diagnostics(self) -> QTable:
         """Return the sampler's calls, the rejected ones by reason, and how many walkers are stuck."""
-        return self._signed(diagnostics_table(self.calls, self.reasons, len(self.stuck), self.chain.shape[1]))
+        walkers = self.chain.shape[1] if self.weighted is None else 0
+        return self._signed(diagnostics_table(self.calls, self.reasons, len(self.stuck), walkers))
 
     def profiles(self, radii: Array) -> tuple[Array, Array]:
         """Return M (n, nr) in Msun and v_c (n, nr) in km/s of at most 5000 samples at radii (nr,) in kpc.
@@ -312,6 +356,31 @@ class Results:
                 "calls of the search": self.search_calls,
                 "digest": self.spec.digest(),
             }
+            | ({} if self.weighted is None else _told(self.weighted))
             | (more or {})
         )
         return table
+
+
+def evidence_text(found: Weighted) -> str:
+    """Return "ln evidence -12.3 +- 0.1"."""
+    if not np.isfinite(found.ln_evidence):
+        return "no evidence"
+    return f"ln evidence {found.ln_evidence:.2f} +- {found.ln_evidence_error:.2f}"
+
+
+def _told(found: Weighted) -> dict[str, Any]:
+    """Return what a table of weighted samples says of them."""
+    return {
+        "samples": f"{len(found.points)} weighted ones, here as {round(found.ess)} of equal weight",
+        "ln evidence": found.ln_evidence,
+        "error of ln evidence": found.ln_evidence_error,
+    }
+
+
+def _as_chain(found: Weighted, seed: int) -> Chain:
+    """Return samples of equal weight in the form of a chain of one walker."""
+    chosen = found.drawn(seed)
+    blobs = found.blobs[chosen][:, None]
+    notes = found.attributes
+    return Chain(found.points[chosen][:, None], found.log_prob[chosen][:, None], blobs, np.ones(1), notes)

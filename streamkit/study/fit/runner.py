@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from time import monotonic, time
+from typing import Any
 
 import numpy as np
 from emcee.backends import Backend
 
 from streamkit.components import Component
-from streamkit.errors import ChainError, ComponentError, Interrupted
+from streamkit.errors import ChainError, ComponentError, Interrupted, SpecError
 from streamkit.model import Host
 from streamkit.report import locked
 from streamkit.sample import (
+    CALLS,
     CHAIN,
     JOURNAL,
+    SAMPLES,
+    Calls,
     CallTimeout,
     ChainFile,
     Limits,
@@ -25,6 +29,9 @@ from streamkit.sample import (
     Sampling,
     Signals,
     Stopped,
+    Stopping,
+    Task,
+    Weighted,
     WorkerDied,
     Workers,
     blob_dtype,
@@ -41,6 +48,9 @@ QUICK_SEARCH = 50.0
 """Seconds after the beginning of a quick run when its search ends."""
 QUICK_SAMPLING = 140.0
 """The same for its sampling: a report must still fit in 3 minutes."""
+
+FOREIGN = 8
+"""Points at a time that somebody else's executor is thought to evaluate."""
 
 
 def run(
@@ -66,7 +76,8 @@ def run(
     workers
         Processes that evaluate the posterior, or any `concurrent.futures.Executor`. The samples do not depend on them.
     steps
-        Largest length of the chain, steps of a resumed run included; else ``sampler.steps`` of the spec.
+        Largest length of the chain, steps of a resumed run included; else ``sampler.steps`` of the spec. A sampler
+        without steps takes none.
     quick
         A coarse look within 3 minutes on two cores: few particles, few steps. Says so on every product.
     resume, force
@@ -90,60 +101,92 @@ def run(
     begin, spec = monotonic(), as_spec(spec, components)
     if quick:
         spec = quick_spec(spec)
+    if steps is not None and "steps" not in type(spec.sampler).model_fields:
+        raise SpecError(f"steps: the sampler {spec.sampler.kind!r} has none. What ends it stands in [sampler].")
     posterior, cheap = Posterior(spec), Posterior(cheap_spec(spec))
-    limits = Limits(
-        spec.sampler.steps if steps is None else steps,
-        spec.sampler.tau_factor,
-        spec.sampler.r_hat,
-        begin + QUICK_SAMPLING if quick else np.inf,
-    )
+    most = getattr(spec.sampler, "steps", None) if steps is None else steps
+    deadline = begin + QUICK_SAMPLING if quick else np.inf
     directory = None if out is None else Path(out)
-    options = {"quick": quick, "steps": limits.steps, "arguments": _arguments(workers, steps, quick)}
+    options = {"quick": quick, "steps": most, "arguments": _arguments(workers, steps, quick)}
     posterior.evaluate(spec.centre())  # compiles once, before the workers fork; fails before anything is written
     with ExitStack() as stack:
-        going_on, backend = False, Backend()
+        going_on = False
         if directory is not None:
             stack.enter_context(locked(directory))
-            going_on = claim(
-                directory, spec, options, (*products_of(spec), JOURNAL, *RECOVERY, LITERATURE), resume, force
-            )
-            backend = ChainFile(str(directory / CHAIN))
+            ours = (*products_of(spec), CHAIN, JOURNAL, SAMPLES, CALLS, *RECOVERY, LITERATURE)
+            going_on = claim(directory, spec, options, ours, resume, force)
         limit, reject = spec.sampler.call_limit, spec.sampler.over_limit == "reject"
         pool = stack.enter_context(Workers({"full": posterior, "cheap": cheap}, workers, limit=limit, reject=reject))
-        stack.enter_context(_explained(pool, directory, backend, resume_command(directory or Path(), options)))
-        sampling = Sampling(
-            spec.priors, spec.sampler.walkers, spec.seed, spec.sampler.moves, pool, backend,
-            blob_dtype(posterior.size), progress, lambda theta: _mass_100(spec, theta), posterior.data,
-            _particles(spec) / _particles(cheap_spec(spec)),
+        calls = Calls(pool, None if directory is None else directory / CALLS, spec.digest())
+        backend = Backend() if directory is None else ChainFile(str(directory / CHAIN))
+        again = resume_command(directory or Path(), options)
+        stack.enter_context(_explained(pool, lambda: _left(directory, backend, calls, again)))
+        chain: list[Results] = []
+
+        def ensemble(sampler: Any) -> None:
+            limits = Limits(most or sampler.steps, sampler.tau_factor, sampler.r_hat, deadline)
+            sampling = Sampling(
+                spec.priors, sampler.walkers, spec.seed, sampler.moves, pool, backend,
+                blob_dtype(posterior.size), progress, lambda theta: _mass_100(spec, theta), posterior.data,
+                _particles(spec) / _particles(cheap_spec(spec)),
+            )  # fmt: skip
+            status = _walk(spec, sampling, limits, going_on, begin, quick)
+            if directory is None:
+                chain.append(Results.in_memory(spec, backend, sampling.totals(), status, quick))
+
+        task = Task(
+            spec.priors, spec.seed, calls, blob_dtype(posterior.size),
+            workers=workers if isinstance(workers, int) else FOREIGN, deadline=deadline, progress=progress,
+            ensemble=ensemble,
         )  # fmt: skip
-        if isinstance(backend, ChainFile):
-            backend.note(status="unfinished", quick=quick, digest=spec.digest())
-        if going_on:
-            sampling.resume()
-        else:
-            sampling.begin(begin + QUICK_SEARCH if quick else np.inf)
-        if isinstance(backend, ChainFile):
-            backend.note(since=time(), first=int(backend.iteration))
-        status = sampling.advance(limits)
-        if isinstance(backend, ChainFile):
-            backend.note(status=status)
-            backend.consolidate()
+        weighted = None
+        for weighted in task.run(spec.sampler):
+            _note(spec, weighted, deadline, quick)
+            if directory is not None:
+                weighted.write(directory / SAMPLES)
+        if weighted is None and not backend.initialized:
+            raise ComponentError(f"sampler {spec.sampler.kind}: gave no samples")
     if directory is None:
-        return Results.in_memory(spec, backend, sampling.totals(), status, quick)
+        return chain[0] if weighted is None else Results.of_weighted(spec, weighted, quick)
     if products:
         return write_products(Results(directory, spec.given))
     return Results(directory, spec.given)
 
 
+def _walk(spec: Spec, sampling: Sampling, limits: Limits, going_on: bool, begin: float, quick: bool) -> str:
+    """Take the steps of an ensemble; return why they ended."""
+    backend = sampling.backend
+    if isinstance(backend, ChainFile):
+        backend.note(status="unfinished", quick=quick, digest=spec.digest())
+    if going_on:
+        sampling.resume()
+    else:
+        sampling.begin(begin + QUICK_SEARCH if quick else np.inf)
+    if isinstance(backend, ChainFile):
+        backend.note(since=time(), first=int(backend.iteration))
+    status = sampling.advance(limits)
+    if isinstance(backend, ChainFile):
+        backend.note(status=status)
+        backend.consolidate()
+    return status
+
+
+def _note(spec: Spec, found: Weighted, deadline: float, quick: bool) -> None:
+    """Note with weighted samples whose they are, and how the sampling stands."""
+    over = "time" if monotonic() > deadline else "unfinished"
+    ended = "converged" if Stopping(found) else over if found.missing else "few"
+    found.attributes.update(status=ended, quick=quick, digest=spec.digest())
+
+
 def quick_spec(spec: Spec) -> Spec:
     """Return the spec of the coarse look: fewer particles and walkers, the noise of the former added."""
-    walkers = min(spec.sampler.walkers, max(QUICK_WALKERS, 2 * len(spec.names) + 2))
-    return spec.with_particles(QUICK_PARTICLES).with_values({"sampler.walkers": walkers, "likelihood.noise": "add"})
+    settings = {f"sampler.{name}": value for name, value in spec.sampler.quick(len(spec.names)).items()}
+    return spec.with_particles(QUICK_PARTICLES).with_values({**settings, "likelihood.noise": "add"})
 
 
 def cheap_spec(spec: Spec) -> Spec:
     """Return the spec that searches for a start: few particles, their noise added to the data's."""
-    return spec.with_particles(spec.sampler.start_particles).with_values({"likelihood.noise": "add"})
+    return spec.with_particles(spec.sampler.start()[1]).with_values({"likelihood.noise": "add"})
 
 
 def _particles(spec: Spec) -> int:
@@ -157,15 +200,15 @@ def _mass_100(spec: Spec, theta: Array) -> float:
 
 
 @contextmanager
-def _explained(pool: Workers, directory: Path | None, backend: Backend, again: str) -> Iterator[None]:
+def _explained(pool: Workers, left: Callable[[], str]) -> Iterator[None]:
     """Turn signals into a clean stop; say at every untimely end what is left and how to go on."""
     try:
         with Signals(pool):
             yield
     except Stopped as stop:
-        raise Interrupted(f"stopped after {_left(directory, backend, again)}", stop.signum) from None
+        raise Interrupted(f"stopped after {left()}", stop.signum) from None
     except (ComponentError, ChainError, CallTimeout, WorkerDied) as error:
-        raise type(error)(f"{error}. The run stopped after {_left(directory, backend, again)}") from error
+        raise type(error)(f"{error}. The run stopped after {left()}") from error
 
 
 def _arguments(workers: int | Executor, steps: int | None, quick: bool) -> list[str]:
@@ -174,10 +217,13 @@ def _arguments(workers: int | Executor, steps: int | None, quick: bool) -> list[
     return [*(["--quick"] if quick else []), *processes, *(["--steps", str(steps)] if steps is not None else [])]
 
 
-def _left(directory: Path | None, backend: Backend, again: str) -> str:
+def _left(directory: Path | None, backend: Backend, calls: Calls, again: str) -> str:
     steps = int(backend.iteration) if backend.initialized else 0
+    done = f"{len(calls)} calls" if len(calls) else f"{steps} steps"
     if directory is None:
-        return f"{steps} steps, which were kept in memory only and are lost: give `out` to keep them."
+        return f"{done}, which were kept in memory only and are lost: give `out` to keep them."
+    if len(calls):
+        return f"{done}, all of them in {directory / CALLS}. To continue: {again}"
     if steps == 0:
         return f"no finished step. To begin again: {again}"
     where = [directory / name for name in (CHAIN, JOURNAL) if (directory / name).exists()]

@@ -10,7 +10,7 @@ import numpy as np
 
 from streamkit.errors import ChainError
 from streamkit.report import columns, is_locked, paragraph, seconds
-from streamkit.sample import CHAIN, JOURNAL
+from streamkit.sample import CALLS, CHAIN, JOURNAL, SAMPLES, Stopping
 from streamkit.study.fit.directory import manifest, read_chain, resume_command
 from streamkit.study.fit.results import Results
 from streamkit.study.fit.verdicts import overall, verdicts
@@ -19,10 +19,9 @@ from streamkit.study.fit.verdicts import overall, verdicts
 def read_status(directory: Path) -> dict[str, Any]:
     """Return what is known of a run, running or not, as JSON can hold it; None where a number is not known.
 
-    Keys: state ("running", "converged", "steps", "time" or "unfinished"), steps, most_steps, walkers, acceptance,
-    effective_samples (the least), r_hat (the largest), verdict, note, last_alive and expected_end (seconds since 1970;
-    the latter of a running run, when it reaches its number of steps or, if sooner, as many autocorrelation times as it
-    wants), and go_on (a command).
+    Keys: state ("running", or `Results.status`), steps, most_steps, walkers, acceptance, effective_samples (the least),
+    r_hat (the largest), verdict, note, last_alive and expected_end (seconds since 1970; the latter of a running run: it
+    reaches its number of steps or, if sooner, as many autocorrelation times as it wants), and go_on (a command).
 
     Raises ChainError if there is no run.
     """
@@ -30,7 +29,7 @@ def read_status(directory: Path) -> dict[str, Any]:
         raise ChainError(f"{directory}: there is no such directory")
     options = manifest(directory).get("options", {})
     running = is_locked(directory)
-    files = [path for name in (CHAIN, JOURNAL) if (path := directory / name).exists()]
+    files = [path for name in (CHAIN, JOURNAL, SAMPLES, CALLS) if (path := directory / name).exists()]
     known: dict[str, Any] = {
         "state": "running" if running else "unfinished",
         "steps": 0,
@@ -41,7 +40,7 @@ def read_status(directory: Path) -> dict[str, Any]:
     try:
         results = Results(directory)
     except ChainError:
-        if files and not running:
+        if any(path.name in (CHAIN, JOURNAL) for path in files) and not running:
             read_chain(directory)  # says what is wrong with it; one without a step is readable
         return known
     steps = len(results.chain)
@@ -49,7 +48,7 @@ def read_status(directory: Path) -> dict[str, Any]:
     known |= {
         "state": "running" if running else results.status,
         "steps": steps,
-        "walkers": results.chain.shape[1],
+        "walkers": results.chain.shape[1] if results.weighted is None else None,
         "acceptance": results.acceptance,
         "effective_samples": _plain(np.min(results.ess)),
         "r_hat": _plain(np.max(results.r_hat)),
@@ -57,7 +56,7 @@ def read_status(directory: Path) -> dict[str, Any]:
         "sentence": sentence,
         "note": results.note(),
     }
-    if running:
+    if running and results.weighted is None:
         known["expected_end"] = _expected_end(results, known, read_chain(directory).attributes)
     return known
 
@@ -66,9 +65,10 @@ def _expected_end(results: Results, known: dict[str, Any], attributes: dict[str,
     """When the run may end, from its mean pace since it was started or resumed."""
     since, first = attributes.get("since"), attributes.get("first", 0)
     steps, last = known["steps"], known["last_alive"]
-    if since is None or steps <= first or known["most_steps"] is None:
+    judged = results.convergence
+    if isinstance(judged, Stopping) or since is None or steps <= first or known["most_steps"] is None:
         return None
-    wanted = results.convergence.learned + results.spec.sampler.tau_factor * float(np.max(results.tau))
+    wanted = judged.learned + judged.tau_factor * float(np.max(results.tau))
     most = min(known["most_steps"], max(wanted, steps)) if np.isfinite(wanted) else known["most_steps"]
     return float(last + (last - since) / (steps - first) * (most - steps))
 
@@ -80,6 +80,7 @@ def _plain(value: float) -> float | None:
 STATES = {
     "running": "running now",
     "converged": "ended, converged",
+    "few": "ended by its rule, with few effective samples",
     "steps": "ended at the number of steps it was given",
     "time": "ended at its time limit",
     "unfinished": "stopped before its end",

@@ -52,7 +52,7 @@ def diagnostics_table(calls: int, reasons: Mapping[str, int], stuck: int, walker
     rejected = sorted(reasons.items(), key=lambda item: -item[1])
     rows = [("evaluated proposals", calls, calls)]
     rows += [(f"rejected: {reason}", n, calls) for reason, n in rejected]
-    rows += [("stuck walkers", stuck, walkers)]
+    rows += [("stuck walkers", stuck, walkers)] if walkers else []
     table = QTable(
         rows=[(what, n, n / whole if whole else np.nan) for what, n, whole in rows], names=("what", "count", "fraction")
     )

@@ -46,7 +46,7 @@ def describe_results(results: Results) -> str:
     rows += [
         (
             row["parameter"], f"{row['median']:.4g}", _interval(row, 68), _interval(row, 95),
-            row["unit"] or "-", f"{row['autocorrelation_time']:.0f}", f"{row['effective_samples']:.0f}",
+            row["unit"] or "-", _or_dash(row["autocorrelation_time"]), f"{row['effective_samples']:.0f}",
         )
         for row in summary
     ]  # fmt: skip
@@ -55,18 +55,18 @@ def describe_results(results: Results) -> str:
         (f"{r:g} kpc", f"{m[0]:.2f}", f"{m[1]:.2f} to {m[2]:.2f}", f"{m[3]:.2f} to {m[4]:.2f}", "")
         for r, m in zip(PRINTED_RADII, _masses(profile), strict=True)
     ]
-    calls = [
-        ("acceptance", f"{results.acceptance:.3f}", ""),
-        ("calls", str(results.calls), f"and {results.search_calls} in the search for a start"),
-    ]
+    calls = _calls(results)
     if results.surrogate:
         calls.append(("surrogate", "none" if results.surrogate == "none" else "yes", SURROGATE[results.surrogate]))
     if np.isfinite(results.r_hat).any():
         worst = int(np.nanargmax(results.r_hat))
         calls.append(("R-hat", f"{results.r_hat[worst]:.3f}", f"the largest: of {results.names[worst]}"))
     calls += [("rejected", str(n), reason) for reason, n in Counter(results.reasons).most_common()]
-    calls += [("stuck", str(len(results.stuck)), f"of {walkers} walkers")]
-    head = f"{steps} steps of {walkers} walkers, {results.discard} of them left out as burn-in"
+    if results.weighted is None:
+        calls += [("stuck", str(len(results.stuck)), f"of {walkers} walkers")]
+        head = f"{steps} steps of {walkers} walkers, {results.discard} of them left out as burn-in"
+    else:
+        head = f"{len(results.weighted.points)} weighted samples, shown as {steps} of equal weight"
     parts = [f"{head}\n{paragraph(results.note())}", f"parameters\n{columns(rows)}"]
     parts += [f"mass of the host\n{columns(masses)}", f"sampler\n{columns(calls)}"]
     if warnings := stuck_warnings(results.stuck.tolist(), walkers):
@@ -75,6 +75,24 @@ def describe_results(results: Results) -> str:
         names = sorted(path.name for path in results.directory.iterdir() if not path.name.startswith("."))
         parts.append(paragraph(", ".join(names), f"products in {results.directory}: ", "  "))
     return "\n\n".join(parts)
+
+
+def _calls(results: Results) -> list[tuple[str, str, str]]:
+    """Return the first rows about the sampler."""
+    if results.weighted is None:
+        return [
+            ("acceptance", f"{results.acceptance:.3f}", ""),
+            ("calls", str(results.calls), f"and {results.search_calls} in the search for a start"),
+        ]
+    found = results.weighted
+    rows = [("calls", str(results.calls), f"{results.calls / found.ess:.1f} for each effective sample")]
+    if np.isfinite(found.ln_evidence):
+        rows.append(("ln evidence", f"{found.ln_evidence:.2f}", f"+- {found.ln_evidence_error:.2f}"))
+    return rows
+
+
+def _or_dash(value: float) -> str:
+    return f"{value:.0f}" if np.isfinite(value) else "-"
 
 
 def _interval(row: Any, percent: int) -> str:

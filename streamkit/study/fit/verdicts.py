@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from streamkit.sample import Weighted
 from streamkit.stream import Array
 from streamkit.study.fit.evidence import (
     EDGE,
@@ -40,6 +41,8 @@ DRIFT = (0.01, 1e-4)
 """Chance that a stationary chain drifts as much as this one (Geweke 1992), over all parameters."""
 RANKS = 0.01
 """Chance that mean ranks of walkers of one distribution differ as much, over all walkers and parameters."""
+HEAVIEST = (0.01, 0.1)
+"""Share of the largest weight: with one in a hundred a percentile is coarse, with one in ten it is that sample."""
 STUCK = (0.025, 0.16)
 """Share of walkers: 2.5 % of the samples hold one end of a 95 % interval, 16 % that of a 68 % interval."""
 ACCEPTANCE = (0.15, 0.01)
@@ -98,15 +101,19 @@ def verdicts(results: Results) -> list[Verdict]:
     """Return the outcome of every check that the run allows."""
     kept, tau, names = results.kept, results.tau, results.names
     found = [quick_verdict()] if results.quick else []
-    found += [
-        length_verdict(results.convergence.span, results.convergence.is_stable),
-        r_hat_verdict(names, results.r_hat),
-        samples_verdict(names, results.ess),
-        drift_verdict(names, drift(kept, tau)),
-        ranks_verdict(rank_scores(kept, tau)),
-        stuck_verdict(len(results.stuck), kept.shape[1]),
-        acceptance_verdict(results.acceptance),
-    ]
+    found += (
+        weighted_verdicts(results.weighted, results.spec.sampler.kind)
+        if results.weighted is not None
+        else [
+            length_verdict(results.convergence.span, results.convergence.is_stable),
+            r_hat_verdict(names, results.r_hat),
+            samples_verdict(names, results.ess),
+            drift_verdict(names, drift(kept, tau)),
+            ranks_verdict(rank_scores(kept, tau)),
+            stuck_verdict(len(results.stuck), kept.shape[1]),
+            acceptance_verdict(results.acceptance),
+        ]
+    )
     if (seen := predictive(results)) is not None:
         found += [predictive_verdict(seen)] if seen.gaussian else []
         found.append(noise_verdict(seen))
@@ -132,6 +139,46 @@ def quick_verdict() -> Verdict:
     """Judge a coarse look: it is never for science."""
     said = "A quick look has few particles, few walkers and little time. Run again without --quick."
     return Verdict("kind of run", DO_NOT, "quick look", said, "a run made with --quick is not for science")
+
+
+def weighted_verdicts(weighted: Weighted, kind: str) -> list[Verdict]:
+    """Judge samples that have weights: what stands for R-hat, which compares chains, is the sampler's own rule."""
+    level = LOOK if weighted.missing else FINE
+    said = {
+        FINE: f"The rule of {kind} is met. There is no R-hat, which compares chains: that no region was missed "
+        "rests on this rule. Run it again with another seed where much depends on it.",
+        LOOK: f"Not ended by its own rule: {weighted.missing}. Continue with --resume.",
+    }
+    error = weighted.ln_evidence_error
+    value = f"ln Z = {weighted.ln_evidence:.2f} ± {error:.2f}" if np.isfinite(weighted.ln_evidence) else kind
+    rule = f"fine when {kind} has ended by its own rule, which the run file sets"
+    least, largest = weighted.ess, float(weighted.weights.max())
+    samples = level_below(least, SAMPLES)
+    known = f"Every median is known to {1.2533 / np.sqrt(max(least, 1.0)):.2f} of its standard deviation"
+
+    ended = {
+        FINE: f"{known} or better.",
+        LOOK: f"{known} only, the 95 % limits worse. Ask for more effective samples.",
+        DO_NOT: "There are too few independent samples for an interval.",
+    }
+    weight = level_above(largest, HEAVIEST)
+    heavy = {
+        FINE: "No single sample carries much of the posterior.",
+        LOOK: "One sample carries a visible part of the posterior: ask for more effective samples.",
+        DO_NOT: "One sample carries much of the posterior: the maximum has hardly been found.",
+    }
+    return [
+        Verdict("rule of the sampler", level, value, said[level], rule),
+        Verdict(
+            "effective samples",
+            samples,
+            _number(least, ".0f"),
+            ended[samples],
+            "from the weights (Kish 1965): fine from 400 on (Vehtari+ 2021, sec. 4), do not use below 100",
+        ),
+        Verdict("largest weight", weight, _number(100 * largest, ".2g", " %"), heavy[weight],
+                "fine up to 1 % of all weights, do not use above 10 %"),
+    ]  # fmt: skip
 
 
 def length_verdict(span: float, stable: bool) -> Verdict:

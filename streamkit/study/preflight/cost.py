@@ -42,8 +42,11 @@ def search_cost(spec: Spec, tried: PriorDraws | None, call: float) -> tuple[int,
     """Estimate the streams of the search for a start and their CPU seconds, from trial streams over the prior."""
     if tried is None or not tried.draws:
         return 0, 0.0
-    cheap, full = expected_calls(spec.sampler.walkers, len(spec.names), len(tried.good) / tried.draws)
-    each = tried.total / tried.draws * min(1.0, spec.sampler.start_particles / TRIAL_PARTICLES)
+    points, particles = spec.sampler.start()
+    if not points:
+        return 0, 0.0
+    cheap, full = expected_calls(points, len(spec.names), len(tried.good) / tried.draws)
+    each = tried.total / tried.draws * min(1.0, particles / TRIAL_PARTICLES)
     return cheap + full, cheap * each + full * call
 
 

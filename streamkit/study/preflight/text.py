@@ -92,11 +92,9 @@ def _cost(spec: Spec, cost: Cost) -> str:
     first = f"the first of a process {seconds(cost.first)}"
     rows = [("one call", f"{seconds(cost.call)} at {cost.where}; {first}")]
     if spec.names:
-        walkers, steps = spec.sampler.walkers, spec.sampler.steps
-        total = walkers * steps
-        calls = f"{walkers} walkers x at most {steps} steps = {total} calls"
+        total, calls = spec.sampler.calls(len(spec.names))
         if cost.search_calls:
-            few = f"about {cost.search_calls} calls, most with {spec.sampler.start_particles} particles"
+            few = f"about {cost.search_calls} calls, most with {spec.sampler.start()[1]} particles"
             rows.append(("the search for a start", f"{few}: {seconds(cost.search)}"))
         rows.append(("the run", f"{calls}: {seconds(total * cost.call + cost.search)}, shared by the workers"))
     return "\n".join(["cost in CPU time", columns(rows)])

@@ -93,16 +93,8 @@ def prior_warnings(tried: PriorDraws | None) -> list[str]:
 
 
 def sampler_warnings(spec: Spec) -> list[str]:
-    """Say when there are too few walkers for the number of free parameters."""
-    walkers, d = spec.sampler.walkers, len(spec.names)
-    if walkers < 2 * d + 2:
-        return [
-            f"sampler.walkers = {walkers} is too few for {d} free parameters: the sampler needs at least "
-            f"{2 * d} and moves badly below {2 * d + 2}. Use {3 * d} or more."
-        ]
-    if walkers < 2.5 * d:
-        return [f"sampler.walkers = {walkers} is few for {d} free parameters: {3 * d} or more mix better."]
-    return []
+    """Return what the sampler says of its settings."""
+    return list(spec.sampler.advice(len(spec.names)))
 
 
 def sun_warnings(sun: Sun) -> list[str]:

@@ -1,0 +1,159 @@
+"""Weighted samples of a run: what is stored of them, their file ``samples.h5``, and samples of equal weight."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from streamkit.errors import ChainError
+from streamkit.report import replace_whole, safely
+from streamkit.sample.step import checksum_of
+from streamkit.stream import Array
+
+SAMPLES = "samples.h5"
+ARRAYS = "points", "ln_weights", "log_prob", "blobs"
+ENOUGH = 400
+"""Effective samples that a run needs to count as converged (Vehtari+ 2021, sec. 4)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Weighted:
+    """Weighted samples of the posterior, and what is known of each.
+
+    Attributes
+    ----------
+    points, ln_weights
+        (n, d), and (n,) natural logs of the weights up to a constant.
+    log_prob, blobs
+        (n,) ln posterior, and (n,) records of `streamkit.sample.blob_dtype`.
+    ln_evidence, ln_evidence_error
+        NaN if unknown.
+    missing
+        What the sampler's rule of stopping still asks for; empty when it is met.
+    attributes
+        What the run noted: digest, quick, status, counts.
+    """
+
+    points: Array
+    ln_weights: Array
+    log_prob: Array
+    blobs: Any
+    ln_evidence: float
+    ln_evidence_error: float
+    missing: str
+    attributes: dict[str, Any]
+
+    @cached_property
+    def weights(self) -> Array:
+        """(n,) Weights whose sum is 1."""
+        weights = np.exp(self.ln_weights - np.max(self.ln_weights))
+        return np.asarray(weights / weights.sum())
+
+    @property
+    def ess(self) -> float:
+        """The effective number of samples, 1 / sum of squared weights (Kish 1965)."""
+        return float(1 / np.sum(self.weights**2))
+
+    def drawn(self, seed: int) -> Array:
+        """(k,) Indices of samples of equal weight, as many as the effective number, by systematic resampling.
+
+        They are in a random order: samples come in that of their likelihood.
+        """
+        rng = np.random.default_rng([seed, 2])
+        k = max(round(self.ess), 1)
+        steps = np.cumsum(self.weights)
+        return rng.permutation(np.searchsorted(steps / steps[-1], (np.arange(k) + rng.random()) / k))
+
+    def write(self, path: Path) -> None:
+        """Write the file as a whole; ChainError if it cannot be written."""
+        content = io.BytesIO()
+        with h5py.File(content, "w") as file:
+            for name in ARRAYS:
+                file[name] = getattr(self, name)
+            notes = self.attributes | {
+                "ln_evidence": self.ln_evidence,
+                "ln_evidence_error": self.ln_evidence_error,
+                "missing": self.missing,
+                "checksum": self._checksum(),
+            }
+            for key, value in notes.items():
+                file.attrs[key] = json.dumps(value) if isinstance(value, dict | list) else value
+        with safely(path):
+            replace_whole(path, lambda part: part.write_bytes(content.getbuffer()))
+
+    def _checksum(self) -> str:
+        return checksum_of(*(np.ascontiguousarray(getattr(self, name)) for name in ARRAYS))
+
+
+def read_weighted(path: Path) -> Weighted:
+    """Read the file. ChainError if there is none, or it is not readable, or was changed."""
+    if not path.exists():
+        raise ChainError(f"{path}: there is no file of samples: the run did not get as far as its first ones")
+    try:
+        with h5py.File(path, "r", locking=False) as file:
+            if odd := [name for name in ARRAYS if not isinstance(file.get(name, getlink=True), h5py.HardLink)]:
+                raise ValueError(f"{odd[0]} is missing, or a link")
+            points, ln_weights, log_prob, blobs = (file[name][...] for name in ARRAYS)
+            notes = {key: value.item() if isinstance(value, np.generic) else value for key, value in file.attrs.items()}
+        ln_evidence, error = (float(notes.pop(name)) for name in ("ln_evidence", "ln_evidence_error"))
+        missing, checksum = str(notes.pop("missing")), notes.pop("checksum")
+        if "counts" in notes:
+            notes["counts"] = json.loads(notes["counts"])
+        found = Weighted(points, ln_weights, log_prob, blobs, ln_evidence, error, missing, notes)
+    except (OSError, KeyError, RuntimeError, ValueError, TypeError) as error:
+        raise ChainError(f"{path}: not a readable file of samples ({str(error).splitlines()[0]})") from None
+    if checksum != found._checksum():
+        raise ChainError(f"{path}: was changed after it was written: its samples have another checksum")
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Stopping:
+    """What stands for the rule of convergence where there are weighted samples and no chains.
+
+    True if the sampler's own rule of stopping is met, and there are enough effective samples. There is no R-hat: it
+    compares chains.
+
+    Parameters
+    ----------
+    weighted
+        The samples.
+    """
+
+    weighted: Weighted
+    discard: int = 0
+    learned: int = 0
+    is_stable: bool = True
+
+    @property
+    def tau(self) -> Array:
+        """(d,) All NaN: there is no chain."""
+        return self.r_hat
+
+    @property
+    def r_hat(self) -> Array:
+        """(d,) All NaN."""
+        return np.full(self.weighted.points.shape[1], np.nan)
+
+    @property
+    def span(self) -> float:
+        """The number of samples of equal weight."""
+        return float(round(self.weighted.ess))
+
+    def __bool__(self) -> bool:
+        return not self.weighted.missing and self.weighted.ess >= ENOUGH
+
+    def missing(self, names: Sequence[str]) -> str:
+        """Say what is missing; empty if nothing is."""
+        if self:
+            return ""
+        few = f"{self.weighted.ess:.0f} effective samples, and {ENOUGH} are wanted"
+        return self.weighted.missing or few
