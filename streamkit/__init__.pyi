@@ -63,6 +63,7 @@ from .stream import Stream as Stream
 from .stream import place_on_sky as place_on_sky
 from .stream import sky_matrix as sky_matrix
 from .study.fit import Results as Results
+from .study.fit import load_results as load_results
 from .study.fit import run as run
 from .units import GYR as GYR
 from .units import Angle as Angle

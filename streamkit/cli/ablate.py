@@ -10,7 +10,7 @@ import click
 
 from streamkit import report
 from streamkit import spec as run_files
-from streamkit.cli.options import FORCE, QUIET, RUN_FILE, SEEDS, SET, WORKERS, directory, load_spec
+from streamkit.cli.options import FORCE, JSON, PDF, QUIET, RUN_FILE, SEEDS, SET, WORKERS, directory, load_spec
 from streamkit.cli.study import conduct
 from streamkit.study import ablation as study
 from streamkit.study import grid
@@ -33,6 +33,8 @@ from streamkit.study import grid
 @WORKERS
 @directory("-ablation")
 @FORCE
+@PDF
+@JSON
 @QUIET
 def ablate(
     run_file: Path,
@@ -45,6 +47,8 @@ def ablate(
     workers: int,
     output: Path | None,
     force: bool,
+    pdf: bool,
+    as_json: bool,
     quiet: bool,
 ) -> None:
     """Compare variants of a model with each other and with an N-body snapshot.
@@ -76,7 +80,7 @@ def ablate(
         said |= {"stream": name} if len(spec.streams) > 1 else {}
         return study.ablation_products(found, said)
 
-    conduct(out, seeds * len(variants), quiet, run)
+    conduct(out, seeds * len(variants), run, quiet=quiet, as_json=as_json, pdf=pdf)
 
 
 def read_variations(variations: Sequence[str]) -> dict[str, list[Any]]:

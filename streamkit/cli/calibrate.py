@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from streamkit import report
-from streamkit.cli.options import FORCE, QUIET, RUN_FILE, SET, WORKERS, directory, load_spec, read_settings
+from streamkit.cli.options import FORCE, JSON, PDF, QUIET, RUN_FILE, SET, WORKERS, directory, load_spec, read_settings
 from streamkit.cli.study import conduct
 from streamkit.study import calibration as study
 from streamkit.study import grid
@@ -26,6 +26,8 @@ from streamkit.study import grid
 @WORKERS
 @directory("-calibration")
 @FORCE
+@PDF
+@JSON
 @QUIET
 def calibrate(
     run_file: Path,
@@ -36,6 +38,8 @@ def calibrate(
     workers: int,
     output: Path | None,
     force: bool,
+    pdf: bool,
+    as_json: bool,
     quiet: bool,
 ) -> None:
     """Test the whole fit on mock data whose truth is known.
@@ -59,4 +63,4 @@ def calibrate(
     def run(done: Callable[[], object]) -> grid.Products:
         return study.calibration_products(study.calibrate(spec, out, draws, workers, resume, done, truth))
 
-    conduct(out, draws, quiet, run, "draw")
+    conduct(out, draws, run, quiet=quiet, as_json=as_json, pdf=pdf, unit="draw")

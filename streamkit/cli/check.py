@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from streamkit.cli.options import RUN_FILE, SET, load_spec
+from streamkit import report
+from streamkit.cli.options import JSON, RUN_FILE, SET, load_spec
 from streamkit.study import preflight
 
 
@@ -15,7 +16,9 @@ from streamkit.study import preflight
 @SET
 @click.option("--draws", default=64, show_default=True, type=click.IntRange(0), metavar="N",
               help="Trial streams over the prior, with few particles; 0 for none.")  # fmt: skip
-def check(run_file: Path, settings: tuple[str, ...], draws: int) -> None:
+@JSON
+@click.option("-q", "--quiet", is_flag=True, help="No progress; print the warnings only.")
+def check(run_file: Path, settings: tuple[str, ...], draws: int, as_json: bool, quiet: bool) -> None:
     """Validate a run file and look at its physics.
 
     Prints the components and who supplies them, the free parameters with their priors, the progenitor's
@@ -23,6 +26,12 @@ def check(run_file: Path, settings: tuple[str, ...], draws: int) -> None:
     fit fail. Exit status 0: valid; 2: not.
     """
     spec = load_spec(run_file, settings)
-    click.echo(preflight.describe_spec(spec))
-    click.echo()
-    click.echo(preflight.describe_preflight(spec, preflight.run_preflight(spec, draws=draws, progress=True)))
+    if not (as_json or quiet):
+        click.echo(f"{preflight.describe_spec(spec)}\n")
+    found = preflight.run_preflight(spec, draws=draws, progress=not quiet)
+    if as_json:
+        click.echo(report.as_json(preflight.preflight_record(spec, found)))
+    elif not quiet:
+        click.echo(preflight.describe_preflight(spec, found))
+    elif found.warnings:
+        click.echo(report.warning_list(found.warnings))

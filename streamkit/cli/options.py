@@ -28,7 +28,12 @@ WORKERS = click.option("--workers", default=1, show_default=True, type=click.Int
 FORCE = click.option("-f", "--force", is_flag=True, help="Replace the products in DIR.")
 FORCE_FILE = click.option("-f", "--force", is_flag=True, help="Replace the files if they exist.")
 JSON = click.option("--json", "as_json", is_flag=True, help="Print it as JSON.")
-QUIET = click.option("-q", "--quiet", is_flag=True, help="No progress bar and no tables printed.")
+PDF = click.option("--pdf", is_flag=True, help="Write each picture as PDF too.")
+LITERATURE = click.option(
+    "--literature", metavar="FILE", type=click.Path(path_type=Path),
+    help="A table of published masses or circular velocities to show beside the run's own.",
+)  # fmt: skip
+QUIET = click.option("-q", "--quiet", is_flag=True, help="No progress and no tables printed.")
 
 
 def directory(suffix: str) -> Callable[[Any], Any]:

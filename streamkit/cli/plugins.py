@@ -5,15 +5,21 @@ from __future__ import annotations
 import click
 
 from streamkit import components, report
+from streamkit.cli.options import JSON
 
 
 @click.command()
 @click.argument("kind", required=False)
 @click.argument("name", required=False)
-def plugins(kind: str | None, name: str | None) -> None:
+@JSON
+def plugins(kind: str | None, name: str | None, as_json: bool) -> None:
     """List the installed components and who supplies them.
 
     With KIND (potential, stripping, integrator or observable), those of one kind; with NAME as well, one
     component in full: its parameters with units, defaults and bounds.
     """
-    click.echo(report.listing(components.load_registry(), kind, name))
+    registry = components.load_registry()
+    if as_json:
+        click.echo(report.as_json(report.component_records(registry, kind, name)))
+    else:
+        click.echo(report.listing(registry, kind, name))

@@ -6,6 +6,9 @@ from pathlib import Path
 
 import click
 
+from streamkit import report as reports
+from streamkit.cli.compiling import tell_of_compiling
+from streamkit.cli.options import JSON, LITERATURE, PDF
 from streamkit.study import fit
 
 
@@ -13,9 +16,11 @@ from streamkit.study import fit
 @click.argument("directory", metavar="DIR", type=click.Path(path_type=Path))
 @click.option("--truth", metavar="TRUE.toml", type=click.Path(path_type=Path),
               help="A run file whose [potential] is the true host of a mock: compare with it.")  # fmt: skip
-@click.option("--literature", metavar="FILE", type=click.Path(path_type=Path),
-              help="A table of published masses or circular velocities to show beside the run's own.")  # fmt: skip
-def report(directory: Path, truth: Path | None, literature: Path | None) -> None:
+@LITERATURE
+@PDF
+@JSON
+@click.option("-q", "--quiet", is_flag=True, help="Print nothing.")
+def report(directory: Path, truth: Path | None, literature: Path | None, pdf: bool, as_json: bool, quiet: bool) -> None:
     """Write a run's tables, pictures and page again.
 
     The page, report.html, says what was found, whether to believe it, and what was run.
@@ -27,7 +32,12 @@ def report(directory: Path, truth: Path | None, literature: Path | None) -> None
     With --literature also published values: a table (ECSV, CSV, FITS, VOTable) with the columns quantity (M or v_c),
     radius (kpc), value, error_minus, error_plus (Msun or km/s) and reference. It is kept in DIR for later reports.
     """
-    results = fit.write_products(directory, truth, literature)
-    click.echo(fit.describe_results(results))
-    if truth is not None:
+    if not quiet:
+        tell_of_compiling()
+    results = fit.write_products(directory, truth, literature, pdf)
+    if as_json:
+        click.echo(reports.as_json(fit.results_record(results)))
+    elif not quiet:
+        click.echo(fit.describe_results(results))
+    if truth is not None and not (as_json or quiet):
         click.echo(f"\n{fit.describe_recovery(directory)}")

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from streamkit.cli.options import RUN_FILE, SET, load_spec
+from streamkit import report
+from streamkit.cli.options import LITERATURE, PDF, RUN_FILE, SET, load_spec
 from streamkit.sample import engine
 from streamkit.study import fit
 
@@ -28,7 +29,10 @@ from streamkit.study import fit
 @click.option("--quick", is_flag=True, help="A coarse look within minutes; says so on every product.")
 @click.option("--resume", is_flag=True, help="Continue the chain in DIR.")
 @click.option("-f", "--force", is_flag=True, help="Replace the run in DIR.")
-@click.option("-q", "--quiet", is_flag=True, help="No progress bar and no summary.")
+@LITERATURE
+@PDF
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+@click.option("-q", "--quiet", is_flag=True, help="No progress and no summary.")
 def run(
     run_file: Path,
     settings: tuple[str, ...],
@@ -40,6 +44,9 @@ def run(
     quick: bool,
     resume: bool,
     force: bool,
+    literature: Path | None,
+    pdf: bool,
+    as_json: bool,
     quiet: bool,
 ) -> None:
     """Fit: write the chain, tables and pictures.
@@ -52,7 +59,10 @@ def run(
     out = output if output is not None else Path(run_file.stem)
     with engine(engine_name, workers, scheduler) as where:
         results = fit.run(
-            spec, out=out, workers=where, steps=steps, quick=quick, resume=resume, force=force, progress=not quiet
-        )
-    if not quiet:
+            spec, out=out, workers=where, steps=steps, quick=quick, resume=resume, force=force, progress=not quiet,
+            literature=literature, pdf=pdf,
+        )  # fmt: skip
+    if as_json:
+        click.echo(report.as_json(fit.results_record(results)))
+    elif not quiet:
         click.echo(fit.describe_results(results))

@@ -10,7 +10,19 @@ import click
 
 import streamkit as sk
 from streamkit import report
-from streamkit.cli.options import FORCE, QUIET, RUN_FILE, SEEDS, SET, WORKERS, directory, load_spec, read_settings
+from streamkit.cli.options import (
+    FORCE,
+    JSON,
+    PDF,
+    QUIET,
+    RUN_FILE,
+    SEEDS,
+    SET,
+    WORKERS,
+    directory,
+    load_spec,
+    read_settings,
+)
 from streamkit.cli.study import conduct
 from streamkit.study import grid
 from streamkit.study import sensitivity as study
@@ -27,6 +39,8 @@ from streamkit.study import sensitivity as study
 @WORKERS
 @directory("-sensitivity")
 @FORCE
+@PDF
+@JSON
 @QUIET
 def sensitivity(
     run_file: Path,
@@ -37,6 +51,8 @@ def sensitivity(
     workers: int,
     output: Path | None,
     force: bool,
+    pdf: bool,
+    as_json: bool,
     quiet: bool,
 ) -> None:
     """Show how each observable depends on each parameter.
@@ -58,7 +74,7 @@ def sensitivity(
         found = study.run_sensitivity(spec, point, fields=names, points=points, seeds=seeds, workers=workers, done=done)
         return study.sensitivity_products(found)
 
-    conduct(out, seeds * (1 + points * len(names)), quiet, run)
+    conduct(out, seeds * (1 + points * len(names)), run, quiet=quiet, as_json=as_json, pdf=pdf)
 
 
 def apart(spec: sk.Spec, settings: Mapping[str, Any]) -> tuple[sk.Spec, dict[str, Any]]:

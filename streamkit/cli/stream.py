@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import Any
 
 import click
 
 import streamkit as sk
 from streamkit import observe, report
-from streamkit.cli.options import FORCE_FILE, RUN_FILE, SET, load_spec, read_settings
+from streamkit.cli.options import FORCE_FILE, JSON, RUN_FILE, SET, load_spec, read_settings
 from streamkit.errors import OutOfDomain, StreamkitError
 
 
@@ -21,7 +22,17 @@ from streamkit.errors import OutOfDomain, StreamkitError
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",
               help="Draw the stream to FILE.png, .pdf or .svg.")  # fmt: skip
 @FORCE_FILE
-def stream(run_file: Path, settings: tuple[str, ...], output: Path | None, plot: Path | None, force: bool) -> None:
+@JSON
+@click.option("-q", "--quiet", is_flag=True, help="Print nothing.")
+def stream(
+    run_file: Path,
+    settings: tuple[str, ...],
+    output: Path | None,
+    plot: Path | None,
+    force: bool,
+    as_json: bool,
+    quiet: bool,
+) -> None:
     """Make one stream, print it beside the data.
 
     Of a run file with several, make each: its files have its name, FILE-gd1.ecsv. Free parameters are at the prior's
@@ -32,7 +43,9 @@ def stream(run_file: Path, settings: tuple[str, ...], output: Path | None, plot:
     for files, suffixes, option in ((particles, report.FORMATS, "--output"), (pictures, report.PICTURES, "--plot")):
         for path in filter(None, files.values()):
             report.check_target(path, suffixes, option, force)
-    model, said = sk.Model(spec), []
+    model = sk.Model(spec)
+    records: list[dict[str, Any]] = []
+    tell = (lambda _: None) if as_json or quiet else click.echo
     for name in spec.streams:
         begin = time.process_time()
         setup = spec.bind(stream=name)
@@ -42,14 +55,17 @@ def stream(run_file: Path, settings: tuple[str, ...], output: Path | None, plot:
             which = "no stream" if len(spec.streams) == 1 else f"no stream {name!r}"
             raise StreamkitError(f"{run_file}: there is {which} at these parameters: {error}") from None
         spent = time.process_time() - begin
-        said.append(report.describe_stream(spec, setup, made, prediction, spent, read_settings(settings)))
-        click.echo(said[-1] if len(said) == 1 else f"\n{said[-1]}")
+        text = report.describe_stream(spec, setup, made, prediction, spent, read_settings(settings))
+        tell(f"\n{text}" if records else text)
+        records.append(report.stream_record(spec, setup, made, prediction, spent))
         if file := particles[name]:
             report.write_stream(made, spec, file, frame=observe.frame_of(setup.observables), force=force)
-            click.echo(f"particles: {file}")
+            tell(f"particles: {file}")
         if file := pictures[name]:
             report.save_picture(file, report.draw_stream(made, prediction, setup))
-            click.echo(f"picture: {file}")
+            tell(f"picture: {file}")
+    if as_json:
+        click.echo(report.as_json(records))
 
 
 def _file(path: Path | None, name: str, spec: sk.Spec) -> Path | None:

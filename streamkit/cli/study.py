@@ -13,17 +13,27 @@ from streamkit.study import grid
 
 
 def conduct(
-    out: Path, count: int, quiet: bool, study: Callable[[Callable[[], object]], grid.Products], unit: str = "stream"
+    out: Path,
+    count: int,
+    study: Callable[[Callable[[], object]], grid.Products],
+    *,
+    quiet: bool,
+    as_json: bool = False,
+    pdf: bool = False,
+    unit: str = "stream",
 ) -> None:
     """Run a study, which calls its argument after each of so many streams, and show what it found."""
     with report.locked(out):
         with report.Progress(out.name, count, unit, shown=not quiet) as bar:
             products = study(bar.update)
         grid.write_tables(products, out)
-        if not quiet:
+        if as_json:
+            tables = {name: report.table_record(table) for name, table in products.tables.items()}
+            click.echo(report.as_json({"directory": str(out), "stopped": products.stopped, "tables": tables}))
+        elif not quiet:
             click.echo(f"{products.text}\n")
-        failed = grid.draw_pictures(products, out)
-    if not quiet:
+        failed = grid.draw_pictures(products, out, pdf)
+    if not (quiet or as_json):
         click.echo(f"tables and picture{'s' * (len(products.pictures) > 1)}: {out}")
     if failed:
         click.echo(f"streamkit: not drawn: {failed}; everything else is written", err=True)

@@ -1,5 +1,6 @@
 from .bibliography import bibliography as bibliography
 from .bibliography import cited as cited
+from .component_record import component_records as component_records
 from .component_text import check_name as check_name
 from .component_text import field_table as field_table
 from .component_text import listing as listing
@@ -14,13 +15,18 @@ from .files import replace_whole as replace_whole
 from .files import safely as safely
 from .files import save as save
 from .files import save_picture as save_picture
+from .files import save_pictures as save_pictures
 from .files import save_table as save_table
 from .files import to_disk as to_disk
+from .plain import as_json as as_json
+from .plain import prediction_record as prediction_record
+from .plain import table_record as table_record
 from .progress import Progress as Progress
 from .stream_axes import draw_unwrapped as draw_unwrapped
 from .stream_figure import draw_stream as draw_stream
 from .stream_file import FORMATS as FORMATS
 from .stream_file import write_stream as write_stream
+from .stream_record import stream_record as stream_record
 from .stream_text import describe_expansions as describe_expansions
 from .stream_text import describe_measured as describe_measured
 from .stream_text import describe_prediction as describe_prediction

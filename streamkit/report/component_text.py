@@ -100,7 +100,7 @@ def field_table(cls: type[BaseModel], names: Iterable[str], called: str = "param
     """One row per field: name, unit, default, bounds, and the description, below where a row would be too long."""
     fields = [(name, cls.model_fields[name]) for name in names]
     head = (called, "unit", "default", "allowed", "")
-    rows = [(name, _unit(f), _default(f), _allowed(f), f.description or "") for name, f in fields]
+    rows = [(name, unit_name(f), default(f), allowed(f), f.description or "") for name, f in fields]
     beside = columns([head, *rows])
     if len(beside.splitlines()) == len(rows) + 1:
         return beside
@@ -112,7 +112,8 @@ def field_table(cls: type[BaseModel], names: Iterable[str], called: str = "param
     return "\n".join([first, *(f"{line}\n{text}" for line, text in zip(lines, below, strict=True))])
 
 
-def _unit(field: FieldInfo) -> str:
+def unit_name(field: FieldInfo) -> str:
+    """Return the unit of a field, the units of its columns, or a dash."""
     columns, array = columns_of(field), array_of(field)
     if columns is not None:
         return ", ".join(f"{name} {unit.name.replace(' ', '')}".rstrip() for name, unit in columns.units.items())
@@ -120,13 +121,15 @@ def _unit(field: FieldInfo) -> str:
     return (unit.name if unit else datum_unit(field)).replace(" ", "") or "-"
 
 
-def _default(field: FieldInfo) -> str:
+def default(field: FieldInfo) -> str:
+    """Return a field's default as a run file writes it."""
     if field.is_required():
         return "required"
     return as_written(field.get_default(call_default_factory=True))
 
 
-def _allowed(field: FieldInfo) -> str:
+def allowed(field: FieldInfo) -> str:
+    """Return what a field may be."""
     if get_origin(field.annotation) is Literal:
         return " or ".join(as_written(choice) for choice in get_args(field.annotation))
     if field.annotation is bool:

@@ -93,6 +93,14 @@ def save_picture(path: Path, figure: Figure) -> None:
         save(path, lambda part: figure.savefig(part, dpi=200))
 
 
+def save_pictures(path: Path, figure: Figure, pdf: bool) -> None:
+    """Write a picture and, if asked for or if there is one, the PDF beside it: it must not be an older picture's."""
+    save_picture(path, figure)
+    beside = path.with_suffix(".pdf")
+    if pdf or beside.exists():
+        save_picture(beside, figure)
+
+
 def origin(spec: Spec) -> dict[str, Any]:
     """Return what every table says of where it comes from: streamkit's version, the run file, its digest and seed."""
     return {

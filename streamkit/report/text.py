@@ -1,8 +1,9 @@
-"""Plain text for a terminal: aligned columns and wrapped paragraphs within 100 columns."""
+"""Plain text: aligned columns and wrapped paragraphs, as wide as the terminal; within 100 columns elsewhere."""
 
 from __future__ import annotations
 
 import io
+import shutil
 import textwrap
 from collections.abc import Iterable, Sequence
 
@@ -12,20 +13,28 @@ from rich.table import Table
 from rich.text import Text
 
 WIDTH = 100
+"""Columns of a text that does not go to a terminal, and the most of a paragraph: longer lines are hard to read."""
+NARROW = 60
+"""Columns below which no text is squeezed."""
+
+
+def text_width() -> int:
+    """Return the columns of the terminal that standard output is, or `WIDTH`."""
+    return max(shutil.get_terminal_size((WIDTH, 0)).columns, NARROW)
 
 
 def columns(rows: Iterable[Sequence[str]], indent: int = 2, gap: int = 2) -> str:
     """Align rows of cells on the left; what does not fit in the last column is wrapped there."""
-    cells = [list(row) for row in rows]
+    cells, width = [list(row) for row in rows], text_width()
     count = max(map(len, cells), default=0)
     widths = [max((len(row[i]) for row in cells if i < len(row)), default=0) + gap for i in range(count - 1)]
     table = Table.grid(padding=(0, gap, 0, 0), pad_edge=False)
-    fits = indent + sum(widths) <= WIDTH - 20
+    fits = indent + sum(widths) <= width - 20
     for i in range(count):
         table.add_column(no_wrap=fits and i < count - 1, overflow="fold")
     for row in cells:
         table.add_row(*map(Text, row))
-    console = Console(file=io.StringIO(), width=WIDTH, color_system=None)
+    console = Console(file=io.StringIO(), width=width, color_system=None)
     with console.capture() as captured:
         console.print(Padding(table, (0, 0, 0, indent)))
     return "\n".join(line.rstrip() for line in captured.get().splitlines())
@@ -33,11 +42,11 @@ def columns(rows: Iterable[Sequence[str]], indent: int = 2, gap: int = 2) -> str
 
 def paragraph(text: str, first: str = "", rest: str | None = None) -> str:
     """Wrap text after ``first``, continuing after ``rest`` (as many blanks as ``first`` is wide, if None)."""
-    rest = " " * len(first) if rest is None else rest
-    if len(rest) > WIDTH - 20:  # no room left beside the columns: do not squeeze the text into a strip
+    rest, width = " " * len(first) if rest is None else rest, min(text_width(), WIDTH)
+    if len(rest) > width - 20:  # no room left beside the columns: do not squeeze the text into a strip
         rest = " " * 8
     filled = textwrap.fill(
-        text, WIDTH, initial_indent=first, subsequent_indent=rest,
+        text, width, initial_indent=first, subsequent_indent=rest,
         break_long_words=False, break_on_hyphens=False,
     )  # fmt: skip
     return filled or first.rstrip()

@@ -1,9 +1,12 @@
 from .directory import RECOVERY as RECOVERY
 from .export import EXPORTS as EXPORTS
 from .export import write_samples as write_samples
+from .literature import read_literature as read_literature
 from .products import write_products as write_products
+from .record import results_record as results_record
 from .recovery import describe_recovery as describe_recovery
 from .results import Results as Results
+from .results import load_results as load_results
 from .runner import run as run
 from .status import describe_status as describe_status
 from .status import read_status as read_status

@@ -194,8 +194,13 @@ def _manifest(spec: Spec, options: dict[str, Any]) -> dict[str, Any]:
 def resume_command(directory: Path, options: dict[str, Any]) -> str:
     """Return the command that goes on with the run in a directory, with the options that it was begun with.
 
-    It names the resolved run file there, which holds what was set on the command line too.
+    It names the resolved run file there, which holds what was set on the command line too. Where classes were given in
+    Python, which no command knows, it is the call in Python.
     """
+    if given := options.get("given"):
+        more = [f"components=[{', '.join(map(str, given))}]", *(["quick=True"] if options.get("quick") else [])]
+        words = [repr(str(directory / RUN_FILE)), f"out={str(directory)!r}", *more, "resume=True"]
+        return f"streamkit.run({', '.join(words)})"
     arguments = [str(word) for word in options.get("arguments", ["--quick"] if options.get("quick") else [])]
     return shlex.join(["streamkit", "run", str(directory / RUN_FILE), "-o", str(directory), *arguments, "--resume"])
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from streamkit.errors import ChainError, OutOfDomain
-from streamkit.report import draw_stream, save, save_picture, save_table
+from streamkit.report import draw_stream, save, save_pictures, save_table
 from streamkit.sample import CALLS, CHAIN, SAMPLES
 from streamkit.spec import Spec, is_silent
 from streamkit.study.fit.directory import LITERATURE, MANIFEST, RECOVERY, RUN_FILE, stream_pictures
@@ -66,8 +66,16 @@ PRODUCTS = (RUN_FILE, MANIFEST, CHAIN, *TABLES, *FIGURES, "best_stream.png", PAG
 """`products_of` a run file with one stream."""
 
 
+def pdfs_of(spec: Spec) -> tuple[str, ...]:
+    """Return the PDFs that a report of this spec may write beside its pictures."""
+    return tuple(str(Path(name).with_suffix(".pdf")) for name in (*FIGURES, *stream_pictures(spec), RECOVERY[1]))
+
+
 def write_products(
-    run: Results | str | Path, truth: str | Path | None = None, literature: str | Path | None = None
+    run: Results | str | Path,
+    truth: str | Path | None = None,
+    literature: str | Path | None = None,
+    pdf: bool = False,
 ) -> Results:
     """Write every table and picture of a run and its page into its directory, and return its results.
 
@@ -83,6 +91,8 @@ def write_products(
     literature
         A table of published masses and circular velocities (`read_literature`) to show beside the run's own. It is
         kept in the directory, and shown again by later reports.
+    pdf
+        Write every picture as PDF too. One that is there is written again in any case.
 
     Raises ChainError if there is no readable run. Raises SpecError if the truth is not valid. Nothing has then been
     written.
@@ -108,14 +118,15 @@ def write_products(
     results.profiles(np.concatenate(wanted))  # in one go
     results.failed = {}
     writers: dict[str, Callable[[Path], None]] = {
-        name: partial(_draw, draw=draw, results=results) for name, draw in figures.items()
+        name: partial(_draw, draw=draw, results=results, pdf=pdf) for name, draw in figures.items()
     }
     writers[PAGE] = partial(_write_page, results=results, literature=published)  # it shows the pictures: the last
     for name, write in writers.items():
         try:
             write(where / name)
         except Exception as error:
-            (where / name).unlink(missing_ok=True)  # an older one would belong to other samples
+            for old in (where / name, (where / name).with_suffix(".pdf")):
+                old.unlink(missing_ok=True)  # an older one would belong to other samples
             results.failed[name] = f"{type(error).__name__}: {error}"
     for name, make in tables.items():
         table = make(results)
@@ -138,8 +149,8 @@ def _published(where: Path, literature: str | Path | None) -> QTable | None:
     return table
 
 
-def _draw(path: Path, draw: Callable[[Results], Figure], results: Results) -> None:
-    save_picture(path, draw(results))
+def _draw(path: Path, draw: Callable[[Results], Figure], results: Results, pdf: bool) -> None:
+    save_pictures(path, draw(results), pdf)
 
 
 def _write_page(path: Path, results: Results, literature: QTable | None) -> None:

@@ -39,7 +39,8 @@ from streamkit.sample import (
 from streamkit.spec import Source, Spec, as_spec
 from streamkit.stream import Array
 from streamkit.study.fit.directory import LITERATURE, RECOVERY, claim, resume_command
-from streamkit.study.fit.products import products_of, write_products
+from streamkit.study.fit.literature import read_literature
+from streamkit.study.fit.products import pdfs_of, products_of, write_products
 from streamkit.study.fit.results import Results
 
 QUICK_PARTICLES = 2000
@@ -63,6 +64,8 @@ def run(
     force: bool = False,
     progress: bool = True,
     products: bool = True,
+    literature: str | Path | None = None,
+    pdf: bool = False,
     components: Iterable[type[Component]] = (),
 ) -> Results:
     """Sample the posterior of a spec.
@@ -86,6 +89,10 @@ def run(
         Show progress: a bar on a terminal or in a notebook, elsewhere a line every minute.
     products
         Write tables and pictures at the end, if there is a directory.
+    literature
+        A table of published masses and circular velocities to show beside the run's own (`write_products`).
+    pdf
+        Write the pictures as PDF too.
     components
         Component classes as they are, from a notebook or a script, for the spec to be read with.
 
@@ -107,13 +114,20 @@ def run(
     most = getattr(spec.sampler, "steps", None) if steps is None else steps
     deadline = begin + QUICK_SAMPLING if quick else np.inf
     directory = None if out is None else Path(out)
-    options = {"quick": quick, "steps": most, "arguments": _arguments(workers, steps, quick)}
+    if literature is not None:
+        read_literature(literature)  # what is wrong with it is said now, not after the sampling
+    options = {
+        "quick": quick,
+        "steps": most,
+        "arguments": _arguments(workers, steps, quick, literature, pdf),
+        "given": [cls.__qualname__ for cls in spec.given],
+    }
     posterior.evaluate(spec.centre())  # compiles once, before the workers fork; fails before anything is written
     with ExitStack() as stack:
         going_on = False
         if directory is not None:
             stack.enter_context(locked(directory))
-            ours = (*products_of(spec), CHAIN, JOURNAL, SAMPLES, CALLS, *RECOVERY, LITERATURE)
+            ours = (*products_of(spec), *pdfs_of(spec), CHAIN, JOURNAL, SAMPLES, CALLS, *RECOVERY, LITERATURE)
             going_on = claim(directory, spec, options, ours, resume, force)
         limit, reject = spec.sampler.call_limit, spec.sampler.over_limit == "reject"
         pool = stack.enter_context(Workers({"full": posterior, "cheap": cheap}, workers, limit=limit, reject=reject))
@@ -149,7 +163,7 @@ def run(
     if directory is None:
         return chain[0] if weighted is None else Results.of_weighted(spec, weighted, quick)
     if products:
-        return write_products(Results(directory, spec.given))
+        return write_products(Results(directory, spec.given), literature=literature, pdf=pdf)
     return Results(directory, spec.given)
 
 
@@ -211,10 +225,14 @@ def _explained(pool: Workers, left: Callable[[], str]) -> Iterator[None]:
         raise type(error)(f"{error}. The run stopped after {left()}") from error
 
 
-def _arguments(workers: int | Executor, steps: int | None, quick: bool) -> list[str]:
+def _arguments(
+    workers: int | Executor, steps: int | None, quick: bool, literature: str | Path | None, pdf: bool
+) -> list[str]:
     """Return the arguments of the command that a run was begun with, those that matter when it goes on."""
+    shown = [*(["--literature", str(literature)] if literature is not None else []), *(["--pdf"] if pdf else [])]
     processes = ["--workers", str(workers)] if isinstance(workers, int) and workers > 1 else []
-    return [*(["--quick"] if quick else []), *processes, *(["--steps", str(steps)] if steps is not None else [])]
+    most = ["--steps", str(steps)] if steps is not None else []
+    return [*(["--quick"] if quick else []), *processes, *most, *shown]
 
 
 def _left(directory: Path | None, backend: Backend, calls: Calls, again: str) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from streamkit.errors import StreamkitError
-from streamkit.report import origin, save, save_picture, save_table
+from streamkit.report import origin, save, save_pictures, save_table
 from streamkit.spec import Spec
 
 if TYPE_CHECKING:
@@ -42,18 +42,20 @@ def write_tables(products: Products, out: Path) -> None:
     save(out / products.run, lambda part: part.write_text(text))
 
 
-def draw_pictures(products: Products, out: Path) -> str:
-    """Draw the pictures. One that fails does not cost the others: return which and why, empty if none does.
+def draw_pictures(products: Products, out: Path, pdf: bool = False) -> str:
+    """Draw the pictures, as PDF too if asked for or if there is one.
 
+    One that fails does not cost the others: return which and why, empty if none does.
     No picture of an earlier study stays in its place. A file that cannot be written is a `StreamkitError`.
     """
     failed = []
     for name, draw in products.pictures.items():
         try:
-            save_picture(out / name, draw())
+            save_pictures(out / name, draw(), pdf)
         except StreamkitError:
             raise
         except Exception as error:
-            (out / name).unlink(missing_ok=True)
+            for old in (out / name, (out / name).with_suffix(".pdf")):
+                old.unlink(missing_ok=True)
             failed.append(f"{name} ({type(error).__name__}: {error})")
     return ", ".join(failed)

@@ -1,0 +1,54 @@
+"""Values as JSON can hold them: for programs that read what the commands found."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from streamkit.stream import Prediction
+
+if TYPE_CHECKING:
+    from astropy.table import QTable
+
+    from streamkit.components import Measurement
+
+
+def as_json(value: Any) -> str:
+    """Return JSON text of mappings, sequences, arrays and numbers; what is no finite number is null."""
+    return json.dumps(_plain(value), indent=2, ensure_ascii=False)
+
+
+def table_record(table: QTable) -> dict[str, Any]:
+    """Return the rows of a table as mappings of plain numbers, and the units of its columns."""
+    units = {name: str(table[name].unit) for name in table.colnames if table[name].unit is not None}
+    columns = [getattr(table[name], "value", table[name]) for name in table.colnames]
+    rows = [dict(zip(table.colnames, row, strict=True)) for row in zip(*columns, strict=True)]
+    return {"units": units, "rows": rows}
+
+
+def prediction_record(measured: Sequence[Measurement], prediction: Prediction | None) -> dict[str, Any]:
+    """Return what is predicted of each datum beside it: model, own noise, data, error; or why there is no value."""
+    if prediction is None or not measured:
+        return {}
+    if prediction.why_not:
+        return {"why_not": prediction.why_not}
+    data, errors = np.concatenate([each.data() for each in measured], axis=1)
+    rows = zip(prediction.names, prediction.mean, np.sqrt(prediction.variance), data, errors, strict=True)
+    keys = "model", "own_noise", "data", "error"
+    return {name: dict(zip(keys, numbers, strict=True)) for name, *numbers in rows}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    return [_plain(item) for item in value]

@@ -1,0 +1,47 @@
+"""A fit as plain values, for programs: what `describe_results` says."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from streamkit.report import table_record
+from streamkit.study.fit.results import Results
+from streamkit.study.fit.text import PRINTED_RADII
+from streamkit.study.fit.verdicts import overall, verdicts
+
+
+def results_record(results: Results) -> dict[str, Any]:
+    """Return whether a run can be trusted, its parameters, the masses, and what became of its calls.
+
+    Keys: directory, digest, status, quick, converged, note, verdict ("fine", "look here" or "do not use"), steps,
+    walkers, burn_in, acceptance, calls, search_calls, rejected (by reason), stuck (numbers of walkers), r_hat (the
+    largest), effective_samples (the least), parameters and mass_profile (``rows``, and ``units`` by column). A sampler
+    that weighs its samples has weighted_samples, ln_evidence and ln_evidence_error in place of steps, walkers, burn_in.
+    """
+    steps, walkers, _ = results.chain.shape
+    weighted = results.weighted
+    sampled: dict[str, Any] = {"steps": steps, "walkers": walkers, "burn_in": results.discard}
+    if weighted is not None:
+        numbers = len(weighted.points), weighted.ln_evidence, weighted.ln_evidence_error
+        sampled = dict(zip(("weighted_samples", "ln_evidence", "ln_evidence_error"), numbers, strict=True))
+    return {
+        "directory": None if results.directory is None else str(results.directory),
+        "digest": results.spec.digest(),
+        "status": results.status,
+        "quick": results.quick,
+        "converged": results.converged,
+        "note": results.note(),
+        "verdict": overall(verdicts(results))[0],
+        **sampled,
+        "acceptance": results.acceptance,
+        "calls": results.calls,
+        "search_calls": results.search_calls,
+        "rejected": results.reasons,
+        "stuck": results.stuck,
+        "r_hat": float(np.max(results.r_hat)),
+        "effective_samples": float(np.min(results.ess)),
+        "parameters": table_record(results.summary()),
+        "mass_profile": table_record(results.mass_profile(PRINTED_RADII)),
+    }

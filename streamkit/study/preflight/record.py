@@ -1,0 +1,55 @@
+"""A preflight as plain values, for programs: what `describe_spec` and `describe_preflight` say."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from streamkit.report import prediction_record
+from streamkit.spec import Spec
+from streamkit.study.preflight.preflight import Look, Preflight
+
+
+def preflight_record(spec: Spec, found: Preflight) -> dict[str, Any]:
+    """Return the components, the free parameters, every stream at the prior's centre, the cost and the warnings.
+
+    Lengths are in kpc, times in Gyr, costs in CPU seconds.
+    """
+    tried = found.prior_draws
+    rows = zip(spec.names, spec.priors, spec.centre(), spec.units, strict=True)
+    return {
+        "run_file": spec.source,
+        "digest": spec.digest(),
+        "seed": spec.seed,
+        "components": [{"path": path, "kind": cls.kind, "supplier": by} for path, cls, by in spec.components()],
+        "parameters": {name: {"prior": p.text(), "centre": centre, "unit": unit} for name, p, centre, unit in rows},
+        "streams": {name: _stream(look) for name, look in found.streams.items()},
+        "data": {name: prediction_record([datum], made) for name, (datum, made) in found.data.items()},
+        "reason": found.reason,
+        "prior_draws": None
+        if tried is None
+        else {"draws": tried.draws, "with_stream": len(tried.good), "without": dict(tried.reasons)},
+        "cost": {
+            "first_call": found.cost.first,
+            "call": found.cost.call,
+            "where": found.cost.where,
+            "search_calls": found.cost.search_calls,
+            "search": found.cost.search,
+            "most_calls": spec.sampler.calls(len(spec.names))[0] if spec.names else 0,
+        },
+        "warnings": found.warnings,
+    }
+
+
+def _stream(look: Look) -> dict[str, Any]:
+    orbit = look.orbit
+    return {
+        "pericentres": orbit.pericentres,
+        "apocentres": orbit.apocentres,
+        "radial_period": orbit.period,
+        "completed_apocentres": orbit.completed,
+        "lookback": look.setup.lookback,
+        "tidal_radius": orbit.r_tidal,
+        "bodies": orbit.bodies,
+        "particles": look.setup.stripping.particles,
+        "observables": prediction_record(list(look.setup.observables.values()), look.prediction),
+    }
