@@ -389,13 +389,6 @@ def _as_chain(found: Weighted, seed: int) -> Chain:
 def load_results(directory: str | Path, components: Iterable[type[Component]] = ()) -> Results:
     """Return the results of the run in a directory, which may have ended, been interrupted, or be going on.
 
-    Parameters
-    ----------
-    directory
-        The run's output directory.
-    components
-        The component classes that were given in Python to the run.
-
-    Raises ChainError if there is no readable run in the directory.
+    Its arguments are those of `Results`. Raises ChainError if there is no readable run in the directory.
     """
     return Results(directory, components)
