@@ -14,8 +14,11 @@ from streamkit.observe import gaussian
 from streamkit.sample import Posterior
 from streamkit.spec import Prior
 from streamkit.stream import Array
+from streamkit.study.fit.tables import printable
 
 if TYPE_CHECKING:
+    from astropy.table import QTable
+
     from streamkit.study.fit.results import Results
 
 MOST = 2000
@@ -178,6 +181,24 @@ def predictive(results: Results) -> Predictive | None:
         None if data.covariance is None else data.covariance[np.ix_(used, used)],
         bool(np.allclose(some["ln_likelihood"], expected, rtol=1e-6)),
     )
+
+
+def predictions_table(seen: Predictive | None) -> QTable:
+    """Return one row per datum: its error, and median and intervals of what the samples predict; none without any.
+
+    Data have different units, so the numbers stand in plain columns: those of the run file's data.
+    """
+    from astropy.table import Column, QTable
+
+    if seen is None:
+        return QTable({"datum": Column([], dtype=str)})
+    lo95, lo68, median, hi68, hi95 = np.percentile(seen.mean, [2.5, 16, 50, 84, 97.5], axis=0)
+    table = QTable({"datum": list(seen.names), "value": seen.data, "error": seen.errors, "median": median})
+    for name, column in {"lo68": lo68, "hi68": hi68, "lo95": lo95, "hi95": hi95}.items():
+        table[name] = column
+    table["deviation"] = Column(seen.deviations, description="median prediction minus datum, in errors of the datum")
+    table["noise"] = Column(seen.noise, description="the model's own noise over the error of the datum")
+    return printable(table)
 
 
 def _names(results: Results, m: int) -> tuple[str, ...]:

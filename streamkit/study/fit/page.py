@@ -18,7 +18,7 @@ from streamkit.study.fit.directory import manifest, stream_pictures
 from streamkit.study.fit.evidence import contraction, predictive, prior_fractions
 from streamkit.study.fit.figures import reach, remark
 from streamkit.study.fit.literature import beside_literature
-from streamkit.study.fit.page_figures import predicted_data, priors_and_posteriors, rank_plots
+from streamkit.study.fit.page_figures import rank_plots
 from streamkit.study.fit.results import Results, evidence_text
 from streamkit.study.fit.verdicts import LEVELS, overall, verdicts
 
@@ -38,6 +38,8 @@ DRAWN = {
     "rotation": "rotation_curve.png",
     "corner": "corner.png",
     "traces": "traces.png",
+    "data": "predictions.png",
+    "priors": "priors.png",
 }
 """Pictures of the page that are products of their own."""
 CLASSES = dict(zip(LEVELS, ("fine", "look", "not"), strict=True))
@@ -191,13 +193,9 @@ def _run(results: Results) -> dict[str, Any]:
 
 def _pictures(results: Results) -> dict[str, str]:
     """Return the pictures by name; one that fails is left out, with the reason in `Results.failed`."""
-    fractions = [prior_fractions(p, x) for p, x in zip(results.spec.priors, results.samples.T, strict=True)]
-    seen = predictive(results)
-    makers: dict[str, Callable[[], Figure]] = {"priors": lambda: priors_and_posteriors(results, fractions)}
+    makers: dict[str, Callable[[], Figure]] = {}
     if results.weighted is None:
         makers["ranks"] = lambda: rank_plots(results)
-    if seen is not None:
-        makers["data"] = lambda: predicted_data(seen)
     found = {}
     files = DRAWN | {f"stream {name}": file for file, name in stream_pictures(results.spec).items()}
     for name, file in files.items():

@@ -15,11 +15,13 @@ from streamkit.report import draw_stream, save, save_pictures, save_table
 from streamkit.sample import CALLS, CHAIN, SAMPLES
 from streamkit.spec import Spec, is_silent
 from streamkit.study.fit.directory import LITERATURE, MANIFEST, RECOVERY, RUN_FILE, stream_pictures
-from streamkit.study.fit.evidence import predicted_intervals
+from streamkit.study.fit.evidence import predicted_intervals, predictions_table, predictive
 from streamkit.study.fit.figures import corner, mass_profile, radii, remark, rotation_curve, traces
 from streamkit.study.fit.literature import read_literature
 from streamkit.study.fit.page import PAGE, page_text
 from streamkit.study.fit.page import RADII as PAGE_RADII
+from streamkit.study.fit.predictive_figure import predictions
+from streamkit.study.fit.prior_figure import priors
 from streamkit.study.fit.recovery import DRAWN, RADII, recovery_figure, recovery_table, true_host
 from streamkit.study.fit.results import Results
 from streamkit.study.fit.tables import printable
@@ -47,10 +49,13 @@ TABLES: dict[str, Callable[[Results], QTable]] = {
     "summary.ecsv": Results.summary,
     "mass_profile.ecsv": lambda results: results.mass_profile(PROFILE_RADII),
     "diagnostics.ecsv": Results.diagnostics,
+    "predictions.ecsv": lambda results: results.signed(predictions_table(predictive(results))),
 }
 FIGURES: dict[str, Callable[[Results], Figure]] = {
     "corner.png": corner,
     "mass_profile.png": mass_profile,
+    "predictions.png": predictions,
+    "priors.png": priors,
     "rotation_curve.png": rotation_curve,
     "traces.png": traces,
 }

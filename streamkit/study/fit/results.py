@@ -299,7 +299,7 @@ class Results:
             "effective_samples": self.ess,
             "r_hat": self.r_hat,
         }
-        return self._signed(summary_table(self.names, self.spec.units, self.samples, judged))
+        return self.signed(summary_table(self.names, self.spec.units, self.samples, judged))
 
     def mass_profile(self, radii: Any) -> QTable:
         """Return the mass inside radii (kpc, or a Quantity), and the circular velocity there.
@@ -311,12 +311,12 @@ class Results:
 
         r = np.atleast_1d(u.Quantity(radii, u.kpc).value).astype(float)
         mass, v_c = self.profiles(r)
-        return self._signed(profile_table(r, mass, v_c), {"samples used": len(mass)})
+        return self.signed(profile_table(r, mass, v_c), {"samples used": len(mass)})
 
     def diagnostics(self) -> QTable:
         """Return the sampler's calls, the rejected ones by reason, and how many walkers are stuck."""
         walkers = self.chain.shape[1] if self.weighted is None else 0
-        return self._signed(diagnostics_table(self.calls, self.reasons, len(self.stuck), walkers))
+        return self.signed(diagnostics_table(self.calls, self.reasons, len(self.stuck), walkers))
 
     def profiles(self, radii: Array) -> tuple[Array, Array]:
         """Return M (n, nr) in Msun and v_c (n, nr) in km/s of at most 5000 samples at radii (nr,) in kpc.
@@ -340,7 +340,7 @@ class Results:
         v_c = np.reshape([host.circular_velocity(radii) for host in hosts], (-1, len(radii)))
         return mass[where.ravel()], v_c[where.ravel()]
 
-    def _signed(self, table: QTable, more: dict[str, Any] | None = None) -> QTable:
+    def signed(self, table: QTable, more: dict[str, Any] | None = None) -> QTable:
         """Say in a table what it comes from, and how far it can be trusted."""
         steps, walkers, _ = self.chain.shape
         table.meta.update(

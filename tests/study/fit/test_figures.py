@@ -11,7 +11,10 @@ from toys import FIT
 
 import streamkit as sk
 from streamkit.report import NotebookFigure, labels
+from streamkit.study.fit.evidence import Predictive, predicted_intervals, predictions_table
 from streamkit.study.fit.figures import _labels, corner, mass_profile, reach, rotation_curve, traces
+from streamkit.study.fit.predictive_figure import LONGEST, draw_predictive, predictions
+from streamkit.study.fit.prior_figure import priors
 from streamkit.study.fit.results import Results
 
 
@@ -84,7 +87,7 @@ def synthetic(document, steps=12, walkers=32, seed=1, quick=False):
     return Results.in_memory(spec, backend, {}, "steps", quick)
 
 
-@pytest.mark.parametrize("draw", [corner, traces])
+@pytest.mark.parametrize("draw", [corner, traces, priors])
 @pytest.mark.parametrize("number", CASES)
 def test_every_text_of_a_picture_can_be_read(number, draw, monkeypatch):
     results = synthetic(CASES[number](), quick=True)  # the longest caveat
@@ -92,7 +95,7 @@ def test_every_text_of_a_picture_can_be_read(number, draw, monkeypatch):
     texts = assert_readable(draw(results), monkeypatch)
     assert any("QUICK LOOK" in text for text in texts)
     for name in _labels(results)[1]:
-        assert any(name in text for text in texts), name
+        assert any(name.replace("\n", "") in text.replace("\n", "") for text in texts), name
 
 
 @pytest.mark.parametrize("draw", [corner, traces])
@@ -168,3 +171,65 @@ def test_parameters_are_called_by_their_symbol_or_the_shortest_clear_end_of_thei
     names = ("potential.halo.a_long_name", "potential.x.a_long_name", "progenitor.nodes", "stripping.sigma")
     symbols = (*names[:3], r"$\sigma$")
     assert labels(names, symbols) == ["halo.a_long_\nname", "x.a_long_\nname", "nodes", r"$\sigma$"]
+
+
+def test_the_density_of_the_prior_is_drawn_in_the_units_of_the_parameter():
+    results = synthetic(six(), steps=60)
+    figure = priors(results)
+    scales = _labels(results)[0].tolist()
+    for axes, prior, values, scale in zip(figure.axes, results.spec.priors, results.samples.T, scales, strict=False):
+        (line,) = axes.lines
+        x, density = line.get_data()
+        low, high = axes.get_xlim()
+        assert density == pytest.approx([np.exp(prior.lnpdf(one * scale)) * scale for one in x])
+        assert low * scale <= np.percentile(values, 0.1)
+        assert high * scale >= np.percentile(values, 99.9)
+        area = sum(patch.get_width() * patch.get_height() for patch in axes.patches[:-1])
+        assert area == pytest.approx(1)
+
+
+def predicted(m, gaussian=True):
+    """Data 1, 2 ... with errors of a half, and a model two errors above the k-th with a scatter of k / 10 errors."""
+    data = np.arange(1.0, m + 1)
+    mean = data + 1 + 0.05 * data * np.random.default_rng(5).standard_normal((4000, m))
+    errors = np.full(m, 0.5)
+    return Predictive(tuple(f"datum {k + 1}" for k in range(m)), data, errors, mean, 0 * mean, gaussian=gaussian)
+
+
+@pytest.mark.parametrize("m", [1, 3, 59, 130])
+def test_every_datum_has_a_row_that_can_be_read(m, monkeypatch):
+    figure = draw_predictive(predicted(m), "QUICK LOOK, not for science")
+    assert len(figure.axes) == -(-m // LONGEST)
+    names = [label.get_text() for axes in figure.axes for label in axes.get_yticklabels()]
+    assert names == [f"datum {k + 1}" for k in range(m)]
+    if m < 100:
+        assert_readable(figure, monkeypatch)
+
+
+def test_a_row_has_the_model_and_new_data_in_errors_of_the_datum():
+    (axes,) = draw_predictive(predicted(3)).axes
+    (medians,) = (line for line in axes.lines if line.get_label() == "median")
+    assert medians.get_xdata() == pytest.approx([2, 2, 2], abs=0.02)
+    (narrow,) = (part for part in axes.collections if part.get_label() == "model, 68 %")
+    ends = np.array([segment[:, 0] for segment in narrow.get_segments()])
+    assert np.ptp(ends, axis=1) == pytest.approx(2 * 0.1 * np.arange(1, 4), rel=0.06)
+    (bars,) = (part for part in axes.containers if part.get_label() == "new data, 68 %")
+    assert [bar.get_width() for bar in bars] == pytest.approx(2 * np.hypot(1, 0.1 * np.arange(1, 4)), rel=0.06)
+    (axes,) = draw_predictive(predicted(3, gaussian=False)).axes
+    assert not axes.containers  # another likelihood would make other data
+
+
+def test_the_table_of_predictions_has_the_numbers_of_the_picture():
+    table = predictions_table(predicted(3))
+    assert list(table["datum"]) == ["datum 1", "datum 2", "datum 3"]
+    assert np.asarray(table["median"]) == pytest.approx([2, 3, 4], abs=0.02)
+    assert np.asarray(table["hi68"] - table["lo68"]) == pytest.approx(0.1 * np.arange(1, 4), rel=0.06)
+    assert np.asarray(table["deviation"]) == pytest.approx([2, 2, 2], abs=0.02)
+    assert len(predictions_table(None)) == 0
+
+
+def test_without_predictions_there_is_no_picture_of_them():
+    results = synthetic(freed())
+    with pytest.raises(sk.StreamkitError, match="no predictions"):
+        predictions(results)
+    assert predicted_intervals(results, "stream") == {}

@@ -21,8 +21,11 @@ from streamkit.study.fit.figures import mass_profile, remark, rotation_curve
 from streamkit.study.fit.products import PRODUCTS
 from streamkit.study.fit.results import Results
 
-TABLES = ("summary.ecsv", "mass_profile.ecsv", "diagnostics.ecsv")
-PICTURES = ("corner.png", "mass_profile.png", "rotation_curve.png", "best_stream.png", "traces.png")
+TABLES = ("summary.ecsv", "mass_profile.ecsv", "diagnostics.ecsv", "predictions.ecsv")
+PICTURES = (
+    "corner.png", "mass_profile.png", "rotation_curve.png", "best_stream.png", "traces.png", "predictions.png",
+    "priors.png",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
