@@ -42,12 +42,12 @@ BREADTH = 0.1
 
 
 def fit_turning(angle: Array, r: Array, number: Array, guide: float, coverage: float = COVERAGE) -> ArmFit | str:
-    """Fit, as `fit_arm`, the branch that turns round, among others that pass through the same angles.
+    """Fit, as `fit_arm`, the lower of the branches that turn round, among others at the same angles.
 
     The Gaussian r(angle) is the ridge of the particles and not their mean: each counts by a Gaussian kernel of its
     distance in radius (modal regression; Yao & Li 2014, Scand. J. Statist. 41, 656). All angles count alike, many
     particles or few, which leaves the stripping rate out. The fit begins with what is beyond the apocentre, where the
-    debris on its way out has hardly come.
+    debris of the last passage, which turns farther out, has hardly come.
     """
     near = np.abs(angle - guide) < NEAR
     angle, r, number = angle[near], r[near], number[near]
