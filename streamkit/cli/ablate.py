@@ -10,6 +10,7 @@ import click
 
 from streamkit import report
 from streamkit import spec as run_files
+from streamkit.cli.completion import settings as complete_settings
 from streamkit.cli.options import FORCE, JSON, PDF, QUIET, RUN_FILE, SEEDS, SET, WORKERS, directory, load_spec
 from streamkit.cli.study import conduct
 from streamkit.study import ablation as study
@@ -19,6 +20,7 @@ from streamkit.study import grid
 @click.command()
 @RUN_FILE
 @click.option("--vary", "variations", multiple=True, required=True, metavar="PATH=V1,V2,...",
+              shell_complete=complete_settings,
               help="A field and its values, such as stripping.kind=mlcs,streakline. "
               "Repeated: every combination.")  # fmt: skip
 @SET

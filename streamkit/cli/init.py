@@ -30,7 +30,9 @@ def tables_of(example: Path) -> list[Path]:
 
 
 @click.command()
-@click.argument("example", required=False)
+@click.argument("example", required=False, shell_complete=lambda _context, _parameter, typed: [
+    name for name in examples() if name.startswith(typed)
+])  # fmt: skip
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FILE",
               help="Where to; default: the example's name with .toml, in this directory.")  # fmt: skip
 @FORCE_FILE

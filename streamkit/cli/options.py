@@ -11,13 +11,14 @@ import click
 import streamkit as sk
 from streamkit import spec as run_files
 from streamkit.cli.compiling import tell_of_compiling
+from streamkit.cli.completion import settings
 
 INVALID, INTERRUPTED = 2, 130
 """Exit statuses of the commands: bad input, and stopped by Ctrl-C."""
 
 RUN_FILE = click.argument("run_file", metavar="RUN.toml", type=click.Path(path_type=Path))
 SET = click.option(
-    "--set", "settings", multiple=True, metavar="PATH=VALUE",
+    "--set", "settings", multiple=True, metavar="PATH=VALUE", shell_complete=settings,
     help="Replace a field, such as progenitor.mass=6.4e8 or 'potential.v0=220 km/s'. Repeatable.",
 )  # fmt: skip
 

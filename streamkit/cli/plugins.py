@@ -5,12 +5,13 @@ from __future__ import annotations
 import click
 
 from streamkit import components, report
+from streamkit.cli.completion import kinds_of, roles
 from streamkit.cli.options import JSON
 
 
 @click.command()
-@click.argument("kind", required=False)
-@click.argument("name", required=False)
+@click.argument("kind", required=False, shell_complete=roles)
+@click.argument("name", required=False, shell_complete=kinds_of("kind"))
 @JSON
 def plugins(kind: str | None, name: str | None, as_json: bool) -> None:
     """List the installed components and who supplies them.

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from streamkit import components, report, spec
+from streamkit.cli.completion import kinds_of, sections
 from streamkit.errors import StreamkitError
 
 KEYS = ("version", "seed", "plugins")
@@ -15,8 +16,8 @@ KEYS = ("version", "seed", "plugins")
 
 
 @click.command()
-@click.argument("section", required=False)
-@click.argument("kind", required=False)
+@click.argument("section", required=False, shell_complete=sections)
+@click.argument("kind", required=False, shell_complete=kinds_of("section"))
 def reference(section: str | None, kind: str | None) -> None:
     """Describe every field of a run file: its unit, its default, what is allowed.
 

@@ -10,6 +10,7 @@ import click
 
 import streamkit as sk
 from streamkit import report
+from streamkit.cli.completion import free_parameters
 from streamkit.cli.options import (
     FORCE,
     JSON,
@@ -33,7 +34,7 @@ from streamkit.study import sensitivity as study
 @SET
 @click.option("--points", default=15, show_default=True, type=click.IntRange(5), metavar="N",
               help="Points of each grid; the fixed one comes on top.")  # fmt: skip
-@click.option("--fields", default="", metavar="PATH,PATH,...",
+@click.option("--fields", default="", metavar="PATH,PATH,...", shell_complete=free_parameters,
               help="Vary these parameters only, such as potential.v0,progenitor.mass.")  # fmt: skip
 @SEEDS
 @WORKERS
