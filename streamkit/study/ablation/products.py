@@ -7,6 +7,7 @@ from typing import Any
 
 from streamkit.study.ablation import figures
 from streamkit.study.ablation.runner import Ablation
+from streamkit.study.ablation.sky_figure import has_panels, tracks_on_sky
 from streamkit.study.ablation.tables import describe_ablation, measures_table, tracks_table
 from streamkit.study.grid import Products
 
@@ -16,8 +17,10 @@ PICTURES = {
         figures.bow_tie, figures.phase_space, figures.crossings, figures.unwrapped, figures.epochs, figures.along
     )
 }  # fmt: skip
+SKY = "sky.png"
+"""Only with an observable that is drawn on the sky."""
 TABLE, TRACKS, RUN = "ablation.ecsv", "tracks.ecsv", "ablation.toml"
-PRODUCTS = (TABLE, TRACKS, RUN, *PICTURES)
+PRODUCTS = (TABLE, TRACKS, RUN, *PICTURES, SKY)
 
 
 def ablation_products(found: Ablation, options: dict[str, Any]) -> Products:
@@ -29,12 +32,13 @@ def ablation_products(found: Ablation, options: dict[str, Any]) -> Products:
     shown = {"N-body": found.reference} if found.reference.snapshot else {}
     shown |= {o.variant.label: o.first for o in found.outcomes if o.first is not None}
     portraits = {title: portrait for title, portrait in shown.items() if not portrait.stream.bound.all()}
+    pictures = PICTURES | ({SKY: tracks_on_sky} if any(map(has_panels, portraits.values())) else {})
     return Products(
         found.spec,
         RUN,
         describe_ablation(found),
         {TABLE: measures_table(found), TRACKS: tracks_table(found)},
-        {name: partial(draw, portraits) for name, draw in PICTURES.items()},
+        {name: partial(draw, portraits) for name, draw in pictures.items()},
         {"vary": vary, **options},
         found.stopped,
     )

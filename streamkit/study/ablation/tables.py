@@ -12,6 +12,7 @@ from streamkit.spec import as_written
 from streamkit.stream import ARMS
 from streamkit.study.ablation.measures import NEAR, observables
 from streamkit.study.ablation.runner import Ablation, Outcome
+from streamkit.study.grid import MANY, by_column, rms
 
 if TYPE_CHECKING:
     from astropy.table import QTable
@@ -191,11 +192,28 @@ def _observables(rows: Sequence[_Row]) -> list[str]:
     if not names:
         return []
     short = [name.removeprefix("observable_") for name in names]
+    if len(short) > MANY:
+        return [_columns(rows, short)]
     body = [["variant", *(head for name in short for head in (name, PULL.head))]]
     for label, _, measures in rows:
         pairs = ((_cell(measures, f"observable_{n}"), _cell(measures, f"pull_{n}", "+.1f")) for n in short)
         body.append([label, *(cell for pair in pairs for cell in pair)])
     return ["\n".join([columns(body), paragraph(PULL.meaning, "  pull: ", "    ")])]
+
+
+def _columns(rows: Sequence[_Row], names: Sequence[str]) -> str:
+    """Show of many observables how far those of each column are from the reference's: rms, and the farthest."""
+    shown = [row for row in rows if row[2]]
+    body = [["column", *(label for label, _, _ in shown)]]
+    pulls = [np.array([_mean([one.get(f"pull_{name}", np.nan) for one in ms]) for name in names]) for _, _, ms in shown]
+    for column, which in by_column(names).items():
+        cells = []
+        for own in (each[which] for each in pulls):
+            far = own[np.argmax(np.nan_to_num(np.abs(own)))]
+            cells.append(f"{rms(own):.2f} ({far:+.1f})" if np.isfinite(far) else "-")
+        body.append([column, *cells])
+    note = f"{PULL.meaning}: the root of the mean square of the data of each column, and the farthest of them"
+    return "\n".join([columns(body), paragraph(note, "  ", "    ")])
 
 
 def _cell(measures: Sequence[dict[str, float]], name: str, form: str = "") -> str:

@@ -1,3 +1,6 @@
+from .data_groups import MANY as MANY
+from .data_groups import by_column as by_column
+from .data_groups import rms as rms
 from .jobs import DIED as DIED
 from .jobs import INTERRUPTED as INTERRUPTED
 from .jobs import run_jobs as run_jobs

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullFormatter
 
+from streamkit.observe import Data
 from streamkit.report import BLUE, GREY, VERMILION, NotebookFigure, finish, labels, scaled, with_unit
 from streamkit.spec import LogUniform
+from streamkit.study.grid import MANY, by_column, rms
 from streamkit.study.sensitivity.curves import Curve
 from streamkit.study.sensitivity.runner import Sensitivity
 
@@ -26,8 +29,10 @@ def sensitivity_figure(response: Sensitivity) -> Figure:
     """Draw every observable against every parameter; the datum and its error as a band.
 
     The dashed line is where a parameter is fixed while others are varied, the thin one the slope there. Crosses at the
-    lower edge are points without a value.
+    lower edge are points without a value. Of more than `MANY` data, the rms difference of every column from its data.
     """
+    many = len(response.names) > MANY
+    response = by_columns(response) if many else response
     curves, m = response.curves, len(response.names)
     across = min(len(curves), ACROSS)
     blocks = -(-len(curves) // across)
@@ -43,6 +48,8 @@ def sensitivity_figure(response: Sensitivity) -> Figure:
         for i in range(m):
             axes = panels[m * block + i, column]
             _panel(axes, response, curve, i, scale)
+            if not many:  # an rms has a kink where it is least
+                _tangent(axes, curve, i, scale)
             axes.set_ylim(*limits[i])
             if column:
                 axes.tick_params(labelleft=False)
@@ -66,6 +73,30 @@ def sensitivity_figure(response: Sensitivity) -> Figure:
     return figure
 
 
+def by_columns(response: Sensitivity) -> Sensitivity:
+    """Return the same with the rms of (model - datum) / error of every column in place of the observables.
+
+    Their own noise is not known, and there is no datum but zero.
+    """
+    groups, data = by_column(response.names), response.data
+    m = len(groups)
+
+    def shown(curve: Curve) -> Curve:
+        away = (curve.mean - data.values) / data.errors
+        mean = np.stack([rms(away[:, which]) for which in groups.values()], axis=1)
+        nothing = np.full_like(mean, np.nan)
+        return replace(curve, mean=mean, scatter=nothing, noise=nothing)
+
+    curves = tuple(map(shown, response.curves))
+    nowhere = Data(np.full(m, np.nan), np.full(m, np.nan))
+    labels = tuple(f"{_wrapped(name)}\n" r"rms $\Delta/\sigma$" for name in groups)
+    return replace(response, names=labels, units=("",) * m, data=nowhere, curves=curves)
+
+
+def _wrapped(name: str) -> str:
+    return textwrap.fill(name.replace("_", " "), 16)
+
+
 def _panel(axes: Axes, response: Sensitivity, curve: Curve, i: int, scale: float) -> None:
     """Draw one observable against one parameter."""
     datum, error = response.data.values[i], response.data.errors[i]
@@ -74,7 +105,6 @@ def _panel(axes: Axes, response: Sensitivity, curve: Curve, i: int, scale: float
         axes.axhspan(datum - error, datum + error, color="black", alpha=0.13, lw=0)
     x, mean = curve.x / scale, curve.mean[:, i]
     axes.axvline(curve.fixed / scale, color=GREY, lw=0.9, ls="--")
-    _tangent(axes, curve, i, scale)
     spread = np.nan_to_num(curve.scatter[:, i])
     if spread.any():
         axes.fill_between(x, mean - spread, mean + spread, color=colour, alpha=0.3, lw=0)

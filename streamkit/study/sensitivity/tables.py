@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from streamkit.report import columns, paragraph
+from streamkit.study.grid import MANY, by_column, rms
 from streamkit.study.sensitivity.curves import CENTRAL
 from streamkit.study.sensitivity.runner import Sensitivity
 
@@ -74,10 +75,16 @@ def describe_sensitivity(response: Sensitivity) -> str:
     n, seeds = sum(len(curve.x) for curve in response.curves), response.seeds
     head = f"{len(response.curves)} parameters varied over the central {CENTRAL:.0%} of their priors, {n} points"
     head += f", means over {seeds} seeds" if seeds > 1 else f", seed {response.spec.seed}"
-    rows: list[Sequence[str]] = [("parameter", "fixed at", "prior sd", *response.names, "without a value")]
+    many = len(response.names) > MANY
+    groups = by_column(response.names)
+    shown = list(groups) if many else list(response.names)
+    rows: list[Sequence[str]] = [("parameter", "fixed at", "prior sd", *shown, "without a value")]
     for curve in response.curves:
         sd = f"{curve.slope.sd:.3g}"
         pulls = [_pull(*each) for each in zip(curve.slope.per_sd, response.data.errors, response.units, strict=True)]
+        if many:
+            changes = curve.slope.per_sd / response.data.errors
+            pulls = [_pull(float(rms(changes[which])), 1.0, "").lstrip("+") for which in groups.values()]
         gaps = f"{curve.missing} of {len(curve.x)}" if curve.missing else ""
         rows.append((curve.name, f"{curve.fixed:.4g} {curve.unit}".strip(), sd, *pulls, gaps))
     parts = [paragraph(head), columns(rows)]
@@ -86,6 +93,7 @@ def describe_sensitivity(response: Sensitivity) -> str:
             "Each number is the slope at the fixed point: change of the observable, in standard errors of the datum, "
             "per standard deviation of the prior (half its central 68 %; of ln x for a log-uniform prior). It is that "
             "of a parabola through the points within one such deviation."
+            + (" Of the data of a column, the root of the mean square." if many else "")
         )
     )
     if response.reasons:

@@ -18,7 +18,7 @@ from snapshots import DATA
 import streamkit as sk
 from streamkit.cli.ablate import read_variations
 from streamkit.study.ablation import PRODUCTS, variants_of
-from streamkit.study.ablation.products import PICTURES
+from streamkit.study.ablation.products import PICTURES, SKY
 from streamkit.study.ablation.runner import make_stream
 
 GRAVITY = "--vary=stripping.progenitor_gravity=true,false"
@@ -73,7 +73,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Result]:
 
 def test_it_writes_a_table_the_tracks_and_the_pictures(made: tuple[Path, Result]) -> None:
     out, result = made
-    assert sorted(path.name for path in out.iterdir()) == sorted(PRODUCTS)
+    assert sorted(path.name for path in out.iterdir()) == sorted(set(PRODUCTS) - {SKY})
     table = QTable.read(out / "ablation.ecsv")
     assert table["variant"].tolist() == ["with progenitor gravity", "without progenitor gravity"]
     assert table["stripping.progenitor_gravity"].tolist() == ["true", "false"]
@@ -285,7 +285,7 @@ def test_a_snapshot_with_its_crossings_costs_no_picture(run_file: Path, tmp_path
     result = call("ablate", run_file, GRAVITY, *HERE, "--reference", snapshot, "-o", out)
     assert result.exit_code == 0, result.output
     assert result.stderr == ""
-    assert sorted(path.name for path in out.iterdir()) == sorted(PRODUCTS)
+    assert sorted(path.name for path in out.iterdir()) == sorted(set(PRODUCTS) - {SKY})
 
 
 @pytest.mark.usefixtures("unrendered_pictures")
@@ -301,4 +301,4 @@ def test_a_picture_that_fails_is_named_and_the_others_are_there(
     said = "streamkit: not drawn: phase_space.png (ValueError: shapes (3,500) and (3,3000)); everything else is written"
     assert result.stderr.strip() == said
     there = {path.name for path in (tmp_path / "out").iterdir()}
-    assert set(PRODUCTS) - there == {"phase_space.png"}
+    assert set(PRODUCTS) - there == {"phase_space.png", SKY}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from scipy.stats import norm
 import streamkit as sk
 from streamkit.cli.sensitivity import apart
 from streamkit.errors import ComponentError
+from streamkit.observe import Data
 from streamkit.sample import Evaluation, Posterior
 from streamkit.spec import LogUniform, Normal, Prior, TruncatedNormal, Uniform
 from streamkit.stream import Array
@@ -24,6 +26,7 @@ from streamkit.study.sensitivity import PRODUCTS, Sensitivity, run_sensitivity
 from streamkit.study.sensitivity.curves import Curve, prior_grid
 from streamkit.study.sensitivity.figure import sensitivity_figure
 from streamkit.study.sensitivity.runner import evaluate, fixed_point
+from streamkit.study.sensitivity.tables import describe_sensitivity
 from streamkit.units import datum_unit
 
 HERE = ("--set=potential.v0=215", "--set=progenitor.mass=6.4e8")
@@ -288,3 +291,25 @@ def test_units_are_those_of_the_data(small: sk.Spec) -> None:
     assert {name: datum_unit(field) for name, field in observable.cls.model_fields.items()} == {
         "leading": "kpc", "trailing": "kpc", "precession": "deg", "recent_debris": "", "coverage": "", "phase": "",
     }  # fmt: skip
+
+
+def test_of_many_data_the_rms_of_every_column_is_drawn(found: Sensitivity) -> None:
+    """Twelve data of two columns: those of the curves at hand, four times over."""
+    names = tuple(f"{column} at {i}" for column in ("phi2", "distance") for i in range(6))
+    values, errors = np.tile(found.data.values, 4), np.tile(found.data.errors, 4)
+
+    def longer(c: Curve) -> Curve:
+        return replace(c, mean=np.tile(c.mean, 4), scatter=np.tile(c.scatter, 4), noise=np.tile(c.noise, 4))
+
+    curves = tuple(map(longer, found.curves))
+    many = replace(found, names=names, units=("",) * 12, data=Data(values, errors), curves=curves)
+    panels = [axes for axes in sensitivity_figure(many).axes if axes.get_visible()]
+    assert len(panels) == 2 * 2
+    assert [axes.get_ylabel().split("\n")[0] for axes in panels if axes.get_ylabel()] == ["phi2", "distance"]
+    expected = np.sqrt(np.mean(((found.curves[0].mean - found.data.values) / found.data.errors) ** 2, axis=1))
+    line = next(line for line in panels[0].lines if line.get_marker() == "o")
+    assert line.get_ydata() == pytest.approx(expected, nan_ok=True)
+    slope = curves[0].slope.per_sd[:6] / errors[:6]
+    said = describe_sensitivity(many)
+    assert f"{np.sqrt(np.mean(slope**2)):.2f}" in said
+    assert "phi2 at 0" not in said
