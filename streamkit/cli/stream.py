@@ -33,7 +33,7 @@ def stream(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Make one stream, print it beside the data.
+    """Make one stream, print it beside the data, and the host beside data that are no stream.
 
     Of a run file with several, make each: its files have its name, FILE-gd1.ecsv. Free parameters are at the prior's
     centre unless --set says otherwise.
@@ -64,6 +64,9 @@ def stream(
         if file := pictures[name]:
             report.save_picture(file, report.draw_stream(made, prediction, setup))
             tell(f"picture: {file}")
+    bound = spec.bind_all()
+    for name, found in model.observe_host(bound).items():
+        tell("\n" + report.describe_measured(f"data {name}", [bound.data[name]], found))
     if as_json:
         click.echo(report.as_json(records))
 

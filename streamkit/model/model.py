@@ -101,10 +101,14 @@ class Model:
             streams[name], prediction = self.observe(setup, host)
             if prediction is not None:
                 predictions[name] = prediction
-        with self.naming_parameters(bound.values):
-            for name, data in bound.data.items():
-                predictions[f"data.{name}"] = measure_host(data, host, self.known("data", name, data))
+        predictions |= {f"data.{name}": found for name, found in self.observe_host(bound, host).items()}
         return Observation(streams, predictions)
+
+    def observe_host(self, bound: Bound, host: Host | None = None) -> dict[str, Prediction]:
+        """Return what the host says of the data that are no stream, by their names; raises as `observe`."""
+        host = host or Host(bound.potentials, bound.bodies)
+        with self.naming_parameters(bound.values):
+            return {name: measure_host(data, host, self.known("data", name, data)) for name, data in bound.data.items()}
 
     @contextmanager
     def naming_parameters(self, values: Mapping[str, float]) -> Iterator[None]:

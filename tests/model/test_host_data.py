@@ -87,10 +87,11 @@ def test_what_is_wrong_with_data_is_said(data, words):
     assert len(found.splitlines()) == 1
 
 
-def test_check_shows_the_data_of_the_host(tmp_path):
+@pytest.mark.parametrize("command", ["check", "stream"])
+def test_a_command_shows_the_data_of_the_host(tmp_path, command):
     path = tmp_path / "data.toml"
     path.write_text(fit(curve=CURVE, sun=SPEED).toml())
-    said = CliRunner().invoke(main, ["check", str(path)], catch_exceptions=False)
+    said = CliRunner().invoke(main, [command, str(path)], catch_exceptions=False)
     assert said.exit_code == 0
     assert "data curve (rotation_curve)" in said.output
     assert "v_c(12 kpc)" in said.output

@@ -4,6 +4,7 @@ import base64
 import re
 from html.parser import HTMLParser
 from io import BytesIO
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from streamkit.study.fit.literature import beside_literature, read_literature
 from streamkit.study.fit.page import embedded, page_text
 from streamkit.study.fit.verdicts import LEVELS, overall, verdicts
 
+EXAMPLES = Path(__file__).parents[3] / "examples"
 PUBLISHED = """quantity,radius,value,error_minus,error_plus,reference
 M,100,4.1e11,0.7e11,0.8e11,Gibbons+ 2014
 v_c,8,237,3,4,a <b>bold</b> guess
@@ -160,6 +162,15 @@ def test_published_values_are_converted(tmp_path):
     found = read_literature(tmp_path / "table.ecsv")
     np.testing.assert_allclose(found["radius"], [100, 200])
     np.testing.assert_allclose(found["error_plus"], [0.7e11, 1.2e11])
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*/literature.ecsv")), ids=lambda path: path.parent.name)
+def test_the_published_values_of_the_examples_are_values_of_the_milky_way(path):
+    table = read_literature(path)
+    speed = np.where(table["quantity"] == "v_c", table["value"], np.sqrt(4.30092e-6 * table["value"] / table["radius"]))
+    assert (speed > 100).all()
+    assert (speed < 260).all()
+    assert all(any(letter.isdigit() for letter in reference) for reference in table["reference"])
 
 
 @pytest.mark.parametrize(
