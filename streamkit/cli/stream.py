@@ -21,6 +21,8 @@ from streamkit.errors import OutOfDomain, StreamkitError
               help="Write the particles to FILE.ecsv, .hdf5 or .fits.")  # fmt: skip
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",
               help="Draw the stream to FILE.png, .pdf or .svg.")  # fmt: skip
+@click.option("--threads", default=1, show_default=True, type=click.IntRange(1), metavar="N",
+              help="Threads for one stream, for 100 000 particles and more; it does not depend on them.")  # fmt: skip
 @FORCE_FILE
 @JSON
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing.")
@@ -29,6 +31,7 @@ def stream(
     settings: tuple[str, ...],
     output: Path | None,
     plot: Path | None,
+    threads: int,
     force: bool,
     as_json: bool,
     quiet: bool,
@@ -43,7 +46,7 @@ def stream(
     for files, suffixes, option in ((particles, report.FORMATS, "--output"), (pictures, report.PICTURES, "--plot")):
         for path in filter(None, files.values()):
             report.check_target(path, suffixes, option, force)
-    model = sk.Model(spec)
+    model = sk.Model(spec, threads)
     records: list[dict[str, Any]] = []
     tell = (lambda _: None) if as_json or quiet else click.echo
     for name in spec.streams:

@@ -69,11 +69,14 @@ ENGINE = _engine_digest()
 """Digest of the whole engine's text: a change anywhere in it compiles all its loops anew."""
 
 
-def cached(signature: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Compile a loop for one signature, whatever layout a caller's arrays have; once per machine."""
+def cached(signature: Any, nogil: bool = False) -> Callable[[Callable[..., Any]], Any]:
+    """Compile a loop for one signature, whatever layout a caller's arrays have; once per machine.
+
+    With ``nogil`` it lets other threads of Python go on meanwhile.
+    """
 
     def decorate(function: Callable[..., Any]) -> Any:
-        dispatcher = njit(**OPTIONS)(function)
+        dispatcher = njit(nogil=nogil, **OPTIONS)(function)
         dispatcher._cache = ContentCache(function, ENGINE)
         dispatcher.compile(signature)
         dispatcher.disable_compile()

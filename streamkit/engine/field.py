@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from streamkit.engine import kernels, loops
 from streamkit.engine.arguments import layout_of, pack
-from streamkit.engine.forces import DEEPEST, NO_FRAME, NO_TRACKS, Forces
+from streamkit.engine.forces import BATCH, DEEPEST, NO_FRAME, NO_TRACKS, Forces
 from streamkit.engine.kernels import Force, NumpyKernel
 from streamkit.engine.loops import NUMBERS, WORK, Scratch
 from streamkit.engine.methods import RKN4, Splitting
@@ -42,12 +44,15 @@ class Field:
         (c,) names of the components, for messages.
     scratch
         Room for the loops to work in: a field advances one set of particles at a time.
+    threads
+        How many of them `adaptive_step` and `split_step` may use for many particles. The result does not depend on it.
     """
 
     forces: Forces
     kernels: tuple[Any, ...]
     names: tuple[str, ...]
     scratch: Scratch = field(default_factory=_scratch, repr=False)
+    threads: int = 1
 
     def __reduce__(self) -> Any:
         raise TypeError("a Field holds machine code of this process: send the Spec instead and build it there")
@@ -136,6 +141,17 @@ class Field:
             raise ValueError("orbits of moving components must share one grid of times")
         return first, step
 
+    def pieces(self, n: int) -> list[slice]:
+        """Return the slices of n particles that go to a thread each; one, where they are few or Python has a force."""
+        count = 1 if self._in_python else min(self.threads, n // BATCH)
+        edges = np.linspace(0, n, max(count, 1) + 1).astype(int).tolist()
+        return [slice(*ends) for ends in pairwise(edges)]
+
+    @cached_property
+    def rooms(self) -> list[Scratch]:
+        """The scratch of each thread."""
+        return [self.scratch, *(_scratch() for _ in range(self.threads - 1))]
+
     @cached_property
     def _in_python(self) -> tuple[NumpyKernel, ...]:
         return tuple(kernel for kernel in self.kernels if isinstance(kernel, NumpyKernel))
@@ -223,7 +239,16 @@ def _advance(
     """Pass the rows of q and v, which the loops want contiguous, in place where they are."""
     given = [*q, *v]
     rows = tuple(np.ascontiguousarray(row) for row in given)
-    field.run(loops.advance, Method(splitting.drift, splitting.kick, eta, most), field.scratch, rows, t0, t1)
+    method, pieces = Method(splitting.drift, splitting.kick, eta, most), field.pieces(len(t0))
+    if len(pieces) == 1:
+        field.run(loops.advance, method, field.scratch, rows, t0, t1)
+    else:
+        with ThreadPoolExecutor(len(pieces)) as pool:
+
+            def carry(piece: slice, scratch: Scratch) -> None:
+                loops.advance(field.forces, method, scratch, tuple(row[piece] for row in rows), t0[piece], t1)
+
+            list(pool.map(carry, pieces, field.rooms))
     for row, done in zip(given, rows, strict=True):
         if done is not row:
             row[:] = done

@@ -127,7 +127,7 @@ def sweep(forces, method, scratch, particles, index, t0, t1, limit, later):
     return kept
 
 
-@cached(types.void(FORCES, METHOD, _SCRATCH, _PARTICLES, _F1, _F))
+@cached(types.void(FORCES, METHOD, _SCRATCH, _PARTICLES, _F1, _F), nogil=True)
 def advance(forces, method, scratch, particles, t0, t1):
     """Advance all particles, in place, from t0 (n,), which never decrease, to t1.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -26,10 +27,18 @@ class Model:
 
     The random numbers are drawn once from the spec's seed and belong to the particles, so that the stream is a
     deterministic function of the parameters (common random numbers).
+
+    Parameters
+    ----------
+    spec
+        A spec, the path of a run file, or a mapping of the same form.
+    threads
+        How many of them integrate one stream: of use for 10^5 particles and more. The stream does not depend on it.
     """
 
-    def __init__(self, spec: Source) -> None:
+    def __init__(self, spec: Source, threads: int = 1) -> None:
         self.spec = as_spec(spec)
+        self.threads = threads
         self._asked: dict[tuple[str, str], tuple[Measurement, Data]] = {}
 
     def data(self, setup: Setup) -> dict[str, Data]:
@@ -77,7 +86,7 @@ class Model:
         """Return the stream of a bound spec; OutOfDomain begins with its name where there are several."""
         try:
             with self.naming_parameters(setup.values):
-                return simulate(setup, self._draws[setup.name], host)
+                return simulate(setup, self._draws[setup.name], host, self.threads)
         except OutOfDomain as error:
             raise OutOfDomain(
                 error.reason if len(self.spec.streams) == 1 else f"{setup.name}: {error.reason}"
@@ -121,7 +130,7 @@ class Model:
             raise ComponentError(f"{error}. Parameters: {text or 'none is free'}") from error.__cause__
 
 
-def simulate(setup: Setup, normals: Array, shared: Host | None = None) -> Stream:
+def simulate(setup: Setup, normals: Array, shared: Host | None = None, threads: int = 1) -> Stream:
     """Return the stream of fully bound components, with normals (draws, n) that belong to the particles.
 
     The host may be there already, ``shared`` by streams whose progenitors are test particles in it.
@@ -133,7 +142,7 @@ def simulate(setup: Setup, normals: Array, shared: Host | None = None) -> Stream
     field = host.until(float(track.t[0]))
     if setup.stripping.progenitor_gravity:
         field = field.with_moving(build_field([setup.satellite]), start.orbit)
-    done = integrate(field, setup.integrator, start)
+    done = integrate(replace(field, threads=threads), setup.integrator, start)
     if not (np.isfinite(done.q).all() and np.isfinite(done.v).all()):
         raise OutOfDomain("the orbit of a particle is not finite")
     return Stream(
