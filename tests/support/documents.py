@@ -38,6 +38,8 @@ HOSTS: dict[str, dict[str, Any]] = {
     "sagittarius_modern": {"v0": [235, 245], "rs": [20, 22], "alpha": 0.72},
     "sagittarius_track": {"v0": [235, 245], "rs": [20, 22], "alpha": 0.72},
     "sagittarius_lmc": {"halo.mass": [5e11, 6e11]},
+    "mock_lmc": {"halo.mass": [5e11, 6e11], "halo.rs": 16.0},
+    "mock_alone": {"halo.mass": [5e11, 6e11], "halo.rs": 16.0},
     "mock_tf": {"v0": [205, 215], "rs": [11, 13], "alpha": 0.45},
     "mock_tf_turning": {"v0": [205, 215], "rs": [11, 13], "alpha": 0.45},
     "mock_bulge_disc_halo": {"v0": [231, 241], "rs": [45, 49], "alpha": 0.5},
