@@ -36,6 +36,7 @@ RADII = (25.0, 50.0, 75.0, 100.0, 150.0, 200.0)
 DRAWN = {
     "mass": "mass_profile.png",
     "rotation": "rotation_curve.png",
+    "flattening": "flattening.png",
     "corner": "corner.png",
     "traces": "traces.png",
     "data": "predictions.png",

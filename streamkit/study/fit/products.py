@@ -17,6 +17,7 @@ from streamkit.spec import Spec, is_silent
 from streamkit.study.fit.directory import LITERATURE, MANIFEST, RECOVERY, RUN_FILE, stream_pictures
 from streamkit.study.fit.evidence import predicted_intervals, predictions_table, predictive
 from streamkit.study.fit.figures import corner, mass_profile, radii, remark, rotation_curve, traces
+from streamkit.study.fit.flattening_figure import flattening, is_sphere
 from streamkit.study.fit.literature import read_literature
 from streamkit.study.fit.page import PAGE, page_text
 from streamkit.study.fit.page import RADII as PAGE_RADII
@@ -61,10 +62,19 @@ FIGURES: dict[str, Callable[[Results], Figure]] = {
 }
 
 
+FLATTENING = "flattening.png"
+"""Only of a host that is no sphere."""
+
+
+def figures_of(spec: Spec) -> dict[str, Callable[[Results], Figure]]:
+    """Return the pictures of a run of this spec, those of streams aside."""
+    return FIGURES | ({} if is_sphere(spec) else {FLATTENING: flattening})
+
+
 def products_of(spec: Spec) -> tuple[str, ...]:
     """Return every file that a run of this spec writes into its output directory."""
     kept = (CHAIN,) if is_silent(type(spec.sampler)) else (SAMPLES, CALLS)
-    return (RUN_FILE, MANIFEST, *kept, *TABLES, *FIGURES, *stream_pictures(spec), PAGE)
+    return (RUN_FILE, MANIFEST, *kept, *TABLES, *figures_of(spec), *stream_pictures(spec), PAGE)
 
 
 PRODUCTS = (RUN_FILE, MANIFEST, CHAIN, *TABLES, *FIGURES, "best_stream.png", PAGE)
@@ -73,7 +83,9 @@ PRODUCTS = (RUN_FILE, MANIFEST, CHAIN, *TABLES, *FIGURES, "best_stream.png", PAG
 
 def pdfs_of(spec: Spec) -> tuple[str, ...]:
     """Return the PDFs that a report of this spec may write beside its pictures."""
-    return tuple(str(Path(name).with_suffix(".pdf")) for name in (*FIGURES, *stream_pictures(spec), RECOVERY[1]))
+    return tuple(
+        str(Path(name).with_suffix(".pdf")) for name in (*figures_of(spec), *stream_pictures(spec), RECOVERY[1])
+    )
 
 
 def write_products(
@@ -106,7 +118,7 @@ def write_products(
     where = results.directory
     if where is None:
         raise ChainError("these results are in memory only: a report needs a directory")
-    tables, figures = dict(TABLES), dict(FIGURES)
+    tables, figures = dict(TABLES), figures_of(results.spec)
     for file, name in stream_pictures(results.spec).items():
         figures[file] = partial(best_stream, name=name)
     published = _published(where, literature)

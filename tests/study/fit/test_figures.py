@@ -13,8 +13,10 @@ import streamkit as sk
 from streamkit.report import NotebookFigure, labels
 from streamkit.study.fit.evidence import Predictive, predicted_intervals, predictions_table
 from streamkit.study.fit.figures import _labels, corner, mass_profile, reach, rotation_curve, traces
+from streamkit.study.fit.flattening_figure import flattening, is_sphere
 from streamkit.study.fit.predictive_figure import LONGEST, draw_predictive, predictions
 from streamkit.study.fit.prior_figure import priors
+from streamkit.study.fit.products import FLATTENING, products_of
 from streamkit.study.fit.results import Results
 
 
@@ -233,3 +235,29 @@ def test_without_predictions_there_is_no_picture_of_them():
     with pytest.raises(sk.StreamkitError, match="no predictions"):
         predictions(results)
     assert predicted_intervals(results, "stream") == {}
+
+
+def flattened():
+    """A host with a free flattening, whose prior has its centre at the sphere."""
+    document = freed()
+    halo = {"kind": "logarithmic_halo", "v0": {"uniform": [190, 250]}, "q": {"uniform": [0.6, 1.4]}}
+    return document | {"potential": halo}
+
+
+def test_the_flattening_of_a_logarithmic_potential_is_that_of_its_samples():
+    results = synthetic(flattened(), steps=8)
+    (axes,) = flattening(results).axes
+    q = np.percentile(results["potential.q"], [2.5, 16, 50, 84, 97.5])
+    for line in axes.lines[:3]:  # the same in every direction
+        if len(line.get_ydata()) > 10:
+            assert line.get_ydata() == pytest.approx(np.full(len(line.get_ydata()), q[2]), abs=0.005)
+    for band, ends in zip(axes.collections[:2], (q[[0, 4]], q[[1, 3]]), strict=True):
+        edge = band.get_paths()[0].vertices[:, 1]
+        assert [edge.min(), edge.max()] == pytest.approx(ends, abs=0.005)
+
+
+def test_a_sphere_has_no_picture_of_its_flattening():
+    for make, there in ((freed, False), (flattened, True)):
+        spec = sk.load(make())
+        assert is_sphere(spec) != there
+        assert (FLATTENING in products_of(spec)) == there

@@ -1,0 +1,74 @@
+"""The picture of the flattening of the potential against radius, for hosts that are not spheres."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from streamkit.errors import StreamkitError
+from streamkit.model import Host
+from streamkit.report import VERMILION, NotebookFigure, ticks
+from streamkit.spec import Spec
+from streamkit.stream import Array
+from streamkit.study.fit.figures import bands, data_radii, radii, reach, remark
+from streamkit.study.fit.results import Results
+
+MOST = 300
+"""Samples that the flattening is computed for."""
+DIRECTIONS = {45.0: "-", 15.0: "--", 75.0: ":"}
+"""Degrees above the plane, and the lines of their medians; the first one has the intervals."""
+ROUND = 1e-6
+
+
+def is_sphere(spec: Spec) -> bool:
+    """Say whether the host is round at two places of the prior: a prior of q may have its centre at 1.
+
+    So is one that is not known there.
+    """
+    places = [np.array([float(prior.ppf(np.array([u]))[0]) for prior in spec.priors]) for u in (0.31, 0.74)]
+    try:
+        found = np.array([_flattening(spec, theta, 45.0, np.array([5.0, 20.0, 60.0])) for theta in places])
+    except StreamkitError:  # a fit counts such parameters; a picture does without
+        return True
+    return not (np.abs(found[np.isfinite(found)] - 1) > ROUND).any()
+
+
+def flattening(results: Results) -> Figure:
+    """Draw the flattening q of the potential (`Host.flattening`), 45 deg above the plane with 68 % and 95 % bands.
+
+    Lines are the medians nearer to the plane and to the axis. What lies beyond the `reach` of stream and data is
+    shaded.
+    """
+    r = radii(results)[::2]
+    samples = results.samples[np.linspace(0, len(results.samples) - 1, min(len(results.samples), MOST)).astype(int)]
+    figure = NotebookFigure(figsize=(6.0, 4.5), layout="constrained")
+    axes = figure.subplots()
+    for angle, style in DIRECTIONS.items():
+        q = np.array([_flattening(results.spec, theta, angle, r) for theta in samples])
+        lo95, lo68, median, hi68, hi95 = np.nanpercentile(q, [2.5, 16, 50, 84, 97.5], axis=0)
+        if angle == next(iter(DIRECTIONS)):
+            bands(axes, r, {"": median, "_lo68": lo68, "_hi68": hi68, "_lo95": lo95, "_hi95": hi95})
+            axes.lines[-1].set_label(f"median, {angle:g} deg above the plane")
+        else:
+            axes.plot(r, median, color="black", lw=1.1, ls=style, label=f"median, {angle:g} deg")
+    low, high = reach(results)
+    axes.axvspan(min(r[0], low), low, color="#EDEDED", lw=0, zorder=0.5)
+    axes.axvspan(high, max(r[-1], high), color="#EDEDED", lw=0, zorder=0.5, label="extrapolated")
+    axes.axhline(1, color="black", lw=0.6)
+    data_radii(axes, results)
+    axes.set_xlim(r[0], r[-1])
+    axes.set_xlabel(r"$r\ \,[{\rm kpc}]$", fontsize=13)
+    axes.set_ylabel(r"flattening of the potential, $q_\Phi$", fontsize=13)
+    if text := remark(results):
+        axes.set_title(text, color=VERMILION, fontsize=12)
+    ticks(axes)
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(bottom, top + 0.4 * (top - bottom))
+    axes.legend(framealpha=1, edgecolor="none", loc="upper center", ncols=2, fontsize=9)
+    return figure
+
+
+def _flattening(spec: Spec, theta: Array, angle: float, r: Array) -> Array:
+    """(nr,) Flattening at parameters (d,), at radii (nr,) in a direction in degrees above the plane."""
+    up = np.radians(angle)
+    return Host(spec.bind_all(theta).potentials).flattening(r * np.cos(up), r * np.sin(up))
