@@ -51,6 +51,16 @@ def test_a_line_is_the_weighted_least_squares_of_numpy() -> None:
         assert found.ln_count[i] == pytest.approx(np.log(k.sum()), abs=1e-9)
 
 
+def test_lines_together_are_those_that_are_fitted_alone() -> None:
+    """In any order, among debris and beyond it: which others are asked for changes nothing."""
+    at = np.random.default_rng(5).uniform(-120, 90, 40)
+    together = local_lines(debris(0), at, kernel=1.5, depth=0)
+    for i in (0, 7, 13, 39):
+        alone = local_lines(debris(0), at[i : i + 1], kernel=1.5, depth=0)
+        assert together.value[:, i] == pytest.approx(alone.value[:, 0], rel=1e-9)
+        assert together.ln_count[i] == pytest.approx(alone.ln_count[0], abs=1e-9)
+
+
 def test_a_straight_stream_is_found_exactly() -> None:
     phi = np.linspace(-60, 10, 5000)
     found = local_lines(gather(phi, np.array([3 - 0.2 * phi]), np.ones(5000)), AT, kernel=2.0)
