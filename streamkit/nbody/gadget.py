@@ -11,6 +11,8 @@ import numpy as np
 from streamkit.nbody.snapshot import Snapshot, SnapshotError, core_track, insist_on, since_today
 
 KPC_CM, KMS_CGS = 3.0856775814913673e21, 1e5
+DENSEST = 1100
+"""No compression of HDF5's own makes data smaller by more than this."""
 
 
 def read_gadget(file: Path, group: str) -> Snapshot:
@@ -39,26 +41,26 @@ def _gadget(file: Path, data: Any, group: str) -> Snapshot:
     _plain_space(file, attributes)
     length, speed = _gadget_units(file, attributes)
     time = length / speed
-    particles = data[chosen]
+    particles = _group(file, data, chosen)
     insist_on(f"{file}: {chosen}", ("Coordinates", "Velocities"), particles)
-    q, v = (np.array(particles[name], dtype=float) for name in ("Coordinates", "Velocities"))
+    q, v = (_numbers(file, particles, name) for name in ("Coordinates", "Velocities"))
     if q.ndim != 2 or q.shape[1] != 3 or v.shape != q.shape:
         raise SnapshotError(f"{file}: {chosen}: expected Coordinates and Velocities (n, 3), found {q.shape}, {v.shape}")
-    now = float(np.ravel(attributes.get("Time", 0.0))[0])
+    now = _number(file, "Time", attributes.get("Time", 0.0))
     shapes = {
         "StrippingTime": (len(q),),
         "Winding": (len(q),),
         "StrippingOffset": q.shape,
         "StrippingVelocity": q.shape,
     }
-    optional = {name: np.array(particles[name], dtype=float) for name in shapes if name in particles}
+    optional = {name: _numbers(file, particles, name) for name in shapes if name in particles}
     if wrong := [name for name, values in optional.items() if values.shape != shapes[name]]:
         raise SnapshotError(f"{file}: {chosen}/{wrong[0]}: expected the shape {shapes[wrong[0]]}")
     core = None
     if "Progenitor" in data:
-        track = data["Progenitor"]
+        track = _group(file, data, "Progenitor")
         insist_on(f"{file}: Progenitor", ("Times", "Coordinates", "Velocities"), track)
-        rows = [np.array(track["Times"])[None], np.array(track["Coordinates"]).T, np.array(track["Velocities"]).T]
+        rows = [np.atleast_2d(_numbers(file, track, name).T) for name in ("Times", "Coordinates", "Velocities")]
         if not all(row.ndim == 2 and row.shape[1] == rows[0].shape[1] for row in rows):
             raise SnapshotError(f"{file}: Progenitor: expected Times (T,), Coordinates and Velocities (T, 3)")
         scale = np.array([[time], *3 * [[length]], *3 * [[speed]]])
@@ -76,6 +78,41 @@ def _gadget(file: Path, data: Any, group: str) -> Snapshot:
     )
 
 
+def _group(file: Path, data: Any, name: str) -> Any:
+    """Return a group of the file."""
+    import h5py
+
+    found = data[name]
+    if not isinstance(found, h5py.Group) or found.file.filename != data.file.filename:
+        raise SnapshotError(f"{file}: {name}: expected a group of this file, found something else")
+    return found
+
+
+def _numbers(file: Path, group: Any, name: str) -> Any:
+    """Return a data set of numbers; one that lies elsewhere, or is larger than what the file can hold, is refused."""
+    import h5py
+
+    where, found = f"{file}: {group.name.strip('/')}/{name}", group[name]
+    if not isinstance(found, h5py.Dataset) or found.dtype.kind not in "iuf":
+        raise SnapshotError(f"{where}: holds no numbers, expected an array of them")
+    if found.file.filename != group.file.filename or found.external or found.is_virtual:
+        raise SnapshotError(f"{where}: is in another file; expected all of a snapshot in one")
+    if found.nbytes > DENSEST * file.stat().st_size:
+        raise SnapshotError(f"{where}: claims the shape {found.shape}, and the file is too small for it")
+    return np.array(found, dtype=float)
+
+
+def _number(file: Path, name: str, value: Any) -> float:
+    """Return a number of an attribute, or the first of several."""
+    try:
+        found = float(np.ravel(value)[0])
+    except (TypeError, ValueError, IndexError):
+        found = np.nan
+    if not np.isfinite(found):
+        raise SnapshotError(f"{file}: {name}: expected a number, found {str(value)[:60]!r}")
+    return found
+
+
 def _gadget_units(file: Path, attributes: Mapping[str, Any]) -> tuple[float, float]:
     """Return the file's units of length and speed in kpc and km/s."""
     cgs = {}
@@ -85,7 +122,7 @@ def _gadget_units(file: Path, attributes: Mapping[str, Any]) -> tuple[float, flo
         ("time", ("UnitTime_in_s", "Unit time in cgs (U_t)")),
     ):
         found = [attributes[key] for key in keys if key in attributes]
-        cgs[name] = float(np.ravel(found[0])[0]) if found else np.nan
+        cgs[name] = _number(file, f"the unit of {name}", found[0]) if found else np.nan
     if np.isnan(cgs["speed"]):
         cgs["speed"] = cgs["length"] / cgs["time"]
     if absent := [name for name in ("length", "speed") if not cgs[name] > 0]:
@@ -105,6 +142,6 @@ def _plain_space(file: Path, attributes: Mapping[str, Any]) -> None:
         "NumFilesPerSnapshot": ((1,), "the snapshot in one file: join its files"),
     }
     for name, (allowed, why) in wanted.items():
-        value = float(np.ravel(attributes.get(name, allowed[0]))[0])
+        value = _number(file, name, attributes.get(name, allowed[0]))
         if not np.isclose(value, allowed, rtol=0, atol=1e-6).any():
             raise SnapshotError(f"{file}: {name} is {value:g}; expected {why}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +29,17 @@ def read_snapshot(path: str | Path) -> Snapshot:
         )
     if not file.is_file():
         raise SnapshotError(f"{file}: {'is a directory' if file.is_dir() else 'there is no such file'}")
-    snapshot = read_table(file) if file.suffix == ".npz" else read_gadget(file, group)
+    try:
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # `_check` finds what overflows
+            snapshot = read_table(file) if file.suffix == ".npz" else read_gadget(file, group)
+    except SnapshotError:
+        raise
+    except MemoryError as error:
+        raise SnapshotError(f"{file}: does not fit into the memory: {error}") from None
+    except Exception as error:  # a damaged file makes the libraries raise whatever they meet first
+        text = " ".join(str(error).split())[:200]
+        raise SnapshotError(f"{file}: cannot be read, it is damaged or no snapshot: {text}") from None
     _check(snapshot)
     return snapshot
 

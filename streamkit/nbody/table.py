@@ -21,12 +21,15 @@ UNITS = ("kpc", "km/s", "Gyr")
 def read_table(file: Path) -> Snapshot:
     """Read a plain table."""
     try:
-        with np.load(file, allow_pickle=False) as data:
+        with file.open("rb") as raw, np.load(raw, allow_pickle=False) as data:
             table = {name: data[name] for name in data.files}
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise SnapshotError(f"{file}: cannot be read as a plain table (.npz): {error}") from None
     insist_on(file, COLUMNS, table)
-    n = len(table["x"])
+    for name, values in table.items():
+        if name != "meta" and getattr(values, "dtype", np.dtype("V")).kind not in "iuf":
+            raise SnapshotError(f"{file}: {name}: holds no numbers, expected an array of them")
+    n = np.size(table["x"])
     per_particle = (*COLUMNS, "t_strip", "Lam_unwrapped_deg", "chi")
     wrong = [name for name in per_particle if name in table and table[name].shape != (n,)]
     if table["x"].ndim != 1 or wrong:
@@ -37,7 +40,9 @@ def read_table(file: Path) -> Snapshot:
     if "orbit_txv" in table:
         core = core_track(file, "orbit_txv", table["orbit_txv"].T, now) * np.array([[GYR]] + 6 * [[1.0]])
     elif "prog_xv" in table:
-        core = np.concatenate([[0.0], table["prog_xv"]]).astype(float)[:, None]
+        core = np.concatenate([[0.0], np.ravel(table["prog_xv"])]).astype(float)[:, None]
+        if len(core) != 7:
+            raise SnapshotError(f"{file}: prog_xv: expected 6 numbers, found {len(core) - 1}")
     stripped, winding, chi = (table.get(name) for name in ("t_strip", "Lam_unwrapped_deg", "chi"))
     return Snapshot(
         source=str(file),
@@ -65,6 +70,6 @@ def _meta(file: Path, table: Mapping[str, Any]) -> dict[str, Any]:
             f"{file}: its units are {meta['units']!r}, without {' and '.join(absent)}; a plain table must be in kpc, "
             "km/s and Gyr: convert it"
         )
-    if not isinstance(meta.get("t_gyr"), int | float):
+    if not (isinstance(meta.get("t_gyr"), int | float) and np.isfinite(meta["t_gyr"])):
         raise SnapshotError(f"{file}: meta does not say the time of the snapshot; {stated}")
     return dict(meta)
