@@ -8,14 +8,17 @@ import click
 
 import streamkit as sk
 from streamkit import report
+from streamkit.cli.options import TRUST
+from streamkit.study import fit
 
 
 @click.command()
 @click.argument("path", metavar="RUN.toml|DIR", type=click.Path(path_type=Path))
-def cite(path: Path) -> None:
+@TRUST
+def cite(path: Path, trust: bool) -> None:
     """Print what to cite, as BibTeX.
 
     It is exactly what the run file, or the run in DIR, uses: the components, the sampler, the packages that do the
     work. The sources of your data are yours to add.
     """
-    click.echo(report.cited(sk.load(path / "run.toml" if path.is_dir() else path)), nl=False)
+    click.echo(report.cited(sk.load(fit.run_file(path, trust) if path.is_dir() else path)), nl=False)

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from streamkit import report
-from streamkit.cli.options import FORCE_FILE
+from streamkit.cli.options import FORCE_FILE, TRUST
 from streamkit.study import fit
 
 
@@ -15,8 +15,9 @@ from streamkit.study import fit
 @click.argument("directory", metavar="DIR", type=click.Path(path_type=Path))
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), metavar="FILE",
               help="Where to: FILE.nc, .csv, .ecsv or .txt.")  # fmt: skip
+@TRUST
 @FORCE_FILE
-def export(directory: Path, output: Path, force: bool) -> None:
+def export(directory: Path, output: Path, trust: bool, force: bool) -> None:
     """Write a run's samples for other programs.
 
     The suffix of FILE says the format. .nc: netCDF for ArviZ, each walker a chain, with the predictions and the data
@@ -27,7 +28,7 @@ def export(directory: Path, output: Path, force: bool) -> None:
     if output.suffix == ".txt":
         for suffix in (".paramnames", ".ranges"):
             report.check_target(output.with_suffix(suffix), (suffix,), "--output", force)
-    results = fit.Results(directory)
+    results = fit.Results(directory, trust=trust)
     for path in fit.write_samples(results, output):
         click.echo(f"samples: {path}")
     click.echo(results.note())

@@ -28,6 +28,7 @@ WORKERS = click.option("--workers", default=1, show_default=True, type=click.Int
                        help="Processes that make the streams.")  # fmt: skip
 FORCE = click.option("-f", "--force", is_flag=True, help="Replace the products in DIR.")
 FORCE_FILE = click.option("-f", "--force", is_flag=True, help="Replace the files if they exist.")
+TRUST = click.option("--trust", is_flag=True, help="Run the plugin files in DIR: Python code that came with it.")
 JSON = click.option("--json", "as_json", is_flag=True, help="Print it as JSON.")
 PDF = click.option("--pdf", is_flag=True, help="Write each picture as PDF too.")
 LITERATURE = click.option(

@@ -8,7 +8,7 @@ import click
 
 from streamkit import report as reports
 from streamkit.cli.compiling import tell_of_compiling
-from streamkit.cli.options import JSON, LITERATURE, PDF
+from streamkit.cli.options import JSON, LITERATURE, PDF, TRUST
 from streamkit.study import fit
 
 
@@ -18,9 +18,18 @@ from streamkit.study import fit
               help="A run file whose [potential] is the true host of a mock: compare with it.")  # fmt: skip
 @LITERATURE
 @PDF
+@TRUST
 @JSON
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing.")
-def report(directory: Path, truth: Path | None, literature: Path | None, pdf: bool, as_json: bool, quiet: bool) -> None:
+def report(
+    directory: Path,
+    truth: Path | None,
+    literature: Path | None,
+    pdf: bool,
+    trust: bool,
+    as_json: bool,
+    quiet: bool,
+) -> None:
     """Write a run's tables, pictures and page again.
 
     The page, report.html, says what was found, whether to believe it, and what was run.
@@ -34,7 +43,7 @@ def report(directory: Path, truth: Path | None, literature: Path | None, pdf: bo
     """
     if not quiet:
         tell_of_compiling()
-    results = fit.write_products(directory, truth, literature, pdf)
+    results = fit.write_products(directory, truth, literature, pdf, trust)
     if as_json:
         click.echo(reports.as_json(fit.results_record(results)))
     elif not quiet:

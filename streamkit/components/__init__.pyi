@@ -12,6 +12,7 @@ from .hookspecs import hookimpl as hookimpl
 from .known import where_to_find as where_to_find
 from .plugin import ROLES as ROLES
 from .plugin import Plugin as Plugin
+from .plugin import is_loaded as is_loaded
 from .plugin import with_neighbours as with_neighbours
 from .potential import Potential as Potential
 from .preset import Preset as Preset

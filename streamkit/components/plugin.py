@@ -227,6 +227,18 @@ def with_neighbours(path: Path) -> list[Path]:
     return found
 
 
+def _module_name(path: Path, digest: str) -> str:
+    return f"streamkit_file_{path.stem}_{digest}"
+
+
+def is_loaded(path: Path) -> bool:
+    """Say whether a plugin file with this name and content was imported by this process already."""
+    try:
+        return _module_name(path, _digest(with_neighbours(path))) in sys.modules
+    except (OSError, ValueError):
+        return False
+
+
 def _load_file(path: Path) -> tuple[str, ModuleType]:
     """Import a one-off plugin file; its supplier carries the hash of its text and of what it imports beside it."""
     if path.exists() and not path.is_file():
@@ -235,7 +247,7 @@ def _load_file(path: Path) -> tuple[str, ModuleType]:
         digest = _digest(with_neighbours(path))
     except OSError as error:
         raise SpecError(f"plugins: cannot read {str(path)!r}: {error.strerror}") from None
-    name = f"streamkit_file_{path.stem}_{digest}"
+    name = _module_name(path, digest)
     if name in sys.modules:
         return f"{path.name} sha256:{digest}", sys.modules[name]
     spec = importlib.util.spec_from_file_location(name, path)

@@ -1,4 +1,5 @@
 from .directory import RECOVERY as RECOVERY
+from .directory import run_file as run_file
 from .export import EXPORTS as EXPORTS
 from .export import write_samples as write_samples
 from .literature import read_literature as read_literature

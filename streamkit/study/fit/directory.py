@@ -14,7 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from streamkit.components import with_neighbours
+from streamkit.components import is_loaded, with_neighbours
 from streamkit.errors import ChainError
 from streamkit.report import contents, replace_whole, safely
 from streamkit.sample import CALLS, CHAIN, JOURNAL, SAMPLES, Chain, Weighted, read_chain_file, read_weighted
@@ -216,6 +216,36 @@ def manifest(directory: Path) -> dict[str, Any]:
     ):
         raise ChainError(f"{directory / MANIFEST}: not the manifest of a streamkit run")
     return found
+
+
+def run_file(directory: Path, trust: bool = False) -> Path:
+    """Return the run file of a run's directory.
+
+    ChainError if it names plugin files: their code runs because a user asks for it, and not because it lies in a
+    directory. To ``trust`` them is to ask, and so was to read the same files earlier in this process.
+    """
+    path = directory / RUN_FILE
+    try:
+        named = [] if trust else tomllib.loads(path.read_text()).get("plugins", [])
+    except (OSError, ValueError, RecursionError):  # who reads it says what is wrong
+        return path
+    strange = [name for name in named if isinstance(name, str) and not is_loaded((directory / name).absolute())]
+    if strange:
+        raise ChainError(
+            f"{path}: names the plugin file {strange[0]!r}, Python code that came with the directory and would be run. "
+            "Look at it, and then add --trust (from Python, trust=True)."
+        )
+    return path
+
+
+def check_data(directory: Path, spec: Spec) -> None:
+    """Check that the copies of data files, which the spec in a directory read, are those of the run, or ChainError."""
+    known = manifest(directory).get("files", {})
+    for name, digest in spec.files.items():
+        if isinstance(known, dict) and known and digest not in known.values():
+            raise ChainError(
+                f"{directory / name}: has changed since the run began: put back the file of the run, or start again."
+            )
 
 
 def read_chain(directory: Path) -> Chain:

@@ -93,6 +93,7 @@ def write_products(
     truth: str | Path | None = None,
     literature: str | Path | None = None,
     pdf: bool = False,
+    trust: bool = False,
 ) -> Results:
     """Write every table and picture of a run and its page into its directory, and return its results.
 
@@ -110,11 +111,13 @@ def write_products(
         kept in the directory, and shown again by later reports.
     pdf
         Write every picture as PDF too. One that is there is written again in any case.
+    trust
+        Whether the plugin files in the directory may be run.
 
     Raises ChainError if there is no readable run. Raises SpecError if the truth is not valid. Nothing has then been
     written.
     """
-    results = run if isinstance(run, Results) else Results(run)
+    results = run if isinstance(run, Results) else Results(run, trust=trust)
     where = results.directory
     if where is None:
         raise ChainError("these results are in memory only: a report needs a directory")

@@ -28,7 +28,7 @@ from streamkit.sample import (
 from streamkit.spec import Spec, load
 from streamkit.stream import Array, IntArray, Prediction, Stream
 from streamkit.study.fit.conversion import arviz_tree, sample_frame
-from streamkit.study.fit.directory import RUN_FILE, manifest, read_chain, read_samples
+from streamkit.study.fit.directory import check_data, manifest, read_chain, read_samples, run_file
 from streamkit.study.fit.tables import diagnostics_table, profile_table, summary_table
 
 if TYPE_CHECKING:
@@ -50,6 +50,8 @@ class Results:
         The run's output directory.
     components
         The component classes that were given in Python to the run.
+    trust
+        Whether the plugin files in the directory may be run.
 
     Attributes
     ----------
@@ -80,10 +82,10 @@ class Results:
     failed
         Pictures that could not be drawn, with the reason.
 
-    Raises ChainError if there is no readable run in the directory.
+    Raises ChainError if there is no readable run in the directory, or it has plugin files that nobody trusts.
     """
 
-    def __init__(self, directory: str | Path, components: Iterable[type[Component]] = ()) -> None:
+    def __init__(self, directory: str | Path, components: Iterable[type[Component]] = (), trust: bool = False) -> None:
         where = Path(directory)
         if not where.is_dir():
             raise ChainError(f"{where}: there is no such directory")
@@ -94,13 +96,14 @@ class Results:
         quick = bool(options.get("quick", False))
         status = str(found.attributes.get("status", "unfinished"))
         try:
-            spec = load(where / RUN_FILE, components=components)
+            spec = load(run_file(where, trust), components=components)
         except SpecError as error:
             lost = sorted(text for text in manifest(where).get("components", {}).values() if GIVEN in text)
             if not lost or components:
                 raise
             told = f"{where}: the run had components given in Python ({'; '.join(lost)})"
             raise ChainError(f"{told}: read it in Python, with Results(directory, components=[...])") from error
+        check_data(where, spec)
         self._fill(spec, found, counts, status, quick, weighted)
         self.directory: Path | None = where
 
@@ -386,9 +389,9 @@ def _as_chain(found: Weighted, seed: int) -> Chain:
     return Chain(found.points[chosen][:, None], found.log_prob[chosen][:, None], blobs, np.ones(1), notes)
 
 
-def load_results(directory: str | Path, components: Iterable[type[Component]] = ()) -> Results:
+def load_results(directory: str | Path, components: Iterable[type[Component]] = (), trust: bool = False) -> Results:
     """Return the results of the run in a directory, which may have ended, been interrupted, or be going on.
 
     Its arguments are those of `Results`. Raises ChainError if there is no readable run in the directory.
     """
-    return Results(directory, components)
+    return Results(directory, components, trust)

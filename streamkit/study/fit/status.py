@@ -11,19 +11,19 @@ import numpy as np
 from streamkit.errors import ChainError
 from streamkit.report import columns, is_locked, paragraph, seconds
 from streamkit.sample import CALLS, CHAIN, JOURNAL, SAMPLES, Stopping
-from streamkit.study.fit.directory import manifest, read_chain, resume_command
+from streamkit.study.fit.directory import manifest, read_chain, resume_command, run_file
 from streamkit.study.fit.results import Results
 from streamkit.study.fit.verdicts import overall, verdicts
 
 
-def read_status(directory: Path) -> dict[str, Any]:
+def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
     """Return what is known of a run, running or not, as JSON can hold it; None where a number is not known.
 
     Keys: state ("running", or `Results.status`), steps, most_steps, walkers, acceptance, effective_samples (the least),
     r_hat (the largest), verdict, note, last_alive and expected_end (seconds since 1970; the latter of a running run: it
     reaches its number of steps or, if sooner, as many autocorrelation times as it wants), and go_on (a command).
 
-    Raises ChainError if there is no run.
+    Raises ChainError if there is no run, or if it has plugin files and no ``trust``.
     """
     if not directory.is_dir():
         raise ChainError(f"{directory}: there is no such directory")
@@ -38,8 +38,9 @@ def read_status(directory: Path) -> dict[str, Any]:
         "go_on": resume_command(directory, options),
     }
     try:
-        results = Results(directory)
+        results = Results(directory, trust=trust)
     except ChainError:
+        run_file(directory, trust)
         if any(path.name in (CHAIN, JOURNAL) for path in files) and not running:
             read_chain(directory)  # says what is wrong with it; one without a step is readable
         return known
