@@ -27,9 +27,9 @@ def columns(rows: Iterable[Sequence[str]], indent: int = 2, gap: int = 2) -> str
     """Align rows of cells on the left; what does not fit in the last column is wrapped there."""
     cells, width = [list(row) for row in rows], text_width()
     count = max(map(len, cells), default=0)
-    widths = [max((len(row[i]) for row in cells if i < len(row)), default=0) + gap for i in range(count - 1)]
+    widths = [max((len(row[i]) for row in cells if i < len(row)), default=0) + gap for i in range(count)]
     table = Table.grid(padding=(0, gap, 0, 0), pad_edge=False)
-    fits = indent + sum(widths) <= width - 20
+    fits = indent + sum(widths[:-1]) + min(widths[-1] - gap if widths else 0, 20) <= width
     for i in range(count):
         table.add_column(no_wrap=fits and i < count - 1, overflow="fold")
     for row in cells:

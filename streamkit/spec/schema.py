@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Union
 
-from pydantic import BaseModel, Field, WithJsonSchema, create_model
+from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, create_model
 from pydantic.json_schema import GenerateJsonSchema
 
 from streamkit.components import Component, Registry
@@ -46,6 +46,12 @@ def json_schema(registry: Registry) -> dict[str, Any]:
     for role in ("potential", "observable"):
         named = dict.__class_getitem__((str, sections[role]))
         sections[role] |= Annotated[named, Field(min_length=1)]
+    if registry.presets:
+        text = "A published model by its name; sections of your own beside it change or add a potential."
+        names: Any = Literal[tuple(registry.presets)]
+        sections["potential"] |= create_model(
+            "Preset", __config__=ConfigDict(extra="allow"), __doc__=text, preset=(names, ...)
+        )
     sections["data"] = dict.__class_getitem__((str, sections["data"]))
     sections["progenitor"] = Union[progenitors]  # noqa: UP007
     sections["body"] = dict.__class_getitem__((str, Union[bodies]))  # noqa: UP007

@@ -209,7 +209,9 @@ def test_an_observable_in_a_hurry():
 
 
 def test_only_components_can_be_checked():
-    with pytest.raises(AssertionError, match="is no potential, stripping scheme, integrator, observable or host data"):
+    with pytest.raises(
+        AssertionError, match="is no potential, stripping scheme, integrator, observable, host data or sampler"
+    ):
         check(sk.Component)
 
 

@@ -291,7 +291,7 @@ def test_examples_load_and_round_trip(path: Path, monkeypatch: pytest.MonkeyPatc
     spec = sk.load(path)
     monkeypatch.chdir(path.parent)  # what the names of files in a mapping are relative to
     assert sk.load(tomllib.loads(spec.toml())) == spec
-    spec.bind()
+    spec.bind_all()
 
 
 def test_the_sagittarius_example_is_the_papers_setting() -> None:

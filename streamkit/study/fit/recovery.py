@@ -82,7 +82,9 @@ def recovery_table(results: Results, host: Host, radii: Array = RADII) -> QTable
 
     table = results.mass_profile(radii)
     r = table["r"].to_value(u.kpc)
-    table.meta["truth"] = {name: {"kind": part.kind, **part.model_dump()} for name, part in host.potentials.items()}
+    table.meta["truth"] = {
+        name: {"kind": part.kind, **part.model_dump(exclude_none=True)} for name, part in host.potentials.items()
+    }
     for name, true in (("M", host.mass_inside(r) * u.Msun), ("v_c", host.circular_velocity(r) * u.km / u.s)):
         median, low, high = table[name], table[f"{name}_lo68"], table[f"{name}_hi68"]
         table[f"{name}_true"] = true

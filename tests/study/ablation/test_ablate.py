@@ -153,10 +153,10 @@ def test_an_interruption_keeps_what_is_finished(
     run_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
 
-    def make(spec: sk.Spec) -> object:
-        if not spec.bind().stripping.progenitor_gravity:
+    def make(job: tuple[sk.Spec, str]) -> object:
+        if not job[0].bind().stripping.progenitor_gravity:
             raise KeyboardInterrupt
-        return make_stream(spec)
+        return make_stream(job)
 
     monkeypatch.setattr("streamkit.study.ablation.runner.make_stream", make)
     result = call("ablate", run_file, GRAVITY, *HERE, "-o", tmp_path / "out")
