@@ -6,6 +6,8 @@ from collections.abc import Mapping
 
 KNOWN: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "streamkit-spray": {"stripping": ("fardal15", "fardal15_gala", "chen25")},
+    "streamkit-nautilus": {"sampler": ("nautilus",)},
+    "streamkit-dynesty": {"sampler": ("dynesty",)},
     "streamkit-nbody": {"command": ("nbody",)},
     "streamkit-gala": {"potential": ("gala",)},
     "streamkit-galpy": {"potential": ("galpy",)},

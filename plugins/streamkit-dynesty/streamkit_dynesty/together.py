@@ -1,0 +1,101 @@
+"""A pool for walks that call the likelihood point by point: the calls of all walks are made together."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+
+from streamkit import Array
+
+
+class Together:
+    """Walks run in threads. When all of them wait for a likelihood, these are evaluated in one go, by the caller.
+
+    Parameters
+    ----------
+    evaluate
+        Returns ln likelihood (n,) at points (n, d). It is called in the thread that calls `map`, and nowhere else.
+    size
+        Walks at a time.
+    """
+
+    def __init__(self, evaluate: Callable[[Array], Array], size: int) -> None:
+        self._evaluate, self._size = evaluate, size
+        self._change = threading.Condition()
+        self._asked: dict[int, Array] = {}
+        self._answers: dict[int, float] = {}
+        self._walking = 0
+        self._fault: BaseException | None = None
+
+    def ln_likelihood(self, point: Array) -> float:
+        """Return ln likelihood at a point (d,): at once outside of a walk."""
+        if not threading.current_thread().name.startswith("walk"):
+            return float(self._evaluate(point[None])[0])
+        me = threading.get_ident()
+        with self._change:
+            self._asked[me] = np.array(point)
+            self._change.notify_all()
+            self._change.wait_for(lambda: me in self._answers or self._fault is not None)
+            if self._fault is not None:
+                raise _End
+            return self._answers.pop(me)
+
+    def map(self, function: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
+        """Return what the function gives for each item, in order. What is raised in a thread is raised here."""
+        todo = list(enumerate(items))
+        found: list[Any] = [None] * len(todo)
+        todo.reverse()
+        self._fault, self._asked, self._answers = None, {}, {}
+
+        def walk() -> None:
+            try:
+                while True:
+                    with self._change:
+                        if not todo or self._fault is not None:
+                            break
+                        place, item = todo.pop()
+                    found[place] = function(item)
+            except _End:
+                pass
+            except BaseException as error:
+                self._fault = error
+            finally:
+                with self._change:
+                    self._walking -= 1
+                    self._change.notify_all()
+
+        threads = [threading.Thread(target=walk, name=f"walk {i}") for i in range(min(self._size, len(todo)))]
+        self._walking = len(threads)
+        for thread in threads:
+            thread.start()
+        try:
+            self._serve()
+        except BaseException as error:
+            self._fault = error
+        with self._change:
+            self._change.notify_all()
+        for thread in threads:
+            thread.join()
+        if self._fault is not None:
+            raise self._fault
+        return found
+
+    def _serve(self) -> None:
+        """Evaluate what the walks ask for until the last has ended."""
+        while True:
+            with self._change:
+                self._change.wait_for(lambda: len(self._asked) == self._walking)
+                if not self._walking:
+                    return
+                asked, self._asked = self._asked, {}
+            values = self._evaluate(np.array(list(asked.values())))
+            with self._change:
+                self._answers.update(zip(asked, values.tolist(), strict=True))
+                self._change.notify_all()
+
+
+class _End(BaseException):
+    """Ends a walk whose call will not be answered."""

@@ -1,0 +1,108 @@
+"""The sampler on a Gaussian in closed form, and on a tiny stream: resumed, killed, stopped, with its products."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from streamkit_nautilus import Nautilus
+
+import streamkit as sk
+from streamkit.testing import check
+
+SMALL = {"live_points": 60, "effective_samples": 150, "networks": 1, "batch": 20}
+RUN = {
+    "seed": 3,
+    "potential": {"kind": "tf", "v0": {"uniform": [215, 245]}, "rs": 12, "alpha": {"uniform": [0.25, 0.45]}},
+    "progenitor": {
+        "kind": "plummer", "mass": 6.4e8, "radius": 0.85, "l": 5.5689, "b": -14.1669, "distance": 25.2,
+        "pm_l_cosb": -2.44, "pm_b": 1.97, "v_los": 153, "lookback": 3.5,
+    },
+    "stripping": {"kind": "mlcs", "particles": 300, "sigma": 10},
+    "integrator": {"kind": "leapfrog", "step": 0.02},
+    "observable": {"kind": "apocentres", "leading": [57, 5], "trailing": [112, 15], "precession": [100, 8]},
+    "sampler": {"kind": "nautilus", **SMALL},
+}  # fmt: skip
+
+
+def fit(out=None, document=RUN, **options):
+    return sk.run(document, out=out, progress=False, products=False, components=[Nautilus], **options).weighted
+
+
+def same(one, other):
+    np.testing.assert_array_equal(one.points, other.points)
+    np.testing.assert_array_equal(one.ln_weights, other.ln_weights)
+    np.testing.assert_array_equal(one.blobs, other.blobs)
+    assert one.ln_evidence == other.ln_evidence
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return fit()
+
+
+def test_it_samples_a_gaussian_and_finds_its_evidence():
+    check(Nautilus)
+
+
+def test_workers_do_not_change_the_samples(whole, tmp_path):
+    same(fit(tmp_path / "run", workers=2), whole)
+
+
+def test_a_run_that_fails_on_the_way_goes_on_as_if_it_had_not(whole, tmp_path, monkeypatch):
+    own, left = sk.Posterior.evaluate, iter(range(150))
+
+    def evaluate(self, theta):
+        if next(left, None) is None:
+            raise sk.ComponentError("the toy fails")
+        return own(self, theta)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(sk.Posterior, "evaluate", evaluate)
+        with pytest.raises(sk.ComponentError, match="the toy fails"):
+            fit(tmp_path / "run")
+    same(fit(tmp_path / "run", resume=True), whole)
+
+
+def test_a_killed_run_goes_on_as_if_it_had_not(whole, tmp_path):
+    out = tmp_path / "run"
+    code = (
+        f"import streamkit as sk; from streamkit_nautilus import Nautilus; "
+        f"sk.run({RUN!r}, out={str(out)!r}, progress=False, products=False, components=[Nautilus])"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], env=os.environ | {"PYTHONPATH": ":".join(sys.path)}) as process:
+        until = time.monotonic() + 120
+        while not (out / "calls.journal").exists() and process.poll() is None and time.monotonic() < until:
+            time.sleep(0.02)
+        process.send_signal(signal.SIGKILL)
+    assert (out / "calls.journal").exists()
+    same(fit(out, resume=True), whole)
+
+
+def test_it_may_be_asked_for_more_when_it_goes_on(whole, tmp_path):
+    fit(tmp_path / "run")
+    longer = RUN | {"sampler": RUN["sampler"] | {"effective_samples": 300}}
+    more = fit(tmp_path / "run", longer, resume=True)
+    assert more.attributes["counts"]["calls"] > whole.attributes["counts"]["calls"]
+    same(more, fit(document=longer))
+
+
+def test_a_limit_of_calls_ends_it_and_says_so():
+    found = fit(document=RUN | {"sampler": RUN["sampler"] | {"max_calls": 100}})
+    assert found.missing
+    assert found.attributes["counts"]["calls"] < 200
+
+
+def test_its_paper_is_cited():
+    spec = sk.load(RUN, components=[Nautilus])
+    assert Nautilus.reference.split()[0] in Nautilus.bibtex
+    assert spec.sampler.quick(11)["live_points"] <= spec.sampler.live_points
+
+
+def test_one_parameter_is_too_few():
+    one = RUN | {"potential": RUN["potential"] | {"alpha": 0.35}}
+    with pytest.raises(sk.SpecError, match=r"sampler\.kind: nautilus needs 2 free parameters, found 1"):
+        sk.load(one, components=[Nautilus])
