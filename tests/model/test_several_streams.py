@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from runfiles import error_of
+from runfiles import error_of, with_entry
 from toys import FIT
 
 import streamkit as sk
@@ -36,16 +36,7 @@ def alone(name):
 
 def pair(*path_and_value):
     """Return the run file of both with one entry replaced, or removed if the value is ..."""
-    *path, value = path_and_value
-    document = copy.deepcopy(PAIR)
-    table = document
-    for key in path[:-1]:
-        table = table.setdefault(key, {})
-    if value is ...:
-        del table[path[-1]]
-    else:
-        table[path[-1]] = value
-    return document
+    return with_entry(PAIR, *path_and_value)
 
 
 @pytest.fixture(scope="module")

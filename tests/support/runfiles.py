@@ -24,8 +24,13 @@ BASE: dict[str, Any] = {
 
 def changed(*path_and_value: Any) -> dict[str, Any]:
     """Return BASE with one entry replaced, or removed if the value is ..."""
+    return with_entry(BASE, *path_and_value)
+
+
+def with_entry(whole: dict[str, Any], *path_and_value: Any) -> dict[str, Any]:
+    """Return a copy of a run file with one entry replaced, or removed if the value is ..."""
     *path, value = path_and_value
-    document = copy.deepcopy(BASE)
+    document = copy.deepcopy(whole)
     table = document
     for key in path[:-1]:
         table = table.setdefault(key, {})
