@@ -88,7 +88,7 @@ def _failed(registry: Registry) -> list[str]:
 
 def _describe(cls: type[Component], registry: Registry) -> str:
     """Docstring, reference and one row per parameter: name, unit, default, bounds, description."""
-    head = [f"{cls.role} {cls.kind}, from {registry.supplier(cls)}", ""]
+    head = [paragraph(registry.supplier(cls), f"{cls.role} {cls.kind}, from ", "  "), ""]
     text = (inspect.getdoc(cls) or "").replace("``", "")
     head.append("\n\n".join(paragraph(" ".join(part.split())) for part in text.split("\n\n")))
     if cls.reference:

@@ -13,14 +13,14 @@ from streamkit.report.bibliography import ALWAYS, FIT, _is_named, bibliography, 
 from streamkit.spec import to_toml
 
 ENTRIES = bibliography()
-OURS = sorted(
-    {
-        cls.reference
-        for kinds in load_registry().entries.values()
-        for cls in (entry.cls for entry in kinds.values())
-        if cls.reference and cls.__module__.split(".")[0].startswith("streamkit")
-    }
-)
+CLASSES = [
+    entry.cls
+    for kinds in load_registry().entries.values()
+    for entry in kinds.values()
+    if entry.cls.reference and entry.cls.__module__.split(".")[0].startswith("streamkit")
+]
+OURS = sorted({cls.reference for cls in CLASSES if not cls.bibtex})
+WITH_THEIR_OWN = [cls for cls in CLASSES if cls.bibtex]
 
 
 def keys(text):
@@ -40,6 +40,15 @@ def test_every_entry_is_whole_and_has_its_own_key():
 def test_every_paper_that_our_components_name_has_an_entry(reference):
     named = len(re.findall(r"(?<!\d)(?:1[89]|20)\d\d(?!\d)(?=, |\))", reference))
     assert sum(_is_named(entry, reference) for entry in ENTRIES.values()) == named > 0
+
+
+@pytest.mark.parametrize("cls", WITH_THEIR_OWN)
+def test_a_component_with_its_own_entries_names_them_in_its_reference(cls):
+    entries = [
+        dict(re.findall(r"(\w+) = \{*([^{}\n]+?)[},]*$", part, re.MULTILINE)) for part in cls.bibtex.split("@")[1:]
+    ]
+    places = [f"{e['year']}, {e['journal']} {e['volume']}, {e['pages'].partition('--')[0]}" for e in entries]
+    assert any(place in cls.reference for place in places), places
 
 
 def test_what_is_used_is_cited_and_nothing_else():
