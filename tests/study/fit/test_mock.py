@@ -11,6 +11,7 @@ EXAMPLES = Path(__file__).parents[3] / "examples"
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(7200)
 def test_the_host_of_the_mock_is_recovered():
     """The first mock with a fifth of its particles: M and v_c within 3 sigma of its host from 15 to 80 kpc.
 

@@ -155,8 +155,8 @@ def start(out, document=FIT):
             if len(read_chain_file(out / CHAIN).chain) >= 3:
                 return process
         time.sleep(0.05)
-    process.kill()
-    raise AssertionError(f"no third step: {process.communicate()[0]}")
+    os.killpg(process.pid, signal.SIGKILL)  # its workers have its output open too
+    raise AssertionError(f"no third step: {process.communicate(timeout=60)[0]}")
 
 
 @pytest.mark.parametrize(("signum", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
