@@ -1,4 +1,4 @@
-"""The sampler on a Gaussian in closed form, and on a tiny stream: resumed, killed, stopped, with its products."""
+"""The sampler on a Gaussian in closed form, and on a stream of 3 ms: resumed, killed, stopped, with its products."""
 
 import os
 import signal
@@ -18,14 +18,19 @@ from streamkit.testing import check
 SMALL = {"live_points": 40, "evidence_left": 0.5, "together": 4}
 RUN = {
     "seed": 3,
-    "potential": {"kind": "tf", "v0": {"uniform": [215, 245]}, "rs": 12, "alpha": {"uniform": [0.25, 0.45]}},
+    "sun": {"v_circ": "host"},
+    "potential": {"kind": "logarithmic_halo", "v0": {"uniform": [200, 240]}, "q": {"uniform": [0.7, 1.1]}},
     "progenitor": {
-        "kind": "plummer", "mass": 6.4e8, "radius": 0.85, "l": 5.5689, "b": -14.1669, "distance": 25.2,
-        "pm_l_cosb": -2.44, "pm_b": 1.97, "v_los": 153, "lookback": 3.5,
+        "kind": "plummer", "mass": 2e4, "radius": 0.03, "frame": "GD1Koposov10", "phi1": -30, "phi2": 0.1,
+        "distance": 8.2, "pm_phi1_cosphi2": -12.84, "pm_phi2": -2.65, "v_los": -76.6, "lookback": 0.2,
     },
-    "stripping": {"kind": "mlcs", "particles": 300, "sigma": 10},
+    "stripping": {"kind": "mlcs", "particles": 100, "sigma": 1},
     "integrator": {"kind": "leapfrog", "step": 0.02},
-    "observable": {"kind": "apocentres", "leading": [57, 5], "trailing": [112, 15], "precession": [100, 8]},
+    "observable": {
+        "kind": "track", "frame": "GD1Koposov10", "kernel": 3,
+        "phi2": {"phi1": [-36, -24], "phi2": [0, 0.5], "error": [0.3, 0.3]},
+        "radial_velocity": {"phi1": [-36, -24], "radial_velocity": [-65, -100], "error": [10, 10]},
+    },
     "sampler": {"kind": "dynesty", **SMALL},
 }  # fmt: skip
 
