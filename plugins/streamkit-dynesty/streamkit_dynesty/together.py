@@ -84,11 +84,12 @@ class Together:
         return found
 
     def _serve(self) -> None:
-        """Evaluate what the walks ask for until the last has ended."""
+        """Evaluate what the walks ask for until the last has ended, or one has failed."""
         while True:
             with self._change:
-                self._change.wait_for(lambda: len(self._asked) == self._walking)
-                if not self._walking:
+                # after a fault those that wait end, and what they asked for stays: the numbers need never be equal
+                self._change.wait_for(lambda: self._fault is not None or len(self._asked) == self._walking)
+                if self._fault is not None or not self._walking:
                     return
                 asked, self._asked = self._asked, {}
             values = self._evaluate(np.array(list(asked.values())))

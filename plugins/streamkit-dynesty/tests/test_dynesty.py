@@ -129,7 +129,8 @@ def test_calls_of_walks_are_made_together():
     assert pool.ln_likelihood(np.array([3.0])) == 9.0
 
 
-@pytest.mark.parametrize("where", ["evaluate", "walk"])
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("where", ["evaluate", "walk", "walk, while the others wait"])
 def test_a_fault_ends_all_walks(where):
     def evaluate(points):
         if where == "evaluate":
@@ -139,7 +140,8 @@ def test_a_fault_ends_all_walks(where):
     pool = Together(evaluate, 3)
 
     def walk(start):
-        if where == "walk" and start == 5:
+        if where.startswith("walk") and start == 5:
+            time.sleep(0.2 * where.endswith("wait"))
             raise KeyError("here")
         return pool.ln_likelihood(np.array([float(start)]))
 
