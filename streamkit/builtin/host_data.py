@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from streamkit import (
     Array,
@@ -23,6 +23,13 @@ from streamkit import (
 )
 
 
+def _positive(datum: tuple[float, float]) -> tuple[float, float]:
+    """Return a datum and its error; ValueError unless the datum is positive."""
+    if not datum[0] > 0:
+        raise ValueError(f"expected a positive number and its error, found {datum[0]:g}")
+    return datum
+
+
 class RotationCurve(HostData):
     """Circular velocities in the plane at several radii, with an error common to all of them."""
 
@@ -31,7 +38,7 @@ class RotationCurve(HostData):
         "table": {"R": [6.0, 10.0, 20.0], "v_c": [231.0, 228.0, 204.0], "error": [1.5, 1.0, 5.0]}
     }
 
-    table: Annotated[Table, Columns(R="kpc", v_c="km / s", error="km / s")] = Field(
+    table: Annotated[Table, Columns(R="kpc", v_c="km / s", error="km / s").positive("R", "v_c", "error")] = Field(
         description="Cylindrical radii, circular velocities and their independent errors."
     )
     systematic: Number = Field(
@@ -68,6 +75,8 @@ class CircularVelocity(HostData):
     radius: Length = Field(description="Cylindrical radius.")
     v_c: VelocityDatum = Field(description="Circular velocity and its error.")
 
+    _positive = field_validator("v_c")(_positive)
+
     def data(self) -> tuple[Array, Array]:
         """Return the velocity and its error in km/s."""
         return _pair(self.v_c)
@@ -89,6 +98,8 @@ class EnclosedMass(HostData):
 
     radius: Length = Field(description="Spherical radius.")
     mass: MassDatum = Field(description="Mass inside it and its error.")
+
+    _positive = field_validator("mass")(_positive)
 
     def data(self) -> tuple[Array, Array]:
         """Return the mass and its error in Msun."""
@@ -113,6 +124,15 @@ class Flattening(HostData):
     radius: Length = Field(description="Cylindrical radius of the place.")
     z: Coordinate = Field(description="Height of the place above the plane; not 0.")
     q: NumberDatum = Field(description="Flattening and its error.")
+
+    _positive = field_validator("q")(_positive)
+
+    @field_validator("z")
+    @classmethod
+    def _off_the_plane(cls, value: float) -> float:
+        if value == 0:
+            raise ValueError("in the plane the potential has no flattening; expected a height other than 0")
+        return value
 
     def data(self) -> tuple[Array, Array]:
         """Return the flattening and its error."""

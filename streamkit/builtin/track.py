@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from streamkit import (
     Angle,
@@ -30,7 +31,7 @@ from streamkit import (
 )  # fmt: skip
 from streamkit.builtin.track_columns import COLUMNS, DEPTH, column_of, within
 from streamkit.builtin.track_likelihood import ln_mixture, scatter_of
-from streamkit.builtin.track_lines import ENOUGH, REACH, Lines, gather, local_lines
+from streamkit.builtin.track_lines import ENOUGH, REACH, Lines, gather, lines_at
 from streamkit.builtin.track_panels import column_panels
 
 FEWEST = 10
@@ -38,9 +39,19 @@ FEWEST = 10
 FAR = 90.0
 """Degrees from the nearest debris beyond which it does not matter that there is more on the other side of the sky."""
 ARMS = {"leading": 1, "trailing": -1}
+LIMITS: dict[str, Callable[[Array], Array]] = {"phi2": lambda angle: np.clip(angle, -90, 90), "distance": np.abs}
+"""What keeps drawn data where data may be."""
+BROADEST = 45.0
+"""Degrees that a kernel may have at most: two straight lines of that width are a whole turn."""
 
 Name = Literal["phi2", "distance", "distance_modulus", "pm_phi1_cosphi2", "pm_phi2", "radial_velocity"]
 FrameField = str | dict[str, tuple[float, float]] | tuple[tuple[float, float, float], ...]
+
+
+def _columns(**value: str) -> Columns:
+    """Declare a table of longitudes, one value and its errors in the value's unit."""
+    (unit,) = value.values()
+    return Columns(phi1="deg", **value, error=unit).positive("error")
 
 
 class Track(Observable):
@@ -65,25 +76,25 @@ class Track(Observable):
         description='Frame of phi1, phi2: a name such as "GD1Koposov10", { pole = [ra, dec], origin = [ra, dec] } in '
         "degrees, or the three rows of a matrix from ICRS."
     )
-    phi2: Annotated[Table, Columns(phi1="deg", phi2="deg", error="deg")] | None = Field(
+    phi2: Annotated[Table, _columns(phi2="deg").between("phi2", -90, 90)] | None = Field(
         default=None, description="Latitudes."
     )
-    distance: Annotated[Table, Columns(phi1="deg", distance="kpc", error="kpc")] | None = Field(
+    distance: Annotated[Table, _columns(distance="kpc").positive("distance")] | None = Field(
         default=None, description="Heliocentric distances."
     )
-    distance_modulus: Annotated[Table, Columns(phi1="deg", distance_modulus="mag", error="mag")] | None = Field(
+    distance_modulus: Annotated[Table, _columns(distance_modulus="mag")] | None = Field(
         default=None, description="Distance moduli."
     )
-    distance_depth: Annotated[Table, Columns(phi1="deg", depth="kpc", error="kpc")] | None = Field(
+    distance_depth: Annotated[Table, _columns(depth="kpc")] | None = Field(
         default=None, description="Standard deviations of the distance of the debris at a longitude."
     )
-    pm_phi1_cosphi2: Annotated[Table, Columns(phi1="deg", pm_phi1_cosphi2="mas/yr", error="mas/yr")] | None = Field(
+    pm_phi1_cosphi2: Annotated[Table, _columns(pm_phi1_cosphi2="mas/yr")] | None = Field(
         default=None, description="Proper motions in phi1, times cos phi2; not corrected for the Sun's."
     )
-    pm_phi2: Annotated[Table, Columns(phi1="deg", pm_phi2="mas/yr", error="mas/yr")] | None = Field(
+    pm_phi2: Annotated[Table, _columns(pm_phi2="mas/yr")] | None = Field(
         default=None, description="Proper motions in phi2; not corrected for the Sun's."
     )
-    radial_velocity: Annotated[Table, Columns(phi1="deg", radial_velocity="km/s", error="km/s")] | None = Field(
+    radial_velocity: Annotated[Table, _columns(radial_velocity="km/s")] | None = Field(
         default=None, description="Line-of-sight velocities."
     )
     velocity_frame: Literal["heliocentric", "gsr"] = Field(
@@ -97,7 +108,7 @@ class Track(Observable):
     stars: tuple[Name, ...] = Field(
         default=(), description="The columns whose data are single member stars; the others hold means."
     )
-    kernel: Angle = Field(default=2.0, gt=0, description="Standard deviation of the kernel in phi1.")
+    kernel: Angle = Field(default=2.0, gt=0, le=BROADEST, description="Standard deviation of the kernel in phi1.")
     unwrapped: bool = Field(
         default=False,
         description="Whether phi1 counts on through whole turns along the stream, from the progenitor in (-180, 180]: "
@@ -111,11 +122,17 @@ class Track(Observable):
     pm_phi2_dispersion: ProperMotion = Field(default=0.0, ge=0, description="Extra dispersion of this column.")
     radial_velocity_dispersion: Velocity = Field(default=0.0, ge=0, description="Extra dispersion of the velocity.")
     phi2_outliers: Number = Field(default=0.0, ge=0, lt=1, description="Fraction of its data that are no members.")
-    distance_outliers: Number = Field(default=0.0, ge=0, lt=1, description="The same for the distance.")
-    distance_modulus_outliers: Number = Field(default=0.0, ge=0, lt=1, description="The same for the modulus.")
-    pm_phi1_cosphi2_outliers: Number = Field(default=0.0, ge=0, lt=1, description="The same for this column.")
-    pm_phi2_outliers: Number = Field(default=0.0, ge=0, lt=1, description="The same for this column.")
-    radial_velocity_outliers: Number = Field(default=0.0, ge=0, lt=1, description="The same for the velocity.")
+    distance_outliers: Number = Field(default=0.0, ge=0, lt=1, description="Fraction of its data that are no members.")
+    distance_modulus_outliers: Number = Field(
+        default=0.0, ge=0, lt=1, description="Fraction of its data that are no members."
+    )
+    pm_phi1_cosphi2_outliers: Number = Field(
+        default=0.0, ge=0, lt=1, description="Fraction of its data that are no members."
+    )
+    pm_phi2_outliers: Number = Field(default=0.0, ge=0, lt=1, description="Fraction of its data that are no members.")
+    radial_velocity_outliers: Number = Field(
+        default=0.0, ge=0, lt=1, description="Fraction of its data that are no members."
+    )
 
     @field_validator("frame")
     @classmethod
@@ -123,23 +140,25 @@ class Track(Observable):
         sky_matrix(value)
         return value
 
+    @field_validator("stars")
+    @classmethod
+    def _have_tables(cls, value: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
+        given = [name for name in COLUMNS if info.data.get(name) is not None]
+        if missing := [name for name in value if name not in given]:
+            raise ValueError(f"there is no table of {missing[0]!r}; there is {', '.join(given) or 'none'}")
+        return value
+
     @model_validator(mode="after")
     def _complete(self) -> Track:
         if not self.given:
             raise ValueError(f"there are no data: expected at least one table of {', '.join((*COLUMNS, DEPTH))}")
-        for name, (phi1, _, error) in self.given.items():
-            if not (error > 0).all():
-                row = int(np.argmin(error > 0))
-                raise ValueError(f"{name}: the errors must be positive, row {row + 1} (phi1 = {phi1[row]:g}) has "
-                                 f"{error[row]:g}")  # fmt: skip
+        for name, (phi1, _, _) in self.given.items():
             if not self.unwrapped and np.ptp(phi1) > 360:
                 raise ValueError(
                     f"{name}: phi1 runs over {np.ptp(phi1):g} deg, more than a turn; with unwrapped = true it counts on"
                 )
         if self.gsr_sun is not None and (len(self.gsr_sun) != 3 or self.velocity_frame != "gsr"):
             raise ValueError('gsr_sun takes three velocities, and velocity_frame = "gsr"')
-        if missing := [name for name in self.stars if name not in self.given]:
-            raise ValueError(f"stars names {missing[0]!r}, for which there is no table")
         return self
 
     @cached_property
@@ -219,7 +238,7 @@ class Track(Observable):
         debris = gather(longitude[away], of_debris, stream.weight[away], margin)
         of = list(columns)
         depth = of.index("distance") if DEPTH in self.given else -1
-        return local_lines(debris, at, self.kernel, depth=depth), of
+        return lines_at(debris, at, self.kernel, depth), of
 
     def _chosen(self, stream: Stream) -> BoolArray:
         """(n,) The debris that is compared."""
@@ -276,6 +295,7 @@ class Track(Observable):
             if name != DEPTH:
                 other = rng.normal(*scatter_of(value, error), len(phi1))
                 drawn = np.where(rng.random(len(phi1)) < getattr(self, f"{name}_outliers"), other, drawn)
+            drawn = LIMITS.get(name, np.asarray)(drawn)
             table = {"phi1": phi1, "depth" if name == DEPTH else name: drawn, "error": error}
             found[name] = {key: column.tolist() for key, column in table.items()}
         return found

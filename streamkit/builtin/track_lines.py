@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from streamkit import Array
 
@@ -27,6 +28,8 @@ TURN = 360.0
 """Degrees."""
 MOST = 300.0
 """Greatest ln of a number of particles, so that it has an exponential."""
+FINE, MANY = 0.125, 200
+"""Kernels between the nodes where lines are splined, and longitudes below which none are."""
 TILE, BLOCK = 12, 512
 """Lines that are fitted together, and particles that are summed together."""
 
@@ -137,6 +140,23 @@ def local_lines(debris: Debris, at: Array, kernel: float, enough: float = ENOUGH
     of_square = fourth + few * (2 * pool[depth] ** 2 * leverage - fourth)
     of_depth = of_square / np.maximum(4 * spread2[depth], 1e-300)
     return Lines(value + debris.centre[:, None], variance, np.sqrt(spread2), of_depth, count)
+
+
+def lines_at(debris: Debris, at: Array, kernel: float, depth: int = -1) -> Lines:
+    """Fit lines at longitudes (m,) as `local_lines`.
+
+    Where there are many more longitudes than `FINE` of a kernel can tell apart, the lines are fitted on an even grid of
+    that spacing and splined: they are smooth over a kernel.
+    """
+    low, high = float(at.min()), float(at.max())
+    nodes = int(np.ceil((high - low) / (FINE * kernel))) + 1
+    if len(at) < max(2 * nodes, MANY):
+        return local_lines(debris, at, kernel, depth=depth)
+    grid = np.linspace(low, max(high, low + kernel), max(nodes, 5))
+    fit = local_lines(debris, grid, kernel, depth=depth)
+    splined = Lines(*(CubicSpline(grid, part, axis=-1)(at) for part in fit))
+    floors = {name: np.maximum(getattr(splined, name), 0.0) for name in ("variance", "spread", "depth_variance")}
+    return splined._replace(**floors)
 
 
 def _powers(debris: Debris, kernel: float) -> Array:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -18,6 +19,8 @@ from streamkit.units import UNITS, Unit
 
 KEYS = ("file", "column", "unit")
 ANY, NOT_NEGATIVE, POSITIVE = "", "zero or more", "positive"
+MOST = 1e100
+"""The square of a larger number may be none, and that of a positive one below its inverse may be zero."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,8 @@ class ArrayOf:
         How many there must be at least.
     ndim
         Number of dimensions; None for any.
+    between
+        The least and the greatest number that is allowed, in the unit.
     """
 
     unit: Unit
@@ -43,6 +48,7 @@ class ArrayOf:
     increasing: bool = False
     least: int = 1
     ndim: int | None = 1
+    between: tuple[float, float] = (-np.inf, np.inf)
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Read with `read`, write as a list of numbers."""
@@ -108,27 +114,38 @@ class ArrayOf:
             return [self._numbers(item) for item in value]
         return float(self.unit.parse(value))
 
-    def checked(self, found: Array) -> Array:
-        """Return a read-only array in C order; ValueError where it is not as it should be."""
+    def checked(self, found: Array, entry: Callable[[tuple[int, ...]], str] | None = None) -> Array:
+        """Return a read-only array in C order; ValueError where it is not as it should be.
+
+        ``entry`` names the number at an index, in place of ``entry [1]``.
+        """
         if self.ndim is not None and found.ndim != self.ndim:
             raise ValueError(f"found an array of shape {found.shape}, expected {self.ndim} dimension(s)")
         if found.size < self.least:
             raise ValueError(f"found {found.size} number(s), expected at least {self.least}")
-        self._require(np.isfinite(found), found, "a finite number")
+        require = partial(self._require, found=found, entry=entry or _entry)
+        require(np.isfinite(found), wanted="a finite number")
+        require(np.abs(found) <= MOST, wanted=f"a number below {MOST:g}")
         if self.sign:
-            self._require(found > 0 if self.sign == POSITIVE else found >= 0, found, self.sign)
+            require(found >= (1 / MOST if self.sign == POSITIVE else 0.0), wanted=self.sign)
+        low, high = self.between
+        if not (low == -np.inf and high == np.inf):
+            require((found >= low) & (found <= high), wanted=f"{low:g} to {high:g}")
         if self.increasing:
             rises = np.concatenate([[True], np.diff(found) > 0])
-            self._require(rises, found, "larger than the one before: sort them")
+            require(rises, wanted="larger than the one before: sort them")
         found = np.ascontiguousarray(found)
         found.flags.writeable = False
         return found
 
-    def _require(self, good: Any, found: Array, wanted: str) -> None:
+    def _require(self, good: Any, found: Array, wanted: str, entry: Callable[[tuple[int, ...]], str]) -> None:
         if not np.all(good):
-            place = np.unravel_index(int(np.argmin(good)), found.shape)
-            index = "".join(f"[{i}]" for i in place)
-            raise ValueError(f"entry {index} is {found[place]:g} {self.unit.name}".rstrip() + f", expected {wanted}")
+            place = tuple(int(i) for i in np.unravel_index(int(np.argmin(good)), found.shape))
+            raise ValueError(f"{entry(place)} is {found[place]:g} {self.unit.name}".rstrip() + f", expected {wanted}")
+
+
+def _entry(place: tuple[int, ...]) -> str:
+    return "entry " + "".join(f"[{i}]" for i in place)
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import hashlib
 import io
+import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -22,6 +24,9 @@ if TYPE_CHECKING:
 
 FORMATS = {".ecsv": "ascii.ecsv", ".csv": "ascii.csv", ".fits": "fits", ".fit": "fits"}
 """Suffixes of tables, with astropy's names of their formats. A `.npy` file holds one array."""
+SERIALIZED = "__serialized_columns__"
+"""What begins the part of an ECSV file's header that makes quantities of its columns."""
+_COMMAS = re.compile(r"(?m)^# delimiter: [\"']?,")
 
 
 @dataclass
@@ -43,12 +48,17 @@ class Files:
     read: dict[str, str] = field(default_factory=dict)
     _contents: dict[str, bytes] = field(default_factory=dict, repr=False)
     _tables: dict[str, Table] = field(default_factory=dict, repr=False)
+    _plain: dict[str, Table] = field(default_factory=dict, repr=False)
 
     def content(self, name: str) -> bytes:
         """Return what is in a file; ValueError if it cannot be read, or is not what it was."""
         if name not in self._contents:
+            path = self.folder / name
+            if path.exists() and not path.is_file():  # a pipe waits for ever, and a device may have no end
+                kind = "directory" if path.is_dir() else "device or pipe"
+                raise ValueError(f"cannot read the file {name!r} in {self.folder}: it is a {kind}")
             try:
-                found = (self.folder / name).read_bytes()
+                found = path.read_bytes()
             except OSError as error:
                 raise ValueError(f"cannot read the file {name!r} ({error.strerror}) in {self.folder}") from None
             digest = hashlib.sha256(found).hexdigest()
@@ -74,7 +84,7 @@ class Files:
         """Return the names of the columns of a table; ValueError if the file holds none."""
         return list(self._table(name).colnames)
 
-    def column(self, name: str, column: str, unit: Unit, told: Any = None) -> Array:
+    def column(self, name: str, column: str, unit: Unit, told: Any = None, key: str = "unit") -> Array:
         """Return a column of a table, (n,) in a unit.
 
         Parameters
@@ -87,6 +97,8 @@ class Files:
             What its values are converted to.
         told
             Unit of a column for which the file gives none.
+        key
+            How the run file tells it, for messages: what stands before `` = "deg"``.
 
         Raises ValueError for a file that holds no table, a column that is missing (names the nearest), has no unit or
         one of another dimension, has no numbers, or lacks some.
@@ -96,22 +108,27 @@ class Files:
             names = ", ".join(table.colnames)
             raise ValueError(f"{name!r} has no column {column!r}.{nearest(column, table.colnames)} It has: {names}.")
         found, where = table[column], f"column {column!r} of {name!r}"
-        if getattr(found, "mask", None) is not None and np.any(found.mask):
-            raise ValueError(
-                f"{where}: the value of row {_first(found.mask)} is missing; expected a number in each row"
-            )
+        hole = next((int(np.argmax(mask)) for mask in self._masks(name, column) if np.any(mask)), None)
+        if hole is not None:
+            raise ValueError(f"{where}: the value of row {hole + 1} is missing; expected a number in each row")
         if found.dtype.kind not in "iuf":
             raise ValueError(f"{where}: found {str(found[0]) if len(found) else 'nothing'!r}, expected numbers")
-        return np.asarray(found, dtype=float) * self._factor(where, found.unit, unit, told)
+        return np.asarray(found, dtype=float) * self._factor(where, found.unit, unit, told, key)
+
+    def _masks(self, name: str, column: str) -> list[Any]:
+        """Return where a column has no value: of a quantity written by astropy, it would read such a one as zero."""
+        tables = [self._tables[name], *([self._plain[name]] if name in self._plain else [])]
+        columns = [table[column] for table in tables if column in table.colnames]
+        return [np.atleast_1d(found.mask) for found in columns if getattr(found, "mask", None) is not None]
 
     @staticmethod
-    def _factor(where: str, found: Any, unit: Unit, told: Any) -> float:
+    def _factor(where: str, found: Any, unit: Unit, told: Any, key: str) -> float:
         from astropy import units as u  # slow to import, and only tables need it
 
         if found is None and told is None and unit.name:
             raise ValueError(
                 f"{where}: the file gives no unit, expected one like {unit.name}. Write it into the file, or beside "
-                f'it in the run file: unit = "{unit.name}"'
+                f'it in the run file: {key} = "{unit.name}"{" }" if "{" in key else ""}'
             )
         try:
             given = u.Unit(str(told or "")) if found is None else found
@@ -130,17 +147,28 @@ class Files:
             from astropy.table import Table  # slow to import, and only tables need it
 
             found = self.content(name)
-            try:
-                content: Any = io.BytesIO(found) if suffix.startswith(".fit") else found.decode()
+            if not found.strip():
+                raise ValueError(f"{name!r} is empty; expected a table in the format {suffix[1:].upper()}")
+            try:  # astropy takes a text without the end of a line for the name of a file
+                content: Any = io.BytesIO(found) if suffix.startswith(".fit") else found.decode() + "\n"
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore")
                     table = Table.read(content, format=FORMATS[suffix])
+                    if suffix == ".ecsv" and SERIALIZED in content:
+                        self._plain[name] = Table.read(content.replace(SERIALIZED, "plain"), format=FORMATS[suffix])
             except Exception as error:  # each format has errors of its own
                 text = " ".join(str(error).split())[:200]
                 raise ValueError(f"{name!r} is no table in the format {suffix[1:].upper()} ({text})") from None
+            if isinstance(content, str):
+                _require_different(name, content)
             self._tables[name] = table
         return self._tables[name]
 
 
-def _first(mask: Any) -> int:
-    return int(np.argmax(mask)) if np.ndim(mask) else 0
+def _require_different(name: str, text: str) -> None:
+    """Refuse a table two of whose columns have one name: astropy would give the second another."""
+    header = next((line for line in text.splitlines() if line.strip() and not line.startswith("#")), "")
+    delimiter = " " if name.lower().endswith(".ecsv") and not _COMMAS.search(text) else ","
+    names = next(csv.reader([header.strip()], delimiter=delimiter, skipinitialspace=True))
+    if twice := [each for i, each in enumerate(names) if each in names[:i]]:
+        raise ValueError(f"{name!r} has two columns {twice[0]!r}; each needs a name of its own")

@@ -11,7 +11,7 @@ from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
 from streamkit.errors import nearest
-from streamkit.fields.arrays import ArrayOf, array_schema
+from streamkit.fields.arrays import ANY, POSITIVE, ArrayOf, array_schema
 from streamkit.fields.files import Files
 from streamkit.stream import Array
 from streamkit.units import Unit, unit_called
@@ -74,6 +74,8 @@ class Columns:
         self.needed = frozenset(units)
         self.least = 1
         self.sorted_by = ""
+        self.signs: dict[str, str] = {}
+        self.ranges: dict[str, tuple[float, float]] = {}
 
     def optional(self, /, **units: str) -> Columns:
         """Return the declaration with columns that may be missing."""
@@ -82,6 +84,14 @@ class Columns:
     def increasing(self, column: str, least: int = 2) -> Columns:
         """Return the declaration of a table of at least so many rows, in increasing order of a column."""
         return self._changed(sorted_by=column, least=least)
+
+    def positive(self, *columns: str) -> Columns:
+        """Return the declaration of a table some of whose columns hold positive numbers: errors, distances."""
+        return self._changed(signs=self.signs | dict.fromkeys(columns, POSITIVE))
+
+    def between(self, column: str, low: float, high: float) -> Columns:
+        """Return the declaration of a table whose numbers in a column lie in an interval, in its unit."""
+        return self._changed(ranges=self.ranges | {column: (low, high)})
 
     def _changed(self, **values: Any) -> Columns:
         other = Columns()
@@ -111,7 +121,7 @@ class Columns:
     def read(self, value: Any, files: Files | None = None) -> Table:
         """Return the table that a run file gives; ValueError says what is wrong with it."""
         if isinstance(value, Table):
-            value = value.to_dict()
+            value = {name: value[name] for name in value.names}
         if isinstance(value, str | Path):
             value = {"file": str(value)}
         if not isinstance(value, Mapping):
@@ -126,7 +136,11 @@ class Columns:
         return Table(found)
 
     def _mark(self, name: str) -> ArrayOf:
-        return ArrayOf(self.units[name], increasing=name == self.sorted_by, least=self.least)
+        between = self.ranges.get(name, (-np.inf, np.inf))
+        return ArrayOf(
+            self.units[name], self.signs.get(name, ANY), increasing=name == self.sorted_by, least=self.least,
+            between=between,
+        )  # fmt: skip
 
     def _from_lists(self, value: Mapping[str, Any], files: Files | None) -> dict[str, Array]:
         for name in value:
@@ -161,9 +175,11 @@ class Columns:
         wanted = [name for name in self.units if name in self.needed or name in renamed or name in there]
         found = {}
         for name in wanted:
-            column = files.column(file, renamed.get(name, name), self.units[name], units.get(name))
+            column = files.column(
+                file, renamed.get(name, name), self.units[name], units.get(name), f"units = {{ {name}"
+            )
             try:
-                found[name] = self._mark(name).checked(column)
+                found[name] = self._mark(name).checked(column, lambda place: f"row {place[0] + 1}")
             except ValueError as error:
                 raise ValueError(f"column {renamed.get(name, name)!r} of {file!r}: {error}") from None
         return found

@@ -21,11 +21,19 @@ def compare_with_data(observable: Measurement, prediction: Prediction, data: Dat
         own = observable.ln_likelihood(prediction, data.add_noise)
         value = gaussian(prediction.mean, prediction.variance, data) if own is None else float(own)
     if not np.isfinite(value):
-        raise ComponentError(
-            f"{name}: predicted {prediction.mean.tolist()} for data {data.values.tolist()} with errors "
-            f"{data.errors.tolist()}: the likelihood is no finite number"
-        )
+        raise ComponentError(f"{name}: the likelihood is no finite number; {_farthest(prediction, data)}")
     return value
+
+
+def _farthest(prediction: Prediction, data: Data) -> str:
+    """Say which datum is the farthest from what is predicted, in its errors."""
+    with np.errstate(all="ignore"):
+        away = np.abs((prediction.mean - data.values) / data.errors)
+    worst = int(np.argmax(np.where(np.isfinite(data.values), np.nan_to_num(away, nan=np.inf), -1.0)))
+    return (
+        f"{prediction.names[worst]}: predicted {prediction.mean[worst]:g} for the datum {data.values[worst]:g} +- "
+        f"{data.errors[worst]:g}"
+    )
 
 
 def gaussian(mean: Array, variance: Array, data: Data) -> float:

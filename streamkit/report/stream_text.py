@@ -13,6 +13,9 @@ from streamkit.report.text import columns, number, paragraph, seconds
 from streamkit.spec import Setup, Spec, as_written
 from streamkit.stream import Prediction, Stream
 
+MOST_ROWS, FARTHEST = 200, 20
+"""Data above which a text shows only some of them, and how many."""
+
 
 def warning_list(texts: Sequence[str]) -> str:
     """Return the warnings as a list; nothing without any."""
@@ -33,22 +36,27 @@ def describe_prediction(setup: Setup, prediction: Prediction) -> str:
 
 
 def describe_measured(called: str, measured: Sequence[Measurement], prediction: Prediction) -> str:
-    """Show what is predicted of all ``measured`` beside their data."""
+    """Show what is predicted of all ``measured`` beside their data; of very many those that are farthest from it."""
     kinds = ", ".join(each.kind for each in measured)
     if prediction.why_not:
         return f"{called} ({kinds}): no value, {prediction.why_not}"
     data, errors = np.concatenate([each.data() for each in measured], axis=1)
-    rows = [("", "model", "own noise", "data", "model - data")]
-    for name, mean, variance, datum, error in zip(
-        prediction.names, prediction.mean, prediction.variance, data, errors, strict=True
-    ):
+    rows, told = [("", "model", "own noise", "data", "model - data")], ""
+    shown_ones = np.arange(len(data))
+    if len(data) > MOST_ROWS:
+        away = np.nan_to_num(np.abs(prediction.mean - data) / errors, nan=-1.0)
+        shown_ones = np.sort(np.argsort(-away, kind="stable")[:FARTHEST])
+        told = f", the {FARTHEST} of {len(data)} that are farthest from the data"
+    for i in shown_ones.tolist():
+        name, mean, variance = prediction.names[i], prediction.mean[i], prediction.variance[i]
+        datum, error = data[i], errors[i]
         known = np.isfinite(datum)
         shown = (f"{mean:.2f}", f"{np.sqrt(variance):.2f}") if np.isfinite(mean) else ("-", "-")
         rows.append((
             name, *shown, f"{datum:g} +- {error:g}" if known else "-",
             f"{(mean - datum) / error:+.1f} sigma" if known else "-",
         ))  # fmt: skip
-    return "\n".join([f"{called} ({kinds})", columns(rows)])
+    return "\n".join([f"{called} ({kinds}){told}", columns(rows)])
 
 
 def describe_stream(

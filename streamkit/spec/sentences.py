@@ -15,7 +15,7 @@ from streamkit.units import unit_of
 def should(message: str) -> str:
     """Turn a message of pydantic into the end of a sentence: ``should be greater than 0``."""
     message = message.removeprefix("Value error, ").removeprefix("Assertion failed, ")
-    return message.replace("Input should", "should", 1)
+    return message.replace("Input should", "should", 1).replace("a valid tuple", "a list")
 
 
 def sentence(path: str, cls: type[BaseModel], item: Any, called: str, more: tuple[str, ...] = ()) -> str:

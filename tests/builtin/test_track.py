@@ -14,7 +14,7 @@ from scipy.stats import norm
 import streamkit as sk
 from streamkit.builtin.track import Track
 from streamkit.builtin.track_likelihood import ln_mixture, scatter_of
-from streamkit.builtin.track_lines import ENOUGH, REACH, WING, Debris, gather, local_lines
+from streamkit.builtin.track_lines import ENOUGH, REACH, WING, Debris, gather, lines_at, local_lines
 from streamkit.stream import orbital_plane
 from streamkit.stream.frames import axes
 from streamkit.testing.streams import example_stream, select
@@ -59,6 +59,20 @@ def test_lines_together_are_those_that_are_fitted_alone() -> None:
         alone = local_lines(debris(0), at[i : i + 1], kernel=1.5, depth=0)
         assert together.value[:, i] == pytest.approx(alone.value[:, 0], rel=1e-9)
         assert together.ln_count[i] == pytest.approx(alone.ln_count[0], abs=1e-9)
+
+
+def test_very_many_lines_are_splines_of_those_that_are_fitted() -> None:
+    """To a tenth of their own noise, and of the debris' spread."""
+    rng = np.random.default_rng(2)
+    longitude = np.concatenate([rng.normal(-10, 15, 3000), rng.normal(30, 3, 200)])
+    columns = [5 * np.sin(longitude / 10) + rng.normal(0, 1, 3200), 0.01 * longitude**2 + rng.normal(0, 3, 3200)]
+    debris, at = gather(longitude, columns, np.ones(3200), 0.0), rng.uniform(-60, 60, 3000)
+    one_by_one, splined = local_lines(debris, at, 2.0, depth=0), lines_at(debris, at, 2.0, depth=0)
+    assert (np.abs(splined.value - one_by_one.value) < 0.1 * np.sqrt(one_by_one.variance)).all()
+    np.testing.assert_allclose(splined.spread, one_by_one.spread, rtol=2e-3)
+    np.testing.assert_allclose(splined.ln_count, one_by_one.ln_count, atol=2e-3)
+    few = lines_at(debris, at[:50], 2.0, depth=0)
+    np.testing.assert_array_equal(few.value, local_lines(debris, at[:50], 2.0, depth=0).value)
 
 
 def test_a_straight_stream_is_found_exactly() -> None:
@@ -232,10 +246,16 @@ def test_a_datum_of_one_star_and_several_at_one_longitude_are_data(stream: sk.St
     ("fields", "text"),
     [
         ({}, "there are no data"),
-        ({"phi2": {"phi1": [1.0], "phi2": [0.0], "error": [0.0]}}, "errors must be positive, row 1"),
+        (
+            {"phi2": {"phi1": [1.0], "phi2": [0.0], "error": [0.0]}},
+            r"entry \[0\] is 0 deg, expected positive",
+        ),
         ({"phi2": {"phi1": [1.0], "phi2": [0.0]}}, "'error' is missing"),
         ({"phi2": {"phi1": [-200.0, 200.0], "phi2": [0.0, 1.0], "error": [1.0, 1.0]}}, "more than a turn"),
-        ({"stars": ["phi2"], "distance": table("distance", [1], [8.0], 1.0)}, "for which there is no table"),
+        (
+            {"stars": ["phi2"], "distance": table("distance", [1], [8.0], 1.0)},
+            "no table of .phi2.; there is distance",
+        ),
         ({"distance": table("distance", [1], [8.0], 1.0), "gsr_sun": [1.0, 2.0, 3.0]}, "three velocities"),
         ({"frame": "GD1Koposov"}, "Did you mean 'GD1Koposov10'"),
     ],
@@ -248,7 +268,7 @@ def test_bad_input_is_said(fields: dict[str, Any], text: str) -> None:
 def test_a_track_of_fifty_data_is_cheap(stream: sk.Stream, places: np.ndarray) -> None:
     at = np.linspace(places[0], places[-1], 50)
     given = {
-        n: table(n, at, at * 0, 1.0) for n in ("phi2", "distance", "pm_phi1_cosphi2", "pm_phi2", "radial_velocity")
+        n: table(n, at, at * 0 + 1, 1.0) for n in ("phi2", "distance", "pm_phi1_cosphi2", "pm_phi2", "radial_velocity")
     }
     observable = track(**given)
     observable.predict(stream)

@@ -151,7 +151,7 @@ def test_a_table_has_many_forms(folder: Path) -> None:
         ({"r": {"file": "bad.fits", "column": "R"}}, "'bad.fits' is no table in the format FITS"),
         ({"r": {"file": "bad.npy"}}, "'bad.npy' is no array in numpy's format"),
         ({"r": {"file": "object.npy"}}, "'object.npy' is no array in numpy's format"),
-        ({"r": {"file": "hole.ecsv", "column": "R"}}, "the value of row 1 is missing"),
+        ({"r": {"file": "hole.ecsv", "column": "R"}}, "the value of row 2 is missing"),
         ({"r": {"file": "hole.ecsv", "column": "name"}}, "found 'a', expected numbers"),
         ({"r": {"file": 3}}, "expected { file ="),
         ({"table": {"phi1": [1]}}, "the column 'error' is missing"),

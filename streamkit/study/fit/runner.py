@@ -221,7 +221,7 @@ def _explained(pool: Workers, left: Callable[[], str]) -> Iterator[None]:
             yield
     except Stopped as stop:
         raise Interrupted(f"stopped after {left()}", stop.signum) from None
-    except (ComponentError, ChainError, CallTimeout, WorkerDied) as error:
+    except (ComponentError, ChainError, SpecError, CallTimeout, WorkerDied) as error:
         raise type(error)(f"{error}. The run stopped after {left()}") from error
 
 
