@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, Any, get_args
 
+import numpy as np
 from pydantic import BeforeValidator, Field, GetCoreSchemaHandler
 from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, core_schema
@@ -24,12 +25,18 @@ KMS_PER_MASYR_KPC = 4.740470463533349
 """Tangential velocity in km/s of 1 mas/yr at 1 kpc."""
 
 
-def _as_float(value: float) -> float:
-    """Return a float or a small integer as it is; a `ValueError` for an integer that no float can hold."""
+LARGEST = 1e60
+"""The largest size of a number in a run file, and one over the smallest: powers and products of some stay floats."""
+
+
+def _sized(value: float) -> float:
+    """Return a number as it is; a `ValueError` if it is too large or small in size to be computed with."""
     try:
-        float(value)
+        size = abs(float(value))
     except OverflowError:
-        raise ValueError(f"expected a number below 1e308, found an integer of {value.bit_length()} bits") from None  # type: ignore[attr-defined]  # only integers do
+        raise ValueError(f"expected a number below {LARGEST:g}, found a larger integer") from None
+    if LARGEST < size < math.inf or 0 < size < 1 / LARGEST:
+        raise ValueError(f"expected 0 or a number between {1 / LARGEST:g} and {LARGEST:g} in size, found {value:g}")
     return value
 
 
@@ -63,12 +70,13 @@ class Unit:
         if isinstance(value, bool):
             raise ValueError(f"expected a number in {self.label} or a quantity, found {value!r}")
         if isinstance(value, int | float):
-            return _as_float(value)
+            return _sized(value)
         from astropy import units as u  # slow to import, and bare numbers do not need it
 
         target = u.dimensionless_unscaled if not self.name else u.Unit(self.name)
         try:
-            quantity = u.Quantity(value)
+            with np.errstate(all="ignore"):  # what is too large is refused below
+                quantity = u.Quantity(value)
         except (TypeError, ValueError):
             raise ValueError(
                 f"expected a number in {self.label} or a quantity such as {self.example!r}, found {value!r}"
@@ -76,11 +84,13 @@ class Unit:
         if quantity.shape:
             raise ValueError(f"expected one number, found an array of shape {quantity.shape}")
         if isinstance(value, str) and quantity.unit == u.dimensionless_unscaled and self.name:
-            return float(quantity.value)
+            return _sized(float(quantity.value))
         try:
-            return float(quantity.to_value(target))
+            with np.errstate(all="ignore"):
+                found = float(quantity.to_value(target))
         except u.UnitConversionError:
             raise ValueError(f"expected a quantity in {self.label} or a unit like it, found {str(value)!r}") from None
+        return _sized(found)
 
     @property
     def label(self) -> str:

@@ -113,7 +113,8 @@ class Files:
             raise ValueError(f"{where}: the value of row {hole + 1} is missing; expected a number in each row")
         if found.dtype.kind not in "iuf":
             raise ValueError(f"{where}: found {str(found[0]) if len(found) else 'nothing'!r}, expected numbers")
-        return np.asarray(found, dtype=float) * self._factor(where, found.unit, unit, told, key)
+        with np.errstate(over="ignore"):  # the field says what is too large
+            return np.asarray(found, dtype=float) * self._factor(where, found.unit, unit, told, key)
 
     def _masks(self, name: str, column: str) -> list[Any]:
         """Return where a column has no value: of a quantity written by astropy, it would read such a one as zero."""

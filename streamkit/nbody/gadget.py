@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from streamkit.nbody.snapshot import Snapshot, SnapshotError, core_track, insist_on, since_today
+from streamkit.report import DamagedError, read_foreign
 
 KPC_CM, KMS_CGS = 3.0856775814913673e21, 1e5
 DENSEST = 1100
@@ -17,12 +18,9 @@ DENSEST = 1100
 
 def read_gadget(file: Path, group: str) -> Snapshot:
     """Read HDF5 in the Gadget layout; the group is the number of a particle type, or empty."""
-    import h5py
-
     try:
-        with h5py.File(file, "r") as data:
-            return _gadget(file, data, group)
-    except OSError as error:
+        return read_foreign(file, lambda data: _gadget(file, data, group))
+    except DamagedError as error:
         raise SnapshotError(f"{file}: cannot be read as HDF5: {error}") from None
 
 

@@ -18,6 +18,12 @@ from .files import save_picture as save_picture
 from .files import save_pictures as save_pictures
 from .files import save_table as save_table
 from .files import to_disk as to_disk
+from .hdf5 import BLOCK as BLOCK
+from .hdf5 import DamagedError as DamagedError
+from .hdf5 import read_foreign as read_foreign
+from .hdf5 import read_own as read_own
+from .hdf5 import verified as verified
+from .hdf5 import with_checksum as with_checksum
 from .plain import as_json as as_json
 from .plain import prediction_record as prediction_record
 from .plain import table_record as table_record

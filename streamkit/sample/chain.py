@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from time import sleep
 from typing import Any
 
 import h5py
 import numpy as np
 
 from streamkit.errors import ChainError
+from streamkit.report import DamagedError, read_own
 from streamkit.sample.journal import journal_of
-from streamkit.sample.step import Step, chained, checksum_of, step_of
+from streamkit.sample.step import Step, chained, step_of
 from streamkit.stream import Array
 
 CHAIN = "chain.h5"
@@ -21,7 +22,7 @@ GROUP = "mcmc"
 DATA = "chain", "log_prob", "blobs", "accepted"
 TRIED, REPLICAS = "trials", "replicas"
 """Data sets of what the moves learned from, and of the replicas of the surrogate."""
-RESTORE = "Nothing was changed: restore it from a copy, or start again with --force."
+RESTORE = "Restore it from a copy, or start again with --force."
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,18 +76,12 @@ def read_chain_file(path: Path) -> Chain:
     steps = [step_of(record) for record in journal_of(path).read()]  # first: it may be cleared
     if not path.exists() and not steps:
         raise ChainError(f"{path}: there is no chain file: the run did not get as far as its first step")
-    for attempt in range(2):
-        try:
-            return _continued(_read(path), steps, path)
-        except (OSError, KeyError, RuntimeError, ValueError, TypeError) as error:
-            reason = error
-            if steps and steps[0].number <= 1:
-                return _continued(_nothing(steps[0]), steps, path)
-            if not attempt:
-                sleep(0.1)  # an older streamkit may just be writing
-    raise ChainError(
-        f"{path}: not a readable chain file ({str(reason).splitlines()[0]}). It may be truncated. {RESTORE}"
-    )
+    try:
+        return _continued(read_own(path, partial(_read, path)), steps, path)
+    except DamagedError as error:
+        if steps and steps[0].number <= 1:
+            return _continued(_nothing(steps[0]), steps, path)
+        raise damaged(path, str(error)) from None
 
 
 def _nothing(first: Step) -> Chain:
@@ -140,58 +135,48 @@ def _continued(stored: Chain, steps: list[Step], path: Path) -> Chain:
     )
 
 
-def _read(path: Path) -> Chain:
+def _read(path: Path, file: h5py.File) -> Chain:
     """Read the chain file alone."""
-    with h5py.File(path, "r", locking=False) as file:
-        for name in (
-            GROUP,
-            *(f"{GROUP}/{item}" for item in DATA),
-            TRIED,
-            REPLICAS,
-        ):
-            _no_link(path, file, name)
-        group = file[GROUP]
-        steps = int(group.attrs["iteration"])
-        attributes = {key: _plain(value) for key, value in file.attrs.items()}
-        chain, log_prob, accepted = group["chain"][:steps], group["log_prob"][:steps], group["accepted"][...]
-        blobs = group["blobs"][:steps] if "blobs" in group else None
-        if len(chain) != steps or len(log_prob) != steps:
-            raise ValueError(f"{steps} steps announced, {len(chain)} found")
-        random = [value for key, value in sorted(group.attrs.items()) if key.startswith("random_state_")]
-        tried, replicas = (file[name][...] if name in file else None for name in (TRIED, REPLICAS))
+    for name in (GROUP, *(f"{GROUP}/{item}" for item in DATA), TRIED, REPLICAS):
+        _no_link(path, file, name)
+    group = file[GROUP]
+    steps = int(group.attrs["iteration"])
+    attributes = {key: _plain(value) for key, value in file.attrs.items()}
+    chain, log_prob, accepted = group["chain"][:steps], group["log_prob"][:steps], group["accepted"][...]
+    blobs = group["blobs"][:steps] if "blobs" in group else None
+    if len(chain) != steps or len(log_prob) != steps:
+        raise ValueError(f"{steps} steps announced, {len(chain)} found")
+    if not isinstance(attributes.get("counts", {}), dict):
+        raise ValueError("its counts are none")
+    random = [value for key, value in sorted(group.attrs.items()) if key.startswith("random_state_")]
+    tried, replicas = (file[name][...] if name in file else None for name in (TRIED, REPLICAS))
     if not (np.isfinite(chain).all() and np.isfinite(log_prob).all()):
-        raise _changed(path, "it holds samples that are no numbers")
+        raise damaged(path, "it holds samples that are no numbers")
     checksum = attributes.get("digest", "")
     for row in range(steps):
         checksum = chained(checksum, chain[row], log_prob[row], None if blobs is None else blobs[row])
-    if "checksum" in attributes:
-        if attributes["checksum"] != checksum:
-            raise _changed(path, "its samples have another checksum")
-        if attributes["seal"] != seal(accepted, random, tried, replicas, attributes.get("counts", {})):
-            raise _changed(path, "what is stored beside its samples has another checksum")
+    if attributes.get("checksum", checksum) != checksum:
+        raise damaged(path, "its samples have another checksum")
     return Chain(chain, log_prob, blobs, accepted, attributes, tuple(random) or None, tried, replicas,
                  checksum=checksum)  # fmt: skip
 
 
-def seal(accepted: Array, random: Any, tried: Array | None, replicas: Array | None, counts: dict[str, Any]) -> str:
-    """Return the checksum of what is stored beside the samples."""
-    arrays = [np.empty(0) if array is None else array for array in (tried, replicas)]
-    state = [part if isinstance(part, str) else np.asarray(part, dtype=float) for part in random]
-    return checksum_of(accepted, *state, *arrays, json.dumps(counts, sort_keys=True))
-
-
-def _changed(path: Path, what: str) -> ChainError:
-    return ChainError(f"{path}: was changed after it was written: {what}. {RESTORE}")
+def damaged(path: Path, what: str) -> ChainError:
+    """Return the error for a chain file that is not as it was written."""
+    return ChainError(
+        f"{path}: was damaged or changed after it was written: {what}. The steps in it are lost without a copy. "
+        f"{RESTORE}"
+    )
 
 
 def _no_link(path: Path, file: Any, name: str) -> None:
     """Refuse links, and data that lie in other files."""
     link = file.get(name, getlink=True) if name.split("/")[0] in file or "/" not in name else None
     if isinstance(link, h5py.ExternalLink | h5py.SoftLink):
-        raise _changed(path, f"{name} is a link to somewhere else")
+        raise damaged(path, f"{name} is a link to somewhere else")
     item = file.get(name)
     if isinstance(item, h5py.Dataset) and (item.external or item.is_virtual):
-        raise _changed(path, f"the data of {name} are in another file")
+        raise damaged(path, f"the data of {name} are in another file")
 
 
 def _plain(value: Any) -> Any:

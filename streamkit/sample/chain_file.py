@@ -15,8 +15,8 @@ import numpy as np
 from emcee.backends import Backend, HDFBackend
 
 from streamkit.errors import ChainError
-from streamkit.report import replace_whole, safely
-from streamkit.sample.chain import GROUP, REPLICAS, TRIED, read_chain_file, seal
+from streamkit.report import BLOCK, DamagedError, read_own, replace_whole, safely, verified, with_checksum
+from streamkit.sample.chain import GROUP, REPLICAS, TRIED, damaged, read_chain_file
 from streamkit.sample.journal import journal_of
 from streamkit.sample.step import Step, chained
 from streamkit.stream import Array
@@ -178,8 +178,11 @@ class ChainFile(Backend):  # type: ignore[misc]  # emcee has no types
     def _image(self) -> _Image:
         """Return the chain file as it is, or an empty one where the journal holds all steps."""
         if self._stored:
-            with safely(self._path):
-                return _Image(self._path.read_bytes())
+            try:
+                with safely(self._path):
+                    return _Image(verified(self._path))
+            except DamagedError as error:
+                raise damaged(self._path, str(error)) from None
         image = _Image(b"")
         image.reset(self.nwalkers, self.ndim)
         return image
@@ -189,14 +192,12 @@ class ChainFile(Backend):  # type: ignore[misc]  # emcee has no types
             tried, replicas, counts = self.tried, self._replicas, self._counts
             _put(file, TRIED, tried)
             _put(file, REPLICAS, replicas)
-            group = file[GROUP]
-            random = [value for key, value in sorted(group.attrs.items()) if key.startswith("random_state_")]
-            sealed = seal(group["accepted"][...], random, tried, replicas, counts)
-            notes = self._attributes | {"counts": counts, "checksum": self._checksum, "seal": sealed}
+            notes = self._attributes | {"counts": counts, "checksum": self._checksum}
             for key, value in notes.items():
                 file.attrs[key] = json.dumps(value) if isinstance(value, dict | list) else value
+        content = with_checksum(image.content.getvalue())
         with safely(self._path):
-            replace_whole(self._path, lambda part: part.write_bytes(image.content.getbuffer()))
+            replace_whole(self._path, lambda part: part.write_bytes(content))
 
     def get_value(self, name: str, flat: bool = False, thin: int = 1, discard: int = 0) -> Any:
         """Return ``chain``, ``log_prob`` or ``blobs`` of all steps, as emcee's backends do."""
@@ -205,8 +206,10 @@ class ChainFile(Backend):  # type: ignore[misc]  # emcee has no types
         first = discard + thin - 1
         parts = []
         if first < self._stored:
-            with h5py.File(self.filename, "r", locking=False) as file:
-                parts.append(file[GROUP][name][first : self._stored : thin])
+            try:
+                parts.append(read_own(self._path, lambda file: file[GROUP][name][first : self._stored : thin]))
+            except DamagedError as error:
+                raise damaged(self._path, str(error)) from None
         field = "coords" if name == "chain" else name
         rows = range(first, int(self.iteration), thin)
         parts.append([getattr(self._tail[i - self._stored], field) for i in rows if i >= self._stored])
@@ -226,7 +229,9 @@ class _Image(HDFBackend):  # type: ignore[misc]
 
     def open(self, mode: str = "r") -> h5py.File:
         """Open the file."""
-        return h5py.File(self.content, mode if self.content.getbuffer().nbytes or mode != "a" else "w")
+        if mode == "a" and not self.content.getbuffer().nbytes:
+            return h5py.File(self.content, "w", userblock_size=BLOCK)
+        return h5py.File(self.content, mode)
 
 
 def _put(file: h5py.File, name: str, array: Array | None) -> None:

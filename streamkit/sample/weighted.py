@@ -14,8 +14,7 @@ import h5py
 import numpy as np
 
 from streamkit.errors import ChainError
-from streamkit.report import replace_whole, safely
-from streamkit.sample.step import checksum_of
+from streamkit.report import BLOCK, DamagedError, read_own, replace_whole, safely, with_checksum
 from streamkit.stream import Array
 
 SAMPLES = "samples.h5"
@@ -75,22 +74,19 @@ class Weighted:
     def write(self, path: Path) -> None:
         """Write the file as a whole; ChainError if it cannot be written."""
         content = io.BytesIO()
-        with h5py.File(content, "w") as file:
+        with h5py.File(content, "w", userblock_size=BLOCK) as file:
             for name in ARRAYS:
                 file[name] = getattr(self, name)
             notes = self.attributes | {
                 "ln_evidence": self.ln_evidence,
                 "ln_evidence_error": self.ln_evidence_error,
                 "missing": self.missing,
-                "checksum": self._checksum(),
             }
             for key, value in notes.items():
                 file.attrs[key] = json.dumps(value) if isinstance(value, dict | list) else value
+        sealed = with_checksum(content.getvalue())
         with safely(path):
-            replace_whole(path, lambda part: part.write_bytes(content.getbuffer()))
-
-    def _checksum(self) -> str:
-        return checksum_of(*(np.ascontiguousarray(getattr(self, name)) for name in ARRAYS))
+            replace_whole(path, lambda part: part.write_bytes(sealed))
 
 
 def read_weighted(path: Path) -> Weighted:
@@ -98,21 +94,22 @@ def read_weighted(path: Path) -> Weighted:
     if not path.exists():
         raise ChainError(f"{path}: there is no file of samples: the run did not get as far as its first ones")
     try:
-        with h5py.File(path, "r", locking=False) as file:
-            if odd := [name for name in ARRAYS if not isinstance(file.get(name, getlink=True), h5py.HardLink)]:
-                raise ValueError(f"{odd[0]} is missing, or a link")
-            points, ln_weights, log_prob, blobs = (file[name][...] for name in ARRAYS)
-            notes = {key: value.item() if isinstance(value, np.generic) else value for key, value in file.attrs.items()}
-        ln_evidence, error = (float(notes.pop(name)) for name in ("ln_evidence", "ln_evidence_error"))
-        missing, checksum = str(notes.pop("missing")), notes.pop("checksum")
-        if "counts" in notes:
-            notes["counts"] = json.loads(notes["counts"])
-        found = Weighted(points, ln_weights, log_prob, blobs, ln_evidence, error, missing, notes)
-    except (OSError, KeyError, RuntimeError, ValueError, TypeError) as error:
-        raise ChainError(f"{path}: not a readable file of samples ({str(error).splitlines()[0]})") from None
-    if checksum != found._checksum():
-        raise ChainError(f"{path}: was changed after it was written: its samples have another checksum")
-    return found
+        return read_own(path, _read)
+    except DamagedError as error:
+        raise ChainError(f"{path}: was damaged or changed after it was written: {error}") from None
+
+
+def _read(file: h5py.File) -> Weighted:
+    if odd := [name for name in ARRAYS if not isinstance(file.get(name, getlink=True), h5py.HardLink)]:
+        raise ValueError(f"{odd[0]} is missing, or a link")
+    points, ln_weights, log_prob, blobs = (file[name][...] for name in ARRAYS)
+    notes = {key: value.item() if isinstance(value, np.generic) else value for key, value in file.attrs.items()}
+    notes.pop("checksum", None)  # of an older version
+    ln_evidence, error = (float(notes.pop(name)) for name in ("ln_evidence", "ln_evidence_error"))
+    missing = str(notes.pop("missing"))
+    if "counts" in notes:
+        notes["counts"] = json.loads(notes["counts"])
+    return Weighted(points, ln_weights, log_prob, blobs, ln_evidence, error, missing, notes)
 
 
 @dataclass(frozen=True, eq=False)

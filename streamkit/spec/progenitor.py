@@ -209,7 +209,7 @@ class PhaseSpace(Place, ABC):
     """Where the progenitor is today, and how far its orbit is followed back."""
 
     lookback: Annotated[Duration, Symbol(r"$t_{\rm back}$")] = Field(
-        description="Time over which the progenitor has been stripped."
+        le=100, description="Time over which the progenitor has been stripped."
     )
     friction: Literal["chandrasekhar", "none"] | None = Field(
         default=None, description="Dynamical friction of the Milky Way on the whole mass of the progenitor. Or none."

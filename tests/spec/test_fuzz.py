@@ -18,7 +18,8 @@ LINES = sorted({line for text in TEXTS for line in text.splitlines() if line and
 VALUES = [
     "nan", "inf", "-1", "0", "1e400", "9" * 400, "9" * 5000, "true", "[]", "{}", '""', '"1 furlong"', '"nan kpc"',
     '"8 kpc kpc"', "1979-05-27", "2024-02-30", "[" * 60 + "]" * 60, "[" * 3000, "{ uniform = [1, 0] }", '"/dev/zero"',
-    "{ log_uniform = [0, 1] }", "{ normal = [1e308, 1e308] }", "{ truncated_normal = [0, 1, 5, 6e300] }", "[1, 2]",
+    "{ log_uniform = [0, 1] }", "{ log_uniform = [1e-320, 1e308] }", '"8 1e308kpc"', "1e308",
+    "{ normal = [1e308, 1e308] }", "{ truncated_normal = [0, 1, 5, 6e300] }", "[1, 2]",
     '["/dev/zero"]', '["/"]', '["\\u0000"]', "{ file = 3 }", '{ file = "/dev/zero", column = "x" }', '"\\u0000"', "x",
 ]  # fmt: skip
 NAMES = ("plugins", "seed", "version", "preset", "kind", "mass")

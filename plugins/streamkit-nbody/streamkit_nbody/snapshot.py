@@ -10,7 +10,7 @@ import numpy as np
 
 from streamkit import Array
 from streamkit.errors import ChainError
-from streamkit.report import save
+from streamkit.report import DamagedError, read_foreign, save
 from streamkit_nbody.plan import digest
 from streamkit_nbody.simulation import Simulation
 from streamkit_nbody.state import State, Track
@@ -110,33 +110,34 @@ def read(path: Path) -> tuple[State, dict[str, Any]]:
     ChainError
         If the file cannot be read, or is no snapshot of this package.
     """
-    import h5py
-
     try:
-        with h5py.File(path, "r") as file:
-            run, p, track = file["Run"].attrs, file[PARTICLES], file["Progenitor"]
-            content, told = json.loads(run["content"]), run["digest"]
-            state = State(
-                q=_rows(p["Coordinates"]),
-                v=_rows(p["Velocities"]),
-                a=_rows(p["Accelerations"]),
-                bound=p["Bound"][:].astype(bool),
-                gap=p["TidalGap"][:],
-                t_strip=p["LastInside"][:],
-                dq_strip=_rows(p["StrippingOffset"]),
-                dv_strip=_rows(p["StrippingVelocity"]),
-                revolutions=p["Revolutions"][:],
-                track=Track(
-                    track["Times"][:], _rows(track["Coordinates"]), _rows(track["Velocities"]),
-                    track["BoundMass"][:], track["TidalRadius"][:], track["Energy"][:],
-                ),
-                binding=float(run["binding_energy"]),
-            )  # fmt: skip
-    except (OSError, KeyError, ValueError, TypeError) as error:
+        state, content, told = read_foreign(path, _read)
+    except DamagedError as error:
         raise ChainError(f"{path}: cannot be read as a checkpoint of streamkit-nbody: {error}") from None
     if digest(content) != told:
         raise ChainError(f"{path}: its content does not match its digest {str(told)[:12]}: the file was changed")
     return state, content
+
+
+def _read(file: Any) -> tuple[State, dict[str, Any], str]:
+    run, p, track = file["Run"].attrs, file[PARTICLES], file["Progenitor"]
+    state = State(
+        q=_rows(p["Coordinates"]),
+        v=_rows(p["Velocities"]),
+        a=_rows(p["Accelerations"]),
+        bound=p["Bound"][:].astype(bool),
+        gap=p["TidalGap"][:],
+        t_strip=p["LastInside"][:],
+        dq_strip=_rows(p["StrippingOffset"]),
+        dv_strip=_rows(p["StrippingVelocity"]),
+        revolutions=p["Revolutions"][:],
+        track=Track(
+            track["Times"][:], _rows(track["Coordinates"]), _rows(track["Velocities"]),
+            track["BoundMass"][:], track["TidalRadius"][:], track["Energy"][:],
+        ),
+        binding=float(run["binding_energy"]),
+    )  # fmt: skip
+    return state, json.loads(run["content"]), run["digest"]
 
 
 def _rows(data: Any) -> Array:

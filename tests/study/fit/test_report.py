@@ -189,7 +189,9 @@ def test_a_picture_that_fails_costs_no_other(run, tmp_path, monkeypatch, caplog)
 
 def test_a_run_of_one_step_has_a_report_too(run, tmp_path):
     out = copy_of(run, tmp_path / "run")
-    with h5py.File(out / "chain.h5", "a") as file:
+    chain = out / "chain.h5"
+    chain.write_bytes(chain.read_bytes()[512:])  # without the checksum of all that is in it
+    with h5py.File(chain, "a") as file:
         file["mcmc"].attrs["iteration"] = 1
         del file.attrs["checksum"]  # which says that there were more
     run = write_products(out)

@@ -158,7 +158,7 @@ def test_a_damaged_file_is_told(done, tmp_path):
     file = tmp_path / "run" / SAMPLES
     whole = file.read_bytes()
     file.write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(sk.ChainError, match="not a readable file of samples"):
+    with pytest.raises(sk.ChainError, match="was damaged or changed after it was written"):
         Results(tmp_path / "run")
     found = read_weighted(done.directory / SAMPLES)
     found.points[0, 0] += 1

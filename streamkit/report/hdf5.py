@@ -1,0 +1,111 @@
+"""HDF5 files that may be damaged: told by a checksum before HDF5 opens them, or read on trial in another process.
+
+A damaged file can keep HDF5 busy for ever, and no exception or signal of Python's reaches it there.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+import warnings
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, TypeVar
+
+import h5py
+
+from streamkit.errors import StreamkitError
+
+T = TypeVar("T")
+BLOCK = 512
+"""Bytes in front of the HDF5 in a file with a checksum: a user block, which HDF5 and all that read it pass over."""
+MARK = b"streamkit sha256 "
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+SECONDS, BYTES_PER_SECOND = 2.0, 2e6
+"""CPU time that it may take to read a file without a checksum: so much, and the time for its bytes."""
+
+
+class DamagedError(StreamkitError):
+    """A file is damaged, or not HDF5. The message says what was found, and not which file."""
+
+
+def with_checksum(content: bytes) -> bytes:
+    """Return a file of HDF5, with a user block of `BLOCK` bytes or none, with its checksum in that block."""
+    body = content[BLOCK:] if content[: len(SIGNATURE)] != SIGNATURE else content
+    return _block(body) + body
+
+
+def _block(body: bytes) -> bytes:
+    return (MARK + hashlib.sha256(body).hexdigest().encode() + b"\n").ljust(BLOCK, b"\0")
+
+
+def verified(path: Path) -> bytes:
+    """Return the content of a file that was written `with_checksum`, or by an older streamkit without.
+
+    Raises DamagedError if the checksum differs, OSError if it cannot be read.
+    """
+    content = path.read_bytes()
+    if content[: len(SIGNATURE)] != SIGNATURE and content[:BLOCK] != _block(content[BLOCK:]):
+        raise DamagedError("its checksum is not the one it was written with")
+    return content
+
+
+def read_own(path: Path, read: Callable[[h5py.File], T]) -> T:
+    """Return what ``read`` takes from a file of streamkit's own, once it is `verified`.
+
+    Raises DamagedError if the file is damaged or no HDF5; a StreamkitError of ``read`` passes.
+    """
+    try:
+        content = verified(path)
+    except OSError as error:
+        raise DamagedError(error.strerror or str(error)) from None
+    if content[: len(SIGNATURE)] == SIGNATURE:
+        return read_foreign(path, read)
+    return _read(io.BytesIO(content), read)
+
+
+def read_foreign(path: Path, read: Callable[[h5py.File], T]) -> T:
+    """Return what ``read`` takes from a file that anybody may have written.
+
+    It is read in a fork of this process first, where there are such: HDF5 may crash, or not come to an end.
+    Raises DamagedError if the file is damaged or no HDF5; a StreamkitError of ``read`` passes.
+    """
+    with suppress(ImportError):  # elsewhere than on Unix
+        _rehearse(path, read)
+    return _read(path, read)
+
+
+def _read(source: Path | io.BytesIO, read: Callable[[h5py.File], T]) -> T:
+    try:
+        with h5py.File(source, "r", locking=False) as file:
+            return read(file)
+    except StreamkitError:
+        raise
+    except MemoryError:
+        raise DamagedError("it claims to hold more than fits into the memory") from None
+    except Exception as error:  # a damaged file makes h5py and numpy raise whatever they meet first
+        raise DamagedError(" ".join(str(error).split())[:200] or type(error).__name__) from None
+
+
+def _rehearse(path: Path, read: Callable[[h5py.File], Any]) -> None:
+    """Raise DamagedError if a process that reads the file dies of it."""
+    import resource  # not everywhere
+
+    with suppress(OSError):
+        seconds = int(SECONDS + path.stat().st_size / BYTES_PER_SECOND) + 1
+        with warnings.catch_warnings():
+            # from Python 3.12 on, threads of numpy's linear algebra are warned of too; these survive a fork
+            warnings.filterwarnings("ignore", message=".*fork", category=DeprecationWarning)
+            process = os.fork()
+        if not process:
+            try:
+                resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+                resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
+                _read(path, read)
+            finally:
+                os._exit(0)
+        _, status = os.waitpid(process, 0)
+        if os.WIFSIGNALED(status):
+            raise DamagedError("HDF5 crashes on it, or does not come to an end")
