@@ -63,6 +63,11 @@ def nearest(name: str, allowed: Iterable[str]) -> str:
     return f" Did you mean {close[0]!r}?" if close else ""
 
 
+def brief(error: BaseException) -> str:
+    """Return what an exception of a library says in one short line: some of them quote the file."""
+    return " ".join(str(error).split())[:200] or type(error).__name__
+
+
 @contextmanager
 def blamed(component: str) -> Iterator[None]:
     """Turn whatever a component raises into a `ComponentError`; Ctrl-C and what streamkit raises on purpose pass.

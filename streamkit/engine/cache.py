@@ -8,9 +8,13 @@ key holds a random identifier. So the key here is a digest of all that determine
 from __future__ import annotations
 
 import hashlib
+import logging
+import os
+import stat
 import types
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +22,7 @@ import llvmlite
 import numba
 import numpy as np
 from numba import njit
-from numba.core.caching import FunctionCache
+from numba.core.caching import FunctionCache, NullCache
 from numba.core.compiler import Compiler
 from numba.core.dispatcher import Dispatcher
 from numba.core.registry import CPUDispatcher
@@ -49,8 +53,76 @@ class ContentCache(FunctionCache):  # type: ignore[misc]  # numba is untyped her
         with suppress(OSError):
             super().save_overload(sig, data)
 
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the machine code, None if it is not there or damaged."""
+        with suppress(Exception):  # whatever pickle makes of it
+            return super().load_overload(sig, target_context)
+        return None
+
     def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
         return (sig, codegen.magic_tuple(), self._digest)
+
+
+def disk_cache(function: Callable[..., Any], digest: str) -> Any:
+    """Return where numba keeps a function's machine code: nowhere, if no place can be written, or others may write it.
+
+    What is read from there is run, as machine code and by pickle. The place is a folder beside the function's file, in
+    ``NUMBA_CACHE_DIR`` or in the user's own cache.
+    """
+    try:
+        found = ContentCache(function, digest)
+    except RuntimeError:  # there is no place
+        return NullCache()
+    folder = Path(found.cache_path)
+    reason = _strange(folder, Path(function.__code__.co_filename))
+    if not reason:
+        return found
+    if not _refused():
+        logging.getLogger("streamkit").warning(
+            "Compiled code in %s is not used, as %s: set NUMBA_CACHE_DIR to a folder of your own, or each command "
+            "compiles anew.", folder, reason,
+        )  # fmt: skip
+    _refused().append(folder)
+    return NullCache()
+
+
+@cache
+def _refused() -> list[Path]:
+    """Folders that were refused in this process: the first of them is told."""
+    return []
+
+
+@cache
+def _strange(folder: Path, source: Path) -> str:
+    """Say why somebody else might have put something into a folder; empty if nobody could.
+
+    Its owner may be root, or that of the source file, who could change that as well. Its group may be the user's own.
+    """
+    if not hasattr(os, "getuid"):  # not on Unix
+        return ""
+    owners = {os.getuid(), 0}
+    with suppress(OSError):  # a notebook has no file
+        owners.add(source.stat().st_uid)
+    for place in (folder, folder.parent):
+        state = place.stat()
+        if state.st_uid not in owners:
+            return f"{place} belongs to another user"
+        guarded = place != folder and state.st_mode & stat.S_ISVTX  # others cannot replace what is in it
+        shared = state.st_mode & stat.S_IWGRP and not _is_private(state.st_gid)
+        if (shared or state.st_mode & stat.S_IWOTH) and not guarded:
+            return f"others may write to {place}"
+    return ""
+
+
+def _is_private(group: int) -> bool:
+    """Say whether nobody but the user and root is in a group."""
+    import grp  # not everywhere
+    import pwd
+
+    members: set[str] = set()
+    with suppress(KeyError):  # a group or a user without a name
+        members = set(grp.getgrgid(group).gr_mem) - {"root", pwd.getpwuid(os.getuid()).pw_name}
+    return group in {os.getgid(), 0} and not members
 
 
 def digest_of_parts(parts: list[str]) -> str:
@@ -77,7 +149,7 @@ def cached(signature: Any, nogil: bool = False) -> Callable[[Callable[..., Any]]
 
     def decorate(function: Callable[..., Any]) -> Any:
         dispatcher = njit(nogil=nogil, **OPTIONS)(function)
-        dispatcher._cache = ContentCache(function, ENGINE)
+        dispatcher._cache = disk_cache(function, ENGINE)
         dispatcher.compile(signature)
         dispatcher.disable_compile()
         return dispatcher

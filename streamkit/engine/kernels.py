@@ -24,7 +24,7 @@ from numba.core.errors import NumbaError
 from streamkit.elementary import interp
 from streamkit.engine import vector  # noqa: F401  its overloads are what the elementary functions compile to
 from streamkit.engine.arguments import ENDLESS, unpacker
-from streamkit.engine.cache import OPTIONS, ContentCache, content_digest
+from streamkit.engine.cache import OPTIONS, content_digest, disk_cache
 from streamkit.engine.forces import ROW
 from streamkit.errors import PluginError
 from streamkit.stream import Array
@@ -114,7 +114,7 @@ def compiled_kernel(cls: type[Force], layout: tuple[int, ...], growing: bool = F
     cfunc: Any = CFunc(chosen, (args, return_type), locals={}, options=dict(OPTIONS), pipeline_class=_Apart)
     digest = content_digest(cls.acceleration, layout)
     if digest is not None:
-        cfunc._cache = ContentCache(chosen, digest)
+        cfunc._cache = disk_cache(chosen, digest)
     try:
         cfunc.compile()
     except NumbaError as error:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from streamkit.errors import nearest
+from streamkit.errors import brief, nearest
 from streamkit.nbody.gadget import read_gadget
 from streamkit.nbody.snapshot import Snapshot, SnapshotError
 from streamkit.nbody.table import read_table
@@ -38,8 +38,7 @@ def read_snapshot(path: str | Path) -> Snapshot:
     except MemoryError as error:
         raise SnapshotError(f"{file}: does not fit into the memory: {error}") from None
     except Exception as error:  # a damaged file makes the libraries raise whatever they meet first
-        text = " ".join(str(error).split())[:200]
-        raise SnapshotError(f"{file}: cannot be read, it is damaged or no snapshot: {text}") from None
+        raise SnapshotError(f"{file}: cannot be read, it is damaged or no snapshot: {brief(error)}") from None
     _check(snapshot)
     return snapshot
 

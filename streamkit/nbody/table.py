@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from streamkit.errors import brief
 from streamkit.nbody.snapshot import Snapshot, SnapshotError, core_track, insist_on, since_today
 from streamkit.units import GYR
 
@@ -24,7 +25,7 @@ def read_table(file: Path) -> Snapshot:
         with file.open("rb") as raw, np.load(raw, allow_pickle=False) as data:
             table = {name: data[name] for name in data.files}
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise SnapshotError(f"{file}: cannot be read as a plain table (.npz): {error}") from None
+        raise SnapshotError(f"{file}: cannot be read as a plain table (.npz): {brief(error)}") from None
     insist_on(file, COLUMNS, table)
     for name, values in table.items():
         if name != "meta" and getattr(values, "dtype", np.dtype("V")).kind not in "iuf":

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 import h5py
 
-from streamkit.errors import StreamkitError
+from streamkit.errors import StreamkitError, brief
 
 T = TypeVar("T")
 BLOCK = 512
@@ -86,7 +86,7 @@ def _read(source: Path | io.BytesIO, read: Callable[[h5py.File], T]) -> T:
     except MemoryError:
         raise DamagedError("it claims to hold more than fits into the memory") from None
     except Exception as error:  # a damaged file makes h5py and numpy raise whatever they meet first
-        raise DamagedError(" ".join(str(error).split())[:200] or type(error).__name__) from None
+        raise DamagedError(brief(error)) from None
 
 
 def _rehearse(path: Path, read: Callable[[h5py.File], Any]) -> None:

@@ -11,7 +11,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from streamkit.errors import ChainError
+from streamkit.errors import ChainError, brief
 from streamkit.report import safely, to_disk
 from streamkit.stream import Array
 
@@ -129,4 +129,4 @@ def _unpacked(path: Path, body: bytes) -> dict[str, Array]:
         with np.load(io.BytesIO(body), allow_pickle=False) as arrays:
             return dict(arrays)
     except (ValueError, OSError, BadZipFile) as error:
-        raise ChainError(f"{path}: holds a record that is not readable ({error})") from None
+        raise ChainError(f"{path}: holds a record that is not readable ({brief(error)})") from None

@@ -6,13 +6,19 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 from numba import njit
+from numba.core import registry
+from numba.core.caching import NullCache
 
 import streamkit as sk
 from streamkit.builtin import potentials
-from streamkit.engine import vector  # noqa: F401  compiles the elementary functions
+from streamkit.engine import (
+    cache,
+    vector,  # noqa: F401  compiles the elementary functions
+)
 from streamkit.engine.cache import content_digest
 
 
@@ -68,6 +74,8 @@ def test_compiled_sqrt_is_numpys():
 
 CONSTANT = """
 from numba import njit
+from numba.core import registry
+from numba.core.caching import NullCache
 from pydantic import Field
 from streamkit import G, Mass, Potential
 
@@ -178,6 +186,69 @@ def test_the_digest_follows_the_content_and_not_the_place(tmp_path):
     assert not same & others
 
 
+def place_of(function, folder, monkeypatch):
+    """Return where a function's machine code is kept, None for nowhere, if numba is to use a folder."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(folder))
+    cache._strange.cache_clear()
+    cache._refused.cache_clear()
+    found = cache.disk_cache(function, "digest")
+    return None if isinstance(found, NullCache) else found.cache_path
+
+
+@pytest.mark.parametrize("outer", [True, False])
+@pytest.mark.parametrize(
+    ("mode", "owner", "group", "used"),
+    [
+        (0o755, 0, 7, True),
+        (0o700, 5, 5, True),
+        (0o755, 8, 5, False),
+        (0o777, 5, 5, False),
+        (0o757, 5, 5, False),
+        (0o775, 5, 5, True),
+        (0o775, 5, 7, False),
+    ],
+)
+def test_a_cache_that_others_may_write_is_not_used(tmp_path, monkeypatch, caplog, mode, owner, group, used, outer):
+    """The user has the number 5, and a group 5 of his own; user 8 and group 7 are others."""
+    folder = tmp_path / "cache"
+    folder.mkdir(mode=0o755)
+    inner = Path(place_of(content_digest, folder, monkeypatch))
+    stat = os.stat
+
+    def pretended(self, **options):
+        found = list(stat(self, **options))
+        if self == (folder if outer else inner):
+            found[0], found[4:6] = (found[0] & ~0o777) | mode, (owner, group)
+        elif self in (folder, inner):
+            found[0], found[4] = found[0] & ~0o022, 5
+        return os.stat_result(found)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "stat", pretended)
+        patch.setattr(os, "getuid", lambda: 5)
+        patch.setattr(os, "getgid", lambda: 5)
+        found = place_of(content_digest, folder, monkeypatch)
+        assert place_of(content_digest, folder, monkeypatch) == found
+        cache.disk_cache(content_digest, "again")
+    assert found == (str(inner) if used else None)
+    told = [record.getMessage() for record in caplog.records]
+    assert len(told) == (0 if used else 2)  # once in every process, and place_of forgets
+    assert all("set NUMBA_CACHE_DIR to a folder of your own" in text and str(folder) in text for text in told)
+
+
+def test_no_place_for_a_cache_and_a_damaged_one_cost_a_compilation_only(tmp_path, monkeypatch):
+    def nowhere(*_args):
+        raise RuntimeError("no locator available")
+
+    inner = Path(place_of(content_digest, tmp_path, monkeypatch))
+    found = cache.disk_cache(content_digest, "digest")
+    Path(found._cache_file._index_path).write_bytes(b"\x80\x04damaged")
+    assert inner.is_dir()
+    assert found.load_overload(numba.void(), registry.cpu_target.target_context) is None
+    monkeypatch.setattr(cache, "ContentCache", nowhere)
+    assert place_of(content_digest, tmp_path, monkeypatch) is None
+
+
 def test_what_cannot_be_described_is_not_cached():
     table = [1.0, 2.0]
     assert content_digest(lambda x: table[0] * x, 0) is None
@@ -185,6 +256,8 @@ def test_what_cannot_be_described_is_not_cached():
 
 HELPERS = """
 from numba import njit
+from numba.core import registry
+from numba.core.caching import NullCache
 import numpy as np
 
 POWER = (1, (2, 3))

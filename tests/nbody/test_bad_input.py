@@ -76,6 +76,15 @@ def test_an_array_larger_than_its_file(tmp_path: Path) -> None:
     refused(path)
 
 
+def test_an_archive_whose_names_are_damaged_is_not_quoted(tmp_path: Path) -> None:
+    path = tmp_path / "a.npz"
+    write_table(path)
+    content = bytearray(path.read_bytes())
+    content[26:28] = (500).to_bytes(2, "little")  # the length of the first member's name
+    path.write_bytes(content)
+    assert len(refused(path)) < 300 + len(str(path))
+
+
 def fault(name: str, file: h5py.File) -> None:
     """Change a good snapshot."""
     particles = file["PartType1"]
