@@ -38,7 +38,7 @@ def reference(section: str | None, kind: str | None) -> None:
         return
     report.check_name(registry, "reference", section, list(fields))
     parts = [f"[{section}]\n{report.paragraph(fields[section].description or '', '  ')}"]
-    plain: Any = {"sun": spec.Sun, "likelihood": spec.Likelihood}.get(section)
+    plain: Any = {"sun": spec.Sun, "likelihood": spec.Likelihood, "engine": spec.Engine}.get(section)
     if plain is not None:
         if kind is not None:
             raise StreamkitError(f"reference: the section [{section}] has no kinds, found {kind!r}")

@@ -8,7 +8,6 @@ import click
 
 from streamkit import report
 from streamkit.cli.options import LITERATURE, PDF, RUN_FILE, SET, load_spec
-from streamkit.sample import engine
 from streamkit.study import fit
 
 
@@ -17,12 +16,11 @@ from streamkit.study import fit
 @SET
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="DIR",
               help="Directory of the products; default: the run file's name without .toml.")  # fmt: skip
-@click.option("--workers", default=1, show_default=True, type=click.IntRange(1), metavar="N",
-              help="Processes that evaluate the posterior.")  # fmt: skip
-@click.option("--engine", "engine_name", default="processes", show_default=True,
-              type=click.Choice(["processes", "serial", "mpi", "dask"]),
-              help="Where it is evaluated: the samples do not depend on it.")  # fmt: skip
-@click.option("--scheduler", default="", metavar="ADDRESS",
+@click.option("--workers", type=click.IntRange(1), metavar="N",
+              help="Processes that evaluate the posterior; default: engine.workers of the run file, 1.")  # fmt: skip
+@click.option("--engine", type=click.Choice(["processes", "serial", "mpi", "dask"]),
+              help="Where it is evaluated, in place of the run file's. The samples do not depend on it.")  # fmt: skip
+@click.option("--scheduler", metavar="ADDRESS",
               help="Running Dask scheduler; else dask starts N workers here.")  # fmt: skip
 @click.option("--steps", type=click.IntRange(1), metavar="N",
               help="Longest chain in steps per walker, in place of the run file's.")  # fmt: skip
@@ -37,9 +35,9 @@ def run(
     run_file: Path,
     settings: tuple[str, ...],
     output: Path | None,
-    workers: int,
-    engine_name: str,
-    scheduler: str,
+    workers: int | None,
+    engine: str | None,
+    scheduler: str | None,
     steps: int | None,
     quick: bool,
     resume: bool,
@@ -57,11 +55,10 @@ def run(
         raise click.UsageError("--resume continues the run in DIR and --force replaces it: give one of them")
     spec = load_spec(run_file, settings)
     out = output if output is not None else Path(run_file.stem)
-    with engine(engine_name, workers, scheduler) as where:
-        results = fit.run(
-            spec, out=out, workers=where, steps=steps, quick=quick, resume=resume, force=force, progress=not quiet,
-            literature=literature, pdf=pdf,
-        )  # fmt: skip
+    results = fit.run(
+        spec, out=out, workers=workers, steps=steps, quick=quick, resume=resume, force=force, progress=not quiet,
+        literature=literature, pdf=pdf, engine=engine, scheduler=scheduler,
+    )  # fmt: skip
     if as_json:
         click.echo(report.as_json(fit.results_record(results)))
     elif not quiet:

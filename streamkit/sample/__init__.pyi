@@ -11,8 +11,8 @@ from .convergence import burn_in as burn_in
 from .convergence import effective_samples as effective_samples
 from .convergence import rank_r_hat as rank_r_hat
 from .convergence import stuck_walkers as stuck_walkers
-from .engines import ENGINES as ENGINES
 from .engines import engine as engine
+from .engines import launcher as launcher
 from .ensemble import Sampling as Sampling
 from .journal import JOURNAL as JOURNAL
 from .moves import learning_steps as learning_steps

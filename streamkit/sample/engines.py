@@ -8,40 +8,32 @@ from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
-from streamkit.errors import StreamkitError, nearest
-
-ENGINES = ("processes", "serial", "mpi", "dask")
-"""The engines by name; the samples do not depend on them."""
-LAUNCH = "mpiexec -n 8 python -m mpi4py.futures -m streamkit run RUN.toml --engine mpi"
+from streamkit.errors import StreamkitError
+from streamkit.spec import Engine
 
 
 @contextmanager
-def engine(name: str, workers: int, scheduler: str = "") -> Iterator[int | Executor]:
+def engine(settings: Engine) -> Iterator[int | Executor]:
     """Provide what `Workers` takes: a number of processes, or an executor, which ends with the context.
 
-    Parameters
-    ----------
-    name
-        One of `ENGINES`.
-    workers
-        Processes: of ours, or of a local Dask cluster. MPI has its ranks.
-    scheduler
-        Address of a running Dask scheduler, in place of a local cluster.
-
-    Raises StreamkitError for an unknown name, without the package that it needs, or if it was launched wrongly.
+    Raises StreamkitError without the package that it needs, or if it was launched wrongly.
     """
-    if name not in ENGINES:
-        raise StreamkitError(f"engine {name!r}: allowed are {', '.join(ENGINES)}.{nearest(name, ENGINES)}")
-    if scheduler and name != "dask":
-        raise StreamkitError(f"scheduler {scheduler!r}: only the engine dask has one; found {name!r}")
-    if name == "mpi":
+    if settings.kind == "mpi":
         with _mpi() as executor:
             yield executor
-    elif name == "dask":
-        with _dask(workers, scheduler) as executor:
+    elif settings.kind == "dask":
+        with _dask(settings.workers, settings.scheduler) as executor:
             yield executor
     else:
-        yield 1 if name == "serial" else workers
+        yield 1 if settings.kind == "serial" else settings.workers
+
+
+def launcher(settings: Engine, executor: int | Executor | None = None) -> list[str]:
+    """Return the words that a command begins with so that the engine is there: for MPI those of its launcher."""
+    if settings.kind != "mpi":
+        return ["streamkit"]
+    ranks = slots(executor) + 1 if isinstance(executor, Executor) else 8
+    return ["mpiexec", "-n", str(ranks), "python", "-m", "mpi4py.futures", "-m", "streamkit"]
 
 
 def slots(executor: Executor) -> int:
@@ -67,7 +59,8 @@ def _mpi() -> Iterator[Executor]:
     """The ranks of this job but the first, which is this one."""
     futures = _package("mpi4py.futures", "mpi")
     if getattr(import_module("mpi4py.futures._core"), "SharedPool", None) is None:
-        raise StreamkitError(f"engine mpi: its ranks are not there, as it was launched in another way than `{LAUNCH}`")
+        command = " ".join([*launcher(Engine(kind="mpi")), "run", "RUN.toml", "--engine", "mpi"])
+        raise StreamkitError(f"engine mpi: its ranks are not there, as it was launched in another way than `{command}`")
     with futures.MPIPoolExecutor() as executor:
         yield executor
 

@@ -29,6 +29,8 @@ BEGUN = b"begun"
 """What a worker says when it has taken up a call."""
 LOOK = 1.0
 """Seconds between two looks at processes from which nothing was heard."""
+WAKING = 120.0
+"""Seconds after which a worker that has not taken up its call is thought to be stuck: a fork may inherit a lock."""
 PATIENCE = 2.0
 """Seconds that an idle worker has to end by itself."""
 
@@ -155,13 +157,17 @@ class Processes(Executor):
             now = monotonic()
             if not busy or now >= end:
                 return
-            soon = min(end, now + LOOK, *(worker.since + self.limit for worker in busy)) - now
+            soon = min(end, now + LOOK, *(self._due(worker) for worker in busy)) - now
             ready = wait([item for w in busy for item in (w.pipe, w.process.sentinel)], max(soon, 0.0))
             for worker in busy:
                 if worker.pipe in ready or worker.process.sentinel in ready or worker.process.exitcode is not None:
                     self._receive(worker)
-                elif monotonic() - worker.since >= self.limit:
+                elif monotonic() >= self._due(worker):
                     self._overdue(worker)
+
+    def _due(self, worker: _Worker) -> float:
+        """Return when a busy worker has had its time."""
+        return worker.since + (self.limit if worker.begun else WAKING)
 
     def _start(self) -> _Worker:
         mine, theirs = self._context.Pipe()
@@ -226,6 +232,9 @@ class Processes(Executor):
     def _overdue(self, worker: _Worker) -> None:
         call = worker.call
         assert call is not None  # noqa: S101  it is busy
+        if not worker.begun:
+            self._died(worker, call)
+            return
         self._replace(worker, quietly=True)
         call.future.set_exception(CallTimeout(f"a call took longer than {self.limit:g} s"))
 

@@ -16,12 +16,17 @@ import numpy as np
 
 from streamkit.errors import PluginError
 from streamkit.sample.engines import slots
+from streamkit.sample.overtime import NO_ANSWER, within
 from streamkit.sample.posterior import Evaluation
 from streamkit.sample.processes import LOOK, CallTimeout, Processes, WorkerDied
 from streamkit.stream import Array
 
 OVERTIME = "the call took too long"
+COMPILING = 300.0
+"""Seconds that workers elsewhere have for their first call beyond its limit: they compile then."""
 Row = tuple[float, float, Array, Array]
+Found = list[Evaluation | str]
+"""What is found at points: an evaluation each, or `NO_ANSWER`."""
 
 
 class Evaluates(Protocol):
@@ -60,8 +65,9 @@ class Workers:
     workers
         A number of processes; or any `concurrent.futures.Executor` (MPI's and Dask's among them), left running.
     limit
-        Seconds that a call may take. A process of ours is ended then; elsewhere a call that took longer is noticed
-        when it is over, and with an executor of your own not at all.
+        Seconds that a call may take. A process of ours is ended then, and so is Python code in the main thread of a
+        rank of MPI. On Dask, and with an executor of your own, a call that took longer is noticed when it is over; one
+        that does not end is a `CallTimeout`, when nothing at all has come back for as long.
     reject
         Whether a longer call counts as a rejection; else `CallTimeout` is raised.
 
@@ -87,7 +93,7 @@ class Workers:
         self._workers = workers
         self._slots = slots(workers) if isinstance(workers, Executor) else workers
         self._executor: Executor | None = None
-        self._sent = b""
+        self._sent, self._heard = b"", monotonic()
         self.calls: Counter[str] = Counter()
         self.reasons: dict[str, Counter[str]] = {name: Counter() for name in posteriors}
         self.stop = 0
@@ -127,13 +133,18 @@ class Workers:
                 yield result if monotonic() - begin <= self._limit else self._overtime(point, which)
             return
         parts = self._parts(points)
+        self._hear()
         futures = [self._submit(part, which) for part in parts]
         try:
             for part, future in zip(parts, futures, strict=True):
                 try:
-                    yield from self._wait(future)
+                    found = self._wait(future, len(part))
                 except CallTimeout:
-                    yield self._overtime(part[0], which)
+                    if isinstance(self._workers, Executor):
+                        raise
+                    found = [NO_ANSWER] * len(part)  # of our own processes, which get one point at a time
+                for point, each in zip(part, found, strict=True):
+                    yield self._overtime(point, which) if isinstance(each, str) else each
         except Exception as error:
             if isinstance(error, BrokenExecutor | CancelledError) or type(error).__name__ == "KilledWorker":  # Dask's
                 raise WorkerDied(f"the workers of the executor died ({error})") from None
@@ -142,11 +153,16 @@ class Workers:
             for future in futures:
                 future.cancel()
 
-    def _submit(self, part: Array, which: str) -> Future[list[Evaluation]]:
+    def _submit(self, part: Array, which: str) -> Future[Found]:
         assert self._executor is not None  # noqa: S101  the caller has looked
         if isinstance(self._workers, Executor):
-            return self._executor.submit(_evaluate_sent, self._sent, which, part)
+            future: Future[Found] = self._executor.submit(_evaluate_sent, self._sent, which, part, self._limit)
+            future.add_done_callback(self._hear)
+            return future
         return self._executor.submit(_evaluate, which, part)
+
+    def _hear(self, _: object = None) -> None:
+        self._heard = monotonic()
 
     def _parts(self, points: Array) -> list[Array]:
         """Return the points as parts that are sent as a whole.
@@ -166,7 +182,7 @@ class Workers:
             f'{", ".join(f"{value:.6g}" for value in point)}; sampler.over_limit = "reject" would go on'
         )
 
-    def _wait(self, future: Future[list[Evaluation]]) -> list[Evaluation]:
+    def _wait(self, future: Future[Found], calls: int) -> Found:
         while True:
             try:
                 return future.result(LOOK)
@@ -175,6 +191,11 @@ class Workers:
                     raise
                 if self.stop:
                     raise Stopped(self.stop) from None
+                if isinstance(self._workers, Executor) and monotonic() - self._heard > self._limit * calls + COMPILING:
+                    raise CallTimeout(
+                        f"{calls} call{'s' * (calls > 1)} did not end within sampler.call_limit = {self._limit:g} s "
+                        'each, and this engine cannot end one: the engine "processes" can'
+                    ) from None
 
 
 class Signals:
@@ -215,12 +236,13 @@ def _hold(posteriors: Mapping[str, Evaluates]) -> None:
     _POSTERIORS.update(posteriors)
 
 
-def _evaluate(which: str, points: Array) -> list[Evaluation]:
+def _evaluate(which: str, points: Array) -> Found:
     return [_POSTERIORS[which].evaluate(point) for point in points]
 
 
-def _evaluate_sent(sent: bytes, which: str, points: Array) -> list[Evaluation]:
-    if sent not in _SENT:
+def _evaluate_sent(sent: bytes, which: str, points: Array, limit: float = math.inf) -> Found:
+    new = sent not in _SENT
+    if new:
         _SENT.clear()
         try:
             _SENT[sent] = pickle.loads(sent)  # noqa: S301  our own
@@ -229,4 +251,5 @@ def _evaluate_sent(sent: bytes, which: str, points: Array) -> list[Evaluation]:
                 f"a worker cannot find what the run needs ({error}). A class given in Python must be in a module that "
                 "every worker can import; or put it in a file and name that under plugins in the run file."
             ) from error
-    return [_SENT[sent][which].evaluate(point) for point in points]
+    limits = [math.inf if new and i == 0 else limit for i in range(len(points))]  # the first call may compile
+    return [within(most, _SENT[sent][which].evaluate, point) for most, point in zip(limits, points, strict=True)]

@@ -18,6 +18,7 @@ from .reader import DEFAULT_KIND as DEFAULT_KIND
 from .reader import is_silent as is_silent
 from .reader import resolve as resolve
 from .schema import json_schema as json_schema
+from .settings import Engine as Engine
 from .settings import Likelihood as Likelihood
 from .settings import RunFile as RunFile
 from .setup import ONLY as ONLY

@@ -11,7 +11,7 @@ import numpy as np
 from streamkit.components import HostData, Integrator, Observable, Potential, Sampler, Stripping
 from streamkit.spec.progenitor import BodyPlace, PhaseSpace, Sun
 from streamkit.spec.section import Section
-from streamkit.spec.settings import Likelihood
+from streamkit.spec.settings import Engine, Likelihood
 from streamkit.spec.setup import ONLY, Body, Bound, Setup
 
 
@@ -38,6 +38,7 @@ class Parts:
     integrator: Section[Integrator]
     likelihood: Section[Likelihood]
     sampler: Section[Sampler]
+    engine: Section[Engine]
 
     @property
     def sections(self) -> list[Section[Any]]:
@@ -47,7 +48,7 @@ class Parts:
         for stream in self.streams.values():
             found += [stream.satellite, stream.phase, stream.stripping]
         observables = [section for stream in self.streams.values() for section in stream.observables.values()]
-        return [*found, self.integrator, *observables, *self.data.values(), self.likelihood, self.sampler]
+        return [*found, self.integrator, *observables, *self.data.values(), self.likelihood, self.sampler, self.engine]
 
     def seed_of(self, stream: str) -> int:
         """Return the seed of a stream's own random draws."""

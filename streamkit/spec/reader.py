@@ -19,7 +19,7 @@ from streamkit.spec.priors import PRIORS
 from streamkit.spec.progenitor import BODY_WAYS, WAYS, Sun, choose_coordinates
 from streamkit.spec.section import Section, read_section
 from streamkit.spec.sentences import should
-from streamkit.spec.settings import VERSION, Likelihood, RunFile
+from streamkit.spec.settings import VERSION, Engine, Likelihood, RunFile
 from streamkit.spec.setup import ONLY
 from streamkit.units import Unit
 
@@ -129,10 +129,10 @@ class _Reader:
         streams, data = self.streams(), self.data()
         integrator = self.component("integrator", "integrator", self.raw.get("integrator", {}))
         likelihood = self.plain("likelihood", Likelihood)
-        sampler = self.sampler(self.raw.get("sampler", {}))
+        sampler, engine = self.sampler(self.raw.get("sampler", {})), self.plain("engine", Engine)
         self.stop()
         parts = Parts(
-            self.raw.get("seed", 0), sun, potentials, bodies, streams, data, integrator, likelihood, sampler
+            self.raw.get("seed", 0), sun, potentials, bodies, streams, data, integrator, likelihood, sampler, engine
         )  # fmt: skip
         for name in parts.sampler.priors:
             self.refuse(f"sampler.{name}: takes no prior: give a plain value")
@@ -389,4 +389,6 @@ def _document(raw: dict[str, Any], plugins: list[str], parts: Parts) -> dict[str
         place = reduce(lambda inner, key: inner.setdefault(key, {}), above, filled)
         place[name] = {key: table[key] for key in dict.fromkeys(("kind", *given, *table)) if key in table}
     document: dict[str, Any] = {"version": VERSION, "seed": parts.seed} | ({"plugins": plugins} if plugins else {})
+    if "engine" not in raw:  # of which the samples know nothing
+        del filled["engine"]
     return document | {key: filled[key] for key in dict.fromkeys((*raw, *filled)) if key in filled}

@@ -11,7 +11,7 @@ from streamkit.components import Component, Registry
 from streamkit.spec.progenitor import BODY_WAYS, WAYS, Place, Sun
 from streamkit.spec.reader import DEFAULT_KIND
 from streamkit.spec.section import section_model
-from streamkit.spec.settings import Likelihood, RunFile
+from streamkit.spec.settings import Engine, Likelihood, RunFile
 
 
 class _Generator(GenerateJsonSchema):
@@ -59,7 +59,7 @@ def json_schema(registry: Registry) -> dict[str, Any]:
     of_a_stream["observable"] = sections["observable"], {}
     stream = create_model("Stream", __config__=RunFile.model_config, __doc__="One of several.", **of_a_stream)
     sections["stream"] = dict.__class_getitem__((str, stream))
-    sections |= {cls.__name__.lower(): section_model(cls) for cls in (Sun, Likelihood)}
+    sections |= {cls.__name__.lower(): section_model(cls) for cls in (Sun, Likelihood, Engine)}
     fields: Any = {name: (sections.get(name, f.annotation), f) for name, f in RunFile.model_fields.items()}
     schema = create_model("RunFile", __config__=RunFile.model_config, __doc__="A run file of streamkit.", **fields)
     one_or_several = {"oneOf": [{"required": ["progenitor", "stripping"]}, {"required": ["stream"]}]}

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 VERSION = 1
 """The version of the run file that this streamkit writes and reads."""
@@ -44,6 +44,11 @@ class RunFile(BaseModel):
     )
     likelihood: dict[str, Any] = Field(default={}, description="How the prediction is compared with the data.")
     sampler: dict[str, Any] = Field(default={}, description="How the posterior is sampled.")
+    engine: dict[str, Any] = Field(
+        default={},
+        description="Where the posterior is evaluated. The samples do not depend on it, and options of the "
+        "command line come before it.",
+    )
 
     @field_validator("plugins")
     @classmethod
@@ -63,3 +68,26 @@ class Likelihood(BaseModel):
         default="ignore",
         description="Whether the variance of the model's own estimate is added to that of the data.",
     )
+
+
+class Engine(BaseModel):
+    """Where a run makes its calls. It is no part of what determines the run."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    kind: Literal["processes", "serial", "mpi", "dask"] = Field(
+        default="processes",
+        description="Processes of this machine, the command's own alone, the ranks of an MPI job, or Dask's workers.",
+    )
+    workers: int = Field(
+        default=1, ge=1, description="Processes, or Dask's workers on this machine. MPI has one for each other rank."
+    )
+    scheduler: str = Field(
+        default="", description="Address of a running Dask scheduler, in place of workers on this machine."
+    )
+
+    @model_validator(mode="after")
+    def _of_dask(self) -> Self:
+        if self.scheduler and self.kind != "dask":
+            raise ValueError(f'a scheduler belongs to kind = "dask"; found kind = "{self.kind}"')
+        return self

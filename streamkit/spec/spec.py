@@ -23,7 +23,7 @@ from streamkit.spec.parts import Parts
 from streamkit.spec.priors import Prior
 from streamkit.spec.reader import is_silent, resolve
 from streamkit.spec.section import Section
-from streamkit.spec.settings import Likelihood
+from streamkit.spec.settings import Engine, Likelihood
 from streamkit.spec.setup import ONLY, Bound, Setup
 from streamkit.stream import Array
 from streamkit.units import Unit, symbol_of, unit_of
@@ -94,6 +94,11 @@ class Spec:
     def likelihood(self) -> Likelihood:
         """The settings of the likelihood."""
         return self.parts.likelihood.centre
+
+    @property
+    def engine(self) -> Engine:
+        """Where the run file has its calls made."""
+        return self.parts.engine.centre
 
     @cached_property
     def _fields(self) -> dict[str, tuple[Unit, Prior | None, str]]:
@@ -248,7 +253,7 @@ class Spec:
 
     def _drop_defaults(self, document: dict[str, Any], path: str) -> None:
         for section in (section for section in self.parts.sections if section.path == path):
-            table = functools.reduce(dict.__getitem__, path.split("."), document)
+            table = functools.reduce(lambda inner, key: inner.get(key, {}), path.split("."), document)
             for name in [name for name, value in section.defaults().items() if table.get(name) == value]:
                 del table[name]
 
@@ -258,12 +263,12 @@ class Spec:
         return [(section.path, section.cls, self.registry.supplier(section.cls)) for section in used]
 
     def digest(self) -> str:
-        """Return the SHA-256 of what determines a run: all but the chain's length, and who supplies it.
+        """Return the SHA-256 of what determines a run: all but the chain's length and the engine, and who supplies it.
 
         Data files count by what is in them.
         """
         document = self.with_files_at({name: f"sha256:{digest}" for name, digest in self.files.items()})
-        physics = {k: v for k, v in document.items() if k != "plugins"}
+        physics = {k: v for k, v in document.items() if k not in ("plugins", "engine")}
         physics["sampler"] = {k: v for k, v in physics["sampler"].items() if k not in self.sampler.loose()}
         suppliers = [[path, cls.kind, supplier] for path, cls, supplier in self.components()]
         text = json.dumps([physics, self.names, suppliers], sort_keys=True)

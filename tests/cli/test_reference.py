@@ -8,7 +8,7 @@ from commands import call
 
 from streamkit.components import load_registry
 from streamkit.report import columns
-from streamkit.spec import BODY_WAYS, WAYS, Likelihood, RunFile, Sun
+from streamkit.spec import BODY_WAYS, WAYS, Engine, Likelihood, RunFile, Sun
 
 COMPONENTS = [(role, kind) for role, kinds in load_registry().entries.items() for kind in kinds]
 
@@ -28,7 +28,7 @@ def test_without_a_section_it_names_the_keys_and_every_section() -> None:
     assert "{ log_uniform = [low, high] }" in " ".join(call("reference").stdout.split())
 
 
-@pytest.mark.parametrize(("section", "cls"), [("sun", Sun), ("likelihood", Likelihood)])
+@pytest.mark.parametrize(("section", "cls"), [("sun", Sun), ("likelihood", Likelihood), ("engine", Engine)])
 def test_a_section_without_a_kind(section: str, cls: type) -> None:
     assert set(cls.model_fields) <= {row[0] for row in rows(section) if row}
 

@@ -2,18 +2,27 @@
 
 import importlib.util
 import os
+import shlex
 import shutil
+import signal
 import subprocess
 import sys
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import pytest
 from emcee.backends import Backend
-from toys import Gaussian, sampling
+from toys import FIT, Gaussian, Slow, sampling
 
 import streamkit as sk
-from streamkit.sample import Limits, Workers, engine
+from streamkit.sample import CallTimeout, Limits, Workers, engine, workers
+from streamkit.sample.overtime import NO_ANSWER, within
+from streamkit.sample.workers import OVERTIME
+from streamkit.spec import Engine
+from streamkit.study.fit import read_status, runner
 
 SUPPORT = str(Path(__file__).parents[1] / "support")
 SCRIPT = """
@@ -27,7 +36,10 @@ if __name__ == "__main__":
 
 def chain(name):
     backend = Backend()
-    with engine(name, 2) as workers, Workers({"full": Gaussian(), "cheap": Gaussian()}, workers) as pool:
+    with (
+        engine(Engine(kind=name, workers=2)) as where,
+        Workers({"full": Gaussian(), "cheap": Gaussian()}, where) as pool,
+    ):
         run = sampling(pool, backend, walkers=8)
         run.begin()
         run.advance(Limits(10, tau_factor=1e9))
@@ -61,12 +73,95 @@ def test_others_make_the_same_chain(alone, tmp_path, name):
 def test_an_engine_that_is_not_there_says_how_to_get_it():
     for name, module in (("dask", "distributed"), ("mpi", "mpi4py")):
         if importlib.util.find_spec(module) is None:
-            with pytest.raises(sk.StreamkitError, match=rf"pip install 'streamkit\[{name}\]'"), engine(name, 2):
+            with (
+                pytest.raises(sk.StreamkitError, match=rf"pip install 'streamkit\[{name}\]'"),
+                engine(Engine(kind=name)),
+            ):
                 pass
     if importlib.util.find_spec("mpi4py") is not None:
-        with pytest.raises(sk.StreamkitError, match=r"mpi4py\.futures"), engine("mpi", 2):
+        with pytest.raises(sk.StreamkitError, match=r"mpiexec .*mpi4py\.futures"), engine(Engine(kind="mpi")):
             pass
-    with pytest.raises(sk.StreamkitError, match="Did you mean 'processes'"), engine("process", 2):
-        pass
-    with pytest.raises(sk.StreamkitError, match="only the engine dask has one"), engine("serial", 1, "tcp://x:1"):
-        pass
+
+
+@pytest.mark.parametrize(
+    ("section", "options", "told"),
+    [
+        ({"kind": "process"}, {}, r"engine\.kind: found 'process', should be .*Did you mean 'processes'\?"),
+        ({}, {"engine": "dusk"}, r"engine\.kind: found 'dusk', .*Did you mean 'dask'\?"),
+        ({"workers": 0}, {}, r"engine\.workers: found 0, should be greater than or equal to 1"),
+        ({"worker": 2}, {}, r"engine\.worker: \[engine\] has no field 'worker'\. Did you mean 'workers'\?"),
+        ({"scheduler": "tcp://x:1"}, {}, 'a scheduler belongs to kind = "dask"; found kind = "processes"'),
+        ({}, {"engine": "serial", "scheduler": "tcp://x:1"}, 'a scheduler belongs to kind = "dask"'),
+        ({}, {"engine": "serial", "workers": ThreadPoolExecutor(1)}, "takes the place of an engine"),
+    ],
+)
+def test_what_is_no_engine_is_told(section, options, told):
+    with pytest.raises(sk.SpecError, match=told):
+        sk.run(FIT | {"engine": section}, progress=False, **options)
+
+
+def test_the_run_file_says_which_engine_and_the_command_line_comes_before_it(tmp_path, monkeypatch):
+    """The pool that a run is given; the digest knows of no engine; the command to go on repeats what was said."""
+    pools = []
+    monkeypatch.setattr(runner, "Workers", lambda posteriors, where, **more: pools.append(where) or 1 / 0)
+    document = FIT | {"engine": {"workers": 3}}
+    spec = sk.load(document)
+    assert spec.digest() == sk.load(FIT).digest()
+    assert "engine" not in sk.load(FIT).document
+    assert sk.load(FIT).with_values({"engine.workers": 3}) == spec
+    for options, words in (
+        ({}, []),
+        ({"workers": 2}, ["--workers", "2"]),
+        ({"engine": "serial"}, ["--engine", "serial"]),
+        ({"workers": 1, "quick": True}, ["--quick", "--workers", "1"]),
+    ):
+        with pytest.raises(ZeroDivisionError):
+            sk.run(document, tmp_path, progress=False, force=True, **options)
+        go_on = shlex.split(read_status(tmp_path)["go_on"])
+        assert go_on[:5] == ["streamkit", "run", str(tmp_path / "run.toml"), "-o", str(tmp_path)]
+        assert go_on[5:] == [*words, "--resume"]
+    assert pools == [3, 2, 1, 1]
+    chosen = sk.load(FIT | {"engine": {"kind": "dask", "scheduler": "tcp://x:1"}})
+    assert runner._engine(chosen, None, "serial", None) == Engine(kind="serial")
+
+
+def test_a_call_is_ended_or_noticed_wherever_it_is_made():
+    def work(seconds):
+        time.sleep(seconds)
+        return seconds
+
+    assert within(5.0, work, 0.01) == 0.01
+    begin, before = time.monotonic(), signal.getsignal(signal.SIGALRM)
+    assert within(0.05, work, 1000) == NO_ANSWER
+    assert time.monotonic() - begin < 60
+    with pytest.raises(ZeroDivisionError):
+        within(5.0, divmod, 1, 0)
+    assert signal.getsignal(signal.SIGALRM) == before
+    assert signal.getitimer(signal.ITIMER_REAL)[0] == 0
+    with ThreadPoolExecutor(1) as thread:  # as Dask's workers: too late, but noticed
+        assert thread.submit(within, 0.05, work, 0.2).result() == NO_ANSWER
+        assert thread.submit(within, 5.0, work, 0.01).result() == 0.01
+
+
+def test_an_engine_that_cannot_end_a_call_does_not_wait_for_ever(monkeypatch):
+    monkeypatch.setattr(workers, "COMPILING", 0.0)
+    over = threading.Event()
+    monkeypatch.setattr(workers, "_evaluate_sent", lambda *_: over.wait(100))
+    with ThreadPoolExecutor(1) as mine:
+        try:
+            with (
+                Workers({"full": Gaussian()}, mine, limit=0.2) as pool,
+                pytest.raises(CallTimeout, match=r"1 call did not end within sampler\.call_limit = 0\.2 s"),
+            ):
+                pool.evaluate(np.zeros((2, 3)))
+        finally:
+            over.set()
+
+
+def test_calls_over_the_limit_are_rejections_on_other_engines_too():
+    points = np.random.default_rng(0).standard_normal((20, 3))
+    slow = (np.abs(points[:, 0]) * 1e6).astype(int) % 10 == 0
+    assert slow[1:].any()
+    slow[0] = False  # it is the worker's first, which may compile
+    with ThreadPoolExecutor(1) as mine, Workers({"full": Slow(0.5)}, mine, limit=0.25, reject=True) as pool:
+        assert [found.reason == OVERTIME for found in pool.evaluate(points)] == slow.tolist()

@@ -81,7 +81,7 @@ def make_draw(spec: Spec, index: int, truth: Spec | None = None) -> Draw:
     truth = spec if truth is None else truth
     rng = np.random.default_rng([spec.seed, 7, index])
     theta, mocked = _mock(spec, truth, rng, index)
-    results = run(mocked, progress=False)
+    results = run(mocked, engine="serial", progress=False)
     samples, radii = results.samples, np.array(MASS_RADII)
     masses = Host(truth.bind_all(theta).potentials).mass_inside(radii)
     found = results.profiles(radii)[0]

@@ -132,8 +132,10 @@ def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
     except (OSError, ValueError) as error:
         raise ChainError(f"{directory / RUN_FILE}: not readable ({error})") from None
     if digest != spec.digest():
-        here = {key: value for key, value in spec.with_files_at(_copies(spec)).items() if key != "plugins"}
-        document.pop("plugins", None)
+        document, here = (
+            {key: value for key, value in found.items() if key not in ("plugins", "engine")}
+            for found in (document, spec.with_files_at(_copies(spec)))
+        )
         data = known.get("files", {})
         changed = differences(document, here)
         changed += [f"the data file {name}" for name, sha in spec.files.items() if data.get(name, sha) != sha]
@@ -202,7 +204,8 @@ def resume_command(directory: Path, options: dict[str, Any]) -> str:
         words = [repr(str(directory / RUN_FILE)), f"out={str(directory)!r}", *more, "resume=True"]
         return f"streamkit.run({', '.join(words)})"
     arguments = [str(word) for word in options.get("arguments", ["--quick"] if options.get("quick") else [])]
-    return shlex.join(["streamkit", "run", str(directory / RUN_FILE), "-o", str(directory), *arguments, "--resume"])
+    words = [str(word) for word in options.get("launcher", ["streamkit"])]
+    return shlex.join([*words, "run", str(directory / RUN_FILE), "-o", str(directory), *arguments, "--resume"])
 
 
 def manifest(directory: Path) -> dict[str, Any]:

@@ -35,8 +35,10 @@ from streamkit.sample import (
     WorkerDied,
     Workers,
     blob_dtype,
+    launcher,
 )
-from streamkit.spec import Source, Spec, as_spec
+from streamkit.sample import engine as provide
+from streamkit.spec import Engine, Source, Spec, as_spec
 from streamkit.stream import Array
 from streamkit.study.fit.directory import LITERATURE, RECOVERY, claim, resume_command
 from streamkit.study.fit.literature import read_literature
@@ -57,7 +59,7 @@ FOREIGN = 8
 def run(
     spec: Source,
     out: str | Path | None = None,
-    workers: int | Executor = 1,
+    workers: int | Executor | None = None,
     steps: int | None = None,
     quick: bool = False,
     resume: bool = False,
@@ -67,6 +69,8 @@ def run(
     literature: str | Path | None = None,
     pdf: bool = False,
     components: Iterable[type[Component]] = (),
+    engine: str | None = None,
+    scheduler: str | None = None,
 ) -> Results:
     """Sample the posterior of a spec.
 
@@ -78,6 +82,7 @@ def run(
         Directory for the chain and all products; None keeps the samples in memory.
     workers
         Processes that evaluate the posterior, or any `concurrent.futures.Executor`. The samples do not depend on them.
+        None is what the run file says in ``[engine]``, and so for the engine and its scheduler below.
     steps
         Largest length of the chain, steps of a resumed run included; else ``sampler.steps`` of the spec. A sampler
         without steps takes none.
@@ -95,6 +100,10 @@ def run(
         Write the pictures as PDF too.
     components
         Component classes as they are, from a notebook or a script, for the spec to be read with.
+    engine
+        Where the posterior is evaluated: "processes", "serial", "mpi" or "dask".
+    scheduler
+        Address of a running Dask scheduler.
 
     Returns
     -------
@@ -116,21 +125,24 @@ def run(
     directory = None if out is None else Path(out)
     if literature is not None:
         read_literature(literature)  # what is wrong with it is said now, not after the sampling
-    options = {
-        "quick": quick,
-        "steps": most,
-        "arguments": _arguments(workers, steps, quick, literature, pdf),
-        "given": [cls.__qualname__ for cls in spec.given],
-    }
-    posterior.evaluate(spec.centre())  # compiles once, before the workers fork; fails before anything is written
+    asked = _engine(spec, workers, engine, scheduler)
     with ExitStack() as stack:
+        where = workers if isinstance(workers, Executor) else stack.enter_context(provide(asked))
+        posterior.evaluate(spec.centre())  # compiles once, before workers fork; fails before anything is written
+        options = {
+            "quick": quick,
+            "steps": most,
+            "arguments": _arguments(spec, asked, steps, quick, literature, pdf),
+            "launcher": launcher(asked, where),
+            "given": [cls.__qualname__ for cls in spec.given],
+        }
         going_on = False
         if directory is not None:
             stack.enter_context(locked(directory))
             ours = (*products_of(spec), *pdfs_of(spec), CHAIN, JOURNAL, SAMPLES, CALLS, *RECOVERY, LITERATURE)
             going_on = claim(directory, spec, options, ours, resume, force)
         limit, reject = spec.sampler.call_limit, spec.sampler.over_limit == "reject"
-        pool = stack.enter_context(Workers({"full": posterior, "cheap": cheap}, workers, limit=limit, reject=reject))
+        pool = stack.enter_context(Workers({"full": posterior, "cheap": cheap}, where, limit=limit, reject=reject))
         calls = Calls(pool, None if directory is None else directory / CALLS, spec.digest())
         backend = Backend() if directory is None else ChainFile(str(directory / CHAIN))
         again = resume_command(directory or Path(), options)
@@ -150,7 +162,7 @@ def run(
 
         task = Task(
             spec.priors, spec.seed, calls, blob_dtype(posterior.size),
-            workers=workers if isinstance(workers, int) else FOREIGN, deadline=deadline, progress=progress,
+            workers=where if isinstance(where, int) else FOREIGN, deadline=deadline, progress=progress,
             ensemble=ensemble,
         )  # fmt: skip
         weighted = None
@@ -225,14 +237,29 @@ def _explained(pool: Workers, left: Callable[[], str]) -> Iterator[None]:
         raise type(error)(f"{error}. The run stopped after {left()}") from error
 
 
+def _engine(spec: Spec, workers: int | Executor | None, kind: str | None, scheduler: str | None) -> Engine:
+    """Return the engine of the run file, with what was given in its place; SpecError if there is none such."""
+    if isinstance(workers, Executor):
+        if kind is not None or scheduler is not None:
+            raise SpecError("workers: is an executor, which takes the place of an engine and its scheduler")
+        return spec.engine
+    given = {"kind": kind, "workers": workers, "scheduler": scheduler}
+    if kind not in (None, "dask") and scheduler is None:
+        given["scheduler"] = ""  # that of the run file belongs to the engine of the run file
+    changed = {f"engine.{name}": value for name, value in given.items() if value is not None}
+    return spec.with_values(changed).engine if changed else spec.engine
+
+
 def _arguments(
-    workers: int | Executor, steps: int | None, quick: bool, literature: str | Path | None, pdf: bool
+    spec: Spec, asked: Engine, steps: int | None, quick: bool, literature: str | Path | None, pdf: bool
 ) -> list[str]:
     """Return the arguments of the command that a run was begun with, those that matter when it goes on."""
     shown = [*(["--literature", str(literature)] if literature is not None else []), *(["--pdf"] if pdf else [])]
-    processes = ["--workers", str(workers)] if isinstance(workers, int) and workers > 1 else []
+    words = {"--engine": "kind", "--scheduler": "scheduler", "--workers": "workers"}
+    changed = [(word, str(getattr(asked, name))) for word, name in words.items()
+               if getattr(asked, name) not in (getattr(spec.engine, name), "")]  # fmt: skip
     most = ["--steps", str(steps)] if steps is not None else []
-    return [*(["--quick"] if quick else []), *processes, *most, *shown]
+    return [*(["--quick"] if quick else []), *(part for pair in changed for part in pair), *most, *shown]
 
 
 def _left(directory: Path | None, backend: Backend, calls: Calls, again: str) -> str:
