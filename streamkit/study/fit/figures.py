@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -284,12 +285,14 @@ def bands(axes: Axes, r: Array, values: Mapping[str, Array]) -> None:
 
 
 def data_radii(axes: Axes, results: Results) -> None:
-    """Mark the radii that the data speak of, as dashed lines with their names at the foot."""
-    for name, radius in _data_radii(results).items():
+    """Mark the radii that the data speak of, as dashed lines with their names at the foot, left of the line if free."""
+    shown, before = np.ptp(axes.get_xlim()), -np.inf
+    for name, radius in sorted(_data_radii(results).items(), key=itemgetter(1)):
         axes.axvline(radius, color="black", lw=0.9, ls="--")
+        side, before = -1 if radius - before > 0.04 * shown else 1, radius
         axes.annotate(
-            name, (radius, 0.02), (-3, 0), xycoords=axes.get_xaxis_transform(), textcoords="offset points",
-            rotation=90, fontsize=8, ha="right", va="bottom", annotation_clip=True,
+            name, (radius, 0.02), (3 * side, 0), xycoords=axes.get_xaxis_transform(), textcoords="offset points",
+            rotation=90, fontsize=8, ha="right" if side < 0 else "left", va="bottom", annotation_clip=True,
         )  # fmt: skip
 
 

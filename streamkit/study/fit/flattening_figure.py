@@ -55,8 +55,8 @@ def flattening(results: Results) -> Figure:
     axes.axvspan(min(r[0], low), low, color="#EDEDED", lw=0, zorder=0.5)
     axes.axvspan(high, max(r[-1], high), color="#EDEDED", lw=0, zorder=0.5, label="extrapolated")
     axes.axhline(1, color="black", lw=0.6)
-    data_radii(axes, results)
     axes.set_xlim(r[0], r[-1])
+    data_radii(axes, results)
     axes.set_xlabel(r"$r\ \,[{\rm kpc}]$", fontsize=13)
     axes.set_ylabel(r"flattening of the potential, $q_\Phi$", fontsize=13)
     if text := remark(results):
