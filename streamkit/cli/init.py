@@ -23,10 +23,15 @@ def examples() -> dict[str, Path]:
     return {path.stem: path for path in sorted(found) if not path.stem.startswith("truth")}
 
 
-def tables_of(example: Path) -> list[Path]:
-    """Return the files beside an example that it reads."""
-    names = re.findall(r'"([\w-]+\.ecsv)"', example.read_text(encoding="utf-8"))
-    return [example.with_name(name) for name in dict.fromkeys(names)]
+def tables_of(example: Path) -> dict[str, Path]:
+    """Return the files that an example reads, by what it calls them: beside it, or beside another example."""
+    names = re.findall(r'"((?:\.\./\w+/)?[\w-]+\.ecsv)"', example.read_text(encoding="utf-8"))
+    return {name: example.parent.parent / name[3:] if "/" in name else example.with_name(name) for name in names}
+
+
+def new_name(name: str) -> str:
+    """Return what the copy of a table is called: that of another example has its name before its own."""
+    return name.removeprefix("../").replace("/", "_")
 
 
 @click.command()
@@ -52,12 +57,16 @@ def init(example: str | None, output: Path | None, force: bool) -> None:
         raise StreamkitError(f"init: no example is called {example!r}.{near} Known: {', '.join(known)}.")
     target = Path(f"{example}.toml") if output is None else output
     report.check_target(target, (".toml",), "init", force)
-    copies = {known[example]: target} | {table: target.with_name(table.name) for table in tables_of(known[example])}
-    for source, copy in copies.items():
-        report.check_target(copy, (source.suffix,), "init", force)
-    for source, copy in copies.items():
-        report.save(copy, partial(shutil.copyfile, source))
-    click.echo(f"{', '.join(map(str, copies.values()))}: next, 'streamkit check {target}'")
+    text, tables = known[example].read_text(encoding="utf-8"), tables_of(known[example])
+    for name in tables:
+        text = text.replace(f'"{name}"', f'"{new_name(name)}"')
+    copies = {table: target.with_name(new_name(name)) for name, table in tables.items()}
+    for file in (target, *copies.values()):
+        report.check_target(file, (file.suffix if file != target else ".toml",), "init", force)
+    report.save(target, lambda path: path.write_text(text, encoding="utf-8"))
+    for table, copy in copies.items():
+        report.save(copy, partial(shutil.copyfile, table))
+    click.echo(f"{', '.join(map(str, (target, *copies.values())))}: next, 'streamkit check {target}'")
 
 
 def _title(path: Path) -> str:

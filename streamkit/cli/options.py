@@ -33,7 +33,7 @@ JSON = click.option("--json", "as_json", is_flag=True, help="Print it as JSON.")
 PDF = click.option("--pdf", is_flag=True, help="Write each picture as PDF too.")
 LITERATURE = click.option(
     "--literature", metavar="FILE", type=click.Path(path_type=Path),
-    help="A table of published masses or circular velocities to show beside the run's own.",
+    help="A table of published masses, circular velocities or flattenings to show beside the run's own.",
 )  # fmt: skip
 QUIET = click.option("-q", "--quiet", is_flag=True, help="No progress and no tables printed.")
 

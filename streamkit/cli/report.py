@@ -38,8 +38,9 @@ def report(
     difference, and recovered minus true in sigma by radius. The [potential] of TRUE.toml needs numbers, no priors;
     other sections are not looked at.
 
-    With --literature also published values: a table (ECSV, CSV, FITS, VOTable) with the columns quantity (M or v_c),
-    radius (kpc), value, error_minus, error_plus (Msun or km/s) and reference. It is kept in DIR for later reports.
+    With --literature also published values: a table (ECSV, CSV, FITS, VOTable) with the columns quantity (M, v_c,
+    q_Phi for the flattening of the potential, q_rho for that of the halo's density), radius (kpc), for q_Phi z (kpc),
+    value, error_minus, error_plus (Msun or km/s) and reference. It is kept in DIR for later reports.
     """
     if not quiet:
         tell_of_compiling()

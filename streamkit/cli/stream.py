@@ -70,6 +70,7 @@ def stream(
     bound = spec.bind_all()
     for name, found in model.observe_host(bound).items():
         tell("\n" + report.describe_measured(f"data {name}", [bound.data[name]], found))
+        records.append({"data": name, "observables": report.prediction_record([bound.data[name]], found)})
     if as_json:
         click.echo(report.as_json(records))
 

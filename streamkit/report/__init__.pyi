@@ -29,6 +29,7 @@ from .plain import prediction_record as prediction_record
 from .plain import table_record as table_record
 from .progress import Progress as Progress
 from .stream_axes import draw_unwrapped as draw_unwrapped
+from .stream_axes import radial_limits as radial_limits
 from .stream_figure import draw_stream as draw_stream
 from .stream_file import FORMATS as FORMATS
 from .stream_file import write_stream as write_stream

@@ -15,6 +15,8 @@ from streamkit.units import GYR
 
 BEYOND = 180.0
 """How far the picture goes on beyond the apocentres, degrees."""
+FROM_ZERO = 1 / 3
+"""The radii begin at zero where the innermost debris is nearer to the centre than this share of the outermost."""
 SHOWN = 8000
 """Most particles drawn."""
 PROGENITOR: dict[str, Any] = {
@@ -63,13 +65,19 @@ def draw_unwrapped(particles: Stream, prediction: Prediction | None, setup: Setu
     inside = (angle > low) & (angle < high)
     tops = [np.max(mark.y) + mark.y_error for mark in marks if mark.look == "datum"]
     tops.append(np.percentile(particles.r[inside], 99.8))
-    axes.set(xlim=(high, low), ylim=(0, 1.12 * max(tops)))
+    axes.set(xlim=(high, low), ylim=radial_limits(float(np.percentile(particles.r[inside], 0.2)), max(tops)))
     angle_ticks(axes)
     axes.set_xlabel("angle along the stream [deg]  (leading > 0)", fontsize=12)
     axes.set_ylabel(r"$r\ \,[{\rm kpc}]$", fontsize=12)
     finish(axes)
     named = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))  # each name once
     axes.legend(named.values(), named.keys(), **LEGEND)
+
+
+def radial_limits(inner: float, outer: float) -> tuple[float, float]:
+    """Return the ends of an axis of radii for debris between these: from zero, unless it is far from the centre."""
+    spare = 0.12 * (outer - inner)
+    return (0.0 if inner < FROM_ZERO * outer else inner - spare), outer + spare
 
 
 def draw_mark(axes: Axes, mark: Mark, wide: float = 2.2) -> None:

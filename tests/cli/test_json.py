@@ -6,8 +6,9 @@ import json
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
-from commands import call, refused
+from commands import RUN, call, refused
 from toys import FIT
 
 import streamkit as sk
@@ -51,6 +52,16 @@ def test_check_as_json_and_quietly(run_file: Path):
     done = call("check", run_file, "--draws", "0", "-q")
     assert (done.exit_code, done.stderr) == (0, "")
     assert done.stdout == "" or done.stdout.startswith("warnings")
+
+
+def test_data_on_the_host_are_in_the_json_of_a_stream(run_file: Path):
+    run_file.write_text(f"{RUN}[data.speed]\nkind = 'circular_velocity'\nradius = 8\nv_c = [230, 5]\n")
+    _, found = record("stream", run_file)
+    assert found["data"] == "speed"
+    expected = sk.model.Host(sk.load(run_file).bind().potentials).circular_velocity(np.array([8.0]))[0]
+    assert found["observables"]["v_c"] == {
+        "model": pytest.approx(expected), "own_noise": 0.0, "data": 230.0, "error": 5.0
+    }  # fmt: skip
 
 
 def test_a_stream_as_json_is_what_python_gives(run_file: Path):

@@ -98,7 +98,7 @@ def test_a_wheel_holds_the_examples():
     """They are packed one by one: what `init` lists in a clone is what it lists when installed."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())
     packed = project["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
-    files = [file for path in examples().values() for file in (path, *tables_of(path))]
+    files = [file for path in examples().values() for file in (path, *tables_of(path).values())]
     assert {str(path.relative_to(ROOT)): f"streamkit/{path.relative_to(ROOT)}" for path in files} == packed
 
 
@@ -109,3 +109,17 @@ def test_the_tables_of_an_example_come_with_it(tmp_path, monkeypatch):
     assert not (tmp_path / "gd1.toml").exists()
     assert call("init", "gd1", "-f").exit_code == 0
     assert sk.load("gd1.toml").document["observable"]["kind"] == "track"
+
+
+@pytest.mark.parametrize("name", examples())
+def test_an_example_passes_the_check_in_an_empty_directory(name, tmp_path, monkeypatch):
+    """With all its tables: those of other examples have names of their own."""
+    monkeypatch.chdir(tmp_path)
+    written = call("init", name).output
+    spec = sk.load(f"{name}.toml")
+    places = [section.path for section in spec.parts.sections if section.path.endswith("stripping")]
+    few = [word for place in places for word in ("--set", f"{place}.particles=100")]
+    assert call("check", f"{name}.toml", *few, "--draws", "0").exit_code == 0
+    assert {path.name for path in tmp_path.iterdir()} == {f"{name}.toml", *spec.files}
+    assert all(file in written for file in spec.files)
+    assert "../" not in (tmp_path / f"{name}.toml").read_text().replace("# ../", "").partition("[")[2]

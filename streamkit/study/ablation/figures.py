@@ -30,6 +30,7 @@ from streamkit.report import (
     finish,
     label_all,
     panel_grid,
+    radial_limits,
     typical_reach,
 )
 from streamkit.stream import ARMS, Array, BoolArray, IntArray, Stream, orbital_plane
@@ -211,7 +212,7 @@ def unwrapped(portraits: Portraits) -> Figure:
     limits = []
     for axes, (title, portrait) in zip(panels, portraits.items(), strict=False):
         draw_unwrapped(portrait.stream, portrait.prediction, portrait.setup, axes)
-        limits.append((*axes.get_xlim(), axes.get_ylim()[1]))
+        limits.append((*axes.get_xlim(), *axes.get_ylim()))
         axes.set_title(title, fontsize=10)
         axes.set(xlabel="", ylabel="")
     for axes in panels[1:]:
@@ -240,7 +241,7 @@ def epochs(portraits: Portraits) -> Figure:
         axes.plot(0, stream.orbit.r[-1], zorder=6, **STAR)
         if free.any():
             low, high = np.percentile(angle[free], [0.2, 99.8])
-            limits.append((high + 15, low - 15, float(np.percentile(stream.r[free], 99.8))))
+            limits.append((high + 15, low - 15, *radial_limits(*np.percentile(stream.r[free], [0.2, 99.8]).tolist())))
         axes.set_title(title, fontsize=10)
         finish(axes)
     if portraits:
@@ -250,11 +251,11 @@ def epochs(portraits: Portraits) -> Figure:
     return figure
 
 
-def _share(figure: Figure, panels: Sequence[Axes], limits: list[tuple[float, float, float]]) -> None:
-    """Give all panels, which share their axes, limits (left, right, top) that suit most of them, and their labels."""
+def _share(figure: Figure, panels: Sequence[Axes], limits: list[tuple[float, float, float, float]]) -> None:
+    """Give all panels, which share their axes, limits (left, right, bottom, top) that suit most, and their labels."""
     if limits:
-        left, right, top = (float(np.median(column)) for column in zip(*limits, strict=True))
-        panels[0].set(xlim=(left, right), ylim=(0, 1.05 * top))
+        left, right, bottom, top = (float(np.median(column)) for column in zip(*limits, strict=True))
+        panels[0].set(xlim=(left, right), ylim=(bottom, top))
         angle_ticks(panels[0])
     label_all(figure, ALONG, r"$r\ \,[{\rm kpc}]$")
 

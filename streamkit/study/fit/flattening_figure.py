@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from streamkit.errors import StreamkitError
-from streamkit.model import Host
 from streamkit.report import VERMILION, NotebookFigure, ticks
 from streamkit.spec import Spec
 from streamkit.stream import Array
 from streamkit.study.fit.figures import bands, data_radii, radii, reach, remark
+from streamkit.study.fit.literature import POTENTIAL, beside_literature, draw_literature
 from streamkit.study.fit.results import Results
+from streamkit.study.fit.shapes import flattening_at, flattenings
 
-MOST = 300
-"""Samples that the flattening is computed for."""
+if TYPE_CHECKING:
+    from astropy.table import QTable
+
 DIRECTIONS = {45.0: "-", 15.0: "--", 75.0: ":"}
 """Degrees above the plane, and the lines of their medians; the first one has the intervals."""
 ROUND = 1e-6
+OUTWARDS = 1.04
+"""The run's own values are drawn at so many times the radius of published ones, beside them."""
 
 
 def is_sphere(spec: Spec) -> bool:
@@ -27,24 +34,23 @@ def is_sphere(spec: Spec) -> bool:
     """
     places = [np.array([float(prior.ppf(np.array([u]))[0]) for prior in spec.priors]) for u in (0.31, 0.74)]
     try:
-        found = np.array([_flattening(spec, theta, 45.0, np.array([5.0, 20.0, 60.0])) for theta in places])
+        found = np.array([flattening_at(spec, theta, *_along(45.0, np.array([5.0, 20.0, 60.0]))) for theta in places])
     except StreamkitError:  # a fit counts such parameters; a picture does without
         return True
     return not (np.abs(found[np.isfinite(found)] - 1) > ROUND).any()
 
 
-def flattening(results: Results) -> Figure:
+def flattening(results: Results, literature: QTable | None = None) -> Figure:
     """Draw the flattening q of the potential (`Host.flattening`), 45 deg above the plane with 68 % and 95 % bands.
 
     Lines are the medians nearer to the plane and to the axis. What lies beyond the `reach` of stream and data is
-    shaded.
+    shaded. Published values stand at their distance from the centre, with the run's own at the same places.
     """
     r = radii(results)[::2]
-    samples = results.samples[np.linspace(0, len(results.samples) - 1, min(len(results.samples), MOST)).astype(int)]
     figure = NotebookFigure(figsize=(6.0, 4.5), layout="constrained")
     axes = figure.subplots()
     for angle, style in DIRECTIONS.items():
-        q = np.array([_flattening(results.spec, theta, angle, r) for theta in samples])
+        q = flattenings(results, *_along(angle, r))
         lo95, lo68, median, hi68, hi95 = np.nanpercentile(q, [2.5, 16, 50, 84, 97.5], axis=0)
         if angle == next(iter(DIRECTIONS)):
             bands(axes, r, {"": median, "_lo68": lo68, "_hi68": hi68, "_lo95": lo95, "_hi95": hi95})
@@ -55,6 +61,8 @@ def flattening(results: Results) -> Figure:
     axes.axvspan(min(r[0], low), low, color="#EDEDED", lw=0, zorder=0.5)
     axes.axvspan(high, max(r[-1], high), color="#EDEDED", lw=0, zorder=0.5, label="extrapolated")
     axes.axhline(1, color="black", lw=0.6)
+    if literature is not None:
+        _draw_published(axes, results, literature)
     axes.set_xlim(r[0], r[-1])
     data_radii(axes, results)
     axes.set_xlabel(r"$r\ \,[{\rm kpc}]$", fontsize=13)
@@ -63,12 +71,26 @@ def flattening(results: Results) -> Figure:
         axes.set_title(text, color=VERMILION, fontsize=12)
     ticks(axes)
     bottom, top = axes.get_ylim()
-    axes.set_ylim(bottom, top + 0.4 * (top - bottom))
+    axes.set_ylim(bottom, top + (0.4 if literature is None else 0.6) * (top - bottom))
     axes.legend(framealpha=1, edgecolor="none", loc="upper center", ncols=2, fontsize=9)
     return figure
 
 
-def _flattening(spec: Spec, theta: Array, angle: float, r: Array) -> Array:
-    """(nr,) Flattening at parameters (d,), at radii (nr,) in a direction in degrees above the plane."""
+def _along(angle: float, r: Array) -> tuple[Array, Array]:
+    """Return cylindrical radii and heights (nr,) at radii (nr,) in a direction in degrees above the plane."""
     up = np.radians(angle)
-    return Host(spec.bind_all(theta).potentials).flattening(r * np.cos(up), r * np.sin(up))
+    return r * np.cos(up), r * np.sin(up)
+
+
+def _draw_published(axes: Axes, results: Results, literature: QTable) -> None:
+    """Draw published flattenings, and a little farther out the run's own at the same places, once for each."""
+    rows = beside_literature(results, literature[[name == POTENTIAL for name in literature["quantity"]]])
+    if not len(rows):
+        return
+    draw_literature(axes, rows, POTENTIAL)
+    _, first = np.unique(np.stack([rows["radius"], rows["z"]]), axis=1, return_index=True)
+    own = rows[np.sort(first)]
+    axes.errorbar(
+        OUTWARDS * np.hypot(own["radius"], own["z"]), own["ours"], yerr=np.array([own["ours_minus"], own["ours_plus"]]),
+        fmt="o", ms=6, color=VERMILION, capsize=3, lw=1.4, zorder=6, label="this run, at the places of these",
+    )  # fmt: skip

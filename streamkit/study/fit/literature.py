@@ -1,4 +1,4 @@
-"""What others found: a table of masses and circular velocities, beside a run's own and over its pictures."""
+"""What others found: a table of masses, circular velocities and flattenings, beside a run's own and in its pictures."""
 
 from __future__ import annotations
 
@@ -9,13 +9,16 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from streamkit.errors import StreamkitError, nearest
+from streamkit.study.fit.shapes import flattenings
 
 if TYPE_CHECKING:
     from astropy.table import QTable, Table
 
     from streamkit.study.fit.results import Results
 
-UNITS = {"M": "Msun", "v_c": "km / s"}
+POTENTIAL, DENSITY = "q_Phi", "q_rho"
+"""The axis ratio of the potential of the whole host at a place, and of the density of its halo."""
+UNITS = {"M": "Msun", "v_c": "km / s", POTENTIAL: "", DENSITY: ""}
 """The quantities that a table may hold, and their units."""
 NUMBERS = ("radius", "value", "error_minus", "error_plus")
 COLUMNS = ("quantity", *NUMBERS, "reference")
@@ -25,9 +28,11 @@ MARKERS = "sD^vopP*hX"
 def read_literature(path: str | Path) -> QTable:
     """Read a table of published values, of any format that astropy recognises by the name: ECSV, FITS, VOTable, CSV.
 
-    Columns: quantity, "M" (mass inside the radius) or "v_c" (circular velocity); radius in kpc unless the column has
-    another unit; value, error_minus and error_plus (both positive, 1 sigma) in Msun or km/s; reference. The table
-    returned holds plain numbers in these units.
+    Columns: quantity, "M" (mass inside the radius), "v_c" (circular velocity), "q_Phi" (axis ratio of the potential of
+    the whole host, at a cylindrical radius and a height z) or "q_rho" (axis ratio of the density of its halo); radius
+    in kpc unless the column has another unit; z, for q_Phi, as the radius; value, error_minus and error_plus (both
+    positive, 1 sigma) in Msun or km/s; reference. The table returned holds plain numbers in these units, z NaN where
+    there is none.
 
     Raises StreamkitError if it cannot be read or is not such a table: with the row.
     """
@@ -63,48 +68,71 @@ def checked(table: Table, where: str) -> QTable:
     quantities = [str(name) for name in table["quantity"]]
     for row, name in enumerate(quantities, 1):
         if name not in UNITS:
-            raise StreamkitError(f"{where}, row {row}: the quantity must be M or v_c, found {name!r}")
-    for name in NUMBERS:
+            raise StreamkitError(
+                f"{where}, row {row}: the quantity must be {', '.join(list(UNITS)[:-1])} or {DENSITY}, found {name!r}."
+                f"{nearest(name, UNITS)}"
+            )
+    for name in (*NUMBERS, *(["z"] if "z" in table.colnames else [])):
         column = table[name]
         try:
-            units = ["kpc" if name == "radius" else UNITS[quantity] for quantity in quantities]
+            units = ["kpc" if name in ("radius", "z") else UNITS[quantity] for quantity in quantities]
             given = column.unit
-            plain = column.value if given is not None else column
+            plain: Any = np.ma.filled(np.ma.asarray(column.value if given is not None else column, dtype=float), np.nan)
             values = np.array(plain, dtype=float)
             factors = [1.0 if given is None else u.Unit(given).to(unit) for unit in units]
         except (TypeError, ValueError, u.UnitConversionError) as error:
             raise StreamkitError(f"{where}: the column {name!r} is not usable ({error})") from None
         numbers[name] = values * np.array(factors)
+        if name == "z":
+            continue
         good = np.isfinite(values) & (values >= 0 if name.startswith("error") else values > 0)
         if not good.all():
             row = int(np.argmin(good))
             raise StreamkitError(f"{where}, row {row + 1}: {name} must be a positive number, found {values[row]:g}")
-    columns = {"quantity": quantities, **numbers, "reference": [str(text) for text in table["reference"]]}
-    return QTable(columns, names=COLUMNS)
+    z = numbers.pop("z", np.full(len(quantities), np.nan))
+    placed = np.array([name != POTENTIAL for name in quantities]) | (np.isfinite(z) & (z != 0))
+    if not placed.all():
+        row = int(np.argmin(placed))
+        raise StreamkitError(
+            f"{where}, row {row + 1}: {POTENTIAL} is that at a radius and a height z in kpc, other than 0; found "
+            f"z = {z[row]:g}"
+        )
+    columns = {"quantity": quantities, **numbers, "z": z, "reference": [str(text) for text in table["reference"]]}
+    return QTable(columns)
 
 
 def draw_literature(axes: Axes, table: QTable, name: str, factor: float = 1.0) -> None:
-    """Draw the published values of one quantity over a profile, each reference with its own marker."""
+    """Draw the published values of one quantity over a profile, each reference with its own marker.
+
+    Flattenings stand at their distance from the centre.
+    """
     rows = table[[quantity == name for quantity in table["quantity"]]]
     for i, reference in enumerate(dict.fromkeys(rows["reference"])):
         those = rows[rows["reference"] == reference]
         errors = factor * np.array([those["error_minus"], those["error_plus"]])
+        place = np.hypot(those["radius"], those["z"]) if name == POTENTIAL else those["radius"]
         axes.errorbar(
-            those["radius"], factor * those["value"], yerr=errors, fmt=MARKERS[i % len(MARKERS)], ms=6, color="black",
+            place, factor * those["value"], yerr=errors, fmt=MARKERS[i % len(MARKERS)], ms=6, color="black",
             mfc="white", capsize=3, lw=1.2, zorder=5, label=reference,
         )  # fmt: skip
 
 
 def beside_literature(results: Results, table: QTable) -> QTable:
-    """Return the published values with the run's own at the same radii.
+    """Return the published values with the run's own at the same radii and places.
 
     Further columns: ours, ours_minus, ours_plus (median and half-widths of the 68 % interval), and deviation: ours
-    minus theirs in standard errors, the two errors that face each other added in quadrature.
+    minus theirs in standard errors, the two errors that face each other added in quadrature. NaN for the flattening of
+    a halo's density, which a host need not have.
     """
     ours: dict[str, list[float]] = {name: [] for name in ("ours", "ours_minus", "ours_plus", "deviation")}
-    mass, v_c = results.profiles(np.asarray(table["radius"], dtype=float))
+    radii, z = np.asarray(table["radius"], dtype=float), np.asarray(table["z"], dtype=float)
+    mass, v_c = results.profiles(radii)
+    shapes = flattenings(results, radii, z) if POTENTIAL in table["quantity"] else np.empty((0, len(table)))
+    own = {"M": mass, "v_c": v_c, POTENTIAL: shapes, DENSITY: np.full((1, len(table)), np.nan)}
     for k, row in enumerate(table):
-        low, middle, high = np.percentile((mass if row["quantity"] == "M" else v_c)[:, k], [16, 50, 84])
+        known = own[row["quantity"]][:, k]
+        known = known[np.isfinite(known)]
+        low, middle, high = np.percentile(known, [16, 50, 84]) if len(known) else np.full(3, np.nan)
         above = middle > row["value"]
         error = np.hypot(middle - low, row["error_plus"]) if above else np.hypot(high - middle, row["error_minus"])
         found = (middle, middle - low, high - middle, (middle - row["value"]) / error if error else np.nan)

@@ -17,7 +17,7 @@ from streamkit.report import cited, number
 from streamkit.study.fit.directory import manifest, stream_pictures
 from streamkit.study.fit.evidence import contraction, predictive, prior_fractions
 from streamkit.study.fit.figures import reach, remark
-from streamkit.study.fit.literature import beside_literature
+from streamkit.study.fit.literature import DENSITY, POTENTIAL, beside_literature
 from streamkit.study.fit.page_figures import rank_plots
 from streamkit.study.fit.results import Results, evidence_text
 from streamkit.study.fit.verdicts import LEVELS, overall, verdicts
@@ -127,15 +127,26 @@ def _masses(results: Results) -> Iterator[dict[str, Any]]:
         }
 
 
+SHOWN_AS = {"M": (1e11, "1e11 Msun", 2), "v_c": (1.0, "km/s", 0)}
+"""Published quantities on the page: their scale, unit and decimal places; flattenings have neither."""
+
+
+def _place(row: Any) -> str:
+    """Say what a published value is of, and where."""
+    names = {"M": "M(<r)", "v_c": "v_c", POTENTIAL: "q of the potential", DENSITY: "q of the halo's density"}
+    place = f"(R, z) = ({row['radius']:g}, {row['z']:g}) kpc" if np.isfinite(row["z"]) else f"{row['radius']:g} kpc"
+    return f"{names[row['quantity']]}, {place}"
+
+
 def _literature(results: Results, table: QTable) -> Iterator[dict[str, Any]]:
     for row in beside_literature(results, table):
-        scale, unit, digits = (1e11, "1e11 Msun", 2) if row["quantity"] == "M" else (1.0, "km/s", 0)
+        scale, unit, digits = SHOWN_AS.get(row["quantity"], (1.0, "", 2))
         theirs, ours = (
-            [f"{row[name] / scale:.{digits}f}" for name in names]
+            [f"{row[name] / scale:.{digits}f}" if np.isfinite(row[name]) else "" for name in names]
             for names in (("value", "error_minus", "error_plus"), ("ours", "ours_minus", "ours_plus"))
         )
         yield {
-            "what": f"{'M(<r)' if row['quantity'] == 'M' else 'v_c'}, {row['radius']:g} kpc",
+            "what": _place(row),
             "unit": unit,
             "theirs": theirs,
             "ours": ours,

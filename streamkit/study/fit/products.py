@@ -107,8 +107,8 @@ def write_products(
     truth
         A TOML file whose ``[potential]`` is the true host of a mock: the recovery is written too.
     literature
-        A table of published masses and circular velocities (`read_literature`) to show beside the run's own. It is
-        kept in the directory, and shown again by later reports.
+        A table of published masses, circular velocities and flattenings (`read_literature`) to show beside the run's
+        own. It is kept in the directory, and shown again by later reports.
     pdf
         Write every picture as PDF too. One that is there is written again in any case.
     trust
@@ -129,6 +129,8 @@ def write_products(
     if published is not None:
         figures["mass_profile.png"] = partial(mass_profile, literature=published)
         figures["rotation_curve.png"] = partial(rotation_curve, literature=published)
+        if FLATTENING in figures:
+            figures[FLATTENING] = partial(flattening, literature=published)
         wanted.append(np.asarray(published["radius"]))
     if truth is not None:
         host = true_host(truth, results.spec)

@@ -142,6 +142,21 @@ def test_ticks_along_a_stream_of_many_turns_do_not_merge(draw: Any, portraits: d
     assert 3 <= ((ticks >= low) & (ticks <= high)).sum() <= 15
 
 
+@pytest.mark.parametrize("draw", [unwrapped, epochs], ids=lambda draw: draw.__name__)
+@pytest.mark.parametrize(("out", "from_zero"), [(0.0, True), (100.0, False)])
+def test_radii_begin_at_zero_unless_the_debris_is_far_out(
+    draw: Any, out: float, from_zero: bool, portraits: dict[str, Portrait]
+) -> None:
+    portrait = portraits["gravity True"]
+    stream = portrait.stream
+    moved = replace(portrait, stream=replace(stream, q=stream.q * (1 + out / stream.r)), prediction=None)
+    bottom, top = panels(draw({"moved": moved}))[-1].get_ylim()
+    inner, outer = np.percentile(stream.r[~stream.bound] + out, [2, 98])
+    assert (bottom == 0) == from_zero
+    assert bottom < inner
+    assert outer < top < 1.5 * outer
+
+
 def test_what_cannot_be_drawn_is_left_out(portraits: dict[str, Portrait]) -> None:
     assert len(panels(crossings({"N-body": portraits["N-body"], "mlcs": portraits["gravity True"]}))) == 3
     for draw in ALL:

@@ -15,6 +15,7 @@ from toys import FIT
 
 import streamkit as sk
 from streamkit.study.fit import write_products
+from streamkit.study.fit.flattening_figure import flattening
 from streamkit.study.fit.literature import beside_literature, read_literature
 from streamkit.study.fit.page import embedded, page_text
 from streamkit.study.fit.verdicts import LEVELS, overall, verdicts
@@ -143,6 +144,39 @@ def test_a_later_report_shows_the_published_values_too(run):
     assert len(before) > 50_000
 
 
+FLATTENED = """quantity,radius,z,value,error_minus,error_plus,reference
+q_Phi,12.5,6.7,0.95,0.04,0.04,Bovy+ 2016 at GD-1
+q_Phi,8.4,16.8,0.94,0.05,0.05,Bovy+ 2016 at Pal 5
+q_rho,20,,0.82,0.13,0.25,Malhan & Ibata 2019
+M,20,,2.5e11,0.2e11,0.2e11,Malhan & Ibata 2019
+"""
+
+
+def test_published_flattenings_stand_beside_those_at_the_same_places(tmp_path):
+    """Of a logarithmic potential of R^2 + z^2 / q^2 the flattening is q everywhere."""
+    (tmp_path / "published.csv").write_text(FLATTENED)
+    halo = {"kind": "logarithmic_halo", "v0": 220, "q": {"uniform": [0.8, 0.96]}}
+    results = sk.run(sk.load(FIT | {"potential": halo}), steps=10, progress=False)
+    table = read_literature(tmp_path / "published.csv")
+    found = beside_literature(results, table)
+    middle, high = np.percentile(results.samples[:, list(results.spec.names).index("potential.q")], [50, 84])
+    for row in found[:2]:
+        assert row["ours"] == pytest.approx(middle, rel=1e-3)
+        assert row["ours_plus"] == pytest.approx(high - middle, rel=1e-2)
+        assert row["deviation"] == pytest.approx((middle - row["value"]) / np.hypot(high - middle, row["error_minus"]))
+    assert np.isnan(found["ours"][2])
+    text = Page(page_text(results, table)).text
+    assert "q of the potential, (R, z) = (8.4, 16.8) kpc" in text
+    assert "q of the halo's density, 20 kpc" in text
+    drawn = flattening(results, table)
+    (axes,) = drawn.axes
+    names = axes.get_legend_handles_labels()[1]
+    assert [name for name in names if "Bovy" in name] == ["Bovy+ 2016 at GD-1", "Bovy+ 2016 at Pal 5"]
+    assert "this run, at the places of these" in names
+    at = [line.get_xdata()[0] for line in axes.lines if line.get_marker() in "sD"]
+    assert at == pytest.approx([np.hypot(12.5, 6.7), np.hypot(8.4, 16.8)])
+
+
 def test_results_in_memory_have_a_page(run):
     results = sk.run(sk.load(FIT), steps=20, progress=False)
     assert "Can it be believed?" in Page(page_text(results)).text
@@ -167,6 +201,9 @@ def test_published_values_are_converted(tmp_path):
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*/literature.ecsv")), ids=lambda path: path.parent.name)
 def test_the_published_values_of_the_examples_are_values_of_the_milky_way(path):
     table = read_literature(path)
+    shape = table[[name.startswith("q_") for name in table["quantity"]]]
+    assert ((shape["value"] > 0.8) & (shape["value"] < 1.2)).all()
+    table = table[[not name.startswith("q_") for name in table["quantity"]]]
     speed = np.where(table["quantity"] == "v_c", table["value"], np.sqrt(4.30092e-6 * table["value"] / table["radius"]))
     assert (speed > 100).all()
     assert (speed < 260).all()
@@ -176,7 +213,9 @@ def test_the_published_values_of_the_examples_are_values_of_the_milky_way(path):
 @pytest.mark.parametrize(
     ("column", "value", "message"),
     [
-        ("quantity", "mass", r"row 1: the quantity must be M or v_c, found 'mass'"),
+        ("quantity", "mass", r"row 1: the quantity must be M, v_c, q_Phi or q_rho, found 'mass'"),
+        ("quantity", "q_Phi", "row 1: q_Phi is that at a radius and a height z in kpc, other than 0; found z = nan"),
+        ("quantity", "q_phi", "Did you mean 'q_Phi'?"),
         ("radius", -8.0, "row 1: radius must be a positive number, found -8"),
         ("error_plus", -1.0, "error_plus"),
         ("value", "much", "'value' is not usable"),
