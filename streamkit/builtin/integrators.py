@@ -35,6 +35,7 @@ class Leapfrog(Integrator):
 
     kind = "leapfrog"
     order = 2
+    drag = True
 
     step: Duration = Field(default=0.001, description="Longest step.")
 
@@ -49,6 +50,7 @@ class ForestRuth(Integrator):
     kind = "pefrl"
     reference = "Omelyan, Mryglod & Folk 2002, Comput. Phys. Commun. 146, 188"
     order = 4
+    drag = True
 
     step: Duration = Field(default=0.004, description="Longest step.")
 
@@ -72,6 +74,7 @@ class Adaptive(Integrator):
         "Hairer, Norsett & Wanner 1993, Solving Ordinary Differential Equations I, section II.14"
     )
     order = 4
+    drag = True
     example: ClassVar[dict[str, Any]] = {"method": "rkn4", "eta": 0.3, "eta_progenitor": 0.2}
 
     method: Literal["pefrl", "rkn4"] = Field(
@@ -100,6 +103,7 @@ class Reference(Integrator):
     kind = "dop853"
     reference = "Hairer, Norsett & Wanner 1993, Solving Ordinary Differential Equations I"
     order = 8
+    drag = True
 
     rtol: PositiveNumber = Field(default=1e-10, description="Relative tolerance.")
     atol: PositiveNumber = Field(default=1e-10, description="Absolute tolerance, in kpc and km/s.")
@@ -115,7 +119,7 @@ class Reference(Integrator):
 
         def rates(s: float, w: Array) -> Array:
             state = w.reshape(6, n)
-            a = field.acceleration(t0 + s * span, state[:3])
+            a = field.acceleration(t0 + s * span, state[:3], state[3:])
             return np.concatenate([state[3:] * span, a * span]).ravel()
 
         start = np.concatenate([q, v]).ravel()

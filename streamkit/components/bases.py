@@ -173,6 +173,9 @@ class Integrator(Component):
     role: ClassVar[str] = "integrator"
     order: ClassVar[int]
     """Order of convergence: measured by the conformance tests."""
+    drag: ClassVar[bool] = False
+    """Whether it honours forces that depend on velocity (`Potential.drag`): `split_step` and `adaptive_step` do, and
+    `field.acceleration(t, q, v)` has them."""
 
     @abstractmethod
     def advance(self, field: ForceField, q: Array, v: Array, t0: Array, t1: float) -> None:

@@ -23,6 +23,10 @@ DEEPEST = 3
 """Most dimensions of an array that compiled code gets."""
 
 
+MOVING = "x", "y", "z", "vx", "vy", "vz", "t"
+"""The first arguments of `drag`."""
+
+
 def _check_signature(cls: type[Potential]) -> None:
     where = f"{cls.__module__}.{cls.__name__}"
     if "growth" in inspect.get_annotations(cls):
@@ -55,11 +59,20 @@ def _check_signature(cls: type[Potential]) -> None:
                     f"{where}: acceleration and potential must have the same arguments: x, y, z, t and then what "
                     f"`prepare` gives, or fields, by name; found ({', '.join(given)})"
                 )
-    if cls.compiled and any(step.opname == "RAISE_VARARGS" for step in dis.get_instructions(cls.acceleration)):
-        raise PluginError(
-            f"{where}.acceleration: compiled code cannot raise or assert, the exception "
-            "would be lost: return NaN where there is no force, bound the fields, or set `compiled = False`"
-        )
+    if cls.has_drag():
+        given, wanted = tuple(inspect.signature(cls.drag).parameters), (*MOVING, *found[4:])
+        if given != wanted:
+            raise PluginError(
+                f"{where}.drag: the arguments must be ({', '.join(wanted)}), that is position, velocity, time and then "
+                f"those of `acceleration`; found ({', '.join(given)})"
+            )
+    written: tuple[Any, ...] = (cls.acceleration, cls.drag)
+    for method in written:
+        if cls.compiled and any(step.opname == "RAISE_VARARGS" for step in dis.get_instructions(method)):
+            raise PluginError(
+                f"{where}.{method.__name__}: compiled code cannot raise or assert, the exception "
+                "would be lost: return NaN where there is no force, bound the fields, or set `compiled = False`"
+            )
 
 
 EVALUATION = "expansion", "tolerance"
@@ -126,6 +139,17 @@ class Potential(Component):
         raise StreamkitError("this potential gives no potential energy: define `potential` beside `acceleration`")
 
     @staticmethod
+    def drag(x: Any, y: Any, z: Any, vx: Any, vy: Any, vz: Any, t: Any, *parameters: Any) -> Any:
+        """Return ``(ax, ay, az)`` in (km/s)^2/kpc that depends on the velocity (km/s) too: friction. Optional.
+
+        Added to `acceleration`, with the same arguments after t, and written and compiled as it is. Particles, the
+        progenitor and bodies feel it at their velocity from the host's centre; ``growth`` multiplies it too. It does
+        not count in energies, masses and tidal radii. A host may have it, a body or a progenitor may not; and not every
+        integrator knows it (`Integrator.drag`).
+        """
+        return 0.0, 0.0, 0.0
+
+    @staticmethod
     def prepare(*fields: Any) -> Any:
         """Return what `acceleration` needs and is computed once for all positions: splines, expansions. Optional.
 
@@ -177,6 +201,11 @@ class Potential(Component):
     def has_energy(cls) -> bool:
         """Say whether the class defines `potential`."""
         return cls.potential is not Potential.potential
+
+    @classmethod
+    def has_drag(cls) -> bool:
+        """Say whether the class defines `drag`."""
+        return cls.drag is not Potential.drag
 
     @property
     def place(self) -> str:

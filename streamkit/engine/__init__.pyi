@@ -1,6 +1,6 @@
-from .bodies import NO_DRAG as NO_DRAG
+from .bodies import NO_FRICTION as NO_FRICTION
 from .bodies import Centre as Centre
-from .bodies import Drag as Drag
+from .bodies import Friction as Friction
 from .bodies import follow_bodies as follow_bodies
 from .field import Field as Field
 from .field import adaptive_step as adaptive_step

@@ -9,13 +9,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit, types
 
-from streamkit.engine.cache import INLINE, cached
-from streamkit.engine.field import build_field
+from streamkit.engine.cache import INLINE, also_for, cached
+from streamkit.engine.dragged import DRAGGED, drag_centres
+from streamkit.engine.field import NO_DRAG_OF_BODIES, build_field
 from streamkit.engine.forces import FORCES, ROW, call_kernel
 from streamkit.engine.kernels import Force
 from streamkit.stream import Array, Orbit
@@ -27,27 +29,30 @@ PARTS = 100
 """Most steps between two nodes."""
 
 
-class Drag(NamedTuple):
+class Friction(NamedTuple):
     """The host as a body feels it that is slowed down in it.
 
     Attributes
     ----------
     table
-        (K, 8) cubics in ln r, in units of the step, of r^2 times the density and of the squared dispersion: four
-        coefficients each.
+        (T, K, 8) cubics in ln r, in units of the step, of r^2 times the density and of the squared dispersion: four
+        coefficients each, at every one of the times.
     first, step
         ln r where the table begins, and of each piece.
+    times
+        (T,) increasing; linear between them, constant beyond. One for a host that does not change.
     """
 
     table: Array
     first: float
     step: float
+    times: Array
 
 
-NO_DRAG = Drag(np.zeros((0, 8)), 0.0, 1.0)
+NO_FRICTION = Friction(np.zeros((1, 0, 8)), 0.0, 1.0, np.zeros(1))
 
 _F1, _F2, _F = types.float64[::1], types.float64[:, ::1], types.float64
-_DRAG = types.NamedTuple([_F2, _F, _F], Drag)
+_FRICTION = types.NamedTuple([types.float64[:, :, ::1], _F, _F, _F1], Friction)
 
 
 @dataclass(frozen=True)
@@ -62,21 +67,22 @@ class Centre:
         (3,) where it is at t = 0, from the host's centre.
     pulls_host
         Whether the host moves because of it.
-    drag_mass, extent
-        The mass that the host slows down, 0 for none, in Msun, and the body's scale length in kpc, 0 for a point mass.
+    slowed_mass, extent
+        The mass that the host slows down by friction, 0 for none, in Msun, and the body's scale length in kpc, 0 for a
+        point mass.
     """
 
     force: Force
     q: Array
     v: Array
     pulls_host: bool = True
-    drag_mass: float = 0.0
+    slowed_mass: float = 0.0
     extent: float = 0.0
 
 
 @njit(**INLINE)
-def drag_at(drag, d, speed, mass, extent):
-    """Deceleration by the host of a mass at distance d over its speed.
+def friction_at(friction, t, d, speed, mass, extent):
+    """Deceleration by the host at time t of a mass at distance d over its speed.
 
     Chandrasekhar's formula (Binney & Tremaine 2008, eq. 8.13), with ln(d / b)^(1/2) for the Coulomb logarithm and b
     twice the scale length, which follows N-body simulations best (Vasiliev, Belokurov & Erkal 2021, MNRAS 501, 2279);
@@ -85,11 +91,22 @@ def drag_at(drag, d, speed, mass, extent):
     b = 2.0 * extent if extent > 0.0 else G * mass / (speed * speed)
     if not d > b:
         return 0.0
-    since = (math.log(d) - drag.first) / drag.step
-    i = min(max(int(since), 0), drag.table.shape[0] - 1)
-    s, c = min(max(since - i, 0.0), 1.0), drag.table[i]
-    density = max(c[0] + s * (c[1] + s * (c[2] + s * c[3])), 0.0) / (d * d)
-    x = speed / math.sqrt(2.0 * max(c[4] + s * (c[5] + s * (c[6] + s * c[7])), 1e-30))
+    since = (math.log(d) - friction.first) / friction.step
+    i = min(max(int(since), 0), friction.table.shape[1] - 1)
+    s = min(max(since - i, 0.0), 1.0)
+    now, last, share = 0, friction.times.shape[0] - 1, 0.0
+    if last > 0:
+        while now < last - 1 and friction.times[now + 1] <= t:
+            now += 1
+        share = (t - friction.times[now]) / (friction.times[now + 1] - friction.times[now])
+        share = min(max(share, 0.0), 1.0)
+    density = dispersion2 = 0.0
+    for k in range(now, min(now + 1, last) + 1):
+        c, weight = friction.table[k, i], share if k > now else 1.0 - share
+        density += weight * (c[0] + s * (c[1] + s * (c[2] + s * c[3])))
+        dispersion2 += weight * (c[4] + s * (c[5] + s * (c[6] + s * c[7])))
+    density = max(density, 0.0) / (d * d)
+    x = speed / math.sqrt(2.0 * max(dispersion2, 1e-30))
     if x < 0.01:  # the difference below cancels
         slower = 4.0 / 3.0 / math.sqrt(math.pi) * x**3 * (1.0 - 0.6 * x * x)
     else:
@@ -98,7 +115,7 @@ def drag_at(drag, d, speed, mass, extent):
 
 
 @njit(**INLINE)
-def pull(forces, drag, traits, n, t, x, u, centre, a):
+def pull(forces, friction, traits, n, t, x, u, centre, a):
     """Store in a the accelerations of n centres at x with velocities u, rows ROW apart, the host in front.
 
     traits (n, 3) are of each: 1 if it pulls the host, the mass that is slowed down, its scale length.
@@ -120,9 +137,10 @@ def pull(forces, drag, traits, n, t, x, u, centre, a):
             for i in range(3):
                 d2 += (x[i * ROW + j] - x[i * ROW]) ** 2
                 speed2 += (u[i * ROW + j] - u[i * ROW]) ** 2
-            rate = drag_at(drag, math.sqrt(d2), math.sqrt(speed2), traits[j, 1], traits[j, 2])
+            rate = friction_at(friction, t[0], math.sqrt(d2), math.sqrt(speed2), traits[j, 1], traits[j, 2])
             for i in range(3):
                 a[i * ROW + j] -= rate * (u[i * ROW + j] - u[i * ROW])
+    drag_centres(forces, n, t, x, u, a, centre)
 
 
 @njit(**INLINE)
@@ -141,8 +159,11 @@ def parts_of(n, x, u, a, step):
     return int(parts) + 1 if parts < PARTS else PARTS
 
 
-@cached(types.void(FORCES, _DRAG, _F2, _F2, _F, _F, types.float64[:, :, ::1]))
-def follow(forces, drag, traits, today, t0, step, out):
+_FOLLOW = _FRICTION, _F2, _F2, _F, _F, types.float64[:, :, ::1]
+
+
+@cached(types.void(FORCES, *_FOLLOW))
+def follow(forces, friction, traits, today, t0, step, out):
     """Integrate n centres from today (n, 6), writing their states (n, T, 9) at t0 + k * step.
 
     The trajectory of a force is the number of the centre that it belongs to; traits as in `pull`.
@@ -155,7 +176,7 @@ def follow(forces, drag, traits, today, t0, step, out):
         for i in range(3):
             x[i * ROW + j], u[i * ROW + j] = today[j, i], today[j, 3 + i]
     t[:] = t0
-    pull(forces, drag, traits, n, t, x, u, centre, a)
+    pull(forces, friction, traits, n, t, x, u, centre, a)
     for node in range(out.shape[1]):
         for j in range(n):
             for i in range(3):
@@ -182,7 +203,7 @@ def follow(forces, drag, traits, today, t0, step, out):
                     for i in range(3):
                         b[i * ROW : i * ROW + n] = a[i * ROW : i * ROW + n]
                 else:
-                    pull(forces, drag, traits, n, t, y, w, centre, b)
+                    pull(forces, friction, traits, n, t, y, w, centre, b)
                 for j in range(n):
                     for i in range(3):
                         dx[i, j] += weight * w[i * ROW + j]
@@ -191,25 +212,37 @@ def follow(forces, drag, traits, today, t0, step, out):
                 for i in range(3):
                     x[i * ROW + j] += dx[i, j]
                     u[i * ROW + j] += du[i, j]
-            pull(forces, drag, traits, n, t, x, u, centre, a)
+            pull(forces, friction, traits, n, t, x, u, centre, a)
+
+
+@cache
+def compile_with_drag() -> None:
+    """Compile the loop for hosts with forces that depend on velocity too; when one is first needed."""
+    also_for(follow, types.void(DRAGGED, *_FOLLOW))
 
 
 def follow_bodies(
-    host: Sequence[Force], bodies: Sequence[Centre], drag: Drag, t1: float, max_step: float
+    host: Sequence[Force], bodies: Sequence[Centre], friction: Friction, t1: float, max_step: float
 ) -> tuple[Orbit, list[Orbit]]:
     """Follow the host and the bodies from today to t1, with nodes at most ``max_step`` apart.
 
     Returns the host's orbit in the inertial frame in which it rests at the origin today, and those of the bodies
-    as seen from it.
+    as seen from it. Raises ValueError for a body whose own force depends on velocity.
     """
+    if any(body.force.has_drag() for body in bodies):
+        raise ValueError(NO_DRAG_OF_BODIES)
     field = build_field([*host, *(body.force for body in bodies)])
     owner = np.concatenate([np.zeros(len(host)), 1 + np.arange(len(bodies))]).astype(np.int64)
     today = np.array([np.zeros(6), *(np.concatenate([body.q, body.v]) for body in bodies)])
-    traits = np.array([(0, 0, 0), *((body.pulls_host, body.drag_mass, body.extent) for body in bodies)], dtype=float)
+    traits = np.array([(0, 0, 0), *((body.pulls_host, body.slowed_mass, body.extent) for body in bodies)], dtype=float)
     count = max(int(np.ceil(abs(t1) / max_step)), 2)
     step = t1 / count
     out = np.empty((len(today), count + 1, 9))
-    follow(field.forces._replace(trajectory=owner), drag, traits, today, 0.0, step, out)
+    if field.drag is None:
+        follow(field.forces._replace(trajectory=owner), friction, traits, today, 0.0, step, out)
+    else:
+        compile_with_drag()
+        follow(field.whole._replace(trajectory=owner), friction, traits, today, 0.0, step, out)
     field.check()
     t: Array = step * np.arange(count + 1, dtype=float)
     t[-1] = t1

@@ -157,6 +157,13 @@ def cached(signature: Any, nogil: bool = False) -> Callable[[Callable[..., Any]]
     return decorate
 
 
+def also_for(loop: Any, signature: Any) -> None:
+    """Compile a loop that `cached` has compiled for another signature too."""
+    loop.disable_compile(False)
+    loop.compile(signature)
+    loop.disable_compile()
+
+
 def content_digest(function: Callable[..., Any], layout: object) -> str | None:
     """Return a hash of all that determines a kernel's machine code, None if that cannot be known.
 

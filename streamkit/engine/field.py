@@ -7,12 +7,14 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from streamkit.engine import kernels, loops
 from streamkit.engine.arguments import layout_of, pack
+from streamkit.engine.drag_kernels import drag_kernel
+from streamkit.engine.dragged import DraggedForces, drag_loop, with_drag
 from streamkit.engine.forces import BATCH, DEEPEST, NO_FRAME, NO_TRACKS, Forces
 from streamkit.engine.kernels import Force, NumpyKernel
 from streamkit.engine.loops import NUMBERS, WORK, Scratch
@@ -28,6 +30,16 @@ def _scratch() -> Scratch:
     raw = np.empty(WORK + 8)
     first = -raw.ctypes.data % 64 // raw.itemsize
     return Scratch(raw[first : first + WORK], np.empty(NUMBERS, dtype=np.int64))
+
+
+NO_DRAG_OF_BODIES = "the force of what moves may not depend on velocity"
+
+
+class Drag(NamedTuple):
+    """What depends on velocity: the address of a kernel, and its packed parameters."""
+
+    address: int
+    parameters: Array
 
 
 @dataclass(frozen=True)
@@ -46,6 +58,8 @@ class Field:
         Room for the loops to work in: a field advances one set of particles at a time.
     threads
         How many of them `adaptive_step` and `split_step` may use for many particles. The result does not depend on it.
+    drag
+        What depends on velocity: None where nothing does.
     """
 
     forces: Forces
@@ -53,17 +67,32 @@ class Field:
     names: tuple[str, ...]
     scratch: Scratch = field(default_factory=_scratch, repr=False)
     threads: int = 1
+    drag: Drag | None = None
 
     def __reduce__(self) -> Any:
         raise TypeError("a Field holds machine code of this process: send the Spec instead and build it there")
 
-    def acceleration(self, t: Array | float, q: Array) -> Array:
-        """(3, n) acceleration in (km/s)^2/kpc at positions q (3, n) and times t (n,) or one time."""
+    def acceleration(self, t: Array | float, q: Array, v: Array | None = None) -> Array:
+        """(3, n) acceleration in (km/s)^2/kpc at positions q (3, n) and times t (n,) or one time.
+
+        With velocities v (3, n) the forces that depend on these are in it; gravity alone without.
+        """
         q = np.require(q, float, ["C", "W"])  # the loops take no read-only arrays
         times = np.broadcast_to(np.asarray(t, dtype=float), q.shape[1:]).copy()
         out = np.empty_like(q)
-        self.run(loops.accelerations, times, q, out)
+        self._listen(lambda: loops.accelerations(self.forces, times, q, out))
+        if v is not None and self.drag is not None:
+            v = np.require(v, float, ["C", "W"])
+            self._listen(lambda: drag_loop()(self.whole, times, q, v, out))
         return out
+
+    @cached_property
+    def whole(self) -> Forces | DraggedForces:
+        """The forces as the loops take them that carry particles."""
+        if self.drag is None:
+            return self.forces
+        loops.compile_with_drag()
+        return with_drag(self.forces, *self.drag)
 
     def radial_second_derivative(self, t: Array, q: Array) -> Array:
         """(n,) d^2 Phi / dr^2 along the line to the Galactic centre, by a central difference of the acceleration."""
@@ -101,6 +130,8 @@ class Field:
         here, new, left = self.forces, other.forces, orbit.mass_left
         first, step = self._grid_with(orbit)
         track = np.vstack([orbit.polynomials.reshape(18, -1), left[:-1], np.diff(left)]).T[None].copy()
+        if other.drag is not None:
+            raise ValueError(NO_DRAG_OF_BODIES)
         if len(new.tracks) or len(new.frame):
             raise ValueError("these forces move already: add the forces of each trajectory by themselves")
         trajectory, tracks, index = here.trajectory, [*here.tracks[:, None], track], len(here.tracks)
@@ -157,14 +188,17 @@ class Field:
         return tuple(kernel for kernel in self.kernels if isinstance(kernel, NumpyKernel))
 
     def run(self, loop: Callable[..., None], *arguments: Any) -> None:
-        """Call one of the compiled loops with these forces; then `check` whether it went well."""
+        """Call one of the compiled loops that carry particles with these forces; then `check` whether it went well."""
+        self._listen(lambda: loop(self.whole, *arguments))
+
+    def _listen(self, call: Callable[[], None]) -> None:
         if not self._in_python:
-            loop(self.forces, *arguments)
+            call()
             return
         for kernel in self._in_python:
             kernel.error = None
         with self._in_python[0].listening():
-            loop(self.forces, *arguments)
+            call()
         self.check()
 
     def check(self) -> None:
@@ -214,7 +248,14 @@ def build_field(potentials: Sequence[Force], *, exact: bool = False) -> Field:
         tracks=NO_TRACKS,
         frame=NO_FRAME,
     )
-    return Field(forces, kernels=tuple(built), names=tuple(p.kind for p in potentials))
+    names = [p.kind for p in potentials]
+    dragging = [] if exact else [p for p in potentials if p.has_drag()]
+    if not dragging:
+        return Field(forces, kernels=tuple(built), names=tuple(names))
+    kernel, parameters = drag_kernel(dragging)
+    drag = Drag(kernel.address, parameters)
+    kinds = ", ".join(p.kind for p in dragging)
+    return Field(forces, kernels=(*built, kernel), names=(*names, kinds), drag=drag)
 
 
 def adaptive_step(
@@ -246,7 +287,7 @@ def _advance(
         with ThreadPoolExecutor(len(pieces)) as pool:
 
             def carry(piece: slice, scratch: Scratch) -> None:
-                loops.advance(field.forces, method, scratch, tuple(row[piece] for row in rows), t0[piece], t1)
+                loops.advance(field.whole, method, scratch, tuple(row[piece] for row in rows), t0[piece], t1)
 
             list(pool.map(carry, pieces, field.rooms))
     for row, done in zip(given, rows, strict=True):

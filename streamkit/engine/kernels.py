@@ -10,7 +10,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, ClassVar, Protocol
 
@@ -42,6 +42,14 @@ class Force(Protocol):
     @staticmethod
     def acceleration(x: Any, y: Any, z: Any, t: Any, *parameters: Any) -> Any:
         """Return ``(ax, ay, az)``, elementwise."""
+
+    @staticmethod
+    def drag(x: Any, y: Any, z: Any, vx: Any, vy: Any, vz: Any, t: Any, *parameters: Any) -> Any:
+        """Return the part that depends on velocity, elementwise; asked for if it `has_drag`."""
+
+    @classmethod
+    def has_drag(cls) -> bool:
+        """Say whether a part of the force depends on velocity."""
 
     def in_engine_units(self) -> tuple[Any, ...]:
         """Return the arguments of `acceleration` after t: numbers and arrays; any object if it is not compiled."""
@@ -109,19 +117,34 @@ def compiled_kernel(cls: type[Force], layout: tuple[int, ...], growing: bool = F
             for i in range(n):
                 sweep(i, i + 1, times, place, total, c, fresh, parameters[:-2], interp(times[i], knots, factors))
 
+    return machine_code(growing_kernel if growing else kernel, [(cls, cls.acceleration)], [layout])
+
+
+def machine_code(kernel: Any, written: Sequence[tuple[type[Force], Any]], layouts: Sequence[object]) -> Any:
+    """Compile a kernel, or load it from the disk, where that is possible: an object with an ``address``.
+
+    Parameters
+    ----------
+    written
+        The classes whose functions it contains, and these.
+    layouts
+        What else determines the machine code, for each.
+
+    Raises `PluginError` if numba cannot compile an author's function.
+    """
     args, return_type = sigutils.normalize_signature(SIGNATURE)
-    chosen = growing_kernel if growing else kernel
-    cfunc: Any = CFunc(chosen, (args, return_type), locals={}, options=dict(OPTIONS), pipeline_class=_Apart)
-    digest = content_digest(cls.acceleration, layout)
-    if digest is not None:
-        cfunc._cache = disk_cache(chosen, digest)
+    cfunc: Any = CFunc(kernel, (args, return_type), locals={}, options=dict(OPTIONS), pipeline_class=_Apart)
+    digests = [content_digest(function, layout) for (_, function), layout in zip(written, layouts, strict=True)]
+    if None not in digests:
+        cfunc._cache = disk_cache(kernel, " ".join(filter(None, digests)))
     try:
         cfunc.compile()
     except NumbaError as error:
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
         reason = next((line for line in lines if not line.startswith("Failed in")), lines[0])
+        names = ", ".join(f"{cls.__module__}.{cls.__name__}.{function.__name__}" for cls, function in written)
         raise PluginError(
-            f"numba cannot compile {cls.__module__}.{cls.__name__}.acceleration: {reason}. Write elementwise "
+            f"numba cannot compile {names}: {reason}. Write elementwise "
             "arithmetic with the functions that streamkit exports, decorate helper functions with numba.njit, or "
             "set `compiled = False` in the class."
         ) from None
@@ -129,7 +152,13 @@ def compiled_kernel(cls: type[Force], layout: tuple[int, ...], growing: bool = F
 
 
 _CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_ssize_t, *[ctypes.c_void_p] * 5, ctypes.c_ssize_t)
-_ROWS, _PLACE, _TIMES = ctypes.c_double * (3 * ROW), ctypes.c_double * 3, ctypes.c_double * ROW
+_PLACE, _TIMES = ctypes.c_double * 3, ctypes.c_double * ROW
+
+
+@functools.cache
+def _rows(count: int) -> Any:
+    """Return the type of so many rows."""
+    return ctypes.c_double * (count * ROW)
 
 
 def _view(kind: Any, address: int) -> Array:
@@ -163,26 +192,35 @@ class NumpyKernel:
         return f"[{', '.join(shown)}]"
 
     def _call(self, n: int, t: int, p: int, centre: int, q: int, a: int, fresh: int) -> None:
-        total = _view(_ROWS, a).reshape(3, ROW)[:, :n]
+        total = _view(_rows(3), a).reshape(3, ROW)[:, :n]
         try:
             if self.error is None:
-                place, about = _look(_ROWS, q).reshape(3, ROW)[:, :n], _PLACE.from_address(centre)[:]
-                if any(about):
-                    place = place - np.array(about)[:, None]
-                    place.flags.writeable = False
-                x, y, z = place
-                times = _look(_TIMES, t)[:n]
-                found = self._acceleration(x, y, z, times, *self._arguments)
-                if self._growth is not None:
-                    found = np.stack(found) * np.interp(times, *self._growth)
-                if fresh:
-                    total[:] = found
-                else:
-                    total += found
+                self._fill(
+                    lambda rows: _look(_rows(rows), q).reshape(rows, ROW)[:, :n],
+                    _look(_TIMES, t)[:n],
+                    _PLACE.from_address(centre)[:],
+                    total,
+                    fresh,
+                )
                 return
         except BaseException as error:
             self.error = error
         total[:] = np.nan
+
+    def _fill(self, q: Callable[[int], Array], times: Array, about: list[float], total: Array, fresh: int) -> None:
+        """Put the acceleration at the first rows of q about a centre into ``total``, or add it to what is there."""
+        place = q(3)
+        if any(about):
+            place = place - np.array(about)[:, None]
+            place.flags.writeable = False
+        x, y, z = place
+        found = self._acceleration(x, y, z, times, *self._arguments)
+        if self._growth is not None:
+            found = np.stack(found) * np.interp(times, *self._growth)
+        if fresh:
+            total[:] = found
+        else:
+            total += found
 
     @contextmanager
     def listening(self) -> Iterator[None]:

@@ -21,12 +21,14 @@ C functions (see ``kernels.py``); compiled once per machine (see ``cache.py``).
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from numba import types
 
-from streamkit.engine.cache import cached
+from streamkit.engine.cache import also_for, cached
+from streamkit.engine.dragged import DRAGGED, is_dragged, renew
 from streamkit.engine.forces import BATCH, FORCES, LANES, LEVELS, ROW, add_forces
 from streamkit.engine.levels import alike, choose, give_back, place, rates, scatter, take
 from streamkit.engine.steps import METHOD, ROWS, A, H, Method, T, compose, nystrom
@@ -70,7 +72,12 @@ def accelerations(forces, t, q, out):
                 out[k, begin + i] = a[k * ROW + i]
 
 
-@cached(_N(FORCES, METHOD, _SCRATCH, _PARTICLES, _I1, _F1, _F1, _N, _I1))
+_SWEEP = METHOD, _SCRATCH, _PARTICLES, _I1, _F1, _F1, _N, _I1
+_ADVANCE = METHOD, _SCRATCH, _PARTICLES, _F1, _F
+_CARRY = METHOD, _F1, _F1, _F, _F, _F2
+
+
+@cached(_N(FORCES, *_SWEEP))
 def sweep(forces, method, scratch, particles, index, t0, t1, limit, later):
     """Advance the particles index (n,), in place, from their t0 to their t1 with steps of their own levels.
 
@@ -111,8 +118,8 @@ def sweep(forces, method, scratch, particles, index, t0, t1, limit, later):
                 continue
             first, last = start[group], start[group] + size[group] - 1
             end = first + (size[group] + LANES - 1) // LANES * LANES
-            calm = adapts and group < 2
-            steps = 1 << (group if calm else group - 1) if adapts else method.most
+            calm = adapts and group < 2 and not is_dragged(forces)
+            steps = 1 << (group if calm or group == 0 else group - 1) if adapts else method.most
             for k in range(ROWS):
                 for i in range(last + 1, end):
                     slots[k * ROW + i] = slots[k * ROW + last]
@@ -121,13 +128,14 @@ def sweep(forces, method, scratch, particles, index, t0, t1, limit, later):
             if calm:
                 nystrom(forces, uniform, first, end, steps, slots, lanes, relative, centre)
             else:
-                compose(forces, method, uniform, first, end, steps, adapts, slots, relative, centre)
+                known = adapts and not is_dragged(forces)
+                compose(forces, method, uniform, first, end, steps, known, slots, relative, centre)
         for row, out in enumerate(particles):
             give_back(m, slot, slots[row * ROW :], index, begin, out)
     return kept
 
 
-@cached(types.void(FORCES, METHOD, _SCRATCH, _PARTICLES, _F1, _F), nogil=True)
+@cached(types.void(FORCES, *_ADVANCE), nogil=True)
 def advance(forces, method, scratch, particles, t0, t1):
     """Advance all particles, in place, from t0 (n,), which never decrease, to t1.
 
@@ -151,7 +159,7 @@ def advance(forces, method, scratch, particles, t0, t1):
             now[i] = ends[i]
 
 
-@cached(types.void(FORCES, METHOD, _F1, _F1, _F, _F, _F2))
+@cached(types.void(FORCES, *_CARRY))
 def carry(forces, method, q0, v0, t0, step, out):
     """Integrate one orbit, writing its states (T, 9) at t0 + k * step (step may be negative).
 
@@ -163,9 +171,18 @@ def carry(forces, method, q0, v0, t0, step, out):
     lanes[T], lanes[H] = t0, step
     add_forces(forces, True, 0, 1, lanes[T:], lanes, relative, centre, lanes[A:])
     for node in range(out.shape[0]):
+        renew(forces, lanes, relative, centre, lanes[T:], lanes[A:])
         for k in range(3):
             out[node, k], out[node, 3 + k], out[node, 6 + k] = lanes[k * ROW], lanes[(3 + k) * ROW], lanes[A + k * ROW]
         if node == out.shape[0] - 1:
             break  # no force is asked for beyond the last state
         lanes[T] = t0 + node * step
-        compose(forces, method, True, 0, 1, 1, True, lanes, relative, centre)
+        compose(forces, method, True, 0, 1, 1, not is_dragged(forces), lanes, relative, centre)
+
+
+@cache
+def compile_with_drag():
+    """Compile the loops for forces that depend on velocity too; once per machine, when a host first has one."""
+    also_for(sweep, _N(DRAGGED, *_SWEEP))  # which the next one calls
+    also_for(advance, types.void(DRAGGED, *_ADVANCE))
+    also_for(carry, types.void(DRAGGED, *_CARRY))

@@ -12,7 +12,7 @@ EXACT = 1e-9
 """Tolerance, relative to the position and the velocity: far below the error of a particle."""
 
 
-def orbit_states(acceleration: Callable[[Array | float, Array], Array], q: Array, v: Array, t: Array) -> Array:
+def orbit_states(acceleration: Callable[[Array | float, Array, Array], Array], q: Array, v: Array, t: Array) -> Array:
     """(9, T) Positions, velocities and accelerations at the times t (T,), in either direction, from q, v (3,) at t[0].
 
     By the method of Dormand and Prince of order eight with its dense output (Hairer, Norsett & Wanner 1993): a third of
@@ -21,7 +21,7 @@ def orbit_states(acceleration: Callable[[Array | float, Array], Array], q: Array
     from scipy.integrate import DOP853  # slow to import, and only forces in Python need it
 
     def slope(now: float, state: Array) -> Array:
-        return np.concatenate([state[3:], acceleration(now, state[:3, None])[:, 0]])
+        return np.concatenate([state[3:], acceleration(now, state[:3, None], state[3:, None])[:, 0]])
 
     states = np.full((9, len(t)), np.nan)
     states[:6, 0] = np.concatenate([q, v])
@@ -34,5 +34,5 @@ def orbit_states(acceleration: Callable[[Array | float, Array], Array], q: Array
             if reached > done:
                 states[:6, done:reached] = solver.dense_output()(t[done:reached])
                 done = reached
-    states[6:] = acceleration(t, states[:3])
+    states[6:] = acceleration(t, states[:3], states[3:6])
     return states

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from numba import njit, types
 
 from streamkit.engine.cache import INLINE
+from streamkit.engine.dragged import add_drag
 from streamkit.engine.forces import ROW, add_forces
 from streamkit.stream import Array
 
@@ -36,6 +37,8 @@ def compose(forces, method, uniform, begin, end, steps, known, lanes, relative, 
     """Steps of drifts and kicks, in place, for lanes [begin, end), each with its own time step.
 
     If `known`, the lanes already hold the initial acceleration. `relative` and centre are scratch of `add_forces`.
+    With forces that depend on velocity a kick is the flow of the velocity alone, so that the order stays; at the end
+    the lanes hold no initial acceleration of a next step.
     """
     x, u, t, h, a = lanes, lanes[V:], lanes[T:], lanes[H:], lanes[A:]
     drift, kick = method.drift, method.kick
@@ -56,6 +59,8 @@ def compose(forces, method, uniform, begin, end, steps, known, lanes, relative, 
                 d += kick[0] if reuse else 0.0  # the next step begins with this same force
             if reuse and j == 0 and s > 0:
                 d = 0.0
+            if d != 0.0:
+                add_drag(forces, d, begin, end, lanes, a, centre)
             h_i, t_i = h[begin:end], t[begin:end]
             for k in range(3):
                 low, high = k * ROW + begin, k * ROW + end

@@ -28,6 +28,16 @@ class Expansion:
         """Return ``(ax, ay, az)``."""
         raise NotImplementedError
 
+    @staticmethod
+    def drag(x: Any, y: Any, z: Any, vx: Any, vy: Any, vz: Any, t: Any, *parameters: Any) -> Any:
+        """Nothing depends on velocity; in what it stands for it may."""
+        raise NotImplementedError
+
+    @classmethod
+    def has_drag(cls) -> bool:
+        """Say that there is none."""
+        return False
+
     def in_engine_units(self) -> tuple[Array]:
         """Return the table."""
         return (self.table,)

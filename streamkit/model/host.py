@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from streamkit.components import AZIMUTH, Potential, add_up, circle
-from streamkit.engine import NO_DRAG, Centre, Drag, Field, build_field, follow_bodies
+from streamkit.engine import NO_FRICTION, Centre, Field, Friction, build_field, follow_bodies
 from streamkit.errors import OutOfDomain
-from streamkit.model.friction import friction_table
+from streamkit.model.friction import friction_table, friction_times
 from streamkit.spec import Body
 from streamkit.stream import Array, Orbit
 from streamkit.units import GYR, G
@@ -112,9 +112,9 @@ class Host:
         centres = [
             Centre(b.potential, b.q, b.v, b.reflex, b.mass if b.friction else 0.0, b.extent) for b in moving
         ]  # fmt: skip
-        drag = self._drag if any(body.friction for body in moving) else NO_DRAG
+        friction = self._friction(t1) if any(body.friction for body in moving) else NO_FRICTION
         with np.errstate(all="ignore"):  # what is not finite has a reason of its own
-            centre, orbits = follow_bodies(list(self.potentials.values()), centres, drag, t1, NODE)
+            centre, orbits = follow_bodies(list(self.potentials.values()), centres, friction, t1, NODE)
             for name, orbit in zip(names, orbits, strict=True):
                 if not (np.isfinite(orbit.q).all() and np.isfinite(orbit.v).all()):
                     raise OutOfDomain(f"the orbit of the {name} is not finite")
@@ -123,9 +123,17 @@ class Host:
         last = orbits.pop() if self.progenitor else None
         return Paths(centre, dict(zip(self.bodies, orbits, strict=True)), last)
 
+    def _friction(self, t1: float) -> Friction:
+        """Return what slows bodies down from today to t1."""
+        growths = [grows[0] for p in self.potentials.values() if (grows := p.growth_table()) is not None]
+        times = friction_times(self.alone, growths, t1)
+        if len(times) > 1:
+            return friction_table(self.alone, *_sphere(*COARSE), times)
+        return self._friction_of_today
+
     @cached_property
-    def _drag(self) -> Drag:
-        return friction_table(self.alone, *_sphere(*COARSE))
+    def _friction_of_today(self) -> Friction:
+        return friction_table(self.alone, *_sphere(*COARSE), np.zeros(1))
 
     def acceleration(self, q: Array) -> Array:
         """(3, n) Acceleration in (km/s)^2/kpc by the host without bodies at positions q (3, n) today, through NumPy."""

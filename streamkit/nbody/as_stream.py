@@ -89,7 +89,7 @@ def _track(snapshot: Snapshot, host: Host, setup: Setup, model_track: Orbit) -> 
         return model_track
     t, q, v = snapshot.core[0], np.ascontiguousarray(snapshot.core[1:4]), np.ascontiguousarray(snapshot.core[4:])
     left = np.interp(t, model_track.t, model_track.mass_left)
-    bare = Orbit(t, q, v, host.until(float(t[0])).acceleration(t, q), np.full(len(t), np.nan), left)
+    bare = Orbit(t, q, v, host.until(float(t[0])).acceleration(t, q, v), np.full(len(t), np.nan), left)
     satellite = Satellite(setup.satellite, setup.mass)
     return replace(bare, r_tidal=satellite.shrunk(satellite.tidal_radius(host.tidal_bracket(bare)), left))
 

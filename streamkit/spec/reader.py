@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from streamkit.components import Component, Registry, Sampler, load_registry
+from streamkit.components import Component, Integrator, Registry, Sampler, load_registry
 from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.fields import Files
 from streamkit.spec.document import DEEPEST, depth
@@ -131,6 +131,7 @@ class _Reader:
         likelihood = self.plain("likelihood", Likelihood)
         sampler, engine = self.sampler(self.raw.get("sampler", {})), self.plain("engine", Engine)
         self.stop()
+        self.match_drag(potentials, integrator.cls)
         parts = Parts(
             self.raw.get("seed", 0), sun, potentials, bodies, streams, data, integrator, likelihood, sampler, engine
         )  # fmt: skip
@@ -141,6 +142,18 @@ class _Reader:
             self.refuse(f"sampler.{reason}")
         self.stop()
         return parts
+
+    def match_drag(self, potentials: Mapping[str, Section[Any]], integrator: type[Integrator]) -> None:
+        """Refuse an integrator that does not know the forces of a host which depend on velocity."""
+        for section in potentials.values():
+            if section.cls.has_drag() and not integrator.drag:
+                known = [
+                    kind for kind, e in self.registry.entries["integrator"].items() if getattr(e.cls, "drag", False)
+                ]
+                self.refuse(
+                    f"integrator: {integrator.kind!r} does not know forces that depend on velocity, and {section.path} "
+                    f"({section.cls.kind!r}) has one; these do: {', '.join(sorted(known))}"
+                )
 
     def plain(self, path: str, cls: type[Any]) -> Any:
         """Validate a section without a kind."""
@@ -341,6 +354,9 @@ class _Reader:
                 else "a body needs; hernquist has one"
             )
             text = f"{path}.kind: the potential {cls.kind!r} has no field 'mass' in Msun, which {reason}"
+            return self.refuse(text), None
+        if cls.has_drag():
+            text = f"{path}.kind: {cls.kind!r} has a force that depends on velocity, which only the host may have"
             return self.refuse(text), None
         names = tuple(name for name in cls.model_fields if name != "growth")  # the host alone may grow
         own = {key: value for key, value in table.items() if key in names}

@@ -28,6 +28,29 @@ class Isochrone(Potential):
         return k * x, k * y, k * z
 
 
+class Viscous(Potential):
+    """A Plummer sphere with a drag that grows with the square of the speed."""
+
+    kind = "check_viscous"
+
+    mass: Mass = Field(default=2e11, description="Total mass.")
+    b: Length = Field(default=5.0, description="Scale length.")
+    path: Length = Field(default=30.0, description="Length over which a velocity falls by a factor e.")
+
+    @staticmethod
+    def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any, b: Any, path: Any) -> Any:
+        """Return -G M r / (r^2 + b^2)^(3/2) along the radius."""
+        d2 = x * x + y * y + z * z + b * b
+        k = -G * mass / (d2 * sqrt(d2))
+        return k * x, k * y, k * z
+
+    @staticmethod
+    def drag(x: Any, y: Any, z: Any, vx: Any, vy: Any, vz: Any, t: Any, mass: Any, b: Any, path: Any) -> Any:
+        """Return -|v| v / path."""
+        k = -sqrt(vx * vx + vy * vy + vz * vz) / path
+        return k * vx, k * vy, k * vz
+
+
 class Satellite(Potential):
     """A Plummer sphere."""
 

@@ -12,7 +12,7 @@ from streamkit import GYR, Array, Integrator, Potential
 from streamkit.engine import Field, build_field
 from streamkit.testing import reference
 from streamkit.testing.common import Check, example_of, require
-from streamkit.testing.hosts import TODAY, Isochrone, Satellite, progenitor_orbit, swarm
+from streamkit.testing.hosts import TODAY, Isochrone, Satellite, Viscous, progenitor_orbit, swarm
 from streamkit.testing.speed import integrator_is_fast
 
 SPAN = 0.4
@@ -32,6 +32,8 @@ def _problem(name: str) -> tuple[Field, Array, Array, Array, Array]:
     q, v = swarm(COUNT)
     start = np.zeros(COUNT)
     host: Sequence[Potential] = [Isochrone(swing=0.5 if name == "time-dependent" else 0.0)]
+    if name == "drag":
+        host = [Viscous()]
     field = build_field(host)
     if name != "moving progenitor":
         return field, q, v, *reference.advance(host, q, v, start, SPAN * GYR)
@@ -41,6 +43,11 @@ def _problem(name: str) -> tuple[Field, Array, Array, Array, Array]:
 
 
 PROBLEMS = ("fixed", "time-dependent", "moving progenitor")
+
+
+def _problems(cls: type[Integrator]) -> tuple[str, ...]:
+    """Return the problems that an integrator must solve: one with drag, if it says that it can."""
+    return (*PROBLEMS, "drag") if cls.drag else PROBLEMS
 
 
 def _run(integrator: Integrator, field: Field, q: Array, v: Array, t0: Array, t1: float) -> Array:
@@ -76,7 +83,7 @@ def reaches_its_order(integrator: Integrator) -> None:
     Without a field ``step``, an error below 1e-8 in blocks of 20 Myr is proof enough.
     """
     cls, fixed = type(integrator), has_step(type(integrator))
-    for name in PROBLEMS:
+    for name in _problems(cls):
         if not fixed and _in_blocks(integrator, name, 0.02) < 1e-8:
             continue
         h = np.array(STEPS if fixed else BLOCKS)
@@ -101,7 +108,7 @@ def reaches(accuracy: float) -> Check:
     def reaches_its_accuracy(integrator: Integrator) -> None:
         if has_step(type(integrator)):
             return
-        for name in PROBLEMS:
+        for name in _problems(type(integrator)):
             error = _in_blocks(integrator, name, 0.02)
             require(error <= accuracy, f"{name}: relative error {error:.1e}, {accuracy:.0e} allowed")
 

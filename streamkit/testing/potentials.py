@@ -13,7 +13,7 @@ from streamkit.testing.dimensions import (
     mass_agrees_with_force,
     time_is_not_converted_twice,
 )
-from streamkit.testing.reference import acceleration, divergence_and_curl, gradient
+from streamkit.testing.reference import acceleration, divergence_and_curl, drag, gradient
 from streamkit.testing.speed import potential_is_fast
 
 COUNT = 200
@@ -151,6 +151,36 @@ def density_is_positive(potential: Potential) -> None:
     )
 
 
+def drag_is_a_drag(potential: Potential) -> None:
+    """Check that `drag`, if defined, is three finite arrays for arrays, at rest too, and depends on the velocity.
+
+    Floats and machine code must give the same, to 1e-12 of it and of the acceleration.
+    """
+    if not potential.has_drag():
+        return
+    q, t = positions(1e-1, 3e2), times()
+    v = 150.0 * np.random.default_rng(7).standard_normal(q.shape)
+    values = potential.in_engine_units()
+    result = type(potential).drag(*q.copy(), *v.copy(), t.copy(), *values)
+    require(isinstance(result, tuple) and len(result) == 3, "drag must return a tuple (ax, ay, az)")
+    found, still = drag([potential], t, q, v), drag([potential], t, q, 0 * v)
+    for moving, what in ((found, "at 150 km/s"), (still, "at rest: do not divide by the speed alone")):
+        require(np.isfinite(moving).all(), f"drag is not finite {what}")
+    require((found != still).any(), "drag does not depend on the velocity: it belongs into acceleration")
+    scale = _size(found) + _size(acceleration([potential], t, q))
+    field = build_field([potential])
+    engine = field.acceleration(t, q, v) - field.acceleration(t, q)
+    require(
+        (_size(engine - found) <= 1e-12 * scale).all(), "in the loop, drag: " + _worst(engine - found, scale[None], q)
+    )
+    if potential.compiled:
+        points = zip(*q, *v, t, strict=True)
+        single = np.array([type(potential).drag(*map(float, point), *values) for point in points]).T
+        require(
+            (_size(single - found) <= 1e-12 * scale).all(), "floats, drag: " + _worst(single - found, scale[None], q)
+        )
+
+
 def checks(negative_density: bool) -> tuple[Check, ...]:
     """Return the checks of a potential."""
     always: tuple[Check, ...] = (
@@ -163,6 +193,7 @@ def checks(negative_density: bool) -> tuple[Check, ...]:
         expansion_meets_its_tolerance,
         is_curl_free,
         energy_matches_force,
+        drag_is_a_drag,
         mass_agrees_with_force,
         has_dimensions,
         time_is_not_converted_twice,

@@ -23,6 +23,13 @@ def acceleration(potentials: Sequence[Potential], t: Array | float, q: Array) ->
     return np.asarray(np.sum(parts, axis=0))
 
 
+def drag(potentials: Sequence[Potential], t: Array | float, q: Array, v: Array) -> Array:
+    """(3, n) sum of the NumPy accelerations that depend on velocity, at q and v (3, n) and times t (n,)."""
+    t = np.broadcast_to(np.asarray(t, dtype=float), q.shape[1:])
+    parts = [np.stack(np.broadcast_arrays(*type(p).drag(*q, *v, t, *p.in_engine_units()), t)[:3]) for p in potentials]
+    return np.asarray(np.sum(parts, axis=0))
+
+
 def energy(potentials: Sequence[Potential], t: Array | float, q: Array, v: Array) -> Array:
     """(n,) energy per mass in (km/s)^2 of particles q, v (3, n)."""
     t = np.broadcast_to(np.asarray(t, dtype=float), q.shape[1:])
@@ -121,15 +128,17 @@ def advance(
     def rates(t: float, w: Array) -> Array:
         """State: particle position, velocity, then (with a satellite) the progenitor's."""
         x = w[:3, None]
-        a = acceleration(host, t, x)
+        a = acceleration(host, t, x) + drag(host, t, x, w[3:6, None])
         if progenitor is None:
             return np.concatenate([w[3:6], a[:, 0]])
         centre = w[6:9, None]
         a = a + acceleration(satellite, t, x - centre)
-        return np.concatenate([w[3:6], a[:, 0], w[9:12], acceleration(host, t, centre)[:, 0]])
+        its_own = acceleration(host, t, centre) + drag(host, t, centre, w[9:12, None])
+        return np.concatenate([w[3:6], a[:, 0], w[9:12], its_own[:, 0]])
 
     def alone(t: float, w: Array) -> Array:
-        return np.concatenate([w[3:], acceleration(host, t, w[:3, None])[:, 0]])
+        a = acceleration(host, t, w[:3, None]) + drag(host, t, w[:3, None], w[3:, None])
+        return np.concatenate([w[3:], a[:, 0]])
 
     out = np.empty((6, q.shape[1]))
     for i, start in enumerate(np.asarray(t0, dtype=float)):

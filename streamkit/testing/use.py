@@ -11,7 +11,7 @@ from streamkit.testing.common import require
 from streamkit.testing.contained import printed
 from streamkit.testing.host_data import FlattenedHost
 from streamkit.testing.hosts import MASS, Isochrone, progenitor_orbit, swarm
-from streamkit.testing.reference import acceleration
+from streamkit.testing.reference import acceleration, drag
 from streamkit.testing.streams import example_stream, select
 
 
@@ -20,7 +20,8 @@ def use(component: Component, seed: int = 1) -> Array:
     rng = np.random.default_rng(seed)
     if isinstance(component, Potential):
         q = rng.standard_normal((3, 50)) * np.geomspace(1.0, 100.0, 50)
-        return acceleration([component], np.linspace(-5.0, 0.0, 50), q)
+        t = np.linspace(-5.0, 0.0, 50)
+        return acceleration([component], t, q) + drag([component], t, q, 10 * q)
     if isinstance(component, Stripping):
         orbit = progenitor_orbit(-3.0).at(np.linspace(-3.0, 0.0, 50, endpoint=False) * GYR)
         tail = np.where(np.arange(50) % 2, 1, -1)

@@ -10,7 +10,7 @@ from scipy.special import erf
 
 import streamkit as sk
 from streamkit.builtin.potentials import Hernquist, Kepler, Plummer
-from streamkit.engine import NO_DRAG, Centre, Drag, build_field, follow_bodies
+from streamkit.engine import NO_FRICTION, Centre, Friction, build_field, follow_bodies
 
 Q, V = np.array([30.0, 5.0, -10.0]), np.array([40.0, 190.0, 60.0])
 STEP = 0.002 * sk.GYR
@@ -43,7 +43,7 @@ def test_three_centres_are_those_of_scipy(end, pulls):
         Centre(Plummer(mass=m, radius=r), *start, pulls_host=both)
         for m, r, start, both in zip(masses[1:], radii[1:], starts[1:], (True, pulls), strict=True)
     ]
-    host, orbits = follow_bodies([Plummer(mass=masses[0], radius=radii[0])], bodies, NO_DRAG, end * sk.GYR, STEP)
+    host, orbits = follow_bodies([Plummer(mass=masses[0], radius=radii[0])], bodies, NO_FRICTION, end * sk.GYR, STEP)
 
     def rates(t, w):
         x, v = w.reshape(2, 3, 3)
@@ -72,7 +72,7 @@ def test_two_point_masses_move_on_keplers_ellipse():
     period = 2 * np.pi * np.sqrt(a**3 / (sk.G * 2 * mass))
     speed = np.sqrt(sk.G * 2 * mass / a * (1 + e) / (1 - e))
     body = Centre(Kepler(mass=mass), np.array([a * (1 - e), 0.0, 0.0]), np.array([0.0, speed, 0.0]))
-    host, (orbit,) = follow_bodies([Kepler(mass=mass)], [body], NO_DRAG, -2.2 * period, STEP)
+    host, (orbit,) = follow_bodies([Kepler(mass=mass)], [body], NO_FRICTION, -2.2 * period, STEP)
     assert np.allclose(orbit.apocentres(), [-1.5 * period, -0.5 * period], atol=1e-7 * period)
     assert np.allclose(orbit.at(orbit.apocentres()).q[0], -a * (1 + e), rtol=1e-6)
     assert np.allclose(host.q + 0.5 * orbit.q, body.q[:, None] / 2 + 0.5 * body.v[:, None] * host.t, atol=1e-6)
@@ -83,7 +83,7 @@ def test_the_error_falls_with_the_fourth_power_of_the_step():
     body = Centre(Hernquist(mass=1e11, a=10.0), 6 * Q, V)
     ends = []
     for step in (8, 4, 1):
-        _, (orbit,) = follow_bodies([Plummer(mass=1e12, radius=20.0)], [body], NO_DRAG, -0.8 * sk.GYR, step * STEP)
+        _, (orbit,) = follow_bodies([Plummer(mass=1e12, radius=20.0)], [body], NO_FRICTION, -0.8 * sk.GYR, step * STEP)
         ends.append(orbit.q[:, 0])
     errors = [np.abs(end - ends[-1]).max() for end in ends[:2]]
     assert errors[0] < 1e-4
@@ -96,11 +96,11 @@ def test_friction_is_chandrasekhars(mass, extent):
     sigma = 120.0
     table = np.zeros((60, 8))
     table[:, 0], table[:, 4] = sigma**2 / (2 * np.pi * sk.G), sigma**2
-    drag = Drag(table, np.log(0.1), 0.1)
+    friction = Friction(table[None], np.log(0.1), 0.1, np.zeros(1))
     host = Kepler(mass=3e11)
-    body = Centre(Plummer(mass=mass, radius=1.0), Q, V, pulls_host=False, drag_mass=mass, extent=extent)
+    body = Centre(Plummer(mass=mass, radius=1.0), Q, V, pulls_host=False, slowed_mass=mass, extent=extent)
     for end in (-1.0, 0.3):
-        centre, (orbit,) = follow_bodies([host], [body], drag, end * sk.GYR, STEP)
+        centre, (orbit,) = follow_bodies([host], [body], friction, end * sk.GYR, STEP)
 
         def rates(t, w):
             x, v = w[:3], w[3:]
@@ -119,8 +119,10 @@ def test_friction_is_chandrasekhars(mass, extent):
 
 def test_a_body_at_rest_feels_no_friction():
     table = np.ones((4, 8))
-    body = Centre(Plummer(mass=1e9, radius=1.0), Q, np.zeros(3), pulls_host=False, drag_mass=1e9, extent=0.5)
-    _, (with_drag,) = follow_bodies([Kepler(mass=1e-9)], [body], Drag(table, 0.0, 1.0), -1e-3, STEP)
+    body = Centre(Plummer(mass=1e9, radius=1.0), Q, np.zeros(3), pulls_host=False, slowed_mass=1e9, extent=0.5)
+    _, (with_drag,) = follow_bodies(
+        [Kepler(mass=1e-9)], [body], Friction(table[None], 0.0, 1.0, np.zeros(1)), -1e-3, STEP
+    )
     assert np.isfinite(with_drag.q).all()
     assert np.allclose(with_drag.a, 0.0, atol=1e-3)
 
@@ -129,7 +131,7 @@ def test_bodies_through_numpy_move_as_compiled_ones():
     args = {"mass": 1e11, "radius": 8.0}
     host, same = Plummer(mass=5e11, radius=10.0), NumpyPlummer(mass=5e11, radius=10.0)
     orbits = [
-        follow_bodies([h], [Centre(kind(**args), Q, V)], NO_DRAG, -0.2 * sk.GYR, STEP)[1][0]
+        follow_bodies([h], [Centre(kind(**args), Q, V)], NO_FRICTION, -0.2 * sk.GYR, STEP)[1][0]
         for h, kind in ((host, Plummer), (same, NumpyPlummer))
     ]
     assert np.allclose(orbits[0].q, orbits[1].q, rtol=1e-11)
@@ -139,7 +141,7 @@ def test_the_frame_of_a_centre_is_accelerated():
     """A particle in the field seen from the host is the one in the inertial frame, less the host's orbit."""
     host, body = Plummer(mass=5e11, radius=10.0), Plummer(mass=1e11, radius=5.0)
     end = -1.0 * sk.GYR
-    centre, (orbit,) = follow_bodies([host], [Centre(body, Q, V)], NO_DRAG, end, STEP)
+    centre, (orbit,) = follow_bodies([host], [Centre(body, Q, V)], NO_FRICTION, end, STEP)
     field = build_field([host]).with_moving(build_field([body]), orbit).seen_from(centre)
     q, v = np.array([-40.0, 16.0, 6.0]), np.array([30.0, -150.0, 60.0])
     found = field.orbit(q, v, 0.0, end, STEP)

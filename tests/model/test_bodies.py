@@ -16,11 +16,12 @@ from galpy.orbit import Orbit as GalpyOrbit
 from runfiles import changed
 from scipy.integrate import quad, solve_ivp
 from scipy.interpolate import CubicSpline
+from scipy.special import erf
 
 import streamkit as sk
 from streamkit.builtin.integrators import Adaptive, Reference
 from streamkit.builtin.potentials import NFW, Hernquist, Kepler, MiyamotoNagai, Plummer, TruncatedFlat
-from streamkit.engine import Centre, Drag, build_field, follow_bodies
+from streamkit.engine import Centre, Friction, build_field, follow_bodies
 from streamkit.model import NODE, Host, progenitor_track, simulate, standard_normals
 from streamkit.spec import Body
 from streamkit.stream import Observer, to_galactocentric
@@ -74,9 +75,9 @@ DISTANCES = {  # at -1, -2, -3 and -4 Gyr
 }
 
 
-def followed(body, drag=None, end=-4.0):
+def followed(body, friction=None, end=-4.0):
     host = Host(MILKY_WAY)
-    table = host._drag if drag is None else drag
+    table = host._friction(end * sk.GYR) if friction is None else friction
     centre = Centre(body.potential, Q, V, body.reflex, body.mass if body.friction else 0.0, body.extent)
     path, (orbit,) = follow_bodies(list(MILKY_WAY.values()), [centre], table, end * sk.GYR, NODE)
     return path, orbit
@@ -108,7 +109,7 @@ def test_where_the_cloud_came_from(mass, friction):
     dispersion2 = 0.59**2 * sk.G * mass_of_spheres(radii) / radii
     table = np.zeros((len(radii), 8))
     table[:, 0], table[:, 4] = nfw_density(radii) * radii**2, dispersion2
-    _, orbit = followed(cloud(mass, friction=friction), Drag(table, 0.0, 0.02))
+    _, orbit = followed(cloud(mass, friction=friction), Friction(table[None], 0.0, 0.02, np.zeros(1)))
     times = np.array([-1.0, -2.0, -3.0, -4.0]) * sk.GYR
     near = 0.02 if mass > 2e11 else 0.01  # what such a mass does depends most on the dispersion
     assert orbit.at(times).r == pytest.approx(DISTANCES[mass, friction], rel=near)
@@ -130,10 +131,11 @@ def test_density_and_dispersion_of_the_host(radius):
     def weighed(r):
         return nfw_density(r) * sk.G * 5.4e11 * (np.log(1 + r / 15.62) - r / (r + 15.62)) / r**2
 
-    drag = Host({"halo": MILKY_WAY["halo"]})._drag
-    since = (np.log(radius) - drag.first) / drag.step
+    friction = Host({"halo": MILKY_WAY["halo"]})._friction(-1.0)
+    assert list(friction.times) == [0.0]
+    since = (np.log(radius) - friction.first) / friction.step
     s = since - int(since)
-    column, dispersion2 = (np.polyval(c[::-1], s) for c in drag.table[int(since)].reshape(2, 4))
+    column, dispersion2 = (np.polyval(c[::-1], s) for c in friction.table[0, int(since)].reshape(2, 4))
     assert column / radius**2 == pytest.approx(nfw_density(radius), rel=1e-3)
     wanted = quad(weighed, radius, np.inf, epsrel=1e-10)[0] / nfw_density(radius)
     assert dispersion2 == pytest.approx(wanted, rel=2e-3)
@@ -142,12 +144,42 @@ def test_density_and_dispersion_of_the_host(radius):
 @pytest.mark.parametrize("potential", [Kepler(mass=1e11), TruncatedFlat(v0=210.0, rs=12.0, alpha=0.0)])
 def test_friction_in_hosts_without_density_or_without_end(potential):
     """None in a Kepler host; s^2 = v0^2 / 2 in a singular isothermal sphere."""
-    table = Host({"host": potential})._drag.table
+    (table,) = Host({"host": potential})._friction(-1.0).table
     assert np.isfinite(table).all()
     if isinstance(potential, Kepler):
         assert np.abs(table[:, :4]).max() < 1e-5 * 1e11 / (4 * np.pi)
     else:
         assert table[:, 4] == pytest.approx(210.0**2 / 2, rel=3e-3)
+
+
+def test_friction_in_a_growing_host_is_that_of_its_density_then():
+    """An NFW halo that had half its mass: density and squared dispersion follow the factor; against SciPy."""
+    t, factor, end = np.array([-3.0, -1.0, 0.0]) * sk.GYR, np.array([0.3, 0.8, 1.0]), -2.5 * sk.GYR
+    halo = NFW(mass=5.4e11, rs=15.62, growth={"t": t / sk.GYR, "factor": factor})
+    body = Body(Hernquist(mass=1e11, a=10.0), 0.8 * Q, 0.7 * V, reflex=False)
+    found = Host({"halo": halo}, {"body": body}).paths(end).bodies["body"]
+
+    def inside(r):
+        return 5.4e11 * (np.log(1 + r / 15.62) - r / (r + 15.62))
+
+    radii = np.geomspace(1.0, 1000.0, 200)
+    pushes = [quad(lambda r: nfw_density(r) * sk.G * inside(r) / r**2, r, np.inf)[0] for r in radii]
+    dispersion2 = CubicSpline(np.log(radii), np.array(pushes) / nfw_density(radii))
+
+    def rates(now, w):
+        x, v = w[:3], w[3:]
+        d, speed, grown = np.sqrt(x @ x), np.sqrt(v @ v), np.interp(now, t, factor)
+        s = speed / np.sqrt(2 * grown * dispersion2(np.log(d)))
+        part = erf(s) - 2 * s / np.sqrt(np.pi) * np.exp(-(s**2))
+        coulomb = np.sqrt(np.log(d / 20.0)) if d > 20 else 0.0
+        slow = 4 * np.pi * sk.G**2 * 1e11 * grown * nfw_density(d) * coulomb * part / speed**3
+        return np.concatenate([v, -sk.G * grown * inside(d) / d**3 * x - slow * v])
+
+    done = solve_ivp(rates, (0, end), np.concatenate([body.q, body.v]), rtol=1e-9, atol=1e-9, max_step=0.02)
+    assert found.q[:, 0] == pytest.approx(done.y[:3, -1], abs=0.1)
+    still = replace(body, friction=False)
+    free = Host({"halo": halo}, {"body": still}).paths(end).bodies["body"]
+    assert np.abs(free.q[:, 0] - found.q[:, 0]).max() > 20
 
 
 def test_a_body_without_mass_is_no_body():

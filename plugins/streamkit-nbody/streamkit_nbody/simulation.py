@@ -63,6 +63,12 @@ class Simulation:
                 f"{spec.source}: progenitor.kind: found {setup.satellite.kind!r}; a live satellite must be 'plummer', "
                 "the one whose distribution function is at hand"
             )
+        for name, potential in setup.potentials.items():
+            if potential.has_drag():
+                raise SpecError(
+                    f"{spec.source}: {potential.place or name}: {potential.kind!r} has a force that depends on "
+                    "velocity, which this simulation does not know"
+                )
         host = Host(setup.potentials, setup.bodies)
         with np.errstate(all="ignore"):  # what is not finite is found on the next line
             orbit = host.until(-setup.lookback * GYR).orbit(setup.q, setup.v, 0.0, -setup.lookback * GYR, NODE)

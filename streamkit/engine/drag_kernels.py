@@ -1,0 +1,128 @@
+"""From elementwise `drag`s to one C function for all of them: the mean acceleration over a kick.
+
+Of the same form as the kernels of forces (see `streamkit.engine.kernels`), but ``q`` are whole lanes, ``centre[0]`` is
+the fraction of their time steps that the kick takes, and ``a`` holds the forces that do not depend on velocity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numba import carray, njit
+
+from streamkit.elementary import interp
+from streamkit.engine.arguments import ENDLESS, layout_of, pack, unpacker
+from streamkit.engine.cache import OPTIONS
+from streamkit.engine.dragged import LANES_ROWS
+from streamkit.engine.forces import ROW
+from streamkit.engine.kernels import Force, NumpyKernel, machine_code
+from streamkit.stream import Array
+
+Part = tuple[type[Force], tuple[int, ...], bool]
+"""A component, the dimensions of what its `drag` gets after t, and whether the last two of these are a growth."""
+
+
+def drag_kernel(forces: Sequence[Force]) -> tuple[Any, Array]:
+    """Return the kernel of the forces' drags together, and its packed parameters.
+
+    Through NumPy if one of them is not compiled. Raises `PluginError` if numba cannot compile an author's function.
+    """
+    if not all(force.compiled for force in forces):
+        return NumpyDrag(forces), np.zeros(1)
+    growths = [force.growth_table() for force in forces]
+    values = [force.in_engine_units() + (growth or ()) for force, growth in zip(forces, growths, strict=True)]
+    packed = [pack(value) for value in values]
+    begins = np.cumsum([len(forces), *map(len, packed)])[:-1].astype(float)
+    parts = tuple(
+        (type(f), layout_of(value), growth is not None)
+        for f, value, growth in zip(forces, values, growths, strict=True)
+    )
+    return compiled_drag(parts), np.concatenate([begins, *packed, np.zeros(1)])
+
+
+@cache
+def compiled_drag(parts: tuple[Part, ...]) -> Any:
+    """Return the machine code of the drags of components; once for each combination and process."""
+    inlined = njit(forceinline=True, **OPTIONS)
+    total = inlined(lambda x, y, z, u, v, w, t, p: (0.0, 0.0, 0.0))
+    for number, (cls, layout, growing) in enumerate(parts):
+        total = _with(total, inlined(cls.drag), unpacker(layout), growing, number)
+
+    @inlined
+    def mean(x, y, z, u, v, w, t, h, p, ax, ay, az):
+        a0, b0, c0 = total(x, y, z, u, v, w, t, p)
+        a0, b0, c0 = ax + a0, ay + b0, az + c0
+        if h == 0.0:
+            return a0, b0, c0
+        a1, b1, c1 = total(x, y, z, u + 0.5 * h * a0, v + 0.5 * h * b0, w + 0.5 * h * c0, t, p)
+        a1, b1, c1 = ax + a1, ay + b1, az + c1
+        a2, b2, c2 = total(x, y, z, u + 0.5 * h * a1, v + 0.5 * h * b1, w + 0.5 * h * c1, t, p)
+        a2, b2, c2 = ax + a2, ay + b2, az + c2
+        a3, b3, c3 = total(x, y, z, u + h * a2, v + h * b2, w + h * c2, t, p)
+        a3, b3, c3 = ax + a3, ay + b3, az + c3
+        return (a0 + 2 * (a1 + a2) + a3) / 6, (b0 + 2 * (b1 + b2) + b3) / 6, (c0 + 2 * (c1 + c2) + c3) / 6
+
+    def kernel(n, t, p, centre, q, a, fresh):
+        packed, lanes = carray(p, (ENDLESS,)), carray(q, (LANES_ROWS * ROW,))
+        part, out = carray(centre, (3,))[0], carray(a, (3 * ROW,))
+        for i in range(n):
+            out[i], out[ROW + i], out[2 * ROW + i] = mean(
+                lanes[i], lanes[ROW + i], lanes[2 * ROW + i],
+                lanes[3 * ROW + i], lanes[4 * ROW + i], lanes[5 * ROW + i],
+                lanes[6 * ROW + i], part * lanes[7 * ROW + i], packed,
+                out[i], out[ROW + i], out[2 * ROW + i],
+            )  # fmt: skip
+
+    return machine_code(
+        kernel, [(cls, cls.drag) for cls, _, _ in parts], [(layout, grows) for _, layout, grows in parts]
+    )
+
+
+def _with(before: Any, drag: Any, unpack: Any, growing: bool, number: int) -> Any:
+    """Add the drag of the component with a number to those before it."""
+    inlined = njit(forceinline=True, **OPTIONS)
+
+    def total(x, y, z, u, v, w, t, p):
+        ax, ay, az = before(x, y, z, u, v, w, t, p)
+        bx, by, bz = drag(x, y, z, u, v, w, t, *unpack(p[int(p[number]) :]))
+        return ax + bx, ay + by, az + bz
+
+    def growing_total(x, y, z, u, v, w, t, p):
+        ax, ay, az = before(x, y, z, u, v, w, t, p)
+        parameters = unpack(p[int(p[number]) :])
+        bx, by, bz = drag(x, y, z, u, v, w, t, *parameters[:-2])
+        factor = interp(t, parameters[-2], parameters[-1])
+        return ax + factor * bx, ay + factor * by, az + factor * bz
+
+    return inlined(growing_total if growing else total)
+
+
+class NumpyDrag(NumpyKernel):
+    """The drags of all components in Python, once per batch and stage: where one of them is not compiled."""
+
+    def __init__(self, forces: Sequence[Force]) -> None:
+        super().__init__(forces[0])
+        self._parts = [(force.drag, force.in_engine_units(), force.growth_table()) for force in forces]
+
+    def _fill(self, q: Callable[[int], Array], times: Array, about: list[float], total: Array, fresh: int) -> None:
+        lanes = q(LANES_ROWS)
+        x, v, now, h = lanes[:3], lanes[3:6], lanes[6], about[0] * lanes[7]
+        given = total.copy()
+        a0 = given + self._drag(x, v, now)
+        if about[0] == 0.0:
+            total[:] = a0
+            return
+        a1 = given + self._drag(x, v + 0.5 * h * a0, now)
+        a2 = given + self._drag(x, v + 0.5 * h * a1, now)
+        a3 = given + self._drag(x, v + h * a2, now)
+        total[:] = (a0 + 2 * (a1 + a2) + a3) / 6
+
+    def _drag(self, x: Array, v: Array, t: Array) -> Array:
+        found = np.zeros_like(v)
+        for drag, arguments, growth in self._parts:
+            part = np.stack(np.broadcast_arrays(*drag(*x, *v, t, *arguments)))
+            found += part if growth is None else part * np.interp(t, *growth)
+        return found
