@@ -10,6 +10,7 @@ from .given import GIVEN as GIVEN
 from .hookspecs import CONTRACT as CONTRACT
 from .hookspecs import hookimpl as hookimpl
 from .known import where_to_find as where_to_find
+from .mass import total_mass as total_mass
 from .plugin import ROLES as ROLES
 from .plugin import Plugin as Plugin
 from .plugin import is_loaded as is_loaded
@@ -21,7 +22,7 @@ from .registry import load_registry as load_registry
 from .sampler import Sampler as Sampler
 from .sampler import Samples as Samples
 from .sampler import Target as Target
-from .total import AZIMUTH as AZIMUTH
+from .total import Total as Total
 from .total import add_up as add_up
-from .total import circle as circle
 from .total import circular_speed as circular_speed
+from .total import sphere as sphere

@@ -6,6 +6,7 @@ import dis
 import inspect
 from abc import abstractmethod
 from collections.abc import Mapping
+from functools import cache
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -14,6 +15,7 @@ from pydantic.fields import FieldInfo
 
 from streamkit import engine, expansion
 from streamkit.components.bases import Component
+from streamkit.components.total import Total
 from streamkit.errors import PluginError, StreamkitError, blamed, nearest
 from streamkit.fields import Columns, Table
 from streamkit.stream import Array, read_only
@@ -23,6 +25,8 @@ DEEPEST = 3
 """Most dimensions of an array that compiled code gets."""
 
 
+HOST = "host"
+"""What `prepare` calls the rest of the host."""
 MOVING = "x", "y", "z", "vx", "vy", "vz", "t"
 """The first arguments of `drag`."""
 
@@ -47,7 +51,7 @@ def _check_signature(cls: type[Potential]) -> None:
             )
     else:
         for name in inspect.signature(cls.prepare).parameters:
-            if name not in own:
+            if name not in own and name != HOST:
                 raise PluginError(
                     f"{where}.prepare: the arguments are fields by name; found {name!r}.{nearest(name, own)} "
                     f"Fields: {', '.join(own)}"
@@ -121,6 +125,7 @@ class Potential(Component):
     _expanded: expansion.Expanded | None = PrivateAttr(None)
     _like: Potential | None = PrivateAttr(None)
     _place: str = PrivateAttr("")
+    _others: tuple[Potential, ...] = PrivateAttr(())
 
     @staticmethod
     @abstractmethod
@@ -157,6 +162,10 @@ class Potential(Component):
         are. The result is a mapping or a named tuple of numbers and arrays of up to three dimensions; `acceleration`
         gets those that it names, beside the fields that it names. With ``compiled = False`` it may hold any object.
         Called once per instance, so once for every set of parameters. May raise `OutOfDomain`.
+
+        The argument ``host``, unless a field has this name, is a `HostView` of the other parts of the host today: of
+        those that do not ask for it themselves, so that two that ask see the same. A part that asks may be no
+        progenitor and no body. Alone, as in the conformance tests, it finds a host without mass.
         """
         raise NotImplementedError
 
@@ -219,6 +228,18 @@ class Potential(Component):
         """
         self._like, self._place = other, place
 
+    @classmethod
+    @cache
+    def asks_for_host(cls) -> bool:
+        """Say whether `prepare` wants the other parts of the host."""
+        return HOST in inspect.signature(cls.prepare).parameters and HOST not in cls.model_fields
+
+    def beside(self, others: tuple[Potential, ...]) -> Potential:
+        """Return a copy whose `prepare` gets these parts of the host."""
+        copy = self.model_copy()
+        copy._others, copy._prepared, copy._expanded = others, (0, ()), None
+        return copy
+
     def in_loop(self) -> engine.Force:
         """Return what stands for the potential in the compiled loop: itself, or an expansion."""
         found = self.expanded()
@@ -253,6 +274,8 @@ def _prepare(potential: Potential) -> tuple[Any, ...]:
     cls = type(potential)
     fields = {name: getattr(potential, name) for name in cls.model_fields}
     fields |= dict(zip(cls.measured(), Component.in_engine_units(potential), strict=True))
+    if cls.asks_for_host():
+        fields[HOST] = Total(potential._others)
     with blamed(f"potential {cls.kind}"):
         found = cls.prepare(**{name: fields[name] for name in inspect.signature(cls.prepare).parameters})
     prepared = found._asdict() if hasattr(found, "_asdict") else found

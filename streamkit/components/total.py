@@ -1,21 +1,85 @@
-"""Potentials added up through NumPy, and the circular speed of their sum."""
+"""Potentials added up through NumPy, and what is asked of their sum: masses, circular velocities, flattening."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import cache
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from streamkit.components.potential import Potential
 from streamkit.errors import blamed
 from streamkit.stream import Array, read_only
+from streamkit.units import G
 
 AZIMUTH = 16
 """Equal angles: exact for every harmonic below this order."""
+POLAR = 20
+"""Gauss-Legendre nodes per hemisphere."""
 
 
-def add_up(what: str, potentials: Iterable[Potential], q: Array) -> Array:
+class Part(Protocol):
+    """A potential, as far as it is asked here."""
+
+    kind: ClassVar[str]
+
+    def in_engine_units(self) -> tuple[Any, ...]:
+        """Return the arguments of its `acceleration` after t."""
+
+    @classmethod
+    def has_energy(cls) -> bool:
+        """Say whether it gives a potential."""
+
+
+@dataclass(frozen=True)
+class Total:
+    """The sum of potentials today, called through NumPy: what is asked of a host, without what moves beside it."""
+
+    potentials: tuple[Part, ...]
+
+    def acceleration(self, q: Array) -> Array:
+        """(3, n) Acceleration in (km/s)^2/kpc at positions q (3, n) in kpc."""
+        return add_up("acceleration", self.potentials, q)
+
+    def potential(self, q: Array) -> Array | None:
+        """(n,) Potential in (km/s)^2 at positions q (3, n) in kpc; None where a component gives none."""
+        return add_up("potential", self.potentials, q) if all(p.has_energy() for p in self.potentials) else None
+
+    def mass_inside(self, radii: Array) -> Array:
+        """(nr,) Mass in Msun inside radii (nr,) in kpc: ``r^2 <-a_r> / G``, a mean."""
+        radii = np.asarray(radii, dtype=float)
+        directions, weights = sphere(POLAR, AZIMUTH)
+        return np.asarray(radii**2 / G * (self._inward(directions, radii) @ weights))
+
+    def circular_velocity(self, radii: Array) -> Array:
+        """(nr,) Circular velocity in km/s at radii (nr,) in kpc in the plane: ``sqrt(R <-a_R>)``."""
+        radii = np.asarray(radii, dtype=float)
+        pull = self._inward(circle(), radii).mean(axis=1)
+        return np.asarray(np.sqrt(np.maximum(radii * pull, 0.0)))
+
+    def flattening(self, radii: Array, z: Array) -> Array:
+        """(n,) Flattening of the potential at cylindrical radii and heights (n,) in kpc.
+
+        ``sqrt(z <a_R> / (R <a_z>))``, means around the axis (Bovy+ 2016, ApJ 833, 31): the axis ratio of a potential of
+        R^2 + z^2 / q^2. NaN where a force points outwards.
+        """
+        radii, z = np.broadcast_arrays(np.asarray(radii, dtype=float), np.asarray(z, dtype=float))
+        around = circle()
+        places = around[:, None, :] * radii[:, None] + np.array([0.0, 0.0, 1.0])[:, None, None] * z[:, None]
+        force = self.acceleration(np.ascontiguousarray(places.reshape(3, -1))).reshape(places.shape)
+        outwards, upwards = np.einsum("crk,ck->rk", force, around).mean(axis=1), force[2].mean(axis=1)
+        with np.errstate(all="ignore"):
+            return np.asarray(np.sqrt(z * outwards / (radii * upwards)))
+
+    def _inward(self, directions: Array, radii: Array) -> Array:
+        """(nr, k) Inward radial acceleration at radii (nr,) along directions (3, k)."""
+        places = np.ascontiguousarray(directions[:, None, :] * radii[:, None])
+        total = self.acceleration(places.reshape(3, -1)).reshape(places.shape)
+        return np.asarray(-np.einsum("crk,ck->rk", total, directions))
+
+
+def add_up(what: str, potentials: Iterable[Part], q: Array) -> Array:
     """Add up a static method of potentials at positions q (3, n) today, called with whole arrays.
 
     Parameters
@@ -31,7 +95,7 @@ def add_up(what: str, potentials: Iterable[Potential], q: Array) -> Array:
     """
     x, y, z = read_only(np.ascontiguousarray(q))
     t = read_only(np.zeros_like(x))
-    total: Array = np.zeros(())
+    total: Array = np.zeros(q.shape if what == "acceleration" else q.shape[1:])
     for potential in potentials:
         with blamed(f"potential {potential.kind}"):
             parameters = potential.in_engine_units()
@@ -39,7 +103,7 @@ def add_up(what: str, potentials: Iterable[Potential], q: Array) -> Array:
     return total
 
 
-def circular_speed(potentials: Iterable[Potential], radius: float) -> float:
+def circular_speed(potentials: Iterable[Part], radius: float) -> float:
     """Return ``sqrt(R <-a_R>)`` in km/s at a radius in kpc in the plane z = 0, the mean over the azimuth.
 
     Zero where the mean force is outward; NaN where there is no force.
@@ -55,3 +119,20 @@ def circle() -> Array:
     """Directions (3, k) around the plane z = 0."""
     phi = (np.arange(AZIMUTH) + 0.5) * 2 * np.pi / AZIMUTH
     return np.stack([np.cos(phi), np.sin(phi), np.zeros(AZIMUTH)])
+
+
+@cache
+def sphere(polar: int, azimuth: int) -> tuple[Array, Array]:
+    """Directions (3, k) over the sphere and weights (k,) of a mean over it.
+
+    cos(theta) = s^3 crowds the nodes at the plane, where a thin disc pulls within a few degrees.
+    """
+    s, w = np.polynomial.legendre.leggauss(polar)
+    s, w = 0.5 * (1 + s), 0.5 * w
+    mu = np.concatenate([-(s[::-1] ** 3), s**3])
+    weight = np.concatenate([(3 * s**2 * w)[::-1], 3 * s**2 * w])
+    phi = (np.arange(azimuth) + 0.5) * 2 * np.pi / azimuth
+    sine = np.sqrt(1 - mu**2)
+    x, y = np.outer(sine, np.cos(phi)), np.outer(sine, np.sin(phi))
+    directions = np.stack([x, y, np.outer(mu, np.ones(azimuth))])
+    return directions.reshape(3, -1), np.repeat(weight / weight.sum() / azimuth, azimuth)

@@ -284,10 +284,11 @@ def _advance(
     if len(pieces) == 1:
         field.run(loops.advance, method, field.scratch, rows, t0, t1)
     else:
+        forces = field.whole
         with ThreadPoolExecutor(len(pieces)) as pool:
 
             def carry(piece: slice, scratch: Scratch) -> None:
-                loops.advance(field.whole, method, scratch, tuple(row[piece] for row in rows), t0[piece], t1)
+                loops.advance(forces, method, scratch, tuple(row[piece] for row in rows), t0[piece], t1)
 
             list(pool.map(carry, pieces, field.rooms))
     for row, done in zip(given, rows, strict=True):

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from streamkit.components import AZIMUTH, Potential, add_up, circle
+from streamkit.components import Potential, Total, add_up, sphere
 from streamkit.engine import NO_FRICTION, Centre, Field, Friction, build_field, follow_bodies
 from streamkit.errors import OutOfDomain
 from streamkit.model.friction import friction_table, friction_times
 from streamkit.spec import Body
 from streamkit.stream import Array, Orbit
-from streamkit.units import GYR, G
+from streamkit.units import GYR
 
 NODE = 0.002 * GYR
 """Spacing of the tracks of the progenitor and of bodies: their interpolation error stays far below a particle's."""
@@ -23,10 +23,8 @@ NODE = 0.002 * GYR
 SHARPEST = 1.5
 """Most that one of them may turn between two nodes of its track, radians: revolutions are counted by them."""
 
-POLAR = 20
-"""Gauss-Legendre nodes per hemisphere."""
 COARSE = 8, 4
-"""The same, for friction: it acts far from any disc."""
+"""Nodes of a mean over the sphere for friction, which acts far from any disc."""
 FAR = 1e100
 """A distance in kpc that stands for infinity: far enough for a logarithm to hold any speed."""
 
@@ -71,6 +69,11 @@ class Host:
     progenitor: Body | None = None
     _known: dict[float, Field] = field(default_factory=dict, init=False, repr=False, compare=False)
     _paths: dict[float, Paths] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    @property
+    def total(self) -> Total:
+        """The sum of its own potentials today, through NumPy."""
+        return Total(tuple(self.potentials.values()))
 
     @cached_property
     def alone(self) -> Field:
@@ -128,16 +131,16 @@ class Host:
         growths = [grows[0] for p in self.potentials.values() if (grows := p.growth_table()) is not None]
         times = friction_times(self.alone, growths, t1)
         if len(times) > 1:
-            return friction_table(self.alone, *_sphere(*COARSE), times)
+            return friction_table(self.alone, *sphere(*COARSE), times)
         return self._friction_of_today
 
     @cached_property
     def _friction_of_today(self) -> Friction:
-        return friction_table(self.alone, *_sphere(*COARSE), np.zeros(1))
+        return friction_table(self.alone, *sphere(*COARSE), np.zeros(1))
 
     def acceleration(self, q: Array) -> Array:
         """(3, n) Acceleration in (km/s)^2/kpc by the host without bodies at positions q (3, n) today, through NumPy."""
-        return add_up("acceleration", list(self.potentials.values()), q)
+        return self.total.acceleration(q)
 
     def potential(self, q: Array) -> Array | None:
         """(n,) Potential in (km/s)^2 at q (3, n) today, with that of the bodies; None where a component gives none."""
@@ -162,35 +165,15 @@ class Host:
 
     def mass_inside(self, radii: Array) -> Array:
         """(nr,) Mass in Msun of the host without bodies inside radii (nr,) in kpc: ``r^2 <-a_r> / G``, a mean."""
-        radii = np.asarray(radii, dtype=float)
-        directions, weights = _sphere(POLAR, AZIMUTH)
-        return np.asarray(radii**2 / G * (self._inward(directions, radii) @ weights))
+        return self.total.mass_inside(radii)
 
     def circular_velocity(self, radii: Array) -> Array:
         """(nr,) Circular velocity in km/s at radii (nr,) in kpc in the plane, without bodies: ``sqrt(R <-a_R>)``."""
-        radii = np.asarray(radii, dtype=float)
-        pull = self._inward(circle(), radii).mean(axis=1)
-        return np.asarray(np.sqrt(np.maximum(radii * pull, 0.0)))
+        return self.total.circular_velocity(radii)
 
     def flattening(self, radii: Array, z: Array) -> Array:
-        """(n,) Flattening of the potential at cylindrical radii and heights (n,) in kpc, without bodies.
-
-        ``sqrt(z <a_R> / (R <a_z>))``, means around the axis (Bovy+ 2016, ApJ 833, 31): the axis ratio of a potential of
-        R^2 + z^2 / q^2. NaN where a force points outwards.
-        """
-        radii, z = np.broadcast_arrays(np.asarray(radii, dtype=float), np.asarray(z, dtype=float))
-        around = circle()
-        places = around[:, None, :] * radii[:, None] + np.array([0.0, 0.0, 1.0])[:, None, None] * z[:, None]
-        force = self.acceleration(np.ascontiguousarray(places.reshape(3, -1))).reshape(places.shape)
-        outwards, upwards = np.einsum("crk,ck->rk", force, around).mean(axis=1), force[2].mean(axis=1)
-        with np.errstate(all="ignore"):
-            return np.asarray(np.sqrt(z * outwards / (radii * upwards)))
-
-    def _inward(self, directions: Array, radii: Array) -> Array:
-        """(nr, k) Inward radial acceleration at radii (nr,) along directions (3, k)."""
-        places = np.ascontiguousarray(directions[:, None, :] * radii[:, None])
-        total = self.acceleration(places.reshape(3, -1)).reshape(places.shape)
-        return np.asarray(-np.einsum("crk,ck->rk", total, directions))
+        """(n,) Flattening of the potential at cylindrical radii and heights (n,) in kpc, without bodies."""
+        return self.total.flattening(radii, z)
 
     def tidal_bracket(self, orbit: Orbit) -> Array:
         """(n,) ``Omega^2 - d^2 Phi / dr^2`` along an orbit; NaN where it is not positive, and no tidal radius exists.
@@ -199,20 +182,3 @@ class Host:
         """
         bracket = orbit.omega**2 - self._at(orbit.t).radial_second_derivative(orbit.t, orbit.q)
         return np.where(bracket > 0, bracket, np.nan)
-
-
-@cache
-def _sphere(polar: int, azimuth: int) -> tuple[Array, Array]:
-    """Directions (3, k) over the sphere and weights (k,) of a mean over it.
-
-    cos(theta) = s^3 crowds the nodes at the plane, where a thin disc pulls within a few degrees.
-    """
-    s, w = np.polynomial.legendre.leggauss(polar)
-    s, w = 0.5 * (1 + s), 0.5 * w
-    mu = np.concatenate([-(s[::-1] ** 3), s**3])
-    weight = np.concatenate([(3 * s**2 * w)[::-1], 3 * s**2 * w])
-    phi = (np.arange(azimuth) + 0.5) * 2 * np.pi / azimuth
-    sine = np.sqrt(1 - mu**2)
-    x, y = np.outer(sine, np.cos(phi)), np.outer(sine, np.sin(phi))
-    directions = np.stack([x, y, np.outer(mu, np.ones(azimuth))])
-    return directions.reshape(3, -1), np.repeat(weight / weight.sum() / azimuth, azimuth)

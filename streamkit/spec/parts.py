@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from streamkit.components import HostData, Integrator, Observable, Potential, Sa
 from streamkit.spec.progenitor import BodyPlace, PhaseSpace, Sun
 from streamkit.spec.section import Section
 from streamkit.spec.settings import Engine, Likelihood
-from streamkit.spec.setup import ONLY, Body, Bound, Setup
+from streamkit.spec.setup import ONLY, Body, Bound, Setup, mass_of
 
 
 @dataclass(frozen=True)
@@ -54,9 +55,30 @@ class Parts:
         """Return the seed of a stream's own random draws."""
         return stream_seed(self.seed, "" if stream == ONLY else stream)
 
+    def host(self, values: Mapping[str, float]) -> dict[str, Potential]:
+        """Return the potentials of the host; those that ask for it see the others; OutOfDomain as `bound`."""
+        if not any(section.cls.asks_for_host() for section in self.potentials.values()):
+            return {name: section.build(values) for name, section in self.potentials.items()}
+        if not any(section.priors for section in self.potentials.values()):
+            return dict(self._centre_of_host)
+        made = beside_each_other({name: section.build(values) for name, section in self.potentials.items()})
+        for name, section in self.potentials.items():
+            if section.cls.asks_for_host():
+                made[name].shaped_like(self._centre_of_host[name], section.path)
+        return made
+
+    @cached_property
+    def _centre_of_host(self) -> dict[str, Potential]:
+        """Made once, so that what is prepared and expanded is kept."""
+        made = beside_each_other({name: section.centre for name, section in self.potentials.items()})
+        for name, section in self.potentials.items():
+            if section.cls.asks_for_host():
+                made[name].shaped_like(made[name], section.path)
+        return made
+
     def bound(self, values: Mapping[str, float]) -> Bound:
         """Return all streams at the values of the free parameters by name; OutOfDomain if one breaks its field."""
-        potentials = {name: section.build(values) for name, section in self.potentials.items()}
+        potentials = self.host(values)
         sun, integrator = self.sun.build(values).tied(potentials.values()), self.integrator.build(values)
         bodies = {}
         for name, (potential, place) in self.bodies.items():
@@ -69,7 +91,7 @@ class Parts:
             streams[name] = Setup(
                 potentials=potentials,
                 satellite=satellite,
-                mass=float(satellite.mass),  # type: ignore[attr-defined]  # the reader has made sure of it
+                mass=mass_of(satellite, "the progenitor"),
                 q=q,
                 v=v,
                 lookback=phase.lookback,
@@ -86,6 +108,12 @@ class Parts:
             )
         data = {name: section.build(values) for name, section in self.data.items()}
         return Bound(potentials, bodies, sun, streams, data, dict(values))
+
+
+def beside_each_other(potentials: Mapping[str, Potential]) -> dict[str, Potential]:
+    """Return the parts of a host, so that those which ask for it know those which do not."""
+    others = tuple(p for p in potentials.values() if not p.asks_for_host())
+    return {name: p.beside(others) if p.asks_for_host() else p for name, p in potentials.items()}
 
 
 def stream_seed(seed: int, name: str) -> int:

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from streamkit.components import Component, Integrator, Registry, Sampler, load_registry
+from streamkit.components import Component, Registry, Sampler, load_registry
 from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.fields import Files
 from streamkit.spec.document import DEEPEST, depth
+from streamkit.spec.matches import drag_unknown, massless, no_part_of_a_host, own_keys
 from streamkit.spec.parts import Parts, StreamParts
 from streamkit.spec.priors import PRIORS
 from streamkit.spec.progenitor import BODY_WAYS, WAYS, Sun, choose_coordinates
@@ -21,7 +22,6 @@ from streamkit.spec.section import Section, read_section
 from streamkit.spec.sentences import should
 from streamkit.spec.settings import VERSION, Engine, Likelihood, RunFile
 from streamkit.spec.setup import ONLY
-from streamkit.units import Unit
 
 DEFAULT_KIND = {"integrator": "adaptive", "observable": "apocentres", "sampler": "emcee"}
 LONGEST = 2000
@@ -131,7 +131,8 @@ class _Reader:
         likelihood = self.plain("likelihood", Likelihood)
         sampler, engine = self.sampler(self.raw.get("sampler", {})), self.plain("engine", Engine)
         self.stop()
-        self.match_drag(potentials, integrator.cls)
+        installed = {kind: entry.cls for kind, entry in self.registry.entries["integrator"].items()}
+        self.errors += drag_unknown(potentials.values(), integrator.cls, installed)
         parts = Parts(
             self.raw.get("seed", 0), sun, potentials, bodies, streams, data, integrator, likelihood, sampler, engine
         )  # fmt: skip
@@ -142,18 +143,6 @@ class _Reader:
             self.refuse(f"sampler.{reason}")
         self.stop()
         return parts
-
-    def match_drag(self, potentials: Mapping[str, Section[Any]], integrator: type[Integrator]) -> None:
-        """Refuse an integrator that does not know the forces of a host which depend on velocity."""
-        for section in potentials.values():
-            if section.cls.has_drag() and not integrator.drag:
-                known = [
-                    kind for kind, e in self.registry.entries["integrator"].items() if getattr(e.cls, "drag", False)
-                ]
-                self.refuse(
-                    f"integrator: {integrator.kind!r} does not know forces that depend on velocity, and {section.path} "
-                    f"({section.cls.kind!r}) has one; these do: {', '.join(sorted(known))}"
-                )
 
     def plain(self, path: str, cls: type[Any]) -> Any:
         """Validate a section without a kind."""
@@ -347,21 +336,20 @@ class _Reader:
         if cls is None:
             return None, None
         progenitor = ways is WAYS
-        if cls.parameters().get("mass", Unit("")).name != "Msun":
-            reason = (
-                "the tidal radius of a progenitor needs; plummer has one"
-                if progenitor
-                else "a body needs; hernquist has one"
-            )
-            text = f"{path}.kind: the potential {cls.kind!r} has no field 'mass' in Msun, which {reason}"
-            return self.refuse(text), None
-        if cls.has_drag():
-            text = f"{path}.kind: {cls.kind!r} has a force that depends on velocity, which only the host may have"
-            return self.refuse(text), None
+        try:
+            cls = cls.for_section(own_keys(table, ways))
+        except ValueError as error:
+            return self.refuse(f"{path}: {error}"), None
+        if reason := no_part_of_a_host(path, cls):
+            return self.refuse(reason), None
         names = tuple(name for name in cls.model_fields if name != "growth")  # the host alone may grow
         own = {key: value for key, value in table.items() if key in names}
         rest = {key: value for key, value in table.items() if key not in ("kind", *names)}
+        before = len(self.errors)
         potential = read_section(path, cls, own, self.errors, f"the potential {cls.kind!r}", files=self.files)
+        if reason := massless(path, cls, potential, progenitor):
+            self.errors[before:] = [reason]  # its fields do not matter then
+            return None, None
         try:
             way = choose_coordinates(rest, names, ways)
         except ValueError as error:

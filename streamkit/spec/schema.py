@@ -39,7 +39,8 @@ def json_schema(registry: Registry) -> dict[str, Any]:
             _component(entry.cls, what, way)
             for entry in registry.entries["potential"].values()
             for way in ways
-            if "mass" in entry.cls.parameters() and not entry.cls.model_fields.keys() & way.model_fields.keys()
+            if "mass" in entry.cls.parameters() or _varies(entry.cls)
+            if not entry.cls.model_fields.keys() & way.model_fields.keys()
         )
         for what, ways in (("progenitor", WAYS), ("body", BODY_WAYS))
     )
@@ -73,10 +74,20 @@ def _component(cls: type[Component], what: str = "", way: type[Place] | None = N
     fields: Any = {"kind": (kind, cls.kind if way is None and DEFAULT_KIND.get(cls.role) == cls.kind else ...)}
     if way is None:
         made = create_model(f"{cls.role}/{cls.kind}", __base__=section_model(cls), **fields)
-        if cls.for_section.__func__ is not Component.for_section.__func__:  # type: ignore[attr-defined]
-            made.model_config["extra"] = "allow"  # what the section says decides which fields there are
-            made.model_rebuild(force=True)
-        return made
+        return _open(made) if _varies(cls) else made
     bases = section_model(cls), section_model(way)
     text = f"{section_model(cls).__doc__} As a {what}, its place given as: {way.title}."
-    return create_model(f"{what}/{cls.kind}/{way.__name__}", __base__=bases, __doc__=text, **fields)
+    placed = create_model(f"{what}/{cls.kind}/{way.__name__}", __base__=bases, __doc__=text, **fields)
+    return _open(placed) if _varies(cls) else placed
+
+
+def _varies(cls: type[Component]) -> bool:
+    """Say whether the section decides which fields there are."""
+    return cls.for_section.__func__ is not Component.for_section.__func__  # type: ignore[attr-defined]
+
+
+def _open(made: type[BaseModel]) -> type[BaseModel]:
+    """Allow fields that are not known yet."""
+    made.model_config["extra"] = "allow"
+    made.model_rebuild(force=True)
+    return made

@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
-from streamkit.components import HostData, Integrator, Observable, Potential, Stripping
-from streamkit.errors import StreamkitError
+import numpy as np
+
+from streamkit.components import HostData, Integrator, Observable, Potential, Stripping, total_mass
+from streamkit.errors import OutOfDomain, StreamkitError
 from streamkit.spec.progenitor import Sun
 from streamkit.stream import Array
 
 ONLY = "stream"
 """What the stream of a run file is called that has one, and does not name it."""
+
+
+def mass_of(potential: Potential, owner: str) -> float:
+    """Return the mass in Msun of what is a progenitor or a body; OutOfDomain if it has no end."""
+    mass = total_mass(potential)
+    if np.isnan(mass):
+        raise OutOfDomain(f"the mass of {owner} has no end")
+    return mass
 
 
 @dataclass(frozen=True)
@@ -20,11 +31,11 @@ class Body:
     Attributes
     ----------
     potential
-        What it attracts with, centred on itself; it has a field ``mass``.
+        What it attracts with, centred on itself; it has a mass.
     q, v
         (3,) Galactocentric position (kpc) and velocity (km/s) today.
     friction
-        Whether the Milky Way slows it down (Chandrasekhar's dynamical friction on its ``mass``).
+        Whether the Milky Way slows it down (Chandrasekhar's dynamical friction on its mass).
     reflex
         Whether the Milky Way moves because of it.
     """
@@ -35,10 +46,10 @@ class Body:
     friction: bool = True
     reflex: bool = True
 
-    @property
+    @cached_property
     def mass(self) -> float:
-        """Its field ``mass`` in Msun."""
-        return float(self.potential.mass)  # type: ignore[attr-defined]  # the run file's reader has made sure of it
+        """Its mass in Msun, see `total_mass`. Raises OutOfDomain if it has no end."""
+        return mass_of(self.potential, "a body")
 
     @property
     def extent(self) -> float:
@@ -63,7 +74,7 @@ class Setup:
     bodies
         The galaxies beside it, by name.
     satellite, mass
-        The progenitor's own potential, and its ``mass`` in Msun.
+        The progenitor's own potential, and its mass in Msun.
     q, v
         (3,) Galactocentric position (kpc) and velocity (km/s) of the progenitor today.
     lookback

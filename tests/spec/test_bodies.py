@@ -16,6 +16,7 @@ LMC: dict[str, Any] = {
     "ra": 81.28, "dec": "-69.78 deg", "distance": {"normal": [49.6, 0.5]},
     "pm_ra_cosdec": 1.858, "pm_dec": 0.385, "v_los": 262.2,
 }  # fmt: skip
+TF = {"kind": "tf", "v0": 30, "rs": 5, "alpha": 0.4, "x": 5, "y": 1, "z": 0, "vx": 0, "vy": 200, "vz": 10}
 CLUMP = {"kind": "kepler", "mass": 1e7, "x": 5.0, "y": 1.0, "z": 0.0, "vx": 0.0, "vy": 200.0, "vz": 10.0}
 
 
@@ -69,7 +70,11 @@ def test_a_run_file_without_bodies_stays_what_it_was():
         ({"lmc": LMC | {"kind": "hernqist"}}, ["body.lmc.kind", "Did you mean 'hernquist'?"]),
         (
             {"lmc": LMC | {"kind": "tf"}},
-            ["body.lmc.kind: the potential 'tf' has no field 'mass' in Msun, which a body needs; hernquist has one"],
+            ["body.lmc.kind: the potential 'tf' has no field 'mass' in Msun", "a body needs a mass, hernquist has one"],
+        ),
+        (
+            {"clump": TF},
+            ["body.clump.kind: the potential 'tf' has no field 'mass' in Msun, and the mass that its force tells"],
         ),
         (
             {"lmc": LMC | {"friction": "chandra"}},

@@ -173,6 +173,43 @@ def test_bad_input_is_told(section, told):
     assert told in str(caught.value)
 
 
+CLOUD = {"ra": 81.28, "dec": -69.78, "distance": 49.6, "pm_ra_cosdec": 1.858, "pm_dec": 0.385, "v_los": 262.2}
+
+
+def test_bodies_and_progenitors_of_gala_are_our_own():
+    """Their masses, which gala does not tell, are read off the force; orbits and streams through expansions."""
+    found = []
+    for kind, lmc, satellite in (
+        (
+            "gala",
+            {"name": "HernquistPotential", "m": 1.4e11, "c": 16},
+            {"name": "PlummerPotential", "m": 4e8, "b": 0.85},
+        ),
+        (None, {"kind": "hernquist", "mass": 1.4e11, "a": 16}, {"kind": "plummer", "mass": 4e8, "radius": 0.85}),
+    ):
+        document = copy.deepcopy(RUN) | {"potential": {"kind": "nfw", "mass": 5.4e11, "rs": 15.6}}
+        document["body"] = {"lmc": {"kind": kind} | lmc | CLOUD}
+        place = {name: RUN["progenitor"][name] for name in ("x", "y", "z", "vx", "vy", "vz")}
+        document["progenitor"] = {"kind": kind} | satellite | place | {"lookback": 1.0}
+        document["stripping"]["particles"] = 100
+        model = sk.Model(sk.load(document, components=[Gala]))
+        setup = model.spec.bind()
+        assert setup.mass == pytest.approx(4e8, rel=1e-7)
+        assert setup.bodies["lmc"].mass == pytest.approx(1.4e11, rel=1e-7)
+        assert setup.bodies["lmc"].extent == 16.0
+        found.append(model.stream())
+    theirs, own = found
+    assert np.abs(theirs.orbit.q - own.orbit.q).max() < 0.01
+    assert theirs.orbit.r_tidal == pytest.approx(own.orbit.r_tidal, rel=1e-3)
+    assert np.median(np.abs(theirs.q - own.q).max(axis=0)) < 0.05
+
+
+def test_a_halo_without_end_is_no_body():
+    document = copy.deepcopy(RUN) | {"body": {"lmc": {**HALO, **CLOUD}}}
+    with pytest.raises(sk.SpecError, match=r"body\.lmc\.kind: .*'gala' has no field 'mass' in Msun, and the mass that"):
+        sk.load(document, components=[Gala])
+
+
 def test_a_command_ends_with_status_2(tmp_path):
     (tmp_path / "plugin.py").write_text("from streamkit_gala import streamkit_components\n")
     (tmp_path / "run.toml").write_text('plugins = ["plugin.py"]\n' + loaded(**RUN["potential"]).toml())

@@ -63,11 +63,12 @@ def true_host(path: str | Path, fit: Spec) -> Host:
         names = {Path(str(file)).name for file in own}
         others = (fit.folder / file for file in fit.document.get("plugins", []))
         document["plugins"] = [*own, *(str(file) for file in others if file.name not in names)]
-    sections = resolve(document, str(path), None, Files(path.parent.absolute()))[3].potentials
+    parts = resolve(document, str(path), None, Files(path.parent.absolute()))[3]
+    sections = parts.potentials
     free = [f"{section.path}.{name}" for section in sections.values() for name in section.priors]
     if free:
         raise SpecError(f"{path}: the true host needs numbers, found a prior at {', '.join(free)}")
-    return Host({name: section.centre for name, section in sections.items()})
+    return Host(parts.host({}))
 
 
 def recovery_table(results: Results, host: Host, radii: Array = RADII) -> QTable:

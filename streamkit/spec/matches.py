@@ -1,0 +1,68 @@
+"""What must fit between sections, or in one: drag and integrator, the mass of what moves, whose a key is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from streamkit.components import Component, Integrator, Potential, total_mass
+from streamkit.errors import StreamkitError
+from streamkit.spec.progenitor import Place
+from streamkit.spec.section import Section
+from streamkit.units import Unit
+
+
+def drag_unknown(
+    potentials: Iterable[Section[Any]], integrator: type[Integrator], installed: Mapping[str, type[Component]]
+) -> list[str]:
+    """Return a sentence for each part of a host with a drag that the integrator does not know."""
+    known = ", ".join(sorted(kind for kind, cls in installed.items() if getattr(cls, "drag", False)))
+    return [
+        f"integrator: {integrator.kind!r} does not know forces that depend on velocity, and {section.path} "
+        f"({section.cls.kind!r}) has one; these do: {known}"
+        for section in potentials
+        if section.cls.has_drag() and not integrator.drag
+    ]
+
+
+def no_part_of_a_host(path: str, cls: type[Potential]) -> str:
+    """Return why a potential may be no progenitor and no body, if it is made for hosts alone; else nothing."""
+    if cls.has_drag():
+        return f"{path}.kind: {cls.kind!r} has a force that depends on velocity, which only the host may have"
+    if cls.asks_for_host():
+        return f"{path}.kind: {cls.kind!r} is made of the other parts of the host, and only a part of it may be that"
+    return ""
+
+
+def massless(path: str, cls: type[Potential], potential: Section[Potential] | None, progenitor: bool) -> str:
+    """Return why the potential of a progenitor or a body has no mass; nothing if it has one.
+
+    ``potential`` is None where its fields could not be read: which these are may depend on the section.
+    """
+    of_its_own = cls.parameters().get("mass", Unit("")).name == "Msun"
+    varies = cls.for_section.__func__ is not Component.for_section.__func__  # type: ignore[attr-defined]
+    try:
+        if (
+            of_its_own
+            or (potential is None and varies)
+            or (potential is not None and not np.isnan(total_mass(potential.centre)))
+        ):
+            return ""
+    except StreamkitError as error:
+        return f"{path}: {error}"
+    what = f"{path}.kind: the potential {cls.kind!r} has no field 'mass' in Msun"
+    what += ", and the mass that its force tells has no end" if potential else ", nor could its force be asked"
+    return f"{what}; " + (
+        "the tidal radius of a progenitor needs a mass, plummer has one"
+        if progenitor
+        else "a body needs a mass, hernquist has one"
+    )
+
+
+def own_keys(table: Mapping[str, Any], ways: Sequence[type[Place]]) -> dict[str, Any]:
+    """Return what a section says of its potential: without the kind and the place, given in one of the ways."""
+    whole = [way for way in ways if set(way.coordinates()) <= table.keys()] or ways
+    taken = {"kind", *(name for way in whole for name in way.model_fields)}
+    return {key: value for key, value in table.items() if key not in taken}
