@@ -17,6 +17,7 @@ import click
 
 from streamkit import components
 from streamkit.cli.options import INTERRUPTED, INVALID
+from streamkit.cli.process import keep_streams, leave
 from streamkit.errors import PluginError, StreamkitError, nearest
 
 GROUP = "streamkit.commands"
@@ -74,18 +75,24 @@ class Commands(click.Group):
         """Run a command and leave the process with its status."""
         if not standalone_mode:
             return super().main(args, prog_name, complete_var, standalone_mode=False, **extra)
+        alone = args is None  # the process is this command's
+        if alone:
+            keep_streams()
         try:
             status = super().main(args, prog_name, complete_var, standalone_mode=False, **extra)
         except StreamkitError as error:
-            _fail(str(error), getattr(error, "exit_status", INVALID))  # an interrupted run brings its own
+            status = _failed(str(error), getattr(error, "exit_status", INVALID))  # an interrupted run brings its own
         except click.ClickException as error:
-            _fail(_explain(error), INVALID)
+            status = _failed(_explain(error), INVALID)
         except OSError as error:  # no permission, a full disk, a directory where a file should be
             where = f"{error.filename}: " if error.filename else ""
-            _fail(f"{where}cannot be read or written: {error.strerror or error}", INVALID)
+            status = _failed(f"{where}cannot be read or written: {error.strerror or error}", INVALID)
         except click.Abort:
-            _fail("interrupted", INTERRUPTED)
-        sys.exit(status if isinstance(status, int) else 0)
+            status = _failed("interrupted", INTERRUPTED)
+        status = status if isinstance(status, int) else 0
+        if alone:
+            leave(status)
+        sys.exit(status)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names: its own commands, then those of other packages."""
@@ -109,9 +116,9 @@ def _points() -> list[EntryPoint]:
     return [point for point in entry_points(group=GROUP) if point.name not in off]
 
 
-def _fail(message: str, status: int) -> None:
+def _failed(message: str, status: int) -> int:
     click.echo(f"streamkit: {message}", err=True)
-    sys.exit(status)
+    return status
 
 
 def _explain(error: click.ClickException) -> str:

@@ -88,8 +88,8 @@ class Sampler(Component):
     call_limit: float = Field(
         default=3600.0,
         gt=0,
-        description="Longest time of one call in seconds. A worker process is ended then; without workers it is only "
-        "noticed when the call is over.",
+        description="Longest time of one call in seconds. A worker process is ended then; without workers the call is, "
+        "but for compiled code in it, which comes to its end first.",
     )
     over_limit: Literal["stop", "reject"] = Field(
         default="stop",

@@ -65,9 +65,10 @@ class Workers:
     workers
         A number of processes; or any `concurrent.futures.Executor` (MPI's and Dask's among them), left running.
     limit
-        Seconds that a call may take. A process of ours is ended then, and so is Python code in the main thread of a
-        rank of MPI. On Dask, and with an executor of your own, a call that took longer is noticed when it is over; one
-        that does not end is a `CallTimeout`, when nothing at all has come back for as long.
+        Seconds that a call may take. A process of ours is ended then, and so is Python code in this process or a rank
+        of MPI; compiled code is over first. On Dask, and with an executor of your own, a call that took longer is
+        noticed when it is over; one that does not end is a `CallTimeout`, when nothing at all has come back for as
+        long.
     reject
         Whether a longer call counts as a rejection; else `CallTimeout` is raised.
 
@@ -128,9 +129,8 @@ class Workers:
     def _results(self, points: Array, which: str) -> Iterator[Evaluation]:
         if self._executor is None:
             for point in points:
-                begin = monotonic()
-                result = self._posteriors[which].evaluate(point)
-                yield result if monotonic() - begin <= self._limit else self._overtime(point, which)
+                one = within(self._limit, self._posteriors[which].evaluate, point)
+                yield self._overtime(point, which) if isinstance(one, str) else one
             return
         parts = self._parts(points)
         self._hear()
