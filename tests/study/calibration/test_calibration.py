@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from astropy.table import QTable
 from click.testing import CliRunner
+from importance import Importance
 from runfiles import changed
 from scipy.stats import norm
 
@@ -65,6 +66,22 @@ def test_the_rank_is_that_of_the_exact_posterior(spec):
         exact = norm.cdf((truth - 0.5 * (datum + MEAN)) / (SD / np.sqrt(2)))
         assert draw.ranks[0] == pytest.approx(exact, abs=0.15)
         assert draw.mass_ranks[1] == pytest.approx(draw.ranks[0], abs=1e-12)  # the mass rises with v0
+
+
+def test_a_sampler_with_weighted_samples_is_calibrated_too(spec):
+    """It has no R-hat: its draws count by their effective number."""
+    settings = {"kind": "importance", "draws": 1200}
+    with_weights = sk.load(spec.document | {"sampler": settings}, components=[Importance])
+    draw = make_draw(with_weights, 0)
+    assert draw.truth == make_draw(spec.with_values({"sampler.steps": 20}), 0).truth
+    rng = np.random.default_rng([spec.seed, 7, 0])
+    rng.integers(1 << 31)
+    truth = float(spec.priors[0].sample(rng, 1)[0])
+    exact = norm.cdf((truth - 0.5 * (rng.normal(truth, ERROR) + MEAN)) / (SD / np.sqrt(2)))
+    assert draw.ranks[0] == pytest.approx(exact, abs=0.1)
+    assert np.isnan(draw.r_hat)
+    assert 200 < draw.ess < 1200
+    assert Draw.of_line(draw.line()).ess == draw.ess
 
 
 @pytest.fixture
