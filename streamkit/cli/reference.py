@@ -65,12 +65,12 @@ def _placed(registry: components.Registry, kind: str | None, ways: Sequence[Any]
     """The potential of a progenitor or a body, its place today in one of several ways, and what more there is."""
     able = [k for k, entry in sorted(registry.entries["potential"].items()) if "mass" in entry.cls.parameters()]
     if kind is None:
-        parts = [f"kind: one of the potentials with a mass\n{report.paragraph(', '.join(able), '  ')}"]
+        kinds = report.paragraph(", ".join(able), "  ")
+        parts = [f"kind: one of the potentials with a mass, or another whose force tells a total mass\n{kinds}"]
     else:
-        text = report.listing(registry, "potential", kind, "reference")
+        parts = [report.listing(registry, "potential", kind, "reference")]
         if kind not in able:
-            raise StreamkitError(f"reference: the potential {kind!r} has no mass in Msun: {', '.join(able)} have one")
-        parts = [text]
+            parts.append("It has no field 'mass' in Msun: its force must tell a total mass.")
     taken = registry.entries["potential"][kind].cls.model_fields.keys() if kind else set()
     for way in ways:
         if not taken & way.model_fields.keys():
