@@ -2,4 +2,5 @@
 
 from streamkit.cli.main import main
 
-main()
+if __name__ == "__main__":  # Dask's workers and the ranks of MPI import this module under other names
+    main()
