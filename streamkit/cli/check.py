@@ -8,6 +8,7 @@ import click
 
 from streamkit import report
 from streamkit.cli.options import JSON, RUN_FILE, SET, load_spec
+from streamkit.errors import OutOfDomain, StreamkitError
 from streamkit.study import preflight
 
 
@@ -28,7 +29,11 @@ def check(run_file: Path, settings: tuple[str, ...], draws: int, as_json: bool, 
     spec = load_spec(run_file, settings)
     if not (as_json or quiet):
         click.echo(f"{preflight.describe_spec(spec)}\n")
-    found = preflight.run_preflight(spec, draws=draws, progress=not quiet)
+    try:
+        found = preflight.run_preflight(spec, draws=draws, progress=not quiet)
+    except OutOfDomain as error:  # an orbit that cannot be followed at all
+        where = "the prior's centre" if spec.names else "the given parameters"
+        raise StreamkitError(f"{run_file}: there is no stream at {where}: {error}") from None
     if as_json:
         click.echo(report.as_json(preflight.preflight_record(spec, found)))
     elif not quiet:

@@ -24,6 +24,8 @@ from streamkit.spec.settings import VERSION, Engine, Likelihood, RunFile
 from streamkit.spec.setup import ONLY
 
 DEFAULT_KIND = {"integrator": "adaptive", "observable": "apocentres", "sampler": "emcee"}
+HOST_ALONE = ("growth",)
+"""Fields of a potential that a progenitor or a body does not have."""
 LONGEST = 2000
 """Most characters of a sentence about one error."""
 _EXPECTED = {
@@ -342,7 +344,7 @@ class _Reader:
             return self.refuse(f"{path}: {error}"), None
         if reason := no_part_of_a_host(path, cls):
             return self.refuse(reason), None
-        names = tuple(name for name in cls.model_fields if name != "growth")  # the host alone may grow
+        names = tuple(name for name in cls.model_fields if name not in HOST_ALONE)
         own = {key: value for key, value in table.items() if key in names}
         rest = {key: value for key, value in table.items() if key not in ("kind", *names)}
         before = len(self.errors)

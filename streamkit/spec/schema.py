@@ -9,7 +9,7 @@ from pydantic.json_schema import GenerateJsonSchema
 
 from streamkit.components import Component, Registry
 from streamkit.spec.progenitor import BODY_WAYS, WAYS, Place, Sun
-from streamkit.spec.reader import DEFAULT_KIND
+from streamkit.spec.reader import DEFAULT_KIND, HOST_ALONE
 from streamkit.spec.section import section_model
 from streamkit.spec.settings import Engine, Likelihood, RunFile
 
@@ -75,7 +75,7 @@ def _component(cls: type[Component], what: str = "", way: type[Place] | None = N
     if way is None:
         made = create_model(f"{cls.role}/{cls.kind}", __base__=section_model(cls), **fields)
         return _open(made) if _varies(cls) else made
-    bases = section_model(cls), section_model(way)
+    bases = section_model(cls, HOST_ALONE), section_model(way)
     text = f"{section_model(cls).__doc__} As a {what}, its place given as: {way.title}."
     placed = create_model(f"{what}/{cls.kind}/{way.__name__}", __base__=bases, __doc__=text, **fields)
     return _open(placed) if _varies(cls) else placed

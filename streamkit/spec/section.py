@@ -86,14 +86,16 @@ class Section(Generic[M]):
 
 
 @cache
-def section_model(cls: type[BaseModel]) -> type[BaseModel]:
+def section_model(cls: type[BaseModel], without: tuple[str, ...] = ()) -> type[BaseModel]:
     """Derive the model of a section as the run file writes it: physical numbers may be text or priors.
 
     The class itself, whose fields are numbers, stays what the engine sees. Other validators than those of its
-    fields' types are its own.
+    fields' types are its own. Fields may be left out: a section ``without`` them refuses them.
     """
     fields: dict[str, Any] = {}
     for name, field in cls.model_fields.items():
+        if name in without:
+            continue
         unit, description = unit_of(field), field.description
         parts = [field.annotation, *field.metadata]
         if unit is None:

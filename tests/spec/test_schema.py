@@ -37,6 +37,7 @@ def test_examples_satisfy_the_schema(path: Path, schema: dict[str, Any]) -> None
         changed("stripping", ...),
         changed("progenitor", "l", 3),
         changed("progenitor", "kind", "tf"),
+        changed("progenitor", "growth", {"t": [-1, 0], "factor": [0.5, 1]}),
         changed("version", 2),
         changed("potenial", {}),
         changed("observable", {"kind": "apocentres", "leading": [1]}),
@@ -46,5 +47,6 @@ def test_examples_satisfy_the_schema(path: Path, schema: dict[str, Any]) -> None
 )
 def test_the_schema_refuses_what_load_refuses(source: dict[str, Any], schema: dict[str, Any]) -> None:
     assert accepts(schema, BASE, schema)
+    assert accepts(schema, changed("potential", "growth", {"t": [-1, 0], "factor": [0.5, 1]}), schema)
     assert not accepts(schema, source, schema)
     error_of(source)
