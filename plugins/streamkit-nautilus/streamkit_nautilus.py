@@ -56,9 +56,17 @@ class Nautilus(Sampler):
     def sample(self, target: Target) -> Iterator[Samples]:
         """Run nautilus; tell every 2000 calls."""
         places: dict[bytes, Array] = {}
+        begun: dict[str, float] = {}
+        """Calls and effective samples at the end of the exploration, of which the end is not known before."""
 
         def ln_likelihood(u: Array) -> Array:
             points = target.from_unit(u)
+            if sampler.explored:
+                begun.setdefault("calls", sampler.n_like)
+                begun.setdefault("samples", sampler.n_eff)
+                new, gained = sampler.n_like - begun["calls"], sampler.n_eff - begun["samples"]
+                if gained > 0:
+                    target.expect(sampler.n_like + (self.effective_samples - sampler.n_eff) * new / gained)
             places.update({row.tobytes(): point for row, point in zip(np.ascontiguousarray(u), points, strict=True)})
             return target.evaluate(points)
 

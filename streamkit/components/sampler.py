@@ -48,7 +48,7 @@ class Target(Protocol):
     workers
         Points that are evaluated at a time: ask for many more at once where you can.
     progress
-        Whether to show a progress bar.
+        Whether progress is shown: that of the calls is, by streamkit.
     """
 
     size: int
@@ -73,6 +73,9 @@ class Target(Protocol):
 
     def time_left(self) -> float:
         """Return the seconds until the run's time limit; infinite without one. End the sampling when it is over."""
+
+    def expect(self, calls: float) -> None:
+        """Say how many calls there may have been at the end, as far as is known by now: for the progress."""
 
     def ensemble(self, sampler: Sampler) -> None:
         """Run emcee's ensemble with streamkit's moves, stored as a chain; ``sampler`` has the fields of ``emcee``."""

@@ -25,9 +25,9 @@ class Bar(auto.tqdm):  # type: ignore[misc]  # tqdm has no types
     monitor_interval = 0
 
     def aim(self, total: float) -> None:
-        """Set what the whole is; a notebook's bar must be told."""
-        self.total = total
-        if hasattr(self, "container"):
+        """Set what the whole is, if it is known; a notebook's bar must be told."""
+        self.total = _or_none(total)
+        if hasattr(self, "container") and np.isfinite(total):
             self.container.children[1].max = total
 
 
@@ -42,7 +42,7 @@ class Progress:
     what
         The work: "sampling".
     total
-        How much there is to do; an estimate may be replaced by `expect`.
+        How much there is to do; an estimate may be replaced by `expect`. Infinite where nothing is known yet.
     unit
         What is counted, in the singular; with "" only the percentage is shown.
     done
@@ -66,12 +66,16 @@ class Progress:
         self._lines = shown and not NOTEBOOK and not sys.stderr.isatty()
         if shown and not self._lines:
             form = {"unit": unit} if unit else {"bar_format": SHARE}
-            self._bar = Bar(desc=what, total=total, initial=done, leave=keep, dynamic_ncols=True, **form)
+            self._bar = Bar(desc=what, total=_or_none(total), initial=done, leave=keep, dynamic_ncols=True, **form)
 
     def __enter__(self) -> Progress:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Show no more."""
         if self._bar is not None:
             self._bar.close()
 
@@ -107,6 +111,8 @@ class Progress:
     def line(self) -> str:
         """Return what a line of log says."""
         spent, new, total = time.monotonic() - self._begun, self.done - self._first, self.total
+        if not np.isfinite(total):
+            return f"{self._what}: {self.done:.0f} {self._unit}s after {seconds(round(spent))}"
         share = f"{100 * self.done / max(total, 1):.0f} %"
         of = f"of about {total:.0f}" if np.isfinite(self._deadline) else f"of {total:.0f}"
         counted = f"{self.done:.0f} {of} {self._unit}s ({share})" if self._unit else share
@@ -120,3 +126,7 @@ class Progress:
         if waited >= max(EVERY, 0.01 * (now - self._begun)) or (tenth and waited >= SOON):
             self._last, self._told = now, self.done
             print(f"{time.strftime('%H:%M:%S')} streamkit: {self.line()}", file=sys.stderr, flush=True)  # noqa: T201
+
+
+def _or_none(total: float) -> float | None:
+    return total if np.isfinite(total) else None

@@ -10,6 +10,7 @@ import numpy as np
 
 from streamkit.components import Sampler, Samples
 from streamkit.errors import ChainError, ComponentError
+from streamkit.report import Progress
 from streamkit.sample.calls import Calls
 from streamkit.sample.weighted import Weighted
 from streamkit.spec import Prior
@@ -32,7 +33,7 @@ class Task:
     deadline
         When the sampling is to end, by `time.monotonic`.
     progress
-        Whether to show a progress bar.
+        Whether to show how many calls are made, and when the sampler expects its end.
     ensemble
         Runs emcee's ensemble; without one there is none.
     """
@@ -52,6 +53,7 @@ class Task:
         self.size, self.seed, self.workers, self.progress = len(priors), seed, workers, progress
         self._priors, self._calls, self._dtype, self._deadline = tuple(priors), calls, dtype, deadline
         self._ensemble = ensemble
+        self._bar: Progress | None = None
 
     def from_unit(self, u: Array) -> Array:
         """Return the parameters (..., d) at fractions u (..., d) of their priors."""
@@ -64,7 +66,17 @@ class Task:
 
     def evaluate(self, points: Array) -> Array:
         """Return ln likelihood (n,) at points (n, d): see `streamkit.Target`."""
-        return np.array([found.ln_likelihood for found in self._calls.evaluate(np.atleast_2d(points))])
+        points = np.atleast_2d(points)
+        found = np.array([each.ln_likelihood for each in self._calls.evaluate(points)])
+        if self._bar is None:  # the first call of a sampler that is no ensemble
+            self._bar = Progress("sampling", np.inf, "call", shown=self.progress, keep=True, deadline=self._deadline)
+        self._bar.update(len(points))
+        return found
+
+    def expect(self, calls: float) -> None:
+        """Tell the progress how many calls there may have been at the end."""
+        if self._bar is not None:
+            self._bar.expect(calls)
 
     def time_left(self) -> float:
         """Return the seconds until the time limit; infinite without one."""
@@ -85,6 +97,8 @@ class Task:
             for found in sampler.sample(self):
                 yield self._checked(sampler, found)
         finally:
+            if self._bar is not None:
+                self._bar.close()
             self._calls.write()
 
     def _checked(self, sampler: Sampler, found: Samples) -> Weighted:

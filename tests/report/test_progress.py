@@ -6,6 +6,7 @@ import re
 import sys
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from streamkit.report import Progress, progress
@@ -60,6 +61,18 @@ def test_an_estimate_may_change_and_quiet_is_quiet(clock, capsys):
         clock.value += 100
         bar.update(5)
     assert capsys.readouterr() == ("", "")
+
+
+def test_a_work_of_which_nobody_knows_the_end_says_how_much_is_done(clock, capsys):
+    with Progress("sampling", np.inf, "call") as bar:
+        clock.value += 61
+        bar.update(500)
+        bar.expect(2000)
+        clock.value += 61
+        bar.update(500)
+    first, second = capsys.readouterr().err.splitlines()
+    assert first.endswith("sampling: 500 calls after 61 s")
+    assert second.endswith("sampling: 1000 of 2000 calls (50 %) after 2.03 min, about 2.03 min left")
 
 
 def test_on_a_terminal_there_is_a_bar(monkeypatch, capsys):

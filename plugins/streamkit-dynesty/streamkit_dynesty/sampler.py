@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
 from typing import Any, ClassVar, Literal
 
 import dynesty
@@ -76,15 +78,19 @@ class Dynesty(Sampler):
 
     def _run(self, target: Target) -> Iterator[Samples]:
         pool = Together(target.evaluate, self.together)
-        sampler = dynesty.NestedSampler(
-            pool.ln_likelihood, target.from_unit, target.size, nlive=self.live_points, bound=self.bound,
-            sample=self.walk, rstate=np.random.default_rng(target.seed), pool=pool, queue_size=self.together,
-            bootstrap=0,
-        )  # fmt: skip
+        with _without_tracebacks():
+            sampler = dynesty.NestedSampler(
+                pool.ln_likelihood, target.from_unit, target.size, nlive=self.live_points, bound=self.bound,
+                sample=self.walk, rstate=np.random.default_rng(target.seed), pool=pool, queue_size=self.together,
+                bootstrap=0,
+            )  # fmt: skip
         dead = sampler.sample(dlogz=self.evidence_left, maxcall=self.max_calls, add_live=False)
         told, missing = 0, ""
         for step in dead:
             left = f"ln evidence may still rise by {step.delta_logz:.2g}, and {self.evidence_left:g} is wanted"
+            # what is left shrinks by a factor e in as many steps as there are live points
+            steps = self.live_points * max(math.log(max(step.delta_logz, 1e-300) / self.evidence_left), 0.0)
+            target.expect(min(sampler.ncall * (1.0 + steps / max(sampler.it, 1)), self.max_calls))
             if sampler.ncall >= told + PART:
                 told = sampler.ncall
                 yield _samples(sampler, self.live_points, left)
@@ -98,6 +104,21 @@ class Dynesty(Sampler):
     def quick(self, d: int) -> dict[str, int | float]:
         """Take few live points."""
         return {"live_points": min(self.live_points, max(100, 4 * d)), "evidence_left": max(self.evidence_left, 0.1)}
+
+
+@contextmanager
+def _without_tracebacks() -> Iterator[None]:
+    """Let a sampler be made whose likelihood may raise: dynesty's wrapper prints what streamkit will say."""
+
+    def plain(function: Any, args: Any, kwargs: Any, **_: Any) -> Any:
+        return partial(function, *args, **kwargs) if args or kwargs else function
+
+    before = dynesty.dynesty._function_wrapper
+    dynesty.dynesty._function_wrapper = plain
+    try:
+        yield
+    finally:
+        dynesty.dynesty._function_wrapper = before
 
 
 def _samples(sampler: dynesty.sampler.Sampler, live: int, missing: str) -> Samples:

@@ -1,6 +1,7 @@
 """The sampler on a Gaussian in closed form, and on a stream of 3 ms: resumed, killed, stopped, with its products."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -59,7 +60,7 @@ def test_workers_do_not_change_the_samples(whole, tmp_path):
     same(fit(tmp_path / "run", workers=2), whole)
 
 
-def test_a_run_that_fails_on_the_way_goes_on_as_if_it_had_not(whole, tmp_path, monkeypatch):
+def test_a_run_that_fails_on_the_way_goes_on_as_if_it_had_not(whole, tmp_path, monkeypatch, capsys):
     own, left = sk.Posterior.evaluate, iter(range(150))
 
     def evaluate(self, theta):
@@ -71,6 +72,7 @@ def test_a_run_that_fails_on_the_way_goes_on_as_if_it_had_not(whole, tmp_path, m
         patch.setattr(sk.Posterior, "evaluate", evaluate)
         with pytest.raises(sk.ComponentError, match="the toy fails"):
             fit(tmp_path / "run")
+    assert "Traceback" not in "".join(capsys.readouterr())  # dynesty's own
     same(fit(tmp_path / "run", resume=True), whole)
 
 
@@ -95,6 +97,17 @@ def test_it_may_be_asked_for_more_when_it_goes_on(whole, tmp_path):
     more = fit(tmp_path / "run", longer, resume=True)
     assert more.attributes["counts"]["calls"] > whole.attributes["counts"]["calls"]
     same(more, fit(document=longer))
+
+
+def test_it_says_how_far_it_is_and_when_it_may_end(monkeypatch, capsys):
+    monkeypatch.setattr("streamkit.report.progress.EVERY", 0.0)
+    sk.run(RUN, progress=True, products=False, components=[Dynesty])
+    found, told = capsys.readouterr(), "streamkit: sampling: "
+    lines = [line for line in found.err.splitlines() if told in line]
+    assert re.search(r"sampling: \d+ calls after", lines[0])
+    ends = [int(re.search(r"sampling: \d+ of (\d+) calls", line)[1]) for line in lines if " left" in line]
+    assert ends[-1] == pytest.approx(int(re.search(r"sampling: (\d+)", lines[-1])[1]), rel=0.2)
+    assert found.out == ""
 
 
 def test_a_limit_of_calls_ends_it_and_says_so():
