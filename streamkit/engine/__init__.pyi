@@ -11,4 +11,5 @@ from .methods import LEAPFROG as LEAPFROG
 from .methods import PEFRL as PEFRL
 from .methods import RKN4 as RKN4
 from .methods import Splitting as Splitting
+from .patches import Patches as Patches
 from .records import record as record

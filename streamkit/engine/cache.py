@@ -164,7 +164,7 @@ def also_for(loop: Any, signature: Any) -> None:
     loop.disable_compile()
 
 
-def content_digest(function: Callable[..., Any], layout: object) -> str | None:
+def content_digest(function: Callable[..., Any] | tuple[Any, ...], layout: object) -> str | None:
     """Return a hash of all that determines a kernel's machine code, None if that cannot be known.
 
     That is the author's function (bytecode, constants, defaults) and, followed to the end, all that it refers to:
@@ -173,7 +173,7 @@ def content_digest(function: Callable[..., Any], layout: object) -> str | None:
     """
     content = _Content()
     try:
-        if isinstance(function, Dispatcher):
+        if isinstance(function, Dispatcher | tuple):
             content.add(function)
         else:
             content.add_function(function)

@@ -26,6 +26,7 @@ from streamkit.engine import vector  # noqa: F401  its overloads are what the el
 from streamkit.engine.arguments import ENDLESS, unpacker
 from streamkit.engine.cache import OPTIONS, content_digest, disk_cache
 from streamkit.engine.forces import ROW
+from streamkit.engine.patches import sweep_of
 from streamkit.errors import PluginError
 from streamkit.stream import Array
 
@@ -84,18 +85,8 @@ def compiled_kernel(cls: type[Force], layout: tuple[int, ...], growing: bool = F
 
     Raises `PluginError` if numba cannot compile the author's function.
     """
-    inlined = njit(forceinline=True, **OPTIONS)
-    acceleration, unpack = inlined(cls.acceleration), unpacker(layout)
-
-    @inlined
-    def sweep(begin, end, times, place, total, c, fresh, parameters, factor):
-        x, y, z = c[0], c[1], c[2]
-        for i in range(begin, end):
-            dx, dy, dz = place[i] - x, place[ROW + i] - y, place[2 * ROW + i] - z
-            ax, ay, az = acceleration(dx, dy, dz, times[i], *parameters)
-            total[i] = factor * ax if fresh else total[i] + factor * ax
-            total[ROW + i] = factor * ay if fresh else total[ROW + i] + factor * ay
-            total[2 * ROW + i] = factor * az if fresh else total[2 * ROW + i] + factor * az
+    unpack, patches = unpacker(layout), getattr(cls, "patches", None)
+    sweep = _elementwise(cls.acceleration) if patches is None else sweep_of(patches)
 
     def kernel(n, t, p, centre, q, a, fresh):
         parameters = unpack(carray(p, (ENDLESS,)))
@@ -117,7 +108,8 @@ def compiled_kernel(cls: type[Force], layout: tuple[int, ...], growing: bool = F
             for i in range(n):
                 sweep(i, i + 1, times, place, total, c, fresh, parameters[:-2], interp(times[i], knots, factors))
 
-    return machine_code(growing_kernel if growing else kernel, [(cls, cls.acceleration)], [layout])
+    written = cls.acceleration if patches is None else patches
+    return machine_code(growing_kernel if growing else kernel, [(cls, written)], [layout])
 
 
 def machine_code(kernel: Any, written: Sequence[tuple[type[Force], Any]], layouts: Sequence[object]) -> Any:
@@ -126,7 +118,7 @@ def machine_code(kernel: Any, written: Sequence[tuple[type[Force], Any]], layout
     Parameters
     ----------
     written
-        The classes whose functions it contains, and these.
+        The classes whose functions it contains, and these: or tuples of them.
     layouts
         What else determines the machine code, for each.
 
@@ -142,13 +134,32 @@ def machine_code(kernel: Any, written: Sequence[tuple[type[Force], Any]], layout
     except NumbaError as error:
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
         reason = next((line for line in lines if not line.startswith("Failed in")), lines[0])
-        names = ", ".join(f"{cls.__module__}.{cls.__name__}.{function.__name__}" for cls, function in written)
+        parts = [(cls, getattr(part, "__name__", "patches")) for cls, part in written]
+        names = ", ".join(f"{cls.__module__}.{cls.__name__}.{name}" for cls, name in parts)
         raise PluginError(
             f"numba cannot compile {names}: {reason}. Write elementwise "
             "arithmetic with the functions that streamkit exports, decorate helper functions with numba.njit, or "
             "set `compiled = False` in the class."
         ) from None
     return cfunc
+
+
+def _elementwise(author: Any) -> Any:
+    """Return the loop over particles with the author's `acceleration`."""
+    inlined = njit(forceinline=True, **OPTIONS)
+    acceleration = inlined(author)
+
+    @inlined
+    def sweep(begin, end, times, place, total, c, fresh, parameters, factor):
+        x, y, z = c[0], c[1], c[2]
+        for i in range(begin, end):
+            dx, dy, dz = place[i] - x, place[ROW + i] - y, place[2 * ROW + i] - z
+            ax, ay, az = acceleration(dx, dy, dz, times[i], *parameters)
+            total[i] = factor * ax if fresh else total[i] + factor * ax
+            total[ROW + i] = factor * ay if fresh else total[ROW + i] + factor * ay
+            total[2 * ROW + i] = factor * az if fresh else total[2 * ROW + i] + factor * az
+
+    return sweep
 
 
 _CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_ssize_t, *[ctypes.c_void_p] * 5, ctypes.c_ssize_t)

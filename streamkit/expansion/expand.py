@@ -28,8 +28,8 @@ SLOWEST = 0.05
 """Least power of the number of nodes with which an error must fall to go on."""
 ROUND = 1e-5
 """Symmetries hold to this part of the tolerance."""
-THICKNESS = (1e3, 3.0, 0.3)
-"""Scale heights in kpc to try."""
+THICKNESS = (np.inf, 3.0, 0.3)
+"""Scale heights in kpc to try; infinite without a disc."""
 CORE = 1.0
 """Inside this radius in kpc errors are relative to the typical acceleration there: at a centre it may vanish."""
 

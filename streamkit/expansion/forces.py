@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from streamkit.engine import Patches
 from streamkit.expansion import forms
 from streamkit.expansion.grid import Grid
 from streamkit.expansion.tables import table_of
@@ -18,15 +19,15 @@ class Expansion:
 
     kind: ClassVar[str] = "expansion"
     compiled: ClassVar[bool] = True
-    force: ClassVar[Any]
+    patches: ClassVar[Patches | None] = None
 
     def __init__(self, table: Array) -> None:
         self.table = table
 
     @staticmethod
     def acceleration(x: Any, y: Any, z: Any, t: Any, table: Any) -> Any:
-        """Return ``(ax, ay, az)``."""
-        raise NotImplementedError
+        """Return ``(ax, ay, az)`` of a sphere; the other forms have `patches` in its place."""
+        return forms.spherical(x, y, z, table)
 
     @staticmethod
     def drag(x: Any, y: Any, z: Any, vx: Any, vy: Any, vz: Any, t: Any, *parameters: Any) -> Any:
@@ -51,19 +52,9 @@ class Expansion:
 
 
 @cache
-def form_of(count: int, sines: bool) -> type[Expansion]:
-    """Return the class of expansions with so many harmonics beyond the mean; -1: of a sphere. Once per process."""
-    if count < 0:
-        force = forms.spherical
-    elif count == 0:
-        force = forms.axisymmetric
-    else:
-        force = forms.general(count, sines)
-
-    def acceleration(x: Any, y: Any, z: Any, t: Any, table: Any) -> Any:  # noqa: ARG001  a force has a time
-        return force(x, y, z, table)
-
-    return type("Expansion", (Expansion,), {"acceleration": staticmethod(acceleration)})
+def form_of(orders: tuple[int, ...], sines: bool, bent: bool) -> type[Expansion]:
+    """Return the class of expansions that are no spheres; see `forms.patches_of`. Once per process."""
+    return type("Expansion", (Expansion,), {"patches": forms.patches_of(orders, sines, bent)})
 
 
 def expansion_of(grid: Grid, force: Array) -> Expansion:
@@ -73,5 +64,6 @@ def expansion_of(grid: Grid, force: Array) -> Expansion:
     """
     if not np.isfinite(force).all():
         raise ValueError("the acceleration is not finite")
-    count = -1 if grid.form == "spherical" else len(grid.orders) - 1
-    return form_of(count, grid.sines)(table_of(grid, force))
+    if grid.form == "spherical":
+        return Expansion(table_of(grid, force))
+    return form_of(tuple(grid.orders), grid.sines, bool(grid.thickness < np.inf))(table_of(grid, force))

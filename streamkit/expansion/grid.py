@@ -27,7 +27,7 @@ class Grid:
     angles
         Number of azimuths: 1 for an axisymmetric potential.
     thickness
-        h of the coordinate w in kpc.
+        h of the coordinate w in kpc; with an infinite one w is mu.
     mirror
         Whether the potential is the same above and below the plane z = 0.
     step
@@ -39,7 +39,7 @@ class Grid:
     radii: int
     heights: int = 1
     angles: int = 1
-    thickness: float = 1e3
+    thickness: float = np.inf
     mirror: bool = True
     step: int = 1
     sines: bool = False
@@ -79,6 +79,8 @@ class Grid:
 
     def mu(self) -> Array:
         """(radii, heights) cos(theta) at the nodes, never quite 1: the inverse of w."""
+        if np.isinf(self.thickness):
+            return np.broadcast_to(np.clip(self.w, -POLE, POLE), (self.radii, self.heights))
         r2, h2 = np.exp(2 * self.s)[:, None], self.thickness**2
         w4 = self.w**4
         squared = (w4 * r2 + np.sqrt(w4**2 * r2**2 + 4 * w4 * h2 * (r2 + h2))) / (2 * (r2 + h2))
@@ -86,6 +88,8 @@ class Grid:
 
     def slopes(self, mu: Array) -> tuple[Array, Array]:
         """(radii, heights) dw/dmu at constant s and dw/ds at constant mu."""
+        if np.isinf(self.thickness):
+            return np.ones_like(mu), np.zeros_like(mu)
         r2, h2 = np.exp(2 * self.s)[:, None], self.thickness**2
         near = mu**2 * r2 / (mu**2 * r2 + h2)
         root = ((r2 + h2) / (mu**2 * r2 + h2)) ** 0.25

@@ -42,13 +42,13 @@ def _head(grid: Grid, inner: float, outer: float) -> Array:
     head = np.zeros(HEAD)
     cells, heights = grid.radii - 1, grid.heights - 1
     head[:5] = grid.s[0], cells / (grid.s[-1] - grid.s[0]), cells, INNER, OUTER
-    head[5:9], head[9:13] = _powers(inner), _powers(outer)
+    head[9:13] = _powers(outer)
+    head[5:9] = np.array(_powers(inner)) - head[9:13]
     if heights:
         w = grid.w
         head[13:17] = grid.thickness**2, w[0], heights / (w[-1] - w[0]), heights
     head[17] = -1.0 if grid.mirror else 1.0
-    head[18] = 1 + (len(grid.orders) - 1) * (2 if grid.sines else 1)
-    head[19], head[20] = grid.step, float(grid.sines)
+    head[18:20] = 1.0 / OUTER, 1.0 / INNER
     return head
 
 
@@ -93,7 +93,7 @@ def _patches(grid: Grid, force: Array) -> Array:
             _fill_pole(potential[:, poles], sine[:, poles])
             _fill_pole(ends[:, poles], sine[[0, -1]][:, poles])
         parts.append(_bicubic(grid, potential, ends, across / power, m))
-    cells = np.stack(parts, axis=2)  # (radii - 1, heights - 1, tables, 16)
+    cells = np.stack(parts, axis=3)  # (radii - 1, heights - 1, 4 powers of s, tables, 4 powers of w)
     return np.concatenate([head, cells.ravel()])
 
 
@@ -132,7 +132,7 @@ def _fill_pole(values: Array, sine: Array) -> None:
 
 
 def _bicubic(grid: Grid, values: Array, ends: Array, dw: Array, m: int) -> Array:
-    """(radii - 1, heights - 1, 16) Coefficients of the C2 spline with the derivatives given at its ends."""
+    """(radii - 1, heights - 1, 4, 4) Coefficients of the C2 spline with the derivatives given at its ends."""
     from scipy.interpolate import CubicSpline
 
     s, w = grid.s, grid.w
@@ -143,6 +143,4 @@ def _bicubic(grid: Grid, values: Array, ends: Array, dw: Array, m: int) -> Array
     up = CubicSpline(s, along, axis=2, bc_type=((1, edge[..., 0]), (1, edge[..., 1]))).c[::-1]
     scale = np.outer((s[1] - s[0]) ** np.arange(4), (w[1] - w[0]) ** np.arange(4))
     # (4 powers of s, radii - 1, 4 powers of w, heights - 1) -> (radii - 1, heights - 1, 4, 4)
-    return np.ascontiguousarray((up * scale[:, None, :, None]).transpose(1, 3, 0, 2)).reshape(
-        len(s) - 1, len(w) - 1, 16
-    )
+    return np.asarray((up * scale[:, None, :, None]).transpose(1, 3, 0, 2))

@@ -104,15 +104,18 @@ def mass_of_spheres(r):
 
 @pytest.mark.parametrize(("mass", "friction"), DISTANCES)
 def test_where_the_cloud_came_from(mass, friction):
-    """The table says not which dispersion it took; these distances are those for 0.59 of the circular velocity."""
-    radii = np.exp(np.arange(0.0, 7.0, 0.02))
-    dispersion2 = 0.59**2 * sk.G * mass_of_spheres(radii) / radii
-    table = np.zeros((len(radii), 8))
-    table[:, 0], table[:, 4] = nfw_density(radii) * radii**2, dispersion2
+    """The table says not which dispersion it took: 0.59 of the circular velocity gives all its distances.
+
+    With the host's own, by Jeans's equation, the cloud of 1.38e11 is 6 % further away 4 Gyr ago.
+    """
+    ln_r = np.arange(0.0, 7.0, 0.02)
+    radii = np.exp(ln_r)
+    columns = nfw_density(radii) * radii**2, 0.59**2 * sk.G * mass_of_spheres(radii) / radii
+    pieces = [CubicSpline(ln_r, y).c[::-1].T * 0.02 ** np.arange(4) for y in columns]
+    table = np.ascontiguousarray(np.hstack(pieces))
     _, orbit = followed(cloud(mass, friction=friction), Friction(table[None], 0.0, 0.02, np.zeros(1)))
     times = np.array([-1.0, -2.0, -3.0, -4.0]) * sk.GYR
-    near = 0.02 if mass > 2e11 else 0.01  # what such a mass does depends most on the dispersion
-    assert orbit.at(times).r == pytest.approx(DISTANCES[mass, friction], rel=near)
+    assert orbit.at(times).r == pytest.approx(DISTANCES[mass, friction], rel=0.01)
     last = orbit.pericentres()[-1:]
     assert -0.0605 * sk.GYR < last < -0.0515 * sk.GYR
     assert 46.8 < orbit.at(last).r < 47.15
