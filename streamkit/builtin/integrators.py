@@ -65,7 +65,8 @@ class Adaptive(Integrator):
     Particles deep in the progenitor take many steps, escaped ones few: the adaptive stepping that Gibbons+ 2014
     ask for, in batches of equal steps. Where one step would do for the whole block, Nystrom's fifth-order method
     takes it in one or two of half the length: 4 forces each. Between blocks the step changes, so nothing is
-    strictly symplectic.
+    strictly symplectic. A thin disc is crossed in much less than a dynamical time: near its plane steps are short
+    enough to see it.
     """
 
     kind = "adaptive"

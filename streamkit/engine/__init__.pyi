@@ -2,6 +2,7 @@ from .bodies import NO_FRICTION as NO_FRICTION
 from .bodies import Centre as Centre
 from .bodies import Friction as Friction
 from .bodies import follow_bodies as follow_bodies
+from .discs import with_disc as with_disc
 from .field import Field as Field
 from .field import adaptive_step as adaptive_step
 from .field import build_field as build_field

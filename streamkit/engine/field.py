@@ -56,6 +56,8 @@ class Field:
         (c,) names of the components, for messages.
     scratch
         Room for the loops to work in: a field advances one set of particles at a time.
+    heights
+        (n,) heights in kpc of the disc of what is fixed at the origin (`disc_heights`); empty if it has none.
     threads
         How many of them `adaptive_step` and `split_step` may use for many particles. The result does not depend on it.
     drag
@@ -66,6 +68,7 @@ class Field:
     kernels: tuple[Any, ...]
     names: tuple[str, ...]
     scratch: Scratch = field(default_factory=_scratch, repr=False)
+    heights: Array = field(default_factory=lambda: np.empty(0), repr=False)
     threads: int = 1
     drag: Drag | None = None
 
@@ -114,7 +117,7 @@ class Field:
             states = orbit_states(self.acceleration, q, v, t)
         else:
             out = np.empty((count + 1, 9))
-            self.run(loops.carry, Method(RKN4.drift, RKN4.kick, np.zeros(2), 1), q, v, t0, step, out)
+            self.run(loops.carry, Method(RKN4.drift, RKN4.kick, np.zeros(2), 1, np.empty(0)), q, v, t0, step, out)
             states = out.T
         if step < 0:
             t, states = t[::-1], states[:, ::-1]
@@ -264,7 +267,7 @@ def adaptive_step(
     """Advance q, v (3, n), in place, each particle with the power of two of steps that its dynamical time asks for.
 
     No step is longer than ``eta`` (2,) times sqrt(distance / acceleration), about the Galactic centre and about the
-    progenitor, but a block takes at most ``2**deepest`` of them.
+    progenitor, or than it takes to cross a disc, but a block takes at most ``2**deepest`` of them.
     """
     _advance(field, splitting, q, v, t0, t1, eta, min(deepest, DEEPEST))
 
@@ -280,7 +283,8 @@ def _advance(
     """Pass the rows of q and v, which the loops want contiguous, in place where they are."""
     given = [*q, *v]
     rows = tuple(np.ascontiguousarray(row) for row in given)
-    method, pieces = Method(splitting.drift, splitting.kick, eta, most), field.pieces(len(t0))
+    method = Method(splitting.drift, splitting.kick, eta, most, field.heights)
+    pieces = field.pieces(len(t0))
     if len(pieces) == 1:
         field.run(loops.advance, method, field.scratch, rows, t0, t1)
     else:

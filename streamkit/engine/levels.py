@@ -8,6 +8,11 @@ from streamkit.engine.cache import INLINE
 from streamkit.engine.forces import BATCH, LANES, ROW, call_kernel, centre_at
 from streamkit.engine.steps import ROWS, A, H, T, V
 
+CROSSING = 1.25
+"""Longest step near a disc's plane, in units of the time in which its height is crossed."""
+NEAR_PLANE = 2.0
+"""What is near, in units of that height."""
+
 
 @njit(**INLINE)
 def alike(t0, index, begin):
@@ -102,13 +107,13 @@ def foot(a, b, c, d, e, f):
 
 
 @njit(**INLINE)
-def rates(forces, eta, uniform, m, lanes, near, a, centre, path, rate):
+def rates(forces, eta, heights, uniform, m, lanes, near, a, centre, path, rate):
     """Store in `rate` the square of (acceleration / distance / eta^2) of m lanes in their time span.
 
     About the Galactic centre, with eta[0], and about each trajectory for the forces that move on it, with eta[1] and
     its initial mass: the largest of these, each where the particle, with its initial acceleration, would come closest.
     The host's force there is not evaluated but taken as the initial one times the inverse square of the distances:
-    around no sphere does it rise faster.
+    around no sphere does it rise faster. Where the host has a disc of these `heights`, see `crossings`.
     """
     address, trajectory = forces.address, forces.trajectory
     t, span = lanes[T:], lanes[H:]
@@ -128,6 +133,8 @@ def rates(forces, eta, uniform, m, lanes, near, a, centre, path, rate):
             distance2 = d0[i] * d0[i] + d1[i] * d1[i] + d2[i] * d2[i] + 1e-300
             now2 = x0[i] * x0[i] + x1[i] * x1[i] + x2[i] * x2[i]
             rate[i] = scale * acceleration2 * now2 * now2 / (distance2 * distance2 * distance2)
+    if heights.shape[0] > 0:
+        crossings(heights, m, lanes, rate)
     for b in range(forces.tracks.shape[0]):
         together = m if uniform else 1
         for i in range(0, m, together):
@@ -148,6 +155,33 @@ def rates(forces, eta, uniform, m, lanes, near, a, centre, path, rate):
             acceleration2 = a0[i] * a0[i] + a1[i] * a1[i] + a2[i] * a2[i]
             distance2 = d0[i] * d0[i] + d1[i] * d1[i] + d2[i] * d2[i]
             rate[i] = max(rate[i], scale * acceleration2 / (distance2 + 1e-300))
+
+
+@njit(**INLINE)
+def crossings(heights, m, lanes, rate):
+    """Raise the `rate` of those of m lanes that come near the plane of the host's disc in their time span.
+
+    They cross it in heights / v_z, and no step may be longer than that times CROSSING. Paths are parabolas of the
+    initial acceleration; their bend in z is taken as the error of where they are.
+    """
+    x, u, span, a = lanes, lanes[V:], lanes[H:], lanes[A:]
+    for i in range(m):
+        s, r = 0.5 * span[i], 0.125 * span[i] * span[i]
+        z = x[2 * ROW + i]
+        step, bend = s * u[2 * ROW + i], 2.0 * r * a[2 * ROW + i]
+        middle, end = z + step + 0.5 * bend, z + 2.0 * (step + bend)
+        x1, y1 = x[i] + s * u[i] + r * a[i], x[ROW + i] + s * u[ROW + i] + r * a[ROW + i]
+        x2, y2 = x[i] + 2.0 * s * u[i] + 4.0 * r * a[i], x[ROW + i] + 2.0 * s * u[ROW + i] + 4.0 * r * a[ROW + i]
+        radius2 = min(x[i] * x[i] + x[ROW + i] * x[ROW + i], x1 * x1 + y1 * y1, x2 * x2 + y2 * y2)
+        k = 0
+        while k < heights.shape[0] - 1 and radius2 >= 4.0:
+            radius2 *= 0.25
+            k += 1
+        height = heights[k]
+        least = 0.0 if z * middle <= 0.0 or middle * end <= 0.0 else min(abs(z), abs(middle), abs(end))
+        if least < NEAR_PLANE * height + abs(bend):
+            fastest = max(abs(middle - z), abs(end - middle)) / (s + 1e-300)
+            rate[i] = max(rate[i], (fastest / (CROSSING * height)) ** 4)
 
 
 @njit(**INLINE)

@@ -105,7 +105,7 @@ def sweep(forces, method, scratch, particles, index, t0, t1, limit, later):
         level[:m], size[:], size[0] = 0, 0, m
         if adapts:
             add_forces(forces, uniform, 0, whole, t, lanes, relative, centre, lanes[A:])
-            rates(forces, method.eta, uniform, whole, lanes, relative, slots, centre, path, rate)
+            rates(forces, method.eta, method.heights, uniform, whole, lanes, relative, slots, centre, path, rate)
             choose(m, rate, span, method.most + 1, level, size)
         place(m, level, limit, start, size, slot)
         for i in range(m):
@@ -150,7 +150,7 @@ def advance(forces, method, scratch, particles, t0, t1):
     near = later[:kept].copy()
     if kept == 0:
         return
-    shorter = Method(method.drift, method.kick, method.eta, max(most - 2, 0))
+    shorter = Method(method.drift, method.kick, method.eta, max(most - 2, 0), method.heights)
     for part in range(PARTS):
         for i in near:
             ends[i] = t1 if part == PARTS - 1 else t0[i] + (t1 - t0[i]) * (part + 1) / PARTS

@@ -20,16 +20,20 @@ ROWS = 11
 
 
 class Method(NamedTuple):
-    """How to step: drift (s + 1,) and kick (s,) as in `Splitting`; eta (2,) and most as `advance` explains them."""
+    """How to step: drift (s + 1,) and kick (s,) as in `Splitting`; eta (2,) and most as `advance` explains them.
+
+    heights are those of the host's disc (`streamkit.engine.discs`), empty if it has none.
+    """
 
     drift: Array
     kick: Array
     eta: Array
     most: int
+    heights: Array
 
 
 _F1 = types.float64[::1]
-METHOD = types.NamedTuple([_F1, _F1, _F1, types.intp], Method)
+METHOD = types.NamedTuple([_F1, _F1, _F1, types.intp, _F1], Method)
 
 
 @njit(**INLINE)

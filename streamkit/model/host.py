@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from streamkit.components import Potential, Total, add_up, sphere
-from streamkit.engine import NO_FRICTION, Centre, Field, Friction, build_field, follow_bodies
+from streamkit.engine import NO_FRICTION, Centre, Field, Friction, build_field, follow_bodies, with_disc
 from streamkit.errors import OutOfDomain
 from streamkit.model.friction import friction_table, friction_times
 from streamkit.spec import Body
@@ -78,7 +78,7 @@ class Host:
     @cached_property
     def alone(self) -> Field:
         """The compiled total force of its own potentials."""
-        return build_field(list(self.potentials.values()))
+        return with_disc(build_field(list(self.potentials.values())))
 
     def until(self, t1: float) -> Field:
         """Return the compiled total force, with that of the bodies, valid from today to t1 (either direction).

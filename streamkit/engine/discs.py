@@ -1,0 +1,50 @@
+"""How thin the disc of a host is: it is crossed in a part of a dynamical time, and steps must foresee that."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from streamkit.engine.field import Field
+from streamkit.errors import ComponentError, OutOfDomain
+from streamkit.stream import Array
+
+RADII = 2.0 ** np.arange(9)
+"""kpc, at which the height is looked for: each is twice the one before, as `streamkit.engine.levels` takes them."""
+AZIMUTHS = np.radians([0.0, 90.0])
+"""A bar is thin in one direction."""
+STEPS = 12
+"""Heights to look at, for each radius: this radius divided by powers of two."""
+THIN = 0.3
+"""A host whose height is more than this times the radius has no disc there: spheres have half, of these steps."""
+
+
+def with_disc(field: Field) -> Field:
+    """Return the field with the heights of its disc, so that `adaptive_step` takes short steps where it is crossed."""
+    heights = disc_heights(field)
+    return replace(field, heights=heights) if len(heights) else field
+
+
+def disc_heights(field: Field) -> Array:
+    """(9,) Heights in kpc of the disc of a field at rest, at R = 1, 2, 4, ... 256 kpc; (0,) if it has none.
+
+    The height is where the pull to the plane, divided by z, has fallen to half of that at the plane.
+    """
+    z = RADII[:, None] * 0.5 ** np.arange(STEPS)  # (radii, steps), falling
+    around = np.stack([np.cos(AZIMUTHS), np.sin(AZIMUTHS)])[:, :, None, None] * RADII[:, None]
+    q = np.stack(
+        [*np.broadcast_to(around, (2, len(AZIMUTHS), *z.shape)), np.broadcast_to(z, (len(AZIMUTHS), *z.shape))]
+    )
+    with np.errstate(all="ignore"):
+        try:
+            pull = -field.acceleration(0.0, q.reshape(3, -1))[2].reshape(q.shape[1:]) / z
+        except (ComponentError, OutOfDomain):  # not defined everywhere: told where a particle goes there
+            return np.empty(0)
+        share = pull / pull[..., -1:]  # of that next to the plane
+        index = np.argmax(share > 0.5, axis=-1)  # the greatest height that has more than half
+    z = np.broadcast_to(z, share.shape)
+    heights = np.take_along_axis(z, index[..., None], axis=-1)[..., 0]
+    heights = np.where((index > 0) & np.isfinite(share).all(axis=-1), heights, np.inf).min(axis=0)
+    thin = heights <= THIN * RADII
+    return np.where(thin, heights, np.inf) if thin.any() else np.empty(0)
