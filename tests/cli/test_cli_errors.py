@@ -102,7 +102,6 @@ def test_missing_data_cannot_be_run(run_file: Path) -> None:
         (["reference", "tf"], ["streamkit reference potential tf"]),
         (["reference", "potential", "nfv"], ["'nfv'", "Did you mean 'nfw'?"]),
         (["reference", "progenitor", "plumer"], ["'plumer'", "Did you mean 'plummer'?"]),
-        (["reference", "progenitor", "tf"], ["'tf' has no mass", "plummer"]),
         (["reference", "sun", "tf"], ["[sun] has no kinds"]),
     ],
 )

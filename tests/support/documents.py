@@ -37,6 +37,7 @@ HOSTS: dict[str, dict[str, Any]] = {
     "sagittarius": {"v0": [235, 245], "rs": [20, 22], "alpha": 0.72},
     "sagittarius_modern": {"v0": [235, 245], "rs": [20, 22], "alpha": 0.72},
     "sagittarius_track": {"v0": [235, 245], "rs": [20, 22], "alpha": 0.72},
+    "sagittarius_track_lmc": {"v0": [235, 245], "rs": [20, 22], "alpha": 0.72},
     "sagittarius_lmc": {"halo.mass": [5e11, 6e11]},
     "mock_lmc": {"halo.mass": [5e11, 6e11], "halo.rs": 16.0},
     "mock_alone": {"halo.mass": [5e11, 6e11], "halo.rs": 16.0},
