@@ -51,6 +51,7 @@ HOSTS: dict[str, dict[str, Any]] = {
     "mock_recovery": {"v0": [205, 215], "alpha": 0.45},
     "pal5": {"halo.mass": [4e11, 5e11], "halo.q": 1.0},
     "gd1_pal5": {"halo.mass": [4e11, 5e11], "halo.q": 1.0, "disc.mass": 6.8e10},
+    "gd1_pal5_literal": {"halo.mass": [4e11, 5e11], "halo.q": 1.0, "disc.mass": 6.8e10},
     "orphan_lmc": {"halo.mass": [4e11, 5e11], "halo.rs": 16.0},
     "orphan_alone": {"halo.mass": [4e11, 5e11], "halo.rs": 16.0},
     "figure5": {"m200": [7e11, 8e11], "c200": [19, 21]},
