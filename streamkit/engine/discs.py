@@ -31,19 +31,18 @@ def disc_heights(field: Field) -> Array:
 
     The height is where the pull to the plane, divided by z, has fallen to half of that at the plane.
     """
-    z = RADII[:, None] * 0.5 ** np.arange(STEPS)  # (radii, steps), falling
-    around = np.stack([np.cos(AZIMUTHS), np.sin(AZIMUTHS)])[:, :, None, None] * RADII[:, None]
-    q = np.stack(
-        [*np.broadcast_to(around, (2, len(AZIMUTHS), *z.shape)), np.broadcast_to(z, (len(AZIMUTHS), *z.shape))]
-    )
+    shape = len(AZIMUTHS), len(RADII), STEPS
+    r = np.broadcast_to(RADII[:, None], shape)
+    z = r * 0.5 ** np.arange(STEPS)  # falling
+    angle = AZIMUTHS[:, None, None]
+    q = np.stack([r * np.cos(angle), r * np.sin(angle), z])
     with np.errstate(all="ignore"):
         try:
-            pull = -field.acceleration(0.0, q.reshape(3, -1))[2].reshape(q.shape[1:]) / z
+            pull = -field.acceleration(0.0, q.reshape(3, -1))[2].reshape(shape) / z
         except (ComponentError, OutOfDomain):  # not defined everywhere: told where a particle goes there
             return np.empty(0)
         share = pull / pull[..., -1:]  # of that next to the plane
         index = np.argmax(share > 0.5, axis=-1)  # the greatest height that has more than half
-    z = np.broadcast_to(z, share.shape)
     heights = np.take_along_axis(z, index[..., None], axis=-1)[..., 0]
     heights = np.where((index > 0) & np.isfinite(share).all(axis=-1), heights, np.inf).min(axis=0)
     thin = heights <= THIN * RADII
