@@ -55,8 +55,6 @@ def compiled_drag(parts: tuple[Part, ...]) -> Any:
     def mean(x, y, z, u, v, w, t, h, p, ax, ay, az):
         a0, b0, c0 = total(x, y, z, u, v, w, t, p)
         a0, b0, c0 = ax + a0, ay + b0, az + c0
-        if h == 0.0:
-            return a0, b0, c0
         a1, b1, c1 = total(x, y, z, u + 0.5 * h * a0, v + 0.5 * h * b0, w + 0.5 * h * c0, t, p)
         a1, b1, c1 = ax + a1, ay + b1, az + c1
         a2, b2, c2 = total(x, y, z, u + 0.5 * h * a1, v + 0.5 * h * b1, w + 0.5 * h * c1, t, p)
@@ -68,6 +66,14 @@ def compiled_drag(parts: tuple[Part, ...]) -> Any:
     def kernel(n, t, p, centre, q, a, fresh):
         packed, lanes = carray(p, (ENDLESS,)), carray(q, (LANES_ROWS * ROW,))
         part, out = carray(centre, (3,))[0], carray(a, (3 * ROW,))
+        if part == 0.0:  # a branch inside the loop would keep it from being vectorised
+            for i in range(n):
+                dx, dy, dz = total(
+                    lanes[i], lanes[ROW + i], lanes[2 * ROW + i],
+                    lanes[3 * ROW + i], lanes[4 * ROW + i], lanes[5 * ROW + i], lanes[6 * ROW + i], packed,
+                )  # fmt: skip
+                out[i], out[ROW + i], out[2 * ROW + i] = out[i] + dx, out[ROW + i] + dy, out[2 * ROW + i] + dz
+            return
         for i in range(n):
             out[i], out[ROW + i], out[2 * ROW + i] = mean(
                 lanes[i], lanes[ROW + i], lanes[2 * ROW + i],
