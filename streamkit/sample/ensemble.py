@@ -74,11 +74,10 @@ class Sampling:
     _before: dict[str, Any] = field(default_factory=dict)
     _state: emcee.State | None = None
     _trials: Trials = field(init=False)
+    _learning: int = field(init=False, default=0)
 
     def __post_init__(self) -> None:
-        m = self.dtype["mean"].shape[0]
-        steps = learning_steps(self.moves)
-        self._trials = Trials(self.pool, steps, self.walkers, len(self.priors), m)
+        self._trials = Trials(self.pool, self.walkers, len(self.priors), self.dtype["mean"].shape[0])
 
     def begin(self, deadline: float = np.inf) -> None:
         """Find starting points and empty the backend. The first step is not taken yet."""
@@ -157,7 +156,7 @@ class Sampling:
                         bar.update()
                         if monotonic() > limits.deadline:
                             return "time"
-                    if done in LEARNING:
+                    if done in LEARNING and done <= self._learning:
                         self._learn(moves, done)
                     if done % CHECK == 0 or done == limits.steps:
                         judged = self._judge(limits)
@@ -175,12 +174,13 @@ class Sampling:
         return self._counts
 
     def _judge(self, limits: Limits) -> Convergence:
-        chain = np.asarray(self.backend.get_chain())
-        return Convergence(chain, learning_steps(self.moves), limits.tau_factor, limits.r_hat)
+        return Convergence(np.asarray(self.backend.get_chain()), self._learning, limits.tau_factor, limits.r_hat)
 
     def _learn(self, moves: Sequence[tuple[emcee.moves.Move, float]], done: int) -> None:
-        """Give the surrogate moves what the chain knew at the last step of `LEARNING`."""
-        steps = max((step for step in LEARNING if step <= done), default=0)
+        """Give the surrogate moves what the chain knew at the last step of `LEARNING` before they have learned all."""
+        chain = np.asarray(self.backend.get_chain()) if done else np.empty((0, self.walkers, len(self.priors)))
+        self._learning = learning_steps(self.moves, chain)
+        steps = max((step for step in LEARNING if step <= min(done, self._learning)), default=0)
         walks = [move for move, _ in moves if isinstance(move, SurrogateMove)]
         if not (steps and walks and self.data is not None):
             return
@@ -192,7 +192,7 @@ class Sampling:
         subject = {"surrogate": "none" if surrogate is None else surrogate.subject}
         self._before, self._counts = self._before | subject, self._counts | subject
         for move in walks:
-            move.learn(surrogate, self.walkers, self.seed, steps == LEARNING[-1])
+            move.learn(surrogate, self.walkers, self.seed, steps == self._learning)
             if done > steps and isinstance(self.backend, ChainFile):  # resumed
                 kept = self.backend.replicas
                 if kept is not None and kept.shape == move.replicas.shape:
@@ -203,7 +203,7 @@ class Sampling:
         before = self._before
         reasons = dict(Counter(before["reasons"]) + self.pool.reasons["full"])
         self._counts = before | {"calls": before["calls"] + self.pool.calls["full"], "reasons": reasons}
-        tried = self._trials.keep(step)
+        tried = self._trials.keep(step, step < self._learning)
         if isinstance(self.backend, ChainFile):
             replicas = [move.replicas for move, _ in moves if isinstance(move, SurrogateMove) and len(move.replicas)]
             self.backend.commit(self._counts, tried, replicas[0] if replicas else None)

@@ -21,14 +21,15 @@ class Trials:
     ----------
     pool
         Evaluates the posterior "full".
-    steps, walkers, d, m
-        Steps to keep, and the sizes of the ensemble, of a point and of a prediction.
+    walkers, d, m
+        Sizes of the ensemble, of a point and of a prediction.
     """
 
-    def __init__(self, pool: Workers, steps: int, walkers: int, d: int, m: int) -> None:
+    def __init__(self, pool: Workers, walkers: int, d: int, m: int) -> None:
         self._pool = pool
         self._d, self._m = d, m
-        self._table = np.full((steps, walkers, d + 2 * m + 1), np.nan)
+        self._nothing = np.full((walkers, d + 2 * m + 1), np.nan)
+        self._steps: list[Array] = []
         self._rows: list[Array] = []
 
     def map(self, _function: Callable[..., Any], points: Iterable[Array]) -> list[Row]:
@@ -39,23 +40,25 @@ class Trials:
             self._rows.append(np.concatenate([point, r.mean, r.variance, [r.ln_likelihood]]))
         return [result.row() for result in results]
 
-    def keep(self, step: int) -> Array | None:
-        """Keep what was tried since the last call as that of a step; return it, None after the last step to keep."""
+    def keep(self, step: int, learning: bool) -> Array | None:
+        """Keep what was tried since the last call as that of a step, and return it; None where nothing is learned."""
         rows, self._rows = self._rows, []
-        if step >= len(self._table):
+        if not learning:
             return None
-        self._table[step] = rows
-        return np.array(self._table[step])
+        self._steps += [self._nothing] * (step - len(self._steps))
+        self._steps.append(np.array(rows))
+        return self._steps[-1]
 
     def load(self, rows: Array) -> None:
         """Take up what a run kept that is now resumed: (steps, walkers, d + 2 m + 1); older ones lack ln likelihood."""
-        self._table[: len(rows), :, : rows.shape[2]] = rows
+        missing = self._nothing.shape[1] - rows.shape[2]
+        self._steps = list(np.pad(rows, [(0, 0), (0, 0), (0, missing)], constant_values=np.nan))
 
     def until(self, step: int) -> tuple[Array, Array, Array, Array]:
         """Return the points (n, d) tried before a step; means (n, m), variances (n, m), ln likelihood (n,) found there.
 
         Outside the prior, and where there is no stream or no observable, these are NaN, and the last is -inf.
         """
-        rows, d, m = self._table[:step].reshape(-1, self._table.shape[2]), self._d, self._m
+        rows, d, m = np.concatenate([self._nothing, *self._steps[:step]]), self._d, self._m
         rows = rows[np.isfinite(rows[:, :d]).all(axis=1)]
         return rows[:, :d], rows[:, d : d + m], rows[:, d + m : -1], rows[:, -1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import emcee
@@ -33,13 +34,29 @@ where it is far too low, or the posterior very narrow, they lead a walker out.""
 SURROGATE_SHARE = 0.9
 """Fraction of the ensemble's steps that rely on the surrogate."""
 
-LEARNING = (25, 50, 100, 200, 400)
-"""Steps after which the surrogate is learned from all steps so far: the last time for good."""
+LEARNING = (25, 50, 100, 200, 400, 600, 900, 1350)
+"""Steps after which the surrogate is learned from all steps so far, up to the end of learning."""
+LEAST_STEPS = 400
+"""Steps of learning at least."""
+ACCEPTED = 0.2
+"""Fraction of the proposals between two of these steps that shows a good surrogate: with fewer the ensemble had not yet
+found the posterior, or its points are still few, and it goes on to learn. Two thirds of the replicas are tempered then:
+afterwards some 1.5 times as many are accepted."""
 
 
-def learning_steps(name: str) -> int:
-    """Return the steps during which the moves of this name still change."""
-    return LEARNING[-1] if name == "surrogate" else 0
+def learning_steps(name: str, chain: Array) -> int:
+    """Return the steps in which the moves of this name change, as far as a chain (steps, walkers, d) can tell.
+
+    That is to the first of `LEARNING` at which enough was accepted, `LEAST_STEPS` or later, or to the last of them.
+    """
+    if name != "surrogate":
+        return 0
+    for before, end in pairwise(LEARNING):
+        if end >= LEAST_STEPS:
+            moved = np.diff(chain[before:end], axis=0).any(axis=2)
+            if len(chain) < end or moved.mean() >= ACCEPTED:
+                return end
+    return LEARNING[-1]
 
 
 class SurrogateMove(RedBlueMove):  # type: ignore[misc]

@@ -71,7 +71,7 @@ def by_ensemble(toy: Toy, seed: int, moves: str) -> Found:
         run.advance(limits)
         calls = sum(run.totals()[name] for name in ("calls", "search_calls"))
     chain = backend.get_chain()
-    verdict = Convergence(chain, learning_steps(moves), limits.tau_factor, limits.r_hat)
+    verdict = Convergence(chain, learning_steps(moves, chain), limits.tau_factor, limits.r_hat)
     used = chain[verdict.discard :]
     effective = float(np.min(effective_samples(used, verdict.tau)))
     stuck = len(stuck_walkers(chain, backend.get_log_prob()))

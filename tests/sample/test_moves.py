@@ -10,10 +10,17 @@ from scipy import stats
 from toys import Banana, Heavy, Many, banana_run
 
 from streamkit.observe import Data
-from streamkit.sample import ChainFile, Limits, Workers, autocorrelation_times
+from streamkit.sample import ChainFile, Limits, Workers, autocorrelation_times, ensemble, moves
 from streamkit.sample.coordinates import Space
 from streamkit.sample.history import Trials
-from streamkit.sample.moves import INVERSE_TEMPERATURES, LAST_INVERSE_TEMPERATURE, LEARNING, SurrogateMove, proposals
+from streamkit.sample.moves import (
+    INVERSE_TEMPERATURES,
+    LAST_INVERSE_TEMPERATURE,
+    LEAST_STEPS,
+    SurrogateMove,
+    learning_steps,
+    proposals,
+)
 from streamkit.sample.surrogate import learn
 from streamkit.spec import LogUniform, Normal, TruncatedNormal, Uniform
 
@@ -198,7 +205,7 @@ def test_walks_on_the_surrogate_save_calls_and_keep_the_answer():
     backend, plain = Backend(), Backend()
     banana_run(backend, Limits(900, tau_factor=1e9), "surrogate")
     banana_run(plain, Limits(900, tau_factor=1e9), "de")
-    kept, usual = backend.get_chain(discard=LEARNING[-1]), plain.get_chain(discard=LEARNING[-1])
+    kept, usual = backend.get_chain(discard=LEAST_STEPS), plain.get_chain(discard=LEAST_STEPS)
     grid = np.stack(np.meshgrid(*(np.linspace(-3, 3, 121),) * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     residual = (Banana().mean(grid.T).T - Banana.data.values) / Banana.data.errors
     weight = np.exp(-0.5 * np.sum(residual**2, axis=1))
@@ -214,7 +221,7 @@ def test_the_surrogate_works_for_dozens_of_correlated_numbers_and_for_a_likeliho
     run, _ = banana_run(backend, Limits(900, tau_factor=1e9), "surrogate", toy=toy)
     banana_run(plain, Limits(900, tau_factor=1e9), "de", toy=toy)
     assert run.totals()["surrogate"] == subject
-    kept, usual = backend.get_chain(discard=LEARNING[-1]), plain.get_chain(discard=LEARNING[-1])
+    kept, usual = backend.get_chain(discard=LEAST_STEPS), plain.get_chain(discard=LEAST_STEPS)
     grid = np.stack(np.meshgrid(*(np.linspace(-3, 3, 61),) * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     weight = np.exp([toy.ln_likelihood(point) for point in grid])
     expected = np.average(np.column_stack([grid, grid**2]), axis=0, weights=weight)
@@ -227,7 +234,7 @@ def test_what_is_learned_from_is_all_that_was_tried(tmp_path):
     file = ChainFile(str(tmp_path / "chain.h5"))
     run, _ = banana_run(file, Limits(30), "surrogate")
     pool = Workers({"full": Banana()})
-    kept = Trials(pool, LEARNING[-1], 16, 3, 2)
+    kept = Trials(pool, 16, 3, 2)
     kept.load(file.tried)
     points, mean, variance, lnl = kept.until(30)
     inside = run.totals()["calls"] - run.totals()["reasons"].get("outside the prior", 0)
@@ -251,6 +258,43 @@ def test_a_chain_that_learns_is_resumed_bit_for_bit(tmp_path, stop):
     banana_run(parts, Limits(70), "surrogate", resume=True)
     for name in ("get_chain", "get_log_prob", "get_blobs"):
         np.testing.assert_array_equal(getattr(whole, name)(), getattr(parts, name)())
+
+
+def walked(*accepted):
+    """A chain in which each part, of so many steps, has so many moved proposals of a hundred walkers."""
+    moved = np.concatenate([np.arange(100) < share * 100 for steps, share in accepted for _ in range(steps)])
+    return np.cumsum(moved.reshape(-1, 100, 1), axis=0).astype(float)
+
+
+@pytest.mark.parametrize(
+    ("chain", "expected"),
+    [
+        (walked((30, 0.5)), 400),
+        (walked((200, 0.1), (200, 0.5), (300, 0.1)), 400),
+        (walked((400, 0.1)), 600),
+        (walked((400, 0.1), (200, 0.1), (300, 0.5), (900, 0.1)), 900),
+        (walked((3000, 0.1)), 1350),
+    ],
+)
+def test_learning_goes_on_until_enough_is_accepted(chain, expected):
+    assert learning_steps("surrogate", chain) == expected
+    assert learning_steps("de", chain) == 0
+
+
+@pytest.mark.parametrize("stop", [15, 35, 55])
+def test_a_chain_that_learns_for_longer_is_resumed_bit_for_bit(tmp_path, monkeypatch, stop):
+    for module in (moves, ensemble):
+        monkeypatch.setattr(module, "LEARNING", (10, 20, 30, 40, 50))
+    monkeypatch.setattr(moves, "LEAST_STEPS", 20)
+    monkeypatch.setattr(moves, "ACCEPTED", 0.55)
+    whole, parts = (ChainFile(str(tmp_path / f"{name}.h5")) for name in ("whole", "parts"))
+    banana_run(whole, Limits(70), "surrogate")
+    banana_run(parts, Limits(stop), "surrogate")
+    parts = ChainFile(parts.filename)
+    banana_run(parts, Limits(70), "surrogate", resume=True)
+    assert 20 < learning_steps("surrogate", whole.get_chain()) == len(whole.tried) < 50
+    np.testing.assert_array_equal(whole.get_chain(), parts.get_chain())
+    np.testing.assert_array_equal(whole.replicas, parts.replicas)
 
 
 def test_a_finished_chain_stays_finished():

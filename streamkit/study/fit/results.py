@@ -156,7 +156,8 @@ class Results:
             self.convergence, self.acceptance = Stopping(weighted), float(weighted.ess / max(self.calls, 1))
             return
         sampler: Any = spec.sampler
-        self.convergence = Convergence(self.chain, learning_steps(sampler.moves), sampler.tau_factor, sampler.r_hat)
+        learning = learning_steps(sampler.moves, self.chain)
+        self.convergence = Convergence(self.chain, learning, sampler.tau_factor, sampler.r_hat)
         moved = np.diff(self.chain[self.convergence.learned :], axis=0).any(axis=2)
         self.acceptance = float(moved.mean() if moved.size else np.mean(found.accepted) / len(self.chain))
 
