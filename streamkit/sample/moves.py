@@ -38,10 +38,10 @@ LEARNING = (25, 50, 100, 200, 400, 600, 900, 1350)
 """Steps after which the surrogate is learned from all steps so far, up to the end of learning."""
 LEAST_STEPS = 400
 """Steps of learning at least."""
-ACCEPTED = 0.2
+ACCEPTED = 1 / 6
 """Fraction of the proposals between two of these steps that shows a good surrogate: with fewer the ensemble had not yet
 found the posterior, or its points are still few, and it goes on to learn. Two thirds of the replicas are tempered then:
-afterwards some 1.5 times as many are accepted."""
+afterwards up to twice as many are accepted."""
 
 
 def learning_steps(name: str, chain: Array) -> int:
