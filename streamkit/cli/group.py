@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
@@ -117,7 +118,8 @@ def _points() -> list[EntryPoint]:
 
 
 def _failed(message: str, status: int) -> int:
-    click.echo(f"streamkit: {message}", err=True)
+    with suppress(OSError, ValueError):  # nobody reads it any more: the status tells as well
+        click.echo(f"streamkit: {message}", err=True)
     return status
 
 

@@ -37,7 +37,15 @@ def keep_streams() -> None:
 
 
 def leave(status: int) -> NoReturn:
-    """End the process with a status; threads that a plugin left and that are no daemons have `PATIENCE`."""
+    """End the process with a status; threads that a plugin left and that are no daemons have `PATIENCE`.
+
+    What cannot be printed, as nobody reads it any more or a plugin closed it, does not change the status.
+    """
+    for name in ("stdout", "stderr"):
+        try:
+            getattr(sys, name).flush()
+        except (OSError, ValueError):
+            setattr(sys, name, None)
     if _others():
         threading.Thread(target=_end, args=(status,), daemon=True).start()
     sys.exit(status)

@@ -184,6 +184,15 @@ class Integrator(Component):
         Particles are independent: what one does must not depend on the others.
         """
 
+    def steps(self, duration: float) -> dict[str, float]:
+        """Return how many steps a particle takes over so many Gyr, by the field that decides it.
+
+        A run file that asks for more than 10 million is refused. Here it is a field called ``step``,
+        in Gyr, if there is one.
+        """
+        step = getattr(self, "step", None)
+        return {"step": duration / step} if isinstance(step, float) and step > 0 else {}
+
 
 class Measurement(Component):
     """Data, and how a prediction is compared with them."""

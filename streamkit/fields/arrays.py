@@ -15,12 +15,10 @@ from pydantic_core import CoreSchema, core_schema
 from streamkit.errors import nearest
 from streamkit.fields.files import Files
 from streamkit.stream import Array
-from streamkit.units import UNITS, Unit
+from streamkit.units import LARGEST, UNITS, Unit
 
 KEYS = ("file", "column", "unit")
 ANY, NOT_NEGATIVE, POSITIVE = "", "zero or more", "positive"
-MOST = 1e100
-"""The square of a larger number may be none, and that of a positive one below its inverse may be zero."""
 
 
 @dataclass(frozen=True)
@@ -125,9 +123,9 @@ class ArrayOf:
             raise ValueError(f"found {found.size} number(s), expected at least {self.least}")
         require = partial(self._require, found=found, entry=entry or _entry)
         require(np.isfinite(found), wanted="a finite number")
-        require(np.abs(found) <= MOST, wanted=f"a number below {MOST:g}")
+        require(np.abs(found) <= LARGEST, wanted=f"a number below {LARGEST:g}")
         if self.sign:
-            require(found >= (1 / MOST if self.sign == POSITIVE else 0.0), wanted=self.sign)
+            require(found >= (1 / LARGEST if self.sign == POSITIVE else 0.0), wanted=self.sign)
         low, high = self.between
         if not (low == -np.inf and high == np.inf):
             require((found >= low) & (found <= high), wanted=f"{low:g} to {high:g}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -76,17 +77,21 @@ class Progress:
 
     def close(self) -> None:
         """Show no more."""
-        if self._bar is not None:
-            self._bar.close()
+        with suppress(OSError, ValueError):  # as in `update`
+            if self._bar is not None:
+                self._bar.close()
 
     def update(self, more: float = 1) -> None:
         """Count what was done, and show it if it is time to."""
         self.done += more
-        if self._bar is not None:
-            self._bar.aim(self.total)
-            self._bar.update(more)
-        elif self._lines:
-            self._log()
+        try:
+            if self._bar is not None:
+                self._bar.aim(self.total)
+                self._bar.update(more)
+            elif self._lines:
+                self._log()
+        except (OSError, ValueError):  # the terminal is gone, or closed: the work goes on without
+            self._bar, self._lines = None, False
 
     def expect(self, total: float) -> None:
         """Say how much there will have been in all, from what is known by now."""

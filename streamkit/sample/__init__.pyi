@@ -32,4 +32,5 @@ from .weighted import read_weighted as read_weighted
 from .workers import Signals as Signals
 from .workers import Stopped as Stopped
 from .workers import Workers as Workers
+from .workers import first_call as first_call
 from .workers import pool as pool

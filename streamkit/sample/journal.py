@@ -79,7 +79,11 @@ class Journal:
             at = end
 
     def append(self, record: Mapping[str, Array]) -> None:
-        """Add a record. ChainError if it cannot be written; then the file is as it was."""
+        """Add a record.
+
+        ChainError if it cannot be written, or if what this journal wrote before is not there any more; then the file is
+        as it was.
+        """
         if self._end is None:
             self.read()
         end = self._end or 0
@@ -87,6 +91,8 @@ class Journal:
         frame = b"" if end else MAGIC
         frame += len(body).to_bytes(LENGTH, "little") + _checksum(body) + body
         new = not self.path.exists()
+        if end and (new or self.path.stat().st_size < end):
+            raise ChainError(f"{self.path}: was removed or cut by somebody else while it was written")
         with safely(self.path), self.path.open("xb" if new else "r+b", buffering=0) as file:
             file.truncate(end)  # what a death left of a record
             file.seek(end)

@@ -221,6 +221,15 @@ class Signals:
         self._target.stop = signum
 
 
+def first_call(posterior: Evaluates, point: Array, limit: float) -> None:
+    """Make a call in this process, which may compile; CallTimeout if it takes `COMPILING` longer than the limit."""
+    if isinstance(within(limit + COMPILING, posterior.evaluate, point), str):
+        raise CallTimeout(
+            f"the first call, at the centre of the priors, took longer than sampler.call_limit = {limit:g} s and the "
+            f"{COMPILING:g} s that it has for compiling"
+        )
+
+
 def pool(count: int, posteriors: Mapping[str, Evaluates] | None = None, limit: float = math.inf) -> Processes:
     """Return worker processes that hold the posteriors; a call may take ``limit`` seconds."""
     return Processes(count, _hold, (dict(posteriors or {}),), limit)

@@ -9,21 +9,39 @@ import numpy as np
 
 from streamkit.components import Component, Integrator, Potential, total_mass
 from streamkit.errors import StreamkitError
+from streamkit.spec.parts import StreamParts
 from streamkit.spec.progenitor import Place
 from streamkit.spec.section import Section
 from streamkit.units import Unit
 
+MOST_STEPS = 1e7
+"""Steps of a particle beyond which a stream is refused: ten particles of the fastest host would take seconds."""
+
 
 def drag_unknown(
-    potentials: Iterable[Section[Any]], integrator: type[Integrator], installed: Mapping[str, type[Component]]
+    potentials: Iterable[Section[Any]], integrator: type[Integrator], installed: Mapping[str, Any]
 ) -> list[str]:
-    """Return a sentence for each part of a host with a drag that the integrator does not know."""
-    known = ", ".join(sorted(kind for kind, cls in installed.items() if getattr(cls, "drag", False)))
+    """Return a sentence for each part of a host with a drag that the integrator does not know.
+
+    ``installed`` are the registry's entries of integrators.
+    """
+    known = ", ".join(sorted(kind for kind, entry in installed.items() if getattr(entry.cls, "drag", False)))
     return [
         f"integrator: {integrator.kind!r} does not know forces that depend on velocity, and {section.path} "
         f"({section.cls.kind!r}) has one; these do: {known}"
         for section in potentials
         if section.cls.has_drag() and not integrator.drag
+    ]
+
+
+def too_many_steps(integrator: Section[Integrator], streams: Iterable[StreamParts]) -> list[str]:
+    """Return a sentence for each field of the integrator with which a stream would not come to its end."""
+    path, longest = max((stream.lookback for stream in streams), key=lambda pair: pair[1])
+    return [
+        f"{integrator.path}.{name}: found {getattr(integrator.centre, name):g}, with which a particle would take about "
+        f"{count:.2g} steps over the {longest:g} Gyr of {path}; expected at most {MOST_STEPS:.0e}"
+        for name, count in integrator.centre.steps(longest).items()
+        if count > MOST_STEPS
     ]
 
 

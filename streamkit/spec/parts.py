@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from streamkit.components import HostData, Integrator, Observable, Potential, Sampler, Stripping
-from streamkit.spec.progenitor import BodyPlace, PhaseSpace, Sun
+from streamkit.spec.progenitor import MOST_LOOKBACK, BodyPlace, PhaseSpace, Sun
 from streamkit.spec.section import Section
 from streamkit.spec.settings import Engine, Likelihood
 from streamkit.spec.setup import ONLY, Body, Bound, Setup, mass_of
@@ -24,6 +24,13 @@ class StreamParts:
     phase: Section[PhaseSpace]
     stripping: Section[Stripping]
     observables: dict[str, Section[Observable]]
+
+    @property
+    def lookback(self) -> tuple[str, float]:
+        """The path of the look-back time, and the longest that its prior allows, in Gyr."""
+        prior = self.phase.priors.get("lookback")
+        longest = self.phase.centre.lookback if prior is None else min(prior.support[1], MOST_LOOKBACK)
+        return f"{self.phase.path}.lookback", longest
 
 
 @dataclass(frozen=True)

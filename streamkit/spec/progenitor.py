@@ -15,6 +15,9 @@ from streamkit.errors import OutOfDomain, StreamkitError
 from streamkit.stream import Array, Observer, sky_matrix, to_galactocentric
 from streamkit.units import Angle, Coordinate, Duration, Length, ProperMotion, Symbol, Unit, Velocity
 
+MOST_LOOKBACK = 100.0
+"""The longest look-back time in Gyr."""
+
 
 class _OrHost(Unit):
     """A unit whose fields may hold the text "host" in place of a number."""
@@ -209,7 +212,7 @@ class PhaseSpace(Place, ABC):
     """Where the progenitor is today, and how far its orbit is followed back."""
 
     lookback: Annotated[Duration, Symbol(r"$t_{\rm back}$")] = Field(
-        le=100, description="Time over which the progenitor has been stripped."
+        le=MOST_LOOKBACK, description="Time over which the progenitor has been stripped."
     )
     friction: Literal["chandrasekhar", "none"] | None = Field(
         default=None, description="Dynamical friction of the Milky Way on the whole mass of the progenitor. Or none."

@@ -14,7 +14,7 @@ from streamkit.components import Component, Registry, Sampler, load_registry
 from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.fields import Files
 from streamkit.spec.document import DEEPEST, depth
-from streamkit.spec.matches import drag_unknown, massless, no_part_of_a_host, own_keys
+from streamkit.spec.matches import drag_unknown, massless, no_part_of_a_host, own_keys, too_many_steps
 from streamkit.spec.parts import Parts, StreamParts
 from streamkit.spec.priors import PRIORS
 from streamkit.spec.progenitor import BODY_WAYS, WAYS, Sun, choose_coordinates
@@ -133,8 +133,8 @@ class _Reader:
         likelihood = self.plain("likelihood", Likelihood)
         sampler, engine = self.sampler(self.raw.get("sampler", {})), self.plain("engine", Engine)
         self.stop()
-        installed = {kind: entry.cls for kind, entry in self.registry.entries["integrator"].items()}
-        self.errors += drag_unknown(potentials.values(), integrator.cls, installed)
+        self.errors += drag_unknown(potentials.values(), integrator.cls, self.registry.entries["integrator"])
+        self.errors += too_many_steps(integrator, streams.values())
         parts = Parts(
             self.raw.get("seed", 0), sun, potentials, bodies, streams, data, integrator, likelihood, sampler, engine
         )  # fmt: skip

@@ -1,5 +1,6 @@
 """The process of a command: closed descriptors, and threads that do not end."""
 
+import os
 import subprocess
 import sys
 import time
@@ -22,11 +23,13 @@ def harm(what):
         os.close(1)
         os.close(2)
         assert os.open(os.devnull, os.O_RDONLY) == 1  # as any file would
+    if what.startswith("close all"):
+        os.closerange(0, 100)
     if what == "stay":
         threading.Thread(target=time.sleep, args=(1000,), name="theirs").start()
     if what == "end":
         threading.Thread(target=time.sleep, args=(0.1,)).start()
-    if what == "fail":
+    if what.endswith("fail"):
         raise OSError(28, "No space left on device", "x.h5")
     click.echo("done")
 
@@ -72,3 +75,13 @@ def test_a_run_file_is_checked_without_streams(tmp_path):
     command = 'exec "$0" -m streamkit check run.toml --draws 0 >&- 2>&- <&-'
     done = subprocess.run(["/bin/sh", "-c", command, sys.executable], cwd=tmp_path, timeout=300, check=False)
     assert done.returncode == 0
+
+
+def test_a_message_that_nobody_reads_leaves_the_status():
+    """The reader has closed its end; a plugin has closed the copies of the descriptors too."""
+    read, write = os.pipe()
+    process = subprocess.Popen([sys.executable, "-c", SCRIPT, "harm", "fail"], stdout=write, stderr=write)
+    os.close(read)
+    os.close(write)
+    assert process.wait(200) == 2
+    assert harmed("close all and fail") == (2, "", "")

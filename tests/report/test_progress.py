@@ -81,3 +81,32 @@ def test_on_a_terminal_there_is_a_bar(monkeypatch, capsys):
         for _ in range(4):
             bar.update()
     assert "sampling: 100%" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("error", [BrokenPipeError(32, "Broken pipe"), OSError(5, "Input/output error"), ValueError])
+@pytest.mark.parametrize("terminal", [True, False])
+def test_a_terminal_that_goes_away_does_not_end_the_work(clock, monkeypatch, error, terminal):
+    """A closed pipe, a terminal that was closed, a descriptor that a plugin closed."""
+
+    class Gone:
+        encoding = "utf-8"
+        written = 0
+
+        def isatty(self):
+            return terminal
+
+        def write(self, _):
+            Gone.written += 1
+            if Gone.written > 3 or not terminal:
+                raise error
+
+        def flush(self):
+            pass
+
+    monkeypatch.setattr(sys, "stderr", Gone())
+    with Progress("sampling", 100, "step") as bar:
+        for _ in range(100):
+            clock.value += 61
+            bar.update()
+    assert bar.done == 100
+    assert Gone.written

@@ -171,6 +171,25 @@ def test_a_journal_cut_at_any_byte_keeps_the_records_before(tmp_path):
         assert [record["x"][-1] for record in Journal(journal.path).read()] == [*range(len(found)), 7.0]
 
 
+@pytest.mark.parametrize("left", [None, 0, 300])
+def test_a_journal_taken_away_during_the_run_is_told_and_its_steps_are_kept(tmp_path, left):
+    """What is in memory goes into the chain file when the run ends."""
+    path = tmp_path / "chain.h5"
+    file = ChainFile(str(path))
+    commit = file.commit
+
+    def disturbed(*args):
+        if file.iteration == 12:
+            journal = journal_of(path).path
+            journal.unlink() if left is None else journal.write_bytes(journal.read_bytes()[:left])
+        commit(*args)
+
+    file.commit = disturbed
+    with pytest.raises(sk.ChainError, match=r"chain\.journal: was removed or cut by somebody else"):
+        banana_run(file, Limits(30, tau_factor=1e9), "de")
+    assert len(read_chain_file(path).chain) == 12
+
+
 def test_a_damaged_journal_is_told_from_one_that_was_cut(tmp_path):
     journal = Journal(tmp_path / "chain.journal")
     for number in range(3):

@@ -146,6 +146,16 @@ def test_a_call_is_ended_or_noticed_wherever_it_is_made():
         assert thread.submit(within, 5.0, work, 0.01).result() == 0.01
 
 
+def test_the_first_call_ends_too(monkeypatch):
+    """It is made in the main process, with time to compile."""
+    monkeypatch.setattr(workers, "COMPILING", 0.1)
+    begin = time.monotonic()
+    with pytest.raises(CallTimeout, match=r"the first call, at the centre of the priors, took longer than .* 0\.1 s"):
+        workers.first_call(Slow(1000), np.zeros(3), 0.1)
+    assert time.monotonic() - begin < 60
+    workers.first_call(Slow(0), np.zeros(3), 5.0)
+
+
 def test_no_component_keeps_a_call_from_its_end(monkeypatch):
     monkeypatch.setattr(overtime, "AGAIN", 0.05)
 

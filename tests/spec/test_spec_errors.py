@@ -2,11 +2,14 @@
 
 import datetime as dt
 import math
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 from runfiles import changed, error_of
+
+import streamkit as sk
 
 
 @pytest.mark.parametrize(
@@ -105,3 +108,30 @@ def test_files_that_are_none(tmp_path: Path) -> None:
     assert error_of(tmp_path / "empty.toml").startswith(f"{tmp_path / 'empty.toml'}: the run file is empty")
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
     assert "not a text file" in error_of(tmp_path / "binary.toml")
+
+
+@pytest.mark.parametrize(
+    ("integrator", "lookback", "told"),
+    [
+        ({"kind": "leapfrog", "step": "1e-15 Gyr"}, 3.77,
+         r"integrator\.step: found 1e-15, .* 3\.8e\+15 steps over the 3\.77 Gyr of progenitor\.lookback"),
+        ({"kind": "pefrl", "step": "1 yr"}, {"uniform": [0, 10]},
+         r"integrator\.step: found 1e-09, .* 1e\+10 steps over the 10 Gyr"),
+        ({"kind": "pefrl", "step": "1 yr"}, {"normal": [3, 1]}, r"1e\+11 steps over the 100 Gyr"),
+        ({"kind": "adaptive", "eta": 1e-30, "deepest": 20}, 10, r"integrator\.eta: found 1e-30, .* 2\.1e\+08 steps"),
+        ({"kind": "adaptive", "eta_progenitor": 1e-30, "deepest": 20}, 10, r"integrator\.eta_progenitor: found 1e-30"),
+    ],
+)  # fmt: skip
+def test_steps_with_which_a_stream_would_never_end_are_refused(integrator, lookback, told):
+    document = changed("integrator", integrator)
+    document["progenitor"]["lookback"] = lookback
+    error = error_of(document)
+    assert re.search(told, error), error
+    assert error.endswith("expected at most 1e+07")
+
+
+@pytest.mark.parametrize(
+    "integrator", [{"kind": "leapfrog", "step": "1e-6 Gyr"}, {"kind": "adaptive", "eta": 0.01, "deepest": 20}]
+)
+def test_small_steps_are_taken(integrator):
+    assert sk.load(changed("integrator", integrator)).parts.integrator.centre.kind == integrator["kind"]

@@ -35,6 +35,7 @@ from streamkit.sample import (
     WorkerDied,
     Workers,
     blob_dtype,
+    first_call,
     launcher,
 )
 from streamkit.sample import engine as provide
@@ -128,7 +129,8 @@ def run(
     asked = _engine(spec, workers, engine, scheduler)
     with ExitStack() as stack:
         where = workers if isinstance(workers, Executor) else stack.enter_context(provide(asked))
-        posterior.evaluate(spec.centre())  # compiles once, before workers fork; fails before anything is written
+        # compiles once, before workers fork; fails before anything is written
+        first_call(posterior, spec.centre(), spec.sampler.call_limit)
         options = {
             "quick": quick,
             "steps": most,
@@ -272,4 +274,6 @@ def _left(directory: Path | None, backend: Backend, calls: Calls, again: str) ->
     if steps == 0:
         return f"no finished step. To begin again: {again}"
     where = [directory / name for name in (CHAIN, JOURNAL) if (directory / name).exists()]
+    if not where:
+        return f"{steps} finished steps, of which nothing is left in {directory}. To begin again: {again}"
     return f"{steps} finished steps, all of them in {' and '.join(map(str, where))}. To continue: {again}"
