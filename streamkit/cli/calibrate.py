@@ -49,7 +49,9 @@ def calibrate(
     (simulation-based calibration, Talts et al. 2018), and the 68 % interval holds it in 68 of 100 draws.
 
     With --truth-set the data come from other streams than those that are fitted, such as another stripping scheme's,
-    with the same free parameters: it shows the error that the intervals do not hold.
+    with the same free parameters: it shows the error that the intervals do not hold. Where the streams of the fit have
+    few particles give those of the data more, as with --truth-set stripping.particles=10000: a survey's data do not
+    have the noise of the model.
 
     Each draw is a whole fit: make it small, as with --set stripping.particles=1000 --set sampler.steps=1000. Draws are
     kept as they are finished, and --resume goes on.

@@ -35,9 +35,11 @@ class Draw:
     masses, mass_ranks
         The same of the enclosed mass in Msun at `MASS_RADII`.
     r_hat, ess
-        The largest R-hat, and the smallest effective number of samples, of the fit.
+        The largest R-hat, NaN for weighted samples, and the smallest effective number of samples, of the fit.
     calls
         Streams that it took.
+    converged
+        Whether the rule of its sampler was met: `Results.converged`.
     """
 
     index: int
@@ -48,6 +50,7 @@ class Draw:
     r_hat: float
     ess: float
     calls: int
+    converged: bool
 
     def line(self) -> str:
         """Return it as a line of JSON."""
@@ -81,6 +84,23 @@ def make_draw(spec: Spec, index: int, truth: Spec | None = None) -> Draw:
     truth = spec if truth is None else truth
     rng = np.random.default_rng([spec.seed, 7, index])
     theta, mocked = _mock(spec, truth, rng, index)
+    return fit_mock(mocked, index, theta, truth)
+
+
+def fit_mock(mocked: Spec, index: int, theta: Array, truth: Spec) -> Draw:
+    """Fit mock data, and say where the truth falls among the posterior samples.
+
+    Parameters
+    ----------
+    mocked
+        The run file of the fit, with the data.
+    index
+        Number of the draw.
+    theta
+        (d,) The true parameters.
+    truth
+        The run file whose host is the true one at ``theta``.
+    """
     results = run(mocked, engine="serial", progress=False)
     samples, radii = results.samples, np.array(MASS_RADII)
     masses = Host(truth.bind_all(theta).potentials).mass_inside(radii)
@@ -94,6 +114,7 @@ def make_draw(spec: Spec, index: int, truth: Spec | None = None) -> Draw:
         float(np.max(results.r_hat)),
         float(np.nan_to_num(results.ess).min()),
         results.calls + results.search_calls,
+        results.converged,
     )
 
 

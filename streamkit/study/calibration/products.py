@@ -19,7 +19,7 @@ def calibration_products(found: Calibration) -> Products:
     tables = {TABLE: draws_table(found), COVERAGE: coverage_table(found)}
     pictures = {PICTURE: partial(calibration_figure, found)}
     text = describe_calibration(found)
-    header: dict[str, Any] = {"draws": len(found.draws)}
+    header: dict[str, Any] = {"draws": len(found.draws), "converged": sum(draw.converged for draw in found.draws)}
     if found.truth is not None:
         header["truth"] = found.truth.document
     return Products(found.spec, RUN, text, tables, pictures, header, found.stopped)

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
 PROBABILITIES = (0.5, 0.68, 0.95)
 """Of the intervals whose coverage is told."""
-UNSURE = 1.1
-"""A fit whose R-hat is above this tells little about its intervals."""
 
 
 def draws_table(found: Calibration) -> QTable:
@@ -36,6 +34,7 @@ def draws_table(found: Calibration) -> QTable:
     out["r_hat"] = [draw.r_hat for draw in draws]
     out["effective_samples"] = [draw.ess for draw in draws]
     out["calls"] = [draw.calls for draw in draws]
+    out["converged"] = Column([draw.converged for draw in draws], description="whether the sampler's rule was met")
     return out
 
 
@@ -54,8 +53,8 @@ def coverage_table(found: Calibration) -> QTable:
 
 
 def describe_calibration(found: Calibration) -> str:
-    """Show the coverage for a terminal, and which fits had not converged."""
-    n, unsure = len(found.draws), sum(draw.r_hat > UNSURE for draw in found.draws)
+    """Show the coverage for a terminal, and how many fits had converged."""
+    n, converged = len(found.draws), sum(draw.converged for draw in found.draws)
     rows = [("interval", *(f"{p:.0%}" for p in PROBABILITIES), "mean rank")]
     errors = [f"{p:.0%} +- {np.sqrt(p * (1 - p) / n):.0%}" for p in PROBABILITIES]
     rows.append(("expected", *errors, f"0.50 +- {np.sqrt(1 / 12 / n):.2f}"))
@@ -63,8 +62,15 @@ def describe_calibration(found: Calibration) -> str:
     names = (*found.spec.names, *(f"M(<{r:g} kpc)" for r in MASS_RADII))
     for name, share, rank in zip(names, shares, found.every_rank.mean(axis=0), strict=True):
         rows.append((name, *(f"{each:.0%}" for each in share), f"{rank:.2f}"))
-    parts = [f"share of {n} draws whose truth lies in the central interval\n{columns(rows)}"]
-    if unsure:
-        told = f"{unsure} of {n} fits have R-hat above {UNSURE:g}: take more steps, their intervals are not settled."
-        parts.append(paragraph(told))
-    return "\n\n".join(parts)
+    shown = f"share of {n} draws whose truth lies in the central interval\n{columns(rows)}"
+    kind = found.spec.sampler.kind
+    if converged == n:
+        told = f"All {n} fits have converged by the rule of {kind}."
+    else:
+        told = (
+            f"{converged} of {n} fits have converged by the rule of {kind}. The intervals of the others are not "
+            "settled: let them go on for longer."
+        )
+    samples, calls = (np.median([getattr(draw, name) for draw in found.draws]) for name in ("ess", "calls"))
+    told += f" In the median {samples:.0f} effective samples of {calls:.0f} streams."
+    return f"{shown}\n\n{paragraph(told)}"

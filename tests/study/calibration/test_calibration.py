@@ -110,7 +110,7 @@ def test_draws_of_another_run_file_are_refused(short, tmp_path):
 def uniform(spec, n):
     ranks = (np.arange(n) + 0.5) / n
     return Calibration(
-        spec, tuple(Draw(i, (1.0,), (r,), (1.0,) * 3, (r,) * 3, 1.0, 1e3, 10) for i, r in enumerate(ranks))
+        spec, tuple(Draw(i, (1.0,), (r,), (1.0,) * 3, (r,) * 3, 1.0, 1e3, 10, i % 4 > 0) for i, r in enumerate(ranks))
     )
 
 
@@ -121,6 +121,33 @@ def test_coverage_of_uniform_ranks(spec):
     products = calibration_products(found)
     assert "68%" in products.text
     assert products.pictures["calibration.png"]().axes[0].get_title()
+
+
+def test_it_tells_how_many_fits_converged(spec):
+    products = calibration_products(uniform(spec, 200))
+    text = " ".join(products.text.split())
+    assert "150 of 200 fits have converged by the rule of emcee." in text
+    assert "1000 effective samples of 10 streams" in text
+    assert products.tables["calibration.ecsv"]["converged"].sum() == 150
+    assert products.header["converged"] == 150
+
+
+def test_masses_with_the_ranks_of_a_parameter_have_no_picture_of_their_own(spec):
+    ranks = np.array([[0.1, 0.1, 0.1, 0.3], [0.8, 0.8, 0.8, 0.6]])
+    draws = (Draw(i, (1.0,), (r[0],), (1.0,) * 3, tuple(r[1:]), 1.0, 1e3, 10, True) for i, r in enumerate(ranks))
+    figure = calibration_products(Calibration(spec, tuple(draws))).pictures["calibration.png"]()
+    shown = [axes.get_title() for axes in figure.axes if axes.get_title()]
+    assert len(shown) == 2
+    assert "200" in shown[1]
+
+
+def test_a_draw_tells_whether_its_fit_converged(spec):
+    """Twenty steps are never enough; a sampler with weights says it by its own rule."""
+    assert not make_draw(spec.with_values({"sampler.steps": 20}), 0).converged
+    settings = {"kind": "importance", "draws": 1200}
+    draw = make_draw(sk.load(spec.document | {"sampler": settings}, components=[Importance]), 0)
+    assert draw.converged
+    assert Draw.of_line(draw.line()).converged is True
 
 
 def test_data_of_another_truth_show_its_bias(spec):
