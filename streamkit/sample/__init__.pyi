@@ -25,6 +25,7 @@ from .processes import Processes as Processes
 from .processes import WorkerDied as WorkerDied
 from .start import expected_calls as expected_calls
 from .task import Task as Task
+from .threads import one_thread as one_thread
 from .weighted import SAMPLES as SAMPLES
 from .weighted import Stopping as Stopping
 from .weighted import Weighted as Weighted

@@ -20,6 +20,7 @@ from time import monotonic
 from typing import Any
 
 from streamkit.errors import StreamkitError
+from streamkit.sample.threads import one_thread
 
 TRIES = 3
 """Workers that may die in one call before it is given up."""
@@ -278,6 +279,7 @@ def _serve(pipe: Connection, others: list[Connection], initializer: Callable[...
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     try:
+        one_thread()
         initializer(*initargs)
         while True:
             fn, args, kwargs = pickle.loads(pipe.recv_bytes())  # noqa: S301  our own parent

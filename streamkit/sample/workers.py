@@ -19,6 +19,7 @@ from streamkit.sample.engines import slots
 from streamkit.sample.overtime import NO_ANSWER, within
 from streamkit.sample.posterior import Evaluation
 from streamkit.sample.processes import LOOK, CallTimeout, Processes, WorkerDied
+from streamkit.sample.threads import one_thread
 from streamkit.stream import Array
 
 OVERTIME = "the call took too long"
@@ -261,4 +262,5 @@ def _evaluate_sent(sent: bytes, which: str, points: Array, limit: float = math.i
                 "every worker can import; or put it in a file and name that under plugins in the run file."
             ) from error
     limits = [math.inf if new and i == 0 else limit for i in range(len(points))]  # the first call may compile
-    return [within(most, _SENT[sent][which].evaluate, point) for most, point in zip(limits, points, strict=True)]
+    with one_thread():
+        return [within(most, _SENT[sent][which].evaluate, point) for most, point in zip(limits, points, strict=True)]

@@ -15,7 +15,7 @@ from emcee.backends import Backend
 from toys import Gaussian, Slow, sampling
 
 import streamkit as sk
-from streamkit.sample import CallTimeout, Limits, Processes, WorkerDied, Workers
+from streamkit.sample import CallTimeout, Limits, Processes, WorkerDied, Workers, one_thread
 from streamkit.sample.processes import TRIES
 from streamkit.sample.workers import OVERTIME
 
@@ -60,6 +60,26 @@ def test_calls_are_made_in_any_number_and_order(executor):
     assert list(executor.map(square, range(100))) == [x * x for x in range(100)]
     futures = [executor.submit(square, x) for x in range(10)]
     assert [future.result() for future in reversed(futures)] == [x * x for x in reversed(range(10))]
+
+
+def blas_threads(_=None):
+    import threadpoolctl
+
+    np.ones((2, 2)) @ np.ones((2, 2))
+    return max(each["num_threads"] for each in threadpoolctl.threadpool_info() if each["user_api"] == "blas")
+
+
+def test_linear_algebra_has_one_thread_in_a_worker_and_in_a_run(executor):
+    """A product's last bits depend on the number of threads: those of a plugin in NumPy are the same on all engines."""
+    limits = pytest.importorskip("threadpoolctl").threadpool_limits
+    with limits(2, user_api="blas"):
+        assert list(executor.map(blas_threads, range(2))) == [1, 1]
+        with Processes(1) as later:
+            assert later.submit(blas_threads).result() == 1
+        before = blas_threads()
+        with one_thread():
+            assert blas_threads() == 1
+        assert blas_threads() == before
 
 
 def test_fifty_kills_at_random_moments_change_nothing(caplog):

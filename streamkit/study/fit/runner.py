@@ -37,6 +37,7 @@ from streamkit.sample import (
     blob_dtype,
     first_call,
     launcher,
+    one_thread,
 )
 from streamkit.sample import engine as provide
 from streamkit.spec import Engine, Source, Spec, as_spec
@@ -128,6 +129,7 @@ def run(
         read_literature(literature)  # what is wrong with it is said now, not after the sampling
     asked = _engine(spec, workers, engine, scheduler)
     with ExitStack() as stack:
+        stack.enter_context(one_thread())  # for the surrogate, which learns here, and for calls without workers
         where = workers if isinstance(workers, Executor) else stack.enter_context(provide(asked))
         # compiles once, before workers fork; fails before anything is written
         first_call(posterior, spec.centre(), spec.sampler.call_limit)
