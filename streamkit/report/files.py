@@ -170,7 +170,8 @@ def locked(directory: Path) -> Iterator[None]:
         if lock.is_locked:
             with suppress(OSError):  # while it is held: after that it may be another run's
                 (directory / LOCK).unlink()
-            lock.release()
+            with suppress(OSError):  # a plugin has closed its descriptor
+                lock.release()
         for path in made:
             with suppress(OSError):  # something lies in it
                 path.rmdir()

@@ -122,3 +122,12 @@ def test_worker_processes_do_not_give_the_lock_away(tmp_path: Path) -> None:
             assert list(executor.map(abs, [-1, -2])) == [1, 2]
         other = subprocess.run([sys.executable, "-c", HOLD, tmp_path], input="", capture_output=True, text=True)
         assert "another run is writing here right now" in other.stderr
+
+
+def test_a_descriptor_that_a_plugin_closed_does_not_hide_the_end(tmp_path: Path) -> None:
+    with locked(tmp_path):
+        there = [fd for fd in Path("/proc/self/fd").iterdir() if fd.exists()]
+        (mine,) = [fd for fd in there if fd.samefile(tmp_path / ".streamkit.lock")]
+        os.close(int(mine.name))
+    with locked(tmp_path):
+        pass
