@@ -241,9 +241,9 @@ def is_loaded(path: Path) -> bool:
 
 def _load_file(path: Path) -> tuple[str, ModuleType]:
     """Import a one-off plugin file; its supplier carries the hash of its text and of what it imports beside it."""
-    if path.exists() and not path.is_file():
-        raise SpecError(f"plugins: {str(path)!r} is not a file")
     try:
+        if path.exists() and not path.is_file():
+            raise SpecError(f"plugins: {str(path)!r} is not a file")
         digest = _digest(with_neighbours(path))
     except OSError as error:
         raise SpecError(f"plugins: cannot read {str(path)!r}: {error.strerror}") from None

@@ -54,10 +54,10 @@ class Files:
         """Return what is in a file; ValueError if it cannot be read, or is not what it was."""
         if name not in self._contents:
             path = self.folder / name
-            if path.exists() and not path.is_file():  # a pipe waits for ever, and a device may have no end
-                kind = "directory" if path.is_dir() else "device or pipe"
-                raise ValueError(f"cannot read the file {name!r} in {self.folder}: it is a {kind}")
             try:
+                if path.exists() and not path.is_file():  # a pipe waits for ever, and a device may have no end
+                    kind = "directory" if path.is_dir() else "device or pipe"
+                    raise ValueError(f"cannot read the file {name!r} in {self.folder}: it is a {kind}")
                 found = path.read_bytes()
             except OSError as error:
                 raise ValueError(f"cannot read the file {name!r} ({error.strerror}) in {self.folder}") from None

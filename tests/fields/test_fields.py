@@ -162,6 +162,7 @@ def test_a_table_has_many_forms(folder: Path) -> None:
         ({"table": 3}, "found 3, expected a file"),
         ({"table": {"file": "v.ecsv", "column": {}}}, "no key 'column'. Did you mean 'columns'"),
         ({"file": "none.dat"}, "cannot read the file 'none.dat'"),
+        ({"file": "9" * 300}, "File name too long"),
         ({"file": 3}, "found 3, expected the name of a file"),
     ],
     ids=str,

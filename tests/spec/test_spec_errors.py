@@ -25,6 +25,7 @@ import streamkit as sk
         (changed("plugins", "a.py"), ["plugins: found 'a.py', expected a list"]),
         (changed("plugins", ["a.py", "b/a.py"]), ["plugins: found two files called 'a.py', expected one"]),
         (changed("plugins", ["nowhere.py"]), ["plugins: cannot read", "nowhere.py"]),
+        (changed("plugins", ["9" * 300]), ["plugins: cannot read", "File name too long"]),
         (changed("potential", ...), ["the section [potential] is missing"]),
         (changed("potential", {}), ["potential: 'kind' is missing", "tf"]),
         (changed("progenitor", ...), ["the section [progenitor] is missing"]),
