@@ -17,9 +17,6 @@ from streamkit import (
     engine,  # loaded when it is used: it brings numba, and listing plugins need not wait for it
 )
 
-BLOCK = 0.05
-"""The longest block in Gyr."""
-
 
 def _fixed(
     method: engine.Splitting, step: float, field: engine.Field, q: Array, v: Array, t0: Array, t1: float
@@ -95,7 +92,7 @@ class Adaptive(Integrator):
     def steps(self, duration: float) -> dict[str, float]:
         """Return the steps where a dynamical time is as long as a block; there are no more than the deepest level's."""
         etas = {"eta": self.eta, "eta_progenitor": self.eta_progenitor}
-        return {name: duration / BLOCK * min(2.0**self.deepest, 1 / eta) for name, eta in etas.items()}
+        return {name: duration / self.longest_block * min(2.0**self.deepest, 1 / eta) for name, eta in etas.items()}
 
     def advance(self, field: engine.Field, q: Array, v: Array, t0: Array, t1: float) -> None:
         """Advance in place."""

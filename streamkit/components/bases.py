@@ -173,6 +173,8 @@ class Integrator(Component):
     role: ClassVar[str] = "integrator"
     order: ClassVar[int]
     """Order of convergence: measured by the conformance tests."""
+    longest_block: ClassVar[float] = 0.05
+    """No block is longer, in Gyr."""
     drag: ClassVar[bool] = False
     """Whether it honours forces that depend on velocity (`Potential.drag`): `split_step` and `adaptive_step` do, and
     `field.acceleration(t, q, v)` has them."""

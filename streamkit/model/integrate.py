@@ -16,8 +16,6 @@ from streamkit.model.release import Start
 from streamkit.stream import Array, BoolArray, angle_in_plane, orbital_plane
 from streamkit.units import GYR
 
-LONGEST = 0.05 * GYR
-"""Longest block."""
 TURN = 1.2
 """Most that the progenitor turns in a block, radians: a particle of the same angular momentum at half its
 pericentre turns less than four times as much, three quarters of a revolution, and its revolutions are counted right."""
@@ -44,7 +42,7 @@ def integrate(field: Field, integrator: Integrator, start: Start) -> Records:
     n = len(t_release)
     q, v, now = start.q.copy(), start.v.copy(), t_release.copy()
     begin, end = float(orbit.t[0]), float(orbit.t[-1])
-    block = min(LONGEST, TURN / float(orbit.omega.max()))
+    block = min(Integrator.longest_block * GYR, TURN / float(orbit.omega.max()))
     edges = np.linspace(begin, end, max(int(np.ceil((end - begin) / block)), 1) + 1)
     at_edges = orbit.at(edges)
     states = np.ascontiguousarray(np.concatenate([at_edges.q, at_edges.v, at_edges.a]).T)

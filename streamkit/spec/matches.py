@@ -25,12 +25,14 @@ def drag_unknown(
 
     ``installed`` are the registry's entries of integrators.
     """
+    if integrator.drag:
+        return []
     known = ", ".join(sorted(kind for kind, entry in installed.items() if getattr(entry.cls, "drag", False)))
     return [
         f"integrator: {integrator.kind!r} does not know forces that depend on velocity, and {section.path} "
         f"({section.cls.kind!r}) has one; these do: {known}"
         for section in potentials
-        if section.cls.has_drag() and not integrator.drag
+        if section.cls.has_drag()
     ]
 
 

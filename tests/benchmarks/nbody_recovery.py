@@ -22,13 +22,12 @@ from streamkit_nbody.simulation import Simulation
 
 import streamkit as sk
 from streamkit.nbody import as_stream, read_snapshot
+from streamkit.nbody.as_stream import FEWEST
 from streamkit.study.calibration import Calibration, Draw, calibration_products, fit_mock
 from streamkit.study.grid import draw_pictures, write_tables
 
 RUN_FILE = Path(__file__).parents[2] / "examples" / "mocks" / "mock_recovery.toml"
 PLACE = "x", "y", "z", "vx", "vy", "vz"
-CORE = 50
-"""Bound particles below which a satellite has no core left, as `streamkit.nbody` has it."""
 TRIES = 200
 """Truths of which one must have a core and apocentres."""
 
@@ -46,7 +45,7 @@ def observed(truth: sk.Spec, particles: int, folder: Path) -> tuple[dict[str, fl
     """Disrupt a live satellite; where its core is today and its particles as a stream, None without a core."""
     simulation = Simulation.of(truth, Options(particles))
     state = simulate(simulation, folder, resume=True, progress=False)
-    if state.bound.sum() < CORE:
+    if state.bound.sum() < FEWEST:
         return None
     place = np.concatenate([state.track.q[:, -1], state.track.v[:, -1]])
     core = {f"progenitor.{name}": float(value) for name, value in zip(PLACE, place, strict=True)}
