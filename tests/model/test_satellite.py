@@ -12,8 +12,8 @@ from streamkit import GYR, G, Model, Prediction
 from streamkit.builtin.apocentres import Apocentres
 from streamkit.builtin.integrators import ForestRuth
 from streamkit.builtin.potentials import NFW, Hernquist, Kepler, Logarithmic, Plummer
+from streamkit.components.bases import Integrator
 from streamkit.model import Host, Satellite, next_apocentre
-from streamkit.model import integrate as integration
 
 BRACKET = np.array([30.0, 300.0, 3000.0])
 """Omega^2 - d2Phi/dr2 in (km/s/kpc)^2."""
@@ -49,7 +49,7 @@ def test_the_crossing_is_where_and_when_the_tidal_radius_is_crossed(monkeypatch)
     """
     spec = run_file("B", 600).with_values({"integrator.kind": ForestRuth.kind, "integrator.step": 0.002})
     stream = Model(spec).stream()
-    monkeypatch.setattr(integration, "LONGEST", 0.002 * GYR)
+    monkeypatch.setattr(Integrator, "longest_block", 0.002)
     fine = Model(spec).stream()
     some = (stream.arm != 0) & (fine.arm != 0) & (np.abs(stream.t_strip - fine.t_strip) < 0.05 * GYR)
     assert some.sum() > 100
