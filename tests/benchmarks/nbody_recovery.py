@@ -1,18 +1,23 @@
 """Whether fits find the true host in data made by live satellites.
 
-    python tests/benchmarks/nbody_recovery.py [-o DIR] [--draws N] [--particles N] [--sampler FIELD=VALUE ...]
+    python tests/benchmarks/nbody_recovery.py [RUN.toml] [-o DIR] [--draws N] [--particles N] [--dissolved]
+                                              [--sampler FIELD=VALUE ...]
 
-Truths are drawn from the prior of examples/mocks/mock_recovery.toml, as by `streamkit calibrate`. Each becomes a live
-satellite (plugins/streamkit-nbody), whose apocentres are measured by the run file's rule, with noise of its errors. The
-noise that so few particles have themselves is added to the error of the datum. The fit begins at the satellite's core.
-Where the model or the live satellite has no apocentres, or no core is left, another truth is drawn. The rank of each
-truth, the coverage and the picture are those of `streamkit calibrate`. Finished draws and simulations in DIR are kept.
+Truths are drawn from the prior of a run file, examples/mocks/mock_recovery.toml if none is named, as by `streamkit
+calibrate`. Each becomes a live satellite (plugins/streamkit-nbody), which is measured by the run file's observable,
+with noise of its errors. The noise that so few particles have themselves is added to the errors of the data. The fit
+begins at the satellite's core; where a coordinate of the progenitor is free, the core's is the truth. Where the model
+or the live satellite cannot be measured, or no core is left, another truth is drawn; with --dissolved a satellite
+without a core is taken, and the fit begins at its point mass's place. The rank of each truth, the coverage and the
+picture are those of `streamkit calibrate`. Finished draws and simulations in DIR are kept.
 """
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from streamkit_nbody.plan import Options
@@ -23,16 +28,17 @@ from streamkit_nbody.simulation import Simulation
 import streamkit as sk
 from streamkit.nbody import as_stream, read_snapshot
 from streamkit.nbody.as_stream import FEWEST
+from streamkit.spec.setup import ONLY
+from streamkit.stream import seen_from, sky_matrix
 from streamkit.study.calibration import Calibration, Draw, calibration_products, fit_mock
 from streamkit.study.grid import draw_pictures, write_tables
 
 RUN_FILE = Path(__file__).parents[2] / "examples" / "mocks" / "mock_recovery.toml"
-PLACE = "x", "y", "z", "vx", "vy", "vz"
 TRIES = 200
 """Truths of which one must have a core and apocentres."""
 
 
-def has_apocentres(spec: sk.Spec, theta: np.ndarray) -> bool:
+def measurable(spec: sk.Spec, theta: np.ndarray) -> bool:
     """Whether the model's stream can be measured; a live satellite takes a thousand times as long as that."""
     try:
         predictions = sk.Posterior(spec).observe(theta).predictions
@@ -41,28 +47,56 @@ def has_apocentres(spec: sk.Spec, theta: np.ndarray) -> bool:
     return not any(prediction.why_not for prediction in predictions.values())
 
 
-def observed(truth: sk.Spec, particles: int, folder: Path) -> tuple[dict[str, float], sk.Stream] | None:
-    """Disrupt a live satellite; where its core is today and its particles as a stream, None without a core."""
+def place_of(truth: sk.Spec, q: np.ndarray, v: np.ndarray) -> dict[str, float]:
+    """Return the fields of [progenitor] that say where the core is, in the coordinates of the run file."""
+    place = truth.parts.streams[ONLY].phase
+    names = place.cls.coordinates()
+    if names[0] == "x":
+        values = [*q, *v]
+    else:
+        frame = {"l": "galactic", "ra": "icrs"}.get(names[0]) or place.centre.frame
+        values = [each[0] for each in seen_from(truth.bind().sun.observer, q[:, None], v[:, None], sky_matrix(frame))]
+    return {f"{place.path}.{name}": float(value) for name, value in zip(names, values, strict=False)}
+
+
+def observed(
+    truth: sk.Spec, particles: int, folder: Path, dissolved: bool
+) -> tuple[dict[str, float], sk.Stream] | None:
+    """Disrupt a live satellite; where its core is today and its particles as a stream.
+
+    None without a core, unless those that have dissolved are wanted too: then its place is that of the point mass.
+    """
     simulation = Simulation.of(truth, Options(particles))
     state = simulate(simulation, folder, resume=True, progress=False)
-    if state.bound.sum() < FEWEST:
-        return None
-    place = np.concatenate([state.track.q[:, -1], state.track.v[:, -1]])
-    core = {f"progenitor.{name}": float(value) for name, value in zip(PLACE, place, strict=True)}
     snapshot = read_snapshot(folder / SNAPSHOT.format(1))
-    return core, as_stream(snapshot, truth.with_values(core).bind())
+    if state.bound.sum() >= FEWEST:
+        core = place_of(truth, state.track.q[:, -1], state.track.v[:, -1])
+        return core, as_stream(snapshot, truth.with_values(core).bind())
+    return ({}, as_stream(replace(snapshot, core=None), truth.bind())) if dissolved else None
 
 
-def make_draw(spec: sk.Spec, index: int, particles: int, out: Path) -> Draw:
-    """Draw a truth, make a live satellite of it, measure its apocentres, and fit them."""
+def noisy(mock: dict[str, Any], own: np.ndarray) -> dict[str, Any]:
+    """Return mock data with their own variance, in the order of the numbers, added to their errors."""
+    found: dict[str, Any] = {}
+    start = 0
+    for name, datum in mock.items():
+        error = np.atleast_1d(datum["error"] if isinstance(datum, dict) else datum[1])
+        part = own[start : (start := start + len(error))]
+        error = np.hypot(error, np.sqrt(part)).tolist()
+        found[name] = datum | {"error": error} if isinstance(datum, dict) else [datum[0], error[0]]
+    return found
+
+
+def make_draw(spec: sk.Spec, index: int, particles: int, out: Path, dissolved: bool) -> Draw:
+    """Draw a truth, make a live satellite of it, measure it, and fit the data."""
     rng = np.random.default_rng([spec.seed, 7, index])
     seed = int(rng.integers(1 << 31))
     for attempt in range(TRIES):
         theta = np.array([float(prior.sample(rng, 1)[0]) for prior in spec.priors])
-        if not has_apocentres(spec, theta):
+        if not measurable(spec, theta):
             continue
         truth = spec.with_values({**dict(zip(spec.names, theta.tolist(), strict=True)), "seed": seed})
-        found = observed(truth, particles, out / f"satellite_{index}_{attempt}")
+        found = observed(truth, particles, out / f"satellite_{index}_{attempt}", dissolved)
         observable = truth.bind().observable
         if found is None or observable is None:
             continue
@@ -70,32 +104,33 @@ def make_draw(spec: sk.Spec, index: int, particles: int, out: Path) -> Draw:
         prediction = observable.predict(stream)
         if prediction.why_not:
             continue
-        own = dict(zip(prediction.names, prediction.variance, strict=True))
-        data = {
-            f"observable.{name}": [value, float(np.hypot(error, np.sqrt(own[name])))]
-            for name, (value, error) in observable.mock(prediction, rng).items()
-        }
-        return fit_mock(spec.with_values({**core, **data}), index, theta, spec)
-    raise SystemExit(f"draw {index}: none of {TRIES} satellites has a core and apocentres")
+        data = noisy(observable.mock(prediction, rng), prediction.variance[np.isfinite(prediction.mean)])
+        known = {path: value for path, value in core.items() if path not in spec.names}
+        true = np.array([core.get(name, value) for name, value in zip(spec.names, theta, strict=True)])
+        fields = {f"observable.{name}": value for name, value in data.items()}
+        return fit_mock(spec.with_values(known | fields), index, true, spec)
+    raise SystemExit(f"draw {index}: none of {TRIES} satellites has a core and can be measured")
 
 
 def main() -> None:
     """Make the missing draws, one after the other, and write the products."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("run_file", type=Path, nargs="?", default=RUN_FILE, metavar="RUN.toml")
     parser.add_argument("-o", "--output", type=Path, default=Path("nbody-recovery"), metavar="DIR")
     parser.add_argument("--draws", type=int, default=20)
     parser.add_argument("--particles", type=int, default=1000, help="of a live satellite; from 1001 on a tree is used")
+    parser.add_argument("--dissolved", action="store_true", help="take satellites without a core, too")
     parser.add_argument("--sampler", nargs="*", default=[], metavar="FIELD=VALUE", help="fields of [sampler]")
     given = parser.parse_args()
     fields = dict(setting.split("=", 1) for setting in given.sampler)
-    spec = sk.load(RUN_FILE)
+    spec = sk.load(given.run_file)
     if fields:
         spec = spec.with_values({f"sampler.{name}": sk.spec.literal(value) for name, value in fields.items()})
     given.output.mkdir(parents=True, exist_ok=True)
     file = given.output / "draws.jsonl"
     known = [Draw.of_line(line) for line in file.read_text().splitlines()] if file.exists() else []
     for index in range(len(known), given.draws):
-        known.append(make_draw(spec, index, given.particles, given.output))
+        known.append(make_draw(spec, index, given.particles, given.output, given.dissolved))
         with file.open("a") as lines:
             lines.write(known[-1].line() + "\n")
         print(f"{index + 1} of {given.draws} draws", flush=True)
