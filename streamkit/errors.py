@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import difflib
+import errno
 import signal
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 
 class StreamkitError(Exception):
@@ -61,6 +63,12 @@ def nearest(name: str, allowed: Iterable[str]) -> str:
     folded = {known.lower(): known for known in allowed}
     close = [folded[found] for found in difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)]
     return f" Did you mean {close[0]!r}?" if close else ""
+
+
+def expect_file(path: Path) -> None:
+    """Raise OSError, with what it is, for a directory, a pipe (it waits for ever) or a device (it may have no end)."""
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, f"it is a {'directory' if path.is_dir() else 'device or pipe'}")
 
 
 def brief(error: BaseException) -> str:

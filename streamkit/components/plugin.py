@@ -24,7 +24,7 @@ from streamkit.components.bases import Component, HostData, Integrator, Observab
 from streamkit.components.potential import Potential
 from streamkit.components.preset import Preset
 from streamkit.components.sampler import Sampler
-from streamkit.errors import PluginError, SpecError
+from streamkit.errors import PluginError, SpecError, expect_file
 
 OURS = "streamkit."
 ROLES: dict[str, type[Component]] = {
@@ -242,8 +242,7 @@ def is_loaded(path: Path) -> bool:
 def _load_file(path: Path) -> tuple[str, ModuleType]:
     """Import a one-off plugin file; its supplier carries the hash of its text and of what it imports beside it."""
     try:
-        if path.exists() and not path.is_file():
-            raise SpecError(f"plugins: {str(path)!r} is not a file")
+        expect_file(path)
         digest = _digest(with_neighbours(path))
     except OSError as error:
         raise SpecError(f"plugins: cannot read {str(path)!r}: {error.strerror}") from None

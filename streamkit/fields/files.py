@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from streamkit.errors import nearest
+from streamkit.errors import expect_file, nearest
 from streamkit.stream import Array
 
 if TYPE_CHECKING:
@@ -55,9 +55,7 @@ class Files:
         if name not in self._contents:
             path = self.folder / name
             try:
-                if path.exists() and not path.is_file():  # a pipe waits for ever, and a device may have no end
-                    kind = "directory" if path.is_dir() else "device or pipe"
-                    raise ValueError(f"cannot read the file {name!r} in {self.folder}: it is a {kind}")
+                expect_file(path)
                 found = path.read_bytes()
             except OSError as error:
                 raise ValueError(f"cannot read the file {name!r} ({error.strerror}) in {self.folder}") from None

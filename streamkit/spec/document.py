@@ -11,7 +11,7 @@ from typing import Any
 import tomlkit
 from tomlkit.items import Item, Table
 
-from streamkit.errors import SpecError
+from streamkit.errors import SpecError, expect_file
 
 DEEPEST = 20
 """Most tables and lists inside each other: a run file needs a quarter of it."""
@@ -20,8 +20,7 @@ DEEPEST = 20
 def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file; a `SpecError` says if it cannot be read, is not text, or is not TOML."""
     try:
-        if path.exists() and not path.is_file():  # a device may have no end
-            raise SpecError(f"{path}: cannot read the run file: it is a {kind_of_file(path)}")
+        expect_file(path)
         return tomllib.loads(path.read_bytes().decode())
     except OSError as error:
         raise SpecError(f"{path}: cannot read the run file: {error.strerror}") from None
@@ -33,11 +32,6 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise SpecError(f"{path}: more than {DEEPEST} tables or lists lie inside each other") from None
     except ValueError as error:  # an integer of thousands of digits, a date that does not exist
         raise SpecError(f"{path}: not a value that can be read: {error}") from None
-
-
-def kind_of_file(path: Path) -> str:
-    """Return what a path that is no file is, for messages."""
-    return "directory" if path.is_dir() else "device or pipe"
 
 
 def depth(value: Any) -> int:

@@ -108,7 +108,7 @@ def a_pipe(path: Path) -> None:
     ("change", "said"),
     [
         (Path.unlink, "observable.phi2: cannot read the file 'phi2.ecsv' (No such file or directory) in"),
-        (a_directory, "observable.phi2: cannot read the file 'phi2.ecsv' in"),
+        (a_directory, "observable.phi2: cannot read the file 'phi2.ecsv' (it is a directory) in"),
         (a_pipe, "it is a device or pipe"),
         (emptied, "'phi2.ecsv' is empty; expected a table in the format ECSV"),
         (without_rows, "column 'phi1' of 'phi2.ecsv': found 0 number(s), expected at least 1"),
