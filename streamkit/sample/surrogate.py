@@ -39,6 +39,9 @@ BEST = 0.02
 NEAR, FAR = 3.0, 0.02
 """Points with residuals of so many standard errors count half in the fit; those that count less than the second number
 say nothing of how far it reaches."""
+STEEP = 3
+"""Power of these weights in a fit of the deviance, whose error grows with it where that of a residual does not:
+rejected points, hundreds below the best, would count most."""
 
 
 @dataclass(frozen=True)
@@ -170,6 +173,7 @@ def _learn(points: Array, there: BoolArray, target: Array, misfit: Array, varian
     floor = float(misfit.min()) if target.shape[1] > d else 0.0
     misfit = misfit - floor
     weight = 1 / (1 + misfit / NEAR**2)
+    share = weight if len(variance) else weight**STEEP
     degrees = [k for k in DEGREES if POINTS_PER_TERM * count(d, k) <= n and count(d, k) <= MAX_TERMS]
     choices = [(degree, ridge) for degree in degrees for ridge in RIDGES]
     if not choices:
@@ -178,11 +182,11 @@ def _learn(points: Array, there: BoolArray, target: Array, misfit: Array, varian
         centre, whiten = whitening(y, weight)
         x = (points - centre) @ whiten
         terms = {degree: monomials(x, degree) for degree in degrees}
-        own = [_error(terms[degree][there], target, weight, ridge) for degree, ridge in choices]
+        own = [_error(terms[degree][there], target, weight, share, ridge) for degree, ridge in choices]
         best = int(np.argmin([value.sum() for value in own]))
         degree, ridge = choices[best]
         quadratic, found = terms[degree][:, : count(d, 2)], terms[degree][there]
-        coefficients = fit(found, target, weight, ridge)
+        coefficients = fit(found, target, share, ridge)
         spread = _spread(quadratic[there], target - found @ coefficients, weight, own[best])
         exists = log_odds(quadratic, there.astype(float), RIDGES[0])
     except LinAlgError:  # walkers that hardly moved
@@ -222,9 +226,9 @@ def _robust(left: Array) -> Array:
     return np.asarray(np.median(left**2, axis=0) / 0.455)
 
 
-def _error(terms: Array, residual: Array, weight: Array, ridge: float) -> Array:
-    """(m,) Variance about a fit to the older points, at the newest points near the data."""
+def _error(terms: Array, residual: Array, weight: Array, share: Array, ridge: float) -> Array:
+    """(m,) Variance about a fit to the older points with their shares, at the newest points near the data."""
     old = int((1 - HELD_OUT) * len(terms))
-    coefficients = fit(terms[:old], residual[:old], weight[:old], ridge)
+    coefficients = fit(terms[:old], residual[:old], share[:old], ridge)
     near = _near(weight[old:])
     return _robust((residual - terms @ coefficients)[old:][near])

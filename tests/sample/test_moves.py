@@ -192,6 +192,22 @@ def test_the_odds_of_an_observable_are_learned():
     assert np.abs(found - chance).max() < 0.1
 
 
+def test_a_likelihood_is_learned_near_its_best_among_many_bad_points():
+    """Six parameters; ln L falls faster than a polynomial, and seven of eight points are 200 below the best one."""
+    rng = np.random.default_rng(1)
+
+    def lnl(y):
+        r2 = (y**2).sum(axis=1)
+        return -0.5 * r2 * np.exp(0.02 * r2)
+
+    y = np.concatenate([rng.uniform(-6, 6, (4000, 6)), rng.normal(size=(600, 6))])[rng.permutation(4600)]
+    none = np.zeros((len(y), 1))
+    surrogate = learn(y, none, none, Data(np.zeros(1), np.ones(1)), lnl(y))
+    assert surrogate.subject == "ln likelihood"
+    near = rng.normal(size=(500, 6))
+    assert np.std(surrogate.ln_likelihood(near) - lnl(near)) < 1.2
+
+
 def test_too_little_to_learn_from():
     y = np.random.default_rng(2).standard_normal((60, 3))
     data = Data(np.zeros(1), np.ones(1))
