@@ -1,14 +1,15 @@
 """Which sampler gives most effective samples for its calls, and which is honest: on hard posteriors, or on a run file.
 
-    python tests/benchmarks/samplers.py [--samplers emcee nautilus dynesty] [--seeds 1] [--only banana]
+    python tests/benchmarks/samplers.py [--samplers emcee nautilus dynesty] [--seeds 1] [--only banana] [--hidden]
     python tests/benchmarks/samplers.py --run-file examples/sagittarius/sagittarius.toml --set stripping.particles=1000
 
 The posteriors are those of tests/support/posteriors.py, each with one difficulty and with known moments. For every run
 a line: calls of the posterior, effective samples (of the worst parameter for a chain, Kish's for weighted samples),
 calls for each of them, the largest error of a mean and of a standard deviation in units of the true standard deviation
 ("one sd" of them are 1 / sqrt(samples) and 1 / sqrt(2 samples), beside them), R-hat of chains, and what the run itself
-says that it lacks. The calls include the search for a start. With a run file the calls cost time: CPU seconds,
-effective samples per CPU minute and M(<50), M(<100 kpc) are told in place of the errors.
+says that it lacks. The calls include the search for a start. With --hidden emcee's surrogate cannot tell ln likelihood
+from the predictions, as where an observable has a likelihood of its own, and learns it instead. With a run file the
+calls cost time: CPU seconds, effective samples per CPU minute and M(<50), M(<100 kpc) are told in place of the errors.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from posteriors import TOYS, Toy
 
 import streamkit as sk
 from streamkit.cli.options import read_settings
+from streamkit.observe import Data
 from streamkit.sample import (
     Calls,
     Convergence,
@@ -60,12 +62,13 @@ class Found(NamedTuple):
     missing: str
 
 
-def by_ensemble(toy: Toy, seed: int, moves: str) -> Found:
+def by_ensemble(toy: Toy, seed: int, moves: str, hidden: bool) -> Found:
     """emcee with the moves of the default sampler, and its rules of stopping."""
     backend, limits = Backend(), Limits(STEPS, tau_factor=50.0, r_hat=1.02)
+    data = Data(toy.data.values + toy.data.errors, toy.data.errors) if hidden else toy.data
     with Workers({"full": toy, "cheap": toy}) as pool:
         run = Sampling(
-            toy.priors, WALKERS, seed, moves, pool, backend, blob_dtype(len(toy.values)), progress=False, data=toy.data
+            toy.priors, WALKERS, seed, moves, pool, backend, blob_dtype(len(toy.values)), progress=False, data=data
         )
         run.begin()
         run.advance(limits)
@@ -93,11 +96,11 @@ def by_plugin(toy: Toy, seed: int, kind: str) -> Found:
     return Found(last.points, last.weights, len(calls), last.ess, np.nan, missing)
 
 
-def line(toy: Toy, name: str, seed: int) -> str:
+def line(toy: Toy, name: str, seed: int, hidden: bool) -> str:
     """One run on a toy."""
     kind, _, moves = name.partition(":")
     begin = time.process_time()
-    found = by_ensemble(toy, seed, moves or "surrogate") if kind == "emcee" else by_plugin(toy, seed, kind)
+    found = by_ensemble(toy, seed, moves or "surrogate", hidden) if kind == "emcee" else by_plugin(toy, seed, kind)
     spent = time.process_time() - begin
     mean, sd = toy.moments
     centre = found.weights @ found.points
@@ -142,6 +145,7 @@ def main() -> None:
     parser.add_argument("--samplers", nargs="+", default=SAMPLERS, metavar="KIND", help="emcee:de has other moves")
     parser.add_argument("--seeds", type=int, default=1, help="runs with seeds 1 to N")
     parser.add_argument("--only", default="", metavar="TEXT", help="only posteriors with this in their name")
+    parser.add_argument("--hidden", action="store_true", help="the surrogate learns ln likelihood itself")
     parser.add_argument("--run-file", type=Path, help="a run file in place of the toys")
     parser.add_argument(
         "--set", action="append", default=[], metavar="PATH=VALUE", help="'nautilus:sampler.live_points=500' for one"
@@ -158,7 +162,7 @@ def main() -> None:
     for toy in (cls() for cls in TOYS):
         for name in given.samplers if given.only in toy.name else ():
             for seed in range(1, given.seeds + 1):
-                print(line(toy, name, seed), flush=True)
+                print(line(toy, name, seed, given.hidden), flush=True)
 
 
 if __name__ == "__main__":
