@@ -42,7 +42,7 @@ def integrate(field: Field, integrator: Integrator, start: Start) -> Records:
     n = len(t_release)
     q, v, now = start.q.copy(), start.v.copy(), t_release.copy()
     begin, end = float(orbit.t[0]), float(orbit.t[-1])
-    block = min(Integrator.longest_block * GYR, TURN / float(orbit.omega.max()))
+    block = min(integrator.longest_block * GYR, TURN / float(orbit.omega.max()))
     edges = np.linspace(begin, end, max(int(np.ceil((end - begin) / block)), 1) + 1)
     at_edges = orbit.at(edges)
     states = np.ascontiguousarray(np.concatenate([at_edges.q, at_edges.v, at_edges.a]).T)

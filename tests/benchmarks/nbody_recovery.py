@@ -30,33 +30,24 @@ from streamkit.nbody import as_stream, read_snapshot
 from streamkit.nbody.as_stream import FEWEST
 from streamkit.spec.setup import ONLY
 from streamkit.stream import seen_from, sky_matrix
-from streamkit.study.calibration import Calibration, Draw, calibration_products, fit_mock
+from streamkit.study.calibration import Calibration, Draw, calibration_products, fit_mock, measurable_truths
 from streamkit.study.grid import draw_pictures, write_tables
 
 RUN_FILE = Path(__file__).parents[2] / "examples" / "mocks" / "mock_recovery.toml"
 TRIES = 200
-"""Truths of which one must have a core and apocentres."""
-
-
-def measurable(spec: sk.Spec, theta: np.ndarray) -> bool:
-    """Whether the model's stream can be measured; a live satellite takes a thousand times as long as that."""
-    try:
-        predictions = sk.Posterior(spec).observe(theta).predictions
-    except sk.OutOfDomain:
-        return False
-    return not any(prediction.why_not for prediction in predictions.values())
+"""Truths of which one must be measurable, by the model and as a live satellite."""
 
 
 def place_of(truth: sk.Spec, q: np.ndarray, v: np.ndarray) -> dict[str, float]:
     """Return the fields of [progenitor] that say where the core is, in the coordinates of the run file."""
     place = truth.parts.streams[ONLY].phase
-    names = place.cls.coordinates()
-    if names[0] == "x":
+    names, frame = place.cls.coordinates(), getattr(place.centre, "frame", None)
+    if frame is None:
         values = [*q, *v]
     else:
-        frame = {"l": "galactic", "ra": "icrs"}.get(names[0]) or place.centre.frame
-        values = [each[0] for each in seen_from(truth.bind().sun.observer, q[:, None], v[:, None], sky_matrix(frame))]
-    return {f"{place.path}.{name}": float(value) for name, value in zip(names, values, strict=False)}
+        seen = seen_from(truth.bind().sun.observer, q[:, None], v[:, None], sky_matrix(frame))
+        values = [each[0] for each in seen[: len(names)]]
+    return {f"{place.path}.{name}": float(value) for name, value in zip(names, values, strict=True)}
 
 
 def observed(
@@ -68,11 +59,14 @@ def observed(
     """
     simulation = Simulation.of(truth, Options(particles))
     state = simulate(simulation, folder, resume=True, progress=False)
+    whole = state.bound.sum() >= FEWEST
+    if not (whole or dissolved):
+        return None
     snapshot = read_snapshot(folder / SNAPSHOT.format(1))
-    if state.bound.sum() >= FEWEST:
-        core = place_of(truth, state.track.q[:, -1], state.track.v[:, -1])
-        return core, as_stream(snapshot, truth.with_values(core).bind())
-    return ({}, as_stream(replace(snapshot, core=None), truth.bind())) if dissolved else None
+    if not whole:
+        return {}, as_stream(replace(snapshot, core=None), truth.bind())
+    core = place_of(truth, state.track.q[:, -1], state.track.v[:, -1])
+    return core, as_stream(snapshot, truth.with_values(core).bind())
 
 
 def noisy(mock: dict[str, Any], own: np.ndarray) -> dict[str, Any]:
@@ -91,10 +85,9 @@ def make_draw(spec: sk.Spec, index: int, particles: int, out: Path, dissolved: b
     """Draw a truth, make a live satellite of it, measure it, and fit the data."""
     rng = np.random.default_rng([spec.seed, 7, index])
     seed = int(rng.integers(1 << 31))
-    for attempt in range(TRIES):
-        theta = np.array([float(prior.sample(rng, 1)[0]) for prior in spec.priors])
-        if not measurable(spec, theta):
-            continue
+    for attempt, theta, _ in measurable_truths(
+        spec, sk.Posterior(spec), rng, TRIES
+    ):  # a thousandth of a live satellite
         truth = spec.with_values({**dict(zip(spec.names, theta.tolist(), strict=True)), "seed": seed})
         found = observed(truth, particles, out / f"satellite_{index}_{attempt}", dissolved)
         observable = truth.bind().observable

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from streamkit.errors import OutOfDomain, StreamkitError
-from streamkit.model import Host
+from streamkit.model import Host, Observation
 from streamkit.observe import parts_of
 from streamkit.sample import Posterior
 from streamkit.spec import Spec
@@ -118,17 +119,24 @@ def fit_mock(mocked: Spec, index: int, theta: Array, truth: Spec) -> Draw:
     )
 
 
-def _mock(spec: Spec, truth: Spec, rng: np.random.Generator, index: int) -> tuple[Array, Spec]:
-    """Return a truth, and the run file of the fit with data that it might have given."""
-    posterior = Posterior(truth.with_values({"seed": int(rng.integers(1 << 31))}))
-    for _ in range(TRIES):
+def measurable_truths(
+    spec: Spec, posterior: Posterior, rng: np.random.Generator, tries: int
+) -> Iterator[tuple[int, Array, Observation]]:
+    """Draw from the priors, and yield what has a stream that can be measured: which try, its parameters, and that."""
+    for attempt in range(tries):
         theta = np.array([float(prior.sample(rng, 1)[0]) for prior in spec.priors])
         try:
             found = posterior.observe(theta)
         except OutOfDomain:
             continue
-        if any(prediction.why_not for prediction in found.predictions.values()):
-            continue
+        if not any(prediction.why_not for prediction in found.predictions.values()):
+            yield attempt, theta, found
+
+
+def _mock(spec: Spec, truth: Spec, rng: np.random.Generator, index: int) -> tuple[Array, Spec]:
+    """Return a truth, and the run file of the fit with data that it might have given."""
+    posterior = Posterior(truth.with_values({"seed": int(rng.integers(1 << 31))}))
+    for _, theta, found in measurable_truths(spec, posterior, rng, TRIES):
         fields: dict[str, Any] = {}
         for stream, setup in truth.bind_all(theta).streams.items():
             sections, parts = truth.parts.streams[stream].observables, parts_of(found.predictions[stream])
