@@ -43,17 +43,17 @@ spec = sk.load(
     }
 )
 
-setup = spec.bind()
+inputs = spec.bind()
 stream = sk.Model(spec).stream()
-prediction = setup.observable.predict(stream)
+prediction = inputs.observable.predict(stream)
 
 print(stream.table())  # an astropy QTable: position, velocity, release and stripping time, winding, arm
 print(f"{stream.bound.mean():.1%} of {len(stream)} particles never left the satellite")
 print(prediction.why_not or "            mLCS             N-body (paper)")
 for name, value, variance, nbody in zip(
-    prediction.names, prediction.mean, prediction.variance, setup.observable.data()[0], strict=True
+    prediction.names, prediction.mean, prediction.variance, inputs.observable.data()[0], strict=True
 ):
     print(f"{name:10s} {value:6.1f} +- {variance**0.5:.1f}  {nbody:14.1f}")
 
-save_picture(picture, draw_stream(stream, prediction, setup))
+save_picture(picture, draw_stream(stream, prediction, inputs))
 print(f"picture: {picture}")

@@ -42,9 +42,9 @@ from .fields import Table as Table
 from .fields import TimeArray as TimeArray
 from .fields import VelocityArray as VelocityArray
 from .model import Model as Model
+from .runfile import Spec as Spec
+from .runfile import load as load
 from .sample import Posterior as Posterior
-from .spec import Spec as Spec
-from .spec import load as load
 from .stream import LEADING as LEADING
 from .stream import TRAILING as TRAILING
 from .stream import Array as Array

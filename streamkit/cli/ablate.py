@@ -8,8 +8,7 @@ from typing import Any
 
 import click
 
-from streamkit import report
-from streamkit import spec as run_files
+from streamkit import report, runfile
 from streamkit.cli.completion import settings as complete_settings
 from streamkit.cli.options import FORCE, JSON, PDF, QUIET, RUN_FILE, SEEDS, SET, WORKERS, directory, load_spec
 from streamkit.cli.study import conduct
@@ -93,7 +92,7 @@ def read_variations(variations: Sequence[str]) -> dict[str, list[Any]]:
     found: dict[str, list[Any]] = {}
     for variation in variations:
         path, equals, text = (part.strip() for part in variation.partition("="))
-        values = [run_files.literal(value.strip()) for value in _split(text)]
+        values = [runfile.literal(value.strip()) for value in _split(text)]
         if not (equals and path) or any(value == "" for value in values):
             raise click.UsageError(
                 f"--vary {variation!r}: expected PATH=V1,V2,..., such as stripping.kind=mlcs,streakline"

@@ -14,7 +14,7 @@ import click
 from click.shell_completion import CompletionItem
 
 import streamkit as sk
-from streamkit import components, spec
+from streamkit import components, runfile
 from streamkit.errors import StreamkitError
 
 PLACED = {"progenitor": "potential", "body": "potential"}
@@ -29,7 +29,7 @@ def roles(_context: click.Context, _parameter: click.Parameter, typed: str) -> l
 
 def sections(_context: click.Context, _parameter: click.Parameter, typed: str) -> list[CompletionItem]:
     """Complete the sections of a run file."""
-    return _beginning(typed, spec.RunFile.model_fields)
+    return _beginning(typed, runfile.RunFile.model_fields)
 
 
 def kinds_of(argument: str) -> Complete:
@@ -95,7 +95,7 @@ def _paths(context: click.Context) -> list[str]:
 
 def _fields(table: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
     for name, value in table.items():
-        inside = isinstance(value, Mapping) and not set(value) & set(spec.PRIORS)
+        inside = isinstance(value, Mapping) and not set(value) & set(runfile.PRIORS)
         if inside and value:
             yield from _fields(value, f"{prefix}{name}.")
         else:

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 import streamkit as sk
-from streamkit import spec as run_files
+from streamkit import runfile
 from streamkit.cli.compiling import tell_of_compiling
 from streamkit.cli.completion import settings
 
@@ -64,5 +64,5 @@ def read_settings(settings: Sequence[str], option: str = "--set") -> dict[str, A
             raise click.UsageError(f"{option} {setting!r}: expected PATH=VALUE, such as progenitor.mass=6.4e8")
         if path in values:
             raise click.UsageError(f"{option} {path}: given twice, {values[path]!r} and {text!r}")
-        values[path] = run_files.literal(text)
+        values[path] = runfile.literal(text)
     return values

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from streamkit import components, report, spec
+from streamkit import components, report, runfile
 from streamkit.cli.completion import kinds_of, sections
 from streamkit.errors import StreamkitError
 
@@ -24,31 +24,31 @@ def reference(section: str | None, kind: str | None) -> None:
     Without SECTION, the keys and sections; with KIND as well, what one component adds, such as
     'potential nfw' or 'progenitor plummer'. The components are those installed.
     """
-    registry, fields = components.load_registry(), spec.RunFile.model_fields
+    registry, fields = components.load_registry(), runfile.RunFile.model_fields
     if section is None or section in KEYS:
         rows = [(f"[{name}]", field.description or "") for name, field in fields.items() if name not in KEYS]
         more = (
             "Ask for 'streamkit reference SECTION' for its fields, and for 'SECTION KIND' where it has a kind. A "
             'physical number is a number in the field\'s unit, a quantity such as "8 kpc", or a prior: '
-            f"{', '.join(map(spec.usage, spec.PRIORS.values()))}."
+            f"{', '.join(map(runfile.usage, runfile.PRIORS.values()))}."
         )
-        parts = [f"keys\n{report.field_table(spec.RunFile, KEYS, 'key')}"]
+        parts = [f"keys\n{report.field_table(runfile.RunFile, KEYS, 'key')}"]
         parts += [f"sections\n{report.columns(rows)}", report.paragraph(more)] if section is None else []
         click.echo("\n\n".join(parts))
         return
     report.check_name(registry, "reference", section, list(fields))
     parts = [f"[{section}]\n{report.paragraph(fields[section].description or '', '  ')}"]
-    plain: Any = {"sun": spec.Sun, "likelihood": spec.Likelihood, "engine": spec.Engine}.get(section)
+    plain: Any = {"sun": runfile.Sun, "likelihood": runfile.Likelihood, "engine": runfile.Engine}.get(section)
     if plain is not None:
         if kind is not None:
             raise StreamkitError(f"reference: the section [{section}] has no kinds, found {kind!r}")
         parts.append(report.field_table(plain, plain.model_fields, "field"))
     elif section == "progenitor":
-        parts += _placed(registry, kind, spec.WAYS, ["lookback", "friction", "reflex"])
+        parts += _placed(registry, kind, runfile.WAYS, ["lookback", "friction", "reflex"])
     elif section == "body":
-        parts += _placed(registry, kind, spec.BODY_WAYS, ["friction", "reflex"])
+        parts += _placed(registry, kind, runfile.BODY_WAYS, ["friction", "reflex"])
     else:
-        default = spec.DEFAULT_KIND.get(section)
+        default = runfile.DEFAULT_KIND.get(section)
         parts += [f"kind may be left out: it is then {default!r}."] if default else []
         parts.append(report.listing(registry, section, kind, "reference"))
         if section == "potential" and kind is None:

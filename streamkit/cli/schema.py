@@ -6,7 +6,7 @@ import json
 
 import click
 
-from streamkit import components, spec
+from streamkit import components, runfile
 
 
 @click.command()
@@ -15,4 +15,4 @@ def schema() -> None:
 
     It covers the installed plugins; editors use it to complete and check run files.
     """
-    click.echo(json.dumps(spec.json_schema(components.load_registry()), indent=2))
+    click.echo(json.dumps(runfile.json_schema(components.load_registry()), indent=2))

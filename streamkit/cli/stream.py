@@ -51,21 +51,21 @@ def stream(
     tell = (lambda _: None) if as_json or quiet else click.echo
     for name in spec.streams:
         begin = time.process_time()
-        setup = spec.bind(stream=name)
+        inputs = spec.bind(stream=name)
         try:
-            made, prediction = model.observe(setup)
+            made, prediction = model.observe(inputs)
         except OutOfDomain as error:
             which = "no stream" if len(spec.streams) == 1 else f"no stream {name!r}"
             raise StreamkitError(f"{run_file}: there is {which} at these parameters: {error}") from None
         spent = time.process_time() - begin
-        text = report.describe_stream(spec, setup, made, prediction, spent, read_settings(settings))
+        text = report.describe_stream(spec, inputs, made, prediction, spent, read_settings(settings))
         tell(f"\n{text}" if records else text)
-        records.append(report.stream_record(spec, setup, made, prediction, spent))
+        records.append(report.stream_record(spec, inputs, made, prediction, spent))
         if file := particles[name]:
-            report.write_stream(made, spec, file, frame=observe.frame_of(setup.observables), force=force)
+            report.write_stream(made, spec, file, frame=observe.frame_of(inputs.observables), force=force)
             tell(f"particles: {file}")
         if file := pictures[name]:
-            report.save_picture(file, report.draw_stream(made, prediction, setup))
+            report.save_picture(file, report.draw_stream(made, prediction, inputs))
             tell(f"picture: {file}")
     bound = spec.bind_all()
     for name, found in model.observe_host(bound).items():

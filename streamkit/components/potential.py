@@ -221,7 +221,7 @@ class Potential(Component):
         """Where it stands in the run file: ``potential.halo``; empty if it comes from none."""
         return self._place
 
-    def shaped_like(self, other: Potential, place: str) -> None:
+    def share_grid_of(self, other: Potential, place: str) -> None:
         """Take the nodes of an expansion from another instance of the class, so that ln p has no steps.
 
         ``place`` is the path in the run file, for messages.

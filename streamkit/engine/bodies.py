@@ -16,10 +16,10 @@ import numpy as np
 from numba import njit, types
 
 from streamkit.engine.cache import INLINE, also_for, cached
-from streamkit.engine.dragged import DRAGGED, drag_centres
 from streamkit.engine.field import NO_DRAG_OF_BODIES, build_field
 from streamkit.engine.forces import FORCES, ROW, call_kernel
 from streamkit.engine.kernels import Force
+from streamkit.engine.velocity_forces import DRAGGED, drag_centres
 from streamkit.stream import Array, Orbit
 from streamkit.units import G
 

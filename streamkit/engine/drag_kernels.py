@@ -16,9 +16,9 @@ from numba import carray, njit
 from streamkit.elementary import interp
 from streamkit.engine.arguments import ENDLESS, layout_of, pack, unpacker
 from streamkit.engine.cache import OPTIONS
-from streamkit.engine.dragged import LANES_ROWS
 from streamkit.engine.forces import ROW
 from streamkit.engine.kernels import Force, NumpyKernel, machine_code
+from streamkit.engine.velocity_forces import LANES_ROWS
 from streamkit.stream import Array
 
 Part = tuple[type[Force], tuple[int, ...], bool]

@@ -14,13 +14,13 @@ import numpy as np
 from streamkit.engine import kernels, loops
 from streamkit.engine.arguments import layout_of, pack
 from streamkit.engine.drag_kernels import drag_kernel
-from streamkit.engine.dragged import DraggedForces, drag_loop, with_drag
 from streamkit.engine.forces import BATCH, DEEPEST, NO_FRAME, NO_TRACKS, Forces
 from streamkit.engine.kernels import Force, NumpyKernel
 from streamkit.engine.loops import NUMBERS, WORK, Scratch
 from streamkit.engine.methods import RKN4, Splitting
-from streamkit.engine.sparing import orbit_states
+from streamkit.engine.single_orbit import orbit_states
 from streamkit.engine.steps import Method
+from streamkit.engine.velocity_forces import DraggedForces, drag_loop, with_drag
 from streamkit.errors import ComponentError, OutOfDomain
 from streamkit.stream import Array, Orbit
 

@@ -28,10 +28,10 @@ import numpy as np
 from numba import types
 
 from streamkit.engine.cache import also_for, cached
-from streamkit.engine.dragged import DRAGGED, is_dragged, renew
 from streamkit.engine.forces import BATCH, FORCES, LANES, LEVELS, ROW, add_forces
 from streamkit.engine.levels import alike, choose, give_back, place, rates, scatter, take
 from streamkit.engine.steps import METHOD, ROWS, A, H, Method, T, compose, nystrom
+from streamkit.engine.velocity_forces import DRAGGED, is_dragged, renew
 from streamkit.stream import Array, IntArray
 
 LOOK_AGAIN, PARTS = 4, 4

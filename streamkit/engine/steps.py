@@ -10,8 +10,8 @@ from typing import NamedTuple
 from numba import njit, types
 
 from streamkit.engine.cache import INLINE
-from streamkit.engine.dragged import add_drag
 from streamkit.engine.forces import ROW, add_forces
+from streamkit.engine.velocity_forces import add_drag
 from streamkit.stream import Array
 
 V, T, H, A = 3 * ROW, 6 * ROW, 7 * ROW, 8 * ROW

@@ -13,7 +13,7 @@ from streamkit.components import Potential, Total, add_up, sphere
 from streamkit.engine import NO_FRICTION, Centre, Field, Friction, build_field, follow_bodies, with_disc
 from streamkit.errors import OutOfDomain
 from streamkit.model.friction import friction_table, friction_times
-from streamkit.spec import Body
+from streamkit.runfile import Body
 from streamkit.stream import Array, Orbit
 from streamkit.units import GYR
 

@@ -18,7 +18,7 @@ from streamkit.model.observation import Observation
 from streamkit.model.progenitor import next_apocentre, progenitor_track
 from streamkit.model.release import release_particles, standard_normals
 from streamkit.observe import Data, measure_host, measure_stream, read_data
-from streamkit.spec import Bound, Setup, Source, as_spec
+from streamkit.runfile import ModelInputs, Source, StreamInputs, as_spec
 from streamkit.stream import Array, Prediction, Stream
 
 
@@ -41,9 +41,9 @@ class Model:
         self.threads = threads
         self._asked: dict[tuple[str, str], tuple[Measurement, Data]] = {}
 
-    def data(self, setup: Setup) -> dict[str, Data]:
+    def data(self, inputs: StreamInputs) -> dict[str, Data]:
         """Return the data of a stream's observables by name; asked for once where no field of one has a prior."""
-        return {name: self.known(f"stream.{setup.name}", name, one) for name, one in setup.observables.items()}
+        return {name: self.known(f"stream.{inputs.name}", name, one) for name, one in inputs.observables.items()}
 
     def known(self, place: str, name: str, measurement: Measurement) -> Data:
         """Return the data of one measurement; asked for once where no field of it has a prior."""
@@ -62,10 +62,10 @@ class Model:
     def _draws(self) -> dict[str, Array]:
         """(draws, n) The standard normals of every stream's particles, by its name."""
         drawn = {}
-        for name, stream in self.spec.parts.streams.items():
+        for name, stream in self.spec.sections.streams.items():
             stripping = stream.stripping.centre
             with blamed(f"stripping {stripping.kind}"):
-                drawn[name] = standard_normals(stripping, self.spec.parts.seed_of(name))
+                drawn[name] = standard_normals(stripping, self.spec.sections.seed_of(name))
         return drawn
 
     def stream(self, parameters: Array | Mapping[str, float] | None = None, name: str | None = None) -> Stream:
@@ -80,40 +80,40 @@ class Model:
         """Return all streams by name, as `stream` does; a single one without a name is called ``stream``."""
         bound = self.spec.bind_all(parameters)
         host = Host(bound.potentials, bound.bodies)
-        return {name: self._made(setup, host) for name, setup in bound.streams.items()}
+        return {name: self._made(inputs, host) for name, inputs in bound.streams.items()}
 
-    def _made(self, setup: Setup, host: Host | None = None) -> Stream:
+    def _made(self, inputs: StreamInputs, host: Host | None = None) -> Stream:
         """Return the stream of a bound spec; OutOfDomain begins with its name where there are several."""
         try:
-            with self.naming_parameters(setup.values):
-                return simulate(setup, self._draws[setup.name], host, self.threads)
+            with self.naming_parameters(inputs.values):
+                return simulate(inputs, self._draws[inputs.name], host, self.threads)
         except OutOfDomain as error:
             raise OutOfDomain(
-                error.reason if len(self.spec.streams) == 1 else f"{setup.name}: {error.reason}"
+                error.reason if len(self.spec.streams) == 1 else f"{inputs.name}: {error.reason}"
             ) from None
 
-    def observe(self, setup: Setup, host: Host | None = None) -> tuple[Stream, Prediction | None]:
+    def observe(self, inputs: StreamInputs, host: Host | None = None) -> tuple[Stream, Prediction | None]:
         """Return the stream of a bound spec, and what its observables say of it (None without one).
 
         Raises OutOfDomain, ComponentError as `stream`; an observable without a value gives a reason instead.
         """
-        stream = self._made(setup, host)
-        with self.naming_parameters(setup.values):
-            return stream, measure_stream(setup.observables, stream, self.data(setup))
+        stream = self._made(inputs, host)
+        with self.naming_parameters(inputs.values):
+            return stream, measure_stream(inputs.observables, stream, self.data(inputs))
 
-    def observe_all(self, bound: Bound) -> Observation:
+    def observe_all(self, bound: ModelInputs) -> Observation:
         """Return all streams of a bound spec, in one host, and what their observables say; raises as `observe`."""
         host = Host(bound.potentials, bound.bodies)
         streams: dict[str, Stream] = {}
         predictions: dict[str, Prediction] = {}
-        for name, setup in bound.streams.items():
-            streams[name], prediction = self.observe(setup, host)
+        for name, inputs in bound.streams.items():
+            streams[name], prediction = self.observe(inputs, host)
             if prediction is not None:
                 predictions[name] = prediction
         predictions |= {f"data.{name}": found for name, found in self.observe_host(bound, host).items()}
         return Observation(streams, predictions)
 
-    def observe_host(self, bound: Bound, host: Host | None = None) -> dict[str, Prediction]:
+    def observe_host(self, bound: ModelInputs, host: Host | None = None) -> dict[str, Prediction]:
         """Return what the host says of the data that are no stream, by their names; raises as `observe`."""
         host = host or Host(bound.potentials, bound.bodies)
         with self.naming_parameters(bound.values):
@@ -130,19 +130,19 @@ class Model:
             raise ComponentError(f"{error}. Parameters: {text or 'none is free'}") from error.__cause__
 
 
-def simulate(setup: Setup, normals: Array, shared: Host | None = None, threads: int = 1) -> Stream:
+def simulate(inputs: StreamInputs, normals: Array, shared: Host | None = None, threads: int = 1) -> Stream:
     """Return the stream of fully bound components, with normals (draws, n) that belong to the particles.
 
     The host may be there already, ``shared`` by streams whose progenitors are test particles in it.
     """
-    moved = setup.companion
-    host = Host(setup.potentials, setup.bodies, moved) if shared is None or moved else shared
-    track = progenitor_track(host, setup)
-    start = release_particles(setup, track, normals)
+    moved = inputs.companion
+    host = Host(inputs.potentials, inputs.bodies, moved) if shared is None or moved else shared
+    track = progenitor_track(host, inputs)
+    start = release_particles(inputs, track, normals)
     field = host.until(float(track.t[0]))
-    if setup.stripping.progenitor_gravity:
-        field = field.with_moving(build_field([setup.satellite]), start.orbit)
-    done = integrate(replace(field, threads=threads), setup.integrator, start)
+    if inputs.stripping.progenitor_gravity:
+        field = field.with_moving(build_field([inputs.satellite]), start.orbit)
+    done = integrate(replace(field, threads=threads), inputs.integrator, start)
     if not (np.isfinite(done.q).all() and np.isfinite(done.v).all()):
         raise OutOfDomain("the orbit of a particle is not finite")
     return Stream(
@@ -158,7 +158,7 @@ def simulate(setup: Setup, normals: Array, shared: Host | None = None, threads: 
         bound=done.bound,
         weight=np.ones(len(start.tail)),
         orbit=start.orbit,
-        ahead=partial(next_apocentre, host, setup),
-        parameters=dict(setup.values),
-        sun=setup.sun.observer,
+        ahead=partial(next_apocentre, host, inputs),
+        parameters=dict(inputs.values),
+        sun=inputs.sun.observer,
     )

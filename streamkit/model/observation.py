@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from streamkit.spec import ONLY
+from streamkit.runfile import ONLY
 from streamkit.stream import Prediction, Stream, join_predictions
 
 

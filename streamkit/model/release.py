@@ -9,7 +9,7 @@ import numpy as np
 from streamkit.components import Stripping
 from streamkit.errors import ComponentError, blamed
 from streamkit.model.satellite import Satellite
-from streamkit.spec import Setup
+from streamkit.runfile import StreamInputs
 from streamkit.stream import LEADING, TRAILING, Array, IntArray, Orbit, read_only
 
 
@@ -36,18 +36,18 @@ class Start:
     v: Array
 
 
-def release_particles(setup: Setup, track: Orbit, normals: Array) -> Start:
+def release_particles(inputs: StreamInputs, track: Orbit, normals: Array) -> Start:
     """Return the particles at their release from the progenitor's track, with normals (draws, n).
 
     ComponentError if the stripping scheme fails, or returns other shapes or numbers than it should.
     """
-    scheme, n = setup.stripping, setup.stripping.particles
+    scheme, n = inputs.stripping, inputs.stripping.particles
     name = f"stripping {scheme.kind}"
-    orbit, times = stripped(setup, track)
+    orbit, times = stripped(inputs, track)
     with blamed(name):
         tail = read_only(np.where(np.arange(n) % 2 == 0, LEADING, TRAILING))
         at_release = orbit.at(times)
-        release = scheme.release(at_release, tail, setup.mass * at_release.mass_left, read_only(normals))
+        release = scheme.release(at_release, tail, inputs.mass * at_release.mass_left, read_only(normals))
         for what, values in (("q", release.q), ("v", release.v)):
             if np.shape(values) != (3, n):
                 found = np.shape(values)
@@ -57,10 +57,10 @@ def release_particles(setup: Setup, track: Orbit, normals: Array) -> Start:
     return Start(orbit, at_release, tail, release.q, release.v)
 
 
-def stripped(setup: Setup, track: Orbit) -> tuple[Orbit, Array]:
+def stripped(inputs: StreamInputs, track: Orbit) -> tuple[Orbit, Array]:
     """Return the progenitor's track with the mass that it has left, and when it releases its particles (n,)."""
-    times = release_times(setup.stripping, track)
-    return losing_mass(track, Satellite(setup.satellite, setup.mass), setup.stripping.mass_loss, times), times
+    times = release_times(inputs.stripping, track)
+    return losing_mass(track, Satellite(inputs.satellite, inputs.mass), inputs.stripping.mass_loss, times), times
 
 
 def release_times(scheme: Stripping, orbit: Orbit) -> Array:

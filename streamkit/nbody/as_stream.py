@@ -16,7 +16,7 @@ from streamkit.errors import StreamkitError
 from streamkit.model import Host, Satellite, next_apocentre, progenitor_track, stripped
 from streamkit.nbody.rewind import distances, rewind
 from streamkit.nbody.snapshot import Snapshot
-from streamkit.spec import Setup
+from streamkit.runfile import StreamInputs
 from streamkit.stream import LEADING, TRAILING, Array, BoolArray, Orbit, Stream, lag_in_plane, orbital_plane
 
 FEWEST = 50
@@ -29,7 +29,7 @@ BEYOND = 10.0
 """Factor by which the median particle may be nearer, farther, slower or faster than the progenitor ever is."""
 
 
-def as_stream(snapshot: Snapshot, setup: Setup) -> Stream:
+def as_stream(snapshot: Snapshot, inputs: StreamInputs) -> Stream:
     """Return the snapshot's particles as a stream in the host, and about the progenitor, of a bound run file.
 
     The track of the core is the snapshot's own, if it has one, else the progenitor's orbit. Bound is who the file says,
@@ -38,11 +38,11 @@ def as_stream(snapshot: Snapshot, setup: Setup) -> Stream:
 
     Raises StreamkitError if the snapshot cannot be this progenitor's: other units, another place, another velocity.
     """
-    host = Host(setup.potentials, setup.bodies, setup.companion)
-    model_track, _ = stripped(setup, progenitor_track(host, setup))
+    host = Host(inputs.potentials, inputs.bodies, inputs.companion)
+    model_track, _ = stripped(inputs, progenitor_track(host, inputs))
     _same_scale(snapshot, model_track)
-    _same_place(snapshot, model_track, setup)
-    orbit = _track(snapshot, host, setup, model_track)
+    _same_place(snapshot, model_track, inputs)
+    orbit = _track(snapshot, host, inputs, model_track)
     n = snapshot.q.shape[1]
     if snapshot.t_strip is not None:
         bound = np.isnan(snapshot.t_strip)
@@ -50,7 +50,7 @@ def as_stream(snapshot: Snapshot, setup: Setup) -> Stream:
         bound = distances(snapshot.q, orbit.q[:, -1]) <= orbit.r_tidal[-1]
     t_strip, winding, chi = snapshot.t_strip, snapshot.winding, snapshot.chi
     if t_strip is None or winding is None or chi is None:
-        field = host.until(float(model_track.t[0])).with_moving(build_field([setup.satellite]), model_track)
+        field = host.until(float(model_track.t[0])).with_moving(build_field([inputs.satellite]), model_track)
         past = rewind(field, model_track, snapshot.q[:, ~bound], snapshot.v[:, ~bound])
         t_strip = _filled(bound, past.t_strip) if t_strip is None else t_strip
         winding = _filled(bound, past.winding) if winding is None else winding
@@ -72,9 +72,9 @@ def as_stream(snapshot: Snapshot, setup: Setup) -> Stream:
         bound=bound,
         weight=np.ones(n),
         orbit=orbit,
-        ahead=partial(next_apocentre, host, setup),
-        parameters=dict(setup.values),
-        sun=setup.sun.observer,
+        ahead=partial(next_apocentre, host, inputs),
+        parameters=dict(inputs.values),
+        sun=inputs.sun.observer,
     )
 
 
@@ -84,13 +84,13 @@ def _filled(bound: BoolArray, values: Array) -> Array:
     return out
 
 
-def _track(snapshot: Snapshot, host: Host, setup: Setup, model_track: Orbit) -> Orbit:
+def _track(snapshot: Snapshot, host: Host, inputs: StreamInputs, model_track: Orbit) -> Orbit:
     if snapshot.core is None or snapshot.core.shape[1] < 2:
         return model_track
     t, q, v = snapshot.core[0], np.ascontiguousarray(snapshot.core[1:4]), np.ascontiguousarray(snapshot.core[4:])
     left = np.interp(t, model_track.t, model_track.mass_left)
     bare = Orbit(t, q, v, host.until(float(t[0])).acceleration(t, q, v), np.full(len(t), np.nan), left)
-    satellite = Satellite(setup.satellite, setup.mass)
+    satellite = Satellite(inputs.satellite, inputs.mass)
     return replace(bare, r_tidal=satellite.shrunk(satellite.tidal_radius(host.tidal_bracket(bare)), left))
 
 
@@ -107,14 +107,14 @@ def _same_scale(snapshot: Snapshot, track: Orbit) -> None:
             )
 
 
-def _same_place(snapshot: Snapshot, track: Orbit, setup: Setup) -> None:
+def _same_place(snapshot: Snapshot, track: Orbit, inputs: StreamInputs) -> None:
     """Refuse a snapshot whose remnant is elsewhere: angles along the stream are counted from it."""
     found = snapshot.core[1:, -1] if snapshot.core is not None else remnant(snapshot.q, snapshot.v, track.r_tidal[-1])
     if found is None:
         return  # dissolved: nothing to compare with
-    away = float(distances(found[:3, None], setup.q)[0])
-    faster = float(distances(found[3:, None], setup.v)[0])
-    if away > OFFSET * track.r_tidal[-1] or faster > SPEED_OFFSET * np.sqrt(setup.v @ setup.v):
+    away = float(distances(found[:3, None], inputs.q)[0])
+    faster = float(distances(found[3:, None], inputs.v)[0])
+    if away > OFFSET * track.r_tidal[-1] or faster > SPEED_OFFSET * np.sqrt(inputs.v @ inputs.v):
         names = ("x", "y", "z", "vx", "vy", "vz")
         numbers = ", ".join(f"{name} = {value:.8g}" for name, value in zip(names, found, strict=True))
         raise StreamkitError(

@@ -1,8 +1,8 @@
-from .asides import frame_of as frame_of
-from .asides import marks_of as marks_of
-from .asides import panels_of as panels_of
-from .asides import radii_of as radii_of
-from .asides import remarks_of as remarks_of
+from .annotations import frame_of as frame_of
+from .annotations import marks_of as marks_of
+from .annotations import panels_of as panels_of
+from .annotations import radii_of as radii_of
+from .annotations import remarks_of as remarks_of
 from .data import Data as Data
 from .data import join_data as join_data
 from .data import read_data as read_data

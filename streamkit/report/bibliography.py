@@ -11,7 +11,7 @@ from importlib.resources import files
 from typing import Any
 
 from streamkit.components import Component, Preset
-from streamkit.spec import Spec
+from streamkit.runfile import Spec
 
 ALWAYS = {
     "Harris2020": "NumPy",

@@ -14,7 +14,7 @@ from streamkit.components import CONTRACT, ROLES, Component, Registry
 from streamkit.errors import StreamkitError, nearest
 from streamkit.fields import DataFile, array_of, columns_of
 from streamkit.report.text import columns, paragraph
-from streamkit.spec import as_written
+from streamkit.runfile import as_written
 from streamkit.units import datum_unit, unit_of
 
 _SIGNS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}

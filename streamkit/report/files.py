@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from streamkit.errors import ChainError, StreamkitError, nearest
-from streamkit.spec import Spec
+from streamkit.runfile import Spec
 
 if TYPE_CHECKING:
     from collections.abc import Collection

@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from streamkit.observe import marks_of
 from streamkit.report.stream_axes import DATUM, LEGEND, draw_mark, draw_particles, draw_plane, draw_unwrapped
 from streamkit.report.style import BAND_68, BAND_95, VERMILION, NotebookFigure, angle_ticks, finish
-from streamkit.spec import Setup
+from streamkit.runfile import StreamInputs
 from streamkit.stream import Array, Panel, PanelData, Prediction, Stream
 
 WIDE, LEFT, GAP, SIDE, RIGHT = 5.8, 0.95, 0.85, 3.0, 0.15
@@ -30,7 +30,7 @@ BANDS = (BAND_95, BAND_68)
 def draw_sky(
     particles: Stream,
     prediction: Prediction,
-    setup: Setup,
+    inputs: StreamInputs,
     panels: Sequence[Panel],
     note: str = "",
     intervals: Mapping[str, Array] | None = None,
@@ -40,7 +40,7 @@ def draw_sky(
     The intervals (2, m), by what a legend calls them and the widest first, are those of the predicted numbers.
     """
     groups = [list(group) for _, group in groupby(panels, key=lambda panel: panel.x_label)]
-    unwrapped = bool(marks_of(setup.observables, prediction))
+    unwrapped = bool(marks_of(inputs.observables, prediction))
     head = 0.45 if note else 0.12
     beside = SIDE + FOOT + (SIDE + FOOT if unwrapped else 0.0) + NAMES
     pairs, feet = len(panels), FOOT * len(groups)
@@ -79,7 +79,7 @@ def draw_sky(
     down = head + SIDE + FOOT
     if unwrapped:
         angles = place(left, down, SIDE, SIDE)
-        draw_unwrapped(particles, prediction, setup, angles)
+        draw_unwrapped(particles, prediction, inputs, angles)
         angle_ticks(angles, 6)
         angles.xaxis.label.set_fontsize(9.5)
         down += SIDE + FOOT

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 
 from streamkit.observe import marks_of
 from streamkit.report.style import ARM_STYLE, angle_ticks, finish
-from streamkit.spec import Setup
+from streamkit.runfile import StreamInputs
 from streamkit.stream import Mark, Prediction, Stream, orbital_plane
 from streamkit.units import GYR
 
@@ -50,12 +50,12 @@ def draw_plane(particles: Stream, axes: Axes) -> None:
     finish(axes)
 
 
-def draw_unwrapped(particles: Stream, prediction: Prediction | None, setup: Setup | None, axes: Axes) -> None:
+def draw_unwrapped(particles: Stream, prediction: Prediction | None, inputs: StreamInputs | None, axes: Axes) -> None:
     """Draw radius against the angle along the stream, and what the observable shows of its measurement and data."""
     angle = np.degrees(particles.winding)
     draw_particles(particles, angle, particles.r, axes)
     axes.plot(0, particles.orbit.r[-1], **PROGENITOR)
-    marks = () if prediction is None or setup is None else marks_of(setup.observables, prediction)
+    marks = () if prediction is None or inputs is None else marks_of(inputs.observables, prediction)
     for mark in marks:
         draw_mark(axes, mark)
     peaks = [float(x) for mark in marks if mark.look == "peak" for x in mark.x]

@@ -10,14 +10,14 @@ from streamkit.observe import panels_of
 from streamkit.report.sky_figure import draw_sky
 from streamkit.report.stream_axes import LEGEND, draw_plane, draw_unwrapped
 from streamkit.report.style import VERMILION, NotebookFigure
-from streamkit.spec import Setup
+from streamkit.runfile import StreamInputs
 from streamkit.stream import Array, Prediction, Stream
 
 
 def draw_stream(
     particles: Stream,
     prediction: Prediction | None = None,
-    setup: Setup | None = None,
+    inputs: StreamInputs | None = None,
     note: str = "",
     intervals: Mapping[str, Array] | None = None,
 ) -> Figure:
@@ -25,13 +25,15 @@ def draw_stream(
 
     The intervals (2, m), by what a legend calls them, are those of the predicted numbers: bands of the panels.
     """
-    if setup is not None and prediction is not None and (panels := panels_of(setup.observables, particles, prediction)):
-        return draw_sky(particles, prediction, setup, panels, note, intervals or {})
+    if inputs is not None and prediction is not None:
+        panels = panels_of(inputs.observables, particles, prediction)
+        if panels:
+            return draw_sky(particles, prediction, inputs, panels, note, intervals or {})
     figure = NotebookFigure(figsize=(12.5, 5.2), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1, 1.25))
     draw_plane(particles, left)
     left.legend(**LEGEND)
-    draw_unwrapped(particles, prediction, setup, right)
+    draw_unwrapped(particles, prediction, inputs, right)
     if note:
         figure.suptitle(note, color=VERMILION, fontsize=13)
     return figure

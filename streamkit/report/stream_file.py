@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from streamkit.report.files import check_target, origin, save
-from streamkit.spec import Spec
+from streamkit.runfile import Spec
 from streamkit.stream import Frame, Stream
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 from streamkit.components import Measurement
 from streamkit.observe import remarks_of
 from streamkit.report.text import columns, number, paragraph, seconds
-from streamkit.spec import Setup, Spec, as_written
+from streamkit.runfile import Spec, StreamInputs, as_written
 from streamkit.stream import Prediction, Stream
 
 MOST_ROWS, FARTHEST = 200, 20
@@ -22,17 +22,17 @@ def warning_list(texts: Sequence[str]) -> str:
     return "\n".join(["warnings", *(paragraph(text, "  - ") for text in texts)]) if texts else ""
 
 
-def describe_expansions(setup: Setup) -> str:
+def describe_expansions(inputs: StreamInputs) -> str:
     """Say by what expansions potentials are made that are not compiled; nothing without any."""
-    found = setup.expansions()
+    found = inputs.expansions()
     return f"expansions\n{columns(found.items())}" if found else ""
 
 
-def describe_prediction(setup: Setup, prediction: Prediction) -> str:
+def describe_prediction(inputs: StreamInputs, prediction: Prediction) -> str:
     """Show the observables beside the data, and the difference in standard errors of the data."""
-    if not setup.observables:
+    if not inputs.observables:
         return "observables: the run file has none"
-    return describe_measured("observables", list(setup.observables.values()), prediction)
+    return describe_measured("observables", list(inputs.observables.values()), prediction)
 
 
 def describe_measured(called: str, measured: Sequence[Measurement], prediction: Prediction) -> str:
@@ -61,7 +61,7 @@ def describe_measured(called: str, measured: Sequence[Measurement], prediction: 
 
 def describe_stream(
     spec: Spec,
-    setup: Setup,
+    inputs: StreamInputs,
     stream: Stream,
     prediction: Prediction | None,
     spent: float,
@@ -71,7 +71,7 @@ def describe_stream(
 
     Parameters
     ----------
-    spec, setup
+    spec, inputs
         What the stream was made from; free parameters stand at the prior's centre.
     stream, prediction
         The stream, and what the observable says of it.
@@ -84,7 +84,7 @@ def describe_stream(
     rows = []
     for path, value in fields(spec.document):
         if path in units:
-            rows.append((path, number(setup.values[path], units[path].replace(" ", "")), "prior's centre"))
+            rows.append((path, number(inputs.values[path], units[path].replace(" ", "")), "prior's centre"))
         elif path in changed:
             rows.append((path, value, "set"))
     bound = int(stream.bound.sum())
@@ -95,15 +95,15 @@ def describe_stream(
         ("bound", f"{bound} ({bound / len(stream):.1%})"),
         ("CPU time", f"{seconds(spent)}, machine code loaded included"),
     ]
-    named = "one stream" if len(spec.streams) == 1 else f"stream {setup.name}"
+    named = "one stream" if len(spec.streams) == 1 else f"stream {inputs.name}"
     parts = [f"{spec.source}: {named} (seed {spec.seed})"]
     parts += [f"parameters\n{columns(rows)}"] if rows else []
     parts.append(f"stream\n{columns(counts)}")
-    parts.append(describe_expansions(setup))
-    if not setup.observables:
+    parts.append(describe_expansions(inputs))
+    if not inputs.observables:
         parts.append("observables: the run file has none")
     elif prediction is not None:
-        parts += [describe_prediction(setup, prediction), warning_list(remarks_of(setup.observables, prediction))]
+        parts += [describe_prediction(inputs, prediction), warning_list(remarks_of(inputs.observables, prediction))]
     return "\n\n".join(part for part in parts if part)
 
 

@@ -1,5 +1,3 @@
-from .calls import CALLS as CALLS
-from .calls import Calls as Calls
 from .chain import CHAIN as CHAIN
 from .chain import Chain as Chain
 from .chain import read_chain_file as read_chain_file
@@ -14,6 +12,8 @@ from .convergence import stuck_walkers as stuck_walkers
 from .engines import engine as engine
 from .engines import launcher as launcher
 from .ensemble import Sampling as Sampling
+from .evaluation_cache import CALLS as CALLS
+from .evaluation_cache import EvaluationCache as EvaluationCache
 from .journal import JOURNAL as JOURNAL
 from .moves import learning_steps as learning_steps
 from .posterior import Evaluation as Evaluation

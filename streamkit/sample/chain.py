@@ -14,7 +14,7 @@ import numpy as np
 from streamkit.errors import ChainError
 from streamkit.report import DamagedError, read_own
 from streamkit.sample.journal import journal_of
-from streamkit.sample.step import Step, chained, step_of
+from streamkit.sample.step import Step, extend_checksum, step_of
 from streamkit.stream import Array
 
 CHAIN = "chain.h5"
@@ -102,7 +102,7 @@ def _continued(stored: Chain, steps: list[Step], path: Path) -> Chain:
     for step in steps:
         if step.number <= done:
             continue
-        checksum = chained(checksum, step.coords, step.log_prob, step.blobs)
+        checksum = extend_checksum(checksum, step.coords, step.log_prob, step.blobs)
         if step.number != done + len(tail) + 1 or step.checksum != checksum:
             raise ChainError(
                 f"{journal_of(path).path}: does not continue {path.name}, of {done} steps: one of them belongs to "
@@ -154,7 +154,7 @@ def _read(path: Path, file: h5py.File) -> Chain:
         raise damaged(path, "it holds samples that are no numbers")
     checksum = attributes.get("digest", "")
     for row in range(steps):
-        checksum = chained(checksum, chain[row], log_prob[row], None if blobs is None else blobs[row])
+        checksum = extend_checksum(checksum, chain[row], log_prob[row], None if blobs is None else blobs[row])
     if attributes.get("checksum", checksum) != checksum:
         raise damaged(path, "its samples have another checksum")
     return Chain(chain, log_prob, blobs, accepted, attributes, tuple(random) or None, tried, replicas,

@@ -18,7 +18,7 @@ from streamkit.errors import ChainError
 from streamkit.report import BLOCK, DamagedError, read_own, replace_whole, safely, verified, with_checksum
 from streamkit.sample.chain import GROUP, REPLICAS, TRIED, damaged, read_chain_file
 from streamkit.sample.journal import journal_of
-from streamkit.sample.step import Step, chained
+from streamkit.sample.step import Step, extend_checksum
 from streamkit.stream import Array
 
 TAIL = 100
@@ -132,7 +132,7 @@ class ChainFile(Backend):  # type: ignore[misc]  # emcee has no types
         """
         assert self._taken is not None  # noqa: S101  emcee has saved a step
         state, accepted = self._taken
-        checksum = chained(self._checksum, state.coords, state.log_prob, state.blobs)
+        checksum = extend_checksum(self._checksum, state.coords, state.log_prob, state.blobs)
         step = Step(
             self.iteration + 1, state.coords.copy(), state.log_prob.copy(), None if state.blobs is None else
             state.blobs.copy(), np.array(accepted), tuple(state.random_state), dict(counts), tried,

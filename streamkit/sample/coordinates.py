@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from streamkit.spec import LogUniform, Normal, Prior, TruncatedNormal, Uniform
+from streamkit.runfile import LogUniform, Normal, Prior, TruncatedNormal, Uniform
 from streamkit.stream import Array
 
 

@@ -9,7 +9,7 @@ from importlib import import_module
 from typing import Any
 
 from streamkit.errors import StreamkitError
-from streamkit.spec import Engine
+from streamkit.runfile import Engine
 
 
 @contextmanager

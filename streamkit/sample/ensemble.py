@@ -16,15 +16,15 @@ from emcee.backends import Backend
 from streamkit.errors import ChainError
 from streamkit.observe import Data
 from streamkit.report import Progress
+from streamkit.runfile import Prior
 from streamkit.sample.chain_file import ChainFile
 from streamkit.sample.convergence import CHECK, Convergence, Limits
 from streamkit.sample.coordinates import Space
-from streamkit.sample.history import Trials
 from streamkit.sample.moves import LEARNING, SurrogateMove, learning_steps, proposals
+from streamkit.sample.proposal_log import ProposalLog
 from streamkit.sample.start import Search
 from streamkit.sample.surrogate import learn
 from streamkit.sample.workers import Workers
-from streamkit.spec import Prior
 from streamkit.stream import Array
 
 NOTES = 5.0
@@ -73,11 +73,11 @@ class Sampling:
     )
     _before: dict[str, Any] = field(default_factory=dict)
     _state: emcee.State | None = None
-    _trials: Trials = field(init=False)
+    _proposal_log: ProposalLog = field(init=False)
     _learning: int = field(init=False, default=0)
 
     def __post_init__(self) -> None:
-        self._trials = Trials(self.pool, self.walkers, len(self.priors), self.dtype["mean"].shape[0])
+        self._proposal_log = ProposalLog(self.pool, self.walkers, len(self.priors), self.dtype["mean"].shape[0])
 
     def begin(self, deadline: float = np.inf) -> None:
         """Find starting points and empty the backend. The first step is not taken yet."""
@@ -118,7 +118,7 @@ class Sampling:
         counts = self.backend.counts
         self._before = self._counts = {key: counts.get(key, value) for key, value in self._counts.items()}
         if self.backend.tried is not None:
-            self._trials.load(self.backend.tried)
+            self._proposal_log.load(self.backend.tried)
 
     def advance(self, limits: Limits) -> str:
         """Take steps until a limit is reached; return which: "converged", "steps" or "time".
@@ -132,7 +132,7 @@ class Sampling:
             self.walkers,
             len(self.priors),
             _not_called,
-            pool=self._trials,
+            pool=self._proposal_log,
             moves=moves,
             backend=self.backend,
             blobs_dtype=self.dtype,
@@ -184,7 +184,7 @@ class Sampling:
         walks = [move for move, _ in moves if isinstance(move, SurrogateMove)]
         if not (steps and walks and self.data is not None):
             return
-        points, mean, variance, lnl = self._trials.until(steps)
+        points, mean, variance, lnl = self._proposal_log.until(steps)
         space = Space(self.priors)
         y = space.to(points)
         inside = np.isfinite(space.ln_prior(y))
@@ -203,7 +203,7 @@ class Sampling:
         before = self._before
         reasons = dict(Counter(before["reasons"]) + self.pool.reasons["full"])
         self._counts = before | {"calls": before["calls"] + self.pool.calls["full"], "reasons": reasons}
-        tried = self._trials.keep(step, step < self._learning)
+        tried = self._proposal_log.keep(step, step < self._learning)
         if isinstance(self.backend, ChainFile):
             replicas = [move.replicas for move, _ in moves if isinstance(move, SurrogateMove) and len(move.replicas)]
             self.backend.commit(self._counts, tried, replicas[0] if replicas else None)

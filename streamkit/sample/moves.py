@@ -10,9 +10,9 @@ import emcee
 import numpy as np
 from emcee.moves.red_blue import RedBlueMove
 
+from streamkit.runfile import Prior
 from streamkit.sample.coordinates import Space
 from streamkit.sample.surrogate import Surrogate
-from streamkit.spec import Prior
 from streamkit.stream import Array, IntArray
 
 EXCHANGES = 0.6
@@ -168,7 +168,7 @@ def proposals(name: str, priors: Sequence[Prior]) -> list[tuple[emcee.moves.Move
 
 
 def _differential(gamma: float) -> emcee.moves.DEMove:
-    """Return the move along the difference of two walkers, times gamma (emcee calls setup before proposing)."""
+    """Return the move along the difference of two walkers, times gamma (emcee calls inputs before proposing)."""
     move = emcee.moves.DEMove(gamma0=gamma)
     move.setup(np.empty((0, 1)))
     return move

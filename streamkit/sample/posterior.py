@@ -10,7 +10,7 @@ import numpy as np
 from streamkit.errors import OutOfDomain, SpecError
 from streamkit.model import Model, Observation
 from streamkit.observe import compare_with_data, join_data, parts_of
-from streamkit.spec import Bound, Setup, Source, as_spec
+from streamkit.runfile import ModelInputs, Source, StreamInputs, as_spec
 from streamkit.stream import Array, Prediction, Stream
 
 OUTSIDE = "outside the prior"
@@ -60,13 +60,13 @@ class Posterior:
         if not spec.names:
             raise SpecError("no field has a prior: a fit needs at least one free parameter")
         bound = spec.bind_all()
-        for name, setup in bound.streams.items():
+        for name, inputs in bound.streams.items():
             where = f"{spec.prefix(name)}observable"
-            if not setup.observables:
+            if not inputs.observables:
                 raise SpecError(f"{where}: there is none, and a fit needs one with data{_for_each(bound)}")
-            if not any(np.isfinite(data.values).any() for data in self.model.data(setup).values()):
+            if not any(np.isfinite(data.values).any() for data in self.model.data(inputs).values()):
                 raise SpecError(f"{where}: there is no datum to compare with")
-        parts = [data for setup in bound.streams.values() for data in self.model.data(setup).values()]
+        parts = [data for inputs in bound.streams.values() for data in self.model.data(inputs).values()]
         parts += [self.model.known("data", name, data) for name, data in bound.data.items()]
         self.data = join_data(parts)
         self.size = len(self.data.values)
@@ -107,7 +107,7 @@ class Posterior:
         if prediction.why_not:
             return self.rejected(prediction.why_not)
         with self.model.naming_parameters(bound.values):
-            ln_likelihood = sum(self._compare(setup, found.predictions[name]) for name, setup in bound.streams.items())
+            ln_likelihood = sum(self._compare(each, found.predictions[name]) for name, each in bound.streams.items())
             for name, data in bound.data.items():
                 known = self.model.known("data", name, data)
                 ln_likelihood += compare_with_data(data, found.predictions[f"data.{name}"], known)
@@ -122,10 +122,10 @@ class Posterior:
         name, found = self.spec.stream_name(), self.observe(theta)
         return found.streams[name], found.predictions[name]
 
-    def _compare(self, setup: Setup, prediction: Prediction) -> float:
+    def _compare(self, inputs: StreamInputs, prediction: Prediction) -> float:
         """Return the ln likelihood of one stream: that of its observables, which add up."""
-        data, parts = self.model.data(setup), parts_of(prediction)
-        return sum(compare_with_data(each, parts[name], data[name]) for name, each in setup.observables.items())
+        data, parts = self.model.data(inputs), parts_of(prediction)
+        return sum(compare_with_data(each, parts[name], data[name]) for name, each in inputs.observables.items())
 
     def rejected(self, reason: str) -> Evaluation:
         """Return what stands for parameters without a stream, or an observable: no numbers, and the reason."""
@@ -133,5 +133,5 @@ class Posterior:
         return Evaluation(-np.inf, -np.inf, nothing, nothing, reason)
 
 
-def _for_each(bound: Bound) -> str:
+def _for_each(bound: ModelInputs) -> str:
     return " for every stream" if len(bound.streams) > 1 else ""

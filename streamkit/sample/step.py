@@ -36,7 +36,7 @@ class Step:
     replicas
         (k, d) the replicas of the surrogate after the step, or None.
     checksum
-        That of all samples up to this step: `chained`.
+        That of all samples up to this step: `extend_checksum`.
     digest
         That of the run.
     """
@@ -111,7 +111,7 @@ def checksum_of(*parts: Any) -> str:
     return total.hexdigest()
 
 
-def chained(before: str, coords: Array, log_prob: Array, blobs: Any) -> str:
+def extend_checksum(before: str, coords: Array, log_prob: Array, blobs: Any) -> str:
     """Return the checksum of a chain that is continued by the samples of a step.
 
     Parameters

@@ -11,9 +11,9 @@ import numpy as np
 from streamkit.components import Sampler, Samples
 from streamkit.errors import ChainError, ComponentError
 from streamkit.report import Progress
-from streamkit.sample.calls import Calls
+from streamkit.runfile import Prior
+from streamkit.sample.evaluation_cache import EvaluationCache
 from streamkit.sample.weighted import Weighted
-from streamkit.spec import Prior
 from streamkit.stream import Array
 
 
@@ -42,7 +42,7 @@ class Task:
         self,
         priors: Sequence[Prior],
         seed: int,
-        calls: Calls,
+        calls: EvaluationCache,
         dtype: np.dtype[Any],
         *,
         workers: int = 1,

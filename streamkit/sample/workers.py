@@ -16,10 +16,10 @@ import numpy as np
 
 from streamkit.errors import PluginError
 from streamkit.sample.engines import slots
-from streamkit.sample.overtime import NO_ANSWER, within
 from streamkit.sample.posterior import Evaluation
 from streamkit.sample.processes import LOOK, CallTimeout, Processes, WorkerDied
 from streamkit.sample.threads import one_thread
+from streamkit.sample.timeout import NO_ANSWER, call_with_timeout
 from streamkit.stream import Array
 
 OVERTIME = "the call took too long"
@@ -130,7 +130,7 @@ class Workers:
     def _results(self, points: Array, which: str) -> Iterator[Evaluation]:
         if self._executor is None:
             for point in points:
-                one = within(self._limit, self._posteriors[which].evaluate, point)
+                one = call_with_timeout(self._limit, self._posteriors[which].evaluate, point)
                 yield self._overtime(point, which) if isinstance(one, str) else one
             return
         parts = self._parts(points)
@@ -224,7 +224,7 @@ class Signals:
 
 def first_call(posterior: Evaluates, point: Array, limit: float) -> None:
     """Make a call in this process, which may compile; CallTimeout if it takes `COMPILING` longer than the limit."""
-    if isinstance(within(limit + COMPILING, posterior.evaluate, point), str):
+    if isinstance(call_with_timeout(limit + COMPILING, posterior.evaluate, point), str):
         raise CallTimeout(
             f"the first call, at the centre of the priors, took longer than sampler.call_limit = {limit:g} s and the "
             f"{COMPILING:g} s that it has for compiling"
@@ -263,4 +263,5 @@ def _evaluate_sent(sent: bytes, which: str, points: Array, limit: float = math.i
             ) from error
     limits = [math.inf if new and i == 0 else limit for i in range(len(points))]  # the first call may compile
     with one_thread():
-        return [within(most, _SENT[sent][which].evaluate, point) for most, point in zip(limits, points, strict=True)]
+        evaluate = _SENT[sent][which].evaluate
+        return [call_with_timeout(most, evaluate, point) for most, point in zip(limits, points, strict=True)]

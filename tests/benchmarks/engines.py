@@ -13,8 +13,8 @@ import time
 
 import numpy as np
 
+from streamkit.runfile import Engine
 from streamkit.sample import Evaluation, Workers, engine
-from streamkit.spec import Engine
 
 CALLS, WORKERS, ROUNDS = 32, 2, 5
 

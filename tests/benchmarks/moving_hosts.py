@@ -30,23 +30,23 @@ from streamkit.builtin.integrators import Adaptive, Reference
 from streamkit.components import Integrator
 from streamkit.model import Host, progenitor_track, simulate, standard_normals
 from streamkit.model.release import Start, release_particles
-from streamkit.spec import Setup
+from streamkit.runfile import StreamInputs
 
 RUN = Path(__file__).parents[2] / "examples" / "lmc" / "sagittarius_lmc.toml"
 ALONE = {"stripping.progenitor_gravity": False, "body.lmc.mass": "1.4e11 Msun"}
 
 
-def setup_of(particles: int, integrator: Integrator, **changes: Any) -> Setup:
+def inputs_of(particles: int, integrator: Integrator, **changes: Any) -> StreamInputs:
     """The run file at the centres of its priors, with test particles."""
     spec = sk.load(RUN).with_values(ALONE | {"stripping.particles": particles} | changes)
     return replace(spec.bind(), integrator=integrator)
 
 
-def released(setup: Setup) -> tuple[Host, Start]:
+def released(inputs: StreamInputs) -> tuple[Host, Start]:
     """Host and release states."""
-    host = Host(setup.potentials, setup.bodies, setup.companion)
-    track = progenitor_track(host, setup)
-    return host, release_particles(setup, track, standard_normals(setup.stripping, setup.seed))
+    host = Host(inputs.potentials, inputs.bodies, inputs.companion)
+    track = progenitor_track(host, inputs)
+    return host, release_particles(inputs, track, standard_normals(inputs.stripping, inputs.seed))
 
 
 def gala_host(host: Host, start: float) -> tuple[Any, Any]:
@@ -128,9 +128,9 @@ def by_integrator(total: Any, path: Any, start: Start) -> None:
 
 def differences(particles: int) -> np.ndarray:
     """(2, n) Relative differences of positions and velocities today."""
-    setup = setup_of(particles, Reference(rtol=1e-11, atol=1e-11))
-    host, start = released(setup)
-    stream = simulate(setup, standard_normals(setup.stripping, setup.seed))
+    inputs = inputs_of(particles, Reference(rtol=1e-11, atol=1e-11))
+    host, start = released(inputs)
+    stream = simulate(inputs, standard_normals(inputs.stripping, inputs.seed))
     found = by_gradient(*gala_host(host, float(start.orbit.t[0])), start)
 
     def size(vectors: np.ndarray) -> np.ndarray:
@@ -156,12 +156,12 @@ def beside(bodies: int, particles: int) -> sk.Spec:
 
 def stream_job(spec: sk.Spec, evaluation: str) -> Callable[[], Any]:
     """A whole stream: the Milky Way's expansion is made anew for each, as in a fit."""
-    setup = spec.bind(spec.centre())
-    normals = standard_normals(setup.stripping, setup.seed)
+    inputs = spec.bind(spec.centre())
+    normals = standard_normals(inputs.stripping, inputs.seed)
     if evaluation == "compiled":
-        return lambda: simulate(setup, normals)
-    host = in_numpy(*setup.potentials.values(), expansion="auto" if evaluation == "expanded" else "none")
-    return lambda: simulate(replace(setup, potentials={"host": renewed(host)}), normals)
+        return lambda: simulate(inputs, normals)
+    host = in_numpy(*inputs.potentials.values(), expansion="auto" if evaluation == "expanded" else "none")
+    return lambda: simulate(replace(inputs, potentials={"host": renewed(host)}), normals)
 
 
 def posterior_job(spec: sk.Spec) -> Callable[[], Any]:
@@ -211,12 +211,12 @@ def main() -> None:
         return
     for name, values in zip(("positions", "velocities"), differences(given.particles), strict=True):
         print(f"{name}: relative difference, median {np.median(values):.1e}, largest {values.max():.1e}")
-    setup = setup_of(given.particles, Adaptive())
-    host, start = released(setup)
+    inputs = inputs_of(given.particles, Adaptive())
+    host, start = released(inputs)
     total, path = gala_host(host, float(start.orbit.t[0]))
-    normals = standard_normals(setup.stripping, setup.seed)
+    normals = standard_normals(inputs.stripping, inputs.seed)
     jobs = {
-        "streamkit, whole stream, default": lambda: simulate(setup, normals),
+        "streamkit, whole stream, default": lambda: simulate(inputs, normals),
         "gala, the particles alone, DOP853": lambda: by_integrator(total, path, start),
     }
     best = least(jobs, given.rounds)

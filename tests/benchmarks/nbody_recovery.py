@@ -28,7 +28,7 @@ from streamkit_nbody.simulation import Simulation
 import streamkit as sk
 from streamkit.nbody import as_stream, read_snapshot
 from streamkit.nbody.as_stream import FEWEST
-from streamkit.spec.setup import ONLY
+from streamkit.runfile.inputs import ONLY
 from streamkit.stream import seen_from, sky_matrix
 from streamkit.study.calibration import Calibration, Draw, calibration_products, fit_mock, measurable_truths
 from streamkit.study.grid import draw_pictures, write_tables
@@ -40,7 +40,7 @@ TRIES = 200
 
 def place_of(truth: sk.Spec, q: np.ndarray, v: np.ndarray) -> dict[str, float]:
     """Return the fields of [progenitor] that say where the core is, in the coordinates of the run file."""
-    place = truth.parts.streams[ONLY].phase
+    place = truth.sections.streams[ONLY].phase
     names, frame = place.cls.coordinates(), getattr(place.centre, "frame", None)
     if frame is None:
         values = [*q, *v]

@@ -36,7 +36,7 @@ from streamkit.components import Integrator, Potential
 from streamkit.engine import build_field
 from streamkit.model import NODE, standard_normals
 from streamkit.model.model import simulate
-from streamkit.spec import Setup
+from streamkit.runfile import StreamInputs
 from streamkit.units import Number
 
 MASS, RADIUS, LOOKBACK, PARTICLES = 6.4e8, 0.85, 4.31, 12660
@@ -91,11 +91,12 @@ def streamkit_job(integrator: Integrator, *host: Potential, gravity: bool = True
     q, v = today(*host)
     stripping = LagrangeCloud(particles=PARTICLES, sigma=10.0, progenitor_gravity=gravity)
     satellite = Plummer(mass=MASS, radius=RADIUS)
-    setup = Setup({p.kind: p for p in host}, satellite, MASS, q, v, LOOKBACK, stripping, integrator, None, 1, {})
+    potentials = {p.kind: p for p in host}
+    inputs = StreamInputs(potentials, satellite, MASS, q, v, LOOKBACK, stripping, integrator, None, 1, {})
     normals = standard_normals(stripping, 1)
 
     def job() -> None:
-        simulate(replace(setup, potentials={p.kind: renewed(p) for p in host}), normals)
+        simulate(replace(inputs, potentials={p.kind: renewed(p) for p in host}), normals)
 
     return job
 
@@ -103,7 +104,7 @@ def streamkit_job(integrator: Integrator, *host: Potential, gravity: bool = True
 def renewed(potential: Potential) -> Potential:
     """Return the potential as the next call of a fit has it: its expansion is to be made, at the same nodes."""
     other = type(potential)(**dict(potential))
-    other.shaped_like(potential, potential.kind)
+    other.share_grid_of(potential, potential.kind)
     return other
 
 

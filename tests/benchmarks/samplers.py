@@ -34,8 +34,8 @@ import streamkit as sk
 from streamkit.cli.options import read_settings
 from streamkit.observe import Data
 from streamkit.sample import (
-    Calls,
     Convergence,
+    EvaluationCache,
     Limits,
     Sampling,
     Stopping,
@@ -89,7 +89,7 @@ def by_plugin(toy: Toy, seed: int, kind: str) -> Found:
     """Another sampler, as a run file has it by default."""
     component = getattr(import_module(f"streamkit_{kind}"), kind.title())()
     with Workers({"full": toy, "cheap": toy}) as pool:
-        calls = Calls(pool)
+        calls = EvaluationCache(pool)
         task = Task(toy.priors, seed, calls, blob_dtype(len(toy.values)))
         (last,) = deque(task.run(component), maxlen=1)
     missing = Stopping(last).missing([])

@@ -112,15 +112,15 @@ def measured(stream: sk.Stream, rule: str) -> sk.Prediction:
 
 def mass_slopes(case: Case, seeds: int, particles: int) -> dict[str, np.ndarray]:
     """By rule (3,) d(apocentres) / d ln M of the host at its own shape, by mLCS."""
-    setup, sides = case.spec.bind(), []
+    inputs, sides = case.spec.bind(), []
     for sign in (1, -1):
         root = np.exp(0.5 * sign * STRETCH)
         fields: dict[str, object] = {
-            f"progenitor.{key}": float(v / root) for key, v in zip(("vx", "vy", "vz"), setup.v, strict=True)
+            f"progenitor.{key}": float(v / root) for key, v in zip(("vx", "vy", "vz"), inputs.v, strict=True)
         }
         fields |= {
-            "progenitor.mass": setup.mass / root**2,
-            "progenitor.lookback": setup.lookback * root,  # Gyr
+            "progenitor.mass": inputs.mass / root**2,
+            "progenitor.lookback": inputs.lookback * root,  # Gyr
             "stripping.sigma": 10.0 / root,
         }
         streams = made(case, fields, seeds, particles, False)

@@ -11,7 +11,7 @@ from streamkit.builtin.spheroids import HernquistSpeed
 from streamkit.components import Potential
 from streamkit.engine import build_field
 from streamkit.model import Host
-from streamkit.spec import Body
+from streamkit.runfile import Body
 
 RADII = np.geomspace(1e-3, 1e4, 200)
 

@@ -48,8 +48,8 @@ def test_ln_p_is_rough_by_less_than_a_third(gd1: sk.Spec, name: str, width: floa
 
 def mock(gd1: sk.Spec) -> sk.Spec:
     """The data replaced by those of a stream of another seed, without errors drawn; the Sun is tied to the host."""
-    setup = gd1.with_values({"seed": 77}).bind(TRUTH)
-    observable, prediction = setup.observable, sk.Model(gd1.with_values({"seed": 77})).observe(setup)[1]
+    inputs = gd1.with_values({"seed": 77}).bind(TRUTH)
+    observable, prediction = inputs.observable, sk.Model(gd1.with_values({"seed": 77})).observe(inputs)[1]
     assert observable is not None
     assert prediction is not None
     values: dict[str, Any] = {}
@@ -64,13 +64,13 @@ def mock(gd1: sk.Spec) -> sk.Spec:
 def test_drawn_data_have_the_errors_that_they_state(gd1: sk.Spec) -> None:
     """Those of a mock scatter about the prediction by errors and extra dispersion: chi^2 of 57 numbers, drawn often."""
     spec = gd1.with_values({"stripping.particles": 1000, "observable.stars": []})
-    setup = spec.bind(TRUTH | {"observable.radial_velocity_dispersion": 5.0})
-    prediction = sk.Model(spec).observe(setup)[1]
-    assert setup.observable is not None
+    inputs = spec.bind(TRUTH | {"observable.radial_velocity_dispersion": 5.0})
+    prediction = sk.Model(spec).observe(inputs)[1]
+    assert inputs.observable is not None
     assert prediction is not None
     rng = np.random.default_rng(0)
-    fields = [setup.observable.mock(prediction, rng) for _ in range(40)]
-    drawn = [type(setup.observable)(**(setup.observable.model_dump() | each)).data() for each in fields]
+    fields = [inputs.observable.mock(prediction, rng) for _ in range(40)]
+    drawn = [type(inputs.observable)(**(inputs.observable.model_dump() | each)).data() for each in fields]
     total = drawn[0][1] ** 2 + np.array([25.0 * name.startswith("radial") for name in prediction.names])
     chi2 = np.mean([((values - prediction.mean) ** 2 / total).mean() for values, _ in drawn])
     assert chi2 == pytest.approx(1, abs=0.1)

@@ -13,7 +13,7 @@ from toys import FIT
 
 import streamkit as sk
 from streamkit.report import as_json, columns, paragraph
-from streamkit.spec import to_toml
+from streamkit.runfile import to_toml
 
 LITERATURE = "quantity,radius,value,error_minus,error_plus,reference\nM,50,2.7e11,1e10,1e10,Doe 2031\n"
 

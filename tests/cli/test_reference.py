@@ -8,7 +8,7 @@ from commands import call
 
 from streamkit.components import load_registry
 from streamkit.report import columns
-from streamkit.spec import BODY_WAYS, WAYS, Engine, Likelihood, RunFile, Sun
+from streamkit.runfile import BODY_WAYS, WAYS, Engine, Likelihood, RunFile, Sun
 
 COMPONENTS = [(role, kind) for role, kinds in load_registry().entries.items() for kind in kinds]
 

@@ -13,7 +13,7 @@ from toys import FIT
 import streamkit as sk
 from streamkit.cli.init import examples, tables_of
 from streamkit.report import locked
-from streamkit.spec import to_toml
+from streamkit.runfile import to_toml
 from streamkit.study.fit import describe_status, read_status
 from streamkit.study.fit.status import _expected_end
 
@@ -117,7 +117,7 @@ def test_an_example_passes_the_check_in_an_empty_directory(name, tmp_path, monke
     monkeypatch.chdir(tmp_path)
     written = call("init", name).output
     spec = sk.load(f"{name}.toml")
-    places = [section.path for section in spec.parts.sections if section.path.endswith("stripping")]
+    places = [section.path for section in spec.sections.all if section.path.endswith("stripping")]
     few = [word for place in places for word in ("--set", f"{place}.particles=100")]
     assert call("check", f"{name}.toml", *few, "--draws", "0").exit_code == 0
     assert {path.name for path in tmp_path.iterdir()} == {f"{name}.toml", *spec.files}

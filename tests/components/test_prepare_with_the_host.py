@@ -106,11 +106,11 @@ def loaded(**potentials: Any) -> sk.Spec:
 @pytest.mark.parametrize("bulge", [2e9, 8e9])
 def test_a_halo_that_completes_a_rotation_curve(bulge: float) -> None:
     spec = loaded(rest={"kind": "test_rest", "v": 230}, disc=DISC, bulge=BULGE)
-    setup = spec.bind({"potential.bulge.mass": bulge})
-    host = Host(setup.potentials)
+    inputs = spec.bind({"potential.bulge.mass": bulge})
+    host = Host(inputs.potentials)
     assert host.mass_inside(RADII) == pytest.approx(230.0**2 * RADII / sk.G, rel=1e-5)
-    alone = Host({"rest": setup.potentials["rest"]}).mass_inside(RADII)
-    others = Host({name: setup.potentials[name] for name in ("disc", "bulge")}).mass_inside(RADII)
+    alone = Host({"rest": inputs.potentials["rest"]}).mass_inside(RADII)
+    others = Host({name: inputs.potentials[name] for name in ("disc", "bulge")}).mass_inside(RADII)
     assert alone + others == pytest.approx(230.0**2 * RADII / sk.G, rel=1e-5)
 
 

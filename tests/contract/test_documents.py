@@ -42,7 +42,7 @@ from streamkit import testing
 from streamkit.builtin.apocentres import Apocentres
 from streamkit.cli.main import main
 from streamkit.components import Component, load_registry
-from streamkit.spec import to_toml
+from streamkit.runfile import to_toml
 from streamkit.study.fit.products import PRODUCTS
 
 SHELL = ("sh", "console", "")

@@ -35,7 +35,7 @@ def test_the_examples_are_found() -> None:
 
 @pytest.mark.parametrize("path", RUN_FILES, ids=lambda path: path.stem)
 def test_a_run_file_passes_the_check_and_makes_a_stream(path: Path) -> None:
-    places = [s.path for s in sk.load(path).parts.sections if s.path.endswith("stripping")]
+    places = [s.path for s in sk.load(path).sections.all if s.path.endswith("stripping")]
     few = [word for place in places for word in ("--set", f"{place}.particles=200")]
     result = call("check", path, *few, "--draws", "0")
     assert result.exit_code == 0, result.output
@@ -176,8 +176,8 @@ def test_a_mock_is_the_satellite_of_its_truth_and_measured_as_the_paper_did(name
 @pytest.mark.parametrize(("name", "since"), [("tf", 0.03), ("bulge_disc_halo", 0.02)])
 def test_the_orbits_of_the_first_two_mocks_are_those_they_state(name: str, since: float) -> None:
     """17 to 75 kpc, polar, begun at apocentre, so many Gyr after the third pericentre."""
-    setup = sk.load(MOCKS / f"truth_{name}.toml").bind()
-    track = progenitor_track(Host(setup.potentials), setup)
+    inputs = sk.load(MOCKS / f"truth_{name}.toml").bind()
+    track = progenitor_track(Host(inputs.potentials), inputs)
     assert track.at(track.pericentres()).r == pytest.approx([17, 17, 17], abs=0.02)
     assert track.r[0] == pytest.approx(75, abs=0.02)
     assert abs(track.v[:, 0] @ track.q[:, 0]) / track.r[0] < 4  # km/s: at rest in radius
@@ -186,9 +186,9 @@ def test_the_orbits_of_the_first_two_mocks_are_those_they_state(name: str, since
 
 
 def test_the_third_mock_is_on_the_orbit_it_states() -> None:
-    setup = sk.load(MOCKS / "truth_lm10.toml").bind()
-    path = summarise_orbit(setup)
-    assert setup.lookback / path.period == pytest.approx(3.5, abs=0.1)
+    inputs = sk.load(MOCKS / "truth_lm10.toml").bind()
+    path = summarise_orbit(inputs)
+    assert inputs.lookback / path.period == pytest.approx(3.5, abs=0.1)
     assert path.apocentres == pytest.approx(59, abs=1.5)
     assert ((path.pericentres > 12) & (path.pericentres < 28)).all()
 

@@ -23,7 +23,7 @@ LAYERS = (
     {"study.grid"},
     {"sample", "nbody"},
     {"model", "report"},
-    {"observe", "spec"},
+    {"observe", "runfile"},
     {"components"},
     {"fields"},
     {"expansion"},
@@ -51,7 +51,7 @@ MODULES = {module_of(file) for file in SOURCES}
 
 
 def package_of(module):
-    """The room that a module stands in: ``spec``, ``study.fit``, or the module itself at the top level."""
+    """The room that a module stands in: ``runfile``, ``study.fit``, or the module itself at the top level."""
     parts = module.split(".")
     return ".".join(parts[: 2 if parts[0] == "study" else 1])
 

@@ -98,8 +98,8 @@ def test_in_a_fit_other_parameters_that_miss_it_are_rejected(run):
     shapes = set()
     for height in (1.0, 1.3):
         theta[names.index("potential.height")] = height
-        setup = posterior.spec.bind(theta)
-        shapes.add(setup.potentials["potential"].expanded().grid)
+        inputs = posterior.spec.bind(theta)
+        shapes.add(inputs.potentials["potential"].expanded().grid)
     assert len(shapes) == 1
     theta[names.index("potential.height")] = 0.0011
     assert posterior.evaluate(theta).reason == "the expansion of the potential halo_disc misses its tolerance"

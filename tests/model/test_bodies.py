@@ -23,7 +23,7 @@ from streamkit.builtin.integrators import Adaptive, Reference
 from streamkit.builtin.potentials import NFW, Hernquist, Kepler, MiyamotoNagai, Plummer, TruncatedFlat
 from streamkit.engine import Centre, Friction, build_field, follow_bodies
 from streamkit.model import NODE, Host, progenitor_track, simulate, standard_normals
-from streamkit.spec import Body
+from streamkit.runfile import Body
 from streamkit.stream import Observer, to_galactocentric
 
 MILKY_WAY = {
@@ -42,7 +42,7 @@ def cloud(mass, **settings):
     return Body(Hernquist(mass=max(mass, 1e-30), a=float(a)), Q, V, **settings)
 
 
-def setup_of(bodies, potentials=MILKY_WAY, particles=400, lookback=2.0, **stripping):
+def inputs_of(bodies, potentials=MILKY_WAY, particles=400, lookback=2.0, **stripping):
     """A Plummer sphere on an orbit like that of Sagittarius."""
     document = changed("potential", {name: {"kind": p.kind, **p.model_dump()} for name, p in potentials.items()})
     document["progenitor"] |= {"mass": 4e8, "lookback": lookback}
@@ -50,8 +50,8 @@ def setup_of(bodies, potentials=MILKY_WAY, particles=400, lookback=2.0, **stripp
     return replace(sk.load(document).bind(), bodies=bodies)
 
 
-def stream_of(setup):
-    return simulate(setup, standard_normals(setup.stripping, setup.seed))
+def stream_of(inputs):
+    return simulate(inputs, standard_normals(inputs.stripping, inputs.seed))
 
 
 def test_today():
@@ -186,7 +186,7 @@ def test_friction_in_a_growing_host_is_that_of_its_density_then():
 
 
 def test_a_body_without_mass_is_no_body():
-    static, moved = (stream_of(setup_of(bodies)) for bodies in ({}, {"lmc": cloud(0.0)}))
+    static, moved = (stream_of(inputs_of(bodies)) for bodies in ({}, {"lmc": cloud(0.0)}))
     assert np.allclose(moved.q, static.q, rtol=0, atol=1e-9)
     assert np.allclose(moved.v, static.v, rtol=0, atol=1e-8)
     assert np.allclose(moved.t_strip, static.t_strip, rtol=0, atol=1e-9)
@@ -196,7 +196,7 @@ def test_a_body_without_mass_is_no_body():
 def test_a_body_far_away_cancels():
     """It pulls everything alike, 4.3 (km/s)^2/kpc, unless the Milky Way is held: then all fall by a t^2 / 2."""
     far = Body(Kepler(mass=1e22), np.array([0.0, 0.0, 1e8]), np.zeros(3), friction=False)
-    static, pulled = (stream_of(setup_of(bodies, lookback=1.0)) for bodies in ({}, {"far": far}))
+    static, pulled = (stream_of(inputs_of(bodies, lookback=1.0)) for bodies in ({}, {"far": far}))
     assert np.allclose(pulled.q, static.q, rtol=0, atol=1e-4)
     held = Host(MILKY_WAY, {"far": replace(far, reflex=False)}).until(-sk.GYR)
     a = sk.G * 1e22 / 1e16
@@ -276,16 +276,16 @@ def test_an_orbit_beside_the_cloud_is_galpys():
 
 
 def passing_clump():
-    """A clump of 1e9 Msun that meets the progenitor of `setup_of` within 1 kpc, 0.5 Gyr ago, in a halo that is held."""
+    """A clump of 1e9 Msun that meets the progenitor of `inputs_of` within 1 kpc, 0.5 Gyr ago, in a held halo."""
     halo = {"halo": MILKY_WAY["halo"]}
-    setup = setup_of({}, halo, lookback=1.0)
-    track = progenitor_track(Host(halo), setup)
+    inputs = inputs_of({}, halo, lookback=1.0)
+    track = progenitor_track(Host(halo), inputs)
     meets = track.at(np.array([-0.5 * sk.GYR]))
     back = build_field([halo["halo"]])
     there, motion = meets.q[:, 0] + np.array([0.3, 0.6, -0.2]), np.array([-150.0, 120.0, 60.0])
     today = back.orbit(there, motion, -0.5 * sk.GYR, 0.0, NODE)
     clump = Plummer(mass=1e9, radius=0.3)
-    return halo, setup, track, Body(clump, today.q[:, -1], today.v[:, -1], friction=False, reflex=False)
+    return halo, inputs, track, Body(clump, today.q[:, -1], today.v[:, -1], friction=False, reflex=False)
 
 
 def test_steps_foresee_a_clump_that_passes_through_the_stream():
@@ -342,11 +342,11 @@ def test_energies_know_the_bodies():
 
 
 def test_several_bodies_and_what_lies_ahead():
-    setup = setup_of({"lmc": cloud(1.38e11), "smc": Body(Hernquist(mass=5e9, a=3.0), Q + 12.0, V - 40.0)})
-    stream = stream_of(setup)
+    inputs = inputs_of({"lmc": cloud(1.38e11), "smc": Body(Hernquist(mass=5e9, a=3.0), Q + 12.0, V - 40.0)})
+    stream = stream_of(inputs)
     assert len(stream.future.apocentres()) == 1
     assert np.isfinite(stream.q).all()
-    losing = stream_of(replace(setup, stripping=setup.stripping.model_copy(update={"mass_loss": 0.5})))
+    losing = stream_of(replace(inputs, stripping=inputs.stripping.model_copy(update={"mass_loss": 0.5})))
     assert np.isfinite(losing.q).all()
     assert losing.orbit.mass_left[-1] == pytest.approx(0.5)
 
@@ -361,4 +361,4 @@ def test_several_bodies_and_what_lies_ahead():
 def test_bodies_that_cannot_be_followed(q, v, potential, reason):
     body = Body(potential, np.array(q), np.array(v))
     with pytest.raises(sk.OutOfDomain, match=reason):
-        stream_of(setup_of({"clump": body}))
+        stream_of(inputs_of({"clump": body}))

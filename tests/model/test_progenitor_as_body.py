@@ -11,14 +11,14 @@ from scipy.special import erf
 import streamkit as sk
 from streamkit.builtin.potentials import NFW, Kepler, Plummer
 from streamkit.model import Host, progenitor_track, simulate, standard_normals
-from streamkit.spec import Body
+from streamkit.runfile import Body
 from streamkit.stream import Orbit
 
 HALO = {"halo": NFW(mass=5.4e11, rs=15.62)}
 Q, V = np.array([60.0, 0.0, 0.0]), np.array([0.0, 110.0, 40.0])
 
 
-def setup_of(potentials, mass=1e10, lookback=2.0, **moving):
+def inputs_of(potentials, mass=1e10, lookback=2.0, **moving):
     document = changed("potential", {name: {"kind": p.kind, **p.model_dump()} for name, p in potentials.items()})
     place = dict(zip(("x", "y", "z", "vx", "vy", "vz"), [*Q, *V], strict=True))
     document["progenitor"] |= {"mass": mass, "radius": 1.0, "lookback": lookback, **place, **moving}
@@ -26,16 +26,16 @@ def setup_of(potentials, mass=1e10, lookback=2.0, **moving):
     return sk.load(document).bind()
 
 
-def host_of(setup):
-    return Host(setup.potentials, setup.bodies, setup.companion)
+def host_of(inputs):
+    return Host(inputs.potentials, inputs.bodies, inputs.companion)
 
 
-def track_of(setup):
-    return progenitor_track(host_of(setup), setup)
+def track_of(inputs):
+    return progenitor_track(host_of(inputs), inputs)
 
 
 def test_nothing_changes_unless_told():
-    plain, told = setup_of(HALO), setup_of(HALO, friction="none", reflex=False)
+    plain, told = inputs_of(HALO), inputs_of(HALO, friction="none", reflex=False)
     assert plain.companion is None
     assert np.array_equal(track_of(plain).q, track_of(told).q)
     assert "friction" not in sk.load(changed("seed", 7)).document["progenitor"]
@@ -43,16 +43,16 @@ def test_nothing_changes_unless_told():
 
 def test_a_moving_host_is_a_two_body_problem():
     """The orbit about the host is that of a test particle in the field of both masses."""
-    setup = setup_of({"point": Kepler(mass=2e11)}, mass=5e10, reflex=True)
-    setup = replace(setup, satellite=Plummer(mass=5e10, radius=1e-6))
-    both = setup_of({"point": Kepler(mass=2.5e11)})
-    ours, exact = host_of(setup).paths(-2.0 * sk.GYR).progenitor, track_of(both)
+    inputs = inputs_of({"point": Kepler(mass=2e11)}, mass=5e10, reflex=True)
+    inputs = replace(inputs, satellite=Plummer(mass=5e10, radius=1e-6))
+    both = inputs_of({"point": Kepler(mass=2.5e11)})
+    ours, exact = host_of(inputs).paths(-2.0 * sk.GYR).progenitor, track_of(both)
     assert np.abs(ours.q - exact.q).max() < 1e-6 * exact.r.min()
 
 
 def test_friction_against_scipy():
     """Chandrasekhar's formula with the dispersion of Jeans's equation, ln(d / 2 a)^(1/2) for the logarithm."""
-    setup = setup_of(HALO, friction="chandrasekhar")
+    inputs = inputs_of(HALO, friction="chandrasekhar")
     m, rs, satellite = 5.4e11, 15.62, 1e10
     radii = np.geomspace(5.0, 3e5, 4000)
     density = m / (4 * np.pi * radii * (radii + rs) ** 2)
@@ -71,25 +71,25 @@ def test_friction_against_scipy():
         return np.concatenate([y[3:], -pull * y[:3] - drag * y[3:]])
 
     theirs = solve_ivp(rate, (0.0, -2.0 * sk.GYR), np.concatenate([Q, V]), rtol=1e-9, atol=1e-9).y[:, -1]
-    ours = track_of(setup)
+    ours = track_of(inputs)
     assert ours.q[:, 0] == pytest.approx(theirs[:3], abs=0.02)
-    energy = host_of(setup).energy(ours.q, ours.v)
+    energy = host_of(inputs).energy(ours.q, ours.v)
     assert (np.diff(energy) < 0).all()
     assert energy[0] - energy[-1] > 1000.0
 
 
 def test_it_moves_as_a_body_would_and_beside_bodies():
-    setup = setup_of(HALO, friction="chandrasekhar", reflex=True)
+    inputs = inputs_of(HALO, friction="chandrasekhar", reflex=True)
     cloud = Body(Plummer(mass=5e10, radius=5.0), np.array([0.0, -40.0, -25.0]), np.array([-60.0, -220.0, 210.0]))
-    alike = Host(HALO, {"cloud": cloud, "copy": setup.companion}).paths(-sk.GYR)
-    ours = Host(HALO, {"cloud": cloud}, setup.companion).paths(-sk.GYR)
+    alike = Host(HALO, {"cloud": cloud, "copy": inputs.companion}).paths(-sk.GYR)
+    ours = Host(HALO, {"cloud": cloud}, inputs.companion).paths(-sk.GYR)
     assert np.array_equal(ours.progenitor.q, alike.bodies["copy"].q)
     assert np.array_equal(ours.centre.q, alike.centre.q)
     assert list(ours.bodies) == ["cloud"]
 
 
 def test_streams_feel_it():
-    still, moved = setup_of(HALO, mass=3e9), setup_of(HALO, mass=3e9, friction="chandrasekhar", reflex=True)
+    still, moved = inputs_of(HALO, mass=3e9), inputs_of(HALO, mass=3e9, friction="chandrasekhar", reflex=True)
     streams = [simulate(s, standard_normals(s.stripping, s.seed)) for s in (still, moved)]
     assert all(isinstance(stream.future, Orbit) for stream in streams)
     assert np.array_equal(streams[1].orbit.q[:, -1], Q)

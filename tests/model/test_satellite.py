@@ -70,8 +70,8 @@ def test_the_next_apocentre_is_found_up_to_6_gyr_ahead():
     mass, e = 1e11, 0.3
     a = np.cbrt(G * mass * (10.0 * GYR / (2 * np.pi)) ** 2)  # of the period 10 Gyr
     speed = np.sqrt(G * mass / a * (1 + e) / (1 - e))
-    setup = run_file("B", 10).with_values(circle(a * (1 - e), float(speed))).bind()
-    ahead = next_apocentre(Host({"point": Kepler(mass=mass)}), setup)
+    inputs = run_file("B", 10).with_values(circle(a * (1 - e), float(speed))).bind()
+    ahead = next_apocentre(Host({"point": Kepler(mass=mass)}), inputs)
     assert ahead is not None
     assert ahead.apocentres()[0] == pytest.approx(5.0 * GYR, rel=1e-5)
 

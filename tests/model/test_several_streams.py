@@ -11,7 +11,7 @@ from toys import FIT
 
 import streamkit as sk
 from streamkit.cli.main import main
-from streamkit.spec import stream_seed, to_toml
+from streamkit.runfile import stream_seed, to_toml
 from streamkit.study.sensitivity import run_sensitivity
 
 OWN = ("progenitor", "stripping", "observable")

@@ -10,7 +10,7 @@ import streamkit as sk
 from streamkit.builtin.samplers import MOVES, Emcee
 from streamkit.components import load_registry
 from streamkit.report.bibliography import ALWAYS, FIT, _is_named, bibliography, cited
-from streamkit.spec import to_toml
+from streamkit.runfile import to_toml
 
 ENTRIES = bibliography()
 CLASSES = [

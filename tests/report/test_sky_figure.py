@@ -40,10 +40,10 @@ RUN: dict[str, Any] = {
 @pytest.fixture(scope="module")
 def drawn() -> tuple[sk.Stream, sk.Prediction, Any]:
     spec = sk.load(RUN)
-    setup = spec.bind()
+    inputs = spec.bind()
     stream = example_stream()
-    parts = {name: each.predict(stream) for name, each in setup.observables.items()}
-    return stream, join_predictions(parts), setup
+    parts = {name: each.predict(stream) for name, each in inputs.observables.items()}
+    return stream, join_predictions(parts), inputs
 
 
 def pairs(axes: list[Axes]) -> list[tuple[Axes, Axes]]:
@@ -95,9 +95,9 @@ def test_all_panels_share_their_longitudes_and_everything_can_be_read(drawn: Any
 
 
 def test_intervals_are_about_the_track_at_the_data(drawn: Any) -> None:
-    stream, prediction, setup = drawn
+    stream, prediction, inputs = drawn
     width = np.arange(1.0, len(prediction.mean) + 1)
-    figure = draw_stream(stream, prediction, setup, "", {"95 %": prediction.mean + np.array([[-1], [2.0]]) * width})
+    figure = draw_stream(stream, prediction, inputs, "", {"95 %": prediction.mean + np.array([[-1], [2.0]]) * width})
     axes = figure.axes[0]
     (band,) = (part for part in axes.collections if isinstance(part, PolyCollection))
     edge = np.concatenate([path.vertices for path in band.get_paths()])
@@ -109,10 +109,10 @@ def test_intervals_are_about_the_track_at_the_data(drawn: Any) -> None:
 
 
 def test_a_stream_without_lines_shows_the_data(drawn: Any) -> None:
-    stream, _, setup = drawn
-    setup = replace(setup, observables={"observable": setup.observables["sky"]})
+    stream, _, inputs = drawn
+    inputs = replace(inputs, observables={"observable": inputs.observables["sky"]})
     bound = replace(stream, bound=np.ones(len(stream.bound), dtype=bool))
-    figure = draw_stream(bound, setup.observables["observable"].predict(bound), setup)
+    figure = draw_stream(bound, inputs.observables["observable"].predict(bound), inputs)
     for axes, below in pairs(figure.axes):
         assert axes.containers
         assert "fitted track" not in axes.get_legend_handles_labels()[1]

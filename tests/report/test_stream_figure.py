@@ -19,8 +19,8 @@ UNWRAPPED = ["progenitor", "smoothed track", "Gaussian fit", "fitted apocentre",
 def drawn():
     """Return a stream, what the observable says of it, and what it was made from."""
     spec = sk.load(FIT)
-    setup, stream = spec.bind(), sk.Model(spec).stream()
-    return stream, setup.observable.predict(stream), setup
+    inputs, stream = spec.bind(), sk.Model(spec).stream()
+    return stream, inputs.observable.predict(stream), inputs
 
 
 def names(axes):

@@ -20,10 +20,10 @@ from toys import FIT, Gaussian, Slow, sampling
 
 import streamkit as sk
 from streamkit.errors import blamed
+from streamkit.runfile import Engine
 from streamkit.sample import CallTimeout, Limits, Workers, engine, overtime, workers
-from streamkit.sample.overtime import NO_ANSWER, within
+from streamkit.sample.timeout import NO_ANSWER, call_with_timeout
 from streamkit.sample.workers import OVERTIME
-from streamkit.spec import Engine
 from streamkit.study.fit import read_status, runner
 
 SUPPORT = str(Path(__file__).parents[1] / "support")
@@ -132,18 +132,18 @@ def test_a_call_is_ended_or_noticed_wherever_it_is_made():
         time.sleep(seconds)
         return seconds
 
-    assert within(5.0, work, 0.01) == 0.01
+    assert call_with_timeout(5.0, work, 0.01) == 0.01
     begin, before = time.monotonic(), signal.getsignal(signal.SIGALRM)
     timer = signal.getitimer(signal.ITIMER_REAL)[0]  # that of the tests
-    assert within(0.05, work, 1000) == NO_ANSWER
+    assert call_with_timeout(0.05, work, 1000) == NO_ANSWER
     assert time.monotonic() - begin < 60
     with pytest.raises(ZeroDivisionError):
-        within(5.0, divmod, 1, 0)
+        call_with_timeout(5.0, divmod, 1, 0)
     assert signal.getsignal(signal.SIGALRM) == before
     assert timer - 60 < signal.getitimer(signal.ITIMER_REAL)[0] <= timer
     with ThreadPoolExecutor(1) as thread:  # as Dask's workers: too late, but noticed
-        assert thread.submit(within, 0.05, work, 0.2).result() == NO_ANSWER
-        assert thread.submit(within, 5.0, work, 0.01).result() == 0.01
+        assert thread.submit(call_with_timeout, 0.05, work, 0.2).result() == NO_ANSWER
+        assert thread.submit(call_with_timeout, 5.0, work, 0.01).result() == 0.01
 
 
 def test_the_first_call_ends_too(monkeypatch):
@@ -168,8 +168,8 @@ def test_no_component_keeps_a_call_from_its_end(monkeypatch):
         with blamed("potential x"):
             time.sleep(1000)
 
-    assert within(0.05, stubborn, 3) == NO_ANSWER
-    assert within(0.05, disguised) == NO_ANSWER
+    assert call_with_timeout(0.05, stubborn, 3) == NO_ANSWER
+    assert call_with_timeout(0.05, disguised) == NO_ANSWER
 
 
 def test_an_engine_that_cannot_end_a_call_does_not_wait_for_ever(monkeypatch):

@@ -10,9 +10,9 @@ from scipy import stats
 from toys import Banana, Heavy, Many, banana_run
 
 from streamkit.observe import Data
+from streamkit.runfile import LogUniform, Normal, TruncatedNormal, Uniform
 from streamkit.sample import ChainFile, Limits, Workers, autocorrelation_times, ensemble, moves
 from streamkit.sample.coordinates import Space
-from streamkit.sample.history import Trials
 from streamkit.sample.moves import (
     INVERSE_TEMPERATURES,
     LAST_INVERSE_TEMPERATURE,
@@ -21,8 +21,8 @@ from streamkit.sample.moves import (
     learning_steps,
     proposals,
 )
+from streamkit.sample.proposal_log import ProposalLog
 from streamkit.sample.surrogate import learn
-from streamkit.spec import LogUniform, Normal, TruncatedNormal, Uniform
 
 PRIORS = (
     Uniform(0, 1), Uniform(-1, 1), Normal(1, 2), LogUniform(0.1, 10), TruncatedNormal(0, 1, -0.5, math.inf),
@@ -250,7 +250,7 @@ def test_what_is_learned_from_is_all_that_was_tried(tmp_path):
     file = ChainFile(str(tmp_path / "chain.h5"))
     run, _ = banana_run(file, Limits(30), "surrogate")
     pool = Workers({"full": Banana()})
-    kept = Trials(pool, 16, 3, 2)
+    kept = ProposalLog(pool, 16, 3, 2)
     kept.load(file.tried)
     points, mean, variance, lnl = kept.until(30)
     inside = run.totals()["calls"] - run.totals()["reasons"].get("outside the prior", 0)

@@ -15,6 +15,7 @@ from scipy.stats import norm, rankdata
 from toys import COVARIANCE, MEAN, PRIORS, Gaussian, sampling
 
 import streamkit as sk
+from streamkit.runfile import Uniform
 from streamkit.sample import (
     ChainFile,
     Convergence,
@@ -33,7 +34,6 @@ from streamkit.sample.convergence import CHECK
 from streamkit.sample.moves import proposals
 from streamkit.sample.start import Search
 from streamkit.sample.workers import _evaluate_sent
-from streamkit.spec import Uniform
 
 
 def toy_chain(backend, steps, seed=5, moves="de", walkers=24, cut=False):

@@ -174,9 +174,9 @@ def test_the_rotation_at_the_sun_may_be_the_hosts() -> None:
     assert sk.load(spec.document).document == spec.document
     assert "v_circ" not in "".join(spec.names)
     for v0, r0 in ((200.0, 8.0), (240.0, 8.2)):
-        setup = spec.bind({"potential.v0": v0, "sun.r0": r0})
-        assert setup.sun.v_circ == pytest.approx(v0 * 12.0**0.225 / (12.0**2 + r0**2) ** 0.1125, rel=1e-12)
-        assert sk.Model(spec).stream({"potential.v0": v0, "sun.r0": r0}).sun.velocity[1] == setup.sun.velocity[1]
+        inputs = spec.bind({"potential.v0": v0, "sun.r0": r0})
+        assert inputs.sun.v_circ == pytest.approx(v0 * 12.0**0.225 / (12.0**2 + r0**2) ** 0.1125, rel=1e-12)
+        assert sk.Model(spec).stream({"potential.v0": v0, "sun.r0": r0}).sun.velocity[1] == inputs.sun.velocity[1]
     with pytest.raises(sk.SpecError, match='or "host"'):
         sk.load(BASE | {"sun": {"v_circ": "hast"}})
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import streamkit as sk
-from streamkit.spec import Spec
+from streamkit.runfile import Spec
 
 ROOT = next(folder for folder in Path(__file__).parents if (folder / "pyproject.toml").exists())
 README, CONTRIBUTING = ROOT / "README.md", ROOT / "CONTRIBUTING.md"
@@ -147,7 +147,7 @@ def reduced(path: Path, particles: int = 500) -> Spec:
     if path.stem.startswith("sagittarius"):
         host["progenitor.lookback"] = {"uniform": [3.6, 3.8]}
     wide = WIDE if spec.document.get("observable", {}).get("kind") == "apocentres" else {}
-    few = {f"{s.path}.particles": particles for s in spec.parts.sections if s.path.endswith("stripping")}
+    few = {f"{s.path}.particles": particles for s in spec.sections.all if s.path.endswith("stripping")}
     return spec.with_values(centre | host | NARROW | wide | few)
 
 

@@ -11,8 +11,8 @@ from functools import cached_property
 import numpy as np
 
 from streamkit.observe import Data
+from streamkit.runfile import Uniform
 from streamkit.sample import Evaluation
-from streamkit.spec import Uniform
 
 
 class Toy:

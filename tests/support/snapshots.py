@@ -16,7 +16,7 @@ from streamkit.model.integrate import integrate
 from streamkit.model.release import Start
 from streamkit.nbody import as_stream
 from streamkit.nbody.snapshot import Snapshot
-from streamkit.spec import Spec
+from streamkit.runfile import Spec
 
 DATA = Path(__file__).parents[1] / "data"
 HOSTS = {

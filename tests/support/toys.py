@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from streamkit.observe import Data
+from streamkit.runfile import Uniform
 from streamkit.sample import Evaluation, Sampling, Workers, blob_dtype
-from streamkit.spec import Uniform
 
 FIT: dict[str, Any] = {
     "seed": 3,

@@ -193,10 +193,10 @@ def test_bodies_and_progenitors_of_gala_are_our_own():
         document["progenitor"] = {"kind": kind} | satellite | place | {"lookback": 1.0}
         document["stripping"]["particles"] = 100
         model = sk.Model(sk.load(document, components=[Gala]))
-        setup = model.spec.bind()
-        assert setup.mass == pytest.approx(4e8, rel=1e-7)
-        assert setup.bodies["lmc"].mass == pytest.approx(1.4e11, rel=1e-7)
-        assert setup.bodies["lmc"].extent == 16.0
+        inputs = model.spec.bind()
+        assert inputs.mass == pytest.approx(4e8, rel=1e-7)
+        assert inputs.bodies["lmc"].mass == pytest.approx(1.4e11, rel=1e-7)
+        assert inputs.bodies["lmc"].extent == 16.0
         found.append(model.stream())
     theirs, own = found
     assert np.abs(theirs.orbit.q - own.orbit.q).max() < 0.01

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from streamkit import GYR, G, Orbit
-from streamkit.spec import Setup, Spec
+from streamkit.runfile import Spec, StreamInputs
 
 RECORD = 0.01 * GYR
 """Longest time between two records of the bound mass, the energy and who is inside the tidal radius."""
@@ -68,7 +68,7 @@ class Plan:
         return self.span * record / self.records
 
 
-def make_plan(setup: Setup, orbit: Orbit, options: Options) -> Plan:
+def make_plan(inputs: StreamInputs, orbit: Orbit, options: Options) -> Plan:
     """Choose what the options leave open.
 
     Softening: the mean distance between particles at the centre, n0^(-1/3), with n0 = 3 N / (4 pi a^3). Step: the
@@ -81,24 +81,24 @@ def make_plan(setup: Setup, orbit: Orbit, options: Options) -> Plan:
     than half a softening length keep a Plummer sphere as it was. The longer softening here is that of a spline, whose
     force is exact beyond 2.8 of them, and halves the number of steps.
     """
-    radius = float(setup.satellite.radius)  # type: ignore[attr-defined]  # a Plummer sphere: `Simulation.of` sees to it
+    radius = float(inputs.satellite.radius)  # type: ignore[attr-defined]  # a Plummer sphere: `Simulation.of` sees to it
     n = options.particles
     softening = options.softening or radius * (4.0 * math.pi / (3.0 * n)) ** (1.0 / 3.0)
     if options.step is None:
-        speed = math.sqrt(3.0 * math.pi / 32.0 * G * setup.mass / radius)
+        speed = math.sqrt(3.0 * math.pi / 32.0 * G * inputs.mass / radius)
         dynamical = np.sqrt(orbit.r / np.sqrt((orbit.a**2).sum(axis=0))).min()
         longest = min(TRAVEL * softening / speed, TURN * float(dynamical))
     else:
         longest = options.step * GYR
-    span = setup.lookback * GYR
+    span = inputs.lookback * GYR
     records = max(math.ceil(span / RECORD), 1)
     steps = max(math.ceil(span / records / longest - 1e-9), 1)
     return Plan(n, softening, options.theta, span, span / records / steps, steps, records)
 
 
-def content(spec: Spec, setup: Setup, plan: Plan) -> dict[str, Any]:
+def content(spec: Spec, inputs: StreamInputs, plan: Plan) -> dict[str, Any]:
     """Return all that determines the particles of a run, as JSON holds it; two runs are the same if it is."""
-    host = {name: {"kind": p.kind, **p.model_dump(mode="json")} for name, p in setup.potentials.items()}
+    host = {name: {"kind": p.kind, **p.model_dump(mode="json")} for name, p in inputs.potentials.items()}
     bodies = {
         name: {
             "kind": b.potential.kind,
@@ -108,19 +108,19 @@ def content(spec: Spec, setup: Setup, plan: Plan) -> dict[str, Any]:
             "friction": b.friction,
             "reflex": b.reflex,
         }
-        for name, b in setup.bodies.items()
+        for name, b in inputs.bodies.items()
     }
     suppliers = {path: who for path, cls, who in spec.components() if cls.role == "potential"}
     return {
         "potential": host["potential"] if list(host) == ["potential"] else host,
         "progenitor": {
-            "kind": setup.satellite.kind,
-            **setup.satellite.model_dump(mode="json"),
-            "position": setup.q.tolist(),
-            "velocity": setup.v.tolist(),
-            "lookback": setup.lookback,
+            "kind": inputs.satellite.kind,
+            **inputs.satellite.model_dump(mode="json"),
+            "position": inputs.q.tolist(),
+            "velocity": inputs.v.tolist(),
+            "lookback": inputs.lookback,
         },
-        "seed": setup.seed,
+        "seed": inputs.seed,
         "particles": plan.particles,
         "softening": plan.softening,
         "theta": plan.theta,

@@ -14,8 +14,8 @@ from tqdm import tqdm
 from streamkit import GYR
 from streamkit.errors import ChainError, Interrupted, StreamkitError
 from streamkit.report import contents, locked, save
+from streamkit.runfile import differences, to_toml
 from streamkit.sample import Signals
-from streamkit.spec import differences, to_toml
 from streamkit_nbody import snapshot
 from streamkit_nbody.plan import content, digest
 from streamkit_nbody.simulation import Simulation
@@ -78,7 +78,7 @@ class _Run:
 
     @cached_property
     def content(self) -> dict[str, Any]:
-        return content(self.simulation.spec, self.simulation.setup, self.simulation.plan)
+        return content(self.simulation.spec, self.simulation.inputs, self.simulation.plan)
 
     def write(self, name: str, state: State) -> None:
         snapshot.write(self.out / name, self.simulation, state, self.content)

@@ -10,7 +10,7 @@ import numpy as np
 from streamkit import GYR, Array, BoolArray, G, IntArray, Orbit, OutOfDomain, SpecError
 from streamkit.engine import Field
 from streamkit.model import NODE, Host
-from streamkit.spec import Setup, Spec
+from streamkit.runfile import Spec, StreamInputs
 from streamkit.stream import angle_in_plane, orbital_plane
 from streamkit_nbody import plummer
 from streamkit_nbody.binding import Remnant, remnant
@@ -27,7 +27,7 @@ class Simulation:
     ----------
     spec
         The run file: its potential, progenitor and seed are used.
-    setup
+    inputs
         The same, bound: free parameters are at the centre of their priors.
     host
         The galaxy, in which the satellite is disrupted.
@@ -40,7 +40,7 @@ class Simulation:
     """
 
     spec: Spec
-    setup: Setup
+    inputs: StreamInputs
     host: Host
     plan: Plan
     orbit: Orbit
@@ -57,30 +57,30 @@ class Simulation:
         OutOfDomain
             If its orbit is not finite.
         """
-        setup = spec.bind()
-        if setup.satellite.kind != "plummer":
+        inputs = spec.bind()
+        if inputs.satellite.kind != "plummer":
             raise SpecError(
-                f"{spec.source}: progenitor.kind: found {setup.satellite.kind!r}; a live satellite must be 'plummer', "
+                f"{spec.source}: progenitor.kind: found {inputs.satellite.kind!r}; a live satellite must be 'plummer', "
                 "the one whose distribution function is at hand"
             )
-        for name, potential in setup.potentials.items():
+        for name, potential in inputs.potentials.items():
             if potential.has_drag():
                 raise SpecError(
                     f"{spec.source}: {potential.place or name}: {potential.kind!r} has a force that depends on "
                     "velocity, which this simulation does not know"
                 )
-        host = Host(setup.potentials, setup.bodies)
+        host = Host(inputs.potentials, inputs.bodies)
         with np.errstate(all="ignore"):  # what is not finite is found on the next line
-            orbit = host.until(-setup.lookback * GYR).orbit(setup.q, setup.v, 0.0, -setup.lookback * GYR, NODE)
+            orbit = host.until(-inputs.lookback * GYR).orbit(inputs.q, inputs.v, 0.0, -inputs.lookback * GYR, NODE)
         if not (np.isfinite(orbit.q).all() and np.isfinite(orbit.v).all()):
             raise OutOfDomain("the orbit of the progenitor is not finite")
-        return Simulation(spec, setup, host, make_plan(setup, orbit, options), orbit, workers)
+        return Simulation(spec, inputs, host, make_plan(inputs, orbit, options), orbit, workers)
 
     @cached_property
     def gravity(self) -> Gravity:
         """The particles' own gravity."""
         plan = self.plan
-        return Gravity(self.setup.mass / plan.particles, plan.softening, plan.theta, self.workers)
+        return Gravity(self.inputs.mass / plan.particles, plan.softening, plan.theta, self.workers)
 
     @cached_property
     def plane(self) -> Array:
@@ -99,10 +99,10 @@ class Simulation:
 
     def start(self) -> State:
         """Return the satellite in equilibrium on the first point of the orbit."""
-        n, setup = self.plan.particles, self.setup
+        n, inputs = self.plan.particles, self.inputs
         place, motion = self.orbit.q[:, 0], self.orbit.v[:, 0]
-        radius = float(setup.satellite.radius)  # type: ignore[attr-defined]
-        q, v = plummer.sample(n, setup.mass, radius, np.random.default_rng(setup.seed))
+        radius = float(inputs.satellite.radius)  # type: ignore[attr-defined]
+        q, v = plummer.sample(n, inputs.mass, radius, np.random.default_rng(inputs.seed))
         potential = self.gravity.potential(q)
         binding = -self.gravity.mass * float(0.5 * potential.sum() + 0.5 * (v * v).sum())
         q, v = np.ascontiguousarray(q + place[:, None]), np.ascontiguousarray(v + motion[:, None])

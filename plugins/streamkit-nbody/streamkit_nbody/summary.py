@@ -14,15 +14,15 @@ from streamkit_nbody.state import State
 
 def describe_plan(simulation: Simulation) -> str:
     """Return what the run is made of."""
-    plan, setup = simulation.plan, simulation.setup
+    plan, inputs = simulation.plan, simulation.inputs
     rows = [
-        ("host", " + ".join([*(p.kind for p in setup.potentials.values()), *setup.bodies])),
-        ("satellite", f"{number(setup.mass, 'Msun')} in {plan.particles} particles"),
+        ("host", " + ".join([*(p.kind for p in inputs.potentials.values()), *inputs.bodies])),
+        ("satellite", f"{number(inputs.mass, 'Msun')} in {plan.particles} particles"),
         ("softening", f"{number(plan.softening, 'kpc')}, spline; opening angle {plan.theta:g}"),
         ("step", f"{1e3 * plan.step / GYR:.3g} Myr, {plan.steps * plan.records} of them in {plan.span / GYR:.3g} Gyr"),
     ]
-    if setup.values:
-        rows.append(("at prior's centre", ", ".join(f"{name} = {value:.5g}" for name, value in setup.values.items())))
+    if inputs.values:
+        rows.append(("at prior's centre", ", ".join(f"{name} = {value:.5g}" for name, value in inputs.values.items())))
     if plan.particles > DIRECT:
         rows.append(("", "compiling the tree, which takes some 20 s of every run"))
     return columns(rows)
@@ -59,10 +59,11 @@ def _energy(simulation: Simulation, state: State) -> str:
 
 def _offset(simulation: Simulation, state: State) -> str:
     """Compare the core's place today with the point mass's."""
-    track, setup = state.track, simulation.setup
-    distance = float(np.sqrt(((track.q[:, -1] - setup.q) ** 2).sum()))
-    speed = float(np.sqrt(((track.v[:, -1] - setup.v) ** 2).sum()))
-    ahead = angle_in_plane(simulation.plane, track.q[:, -1:])[0] - angle_in_plane(simulation.plane, setup.q[:, None])[0]
+    track, inputs = state.track, simulation.inputs
+    distance = float(np.sqrt(((track.q[:, -1] - inputs.q) ** 2).sum()))
+    speed = float(np.sqrt(((track.v[:, -1] - inputs.v) ** 2).sum()))
+    there, here = (angle_in_plane(simulation.plane, q)[0] for q in (track.q[:, -1:], inputs.q[:, None]))
+    ahead = there - here
     degrees = float(np.degrees(np.mod(ahead + np.pi, 2.0 * np.pi) - np.pi))
     place = ", ".join(f"{x:.6g}" for x in (*track.q[:, -1], *track.v[:, -1]))
     return (

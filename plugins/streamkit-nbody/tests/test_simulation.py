@@ -85,10 +85,10 @@ def test_energy_with_the_tree():
 def test_the_energy_at_the_start_is_that_of_a_plummer_sphere_on_its_orbit(disrupted):
     """Binding energy 3 pi / 64 G M^2 / a, less by the softening; the rest is that of a point mass, and the tide."""
     run, found = disrupted
-    setup, place, motion = run.setup, run.orbit.q[:, 0], run.orbit.v[:, 0]
+    inputs, place, motion = run.inputs, run.orbit.q[:, 0], run.orbit.v[:, 0]
     assert found[0].binding == pytest.approx(3 * np.pi / 64 * 4.300917270e-6 * 5e7**2 / 0.85, rel=0.1)
-    host = setup.potentials["potential"]
-    point = setup.mass * (0.5 * motion @ motion + host.potential(*place, 0.0, *host.in_engine_units()))
+    host = inputs.potentials["potential"]
+    point = inputs.mass * (0.5 * motion @ motion + host.potential(*place, 0.0, *host.in_engine_units()))
     assert found[0].track.energy[0] == pytest.approx(point, rel=2e-3)
 
 
@@ -96,7 +96,7 @@ def test_massless_particles_follow_the_engine():
     """Positions, and the winding from the engine's finely sampled orbit; a leapfrog of 1 Myr is good to 1e-3 kpc."""
     run = simulation(FLAT, ORBIT, mass=1e-3, particles=100, lookback=0.8, step=0.001)
     first, *_, last = states(run)
-    host = build_field(list(run.setup.potentials.values()))
+    host = build_field(list(run.inputs.potentials.values()))
     winding = last.winding(run.plane)
     progenitor = host.orbit(run.orbit.q[:, 0].copy(), run.orbit.v[:, 0].copy(), 0.0, run.plan.span, NODE)
     for i in range(5):
@@ -114,7 +114,7 @@ def test_massless_particles_feel_the_bodies_that_pull_the_host():
     first, *_, last = states(run)
     assert np.isnan(last.track.energy).all()
     field = run.host.until(-run.plan.span)
-    still = build_field(list(run.setup.potentials.values()))
+    still = build_field(list(run.inputs.potentials.values()))
     for i in range(5):
         start = first.q[:, i].copy(), first.v[:, i].copy(), -run.plan.span, 0.0, NODE
         assert last.q[:, i] == pytest.approx(field.orbit(*start).q[:, -1], abs=2e-3)
@@ -126,7 +126,7 @@ def test_the_satellite_without_mass_is_followed_as_a_point():
     run = simulation(FLAT, ORBIT, mass=1e-3, particles=100, lookback=0.3)
     last = states(run)[-1]
     assert last.track.mass[-1] == last.track.r_tidal[-1] == 0.0
-    assert last.track.q[:, -1] == pytest.approx(run.setup.q, abs=0.5)  # from the mean of the 100, not the orbit itself
+    assert last.track.q[:, -1] == pytest.approx(run.inputs.q, abs=0.5)  # from the mean of the 100, not the orbit itself
 
 
 def test_a_particle_is_stripped_between_the_last_record_inside_and_the_next(disrupted):

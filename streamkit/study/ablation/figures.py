@@ -199,10 +199,10 @@ def crossings(portraits: Portraits) -> Figure:
 
 def _released(portrait: Portrait) -> Array:
     """(3, n) Velocities at release relative to the progenitor, in its frame."""
-    setup, stream = portrait.setup, portrait.stream
+    inputs, stream = portrait.inputs, portrait.stream
     there = stream.orbit.at(stream.t_release)
-    normals = standard_normals(setup.stripping, setup.seed)
-    release = setup.stripping.release(there, stream.tail, setup.mass * there.mass_left, normals)
+    normals = standard_normals(inputs.stripping, inputs.seed)
+    release = inputs.stripping.release(there, stream.tail, inputs.mass * there.mass_left, normals)
     return np.asarray(np.einsum("fcn,cn->fn", np.stack(there.frame), release.v - there.v))
 
 
@@ -211,7 +211,7 @@ def unwrapped(portraits: Portraits) -> Figure:
     figure, panels = panel_grid(len(portraits), 5.4, 3.3, across=2, share=True)
     limits = []
     for axes, (title, portrait) in zip(panels, portraits.items(), strict=False):
-        draw_unwrapped(portrait.stream, portrait.prediction, portrait.setup, axes)
+        draw_unwrapped(portrait.stream, portrait.prediction, portrait.inputs, axes)
         limits.append((*axes.get_xlim(), *axes.get_ylim()))
         axes.set_title(title, fontsize=10)
         axes.set(xlabel="", ylabel="")

@@ -11,7 +11,7 @@ import numpy as np
 
 from streamkit.model import Host, Model
 from streamkit.observe import CELL, ENOUGH, Track, mean_track, measure_stream, quantiles
-from streamkit.spec import Setup, Spec
+from streamkit.runfile import Spec, StreamInputs
 from streamkit.stream import ARMS, Array, BoolArray, Prediction, Stream
 from streamkit.units import GYR
 
@@ -37,7 +37,7 @@ class Portrait:
     """
 
     stream: Stream
-    setup: Setup
+    inputs: StreamInputs
     prediction: Prediction | None = None
     snapshot: bool = False
 
@@ -50,7 +50,7 @@ class Portrait:
     def integrals(self) -> tuple[Array | None, Array]:
         """Energy (n,) and angular momentum (n,) of the particles minus the progenitor's."""
         host, stream, core = (
-            Host(self.setup.potentials, self.setup.bodies, self.setup.companion),
+            Host(self.inputs.potentials, self.inputs.bodies, self.inputs.companion),
             self.stream,
             self.stream.orbit,
         )
@@ -87,14 +87,14 @@ def portrait(spec: Spec, theta: Array | Mapping[str, Any] | None = None, stream:
 
     The stream's name is needed where there are several. It raises what `Model.stream` does.
     """
-    setup = spec.bind(theta, stream)
-    made, prediction = Model(spec).observe(setup)
-    return Portrait(made, setup, prediction)
+    inputs = spec.bind(theta, stream)
+    made, prediction = Model(spec).observe(inputs)
+    return Portrait(made, inputs, prediction)
 
 
-def portrait_of(stream: Stream, setup: Setup, *, snapshot: bool = False) -> Portrait:
+def portrait_of(stream: Stream, inputs: StreamInputs, *, snapshot: bool = False) -> Portrait:
     """Return the portrait of a stream that is there already: what the run file's observables say of it is added."""
-    return Portrait(stream, setup, measure_stream(setup.observables, stream), snapshot)
+    return Portrait(stream, inputs, measure_stream(inputs.observables, stream), snapshot)
 
 
 def compare(this: Portrait, other: Portrait) -> dict[str, float]:
@@ -179,10 +179,10 @@ def pulls(this: Portrait, other: Portrait) -> dict[str, float]:
     A `ComponentError` says that the observable fails on the reference.
     """
     found = observables(this)
-    reference = measure_stream(this.setup.observables, other.stream)
+    reference = measure_stream(this.inputs.observables, other.stream)
     if not found or reference is None:
         return {}
-    errors = np.concatenate([observable.data()[1] for observable in this.setup.observables.values()])
+    errors = np.concatenate([observable.data()[1] for observable in this.inputs.observables.values()])
     away = (np.array(list(found.values())) - reference.mean) / np.where(errors > 0, errors, np.nan)
     return {f"pull_{name}": value for name, value in zip(reference.names, away.tolist(), strict=True)}
 

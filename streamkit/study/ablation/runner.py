@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from streamkit import nbody
 from streamkit.errors import ComponentError, OutOfDomain, StreamkitError
 from streamkit.model import Model
-from streamkit.spec import Spec
+from streamkit.runfile import Spec
 from streamkit.stream import Prediction, Stream
 from streamkit.study.ablation.measures import Portrait, compare, match_rate, observables, portrait_of, pulls
 from streamkit.study.ablation.variants import Variant
@@ -85,9 +85,9 @@ def make_stream(job: tuple[Spec, str]) -> Made | str:
 
 def read_reference(path: str, spec: Spec, stream: str | None = None) -> Portrait:
     """Return an N-body snapshot as the reference of an ablation, of the stream of this name where there are several."""
-    snapshot, setup = nbody.read_snapshot(path), spec.bind(stream=stream)
+    snapshot, inputs = nbody.read_snapshot(path), spec.bind(stream=stream)
     try:
-        return portrait_of(nbody.as_stream(snapshot, setup), setup, snapshot=True)
+        return portrait_of(nbody.as_stream(snapshot, inputs), inputs, snapshot=True)
     except OutOfDomain as error:
         raise StreamkitError(
             f"{spec.source}: the progenitor has no orbit to compare the snapshot with: {error}"
@@ -166,8 +166,8 @@ def _keep(outcome: Outcome, seed: int, portrait: Portrait, rate: Portrait | None
     if rate is not None:
         stream = match_rate(portrait.stream, rate.stream)
         try:
-            portrait = portrait_of(stream, portrait.setup)
+            portrait = portrait_of(stream, portrait.inputs)
         except ComponentError as error:
             outcome.blame(f"no observables at the reference's stripping rate: {error}")
-            portrait = Portrait(stream, portrait.setup)
+            portrait = Portrait(stream, portrait.inputs)
     outcome.portraits[seed] = portrait

@@ -74,5 +74,5 @@ def _panels(portrait: Portrait) -> tuple[Panel, ...]:
     """Return the panels with data, where the observables have a value."""
     if portrait.prediction is None or portrait.prediction.why_not:
         return ()
-    found = panels_of(portrait.setup.observables, portrait.stream, portrait.prediction)
+    found = panels_of(portrait.inputs.observables, portrait.stream, portrait.prediction)
     return tuple(panel for panel in found if panel.data is not None)

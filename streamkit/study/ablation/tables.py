@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from streamkit.report import columns, paragraph
-from streamkit.spec import as_written
+from streamkit.runfile import as_written
 from streamkit.stream import ARMS
 from streamkit.study.ablation.measures import NEAR, observables
 from streamkit.study.ablation.runner import Ablation, Outcome

@@ -9,7 +9,7 @@ from typing import Any
 
 from streamkit.components import Component
 from streamkit.errors import SpecError
-from streamkit.spec import Spec
+from streamkit.runfile import Spec
 
 
 @dataclass(frozen=True)

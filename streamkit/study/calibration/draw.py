@@ -12,8 +12,8 @@ import numpy as np
 from streamkit.errors import OutOfDomain, StreamkitError
 from streamkit.model import Host, Observation
 from streamkit.observe import parts_of
+from streamkit.runfile import Spec
 from streamkit.sample import Posterior
-from streamkit.spec import Spec
 from streamkit.stream import Array
 from streamkit.study.fit import run
 
@@ -138,9 +138,9 @@ def _mock(spec: Spec, truth: Spec, rng: np.random.Generator, index: int) -> tupl
     posterior = Posterior(truth.with_values({"seed": int(rng.integers(1 << 31))}))
     for _, theta, found in measurable_truths(spec, posterior, rng, TRIES):
         fields: dict[str, Any] = {}
-        for stream, setup in truth.bind_all(theta).streams.items():
-            sections, parts = truth.parts.streams[stream].observables, parts_of(found.predictions[stream])
-            for name, observable in setup.observables.items():
+        for stream, inputs in truth.bind_all(theta).streams.items():
+            sections, parts = truth.sections.streams[stream].observables, parts_of(found.predictions[stream])
+            for name, observable in inputs.observables.items():
                 mock = observable.mock(parts[name], rng)
                 fields |= {f"{sections[name].path}.{field}": value for field, value in mock.items()}
         return theta, spec.with_values(fields)

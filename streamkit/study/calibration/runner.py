@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from streamkit.errors import StreamkitError
-from streamkit.spec import Spec
+from streamkit.runfile import Spec
 from streamkit.stream import Array
 from streamkit.study.calibration.draw import Draw, make_draw
 from streamkit.study.grid import run_jobs

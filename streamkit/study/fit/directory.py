@@ -17,8 +17,8 @@ from typing import Any
 from streamkit.components import is_loaded, with_neighbours
 from streamkit.errors import ChainError
 from streamkit.report import contents, replace_whole, safely
+from streamkit.runfile import DEFAULT_KIND, ONLY, Spec, differences, to_toml
 from streamkit.sample import CALLS, CHAIN, JOURNAL, SAMPLES, Chain, Weighted, read_chain_file, read_weighted
-from streamkit.spec import DEFAULT_KIND, ONLY, Spec, differences, to_toml
 
 RUN_FILE = "run.toml"
 MANIFEST = "manifest.json"

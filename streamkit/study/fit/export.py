@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from streamkit.report import save, save_table
-from streamkit.spec import Prior
+from streamkit.runfile import Prior
 from streamkit.study.fit.conversion import sample_columns
 
 if TYPE_CHECKING:

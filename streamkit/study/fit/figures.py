@@ -302,8 +302,8 @@ def _data_radii(results: Results) -> dict[str, float]:
     streams = bound.streams
     return {
         label if len(streams) == 1 else f"{name}: {label}": radius
-        for name, setup in streams.items()
-        for label, radius in radii_of(setup.observables).items()
+        for name, inputs in streams.items()
+        for label, radius in radii_of(inputs.observables).items()
     } | radii_of(bound.data)
 
 

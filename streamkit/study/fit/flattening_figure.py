@@ -10,12 +10,12 @@ from matplotlib.figure import Figure
 
 from streamkit.errors import StreamkitError
 from streamkit.report import VERMILION, NotebookFigure, ticks
-from streamkit.spec import Spec
+from streamkit.runfile import Spec
 from streamkit.stream import Array
 from streamkit.study.fit.figures import bands, data_radii, radii, reach, remark
+from streamkit.study.fit.flattening import flattening_at, flattenings
 from streamkit.study.fit.literature import POTENTIAL, beside_literature, draw_literature
 from streamkit.study.fit.results import Results
-from streamkit.study.fit.shapes import flattening_at, flattenings
 
 if TYPE_CHECKING:
     from astropy.table import QTable

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from streamkit.errors import StreamkitError, nearest
-from streamkit.study.fit.shapes import flattenings
+from streamkit.study.fit.flattening import flattenings
 
 if TYPE_CHECKING:
     from astropy.table import QTable, Table

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 
 from streamkit.observe import frame_of
 from streamkit.report import cited, number
+from streamkit.study.fit.diagnostics import contraction, predictive, prior_fractions
 from streamkit.study.fit.directory import manifest, stream_pictures
-from streamkit.study.fit.evidence import contraction, predictive, prior_fractions
 from streamkit.study.fit.figures import reach, remark
 from streamkit.study.fit.literature import DENSITY, POTENTIAL, beside_literature
 from streamkit.study.fit.page_figures import rank_plots
@@ -92,7 +92,7 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
 def _on_sky(results: Results) -> set[str]:
     """Return the names of the streams that are shown on the sky."""
     bound = results.spec.bind_all(results.best())
-    return {name for name, setup in bound.streams.items() if frame_of(setup.observables) is not None}
+    return {name for name, inputs in bound.streams.items() if frame_of(inputs.observables) is not None}
 
 
 def _parameters(results: Results) -> Iterator[dict[str, Any]]:

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from streamkit.report import BAND_95, BLUE, GREY, finish, labels, panel_grid
-from streamkit.study.fit.evidence import ranks
+from streamkit.study.fit.diagnostics import ranks
 from streamkit.study.fit.results import Results
 
 

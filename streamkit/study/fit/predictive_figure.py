@@ -10,7 +10,7 @@ from matplotlib.ticker import MaxNLocator
 from streamkit.errors import ChainError
 from streamkit.report import BAND_68, BAND_95, BLUE, VERMILION, NotebookFigure, finish, number
 from streamkit.stream import IntArray
-from streamkit.study.fit.evidence import Predictive, predictive
+from streamkit.study.fit.diagnostics import Predictive, predictive
 from streamkit.study.fit.figures import remark
 from streamkit.study.fit.results import Results
 

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from streamkit.report import BAND_68, BLUE, VERMILION, finish, inner_ticks, labels, panel_grid, scaled, with_unit
-from streamkit.spec import Prior
+from streamkit.runfile import Prior
 from streamkit.stream import Array
 from streamkit.study.fit.figures import remark
 from streamkit.study.fit.results import Results

@@ -12,10 +12,10 @@ import numpy as np
 
 from streamkit.errors import ChainError, OutOfDomain
 from streamkit.report import draw_stream, save, save_pictures, save_table
+from streamkit.runfile import Spec, is_silent
 from streamkit.sample import CALLS, CHAIN, SAMPLES
-from streamkit.spec import Spec, is_silent
+from streamkit.study.fit.diagnostics import predicted_intervals, predictions_table, predictive
 from streamkit.study.fit.directory import LITERATURE, MANIFEST, RECOVERY, RUN_FILE, stream_pictures
-from streamkit.study.fit.evidence import predicted_intervals, predictions_table, predictive
 from streamkit.study.fit.figures import corner, mass_profile, radii, remark, rotation_curve, traces
 from streamkit.study.fit.flattening_figure import flattening, is_sphere
 from streamkit.study.fit.literature import read_literature
@@ -42,15 +42,15 @@ def best_stream(results: Results, name: str) -> Figure:
         found = results.best_observation
     except OutOfDomain as error:  # another machine's rounding may lose a stream at the edge
         raise ChainError(f"the stream of the best sample could not be made again: {error.reason}") from None
-    setup, note = results.spec.bind(results.best(), name), remark(results) if results.quick else ""
-    return draw_stream(found.streams[name], found.predictions[name], setup, note, predicted_intervals(results, name))
+    inputs, note = results.spec.bind(results.best(), name), remark(results) if results.quick else ""
+    return draw_stream(found.streams[name], found.predictions[name], inputs, note, predicted_intervals(results, name))
 
 
 TABLES: dict[str, Callable[[Results], QTable]] = {
     "summary.ecsv": Results.summary,
     "mass_profile.ecsv": lambda results: results.mass_profile(PROFILE_RADII),
     "diagnostics.ecsv": Results.diagnostics,
-    "predictions.ecsv": lambda results: results.signed(predictions_table(predictive(results))),
+    "predictions.ecsv": lambda results: results.with_provenance(predictions_table(predictive(results))),
 }
 FIGURES: dict[str, Callable[[Results], Figure]] = {
     "corner.png": corner,

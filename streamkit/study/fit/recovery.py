@@ -17,7 +17,7 @@ from streamkit.errors import SpecError
 from streamkit.fields import Files
 from streamkit.model import Host
 from streamkit.report import VERMILION, NotebookFigure, columns, finish, paragraph
-from streamkit.spec import Spec, read_toml, resolve
+from streamkit.runfile import Spec, read_toml, resolve
 from streamkit.stream import Array
 from streamkit.study.fit.directory import RECOVERY
 from streamkit.study.fit.figures import bands, data_radii, levels, remark

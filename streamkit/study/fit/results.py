@@ -14,6 +14,7 @@ import numpy as np
 from streamkit.components import GIVEN, Component
 from streamkit.errors import ChainError, SpecError, nearest
 from streamkit.model import Host, Observation
+from streamkit.runfile import Spec, load
 from streamkit.sample import (
     Chain,
     Convergence,
@@ -25,7 +26,6 @@ from streamkit.sample import (
     rank_r_hat,
     stuck_walkers,
 )
-from streamkit.spec import Spec, load
 from streamkit.stream import Array, IntArray, Prediction, Stream
 from streamkit.study.fit.conversion import arviz_tree, sample_frame
 from streamkit.study.fit.directory import check_data, manifest, read_chain, read_samples, run_file
@@ -303,7 +303,7 @@ class Results:
             "effective_samples": self.ess,
             "r_hat": self.r_hat,
         }
-        return self.signed(summary_table(self.names, self.spec.units, self.samples, judged))
+        return self.with_provenance(summary_table(self.names, self.spec.units, self.samples, judged))
 
     def mass_profile(self, radii: Any) -> QTable:
         """Return the mass inside radii (kpc, or a Quantity), and the circular velocity there.
@@ -315,12 +315,12 @@ class Results:
 
         r = np.atleast_1d(u.Quantity(radii, u.kpc).value).astype(float)
         mass, v_c = self.profiles(r)
-        return self.signed(profile_table(r, mass, v_c), {"samples used": len(mass)})
+        return self.with_provenance(profile_table(r, mass, v_c), {"samples used": len(mass)})
 
     def diagnostics(self) -> QTable:
         """Return the sampler's calls, the rejected ones by reason, and how many walkers are stuck."""
         walkers = self.chain.shape[1] if self.weighted is None else 0
-        return self.signed(diagnostics_table(self.calls, self.reasons, len(self.stuck), walkers))
+        return self.with_provenance(diagnostics_table(self.calls, self.reasons, len(self.stuck), walkers))
 
     def profiles(self, radii: Array) -> tuple[Array, Array]:
         """Return M (n, nr) in Msun and v_c (n, nr) in km/s of at most 5000 samples at radii (nr,) in kpc.
@@ -344,7 +344,7 @@ class Results:
         v_c = np.reshape([host.circular_velocity(radii) for host in hosts], (-1, len(radii)))
         return mass[where.ravel()], v_c[where.ravel()]
 
-    def signed(self, table: QTable, more: dict[str, Any] | None = None) -> QTable:
+    def with_provenance(self, table: QTable, more: dict[str, Any] | None = None) -> QTable:
         """Say in a table what it comes from, and how far it can be trusted."""
         steps, walkers, _ = self.chain.shape
         table.meta.update(

@@ -16,14 +16,15 @@ from streamkit.components import Component
 from streamkit.errors import ChainError, ComponentError, Interrupted, SpecError
 from streamkit.model import Host
 from streamkit.report import locked
+from streamkit.runfile import Engine, Source, Spec, as_spec
 from streamkit.sample import (
     CALLS,
     CHAIN,
     JOURNAL,
     SAMPLES,
-    Calls,
     CallTimeout,
     ChainFile,
+    EvaluationCache,
     Limits,
     Posterior,
     Sampling,
@@ -40,7 +41,6 @@ from streamkit.sample import (
     one_thread,
 )
 from streamkit.sample import engine as provide
-from streamkit.spec import Engine, Source, Spec, as_spec
 from streamkit.stream import Array
 from streamkit.study.fit.directory import LITERATURE, RECOVERY, claim, resume_command
 from streamkit.study.fit.literature import read_literature
@@ -147,7 +147,7 @@ def run(
             going_on = claim(directory, spec, options, ours, resume, force)
         limit, reject = spec.sampler.call_limit, spec.sampler.over_limit == "reject"
         pool = stack.enter_context(Workers({"full": posterior, "cheap": cheap}, where, limit=limit, reject=reject))
-        calls = Calls(pool, None if directory is None else directory / CALLS, spec.digest())
+        calls = EvaluationCache(pool, None if directory is None else directory / CALLS, spec.digest())
         backend = Backend() if directory is None else ChainFile(str(directory / CHAIN))
         again = resume_command(directory or Path(), options)
         stack.enter_context(_explained(pool, lambda: _left(directory, backend, calls, again)))
@@ -221,7 +221,7 @@ def cheap_spec(spec: Spec) -> Spec:
 
 def _particles(spec: Spec) -> int:
     """Return the particles of all streams together."""
-    return sum(stream.stripping.centre.particles for stream in spec.parts.streams.values())
+    return sum(stream.stripping.centre.particles for stream in spec.sections.streams.values())
 
 
 def _mass_100(spec: Spec, theta: Array) -> float:
@@ -266,7 +266,7 @@ def _arguments(
     return [*(["--quick"] if quick else []), *(part for pair in changed for part in pair), *most, *shown]
 
 
-def _left(directory: Path | None, backend: Backend, calls: Calls, again: str) -> str:
+def _left(directory: Path | None, backend: Backend, calls: EvaluationCache, again: str) -> str:
     steps = int(backend.iteration) if backend.initialized else 0
     done = f"{len(calls)} calls" if len(calls) else f"{steps} steps"
     if directory is None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from streamkit.sample import Weighted
 from streamkit.stream import Array
-from streamkit.study.fit.evidence import (
+from streamkit.study.fit.diagnostics import (
     EDGE,
     Predictive,
     chance,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from streamkit.errors import StreamkitError
 from streamkit.report import origin, save, save_pictures, save_table
-from streamkit.spec import Spec
+from streamkit.runfile import Spec
 
 if TYPE_CHECKING:
     from astropy.table import QTable

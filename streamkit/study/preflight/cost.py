@@ -10,8 +10,8 @@ import numpy as np
 
 from streamkit.errors import SpecError
 from streamkit.model import Model
+from streamkit.runfile import Spec
 from streamkit.sample import Posterior, expected_calls
-from streamkit.spec import Spec
 from streamkit.stream import Array
 from streamkit.study.preflight.draws import TRIAL_PARTICLES, PriorDraws, observe
 

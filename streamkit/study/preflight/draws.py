@@ -11,7 +11,7 @@ import numpy as np
 from streamkit.errors import OutOfDomain
 from streamkit.model import Model
 from streamkit.report import Progress
-from streamkit.spec import Spec
+from streamkit.runfile import Spec
 from streamkit.stream import Array, Prediction
 
 TRIAL_PARTICLES = 1000

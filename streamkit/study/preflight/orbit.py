@@ -8,7 +8,7 @@ import numpy as np
 
 from streamkit.errors import OutOfDomain
 from streamkit.model import NODE, Host, next_apocentre, progenitor_track, stripped
-from streamkit.spec import Setup
+from streamkit.runfile import StreamInputs
 from streamkit.stream import Array, Orbit
 from streamkit.units import GYR
 
@@ -48,13 +48,13 @@ class OrbitSummary:
     bodies: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 
-def summarise_orbit(setup: Setup) -> OrbitSummary:
+def summarise_orbit(inputs: StreamInputs) -> OrbitSummary:
     """Follow the progenitor back until it has turned twice at each end, at most to `HORIZON`."""
-    host = Host(setup.potentials, setup.bodies, setup.companion)
+    host = Host(inputs.potentials, inputs.bodies, inputs.companion)
     reach, past = 1.0, None
     while True:
         try:
-            past = host.until(-reach * GYR).orbit(setup.q, setup.v, 0.0, -reach * GYR, NODE)
+            past = host.until(-reach * GYR).orbit(inputs.q, inputs.v, 0.0, -reach * GYR, NODE)
         except OutOfDomain:  # a body that cannot be followed so far; a fault only if the stream needs it
             if past is None:
                 raise
@@ -64,19 +64,19 @@ def summarise_orbit(setup: Setup) -> OrbitSummary:
             break
         reach = min(2 * reach, HORIZON)
     try:
-        track, _ = stripped(setup, progenitor_track(host, setup))
+        track, _ = stripped(inputs, progenitor_track(host, inputs))
         completed = len(track.apocentres())
         r_tidal = float(track.r_tidal.min()), float(track.r_tidal.max())
     except OutOfDomain:
-        completed, r_tidal = int((apo > -setup.lookback * GYR).sum()), (np.nan, np.nan)
-    orbits = host.paths(-setup.lookback * GYR).bodies if host.bodies and np.isfinite(r_tidal[0]) else {}
+        completed, r_tidal = int((apo > -inputs.lookback * GYR).sum()), (np.nan, np.nan)
+    orbits = host.paths(-inputs.lookback * GYR).bodies if host.bodies and np.isfinite(r_tidal[0]) else {}
     return OrbitSummary(
         pericentres=_radii(past, peri),
         apocentres=_radii(past, apo),
         period=_period(peri, apo) / GYR,
-        escapes=host.unbinds(setup.q, setup.v),
+        escapes=host.unbinds(inputs.q, inputs.v),
         completed=completed,
-        returns=next_apocentre(host, setup) is not None,
+        returns=next_apocentre(host, inputs) is not None,
         r_tidal=r_tidal,
         bodies={name: (float(orbit.r.min()), float(orbit.r.max())) for name, orbit in orbits.items()},
     )

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from streamkit.components import HostData
 from streamkit.model import Model
 from streamkit.observe import remarks_of
-from streamkit.spec import Setup, Spec
+from streamkit.runfile import Spec, StreamInputs
 from streamkit.stream import Prediction
+from streamkit.study.preflight.conformance_warnings import component_doubts
 from streamkit.study.preflight.cost import Cost, search_cost, time_call
-from streamkit.study.preflight.doubts import component_doubts
 from streamkit.study.preflight.draws import PriorDraws, observe, try_prior_draws
 from streamkit.study.preflight.orbit import OrbitSummary, summarise_orbit
 from streamkit.study.preflight.warnings import (
@@ -31,7 +31,7 @@ class Look:
     There is no prediction without a stream or an observable.
     """
 
-    setup: Setup
+    inputs: StreamInputs
     orbit: OrbitSummary
     prediction: Prediction | None
 
@@ -72,7 +72,7 @@ def run_preflight(spec: Spec, *, draws: int = 64, progress: bool = False) -> Pre
     """
     centre = spec.centre()
     bound = spec.bind_all(centre)
-    orbits = {name: summarise_orbit(setup) for name, setup in bound.streams.items()}
+    orbits = {name: summarise_orbit(inputs) for name, inputs in bound.streams.items()}
     begin = time.process_time()
     predictions, reason = observe(Model(spec), centre)
     first = time.process_time() - begin
@@ -82,17 +82,17 @@ def run_preflight(spec: Spec, *, draws: int = 64, progress: bool = False) -> Pre
     if reason and tried is not None and len(tried.good):
         where, theta = "a draw from the prior that has a stream", tried.good[0]
     call, unfit = time_call(spec, theta, first)
-    looks = {name: Look(setup, orbits[name], predictions.get(name)) for name, setup in bound.streams.items()}
+    looks = {name: Look(inputs, orbits[name], predictions.get(name)) for name, inputs in bound.streams.items()}
     places = {name: f"data.{name}" for name in bound.data if f"data.{name}" in predictions}
     data = {name: (bound.data[name], predictions[place]) for name, place in places.items()}
-    doubts = [text for look in looks.values() for text in component_doubts(look.setup)]
+    doubts = [text for look in looks.values() for text in component_doubts(look.inputs)]
     warnings = [*dict.fromkeys(doubts), *_of_streams(spec, looks)]
     if reason and (any(len(orbit.apocentres) for orbit in orbits.values()) or not predictions):
         shortest = min(orbits.values(), key=lambda orbit: orbit.completed)
         warnings.append(f"There is no prediction at {asked}: {reason}.{short_lookback(shortest)}")
     for look in looks.values():
         if look.prediction is not None:
-            warnings += remarks_of(look.setup.observables, look.prediction)
+            warnings += remarks_of(look.inputs.observables, look.prediction)
     warnings += prior_warnings(tried)
     warnings += [f"This run file cannot be fitted: {unfit}."] if unfit else sampler_warnings(spec)
     warnings += sun_warnings(bound.sun)
@@ -106,5 +106,5 @@ def _of_streams(spec: Spec, looks: Mapping[str, Look]) -> list[str]:
     found = []
     for name, look in looks.items():
         before = f"{name}: " if len(looks) > 1 else ""
-        found += [before + text for text in orbit_warnings(spec, look.setup, look.orbit)]
+        found += [before + text for text in orbit_warnings(spec, look.inputs, look.orbit)]
     return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from streamkit.report import prediction_record
-from streamkit.spec import Spec
+from streamkit.runfile import Spec
 from streamkit.study.preflight.preflight import Look, Preflight
 
 
@@ -47,9 +47,9 @@ def _stream(look: Look) -> dict[str, Any]:
         "apocentres": orbit.apocentres,
         "radial_period": orbit.period,
         "completed_apocentres": orbit.completed,
-        "lookback": look.setup.lookback,
+        "lookback": look.inputs.lookback,
         "tidal_radius": orbit.r_tidal,
         "bodies": orbit.bodies,
-        "particles": look.setup.stripping.particles,
-        "observables": prediction_record(list(look.setup.observables.values()), look.prediction),
+        "particles": look.inputs.stripping.particles,
+        "observables": prediction_record(list(look.inputs.observables.values()), look.prediction),
     }

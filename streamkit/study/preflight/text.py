@@ -14,7 +14,7 @@ from streamkit.report import (
     span,
     warning_list,
 )
-from streamkit.spec import ONLY, Setup, Spec
+from streamkit.runfile import ONLY, Spec, StreamInputs
 from streamkit.stream import Array
 from streamkit.study.preflight.cost import Cost
 from streamkit.study.preflight.draws import PriorDraws
@@ -43,11 +43,11 @@ def describe_preflight(spec: Spec, found: Preflight) -> str:
     parts = []
     for name, look in found.streams.items():
         head = f"at {place}" if name == ONLY else f"stream {name}, at {place}"
-        parts.append(f"{head}\n" + columns(_orbit_rows(look.setup, look.orbit)))
-        if name == next(iter(found.streams)) and (expansions := describe_expansions(look.setup)):
+        parts.append(f"{head}\n" + columns(_orbit_rows(look.inputs, look.orbit)))
+        if name == next(iter(found.streams)) and (expansions := describe_expansions(look.inputs)):
             parts.append(expansions)
-        if look.setup.observables and look.prediction is not None:
-            parts.append(describe_prediction(look.setup, look.prediction))
+        if look.inputs.observables and look.prediction is not None:
+            parts.append(describe_prediction(look.inputs, look.prediction))
     for name, (data, prediction) in found.data.items():
         parts.append(describe_measured(f"data {name}", [data], prediction))
     if found.prior_draws is not None:
@@ -57,20 +57,20 @@ def describe_preflight(spec: Spec, found: Preflight) -> str:
     return "\n\n".join(parts)
 
 
-def _orbit_rows(setup: Setup, orbit: OrbitSummary) -> list[tuple[str, str]]:
+def _orbit_rows(inputs: StreamInputs, orbit: OrbitSummary) -> list[tuple[str, str]]:
     tidal = span(*orbit.r_tidal, "kpc") if np.isfinite(orbit.r_tidal[0]) else "none somewhere on the orbit"
     periods = ""
     if np.isfinite(orbit.period):
-        periods = f": {setup.lookback / orbit.period:.1f} radial periods, {orbit.completed} completed apocentre"
+        periods = f": {inputs.lookback / orbit.period:.1f} radial periods, {orbit.completed} completed apocentre"
         periods += "s" * (orbit.completed != 1)
     return [
         ("pericentre", _radii(orbit.pericentres)),
         ("apocentre", _radii(orbit.apocentres)),
         ("radial period", number(orbit.period, "Gyr") if np.isfinite(orbit.period) else "none"),
-        ("look-back time", number(setup.lookback, "Gyr") + periods),
+        ("look-back time", number(inputs.lookback, "Gyr") + periods),
         ("tidal radius", tidal),
         *((f"body {name}", f"{span(*ends, 'kpc')} from the Galactic centre") for name, ends in orbit.bodies.items()),
-        ("particles", f"{setup.stripping.particles}, progenitor's gravity {_switch(setup)}"),
+        ("particles", f"{inputs.stripping.particles}, progenitor's gravity {_switch(inputs)}"),
     ]
 
 
@@ -78,8 +78,8 @@ def _radii(radii: Array) -> str:
     return span(float(radii.min()), float(radii.max()), "kpc") if len(radii) else "none"
 
 
-def _switch(setup: Setup) -> str:
-    return "on" if setup.stripping.progenitor_gravity else "off"
+def _switch(inputs: StreamInputs) -> str:
+    return "on" if inputs.stripping.progenitor_gravity else "off"
 
 
 def _prior_draws(tried: PriorDraws) -> str:

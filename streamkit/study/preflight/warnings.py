@@ -7,7 +7,7 @@ from functools import reduce
 import numpy as np
 
 from streamkit.errors import OutOfDomain
-from streamkit.spec import Setup, Spec, Sun
+from streamkit.runfile import Spec, StreamInputs, Sun
 from streamkit.study.preflight.draws import PriorDraws
 from streamkit.study.preflight.orbit import HORIZON, OrbitSummary, summarise_orbit
 
@@ -15,24 +15,24 @@ USUAL_SUN = {"r0": (7.0, 9.0, "kpc"), "z": (-0.1, 0.1, "kpc"), "v_circ": (180.0,
 """Ranges that hold every recent measurement of the Sun's place and of the rotation there."""
 
 
-def orbit_warnings(spec: Spec, setup: Setup, orbit: OrbitSummary) -> list[str]:
+def orbit_warnings(spec: Spec, inputs: StreamInputs, orbit: OrbitSummary) -> list[str]:
     """Say what is wrong with the progenitor's orbit as the source of a stream."""
     if len(orbit.apocentres) == 0:
         why = f"has no apocentre within the last {HORIZON:g} Gyr"
         if orbit.escapes:
             why = "is unbound: its energy is above the host's potential at infinity"
-        return [f"The progenitor {why}, so there is no stream with apocentres.{_swapped(spec, setup.name)}"]
+        return [f"The progenitor {why}, so there is no stream with apocentres.{_swapped(spec, inputs.name)}"]
     found = []
     if not orbit.returns:
         found.append("The progenitor has no apocentre in the next 6 Gyr: the leading arm cannot be measured.")
-    if setup.lookback < orbit.period:
+    if inputs.lookback < orbit.period:
         found.append(
-            f"The look-back time, {setup.lookback:.3g} Gyr, is shorter than the radial period, "
+            f"The look-back time, {inputs.lookback:.3g} Gyr, is shorter than the radial period, "
             f"{orbit.period:.3g} Gyr: the arms have not grown. Raise progenitor.lookback."
         )
-    if setup.lookback > HORIZON:
+    if inputs.lookback > HORIZON:
         found.append(
-            f"The look-back time, {setup.lookback:.3g} Gyr, exceeds the age of the Universe, {HORIZON:g} Gyr. "
+            f"The look-back time, {inputs.lookback:.3g} Gyr, exceeds the age of the Universe, {HORIZON:g} Gyr. "
             "Lower progenitor.lookback."
         )
     if np.isnan(orbit.r_tidal[0]):

@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 from scipy.special import ndtr
 
+from streamkit.runfile import LogUniform, Prior
 from streamkit.sample import Evaluation
-from streamkit.spec import LogUniform, Prior
 from streamkit.stream import Array, IntArray
 
 CENTRAL = 0.95

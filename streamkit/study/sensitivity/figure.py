@@ -13,7 +13,7 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullF
 
 from streamkit.observe import Data
 from streamkit.report import BLUE, GREY, VERMILION, NotebookFigure, finish, labels, scaled, with_unit
-from streamkit.spec import LogUniform
+from streamkit.runfile import LogUniform
 from streamkit.study.grid import MANY, by_column, rms
 from streamkit.study.sensitivity.curves import Curve
 from streamkit.study.sensitivity.runner import Sensitivity

@@ -13,8 +13,8 @@ import numpy as np
 
 from streamkit.errors import ComponentError, OutOfDomain, SpecError, StreamkitError, nearest
 from streamkit.observe import UNNAMED, Data
+from streamkit.runfile import ONLY, Spec
 from streamkit.sample import Evaluation, Posterior
-from streamkit.spec import ONLY, Spec
 from streamkit.study.grid import run_jobs
 from streamkit.study.sensitivity.curves import Curve, curve_of, prior_grid, with_fixed
 from streamkit.units import datum_unit
@@ -153,10 +153,10 @@ def evaluate(job: tuple[bytes, int, tuple[float, ...]]) -> Evaluation:
 def _units(spec: Spec, names: Sequence[str]) -> tuple[str, ...]:
     """Return the units of the observables that are called as the run file's data are; '' for others."""
     known: dict[str, str] = {}
-    for stream, parts in spec.parts.streams.items():
+    for stream, parts in spec.sections.streams.items():
         for key, section in parts.observables.items():
             before = [part for part, unnamed in ((stream, ONLY), (key, UNNAMED)) if part != unnamed]
             known |= {".".join([*before, n]): datum_unit(field) for n, field in section.cls.model_fields.items()}
-    for key, data in spec.parts.data.items():
+    for key, data in spec.sections.data.items():
         known |= {f"data.{key}.{n}": datum_unit(field) for n, field in data.cls.model_fields.items()}
     return tuple(known.get(name, "") for name in names)

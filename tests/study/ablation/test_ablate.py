@@ -45,9 +45,9 @@ def test_the_grid_has_every_combination(run_file: Path) -> None:
     assert [v.label for v in variants] == [
         "mlcs, mass = 3e8 Msun", "mlcs, mass = 6e+08", "streakline, mass = 3e8 Msun", "streakline, mass = 6e+08"
     ]  # fmt: skip
-    setups = [v.spec.bind() for v in variants]
-    assert [s.stripping.kind for s in setups] == ["mlcs", "mlcs", "streakline", "streakline"]
-    assert [s.mass for s in setups] == [3e8, 6e8, 3e8, 6e8]
+    stream_inputs = [v.spec.bind() for v in variants]
+    assert [s.stripping.kind for s in stream_inputs] == ["mlcs", "mlcs", "streakline", "streakline"]
+    assert [s.mass for s in stream_inputs] == [3e8, 6e8, 3e8, 6e8]
 
 
 @pytest.mark.parametrize("sigma", ["10 km/s", "7 km/s", {"uniform": [1, 20]}])

@@ -31,8 +31,8 @@ ALL = (bow_tie, phase_space, crossings, unwrapped, epochs, along)
 def portraits() -> dict[str, Portrait]:
     """N-body, and mLCS with and without gravity, of mock 1."""
     spec = run_file("B", 2000).with_values({"observable.kind": "apocentres"})
-    setup = spec.bind()
-    made = {"N-body": portrait_of(nbody_stream("B"), setup, snapshot=True)}
+    inputs = spec.bind()
+    made = {"N-body": portrait_of(nbody_stream("B"), inputs, snapshot=True)}
     for on in (True, False):
         variant = spec.with_values({"stripping.progenitor_gravity": on})
         stream, prediction = Model(variant).observe(variant.bind())

@@ -40,7 +40,7 @@ def test_differences_are_those_of_the_predictions_in_errors(found: Ablation) -> 
     assert len(axes) == 4
     assert first.prediction is not None
     assert second.prediction is not None
-    _, errors = first.setup.observables["observable"].data()
+    _, errors = first.inputs.observables["observable"].data()
     away = (second.prediction.mean - first.prediction.mean) / errors
     shown = [line.get_ydata() for below in axes[1::2] for line in below.lines]
     assert len(shown) == 2

@@ -13,7 +13,7 @@ from commands import refused
 from toys import FIT
 
 import streamkit as sk
-from streamkit.spec import to_toml
+from streamkit.runfile import to_toml
 
 DEADLY = '''
 import os

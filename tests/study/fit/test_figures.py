@@ -11,7 +11,7 @@ from toys import FIT
 
 import streamkit as sk
 from streamkit.report import NotebookFigure, labels
-from streamkit.study.fit.evidence import Predictive, predicted_intervals, predictions_table
+from streamkit.study.fit.diagnostics import Predictive, predicted_intervals, predictions_table
 from streamkit.study.fit.figures import _labels, corner, mass_profile, reach, rotation_curve, traces
 from streamkit.study.fit.flattening_figure import flattening, is_sphere
 from streamkit.study.fit.predictive_figure import LONGEST, draw_predictive, predictions

@@ -17,8 +17,8 @@ from toys import FIT
 
 import streamkit as sk
 from streamkit.model import Host
+from streamkit.runfile import to_toml
 from streamkit.sample import Chain
-from streamkit.spec import to_toml
 from streamkit.study.fit import RECOVERY
 from streamkit.study.fit.products import PRODUCTS
 from streamkit.study.fit.recovery import RADII, largest, recovery_figure, recovery_table, true_host

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from streamkit.spec import LogUniform, Normal, Uniform
+from streamkit.runfile import LogUniform, Normal, Uniform
 from streamkit.study.fit import evidence
 from streamkit.study.fit import verdicts as rules
-from streamkit.study.fit.evidence import Predictive, chance, contraction, drift, prior_fractions, rank_scores, ranks
+from streamkit.study.fit.diagnostics import Predictive, chance, contraction, drift, prior_fractions, rank_scores, ranks
 from streamkit.study.fit.verdicts import DO_NOT, FINE, LOOK
 
 NAMES = ("potential.v0", "potential.alpha")

@@ -13,7 +13,7 @@ import pytest
 
 import streamkit as sk
 from streamkit.builtin.apocentres import Apocentres
-from streamkit.spec import Sun
+from streamkit.runfile import Sun
 from streamkit.study.preflight import describe_preflight, run_preflight
 from streamkit.study.preflight.draws import PriorDraws, try_prior_draws
 from streamkit.study.preflight.orbit import summarise_orbit
@@ -32,7 +32,7 @@ def document(potential: dict[str, Any], q: tuple[float, ...], v: tuple[float, ..
     }
 
 
-def setup_of(*args: Any) -> Any:
+def inputs_of(*args: Any) -> Any:
     return sk.load(document(*args)).bind()
 
 
@@ -55,7 +55,7 @@ def test_isochrone_turning_points_and_period(v: tuple[float, float, float]) -> N
     q = (20.0, -3.0, 5.0)
     momentum = float(np.linalg.norm(np.cross(q, v)))
     peri, apo, period = isochrone_orbit(2e11, 3.0, float(np.linalg.norm(q)), float(np.dot(v, v)), momentum)
-    found = summarise_orbit(setup_of({"kind": "isochrone", "mass": 2e11, "b": 3.0}, q, v))
+    found = summarise_orbit(inputs_of({"kind": "isochrone", "mass": 2e11, "b": 3.0}, q, v))
     np.testing.assert_allclose(found.pericentres, peri, rtol=1e-5)
     np.testing.assert_allclose(found.apocentres, apo, rtol=1e-5)
     assert found.period == pytest.approx(period, rel=1e-4)
@@ -68,7 +68,7 @@ def test_kepler_tidal_radius_at_the_turning_points() -> None:
     """There Omega^2 = G M (1 +- e) / r^3 and Phi'' = -2 G M / r^3, so r_t = r (m / (M (3 +- e)))^(1/3)."""
     mass, a, e = 2e11, 40.0, 0.5
     speed = math.sqrt(sk.G * mass * (1 - e) / (a * (1 + e)))  # at the apocentre
-    found = summarise_orbit(setup_of({"kind": "kepler", "mass": mass}, (a * (1 + e), 0, 0), (0, speed, 0)))
+    found = summarise_orbit(inputs_of({"kind": "kepler", "mass": mass}, (a * (1 + e), 0, 0), (0, speed, 0)))
     low = a * (1 - e) * (SATELLITE / (mass * (3 + e))) ** (1 / 3)
     high = a * (1 + e) * (SATELLITE / (mass * (3 - e))) ** (1 / 3)
     assert found.period == pytest.approx(2 * math.pi * math.sqrt(a**3 / (sk.G * mass)) / sk.GYR, rel=1e-4)
@@ -78,7 +78,7 @@ def test_kepler_tidal_radius_at_the_turning_points() -> None:
 @pytest.mark.parametrize(("factor", "escapes"), [(0.99, False), (1.01, True)])
 def test_escape_speed_of_a_point_mass(factor: float, escapes: bool) -> None:
     speed = factor * math.sqrt(2 * sk.G * 1e11 / 30.0)
-    found = summarise_orbit(setup_of({"kind": "kepler", "mass": 1e11}, (30.0, 0, 0), (0, speed, 0)))
+    found = summarise_orbit(inputs_of({"kind": "kepler", "mass": 1e11}, (30.0, 0, 0), (0, speed, 0)))
     assert found.escapes is escapes
 
 
@@ -94,9 +94,9 @@ def test_nothing_escapes_a_logarithmic_halo_but_it_may_be_too_slow_to_return() -
 
 
 def test_energy_is_unknown_without_a_potential(monkeypatch: pytest.MonkeyPatch) -> None:
-    setup = setup_of({"kind": "kepler", "mass": 1e11}, (30.0, 0, 0), (0, 500.0, 0))
-    monkeypatch.setattr(type(setup.potentials["potential"]), "potential", sk.Potential.potential)
-    assert summarise_orbit(setup).escapes is None
+    inputs = inputs_of({"kind": "kepler", "mass": 1e11}, (30.0, 0, 0), (0, 500.0, 0))
+    monkeypatch.setattr(type(inputs.potentials["potential"]), "potential", sk.Potential.potential)
+    assert summarise_orbit(inputs).escapes is None
 
 
 def paper(**progenitor: Any) -> sk.Spec:
@@ -120,16 +120,16 @@ def test_the_papers_swapped_proper_motions_are_caught() -> None:
 
 def test_an_unbound_progenitor_is_not_always_a_swap() -> None:
     wild = paper(pm_l_cosb="9 mas/yr", pm_b="8 mas/yr")
-    setup = wild.bind()
-    (text,) = orbit_warnings(wild, setup, summarise_orbit(setup))
+    inputs = wild.bind()
+    (text,) = orbit_warnings(wild, inputs, summarise_orbit(inputs))
     assert "unbound" in text
     assert "swapped" not in text
 
 
 def test_the_paper_as_corrected_has_no_orbit_warning() -> None:
     right = paper()
-    setup = right.bind()
-    assert orbit_warnings(right, setup, summarise_orbit(setup)) == []
+    inputs = right.bind()
+    assert orbit_warnings(right, inputs, summarise_orbit(inputs)) == []
 
 
 def test_a_short_lookback_is_named() -> None:
@@ -144,8 +144,8 @@ def test_a_short_lookback_is_named() -> None:
 
 def test_a_lookback_before_the_universe_is_named() -> None:
     old = paper(lookback="14 Gyr")
-    setup = old.bind()
-    (text,) = orbit_warnings(old, setup, summarise_orbit(setup))
+    inputs = old.bind()
+    (text,) = orbit_warnings(old, inputs, summarise_orbit(inputs))
     assert "14 Gyr, exceeds the age of the Universe, 13.8 Gyr" in text
 
 
@@ -159,8 +159,8 @@ def test_the_tidal_radius_is_that_of_the_mass_left() -> None:
 
 
 def test_the_epoch_aware_rule_needs_two_apocentres() -> None:
-    setup = paper().bind()
-    period = summarise_orbit(setup).period
+    inputs = paper().bind()
+    period = summarise_orbit(inputs).period
     short = paper(lookback=1.2 * period).with_values({"observable.recent_debris": "epoch_aware"})
     found = run_preflight(short, draws=0)
     assert found.streams["stream"].orbit.completed == 1

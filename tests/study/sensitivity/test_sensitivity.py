@@ -19,8 +19,8 @@ import streamkit as sk
 from streamkit.cli.sensitivity import apart
 from streamkit.errors import ComponentError
 from streamkit.observe import Data
+from streamkit.runfile import LogUniform, Normal, Prior, TruncatedNormal, Uniform
 from streamkit.sample import Evaluation, Posterior
-from streamkit.spec import LogUniform, Normal, Prior, TruncatedNormal, Uniform
 from streamkit.stream import Array
 from streamkit.study.sensitivity import PRODUCTS, Sensitivity, run_sensitivity
 from streamkit.study.sensitivity.curves import Curve, prior_grid
@@ -287,7 +287,7 @@ def test_the_products_of_another_one_are_not_replaced(run_file: Path, tmp_path: 
 
 
 def test_units_are_those_of_the_data(small: sk.Spec) -> None:
-    observable = small.parts.streams["stream"].observables["observable"]
+    observable = small.sections.streams["stream"].observables["observable"]
     assert {name: datum_unit(field) for name, field in observable.cls.model_fields.items()} == {
         "leading": "kpc", "trailing": "kpc", "precession": "deg", "recent_debris": "", "coverage": "", "phase": "",
     }  # fmt: skip

@@ -21,7 +21,7 @@ PART = 256
 """Points that the workers are given at a time: what they have done by then is kept if the run is stopped."""
 
 
-class Calls:
+class EvaluationCache:
     """Evaluates points with the workers, each once: what is known of a point is not computed again.
 
     Parameters

@@ -13,15 +13,15 @@ from pydantic import ValidationError
 from streamkit.components import Component, Registry, Sampler, load_registry
 from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.fields import Files
-from streamkit.spec.document import DEEPEST, depth
-from streamkit.spec.matches import drag_unknown, massless, no_part_of_a_host, own_keys, too_many_steps
-from streamkit.spec.parts import Parts, StreamParts
-from streamkit.spec.priors import PRIORS
-from streamkit.spec.progenitor import BODY_WAYS, WAYS, Sun, choose_coordinates
-from streamkit.spec.section import Section, read_section
-from streamkit.spec.sentences import should
-from streamkit.spec.settings import VERSION, Engine, Likelihood, RunFile
-from streamkit.spec.setup import ONLY
+from streamkit.runfile.cross_checks import drag_unknown, massless, no_part_of_a_host, own_keys, too_many_steps
+from streamkit.runfile.document import DEEPEST, depth
+from streamkit.runfile.inputs import ONLY
+from streamkit.runfile.priors import PRIORS
+from streamkit.runfile.progenitor import BODY_WAYS, WAYS, Sun, choose_coordinates
+from streamkit.runfile.section import Section, read_section
+from streamkit.runfile.sections import Sections, StreamSections
+from streamkit.runfile.sentences import should
+from streamkit.runfile.settings import VERSION, Engine, Likelihood, RunFile
 
 DEFAULT_KIND = {"integrator": "adaptive", "observable": "apocentres", "sampler": "emcee"}
 HOST_ALONE = ("growth",)
@@ -45,7 +45,7 @@ def resolve(
     registry: Registry | None,
     files: Files,
     components: Sequence[type[Component]] = (),
-) -> tuple[dict[str, Any], str, Registry, Parts]:
+) -> tuple[dict[str, Any], str, Registry, Sections]:
     """Validate the mapping of a run file; return the resolved document, its name, registry and sections.
 
     The paths of plugin files and data files are relative to the folder of ``files``, and stay as they are written.
@@ -67,8 +67,8 @@ def resolve(
             raise SpecError(f"{name}: {error}") from None
         except PluginError as error:
             raise PluginError(f"{name}: {error}") from error.__cause__
-    parts = reader.parts(registry)
-    return _document(reader.raw, plugins, parts), name, reader.registry, parts
+    sections = reader.sections(registry)
+    return _document(reader.raw, plugins, sections), name, reader.registry, sections
 
 
 def is_silent(cls: type[Any]) -> bool:
@@ -121,7 +121,7 @@ class _Reader:
             return f"{key}: {should(item['msg'])}"
         return f"{key}: found {self.raw[key]!r}, expected {_EXPECTED.get(key, f'a section, [{key}]')}"
 
-    def parts(self, registry: Registry) -> Parts:
+    def sections(self, registry: Registry) -> Sections:
         """Validate every section."""
         self.registry = registry
         self.expand_preset()
@@ -135,16 +135,16 @@ class _Reader:
         self.stop()
         self.errors += drag_unknown(potentials.values(), integrator.cls, self.registry.entries["integrator"])
         self.errors += too_many_steps(integrator, streams.values())
-        parts = Parts(
+        sections = Sections(
             self.raw.get("seed", 0), sun, potentials, bodies, streams, data, integrator, likelihood, sampler, engine
         )  # fmt: skip
-        for name in parts.sampler.priors:
+        for name in sections.sampler.priors:
             self.refuse(f"sampler.{name}: takes no prior: give a plain value")
-        free = sum(len(section.priors) for section in parts.sections)
-        if free and (reason := parts.sampler.centre.unfit(free)):
+        free = sum(len(section.priors) for section in sections.all)
+        if free and (reason := sections.sampler.centre.unfit(free)):
             self.refuse(f"sampler.{reason}")
         self.stop()
-        return parts
+        return sections
 
     def plain(self, path: str, cls: type[Any]) -> Any:
         """Validate a section without a kind."""
@@ -260,7 +260,7 @@ class _Reader:
         table = self.raw.get("stream", {})
         if not table:
             return {ONLY: self.stream("", self.raw)}
-        out: dict[str, StreamParts] = {}
+        out: dict[str, StreamSections] = {}
         for key in OF_A_STREAM:
             if key in self.raw:
                 self.refuse(
@@ -284,11 +284,11 @@ class _Reader:
                 out[key] = self.stream(f"{path}.", value)
         return out
 
-    def stream(self, prefix: str, table: dict[str, Any]) -> StreamParts:
+    def stream(self, prefix: str, table: dict[str, Any]) -> StreamSections:
         """Validate the sections of one stream."""
         satellite, phase = self.placed(f"{prefix}progenitor", table.get("progenitor"), WAYS)
         stripping = self.component(f"{prefix}stripping", "stripping", table.get("stripping"))
-        return StreamParts(satellite, phase, stripping, self.observables(f"{prefix}observable", table))
+        return StreamSections(satellite, phase, stripping, self.observables(f"{prefix}observable", table))
 
     def observables(self, path: str, table: dict[str, Any]) -> Any:
         """Validate the observables of a stream: none, one, or several by name."""
@@ -378,10 +378,10 @@ def _plain_values(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
-def _document(raw: dict[str, Any], plugins: list[str], parts: Parts) -> dict[str, Any]:
+def _document(raw: dict[str, Any], plugins: list[str], sections: Sections) -> dict[str, Any]:
     """Fill in every default; what the run file gave keeps its order and comes first."""
     tables: dict[str, dict[str, Any]] = {}
-    for section in parts.sections:
+    for section in sections.all:
         table = tables.setdefault(section.path, {})
         if issubclass(section.cls, Component) and not is_silent(section.cls):
             table["kind"] = section.cls.kind
@@ -394,7 +394,7 @@ def _document(raw: dict[str, Any], plugins: list[str], parts: Parts) -> dict[str
         given = reduce(lambda inner, key: inner.get(key, {}), (*above, name), raw)
         place = reduce(lambda inner, key: inner.setdefault(key, {}), above, filled)
         place[name] = {key: table[key] for key in dict.fromkeys(("kind", *given, *table)) if key in table}
-    document: dict[str, Any] = {"version": VERSION, "seed": parts.seed} | ({"plugins": plugins} if plugins else {})
+    document: dict[str, Any] = {"version": VERSION, "seed": sections.seed} | ({"plugins": plugins} if plugins else {})
     if "engine" not in raw:  # of which the samples know nothing
         del filled["engine"]
     return document | {key: filled[key] for key in dict.fromkeys((*raw, *filled)) if key in filled}

@@ -8,15 +8,15 @@ import io
 import numpy as np
 
 from streamkit.components import Component
-from streamkit.spec import Setup
+from streamkit.runfile import StreamInputs
 from streamkit.testing import quick_failures
 
 
-def component_doubts(setup: Setup) -> list[str]:
+def component_doubts(inputs: StreamInputs) -> list[str]:
     """Return a paragraph for each failure; what the components print meanwhile is dropped."""
-    used: dict[str, Component] = {f"potential {name}": one for name, one in setup.potentials.items()}
-    used |= {f"body {name}": body.potential for name, body in setup.bodies.items()}
-    used |= {"progenitor": setup.satellite, "stripping": setup.stripping}
+    used: dict[str, Component] = {f"potential {name}": one for name, one in inputs.potentials.items()}
+    used |= {f"body {name}": body.potential for name, body in inputs.bodies.items()}
+    used |= {"progenitor": inputs.satellite, "stripping": inputs.stripping}
     found = []
     for where, component in used.items():
         if not type(component).__module__.startswith("streamkit."):

@@ -18,13 +18,13 @@ import numpy as np
 from streamkit.components import Component, Registry, Sampler
 from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.fields import Files
-from streamkit.spec.document import read_toml, to_toml
-from streamkit.spec.parts import Parts
-from streamkit.spec.priors import Prior
-from streamkit.spec.reader import is_silent, resolve
-from streamkit.spec.section import Section
-from streamkit.spec.settings import Engine, Likelihood
-from streamkit.spec.setup import ONLY, Bound, Setup
+from streamkit.runfile.document import read_toml, to_toml
+from streamkit.runfile.inputs import ONLY, ModelInputs, StreamInputs
+from streamkit.runfile.priors import Prior
+from streamkit.runfile.reader import is_silent, resolve
+from streamkit.runfile.section import Section
+from streamkit.runfile.sections import Sections
+from streamkit.runfile.settings import Engine, Likelihood
 from streamkit.stream import Array
 from streamkit.units import Unit, symbol_of, unit_of
 
@@ -44,7 +44,7 @@ class Spec:
         Name of the file, for messages.
     registry
         The components it was validated with.
-    parts
+    sections
         The validated sections.
     folder
         What the paths of its plugin files and data files are relative to.
@@ -57,7 +57,7 @@ class Spec:
     document: dict[str, Any]
     source: str
     registry: Registry
-    parts: Parts
+    sections: Sections
     folder: Path
     files: Mapping[str, str]
     given: tuple[type[Component], ...] = ()
@@ -83,28 +83,28 @@ class Spec:
     @property
     def seed(self) -> int:
         """The seed of every random draw of the model."""
-        return self.parts.seed
+        return self.sections.seed
 
     @property
     def sampler(self) -> Sampler:
         """The sampler with its settings."""
-        return self.parts.sampler.centre
+        return self.sections.sampler.centre
 
     @property
     def likelihood(self) -> Likelihood:
         """The settings of the likelihood."""
-        return self.parts.likelihood.centre
+        return self.sections.likelihood.centre
 
     @property
     def engine(self) -> Engine:
         """Where the run file has its calls made."""
-        return self.parts.engine.centre
+        return self.sections.engine.centre
 
     @cached_property
     def _fields(self) -> dict[str, tuple[Unit, Prior | None, str]]:
         """Unit, prior and symbol of every physical number by its path, in the order of the run file."""
         known = {}
-        for section in self.parts.sections:
+        for section in self.sections.all:
             owner = self._owner(section)
             for name, field in section.cls.model_fields.items():
                 if (unit := unit_of(field)) is not None:
@@ -118,7 +118,7 @@ class Spec:
         """Return what marks the symbols of a section's fields: whose they are."""
         top, _, name = section.path.partition(".")
         stream = name.partition(".")[0] if top == "stream" else ""
-        satellite = any(section is stream.satellite for stream in self.parts.streams.values())
+        satellite = any(section is stream.satellite for stream in self.sections.streams.values())
         return ",".join(filter(None, ("sat" if satellite else "", stream))) if stream or satellite else name
 
     @cached_property
@@ -145,7 +145,7 @@ class Spec:
         """(d,) The centres of the priors."""
         return np.array([prior.centre for prior in self.priors])
 
-    def bind(self, theta: Array | Mapping[str, Any] | None = None, stream: str | None = None) -> Setup:
+    def bind(self, theta: Array | Mapping[str, Any] | None = None, stream: str | None = None) -> StreamInputs:
         """Return the components of one stream at the given parameters.
 
         Parameters
@@ -165,7 +165,7 @@ class Spec:
     @property
     def streams(self) -> tuple[str, ...]:
         """The names of the streams; a single one without a name is called ``stream``."""
-        return tuple(self.parts.streams)
+        return tuple(self.sections.streams)
 
     def stream_name(self, given: str | None = None) -> str:
         """Return the name of a stream, which may be left out where there is one; a `SpecError` lists the names."""
@@ -177,9 +177,9 @@ class Spec:
             raise SpecError(f"{self.source}: {found}.{guess} Streams: {', '.join(self.streams)}.")
         return given
 
-    def bind_all(self, theta: Array | Mapping[str, Any] | None = None) -> Bound:
+    def bind_all(self, theta: Array | Mapping[str, Any] | None = None) -> ModelInputs:
         """Return all streams at the given parameters, and what they share; ``theta`` and errors as for `bind`."""
-        return self.parts.bound(self._values(theta))
+        return self.sections.bound(self._values(theta))
 
     def _values(self, theta: Array | Mapping[str, Any] | None) -> dict[str, float]:
         theta = {} if theta is None else theta
@@ -212,7 +212,7 @@ class Spec:
 
     def with_particles(self, most: int) -> Spec:
         """Return the spec with no more particles in each stream than so many."""
-        now = {name: stream.stripping.centre.particles for name, stream in self.parts.streams.items()}
+        now = {name: stream.stripping.centre.particles for name, stream in self.sections.streams.items()}
         return self.with_values(
             {f"{self.prefix(name)}stripping.particles": min(count, most) for name, count in now.items()}
         )
@@ -241,25 +241,25 @@ class Spec:
     def _check_path(self, path: str, values: Mapping[str, Any]) -> None:
         parent = path.rpartition(".")[0]
         without = [
-            self.prefix(name) + "observable" for name, stream in self.parts.streams.items() if not stream.observables
+            self.prefix(name) + "observable" for name, stream in self.sections.streams.items() if not stream.observables
         ]
-        tables = [section.path for section in self.parts.sections] + without
-        known = [f"{s.path}.{name}" for s in self.parts.sections for name in s.cls.model_fields]
-        known += [f"{s.path}.{name}" for s in self.parts.sections for name in s.entries()]
+        tables = [section.path for section in self.sections.all] + without
+        known = [f"{s.path}.{name}" for s in self.sections.all for name in s.cls.model_fields]
+        known += [f"{s.path}.{name}" for s in self.sections.all for name in s.entries()]
         known += ["seed", *(f"{table}.kind" for table in tables)]
         renewed = f"{parent}.kind" in values or parent in without
         if path not in known and not (renewed and parent in tables):
             raise SpecError(f"{self.source}: there is no field {path!r}.{nearest(path, known)}")
 
     def _drop_defaults(self, document: dict[str, Any], path: str) -> None:
-        for section in (section for section in self.parts.sections if section.path == path):
+        for section in (section for section in self.sections.all if section.path == path):
             table = functools.reduce(lambda inner, key: inner.get(key, {}), path.split("."), document)
             for name in [name for name, value in section.defaults().items() if table.get(name) == value]:
                 del table[name]
 
     def components(self) -> list[tuple[str, type[Component], str]]:
         """Return path, class and supplier of every component in use, the default sampler left out."""
-        used = [s for s in self.parts.sections if issubclass(s.cls, Component) and not is_silent(s.cls)]
+        used = [s for s in self.sections.all if issubclass(s.cls, Component) and not is_silent(s.cls)]
         return [(section.path, section.cls, self.registry.supplier(section.cls)) for section in used]
 
     def digest(self) -> str:
@@ -338,8 +338,8 @@ def _make(
     if inspect.isclass(components) or not isinstance(components, Iterable):
         raise PluginError(f"components: found {components!r}, expected a list of classes, such as [MyPotential]")
     given, files = tuple(components), Files(folder, known or {})
-    document, name, registry, parts = resolve(source, name, registry, files, given)
-    return Spec(document, name, registry, parts, folder, files.read, given)
+    document, name, registry, sections = resolve(source, name, registry, files, given)
+    return Spec(document, name, registry, sections, folder, files.read, given)
 
 
 def _unpickled(

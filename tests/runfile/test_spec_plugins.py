@@ -8,7 +8,7 @@ import pytest
 from runfiles import PLUGIN, accepts, changed
 
 import streamkit as sk
-from streamkit.spec import json_schema, to_toml
+from streamkit.runfile import json_schema, to_toml
 
 
 @pytest.fixture

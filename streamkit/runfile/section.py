@@ -24,8 +24,8 @@ from pydantic import (
 from streamkit.components import Potential
 from streamkit.errors import OutOfDomain
 from streamkit.fields import DataFile, Files, Table, array_of
-from streamkit.spec.priors import PRIORS, Prior, PriorTable, parse, quantity
-from streamkit.spec.sentences import sentence, should
+from streamkit.runfile.priors import PRIORS, Prior, PriorTable, parse, quantity
+from streamkit.runfile.sentences import sentence, should
 from streamkit.units import Unit, unit_of
 
 M = TypeVar("M", bound=BaseModel)
@@ -58,7 +58,7 @@ class Section(Generic[M]):
             where = ".".join([self.path, *(str(part) for part in error.errors()[0]["loc"][:1])])
             raise OutOfDomain(f"{where} is outside its allowed range") from None
         if isinstance(built, Potential):
-            built.shaped_like(self.centre, self.path)  # type: ignore[arg-type]  # it is of the same class
+            built.share_grid_of(self.centre, self.path)  # type: ignore[arg-type]  # it is of the same class
         return built
 
     @cached_property
@@ -172,7 +172,7 @@ def read_section(
         if name not in priors
     }
     if isinstance(centre, Potential):
-        centre.shaped_like(centre, path)
+        centre.share_grid_of(centre, path)
     written = {name: _list_written(cls, name, table[name], pulled) for name in data}
     return None if outside else Section(path, cls, given, priors, centre, written)
 

@@ -7,7 +7,7 @@ import pytest
 from runfiles import accepts, changed
 
 import streamkit as sk
-from streamkit.spec import json_schema, to_toml
+from streamkit.runfile import json_schema, to_toml
 
 PLUGIN = '''
 from functools import cache

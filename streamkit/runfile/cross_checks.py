@@ -9,9 +9,9 @@ import numpy as np
 
 from streamkit.components import Component, Integrator, Potential, total_mass
 from streamkit.errors import StreamkitError
-from streamkit.spec.parts import StreamParts
-from streamkit.spec.progenitor import Place
-from streamkit.spec.section import Section
+from streamkit.runfile.progenitor import Place
+from streamkit.runfile.section import Section
+from streamkit.runfile.sections import StreamSections
 from streamkit.units import Unit
 
 MOST_STEPS = 1e7
@@ -36,7 +36,7 @@ def drag_unknown(
     ]
 
 
-def too_many_steps(integrator: Section[Integrator], streams: Iterable[StreamParts]) -> list[str]:
+def too_many_steps(integrator: Section[Integrator], streams: Iterable[StreamSections]) -> list[str]:
     """Return a sentence for each field of the integrator with which a stream would not come to its end."""
     path, longest = max((stream.lookback for stream in streams), key=lambda pair: pair[1])
     return [

@@ -13,8 +13,8 @@ from astropy import units as u
 from runfiles import BASE, EXAMPLES, changed, error_of
 
 import streamkit as sk
-from streamkit.spec import as_spec, literal, to_toml
-from streamkit.spec.reader import DEFAULT_KIND
+from streamkit.runfile import as_spec, literal, to_toml
+from streamkit.runfile.reader import DEFAULT_KIND
 
 
 def test_names_priors_and_units_in_file_order() -> None:
@@ -27,15 +27,15 @@ def test_names_priors_and_units_in_file_order() -> None:
 
 
 def test_bind_gives_the_components_at_the_values() -> None:
-    setup = sk.load(BASE).bind(np.array([200.0, 5e8, 3.0, 9.0]))
-    assert setup.potentials["potential"].model_dump(exclude_none=True) == {"v0": 200.0, "rs": 12.0, "alpha": 0.45}
-    assert setup.satellite.model_dump(exclude_none=True) == {"mass": 5e8, "radius": 0.85}
-    assert (setup.mass, setup.lookback, setup.seed) == (5e8, 3.0, 7)
-    assert setup.stripping.model_dump()["sigma"] == 9.0
-    assert (setup.integrator.kind, setup.observable) == (DEFAULT_KIND["integrator"], None)
-    np.testing.assert_array_equal(setup.q, [19.0, 0.0, -5.7])
-    np.testing.assert_array_equal(setup.v, [176.0, 0.0, 202.0])
-    assert list(setup.values) == list(sk.load(BASE).names)
+    inputs = sk.load(BASE).bind(np.array([200.0, 5e8, 3.0, 9.0]))
+    assert inputs.potentials["potential"].model_dump(exclude_none=True) == {"v0": 200.0, "rs": 12.0, "alpha": 0.45}
+    assert inputs.satellite.model_dump(exclude_none=True) == {"mass": 5e8, "radius": 0.85}
+    assert (inputs.mass, inputs.lookback, inputs.seed) == (5e8, 3.0, 7)
+    assert inputs.stripping.model_dump()["sigma"] == 9.0
+    assert (inputs.integrator.kind, inputs.observable) == (DEFAULT_KIND["integrator"], None)
+    np.testing.assert_array_equal(inputs.q, [19.0, 0.0, -5.7])
+    np.testing.assert_array_equal(inputs.v, [176.0, 0.0, 202.0])
+    assert list(inputs.values) == list(sk.load(BASE).names)
 
 
 def test_bind_by_name_leaves_the_others_at_their_centre() -> None:
@@ -57,12 +57,12 @@ def test_several_potentials_by_name() -> None:
     halo = {"kind": "nfw", "mass": {"uniform": [1e11, 1e12]}, "rs": 10}
     spec = sk.load(changed("potential", {"halo": halo, "bulge": {"kind": "hernquist", "mass": 3e10, "a": 0.5}}))
     assert spec.names[0] == "potential.halo.mass"
-    setup = spec.bind({"potential.halo.mass": 2e11})
-    assert {name: part.kind for name, part in setup.potentials.items()} == {
+    inputs = spec.bind({"potential.halo.mass": 2e11})
+    assert {name: part.kind for name, part in inputs.potentials.items()} == {
         "halo": "nfw",
         "bulge": "hernquist",
     }
-    assert setup.potentials["halo"].model_dump()["mass"] == 2e11
+    assert inputs.potentials["halo"].model_dump()["mass"] == 2e11
     assert [path for path, _, _ in spec.components()][:3] == [
         "potential.halo",
         "potential.bulge",
@@ -151,8 +151,8 @@ def test_with_values_replaces_fixes_and_frees() -> None:
         }
     )
     assert new.names == ("potential.v0", "potential.rs", "progenitor.lookback", "stripping.sigma")
-    setup = new.bind()
-    assert (setup.mass, setup.stripping.particles, setup.seed) == (6.4e8, 20, 3)
+    inputs = new.bind()
+    assert (inputs.mass, inputs.stripping.particles, inputs.seed) == (6.4e8, 20, 3)
     assert spec == sk.load(BASE)  # untouched
 
 

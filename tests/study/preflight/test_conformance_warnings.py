@@ -12,7 +12,7 @@ from toys import FIT
 
 import streamkit as sk
 from streamkit.study.preflight import describe_preflight, run_preflight
-from streamkit.study.preflight.doubts import component_doubts
+from streamkit.study.preflight.conformance_warnings import component_doubts
 
 
 def halo(sign: float = -1.0, twist: float = 0.0, chance: float = 0.0) -> type[sk.Potential]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from streamkit.components import HostData, Integrator, Observable, Potential, Stripping, total_mass
 from streamkit.errors import OutOfDomain, StreamkitError
-from streamkit.spec.progenitor import Sun
+from streamkit.runfile.progenitor import Sun
 from streamkit.stream import Array
 
 ONLY = "stream"
@@ -64,7 +64,7 @@ class Body:
 
 
 @dataclass(frozen=True)
-class Setup:
+class StreamInputs:
     """One stream of a run file bound to parameter values: what the model computes with.
 
     Attributes
@@ -132,13 +132,13 @@ class Setup:
 
 
 @dataclass(frozen=True)
-class Bound:
+class ModelInputs:
     """A run file bound to parameter values: all its streams, and what they share.
 
     Attributes
     ----------
     potentials, bodies, sun
-        The host, the galaxies beside it and the Sun, as in every `Setup`.
+        The host, the galaxies beside it and the Sun, as in every `StreamInputs`.
     streams
         What each stream is computed with, by name; a single one is called ``stream``.
     data
@@ -150,6 +150,6 @@ class Bound:
     potentials: dict[str, Potential]
     bodies: dict[str, Body]
     sun: Sun
-    streams: dict[str, Setup]
+    streams: dict[str, StreamInputs]
     data: dict[str, HostData]
     values: dict[str, float]

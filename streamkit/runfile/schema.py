@@ -8,10 +8,10 @@ from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, create_model
 from pydantic.json_schema import GenerateJsonSchema
 
 from streamkit.components import Component, Registry
-from streamkit.spec.progenitor import BODY_WAYS, WAYS, Place, Sun
-from streamkit.spec.reader import DEFAULT_KIND, HOST_ALONE
-from streamkit.spec.section import section_model
-from streamkit.spec.settings import Engine, Likelihood, RunFile
+from streamkit.runfile.progenitor import BODY_WAYS, WAYS, Place, Sun
+from streamkit.runfile.reader import DEFAULT_KIND, HOST_ALONE
+from streamkit.runfile.section import section_model
+from streamkit.runfile.settings import Engine, Likelihood, RunFile
 
 
 class _Generator(GenerateJsonSchema):

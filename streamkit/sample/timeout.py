@@ -22,7 +22,7 @@ class _Over(BaseException):
     """Ends a call; no Exception, so that a component which catches those does not catch it."""
 
 
-def within(limit: float, function: Callable[..., Result], *args: Any) -> Result | str:
+def call_with_timeout(limit: float, function: Callable[..., Result], *args: Any) -> Result | str:
     """Return what the function gives, or `NO_ANSWER` if that takes longer than ``limit`` seconds.
 
     In the main thread a timer ends the call as soon as Python code runs in it, compiled code only when it returns.

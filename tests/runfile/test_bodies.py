@@ -8,7 +8,7 @@ from runfiles import BASE, changed, error_of
 
 import streamkit as sk
 from streamkit.components import load_registry
-from streamkit.spec import json_schema
+from streamkit.runfile import json_schema
 from streamkit.stream import to_galactocentric
 
 LMC: dict[str, Any] = {
@@ -23,9 +23,9 @@ CLUMP = {"kind": "kepler", "mass": 1e7, "x": 5.0, "y": 1.0, "z": 0.0, "vx": 0.0,
 def test_a_body_is_read_with_its_priors_and_placed_with_the_sun():
     spec = sk.load(changed("body", {"lmc": LMC, "clump": CLUMP | {"friction": "none", "reflex": False}}))
     assert spec.names[-2:] == ("body.lmc.mass", "body.lmc.distance")
-    setup = spec.bind({"body.lmc.distance": 50.0, "body.lmc.mass": "1.4e11 Msun"})
-    lmc, clump = setup.bodies["lmc"], setup.bodies["clump"]
-    sun = spec.parts.sun.centre
+    inputs = spec.bind({"body.lmc.distance": 50.0, "body.lmc.mass": "1.4e11 Msun"})
+    lmc, clump = inputs.bodies["lmc"], inputs.bodies["clump"]
+    sun = spec.sections.sun.centre
     q, v = to_galactocentric("icrs", 81.28, -69.78, 50.0, 1.858, 0.385, 262.2, sun.observer)
     assert np.allclose(lmc.q, q)
     assert np.allclose(lmc.v, v)

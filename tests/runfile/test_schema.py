@@ -9,7 +9,7 @@ from runfiles import BASE, EXAMPLES, accepts, changed, error_of
 
 import streamkit as sk
 from streamkit.components import load_registry
-from streamkit.spec import json_schema
+from streamkit.runfile import json_schema
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from streamkit.model import Host
-from streamkit.spec import Spec
+from streamkit.runfile import Spec
 from streamkit.stream import Array
 from streamkit.study.fit.results import Results
 

@@ -11,8 +11,8 @@ from scipy.stats import chi2, norm, rankdata
 
 from streamkit.errors import OutOfDomain
 from streamkit.observe import gaussian
+from streamkit.runfile import Prior
 from streamkit.sample import Posterior
-from streamkit.spec import Prior
 from streamkit.stream import Array
 from streamkit.study.fit.tables import printable
 

@@ -11,7 +11,7 @@ from streamkit.sample.workers import Row, Workers
 from streamkit.stream import Array
 
 
-class Trials:
+class ProposalLog:
     """Evaluates an ensemble's proposals, as emcee's ``pool``, and keeps what the first steps found.
 
     A refused proposal says as much of the model as an accepted one, and most are refused. To be stored with each

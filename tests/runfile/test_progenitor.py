@@ -8,8 +8,8 @@ from astropy import coordinates as c
 from astropy import units as u
 from pydantic import ValidationError
 
-from streamkit.spec import Sun
-from streamkit.spec.progenitor import WAYS, EquatorialSky, GalacticSky, Galactocentric, StreamSky, choose_coordinates
+from streamkit.runfile import Sun
+from streamkit.runfile.progenitor import WAYS, EquatorialSky, GalacticSky, Galactocentric, StreamSky, choose_coordinates
 from streamkit.stream import seen_from, sky_matrix
 from streamkit.stream.frames import CENTRE_ICRS
 

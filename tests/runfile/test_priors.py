@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
-from streamkit.spec import LogUniform, Normal, Prior, TruncatedNormal, Uniform
-from streamkit.spec.priors import PRIORS, parse, usage
+from streamkit.runfile import LogUniform, Normal, Prior, TruncatedNormal, Uniform
+from streamkit.runfile.priors import PRIORS, parse, usage
 from streamkit.units import Unit
 
 KPC, NONE = Unit("kpc"), Unit("")

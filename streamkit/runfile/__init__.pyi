@@ -3,7 +3,10 @@ from .document import differences as differences
 from .document import literal as literal
 from .document import read_toml as read_toml
 from .document import to_toml as to_toml
-from .parts import stream_seed as stream_seed
+from .inputs import ONLY as ONLY
+from .inputs import Body as Body
+from .inputs import ModelInputs as ModelInputs
+from .inputs import StreamInputs as StreamInputs
 from .priors import PRIORS as PRIORS
 from .priors import LogUniform as LogUniform
 from .priors import Normal as Normal
@@ -18,13 +21,10 @@ from .reader import DEFAULT_KIND as DEFAULT_KIND
 from .reader import is_silent as is_silent
 from .reader import resolve as resolve
 from .schema import json_schema as json_schema
+from .sections import stream_seed as stream_seed
 from .settings import Engine as Engine
 from .settings import Likelihood as Likelihood
 from .settings import RunFile as RunFile
-from .setup import ONLY as ONLY
-from .setup import Body as Body
-from .setup import Bound as Bound
-from .setup import Setup as Setup
 from .spec import Source as Source
 from .spec import Spec as Spec
 from .spec import as_spec as as_spec

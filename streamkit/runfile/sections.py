@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 from streamkit.components import HostData, Integrator, Observable, Potential, Sampler, Stripping
-from streamkit.spec.progenitor import MOST_LOOKBACK, BodyPlace, PhaseSpace, Sun
-from streamkit.spec.section import Section
-from streamkit.spec.settings import Engine, Likelihood
-from streamkit.spec.setup import ONLY, Body, Bound, Setup, mass_of
+from streamkit.runfile.inputs import ONLY, Body, ModelInputs, StreamInputs, mass_of
+from streamkit.runfile.progenitor import MOST_LOOKBACK, BodyPlace, PhaseSpace, Sun
+from streamkit.runfile.section import Section
+from streamkit.runfile.settings import Engine, Likelihood
 
 
 @dataclass(frozen=True)
-class StreamParts:
+class StreamSections:
     """The validated sections of one stream, the observables by their names: ``observable`` if there is but one."""
 
     satellite: Section[Potential]
@@ -34,14 +34,14 @@ class StreamParts:
 
 
 @dataclass(frozen=True)
-class Parts:
+class Sections:
     """The validated sections of a run file."""
 
     seed: int
     sun: Section[Sun]
     potentials: dict[str, Section[Potential]]
     bodies: dict[str, tuple[Section[Potential], Section[BodyPlace]]]
-    streams: dict[str, StreamParts]
+    streams: dict[str, StreamSections]
     data: dict[str, Section[HostData]]
     integrator: Section[Integrator]
     likelihood: Section[Likelihood]
@@ -49,7 +49,7 @@ class Parts:
     engine: Section[Engine]
 
     @property
-    def sections(self) -> list[Section[Any]]:
+    def all(self) -> list[Section[Any]]:
         """All of them, in the default order."""
         bodies = [section for pair in self.bodies.values() for section in pair]
         found: list[Section[Any]] = [self.sun, *self.potentials.values(), *bodies]
@@ -71,7 +71,7 @@ class Parts:
         made = beside_each_other({name: section.build(values) for name, section in self.potentials.items()})
         for name, section in self.potentials.items():
             if section.cls.asks_for_host():
-                made[name].shaped_like(self._centre_of_host[name], section.path)
+                made[name].share_grid_of(self._centre_of_host[name], section.path)
         return made
 
     @cached_property
@@ -80,10 +80,10 @@ class Parts:
         made = beside_each_other({name: section.centre for name, section in self.potentials.items()})
         for name, section in self.potentials.items():
             if section.cls.asks_for_host():
-                made[name].shaped_like(made[name], section.path)
+                made[name].share_grid_of(made[name], section.path)
         return made
 
-    def bound(self, values: Mapping[str, float]) -> Bound:
+    def bound(self, values: Mapping[str, float]) -> ModelInputs:
         """Return all streams at the values of the free parameters by name; OutOfDomain if one breaks its field."""
         potentials = self.host(values)
         sun, integrator = self.sun.build(values).tied(potentials.values()), self.integrator.build(values)
@@ -95,7 +95,7 @@ class Parts:
         for name, stream in self.streams.items():
             satellite, phase = stream.satellite.build(values), stream.phase.build(values)
             q, v = phase.today(sun)
-            streams[name] = Setup(
+            streams[name] = StreamInputs(
                 potentials=potentials,
                 satellite=satellite,
                 mass=mass_of(satellite, "the progenitor"),
@@ -114,7 +114,7 @@ class Parts:
                 name=name,
             )
         data = {name: section.build(values) for name, section in self.data.items()}
-        return Bound(potentials, bodies, sun, streams, data, dict(values))
+        return ModelInputs(potentials, bodies, sun, streams, data, dict(values))
 
 
 def beside_each_other(potentials: Mapping[str, Potential]) -> dict[str, Potential]:
