@@ -15,18 +15,15 @@ from pydantic import BeforeValidator, Field, GetCoreSchemaHandler
 from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, core_schema
 
-G = 4.300917270e-6
-"""Gravitational constant in kpc (km/s)^2 / Msun."""
+G = 4.300917270e-6  # gravitational constant in kpc (km/s)^2 / Msun
 
-GYR = 3.15576e16 / 3.0856775814913673e16
-"""One Gyr in kpc/(km/s)."""
+GYR = 3.15576e16 / 3.0856775814913673e16  # one Gyr in kpc/(km/s)
 
-KMS_PER_MASYR_KPC = 4.740470463533349
-"""Tangential velocity in km/s of 1 mas/yr at 1 kpc."""
+KMS_PER_MASYR_KPC = 4.740470463533349  # tangential velocity in km/s of 1 mas/yr at 1 kpc
 
 
+# The largest size of a number in a run file, and one over the smallest: powers and products of some stay floats.
 LARGEST = 1e60
-"""The largest size of a number in a run file, and one over the smallest: powers and products of some stay floats."""
 
 
 def _sized(value: float) -> float:
@@ -106,11 +103,11 @@ class Unit:
 # The types a component's numeric fields are declared with. Each is spelled out, so that mypy reads it as float.
 _MASS, _LENGTH, _SPEED = Unit("Msun"), Unit("kpc"), Unit("km / s")
 _TIME, _ANGLE, _PM, _NUMBER = Unit("Gyr", GYR), Unit("deg", math.pi / 180.0), Unit("mas / yr"), Unit("")
+# The units of fields by the name of a type.
 UNITS = {
     "Mass": _MASS, "Length": _LENGTH, "Speed": _SPEED, "Duration": _TIME, "Angle": _ANGLE, "ProperMotion": _PM,
     "Number": _NUMBER,
 }  # fmt: skip
-"""The units of fields by the name of a type."""
 
 
 def unit_called(name: str) -> Unit:
@@ -123,26 +120,16 @@ def unit_called(name: str) -> Unit:
     return Unit(u.Unit(name).to_string())
 
 
-Mass = Annotated[float, _MASS, Field(gt=0)]
-"""A positive mass in Msun."""
-Length = Annotated[float, _LENGTH, Field(gt=0)]
-"""A positive length in kpc."""
-Coordinate = Annotated[float, _LENGTH]
-"""A position along an axis in kpc, of either sign."""
-Speed = Annotated[float, _SPEED, Field(ge=0)]
-"""A speed in km/s, zero or more."""
-Velocity = Annotated[float, _SPEED]
-"""A velocity component in km/s, of either sign."""
-Duration = Annotated[float, _TIME, Field(gt=0)]
-"""A positive duration in Gyr."""
-Angle = Annotated[float, _ANGLE]
-"""An angle in degrees."""
-ProperMotion = Annotated[float, _PM]
-"""A proper motion in mas/yr."""
-Number = Annotated[float, _NUMBER]
-"""A dimensionless number."""
-PositiveNumber = Annotated[float, _NUMBER, Field(gt=0)]
-"""A positive dimensionless number."""
+Mass = Annotated[float, _MASS, Field(gt=0)]  # a positive mass in Msun
+Length = Annotated[float, _LENGTH, Field(gt=0)]  # a positive length in kpc
+Coordinate = Annotated[float, _LENGTH]  # a position along an axis in kpc, of either sign
+Speed = Annotated[float, _SPEED, Field(ge=0)]  # a speed in km/s, zero or more
+Velocity = Annotated[float, _SPEED]  # a velocity component in km/s, of either sign
+Duration = Annotated[float, _TIME, Field(gt=0)]  # a positive duration in Gyr
+Angle = Annotated[float, _ANGLE]  # an angle in degrees
+ProperMotion = Annotated[float, _PM]  # a proper motion in mas/yr
+Number = Annotated[float, _NUMBER]  # a dimensionless number
+PositiveNumber = Annotated[float, _NUMBER, Field(gt=0)]  # a positive dimensionless number
 
 
 @dataclass(frozen=True)
@@ -166,16 +153,16 @@ def _measurement(unit: Unit) -> BeforeValidator:
     return BeforeValidator(parse, json_schema_input_type=tuple[float | str, float | str])
 
 
+# A measured length and its standard error in kpc.
 LengthDatum = Annotated[tuple[float, float], _measurement(_LENGTH), Datum(_LENGTH.name)]
-"""A measured length and its standard error in kpc."""
+# A measured mass and its standard error in Msun.
 MassDatum = Annotated[tuple[float, float], _measurement(_MASS), Datum(_MASS.name)]
-"""A measured mass and its standard error in Msun."""
+# A measured number without a unit and its standard error.
 NumberDatum = Annotated[tuple[float, float], _measurement(_NUMBER), Datum(_NUMBER.name)]
-"""A measured number without a unit and its standard error."""
+# A measured angle and its standard error in degrees.
 AngleDatum = Annotated[tuple[float, float], _measurement(_ANGLE), Datum(_ANGLE.name)]
-"""A measured angle and its standard error in degrees."""
+# A measured velocity and its standard error in km/s.
 VelocityDatum = Annotated[tuple[float, float], _measurement(_SPEED), Datum(_SPEED.name)]
-"""A measured velocity and its standard error in km/s."""
 
 
 def unit_of(field: FieldInfo) -> Unit | None:

@@ -14,8 +14,7 @@ from threadpoolctl import threadpool_limits
 from streamkit import CONTRACT, Array, Component, Sampler, Samples, Target, hookimpl
 
 STREAMKIT_CONTRACT = CONTRACT
-PART = 2000
-"""Calls after which the samples so far are told."""
+PART = 2000  # calls after which the samples so far are told
 
 
 class Nautilus(Sampler):
@@ -56,8 +55,8 @@ class Nautilus(Sampler):
     def sample(self, target: Target) -> Iterator[Samples]:
         """Run nautilus; tell every 2000 calls."""
         places: dict[bytes, Array] = {}
+        # Calls and effective samples at the end of the exploration, of which the end is not known before.
         begun: dict[str, float] = {}
-        """Calls and effective samples at the end of the exploration, of which the end is not known before."""
 
         def ln_likelihood(u: Array) -> Array:
             points = target.from_unit(u)

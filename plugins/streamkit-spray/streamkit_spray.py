@@ -24,12 +24,11 @@ from streamkit import (
     hookimpl,
 )
 
-STREAMKIT_CONTRACT = 1
-"""The contract with streamkit that this module was written for."""
+STREAMKIT_CONTRACT = 1  # the contract with streamkit that this module was written for
 
+# Chen+ 2025 draw the distance from a Gaussian: the 9e-6 of the draws below this many r_t are moved there, since the
+# escape speed of a point mass diverges at its place.
 NEAREST = 0.1
-"""Chen+ 2025 draw the distance from a Gaussian: the 9e-6 of the draws below this many r_t are moved there,
-since the escape speed of a point mass diverges at its place."""
 
 
 def _around(orbit: Orbit, tail: IntArray, offset: Array, kick: Array) -> Release:

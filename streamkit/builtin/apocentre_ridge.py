@@ -25,20 +25,15 @@ from streamkit.builtin.apocentre_track import (
     window,
 )
 
+# Where beyond the progenitor's own apocentre, in degrees, only debris that turns round there has come.
 BEYOND = (10.0, 60.0)
-"""Where beyond the progenitor's own apocentre, in degrees, only debris that turns round there has come."""
-FEWEST_BEYOND = 10
-"""Fewest particles there (sum of weights)."""
-START = 50.0
-"""Width (standard deviation) of the Gaussian that the fit of that branch begins with, degrees."""
-SPARSE = 0.2
-"""Density along the arm, in units of its largest, below which angles begin to count less."""
-LOW = 4
-"""Power of the mean height there, minus: a branch three times as high counts 1 % of the lower one."""
+FEWEST_BEYOND = 10  # fewest particles there (sum of weights)
+START = 50.0  # width (standard deviation) of the Gaussian that the fit of that branch begins with, degrees
+SPARSE = 0.2  # density along the arm, in units of its largest, below which angles begin to count less
+LOW = 4  # power of the mean height there, minus: a branch three times as high counts 1 % of the lower one
+# Least eigenvalue of the ridge's curvature, its diagonal scaled to 1: below, the particles do not fix a Gaussian.
 FLAT = 1e-9
-"""Least eigenvalue of the ridge's curvature, its diagonal scaled to 1: below, the particles do not fix a Gaussian."""
-BREADTH = 0.1
-"""Standard deviation in radius of the kernel about that branch, in units of its apocentre."""
+BREADTH = 0.1  # standard deviation in radius of the kernel about that branch, in units of its apocentre
 
 
 def fit_turning(angle: Array, r: Array, number: Array, guide: float, coverage: float = COVERAGE) -> ArmFit | str:

@@ -8,21 +8,16 @@ import numpy as np
 
 from streamkit import Array
 
-CELL = 1.0
-"""Grid of angles, degrees."""
-KERNEL = 4.0
-"""Standard deviation of the smoothing kernel of the track, degrees."""
-WINDOW, EDGE = 40.0, 5.0
-"""Half width of the fitted window (Gibbons+ 2014) and the scale of its soft edges, degrees."""
-REACH = 45.0
-"""How far from the progenitor's own apocentre the first guess of the maximum is looked for, degrees."""
+CELL = 1.0  # grid of angles, degrees
+KERNEL = 4.0  # standard deviation of the smoothing kernel of the track, degrees
+WINDOW, EDGE = 40.0, 5.0  # half width of the fitted window (Gibbons+ 2014) and the scale of its soft edges, degrees
+REACH = 45.0  # how far from the progenitor's own apocentre the first guess of the maximum is looked for, degrees
+# Particles farther than this from the progenitor's own apocentre cannot matter, degrees.
 NEAR = 2 * REACH + WINDOW + 3 * EDGE
-"""Particles farther than this from the progenitor's own apocentre cannot matter, degrees."""
-FEWEST = 30
-"""Fewest particles in the window (sum of weights)."""
+FEWEST = 30  # fewest particles in the window (sum of weights)
+# Least share of the particles in the window on either side of the maximum: a Gaussian through debris that only rises,
+# or only falls, says where it ends.
 COVERAGE = 0.05
-"""Least share of the particles in the window on either side of the maximum: a Gaussian through debris that only rises,
-or only falls, says where it ends."""
 
 NO_GAUSSIAN = "no Gaussian fits the track near the progenitor's own apocentre"
 NOT_YET = "the track does not come down beyond its maximum"

@@ -15,8 +15,8 @@ from streamkit.builtin.unwrap import unwrap_by_phase
 
 NAMES = ("leading", "trailing", "precession")
 ARMS = {"leading": 1, "trailing": -1}
+# The arms that each datum is measured on.
 NEEDS = {"leading": ("leading",), "trailing": ("trailing",), "precession": ("leading", "trailing")}
-"""The arms that each datum is measured on."""
 NOT_FITTED = ArmFit(np.nan, np.nan, (np.nan, np.nan), (np.empty(0), np.empty(0)), (np.empty(0), np.empty(0)))
 
 

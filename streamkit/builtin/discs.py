@@ -15,18 +15,18 @@ from pydantic import Field
 
 from streamkit import G, Length, Mass, Potential, Symbol, sqrt
 
+# Smith et al., table 2: masses over that of the disc, as polynomials of b/rd, the highest power first.
 MASSES = (
     (0.0036, -0.0330, 0.1117, -0.1335, 0.1749),
     (-0.0131, 0.1090, -0.3035, 0.2921, -5.7976),
     (-0.0048, 0.0454, -0.1425, 0.1012, 6.7120),
 )
-"""Smith et al., table 2: masses over that of the disc, as polynomials of b/rd, the highest power first."""
+# Scale lengths over that of the disc, likewise.
 LENGTHS = (
     (-0.0158, 0.0993, -0.2070, -0.7089, 0.6445),
     (-0.0319, 0.1514, -0.1279, -0.9325, 2.6836),
     (-0.0326, 0.1816, -0.2943, -0.6329, 2.3193),
 )
-"""Scale lengths over that of the disc, likewise."""
 
 
 def _three_discs(c3: float, c2: float, c1: float) -> tuple[Any, Any]:
@@ -62,8 +62,8 @@ def _three_discs(c3: float, c2: float, c1: float) -> tuple[Any, Any]:
     return acceleration, potential
 
 
+# With the fits of b to the height of an exponential and of a sech^2 (Smith et al. 2015).
 _EXPONENTIAL, _ISOTHERMAL = _three_discs(-0.269, 1.080, 1.092), _three_discs(-0.033, 0.262, 0.659)
-"""With the fits of b to the height of an exponential and of a sech^2 (Smith et al. 2015)."""
 
 
 class ExponentialDisc(Potential):

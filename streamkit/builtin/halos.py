@@ -13,13 +13,12 @@ from pydantic import Field
 
 from streamkit import Angle, Coordinate, G, Length, Mass, PositiveNumber, Potential, Speed, Symbol, log, sqrt
 
-TINY = 1e-30
-"""kpc^2, added to squared radii: a force at the very centre is zero and not 0/0."""
+TINY = 1e-30  # kpc^2, added to squared radii: a force at the very centre is zero and not 0/0
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(20)
 SHELLS = tuple(float(v * v) for v in 0.5 + 0.5 * _NODES)
+# Gauss-Legendre quadrature from 0 to 1 in the root of the variable: dense near 0, as the centre is from afar.
 WIDTHS = tuple(float(w * v) for w, v in zip(_WEIGHTS, 0.5 + 0.5 * _NODES, strict=True))
-"""Gauss-Legendre quadrature from 0 to 1 in the root of the variable: dense near 0, as the centre is from afar."""
 
 
 class NFWTriaxial(Potential):

@@ -22,12 +22,9 @@ from streamkit import (
     log,
 )  # fmt: skip
 
-TINY = 1e-30
-"""kpc^2, added to squared radii: a force at the very centre is zero and not 0/0."""
-CELLS = 1024
-"""Cells of the even grid, about: the force is that of the spline to 1e-9 for ten knots a decade."""
-FLAT = 1e-6
-"""A slope of v_c^2 that is taken for zero beyond the last knot: there the potential is a logarithm."""
+TINY = 1e-30  # kpc^2, added to squared radii: a force at the very centre is zero and not 0/0
+CELLS = 1024  # cells of the even grid, about: the force is that of the spline to 1e-9 for ten knots a decade
+FLAT = 1e-6  # a slope of v_c^2 that is taken for zero beyond the last knot: there the potential is a logarithm
 
 
 class Spline(NamedTuple):

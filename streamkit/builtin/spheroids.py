@@ -14,8 +14,7 @@ from pydantic import Field
 
 from streamkit import G, Length, Mass, Number, OutOfDomain, Potential, Speed, Symbol, exp, log, sqrt
 
-TINY = 1e-30
-"""kpc^2, added to squared radii: a force at the very centre is zero and not 0/0."""
+TINY = 1e-30  # kpc^2, added to squared radii: a force at the very centre is zero and not 0/0
 
 
 class Dehnen(Potential):

@@ -34,15 +34,13 @@ from streamkit.builtin.track_likelihood import ln_mixture, scatter_of
 from streamkit.builtin.track_lines import ENOUGH, REACH, Lines, gather, lines_at
 from streamkit.builtin.track_panels import column_panels
 
-FEWEST = 10
-"""Particles that have left the progenitor below which there is no stream."""
+FEWEST = 10  # particles that have left the progenitor below which there is no stream
+# Degrees from the nearest debris beyond which it does not matter that there is more on the other side of the sky.
 FAR = 90.0
-"""Degrees from the nearest debris beyond which it does not matter that there is more on the other side of the sky."""
 ARMS = {"leading": 1, "trailing": -1}
+# What keeps drawn data where data may be.
 LIMITS: dict[str, Callable[[Array], Array]] = {"phi2": lambda angle: np.clip(angle, -90, 90), "distance": np.abs}
-"""What keeps drawn data where data may be."""
-BROADEST = 45.0
-"""Degrees that a kernel may have at most: two straight lines of that width are a whole turn."""
+BROADEST = 45.0  # degrees that a kernel may have at most: two straight lines of that width are a whole turn
 
 Name = Literal["phi2", "distance", "distance_modulus", "pm_phi1_cosphi2", "pm_phi2", "radial_velocity"]
 FrameField = str | dict[str, tuple[float, float]] | tuple[tuple[float, float, float], ...]

@@ -18,6 +18,7 @@ class Column(NamedTuple):
     of: Callable[[Seen], Array]
 
 
+# By the names of the fields and of the tables' columns.
 COLUMNS: dict[str, Column] = {
     "phi2": Column("deg", r"$\phi_2$", lambda seen: seen.phi2),
     "distance": Column("kpc", "distance", lambda seen: seen.distance),
@@ -26,10 +27,8 @@ COLUMNS: dict[str, Column] = {
     "pm_phi2": Column("mas/yr", r"$\mu_{\phi_2}$", lambda seen: seen.pm_phi2),
     "radial_velocity": Column("km/s", r"$v_r$", lambda seen: seen.radial_velocity),
 }
-"""By the names of the fields and of the tables' columns."""
 
-DEPTH = "distance_depth"
-"""The field whose datum is the spread of the distance."""
+DEPTH = "distance_depth"  # the field whose datum is the spread of the distance
 
 
 def column_of(name: str) -> str:

@@ -6,8 +6,7 @@ import numpy as np
 
 from streamkit import Array
 
-BROAD = 3.0
-"""Errors by which the broad Gaussian of outliers is wider than the scatter of the data."""
+BROAD = 3.0  # errors by which the broad Gaussian of outliers is wider than the scatter of the data
 
 
 def ln_mixture(

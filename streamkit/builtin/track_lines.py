@@ -16,22 +16,17 @@ from scipy.interpolate import CubicSpline
 
 from streamkit import Array
 
-WING = 1e-3
-"""Height of the exponential wings: the Gaussian is all that counts within three kernels of debris."""
+WING = 1e-3  # height of the exponential wings: the Gaussian is all that counts within three kernels of debris
 LN_WING = math.log(WING)
+# Kernels beyond the nearest particle after which the wings are cut, where both are 4e-4 of the peak among debris.
 REACH = 4.0
-"""Kernels beyond the nearest particle after which the wings are cut, where both are 4e-4 of the peak among debris."""
+# Particles under a kernel that give a line: far below it the slope and the spread are those of the whole stream.
 ENOUGH = 5.0
-"""Particles under a kernel that give a line: far below it the slope and the spread are those of the whole stream."""
 
-TURN = 360.0
-"""Degrees."""
-MOST = 300.0
-"""Greatest ln of a number of particles, so that it has an exponential."""
-FINE, MANY = 0.125, 200
-"""Kernels between the nodes where lines are splined, and longitudes below which none are."""
-TILE, BLOCK = 12, 512
-"""Lines that are fitted together, and particles that are summed together."""
+TURN = 360.0  # degrees
+MOST = 300.0  # greatest ln of a number of particles, so that it has an exponential
+FINE, MANY = 0.125, 200  # kernels between the nodes where lines are splined, and longitudes below which none are
+TILE, BLOCK = 12, 512  # lines that are fitted together, and particles that are summed together
 
 
 class Debris(NamedTuple):

@@ -13,10 +13,8 @@ from streamkit.builtin.track_lines import ENOUGH
 if TYPE_CHECKING:
     from streamkit.builtin.track import Track
 
-FINE = 181
-"""Longitudes that a line is drawn through."""
-BEYOND = 0.15
-"""How far lines go on beyond the data, over their range."""
+FINE = 181  # longitudes that a line is drawn through
+BEYOND = 0.15  # how far lines go on beyond the data, over their range
 UNITS = {"mas/yr": r"mas yr$^{-1}$", "km/s": r"km s$^{-1}$"}
 
 

@@ -6,8 +6,7 @@ import numpy as np
 
 from streamkit import Array, BoolArray
 
-WINDOW = 101
-"""Particles in the running circular mean."""
+WINDOW = 101  # particles in the running circular mean
 
 
 def unwrap_by_phase(angle: Array, chi: Array, bound: BoolArray) -> Array:

@@ -17,8 +17,7 @@ import streamkit as sk
 from streamkit import components, runfile
 from streamkit.errors import StreamkitError
 
-PLACED = {"progenitor": "potential", "body": "potential"}
-"""Sections whose kinds are those of potentials."""
+PLACED = {"progenitor": "potential", "body": "potential"}  # sections whose kinds are those of potentials
 Complete = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
 

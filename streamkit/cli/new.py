@@ -15,8 +15,8 @@ from streamkit import components
 from streamkit.errors import StreamkitError
 
 TEMPLATES = Path(__file__).parent / "templates"
+# There is a template of a module for each.
 ROLES = sorted(file.name.removesuffix(".py.txt") for file in TEMPLATES.glob("*.py.txt"))
-"""There is a template of a module for each."""
 ALLOWED = "lower-case letters, digits and underscores, a letter first"
 
 

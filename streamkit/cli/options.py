@@ -13,8 +13,7 @@ from streamkit import runfile
 from streamkit.cli.compiling import tell_of_compiling
 from streamkit.cli.completion import settings
 
-INVALID, INTERRUPTED = 2, 130
-"""Exit statuses of the commands: bad input, and stopped by Ctrl-C."""
+INVALID, INTERRUPTED = 2, 130  # exit statuses of the commands: bad input, and stopped by Ctrl-C
 
 RUN_FILE = click.argument("run_file", metavar="RUN.toml", type=click.Path(path_type=Path))
 SET = click.option(

@@ -11,8 +11,7 @@ from typing import NoReturn
 
 import click
 
-PATIENCE = 10.0
-"""Seconds that threads other than the main one have to end, once the command has."""
+PATIENCE = 10.0  # seconds that threads other than the main one have to end, once the command has
 
 
 def keep_streams() -> None:

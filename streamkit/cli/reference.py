@@ -11,8 +11,7 @@ from streamkit import components, report, runfile
 from streamkit.cli.completion import kinds_of, sections
 from streamkit.errors import StreamkitError
 
-KEYS = ("version", "seed", "plugins")
-"""What stands above the sections."""
+KEYS = ("version", "seed", "plugins")  # what stands above the sections
 
 
 @click.command()

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 
+# Environment variable: entry-point names, separated by commas, of plugins and commands that are not loaded.
 DISABLE = "STREAMKIT_DISABLE_PLUGINS"
-"""Environment variable: entry-point names, separated by commas, of plugins and commands that are not loaded."""
 
 
 def switched_off() -> set[str]:

@@ -11,8 +11,7 @@ from typing import Any
 from streamkit.components.bases import Component
 from streamkit.components.plugin import Plugin, check_class
 
-GIVEN = "given in Python"
-"""What the supplier of such a class says."""
+GIVEN = "given in Python"  # what the supplier of such a class says
 
 
 def load_given(classes: Iterable[type[Component]]) -> list[Plugin]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+# Package -> role, or ``command`` -> names.
 KNOWN: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "streamkit-spray": {"stripping": ("fardal15", "fardal15_gala", "chen25")},
     "streamkit-nautilus": {"sampler": ("nautilus",)},
@@ -13,7 +14,6 @@ KNOWN: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "streamkit-galpy": {"potential": ("galpy",)},
     "streamkit-agama": {"potential": ("agama",)},
 }
-"""Package -> role, or ``command`` -> names."""
 
 
 def where_to_find(role: str, name: str) -> str:

@@ -8,10 +8,8 @@ from streamkit.components.potential import Potential
 from streamkit.components.total import add_up
 from streamkit.units import G
 
-FAR = 1e5, 1e6
-"""Radii in kpc far beyond every galaxy: what is missing of a mass that ends falls at least as 1/r there."""
-ENDS = 3e-3
-"""Most that such a mass grows between them."""
+FAR = 1e5, 1e6  # radii in kpc far beyond every galaxy: what is missing of a mass that ends falls at least as 1/r there
+ENDS = 3e-3  # most that such a mass grows between them
 
 
 def total_mass(potential: Potential) -> float:

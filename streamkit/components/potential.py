@@ -21,14 +21,11 @@ from streamkit.fields import Columns, Table
 from streamkit.stream import Array, read_only
 from streamkit.units import GYR
 
-DEEPEST = 3
-"""Most dimensions of an array that compiled code gets."""
+DEEPEST = 3  # most dimensions of an array that compiled code gets
 
 
-HOST = "host"
-"""What `prepare` calls the rest of the host."""
-MOVING = "x", "y", "z", "vx", "vy", "vz", "t"
-"""The first arguments of `drag`."""
+HOST = "host"  # what `prepare` calls the rest of the host
+MOVING = "x", "y", "z", "vx", "vy", "vz", "t"  # the first arguments of `drag`
 
 
 def _check_signature(cls: type[Potential]) -> None:
@@ -79,8 +76,7 @@ def _check_signature(cls: type[Potential]) -> None:
             )
 
 
-EVALUATION = "expansion", "tolerance"
-"""Fields that every potential has that is not compiled."""
+EVALUATION = "expansion", "tolerance"  # fields that every potential has that is not compiled
 
 
 def _add_evaluation(cls: type[Potential]) -> None:

@@ -13,10 +13,8 @@ from streamkit.errors import blamed
 from streamkit.stream import Array, read_only
 from streamkit.units import G
 
-AZIMUTH = 16
-"""Equal angles: exact for every harmonic below this order."""
-POLAR = 20
-"""Gauss-Legendre nodes per hemisphere."""
+AZIMUTH = 16  # equal angles: exact for every harmonic below this order
+POLAR = 20  # Gauss-Legendre nodes per hemisphere
 
 
 class Part(Protocol):

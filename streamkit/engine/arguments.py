@@ -15,8 +15,7 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from streamkit.stream import Array
 
-ENDLESS = 1 << 40
-"""Length of a view of the packed arguments: each array knows its own."""
+ENDLESS = 1 << 40  # length of a view of the packed arguments: each array knows its own
 
 
 def layout_of(values: Sequence[float | Array]) -> tuple[int, ...]:

@@ -23,10 +23,9 @@ from streamkit.engine.velocity_forces import DRAGGED, drag_centres
 from streamkit.stream import Array, Orbit
 from streamkit.units import G
 
+# Most that two centres may move in a step, in units of their distance or of sqrt(distance / acceleration).
 FINEST = 0.03
-"""Most that two centres may move in a step, in units of their distance or of sqrt(distance / acceleration)."""
-PARTS = 100
-"""Most steps between two nodes."""
+PARTS = 100  # most steps between two nodes
 
 
 class Friction(NamedTuple):

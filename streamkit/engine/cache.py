@@ -31,14 +31,14 @@ from numba.core.typing.templates import builtin_registry
 from streamkit import elementary
 
 FASTMATH = ("arcp", "contract")
+# For all compiled code. contract: fused multiply-add; arcp: one reciprocal for divisions by the same number.
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": set(FASTMATH)}
-"""For all compiled code. contract: fused multiply-add; arcp: one reciprocal for divisions by the same number."""
 
+# For the helpers, which become part of the function that calls them.
 INLINE: dict[str, Any] = {"inline": "always", "error_model": "numpy"}
-"""For the helpers, which become part of the function that calls them."""
 
+# Numba's settings (environment variables NUMBA_...) that change the machine code. Its own key leaves them out.
 SETTINGS = "OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK", "DISABLE_INTEL_SVML", "DEBUGINFO_DEFAULT"
-"""Numba's settings (environment variables NUMBA_...) that change the machine code. Its own key leaves them out."""
 
 
 class ContentCache(FunctionCache):  # type: ignore[misc]  # numba is untyped here
@@ -137,8 +137,7 @@ def _engine_digest() -> str:
     return digest_of_parts([file.read_text() for file in sorted(Path(__file__).parent.glob("*.py"))])
 
 
-ENGINE = _engine_digest()
-"""Digest of the whole engine's text: a change anywhere in it compiles all its loops anew."""
+ENGINE = _engine_digest()  # digest of the whole engine's text: a change anywhere in it compiles all its loops anew
 
 
 def cached(signature: Any, nogil: bool = False) -> Callable[[Callable[..., Any]], Any]:

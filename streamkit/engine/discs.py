@@ -10,14 +10,12 @@ from streamkit.engine.field import Field
 from streamkit.errors import ComponentError, OutOfDomain
 from streamkit.stream import Array
 
+# kpc, at which the height is looked for: each is twice the one before, as `streamkit.engine.levels` takes them.
 RADII = 2.0 ** np.arange(9)
-"""kpc, at which the height is looked for: each is twice the one before, as `streamkit.engine.levels` takes them."""
-AZIMUTHS = np.radians([0.0, 90.0])
-"""A bar is thin in one direction."""
-STEPS = 12
-"""Heights to look at, for each radius: this radius divided by powers of two."""
+AZIMUTHS = np.radians([0.0, 90.0])  # a bar is thin in one direction
+STEPS = 12  # heights to look at, for each radius: this radius divided by powers of two
+# A host whose height is more than this times the radius has no disc there: spheres have half, of these steps.
 THIN = 0.3
-"""A host whose height is more than this times the radius has no disc there: spheres have half, of these steps."""
 
 
 def with_disc(field: Field) -> Field:

@@ -21,8 +21,8 @@ from streamkit.engine.kernels import Force, NumpyKernel, machine_code
 from streamkit.engine.velocity_forces import LANES_ROWS
 from streamkit.stream import Array
 
+# A component, the dimensions of what its `drag` gets after t, and whether the last two of these are a growth.
 Part = tuple[type[Force], tuple[int, ...], bool]
-"""A component, the dimensions of what its `drag` gets after t, and whether the last two of these are a growth."""
 
 
 def drag_kernel(forces: Sequence[Force]) -> tuple[Any, Array]:

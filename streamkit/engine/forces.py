@@ -12,17 +12,14 @@ from numba.extending import intrinsic
 from streamkit.engine.cache import INLINE, OPTIONS
 from streamkit.stream import Array, IntArray
 
-BATCH = 4096
-"""Particles taken together."""
-LANES = 8
-"""Doubles in the widest vector register: groups of equal steps are padded to a multiple of it."""
-DEEPEST = 20
-"""A block takes at most 2 to this power steps."""
+BATCH = 4096  # particles taken together
+LANES = 8  # doubles in the widest vector register: groups of equal steps are padded to a multiple of it
+DEEPEST = 20  # a block takes at most 2 to this power steps
+# Groups of equal steps: one and two half steps of Nystrom's method, and 2 to 2^DEEPEST steps of another one.
 LEVELS = DEEPEST + 2
-"""Groups of equal steps: one and two half steps of Nystrom's method, and 2 to 2^DEEPEST steps of another one."""
 
+# Distance between the x, y and z of a particle in a batch. A constant: it proves to LLVM that rows are apart.
 ROW = BATCH + LANES * LEVELS
-"""Distance between the x, y and z of a particle in a batch. A constant: it proves to LLVM that rows are apart."""
 
 
 class Forces(NamedTuple):
@@ -58,8 +55,8 @@ class Forces(NamedTuple):
 
 
 _I1, _F1, _F = types.int64[::1], types.float64[::1], types.float64
+# What numba calls them.
 FORCES = types.NamedTuple([_I1, _I1, _I1, _F1, _F, _F, types.float64[:, :, ::1], types.float64[:, ::1]], Forces)
-"""What numba calls them."""
 NO_TRACKS, NO_FRAME = np.zeros((0, 1, 20)), np.zeros((0, 12))
 
 

@@ -8,10 +8,8 @@ from streamkit.engine.cache import INLINE
 from streamkit.engine.forces import BATCH, LANES, ROW, call_kernel, centre_at
 from streamkit.engine.steps import ROWS, A, H, T, V
 
-CROSSING = 1.25
-"""Longest step near a disc's plane, in units of the time in which its height is crossed."""
-NEAR_PLANE = 2.0
-"""What is near, in units of that height."""
+CROSSING = 1.25  # longest step near a disc's plane, in units of the time in which its height is crossed
+NEAR_PLANE = 2.0  # what is near, in units of that height
 
 
 @njit(**INLINE)

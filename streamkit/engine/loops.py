@@ -34,8 +34,7 @@ from streamkit.engine.steps import METHOD, ROWS, A, H, Method, T, compose, nystr
 from streamkit.engine.velocity_forces import DRAGGED, is_dragged, renew
 from streamkit.stream import Array, IntArray
 
-LOOK_AGAIN, PARTS = 4, 4
-"""Particles of higher levels choose their steps anew in every one of these parts of a block."""
+LOOK_AGAIN, PARTS = 4, 4  # particles of higher levels choose their steps anew in every one of these parts of a block
 
 
 class Scratch(NamedTuple):
@@ -45,8 +44,7 @@ class Scratch(NamedTuple):
     numbers: IntArray
 
 
-WORK, NUMBERS = (2 * ROWS + 4) * ROW, 2 * ROW
-"""Doubles and integers in it."""
+WORK, NUMBERS = (2 * ROWS + 4) * ROW, 2 * ROW  # doubles and integers in it
 
 _F1, _F2 = types.float64[::1], types.float64[:, ::1]
 _I1, _F, _N = types.int64[::1], types.float64, types.intp

@@ -21,12 +21,12 @@ class Splitting:
 LEAPFROG = Splitting(np.array([0.5, 0.5]), np.array([1.0]), 2)
 
 _XI, _LAMBDA, _CHI = 0.1786178958448091, -0.2123418310626054, -0.6626458266981849e-1
+# Position-extended Forest-Ruth-like method, Omelyan, Mryglod & Folk 2002, Comput. Phys. Commun. 146, 188, eq. 22.
 PEFRL = Splitting(
     np.array([_XI, _CHI, 1 - 2 * (_CHI + _XI), _CHI, _XI]),
     np.array([(1 - 2 * _LAMBDA) / 2, _LAMBDA, _LAMBDA, (1 - 2 * _LAMBDA) / 2]),
     4,
 )
-"""Position-extended Forest-Ruth-like method, Omelyan, Mryglod & Folk 2002, Comput. Phys. Commun. 146, 188, eq. 22."""
 
 
 def _symmetric(kick: list[float], drift: list[float], order: int) -> Splitting:
@@ -42,7 +42,7 @@ def _symmetric(kick: list[float], drift: list[float], order: int) -> Splitting:
     return Splitting(np.array([0.0, *drifts, 0.0]), np.array(kicks), order)
 
 
+# Runge-Kutta-Nystroem splitting SRKN_6^b of Blanes & Moan 2002, J. Comput. Appl. Math. 142, 313, table 3.
 RKN4 = _symmetric(
     [0.0829844064174052, 0.396309801498368, -0.0390563049223486], [0.245298957184271, 0.604872665711080, 0.0], 4
 )
-"""Runge-Kutta-Nystroem splitting SRKN_6^b of Blanes & Moan 2002, J. Comput. Appl. Math. 142, 313, table 3."""

@@ -16,12 +16,9 @@ from numba.extending import intrinsic
 from streamkit.engine.cache import OPTIONS
 from streamkit.engine.forces import ROW
 
-BLOCK = 32
-"""Particles whose patches are read before the arithmetic goes on with them."""
-KEPT = 7
-"""Numbers that `Patches.locate` returns."""
-SIDE = 4
-"""Coefficients of a cubic; particles that are transposed together."""
+BLOCK = 32  # particles whose patches are read before the arithmetic goes on with them
+KEPT = 7  # numbers that `Patches.locate` returns
+SIDE = 4  # coefficients of a cubic; particles that are transposed together
 
 _POINTER = types.CPointer(types.float64)
 

@@ -12,8 +12,7 @@ from streamkit.engine.cache import cached
 _F1, _F2 = types.float64[::1], types.float64[:, ::1]
 _I1, _F, _N = types.int64[::1], types.float64, types.intp
 
-CHUNK = 512
-"""Particles whose distances are computed together."""
+CHUNK = 512  # particles whose distances are computed together
 
 
 @cached(types.void(_N, _F1, _F, _F2, _F2, _F1, _F, _F2, _I1, _F2, _F1, _F1, _F1, _F2, _F2))

@@ -8,8 +8,7 @@ import numpy as np
 
 from streamkit.stream import Array
 
-EXACT = 1e-9
-"""Tolerance, relative to the position and the velocity: far below the error of a particle."""
+EXACT = 1e-9  # tolerance, relative to the position and the velocity: far below the error of a particle
 
 
 def orbit_states(acceleration: Callable[[Array | float, Array, Array], Array], q: Array, v: Array, t: Array) -> Array:

@@ -14,8 +14,8 @@ from streamkit.engine.forces import ROW, add_forces
 from streamkit.engine.velocity_forces import add_drag
 from streamkit.stream import Array
 
+# Where velocities, times, time steps and accelerations of lanes begin; positions are in front.
 V, T, H, A = 3 * ROW, 6 * ROW, 7 * ROW, 8 * ROW
-"""Where velocities, times, time steps and accelerations of lanes begin; positions are in front."""
 ROWS = 11
 
 
@@ -77,8 +77,8 @@ def compose(forces, method, uniform, begin, end, steps, known, lanes, relative, 
                 t_i[i] += c * h_i[i]
 
 
+# From each stage of Nystrom's method to the time of the next, in units of its step.
 AHEAD = 0.2, 2 / 3 - 0.2, 1 / 3, 0.0
-"""From each stage of Nystrom's method to the time of the next, in units of its step."""
 
 
 @njit(**INLINE)

@@ -16,8 +16,7 @@ from numba.extending import intrinsic, overload
 
 from streamkit import elementary
 
-SHIFTER = 6755399441055744.0
-"""1.5 * 2^52: added to a number it rounds it, and leaves the integer in the last bits."""
+SHIFTER = 6755399441055744.0  # 1.5 * 2^52: added to a number it rounds it, and leaves the integer in the last bits
 SHIFTED_BITS = 0x4338000000000000
 INSIDE = 1.0 - 2.0**-53
 LN2_HI = 6.93147180369123816490e-01  # ln 2 in two pieces, so that k * LN2_HI is exact (fdlibm)

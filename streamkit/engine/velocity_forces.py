@@ -18,8 +18,7 @@ from streamkit.engine.cache import cached
 from streamkit.engine.forces import BATCH, FORCES, ROW, Forces, add_forces, call_kernel
 from streamkit.stream import Array, IntArray
 
-LANES_ROWS = 8
-"""Rows that the kernel reads: position, velocity, time and time step."""
+LANES_ROWS = 8  # rows that the kernel reads: position, velocity, time and time step
 
 
 class DraggedForces(NamedTuple):
@@ -46,8 +45,7 @@ class DraggedForces(NamedTuple):
 
 
 COMPILED = {"error_model": "numpy"}
-DRAGGED = types.NamedTuple([*FORCES.types, types.int64, types.float64[::1]], DraggedForces)
-"""What numba calls them."""
+DRAGGED = types.NamedTuple([*FORCES.types, types.int64, types.float64[::1]], DraggedForces)  # what numba calls them
 
 
 def is_dragged(forces):

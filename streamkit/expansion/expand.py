@@ -15,23 +15,18 @@ from streamkit.expansion.grid import Grid
 from streamkit.expansion.symmetry import ForceAt, Symmetry, random_positions, symmetry_of
 from streamkit.stream import Array
 
+# Forms of an expansion, as a run file names them.
 Form: TypeAlias = Literal["auto", "spherical", "axisymmetric", "general", "none"]
-"""Forms of an expansion, as a run file names them."""
 
+# Points at which an expansion is compared with the force: when its nodes are chosen, and ever after.
 HELD_OUT, AGAIN = 512, 64
-"""Points at which an expansion is compared with the force: when its nodes are chosen, and ever after."""
+# Nodes are added until the error is this part of the tolerance: other parameters may ask for a little more.
 MARGIN = 0.5
-"""Nodes are added until the error is this part of the tolerance: other parameters may ask for a little more."""
-MOST = 100_000
-"""Most nodes."""
-SLOWEST = 0.05
-"""Least power of the number of nodes with which an error must fall to go on."""
-ROUND = 1e-5
-"""Symmetries hold to this part of the tolerance."""
-THICKNESS = (np.inf, 3.0, 0.3)
-"""Scale heights in kpc to try; infinite without a disc."""
-CORE = 1.0
-"""Inside this radius in kpc errors are relative to the typical acceleration there: at a centre it may vanish."""
+MOST = 100_000  # most nodes
+SLOWEST = 0.05  # least power of the number of nodes with which an error must fall to go on
+ROUND = 1e-5  # symmetries hold to this part of the tolerance
+THICKNESS = (np.inf, 3.0, 0.3)  # scale heights in kpc to try; infinite without a disc
+CORE = 1.0  # inside this radius in kpc errors are relative to the typical acceleration there: at a centre it may vanish
 
 
 class NoExpansion(Exception):  # noqa: N818  a statement about a potential; who asks for it names that

@@ -8,10 +8,8 @@ import numpy as np
 
 from streamkit.stream import Array
 
-INNER, OUTER = 0.01, 2000.0
-"""Radii in kpc of the first and the last node."""
-POLE = 1.0 - 5e-7
-"""cos(theta) of what stands for the pole: on it the direction of increasing theta is not defined."""
+INNER, OUTER = 0.01, 2000.0  # radii in kpc of the first and the last node
+POLE = 1.0 - 5e-7  # cos(theta) of what stands for the pole: on it the direction of increasing theta is not defined
 
 
 @dataclass(frozen=True)

@@ -169,25 +169,15 @@ def array_schema(unit: Unit) -> dict[str, Any]:
     return {"anyOf": [{"type": "array", "items": entry}, text, table]}
 
 
-LengthArray = Annotated[Array, ArrayOf(UNITS["Length"], POSITIVE)]
-"""Positive lengths in kpc, (n,)."""
-CoordinateArray = Annotated[Array, ArrayOf(UNITS["Length"])]
-"""Positions along an axis in kpc, of either sign, (n,)."""
-MassArray = Annotated[Array, ArrayOf(UNITS["Mass"], POSITIVE)]
-"""Positive masses in Msun, (n,)."""
-SpeedArray = Annotated[Array, ArrayOf(UNITS["Speed"], NOT_NEGATIVE)]
-"""Speeds in km/s, zero or more, (n,)."""
-VelocityArray = Annotated[Array, ArrayOf(UNITS["Speed"])]
-"""Velocities in km/s, of either sign, (n,)."""
-DurationArray = Annotated[Array, ArrayOf(UNITS["Duration"], POSITIVE)]
-"""Positive durations in Gyr, (n,)."""
-TimeArray = Annotated[Array, ArrayOf(UNITS["Duration"])]
-"""Times in Gyr, 0 today and negative in the past, (n,)."""
-AngleArray = Annotated[Array, ArrayOf(UNITS["Angle"])]
-"""Angles in degrees, (n,)."""
-ProperMotionArray = Annotated[Array, ArrayOf(UNITS["ProperMotion"])]
-"""Proper motions in mas/yr, (n,)."""
-NumberArray = Annotated[Array, ArrayOf(UNITS["Number"])]
-"""Dimensionless numbers, (n,)."""
+LengthArray = Annotated[Array, ArrayOf(UNITS["Length"], POSITIVE)]  # positive lengths in kpc, (n,)
+CoordinateArray = Annotated[Array, ArrayOf(UNITS["Length"])]  # positions along an axis in kpc, of either sign, (n,)
+MassArray = Annotated[Array, ArrayOf(UNITS["Mass"], POSITIVE)]  # positive masses in Msun, (n,)
+SpeedArray = Annotated[Array, ArrayOf(UNITS["Speed"], NOT_NEGATIVE)]  # speeds in km/s, zero or more, (n,)
+VelocityArray = Annotated[Array, ArrayOf(UNITS["Speed"])]  # velocities in km/s, of either sign, (n,)
+DurationArray = Annotated[Array, ArrayOf(UNITS["Duration"], POSITIVE)]  # positive durations in Gyr, (n,)
+TimeArray = Annotated[Array, ArrayOf(UNITS["Duration"])]  # times in Gyr, 0 today and negative in the past, (n,)
+AngleArray = Annotated[Array, ArrayOf(UNITS["Angle"])]  # angles in degrees, (n,)
+ProperMotionArray = Annotated[Array, ArrayOf(UNITS["ProperMotion"])]  # proper motions in mas/yr, (n,)
+NumberArray = Annotated[Array, ArrayOf(UNITS["Number"])]  # dimensionless numbers, (n,)
+# Dimensionless numbers in an array of any number of dimensions.
 NumberTensor = Annotated[Array, ArrayOf(UNITS["Number"], ndim=None)]
-"""Dimensionless numbers in an array of any number of dimensions."""

@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 
     from streamkit.units import Unit
 
+# Suffixes of tables, with astropy's names of their formats. A `.npy` file holds one array.
 FORMATS = {".ecsv": "ascii.ecsv", ".csv": "ascii.csv", ".fits": "fits", ".fit": "fits"}
-"""Suffixes of tables, with astropy's names of their formats. A `.npy` file holds one array."""
+# What begins the part of an ECSV file's header that makes quantities of its columns.
 SERIALIZED = "__serialized_columns__"
-"""What begins the part of an ECSV file's header that makes quantities of its columns."""
 _COMMAS = re.compile(r"(?m)^# delimiter: [\"']?,")
 
 

@@ -10,12 +10,11 @@ from streamkit.engine import Field, Friction
 from streamkit.stream import Array
 from streamkit.units import GYR, G
 
-RADII = np.geomspace(0.1, 3000.0, 64)
-"""Where the host is measured, kpc."""
+RADII = np.geomspace(0.1, 3000.0, 64)  # where the host is measured, kpc
+# Longest time between two looks at a host that changes; between them it is linear in time, as a growth is.
 APART = 0.25 * GYR
-"""Longest time between two looks at a host that changes; between them it is linear in time, as a growth is."""
+# Fractions of a span of time at which a host that changes differs from that of today.
 LOOKS = np.array([0.137, 0.41, 0.73, 1.0])
-"""Fractions of a span of time at which a host that changes differs from that of today."""
 
 
 def friction_times(field: Field, growths: Sequence[Array], t1: float) -> Array:

@@ -17,16 +17,14 @@ from streamkit.runfile import Body
 from streamkit.stream import Array, Orbit
 from streamkit.units import GYR
 
+# Spacing of the tracks of the progenitor and of bodies: their interpolation error stays far below a particle's.
 NODE = 0.002 * GYR
-"""Spacing of the tracks of the progenitor and of bodies: their interpolation error stays far below a particle's."""
 
+# Most that one of them may turn between two nodes of its track, radians: revolutions are counted by them.
 SHARPEST = 1.5
-"""Most that one of them may turn between two nodes of its track, radians: revolutions are counted by them."""
 
-COARSE = 8, 4
-"""Nodes of a mean over the sphere for friction, which acts far from any disc."""
-FAR = 1e100
-"""A distance in kpc that stands for infinity: far enough for a logarithm to hold any speed."""
+COARSE = 8, 4  # nodes of a mean over the sphere for friction, which acts far from any disc
+FAR = 1e100  # a distance in kpc that stands for infinity: far enough for a logarithm to hold any speed
 
 
 class Paths(NamedTuple):

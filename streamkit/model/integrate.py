@@ -16,9 +16,9 @@ from streamkit.model.release import Start
 from streamkit.stream import Array, BoolArray, angle_in_plane, orbital_plane
 from streamkit.units import GYR
 
+# Most that the progenitor turns in a block, radians: a particle of the same angular momentum at half its pericentre
+# turns less than four times as much, three quarters of a revolution, and its revolutions are counted right.
 TURN = 1.2
-"""Most that the progenitor turns in a block, radians: a particle of the same angular momentum at half its
-pericentre turns less than four times as much, three quarters of a revolution, and its revolutions are counted right."""
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,7 @@ from streamkit.runfile import StreamInputs
 from streamkit.stream import Orbit
 from streamkit.units import GYR
 
-FUTURE = 6.0 * GYR
-"""How far ahead the progenitor's next apocentre is looked for."""
+FUTURE = 6.0 * GYR  # how far ahead the progenitor's next apocentre is looked for
 
 
 def progenitor_track(host: Host, inputs: StreamInputs) -> Orbit:

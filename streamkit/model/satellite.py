@@ -12,14 +12,11 @@ from streamkit.model.host import Host
 from streamkit.stream import Array
 from streamkit.units import G
 
-FAR = 1e6
-"""A radius in kpc beyond every satellite: a finite mass is all inside."""
-TOTAL = 1e-3
-"""A field called ``mass`` is the total mass if no more than so much of it is missing at `FAR`."""
+FAR = 1e6  # a radius in kpc beyond every satellite: a finite mass is all inside
+TOTAL = 1e-3  # a field called ``mass`` is the total mass if no more than so much of it is missing at `FAR`
+# (3, 6) Directions over which the pull of a satellite is averaged.
 AXES = np.concatenate([np.eye(3), -np.eye(3)], axis=1)
-"""(3, 6) Directions over which the pull of a satellite is averaged."""
-SETTLED, STEPS = 1e-12, 200
-"""Relative change at which a tidal radius is found, and most steps towards it."""
+SETTLED, STEPS = 1e-12, 200  # relative change at which a tidal radius is found, and most steps towards it
 
 
 @dataclass(frozen=True)

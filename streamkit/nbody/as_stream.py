@@ -19,14 +19,11 @@ from streamkit.nbody.snapshot import Snapshot
 from streamkit.runfile import StreamInputs
 from streamkit.stream import LEADING, TRAILING, Array, BoolArray, Orbit, Stream, lag_in_plane, orbital_plane
 
-FEWEST = 50
-"""Particles that make a remnant."""
-OFFSET = 1.0
-"""How far, in tidal radii, the remnant may be from the run file's progenitor."""
-SPEED_OFFSET = 0.1
-"""The same for the velocity, in units of the progenitor's speed."""
+FEWEST = 50  # particles that make a remnant
+OFFSET = 1.0  # how far, in tidal radii, the remnant may be from the run file's progenitor
+SPEED_OFFSET = 0.1  # the same for the velocity, in units of the progenitor's speed
+# Factor by which the median particle may be nearer, farther, slower or faster than the progenitor ever is.
 BEYOND = 10.0
-"""Factor by which the median particle may be nearer, farther, slower or faster than the progenitor ever is."""
 
 
 def as_stream(snapshot: Snapshot, inputs: StreamInputs) -> Stream:

@@ -10,10 +10,9 @@ from streamkit.engine import PEFRL, Field, split_step
 from streamkit.stream import Array, Orbit, angle_in_plane, lag_in_plane, orbital_plane
 from streamkit.units import GYR
 
+# Time between two looks at the particles on the way back, and steps of the integrator in it.
 BLOCK, STEPS = 0.01 * GYR, 5
-"""Time between two looks at the particles on the way back, and steps of the integrator in it."""
-RETURNED = 3.0
-"""Nearest approach on the way back, in tidal radii, of a particle that came from the progenitor."""
+RETURNED = 3.0  # nearest approach on the way back, in tidal radii, of a particle that came from the progenitor
 
 
 def distances(a: Array, b: Array) -> Array:

@@ -15,8 +15,7 @@ from streamkit.nbody.snapshot import Snapshot, SnapshotError, core_track, insist
 from streamkit.units import GYR
 
 COLUMNS = ("x", "y", "z", "vx", "vy", "vz")
-UNITS = ("kpc", "km/s", "Gyr")
-"""What the ``units`` of a plain table must name."""
+UNITS = ("kpc", "km/s", "Gyr")  # what the ``units`` of a plain table must name
 
 
 def read_table(file: Path) -> Snapshot:

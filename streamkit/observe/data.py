@@ -11,8 +11,7 @@ from streamkit.components import Measurement
 from streamkit.errors import ComponentError, blamed
 from streamkit.stream import Array
 
-SAME = 1e-6
-"""Relative difference up to which a covariance is symmetric, and its diagonal the errors squared."""
+SAME = 1e-6  # relative difference up to which a covariance is symmetric, and its diagonal the errors squared
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,7 @@ from streamkit.errors import ComponentError, blamed
 from streamkit.observe.data import Data
 from streamkit.stream import Prediction, Stream, join_predictions
 
-UNNAMED = "observable"
-"""What the only observable of a stream is called, if the run file does not name it."""
+UNNAMED = "observable"  # what the only observable of a stream is called, if the run file does not name it
 
 
 def measure_stream(

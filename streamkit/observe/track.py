@@ -10,12 +10,9 @@ import numpy as np
 
 from streamkit.stream import Array, Stream, orbital_plane
 
-CELL, KERNEL = 1.0, 3.0
-"""Grid of angles and standard deviation of the smoothing kernel of the mean track, degrees."""
-ENOUGH = 10.0
-"""Effective particles under the kernel below which a track has no value."""
-LARGEST = 7200.0
-"""Longest arm in degrees: twenty turns."""
+CELL, KERNEL = 1.0, 3.0  # grid of angles and standard deviation of the smoothing kernel of the mean track, degrees
+ENOUGH = 10.0  # effective particles under the kernel below which a track has no value
+LARGEST = 7200.0  # longest arm in degrees: twenty turns
 
 
 @dataclass(frozen=True)

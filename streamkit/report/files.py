@@ -19,10 +19,8 @@ if TYPE_CHECKING:
     from filelock import BaseFileLock
     from matplotlib.figure import Figure
 
-PICTURES = (".png", ".pdf", ".svg")
-"""Suffixes a picture can be written to."""
-LOCK = ".streamkit.lock"
-"""Hidden file in a directory that a run writes into."""
+PICTURES = (".png", ".pdf", ".svg")  # suffixes a picture can be written to
+LOCK = ".streamkit.lock"  # hidden file in a directory that a run writes into
 
 
 def check_target(path: Path, suffixes: Collection[str], option: str, force: bool) -> None:

@@ -19,12 +19,12 @@ import h5py
 from streamkit.errors import StreamkitError, brief
 
 T = TypeVar("T")
+# Bytes in front of the HDF5 in a file with a checksum: a user block, which HDF5 and all that read it pass over.
 BLOCK = 512
-"""Bytes in front of the HDF5 in a file with a checksum: a user block, which HDF5 and all that read it pass over."""
 MARK = b"streamkit sha256 "
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
+# CPU time that it may take to read a file without a checksum: so much, and the time for its bytes.
 SECONDS, BYTES_PER_SECOND = 2.0, 2e6
-"""CPU time that it may take to read a file without a checksum: so much, and the time for its bytes."""
 
 
 class DamagedError(StreamkitError):

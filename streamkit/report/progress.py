@@ -12,12 +12,9 @@ from tqdm import auto
 
 from streamkit.report.text import seconds
 
-EVERY = 60.0
-"""Seconds between two lines of log; of a long work, a hundredth of the time that it has taken."""
-SOON = 5.0
-"""Seconds after which a line is due as well if a tenth more of the work is done."""
-SHARE = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}{postfix}"
-"""A bar without counts."""
+EVERY = 60.0  # seconds between two lines of log; of a long work, a hundredth of the time that it has taken
+SOON = 5.0  # seconds after which a line is due as well if a tenth more of the work is done
+SHARE = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}{postfix}"  # a bar without counts
 
 
 class Bar(auto.tqdm):  # type: ignore[misc]  # tqdm has no types

@@ -13,17 +13,15 @@ from streamkit.runfile import StreamInputs
 from streamkit.stream import Mark, Prediction, Stream, orbital_plane
 from streamkit.units import GYR
 
-BEYOND = 180.0
-"""How far the picture goes on beyond the apocentres, degrees."""
+BEYOND = 180.0  # how far the picture goes on beyond the apocentres, degrees
+# The radii begin at zero where the innermost debris is nearer to the centre than this share of the outermost.
 FROM_ZERO = 1 / 3
-"""The radii begin at zero where the innermost debris is nearer to the centre than this share of the outermost."""
-SHOWN = 8000
-"""Most particles drawn."""
+SHOWN = 8000  # most particles drawn
 PROGENITOR: dict[str, Any] = {
     "marker": "*", "ms": 13, "color": "black", "mec": "white", "ls": "none", "zorder": 6, "label": "progenitor",
 }  # fmt: skip
+# Larger than a datum, which may lie upon it.
 PEAK: dict[str, Any] = {"marker": "o", "ms": 10, "mfc": "white", "mec": "black", "mew": 1.3, "ls": "none"}
-"""Larger than a datum, which may lie upon it."""
 DATUM: dict[str, Any] = {"fmt": "s", "ms": 5, "color": "#CC79A7", "mec": "black", "ecolor": "black", "zorder": 7}
 LEGEND: dict[str, Any] = {"frameon": True, "framealpha": 0.85, "edgecolor": "none", "fontsize": 9}
 

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from astropy.table import QTable
 
 
+# Suffixes a stream can be written to, with astropy's name of the format.
 FORMATS = {".ecsv": "ascii.ecsv", ".hdf5": "hdf5", ".h5": "hdf5", ".fits": "fits"}
-"""Suffixes a stream can be written to, with astropy's name of the format."""
 
 
 def write_stream(stream: Stream, spec: Spec, path: Path, *, frame: Frame = None, force: bool = False) -> None:

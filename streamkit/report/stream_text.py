@@ -13,8 +13,7 @@ from streamkit.report.text import columns, number, paragraph, seconds
 from streamkit.runfile import Spec, StreamInputs, as_written
 from streamkit.stream import Prediction, Stream
 
-MOST_ROWS, FARTHEST = 200, 20
-"""Data above which a text shows only some of them, and how many."""
+MOST_ROWS, FARTHEST = 200, 20  # data above which a text shows only some of them, and how many
 
 
 def warning_list(texts: Sequence[str]) -> str:

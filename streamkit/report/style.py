@@ -25,8 +25,7 @@ class NotebookFigure(Figure):
         return buffer.getvalue()
 
 
-ACROSS = 4
-"""Most panels beside each other."""
+ACROSS = 4  # most panels beside each other
 
 
 def panel_grid(n: int, width: float, height: float, *, across: int = ACROSS, share: bool) -> tuple[Figure, list[Axes]]:
@@ -55,10 +54,10 @@ def label_all(figure: Figure, x: str, y: str) -> None:
     figure.supylabel(y, fontsize=11)
 
 
+# Okabe & Ito's colours, told apart by every eye.
 BLUE, VERMILION, GREY = "#0072B2", "#D55E00", "#666666"
-"""Okabe & Ito's colours, told apart by every eye."""
+# Tints of the blue for intervals: opaque, so that the legend shows the colour that the band has.
 BAND_68, BAND_95 = "#82B9D9", "#D1E6F1"
-"""Tints of the blue for intervals: opaque, so that the legend shows the colour that the band has."""
 
 
 def ticks(axes: Axes) -> None:
@@ -133,8 +132,8 @@ def with_unit(symbol: str, unit: str, between: str = " ") -> str:
     return f"{symbol}{between}[{unit}]" if unit else symbol
 
 
+# Name and colour of each arm: Okabe & Ito's blue and vermilion, told apart by every eye.
 ARM_STYLE = {1: ("leading", "#0072B2"), -1: ("trailing", "#D55E00"), 0: ("bound", "#666666")}
-"""Name and colour of each arm: Okabe & Ito's blue and vermilion, told apart by every eye."""
 
 
 def finish(axes: Axes) -> None:
@@ -143,8 +142,8 @@ def finish(axes: Axes) -> None:
     axes.tick_params(which="both", direction="in", top=True, right=True, labelsize=10)
 
 
+# Steps in degrees between the ticks of an axis of angles; beyond, whole turns: 2, 4, 8 ...
 ANGLES = (1, 2, 5, 10, 15, 30, 45, 60, 90, 180, 360)
-"""Steps in degrees between the ticks of an axis of angles; beyond, whole turns: 2, 4, 8 ..."""
 
 
 def angle_ticks(axes: Axes, most: int = 8) -> None:

@@ -12,10 +12,9 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+# Columns of a text that does not go to a terminal, and the most of a paragraph: longer lines are hard to read.
 WIDTH = 100
-"""Columns of a text that does not go to a terminal, and the most of a paragraph: longer lines are hard to read."""
-NARROW = 60
-"""Columns below which no text is squeezed."""
+NARROW = 60  # columns below which no text is squeezed
 
 
 def text_width() -> int:

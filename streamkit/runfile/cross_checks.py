@@ -14,8 +14,8 @@ from streamkit.runfile.section import Section
 from streamkit.runfile.sections import StreamSections
 from streamkit.units import Unit
 
+# Steps of a particle beyond which a stream is refused: ten particles of the fastest host would take seconds.
 MOST_STEPS = 1e7
-"""Steps of a particle beyond which a stream is refused: ten particles of the fastest host would take seconds."""
 
 
 def drag_unknown(

@@ -13,8 +13,7 @@ from tomlkit.items import Item, Table
 
 from streamkit.errors import SpecError, expect_file
 
-DEEPEST = 20
-"""Most tables and lists inside each other: a run file needs a quarter of it."""
+DEEPEST = 20  # most tables and lists inside each other: a run file needs a quarter of it
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -12,8 +12,7 @@ from streamkit.errors import OutOfDomain, StreamkitError
 from streamkit.runfile.progenitor import Sun
 from streamkit.stream import Array
 
-ONLY = "stream"
-"""What the stream of a run file is called that has one, and does not name it."""
+ONLY = "stream"  # what the stream of a run file is called that has one, and does not name it
 
 
 def mass_of(potential: Potential, owner: str) -> float:

@@ -187,8 +187,8 @@ def _table(kind: type[Prior]) -> Any:
     return create_model(f"prior/{kind.name}", __config__=ConfigDict(extra="forbid"), __doc__=kind.__doc__, **table)
 
 
+# A prior as a run file writes it, for the JSON Schema.
 PriorTable = TypeAliasType("PriorTable", Union[tuple(map(_table, PRIORS.values()))])  # type: ignore[valid-type]  # noqa: UP007
-"""A prior as a run file writes it, for the JSON Schema."""
 
 
 def usage(kind: type[Prior]) -> str:

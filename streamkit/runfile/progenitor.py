@@ -15,8 +15,7 @@ from streamkit.errors import OutOfDomain, StreamkitError
 from streamkit.stream import Array, Observer, sky_matrix, to_galactocentric
 from streamkit.units import Angle, Coordinate, Duration, Length, ProperMotion, Symbol, Unit, Velocity
 
-MOST_LOOKBACK = 100.0
-"""The longest look-back time in Gyr."""
+MOST_LOOKBACK = 100.0  # the longest look-back time in Gyr
 
 
 class _OrHost(Unit):
@@ -30,8 +29,8 @@ class _OrHost(Unit):
             raise ValueError(f'{error}; or "host"') from None
 
 
+# A speed in km/s, zero or more, or the text "host".
 TiedSpeed = Annotated[Annotated[float, Field(ge=0)] | Literal["host"], _OrHost("km / s")]
-"""A speed in km/s, zero or more, or the text "host"."""
 
 
 class Sun(BaseModel):

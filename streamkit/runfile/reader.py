@@ -24,10 +24,8 @@ from streamkit.runfile.sentences import should
 from streamkit.runfile.settings import VERSION, Engine, Likelihood, RunFile
 
 DEFAULT_KIND = {"integrator": "adaptive", "observable": "apocentres", "sampler": "emcee"}
-HOST_ALONE = ("growth",)
-"""Fields of a potential that a progenitor or a body does not have."""
-LONGEST = 2000
-"""Most characters of a sentence about one error."""
+HOST_ALONE = ("growth",)  # fields of a potential that a progenitor or a body does not have
+LONGEST = 2000  # most characters of a sentence about one error
 _EXPECTED = {
     "version": f"{VERSION}",
     "seed": "a whole number, zero or more",
@@ -35,8 +33,7 @@ _EXPECTED = {
 }
 
 
-OF_A_STREAM = ("progenitor", "stripping", "observable")
-"""The sections that each of several streams has of its own."""
+OF_A_STREAM = ("progenitor", "stripping", "observable")  # the sections that each of several streams has of its own
 
 
 def resolve(

@@ -8,8 +8,7 @@ from typing import Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-VERSION = 1
-"""The version of the run file that this streamkit writes and reads."""
+VERSION = 1  # the version of the run file that this streamkit writes and reads
 
 
 class RunFile(BaseModel):

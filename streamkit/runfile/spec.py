@@ -314,8 +314,8 @@ def load(
     return _make(read_toml(path), str(path), registry, path.parent.absolute(), components)
 
 
+# What stands for a spec: itself, the path of a run file, or a mapping of the same form.
 Source: TypeAlias = Spec | str | Path | Mapping[str, Any]
-"""What stands for a spec: itself, the path of a run file, or a mapping of the same form."""
 
 
 def as_spec(source: Source, components: Iterable[type[Component]] = ()) -> Spec:

@@ -20,8 +20,7 @@ from streamkit.stream import Array
 CHAIN = "chain.h5"
 GROUP = "mcmc"
 DATA = "chain", "log_prob", "blobs", "accepted"
-TRIED, REPLICAS = "trials", "replicas"
-"""Data sets of what the moves learned from, and of the replicas of the surrogate."""
+TRIED, REPLICAS = "trials", "replicas"  # data sets of what the moves learned from, and of the replicas of the surrogate
 RESTORE = "Restore it from a copy, or start again with --force."
 
 

@@ -21,9 +21,9 @@ from streamkit.sample.journal import journal_of
 from streamkit.sample.step import Step, extend_checksum
 from streamkit.stream import Array
 
+# Steps after which the journal's are moved into the chain file, or an eighth of the chain's if that is more: the file
+# is written anew each time, so that a kill leaves it as it was.
 TAIL = 100
-"""Steps after which the journal's are moved into the chain file, or an eighth of the chain's if that is more: the file
-is written anew each time, so that a kill leaves it as it was."""
 
 
 class ChainFile(Backend):  # type: ignore[misc]  # emcee has no types

@@ -11,14 +11,10 @@ import numpy as np
 
 from streamkit.stream import Array, IntArray
 
-CHECK = 100
-"""Steps between two looks at the autocorrelation time."""
-STABLE = 0.05
-"""The autocorrelation time must have changed by less than this fraction since the last look."""
-LOW = 5.0
-"""A stuck walker's mean ln p lies below the others' by so many standard deviations of such means."""
-NARROW = 0.5
-"""And it roams less than this fraction of what the median walker does."""
+CHECK = 100  # steps between two looks at the autocorrelation time
+STABLE = 0.05  # the autocorrelation time must have changed by less than this fraction since the last look
+LOW = 5.0  # a stuck walker's mean ln p lies below the others' by so many standard deviations of such means
+NARROW = 0.5  # and it roams less than this fraction of what the median walker does
 
 
 def autocorrelation_times(chain: Array) -> Array:

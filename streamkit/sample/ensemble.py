@@ -27,8 +27,7 @@ from streamkit.sample.surrogate import learn
 from streamkit.sample.workers import Workers
 from streamkit.stream import Array
 
-NOTES = 5.0
-"""Seconds between two looks at the mass."""
+NOTES = 5.0  # seconds between two looks at the mass
 
 
 @dataclass

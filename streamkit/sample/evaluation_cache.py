@@ -15,10 +15,9 @@ from streamkit.sample.workers import Stopped, Workers
 from streamkit.stream import Array
 
 CALLS = "calls.journal"
+# Seconds between two writes to the disk: as much work is lost if the process is killed, and nothing at other ends.
 PERIOD = 1.0
-"""Seconds between two writes to the disk: as much work is lost if the process is killed, and nothing at other ends."""
-PART = 256
-"""Points that the workers are given at a time: what they have done by then is kept if the run is stopped."""
+PART = 256  # points that the workers are given at a time: what they have done by then is kept if the run is stopped
 
 
 class EvaluationCache:

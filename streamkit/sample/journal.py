@@ -17,8 +17,7 @@ from streamkit.stream import Array
 
 JOURNAL = "chain.journal"
 MAGIC = b"streamkit journal 1\n"
-LENGTH, CHECKSUM = 8, 16
-"""Bytes in front of a record: its length, and its BLAKE2b checksum."""
+LENGTH, CHECKSUM = 8, 16  # bytes in front of a record: its length, and its BLAKE2b checksum
 
 
 class Journal:

@@ -15,33 +15,29 @@ from streamkit.sample.coordinates import Space
 from streamkit.sample.surrogate import Surrogate
 from streamkit.stream import Array, IntArray
 
+# Fraction of the moves with a surrogate that exchange walkers with replicas; the others are walks of walkers.
 EXCHANGES = 0.6
-"""Fraction of the moves with a surrogate that exchange walkers with replicas; the others are walks of walkers."""
-FEWEST = 256
-"""Least number of replicas."""
+FEWEST = 256  # least number of replicas
+# What multiplies the surrogate's ln likelihood for the replicas, in equal numbers, as long as it learns. Tempered ones
+# explore regions without training points, and their proposals become training points: without them a chain may never
+# see a thin tail.
 INVERSE_TEMPERATURES = (1.0, 0.3, 0.1)
-"""What multiplies the surrogate's ln likelihood for the replicas, in equal numbers, as long as it learns. Tempered ones
-explore regions without training points, and their proposals become training points: without them a chain may never see
-a thin tail."""
+# The same after learning, for all replicas: where the surrogate is too low a walker stays for long. A little flatter,
+# it lets go three times as soon for a fifth of the acceptance.
 LAST_INVERSE_TEMPERATURE = 0.8
-"""The same after learning, for all replicas: where the surrogate is too low a walker stays for long. A little flatter,
-it lets go three times as soon for a fifth of the acceptance."""
-SETTLE, STIR = 200, 2
-"""Steps of the replicas, per parameter: after learning, and before an exchange."""
+SETTLE, STIR = 200, 2  # steps of the replicas, per parameter: after learning, and before an exchange
+# Lengths of the steps of walks, in units of differential evolution's. They end nearby, where the surrogate errs alike:
+# where it is far too low, or the posterior very narrow, they lead a walker out.
 WALKS = (1.0, 0.1)
-"""Lengths of the steps of walks, in units of differential evolution's. They end nearby, where the surrogate errs alike:
-where it is far too low, or the posterior very narrow, they lead a walker out."""
-SURROGATE_SHARE = 0.9
-"""Fraction of the ensemble's steps that rely on the surrogate."""
+SURROGATE_SHARE = 0.9  # fraction of the ensemble's steps that rely on the surrogate
 
+# Steps after which the surrogate is learned from all steps so far, up to the end of learning.
 LEARNING = (25, 50, 100, 200, 400, 600, 900, 1350)
-"""Steps after which the surrogate is learned from all steps so far, up to the end of learning."""
-LEAST_STEPS = 400
-"""Steps of learning at least."""
+LEAST_STEPS = 400  # steps of learning at least
+# Fraction of the proposals between two of these steps that shows a good surrogate: with fewer the ensemble had not yet
+# found the posterior, or its points are still few, and it goes on to learn. Two thirds of the replicas are tempered
+# then: afterwards up to twice as many are accepted.
 ACCEPTED = 1 / 6
-"""Fraction of the proposals between two of these steps that shows a good surrogate: with fewer the ensemble had not yet
-found the posterior, or its points are still few, and it goes on to learn. Two thirds of the replicas are tempered then:
-afterwards up to twice as many are accepted."""
 
 
 def learning_steps(name: str, chain: Array) -> int:

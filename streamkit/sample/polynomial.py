@@ -12,8 +12,7 @@ from scipy.special import expit
 
 from streamkit.stream import Array, IntArray
 
-ITERATIONS = 12
-"""Iterations of the fit of a probability."""
+ITERATIONS = 12  # iterations of the fit of a probability
 
 
 def whitening(y: Array, weight: Array) -> tuple[Array, Array]:

@@ -22,18 +22,13 @@ from typing import Any
 from streamkit.errors import StreamkitError
 from streamkit.sample.threads import one_thread
 
-TRIES = 3
-"""Workers that may die in one call before it is given up."""
-DEATHS = 30
-"""Workers that may die one after the other without any result: before they have begun their call, too."""
-BEGUN = b"begun"
-"""What a worker says when it has taken up a call."""
-LOOK = 1.0
-"""Seconds between two looks at processes from which nothing was heard."""
+TRIES = 3  # workers that may die in one call before it is given up
+DEATHS = 30  # workers that may die one after the other without any result: before they have begun their call, too
+BEGUN = b"begun"  # what a worker says when it has taken up a call
+LOOK = 1.0  # seconds between two looks at processes from which nothing was heard
+# Seconds after which a worker that has not taken up its call is thought to be stuck: a fork may inherit a lock.
 WAKING = 120.0
-"""Seconds after which a worker that has not taken up its call is thought to be stuck: a fork may inherit a lock."""
-PATIENCE = 2.0
-"""Seconds that an idle worker has to end by itself."""
+PATIENCE = 2.0  # seconds that an idle worker has to end by itself
 
 
 class WorkerDied(StreamkitError):  # noqa: N818  the workers', not ours

@@ -21,29 +21,21 @@ from streamkit.errors import StreamkitError
 from streamkit.sample.posterior import Evaluation
 from streamkit.stream import Array, IntArray
 
-BATCH = 1024
-"""Prior draws at a time: a power of two, as Sobol sequences want."""
-PARTS = 16
-"""Parts of a batch, after each of which the search looks whether it has enough, and at the time."""
-HURRIED = 128
-"""The same where there is a time limit."""
+BATCH = 1024  # prior draws at a time: a power of two, as Sobol sequences want
+PARTS = 16  # parts of a batch, after each of which the search looks whether it has enough, and at the time
+HURRIED = 128  # the same where there is a time limit
 MAX_BATCHES = 8
-GIVE_UP = 2
-"""Batches without a single stream after which the search ends."""
+GIVE_UP = 2  # batches without a single stream after which the search ends
+# Seconds beyond a time limit, or as long again as the limit was, in which a first few streams must be found.
 GRACE = 10.0
-"""Seconds beyond a time limit, or as long again as the limit was, in which a first few streams must be found."""
-ENOUGH = 4
-"""Draws with streams, in units of the population, after which no more are needed."""
-SWEEPS = 5
-"""Largest number of moves per particle and temperature."""
-ROUNDS = 6
-"""Times that the walkers' places are filled up."""
-SPREAD = 12.0
-"""A walker may start this far in ln p below the best, plus half the number of parameters."""
+ENOUGH = 4  # draws with streams, in units of the population, after which no more are needed
+SWEEPS = 5  # largest number of moves per particle and temperature
+ROUNDS = 6  # times that the walkers' places are filled up
+SPREAD = 12.0  # a walker may start this far in ln p below the best, plus half the number of parameters
 
 
+# Sweeps of a search through all temperatures, for estimates: fewer for weak data, more for strong ones.
 SWEEPS_IN_ALL = 20
-"""Sweeps of a search through all temperatures, for estimates: fewer for weak data, more for strong ones."""
 
 
 def expected_calls(walkers: int, parameters: int, good: float) -> tuple[int, int]:

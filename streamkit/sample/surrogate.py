@@ -12,36 +12,29 @@ from streamkit.observe import Data, gaussian
 from streamkit.sample.polynomial import count, fit, log_odds, monomials, whitening
 from streamkit.stream import Array, BoolArray
 
-DEGREES = (3, 2)
-"""Polynomials that are tried, if there are enough points for them."""
-RIDGES = (1e-5, 1e-3)
-"""Ridge penalties that are tried, in units of the mean diagonal of the normal equations."""
+DEGREES = (3, 2)  # polynomials that are tried, if there are enough points for them
+RIDGES = (1e-5, 1e-3)  # ridge penalties that are tried, in units of the mean diagonal of the normal equations
 POINTS_PER_TERM = 3.0
+# Fraction of the points, the newest, on which the fits are judged: walkers go on to where they have not been.
 HELD_OUT = 0.25
-"""Fraction of the points, the newest, on which the fits are judged: walkers go on to where they have not been."""
 MAX_TERMS = 1000
 MAX_POINTS = 20000
+# Degrees of freedom of the surrogate's likelihood: the first, plus the second times the chi^2 of the best points. Where
+# even these are far from the data, a heavier tail would not tell them from worse ones.
 FREEDOM, MISFIT = 8.0, 3.0
-"""Degrees of freedom of the surrogate's likelihood: the first, plus the second times the chi^2 of the best points.
-Where even these are far from the data, a heavier tail would not tell them from worse ones."""
+# Power of |x|^2 by which the square of the polynomial's error grows beyond the farthest point that it knows.
 EXTRAPOLATED = 2.0
-"""Power of |x|^2 by which the square of the polynomial's error grows beyond the farthest point that it knows."""
-LEAST, WILD = 0.25, 25.0
-"""Least and largest square of a polynomial's error, in units of the typical one."""
-SMOOTH = 1e-2
-"""Ridge penalty of the fit of these squares."""
-UNLIKELY = 0.05
-"""Least probability of an observable, as its fit is never trusted to the end."""
-EXPLAINED = 1e-6
-"""Relative difference up to which a stored ln likelihood is that of the predictions and the data."""
-BEST = 0.02
-"""Fraction of the points that are the best ones."""
+LEAST, WILD = 0.25, 25.0  # least and largest square of a polynomial's error, in units of the typical one
+SMOOTH = 1e-2  # ridge penalty of the fit of these squares
+UNLIKELY = 0.05  # least probability of an observable, as its fit is never trusted to the end
+EXPLAINED = 1e-6  # relative difference up to which a stored ln likelihood is that of the predictions and the data
+BEST = 0.02  # fraction of the points that are the best ones
+# Points with residuals of so many standard errors count half in the fit; those that count less than the second number
+# say nothing of how far it reaches.
 NEAR, FAR = 3.0, 0.02
-"""Points with residuals of so many standard errors count half in the fit; those that count less than the second number
-say nothing of how far it reaches."""
+# Power of these weights in a fit of the deviance, whose error grows with it where that of a residual does not: rejected
+# points, hundreds below the best, would count most.
 STEEP = 3
-"""Power of these weights in a fit of the deviance, whose error grows with it where that of a residual does not:
-rejected points, hundreds below the best, would count most."""
 
 
 @dataclass(frozen=True)

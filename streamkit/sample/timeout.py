@@ -9,13 +9,11 @@ from collections.abc import Callable
 from time import monotonic
 from typing import Any, TypeVar
 
-NO_ANSWER = "no answer in time"
-"""What stands for the result of a call that took too long."""
+NO_ANSWER = "no answer in time"  # what stands for the result of a call that took too long
 Result = TypeVar("Result")
 
 
-AGAIN = 1.0
-"""Seconds after which a call that goes on is ended again."""
+AGAIN = 1.0  # seconds after which a call that goes on is ended again
 
 
 class _Over(BaseException):

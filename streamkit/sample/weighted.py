@@ -19,8 +19,7 @@ from streamkit.stream import Array
 
 SAMPLES = "samples.h5"
 ARRAYS = "points", "ln_weights", "log_prob", "blobs"
-ENOUGH = 400
-"""Effective samples that a run needs to count as converged (Vehtari+ 2021, sec. 4)."""
+ENOUGH = 400  # effective samples that a run needs to count as converged (Vehtari+ 2021, sec. 4).
 
 
 @dataclass(frozen=True, eq=False)

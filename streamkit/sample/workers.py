@@ -23,11 +23,9 @@ from streamkit.sample.timeout import NO_ANSWER, call_with_timeout
 from streamkit.stream import Array
 
 OVERTIME = "the call took too long"
-COMPILING = 300.0
-"""Seconds that workers elsewhere have for their first call beyond its limit: they compile then."""
+COMPILING = 300.0  # seconds that workers elsewhere have for their first call beyond its limit: they compile then
 Row = tuple[float, float, Array, Array]
-Found = list[Evaluation | str]
-"""What is found at points: an evaluation each, or `NO_ANSWER`."""
+Found = list[Evaluation | str]  # what is found at points: an evaluation each, or `NO_ANSWER`
 
 
 class Evaluates(Protocol):
@@ -236,10 +234,9 @@ def pool(count: int, posteriors: Mapping[str, Evaluates] | None = None, limit: f
     return Processes(count, _hold, (dict(posteriors or {}),), limit)
 
 
-_POSTERIORS: dict[str, Evaluates] = {}
-"""The posteriors of this worker process, set once by its initializer."""
+_POSTERIORS: dict[str, Evaluates] = {}  # the posteriors of this worker process, set once by its initializer
+# The posteriors that a worker of somebody else's executor was sent last, by their pickle.
 _SENT: dict[bytes, dict[str, Evaluates]] = {}
-"""The posteriors that a worker of somebody else's executor was sent last, by their pickle."""
 
 
 def _hold(posteriors: Mapping[str, Evaluates]) -> None:

@@ -14,8 +14,8 @@ from streamkit.units import KMS_PER_MASYR_KPC
 
 Sky = Literal["icrs", "galactic"]
 
+# RA, Dec of the Galactic centre in degrees: Reid & Brunthaler 2004, ApJ 616, 872 (astropy's default too).
 CENTRE_ICRS = (266.4051, -28.936175)
-"""RA, Dec of the Galactic centre in degrees: Reid & Brunthaler 2004, ApJ 616, 872 (astropy's default too)."""
 
 
 @functools.cache

@@ -44,5 +44,4 @@ class Observer:
         return np.array(self.velocity)
 
 
-GIBBONS14 = Observer()
-"""The Sun of Gibbons, Belokurov & Evans 2014."""
+GIBBONS14 = Observer()  # the Sun of Gibbons, Belokurov & Evans 2014

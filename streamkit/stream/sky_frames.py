@@ -13,9 +13,10 @@ from streamkit.errors import nearest
 from streamkit.stream.arrays import Array, read_only
 from streamkit.stream.frames import axes
 
+# A name, ``{"pole": [ra, dec], "origin": [ra, dec]}``, a (3, 3) matrix from ICRS, or None for ICRS itself.
 Frame = str | Mapping[str, Any] | Sequence[Sequence[float]] | Array | None
-"""A name, ``{"pole": [ra, dec], "origin": [ra, dec]}``, a (3, 3) matrix from ICRS, or None for ICRS itself."""
 
+# Rows are the axes of the frame in ICRS.
 FROM_ICRS: dict[str, list[list[float]]] = {
     # Koposov, Rix & Hogg 2010, ApJ 712, 260, appendix
     "GD1Koposov10": [
@@ -49,8 +50,8 @@ FROM_ICRS: dict[str, list[list[float]]] = {
         [0.28103559, -0.42223415, 0.86182209],
     ],
 }
-"""Rows are the axes of the frame in ICRS."""
 
+# Price-Whelan+ 2019, AJ 158, 223: along the stream, then the cluster to the origin.
 PAL5 = (
     [
         [9.99938314e-01, 1.57847502e-03, -1.09943927e-02],
@@ -63,17 +64,15 @@ PAL5 = (
         [0.42513354, -0.3523746, -0.83372274],
     ],
 )
-"""Price-Whelan+ 2019, AJ 158, 223: along the stream, then the cluster to the origin."""
 
+# Price-Whelan+ 2016, MNRAS 455, 1079, from Galactic coordinates.
 OPHIUCHUS = [
     [0.84922096554, 0.07001279040, 0.52337554476],
     [-0.27043653641, -0.79364259852, 0.54497294023],
     [0.45352820359, -0.60434231606, -0.65504391727],
 ]
-"""Price-Whelan+ 2016, MNRAS 455, 1079, from Galactic coordinates."""
 
-WORST = 1e-3
-"""How far a matrix may be from orthonormal: papers print few digits."""
+WORST = 1e-3  # how far a matrix may be from orthonormal: papers print few digits
 
 
 @functools.cache

@@ -38,8 +38,7 @@ def _known(orbit: Orbit | None) -> Orbit | None:
     return orbit
 
 
-no_future = partial(_known, None)
-"""For streams whose progenitor is not followed beyond today."""
+no_future = partial(_known, None)  # for streams whose progenitor is not followed beyond today
 
 
 @dataclass(frozen=True, repr=False)

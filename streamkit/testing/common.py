@@ -12,8 +12,8 @@ from pydantic import ValidationError
 from streamkit import Component
 
 C = TypeVar("C", bound=Component)
+# A check takes the example component; it raises AssertionError with one line that says what is wrong.
 Check = Callable[[Any], None]
-"""A check takes the example component; it raises AssertionError with one line that says what is wrong."""
 
 
 def require(condition: object, message: str) -> None:

@@ -13,8 +13,7 @@ import tempfile
 import warnings
 from collections.abc import Callable
 
-LIMIT = 900.0
-"""Seconds for all the checks of a component."""
+LIMIT = 900.0  # seconds for all the checks of a component
 
 
 def in_a_process(work: Callable[[], list[str]], limit: float = LIMIT) -> list[str]:

@@ -13,6 +13,7 @@ from streamkit import GYR, Array, G, Potential
 from streamkit.testing.common import require
 from streamkit.testing.reference import acceleration
 
+# Factor on the right force -> what an author may have done.
 LIKELY = {
     GYR**2: "it is in kpc/Gyr^2",
     GYR**-2: "it is converted from kpc/Gyr^2 the wrong way",
@@ -25,9 +26,7 @@ LIKELY = {
     4 * math.pi: "a factor 4 pi is too many",
     0.25 / math.pi: "a factor 4 pi is missing",
 }
-"""Factor on the right force -> what an author may have done."""
-FAR = 1e5
-"""kpc: there every total mass is reached, and an NFW halo has ten times its scale mass."""
+FAR = 1e5  # kpc: there every total mass is reached, and an NFW halo has ten times its scale mass
 
 
 def enclosed_mass(potential: Potential, r: Array, t: float = 0.0) -> Array:
@@ -86,10 +85,9 @@ HIDDEN = {
     "a density (Annotated[float, Unit('Msun / kpc3')])": (-3, 1),
     "a mass over a length (Annotated[float, Unit('Msun / kpc')], or a Speed)": (-1, 1),
 }
+# A description that says a unit which no type has, such as km/s/kpc.
 NAMED = re.compile(r"\b(kpc|pc|Mpc|km/s|km / s|Msun|Gyr|Myr|mas|deg|rad)\b")
-"""A description that says a unit which no type has, such as km/s/kpc."""
-LENGTH, MASS = 2.0, 3.0
-"""Factors on the units of length and mass."""
+LENGTH, MASS = 2.0, 3.0  # factors on the units of length and mass
 
 
 def has_dimensions(potential: Potential) -> None:

@@ -67,11 +67,10 @@ class Satellite(Potential):
         return k * x, k * y, k * z
 
 
+# The progenitor today: an inclined, eccentric orbit in the isochrone.
 TODAY = (np.array([25.0, 5.0, -12.0]), np.array([20.0, 95.0, 90.0]))
-"""The progenitor today: an inclined, eccentric orbit in the isochrone."""
 
-MASS = 6.4e8
-"""Mass of the progenitor in Msun."""
+MASS = 6.4e8  # mass of the progenitor in Msun
 
 
 def progenitor_orbit(

@@ -15,15 +15,11 @@ from streamkit.testing.common import Check, example_of, require
 from streamkit.testing.hosts import TODAY, Isochrone, Satellite, Viscous, progenitor_orbit, swarm
 from streamkit.testing.speed import integrator_is_fast
 
-SPAN = 0.4
-"""Gyr: a good part of a radial period."""
+SPAN = 0.4  # gyr: a good part of a radial period
 COUNT = 5
-STEPS = (0.008, 0.004, 0.002, 0.001, 0.0005)
-"""Gyr."""
-BLOCKS = (0.002, 0.001, 0.0005)
-"""Gyr: so short that an integrator which chooses its own steps takes one in each."""
-FLOOR = 1e-10
-"""Relative error below which rounding, the track's interpolation and the oracle's own error show."""
+STEPS = (0.008, 0.004, 0.002, 0.001, 0.0005)  # Gyr
+BLOCKS = (0.002, 0.001, 0.0005)  # gyr: so short that an integrator which chooses its own steps takes one in each
+FLOOR = 1e-10  # relative error below which rounding, the track's interpolation and the oracle's own error show
 
 
 @cache

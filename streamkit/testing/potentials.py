@@ -16,8 +16,7 @@ from streamkit.testing.dimensions import (
 from streamkit.testing.reference import acceleration, divergence_and_curl, drag, gradient
 from streamkit.testing.speed import potential_is_fast
 
-COUNT = 200
-"""More than one batch of the compiled loop."""
+COUNT = 200  # more than one batch of the compiled loop
 
 
 def positions(low: float, high: float, count: int = COUNT) -> Array:

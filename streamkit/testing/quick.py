@@ -28,8 +28,7 @@ STRIPPING: tuple[Check, ...] = (
     stripping.uses_its_draws,
     stripping.tails_lie_on_their_sides,
 )
-BUDGET = 1.5
-"""Seconds after which no further check is begun."""
+BUDGET = 1.5  # seconds after which no further check is begun
 
 
 def quick_failures(component: Component, clock: Callable[[], Any] = time.perf_counter) -> list[str]:

@@ -38,8 +38,8 @@ def energy(potentials: Sequence[Potential], t: Array | float, q: Array, v: Array
     )
 
 
+# Difference steps in units of r: the coarse ones for nearly constant fields, the fine for thin discs.
 _STEPS = (1e-1, 1e-2, 1e-3)
-"""Difference steps in units of r: the coarse ones for nearly constant fields, the fine for thin discs."""
 
 
 def _slopes(f: Callable[[Array], Array], q: Array, h: Array) -> Array:

@@ -15,8 +15,8 @@ from streamkit.testing.common import Check, require
 RHO, SD = 0.6, 0.4
 INVERSE = np.linalg.inv(SD**2 * np.array([[1.0, RHO], [RHO, 1.0]]))
 LN_NORM = -math.log(2 * math.pi * SD**2 * math.sqrt(1 - RHO**2))
+# Of a normalised Gaussian far from the ends of a prior that is uniform between -5 and 5.
 LN_EVIDENCE = -2 * math.log(10.0)
-"""Of a normalised Gaussian far from the ends of a prior that is uniform between -5 and 5."""
 
 
 class Gaussian:

@@ -14,13 +14,10 @@ from streamkit.testing.hosts import MASS, Isochrone, progenitor_orbit, swarm
 from streamkit.testing.reference import acceleration
 from streamkit.testing.streams import example_stream
 
-STREAMS = 32 * 5000
-"""Streams of a fit with the sampler's defaults."""
+STREAMS = 32 * 5000  # streams of a fit with the sampler's defaults
 MONTH = 30 * 86400.0
-ALONE, TOGETHER, BATCH = 11_000, 17_000, 64
-"""Calls of an uncompiled force per stream: with one position, and with many."""
-EVALUATIONS = 2_000_000
-"""Positions at which a stream of 10 000 particles asks for a compiled force."""
+ALONE, TOGETHER, BATCH = 11_000, 17_000, 64  # calls of an uncompiled force per stream: with one position, and with many
+EVALUATIONS = 2_000_000  # positions at which a stream of 10 000 particles asks for a compiled force
 
 
 def seconds(call: Callable[[], object], budget: float = 0.2) -> float:

@@ -13,14 +13,13 @@ from streamkit.testing.hosts import Isochrone, progenitor_orbit
 from streamkit.testing.reference import acceleration
 
 LOOKBACK = -3.0
-BLOCK = 0.02
-"""Gyr."""
+BLOCK = 0.02  # Gyr
 
+# The arrays of a stream with one entry per particle.
 PARTICLES = (
     "q", "v", "t_release", "t_strip", "dq_galactocentric", "dv_galactocentric", "tail", "winding", "chi", "bound",
     "weight",
 )  # fmt: skip
-"""The arrays of a stream with one entry per particle."""
 
 
 @cache

@@ -13,8 +13,8 @@ from streamkit.testing.hosts import MASS, progenitor_orbit
 from streamkit.testing.speed import stripping_is_fast
 
 LOOKBACK = -3.0
+# A rotation about (1, 1, 1) whose matrix is rational.
 ROTATION = np.array([[2.0, -1.0, 2.0], [2.0, 2.0, -1.0], [-1.0, 2.0, 2.0]]) / 3.0
-"""A rotation about (1, 1, 1) whose matrix is rational."""
 
 
 def _case(scheme: Stripping, count: int) -> tuple[Orbit, IntArray, Array]:

@@ -284,6 +284,7 @@ def sent(number: int, *more: str, **options: Any) -> Callable[[Try], None]:
     return lambda one: killed(one, number, *more, **options)
 
 
+# By name: what stands in the table, the fault, the potential, and of how many tries one is made.
 FAULTS: dict[str, tuple[str, Callable[[Try], None], str, int]] = {
     "kill": ("killed (SIGKILL)", sent(KILL), "tf", 1),
     "kill-2": ("killed, two workers", sent(KILL, *TWO), "tf", 1),
@@ -338,7 +339,6 @@ FAULTS: dict[str, tuple[str, Callable[[Try], None], str, int]] = {
     "complex": ("plugin returns complex numbers", partial(harmed, what="complex"), "harmful", 1),
     "plugin-memory": ("plugin asks for all memory", partial(harmed, what="memory"), "harmful", 1),
 }
-"""By name: what stands in the table, the fault, the potential, and of how many tries one is made."""
 
 
 def tried(lab: Lab, name: str, number: int) -> Found:

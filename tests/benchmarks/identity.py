@@ -29,8 +29,7 @@ from streamkit.report import is_locked
 from streamkit.sample import CHAIN, read_chain_file
 
 STEPS = 40
-LIMIT = 600.0
-"""Seconds within which a run has to be over."""
+LIMIT = 600.0  # seconds within which a run has to be over
 NEEDS = {"mpi": "mpi4py", "dask": "distributed"}
 
 

@@ -139,11 +139,11 @@ def differences(particles: int) -> np.ndarray:
     return np.array([size(found[:3] - stream.q) / size(stream.q), size(found[3:] - stream.v) / size(stream.v)])
 
 
+# About where the Small Magellanic Cloud is: any second body would do.
 SMC = {
     "kind": "hernquist", "mass": "6e9 Msun", "a": "1.5 kpc", "ra": "13.158 deg", "dec": "-72.8 deg",
     "distance": "62.4 kpc", "pm_ra_cosdec": "0.772 mas/yr", "pm_dec": "-1.117 mas/yr", "v_los": "145.6 km/s",
 }  # fmt: skip
-"""About where the Small Magellanic Cloud is: any second body would do."""
 
 
 def beside(bodies: int, particles: int) -> sk.Spec:

@@ -34,8 +34,7 @@ from streamkit.study.calibration import Calibration, Draw, calibration_products,
 from streamkit.study.grid import draw_pictures, write_tables
 
 RUN_FILE = Path(__file__).parents[2] / "examples" / "mocks" / "mock_recovery.toml"
-TRIES = 200
-"""Truths of which one must be measurable, by the model and as a live satellite."""
+TRIES = 200  # truths of which one must be measurable, by the model and as a live satellite
 
 
 def place_of(truth: sk.Spec, q: np.ndarray, v: np.ndarray) -> dict[str, float]:

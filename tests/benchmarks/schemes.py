@@ -34,14 +34,12 @@ from snapshots import nbody_stream, run_file  # noqa: E402  the live satellites 
 
 RULES = "literal", "epoch_aware", "turning"
 ARMS = {"leading": 1, "trailing": -1}
+# The apocentres of G14's first mock: only their errors are used.
 ERRORS = {"leading": [54.0, 1.0], "trailing": [90.0, 1.2], "precession": [100.0, 1.3]}
-"""The apocentres of G14's first mock: only their errors are used."""
+# Degrees: the kernel of the mean tracks, and the grid from where on they are compared.
 KERNEL, STEP, FIRST = 5.0, 2.0, 6.0
-"""Degrees: the kernel of the mean tracks, and the grid from where on they are compared."""
-FEW = 20
-"""Particles under a kernel below which a track is not looked at."""
-STRETCH = 0.05
-"""ln of the factor in mass by which the derivative is taken."""
+FEW = 20  # particles under a kernel below which a track is not looked at
+STRETCH = 0.05  # ln of the factor in mass by which the derivative is taken
 
 
 class Case(NamedTuple):

@@ -15,6 +15,7 @@ ROOT = PACKAGE.parent
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 PLUGINS = sorted((ROOT / "plugins").rglob("*.py")) + sorted((ROOT / "tests" / "third_party").rglob("*.py"))
 
+# From the top to the bottom. A package imports from those below it, and nothing beside or above.
 LAYERS = (
     {"__main__"},
     {"cli"},
@@ -31,14 +32,11 @@ LAYERS = (
     {"stream"},
     {"errors", "units", "elementary"},
 )
-"""From the top to the bottom. A package imports from those below it, and nothing beside or above."""
 
+# What stands beside the layers: it uses the doors, and nothing else, and no layer imports it.
 OUTSIDE = {"builtin", "testing"}
-"""What stands beside the layers: it uses the doors, and nothing else, and no layer imports it."""
-KIT = "study.preflight", "testing"
-"""But `check` runs the quick half of the conformance kit."""
-DOORS = {"", "engine"}
-"""What built-ins, the conformance kit and plugins may use: `streamkit` and `streamkit.engine`."""
+KIT = "study.preflight", "testing"  # but `check` runs the quick half of the conformance kit
+DOORS = {"", "engine"}  # what built-ins, the conformance kit and plugins may use: `streamkit` and `streamkit.engine`
 
 
 def module_of(file):

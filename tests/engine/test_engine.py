@@ -54,8 +54,7 @@ def test_the_satellite_rides_on_the_progenitor():
     assert np.allclose(both.acceleration(t, q), wanted, rtol=0, atol=1e-6 * np.abs(wanted).max(axis=0))
 
 
-OTHER = Q[[1, 2, 0]], -V[[1, 2, 0]]
-"""Today's state of a second body, whose orbit is another one."""
+OTHER = Q[[1, 2, 0]], -V[[1, 2, 0]]  # today's state of a second body, whose orbit is another one
 
 
 def test_two_bodies_ride_on_their_own_orbits():

@@ -12,8 +12,7 @@ from streamkit.builtin.apocentres import Apocentres
 from streamkit.builtin.potentials import Plummer, TruncatedFlat
 from streamkit.study.ablation.measures import portrait
 
-LOST = 1 - 0.662
-"""Of the mass of the live satellite of run B, in 3.77 Gyr (its README)."""
+LOST = 1 - 0.662  # of the mass of the live satellite of run B, in 3.77 Gyr (its README)
 
 
 def independent(spec, stream, i, loss):

@@ -15,8 +15,7 @@ from streamkit.builtin.potentials import NFW, Hernquist, Kepler, Logarithmic, Pl
 from streamkit.components.bases import Integrator
 from streamkit.model import Host, Satellite, next_apocentre
 
-BRACKET = np.array([30.0, 300.0, 3000.0])
-"""Omega^2 - d2Phi/dr2 in (km/s/kpc)^2."""
+BRACKET = np.array([30.0, 300.0, 3000.0])  # omega^2 - d2Phi/dr2 in (km/s/kpc)^2
 
 
 @pytest.mark.parametrize("potential", [Plummer(mass=6.4e8, radius=0.85), Hernquist(mass=6.4e8, a=0.5)])

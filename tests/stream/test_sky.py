@@ -18,6 +18,7 @@ from streamkit.testing.streams import example_stream
 SUN = Observer(8.122, 0.0208, (12.9, 245.6, 7.78))
 PM = u.mas / u.yr
 
+# phi1, phi2 (deg), pm_phi1_cosphi2, pm_phi2 (mas/yr) by gala 1.11.0 for the star below.
 GALA = {
     "GD1Koposov10": (-49.3491899923, 2.7663506989, -9.4323955390, -0.1729577827),
     "Pal5PriceWhelan18": (88.2325403119, -63.5043132229, 5.1365777934, 7.9130000346),
@@ -30,7 +31,6 @@ GALA = {
     "OphiuchusPriceWhelan16": (108.2182653756, -40.2300188772, 3.2210547427, 8.8670630055),
     "Pal13Shipp20": (130.1020511988, 0.6928723120, 3.6065194642, -8.7173974015),
 }
-"""phi1, phi2 (deg), pm_phi1_cosphi2, pm_phi2 (mas/yr) by gala 1.11.0 for the star below."""
 
 STAR = c.SkyCoord(
     ra=140 * u.deg, dec=30 * u.deg, distance=9 * u.kpc, pm_ra_cosdec=-5 * PM, pm_dec=-8 * PM,

@@ -15,24 +15,24 @@ from streamkit.runfile import Spec
 
 ROOT = next(folder for folder in Path(__file__).parents if (folder / "pyproject.toml").exists())
 README, CONTRIBUTING = ROOT / "README.md", ROOT / "CONTRIBUTING.md"
-STUDIES = sorted(ROOT.glob("examples/*/README.md"))
-"""The results, beside the run files that make them."""
+STUDIES = sorted(ROOT.glob("examples/*/README.md"))  # the results, beside the run files that make them
 PLUGINS = sorted(ROOT.glob("plugins/*/README.md"))
 DOCUMENTS = [README, CONTRIBUTING, *STUDIES, *PLUGINS, ROOT / "tests" / "benchmarks" / "README.md"]
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
+# Few steps.
 NARROW: dict[str, Any] = {
     "sampler.walkers": 6,
     "sampler.steps": 4,
     "sampler.start_particles": 500,
 }
-"""Few steps."""
+# Errors so wide that every stream fits.
 WIDE: dict[str, Any] = {
     "observable.leading": ["48 kpc", "20 kpc"],
     "observable.trailing": ["102 kpc", "40 kpc"],
     "observable.precession": ["93 deg", "40 deg"],
 }
-"""Errors so wide that every stream fits."""
+# The free parameters, near those of a stream that can be measured.
 HOSTS: dict[str, dict[str, Any]] = {
     "sagittarius": {"v0": [235, 245], "rs": [20, 22], "alpha": 0.72},
     "sagittarius_modern": {"v0": [235, 245], "rs": [20, 22], "alpha": 0.72},
@@ -57,7 +57,6 @@ HOSTS: dict[str, dict[str, Any]] = {
     "orphan_alone": {"halo.mass": [4e11, 5e11], "halo.rs": 16.0},
     "figure5": {"m200": [7e11, 8e11], "c200": [19, 21]},
 }
-"""The free parameters, near those of a stream that can be measured."""
 
 
 @dataclass(frozen=True)
@@ -114,8 +113,7 @@ class Command:
         return (named | ({self.words[2]} if self.words[1] in OF_A_RUN else set())) - self.makes()
 
 
-OF_A_RUN = ("report", "export", "cite", "status")
-"""Commands that read the directory of a run."""
+OF_A_RUN = ("report", "export", "cite", "status")  # commands that read the directory of a run
 SUFFIXES = (".toml", ".npz", ".hdf5", ".py", ".ecsv", ".png")
 
 

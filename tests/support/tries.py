@@ -17,12 +17,9 @@ from disturbed import Disturbed, differs, undisturbed, write_run
 import streamkit as sk
 from streamkit.sample import CHAIN, JOURNAL, Chain, read_chain_file
 
-LENGTH = 160
-"""Steps of the runs that nothing happens to."""
-LATEST = 60
-"""Step before which a fault comes."""
-LIMIT = 150.0
-"""Seconds within which a run has to end."""
+LENGTH = 160  # steps of the runs that nothing happens to
+LATEST = 60  # step before which a fault comes
+LIMIT = 150.0  # seconds within which a run has to end
 
 
 @dataclass

@@ -27,6 +27,7 @@ from streamkit import (
 )
 
 SURFACE, VOLUME = (Annotated[float, Unit(name)] for name in ("Msun / kpc2", "Msun / kpc3"))
+# AGAMA's parameters (its reference, section 2.2.4) and their types. AGAMA itself ignores what it does not know.
 PARAMETERS: Mapping[str, Any] = {
     "mass": Mass,
     "scaleRadius": Length,
@@ -43,10 +44,9 @@ PARAMETERS: Mapping[str, Any] = {
     **dict.fromkeys(("lmax", "mmax", "gridSizeR", "gridSizeZ"), int),
     "density": str,
 }
-"""AGAMA's parameters (its reference, section 2.2.4) and their types. AGAMA itself ignores what it does not know."""
 OWN = ("expansion", "tolerance", "growth")
+# A line of an INI file that names another file.
 ELSEWHERE = re.compile(r"^\s*(file|center|scale|rotation)\s*=\s*\S*[A-Za-z_/]\S*\s*$", re.IGNORECASE | re.MULTILINE)
-"""A line of an INI file that names another file."""
 
 
 class _Agama(Potential):

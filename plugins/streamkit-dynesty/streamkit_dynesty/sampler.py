@@ -16,10 +16,8 @@ from threadpoolctl import threadpool_limits
 from streamkit import Sampler, Samples, Target
 from streamkit_dynesty.together import Together
 
-PART = 2000
-"""Calls after which the samples so far are told."""
-NO_LIKELIHOOD = -1e290
-"""dynesty has -1e300 in place of minus infinity."""
+PART = 2000  # calls after which the samples so far are told
+NO_LIKELIHOOD = -1e290  # dynesty has -1e300 in place of minus infinity
 
 
 class Dynesty(Sampler):

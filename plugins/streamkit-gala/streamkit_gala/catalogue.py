@@ -10,10 +10,10 @@ from difflib import get_close_matches
 from functools import cache
 from typing import Any
 
+# Physical types that a run file can hold.
 PHYSICAL = ("mass", "length", "speed", "angle", "mass density", "dimensionless")
-"""Physical types that a run file can hold."""
+# Classes that are no potential by themselves; sums are several sections of a run file.
 NOT_ALONE = ("PotentialBase", "CPotentialBase", "CompositePotential", "CCompositePotential", "NullPotential")
-"""Classes that are no potential by themselves; sums are several sections of a run file."""
 
 
 @dataclass(frozen=True)

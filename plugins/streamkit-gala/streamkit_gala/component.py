@@ -15,6 +15,7 @@ from pydantic import Field
 from streamkit import Angle, Length, Mass, Number, NumberTensor, Potential, Speed, Unit
 from streamkit_gala.catalogue import Parameter, class_called, construct, parameters_of
 
+# Types of fields by gala's physical types.
 TYPES: Mapping[str, Any] = {
     "mass": Mass,
     "length": Length,
@@ -23,7 +24,6 @@ TYPES: Mapping[str, Any] = {
     "dimensionless": Number,
     "mass density": Annotated[float, Unit("Msun / kpc3"), Field(gt=0)],
 }
-"""Types of fields by gala's physical types."""
 EXPLAINED = {"version": "Which of gala's versions of the model: v1, v2 or latest.", "lmax": "Order of the expansion."}
 
 

@@ -11,6 +11,7 @@ from difflib import get_close_matches
 from functools import cache
 from typing import Any
 
+# Units by the name of the function ``galpy.util.conversion.parse_...`` through which a parameter goes.
 PARSED = {
     "length": "kpc",
     "length_kpc": "kpc",
@@ -24,9 +25,8 @@ PARSED = {
     "surfdens": "Msun / kpc2",
     "energy": "km2 / s2",
 }
-"""Units by the name of the function ``galpy.util.conversion.parse_...`` through which a parameter goes."""
+# Units by galpy's ``amp_units``.
 AMPLITUDES = {"mass": "Msun", "velocity2": "km2 / s2", "density": "Msun / kpc3", "surfacedensity": "Msun / kpc2"}
-"""Units by galpy's ``amp_units``."""
 SCALES = ("ro", "vo")
 ABSTRACT = {"Potential", "CompositePotential", "WrapperPotential", "NullPotential"}
 

@@ -18,10 +18,9 @@ from streamkit_galpy import catalogue
 from streamkit_galpy.evaluate import Evaluator
 
 TO_ENGINE = {"deg": math.pi / 180, "Gyr": GYR}
+# Units of fields that are others in the engine: the factor, and the engine's unit by astropy's name.
 IN_ENGINE = {"deg": "rad", "Gyr": "kpc s / km"}
-"""Units of fields that are others in the engine: the factor, and the engine's unit by astropy's name."""
-REFUSED = ValueError, TypeError, OSError, RuntimeError
-"""What galpy raises for parameters that it does not want."""
+REFUSED = ValueError, TypeError, OSError, RuntimeError  # what galpy raises for parameters that it does not want
 
 
 class _Galpy(Potential):
@@ -94,8 +93,7 @@ def _parameters(name: str, section: Mapping[str, Any]) -> list[tuple[str, str]]:
     return found
 
 
-OWN = ("expansion", "tolerance", "growth")
-"""Fields of every potential that is not compiled."""
+OWN = ("expansion", "tolerance", "growth")  # fields of every potential that is not compiled
 
 
 def _type_of(name: str, key: str, value: Any, default: Any) -> str:

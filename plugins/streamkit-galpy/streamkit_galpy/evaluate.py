@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
+# Times in kpc/(km/s) at which a potential is asked whether it changes: what turns, does between any two.
 TIMES = np.linspace(-11.93, 5.81, 12)
-"""Times in kpc/(km/s) at which a potential is asked whether it changes: what turns, does between any two."""
-AXIS = 1e-12
-"""Least cylindrical radius in ro: on the axis itself galpy's torque over radius is 0/0."""
+AXIS = 1e-12  # least cylindrical radius in ro: on the axis itself galpy's torque over radius is 0/0
 
 
 @dataclass(frozen=True)

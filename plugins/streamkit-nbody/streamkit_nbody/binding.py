@@ -9,12 +9,9 @@ import numpy as np
 from streamkit import Array, BoolArray
 from streamkit_nbody.gravity import Gravity
 
-FEWEST = 20
-"""A satellite of fewer bound particles is gone."""
-CORE = 0.5
-"""Fraction of the bound particles, the most bound ones, whose mean is the satellite's place."""
-FRAMES = 3
-"""How often the core is found anew for the same potential."""
+FEWEST = 20  # a satellite of fewer bound particles is gone
+CORE = 0.5  # fraction of the bound particles, the most bound ones, whose mean is the satellite's place
+FRAMES = 3  # how often the core is found anew for the same potential
 
 
 @dataclass(frozen=True)

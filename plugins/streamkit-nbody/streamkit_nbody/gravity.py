@@ -10,12 +10,10 @@ import numpy as np
 from streamkit import Array, G
 from streamkit.errors import StreamkitError
 
+# Support of the cubic spline kernel per softening length: both have the central potential -G m / softening.
 SUPPORT = 2.8
-"""Support of the cubic spline kernel per softening length: both have the central potential -G m / softening."""
-GROUP = 16
-"""Neighbouring particles that share one walk of the tree."""
-DIRECT = 1000
-"""Up to so many particles every pair is summed: as fast, exact, and no tree to compile."""
+GROUP = 16  # neighbouring particles that share one walk of the tree
+DIRECT = 1000  # up to so many particles every pair is summed: as fast, exact, and no tree to compile
 
 
 class NotFinite(StreamkitError):  # noqa: N818  it names the finding

@@ -13,12 +13,10 @@ import numpy as np
 from streamkit import GYR, G, Orbit
 from streamkit.runfile import Spec, StreamInputs
 
-RECORD = 0.01 * GYR
-"""Longest time between two records of the bound mass, the energy and who is inside the tidal radius."""
-TRAVEL = 0.5
-"""A particle of mean speed moves at most this many softening lengths in a step (Rodionov & Sotnikova 2005)."""
+RECORD = 0.01 * GYR  # longest time between two records of the bound mass, the energy and who is inside the tidal radius
+TRAVEL = 0.5  # a particle of mean speed moves at most this many softening lengths in a step (Rodionov & Sotnikova 2005)
+# Longest step in units of sqrt(r / acceleration) by the host on the satellite's orbit: 300 steps per revolution.
 TURN = 0.02
-"""Longest step in units of sqrt(r / acceleration) by the host on the satellite's orbit: 300 steps per revolution."""
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,7 @@ from streamkit_nbody.state import State
 
 CHECKPOINT, RUN_FILE, SNAPSHOT = "checkpoint.hdf5", "run.toml", "snapshot_{:03d}.hdf5"
 OURS = (CHECKPOINT, RUN_FILE, "snapshot_*.hdf5")
-EVERY = 60.0
-"""Seconds between checkpoints."""
+EVERY = 60.0  # seconds between checkpoints
 
 
 def run(

@@ -22,8 +22,7 @@ UNITS = {
 }
 PARTICLES = "PartType1"
 LENGTH, SPEED, TIME, MASS = "kpc", "km/s", "kpc/(km/s)", "Msun"
-BOUND = -1.0
-"""Stripping time of a particle that has not been stripped."""
+BOUND = -1.0  # stripping time of a particle that has not been stripped
 
 
 def write(path: Path, simulation: Simulation, state: State, content: dict[str, Any]) -> None:

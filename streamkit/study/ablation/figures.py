@@ -38,10 +38,9 @@ from streamkit.study.ablation.measures import Portrait
 from streamkit.units import GYR
 
 Portraits = Mapping[str, Portrait]
-SHOWN = 6500
-"""Most particles drawn per panel: the same random number of each stream, as in Gibbons+ 2014, figure 6."""
+SHOWN = 6500  # most particles drawn per panel: the same random number of each stream, as in Gibbons+ 2014, figure 6
+# Okabe & Ito's colours, for lines.
 CYCLE = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-"""Okabe & Ito's colours, for lines."""
 STAR: dict[str, Any] = {"marker": "*", "ms": 11, "color": "black", "mec": "white", "ls": "none", "label": "progenitor"}
 CROSS: dict[str, Any] = {
     "marker": "+", "ms": 9, "mew": 1.4, "color": "black", "ls": "none", "label": "Galactic centre, at rest"

@@ -15,12 +15,9 @@ from streamkit.runfile import Spec, StreamInputs
 from streamkit.stream import ARMS, Array, BoolArray, Prediction, Stream
 from streamkit.units import GYR
 
-ENDS = 0.5
-"""Per cent of the unbound particles beyond each end of the stream."""
-NEAR = 60.0
-"""Radius about the progenitor, in kpc, of the near part of a track."""
-BIN = 0.1 * GYR
-"""Width of the bins in stripping time in which a stripping rate is matched."""
+ENDS = 0.5  # per cent of the unbound particles beyond each end of the stream
+NEAR = 60.0  # radius about the progenitor, in kpc, of the near part of a track
+BIN = 0.1 * GYR  # width of the bins in stripping time in which a stripping rate is matched
 
 
 def angular_momentum(q: Array, v: Array) -> Array:

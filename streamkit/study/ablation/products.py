@@ -17,8 +17,7 @@ PICTURES = {
         figures.bow_tie, figures.phase_space, figures.crossings, figures.unwrapped, figures.epochs, figures.along
     )
 }  # fmt: skip
-SKY = "sky.png"
-"""Only with an observable that is drawn on the sky."""
+SKY = "sky.png"  # only with an observable that is drawn on the sky
 TABLE, TRACKS, RUN = "ablation.ecsv", "tracks.ecsv", "ablation.toml"
 PRODUCTS = (TABLE, TRACKS, RUN, *PICTURES, SKY)
 

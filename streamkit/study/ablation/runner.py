@@ -16,8 +16,7 @@ from streamkit.study.ablation.measures import Portrait, compare, match_rate, obs
 from streamkit.study.ablation.variants import Variant
 from streamkit.study.grid import INTERRUPTED, run_jobs
 
-WARM = 64
-"""Particles of the stream that loads the machine code before the clock starts."""
+WARM = 64  # particles of the stream that loads the machine code before the clock starts
 
 
 @dataclass
@@ -63,8 +62,7 @@ class Ablation:
         return next(f"the variant {o.variant.label!r}" for o in self.outcomes if o.first)
 
 
-Made = tuple[Stream, Prediction | None, float]
-"""A stream, what the observable says of it, and the CPU seconds of both."""
+Made = tuple[Stream, Prediction | None, float]  # a stream, what the observable says of it, and the CPU seconds of both
 
 
 def make_stream(job: tuple[Spec, str]) -> Made | str:

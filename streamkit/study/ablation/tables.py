@@ -19,8 +19,7 @@ if TYPE_CHECKING:
 
 
 REFERENCE = "reference"
-LABEL = 43
-"""Longest label in a printed table."""
+LABEL = 43  # longest label in a printed table
 
 
 class Measure(NamedTuple):
@@ -32,6 +31,7 @@ class Measure(NamedTuple):
     meaning: str
 
 
+# The measures of each printed table, by their names without the arm.
 PRINTED = (
     {
         "length": Measure(True, "len", "deg",
@@ -61,7 +61,6 @@ PRINTED = (
                                              "from the reference's"),
     },
 )  # fmt: skip
-"""The measures of each printed table, by their names without the arm."""
 PULL = Measure(False, "pull", "", "difference of the observable from the reference's in standard errors of the data")
 MEASURES = {name: measure for table in PRINTED for name, measure in table.items()} | {
     "observable": Measure(False, "", "", "as the run file measures it"),

@@ -17,10 +17,8 @@ from streamkit.sample import Posterior
 from streamkit.stream import Array
 from streamkit.study.fit import run
 
-MASS_RADII = (50.0, 100.0, 200.0)
-"""kpc: where enclosed masses are compared besides the parameters."""
-TRIES = 1000
-"""Truths that are tried until one has a stream that can be measured."""
+MASS_RADII = (50.0, 100.0, 200.0)  # kpc: where enclosed masses are compared besides the parameters
+TRIES = 1000  # truths that are tried until one has a stream that can be measured
 
 
 @dataclass(frozen=True)

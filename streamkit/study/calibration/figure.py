@@ -12,8 +12,7 @@ from streamkit.report import BAND_95, BLUE, GREY, VERMILION, finish, label_all, 
 from streamkit.study.calibration.draw import MASS_RADII
 from streamkit.study.calibration.runner import Calibration
 
-SIMULATIONS = 2000
-"""Sets of uniform ranks that the band is made of."""
+SIMULATIONS = 2000  # sets of uniform ranks that the band is made of
 
 
 def calibration_figure(found: Calibration) -> Figure:

@@ -18,8 +18,7 @@ from streamkit.stream import Array
 from streamkit.study.calibration.draw import Draw, make_draw
 from streamkit.study.grid import run_jobs
 
-DRAWS = "draws.jsonl"
-"""The finished draws, one a line below the digest of their run file."""
+DRAWS = "draws.jsonl"  # the finished draws, one a line below the digest of their run file
 
 
 @dataclass(frozen=True)

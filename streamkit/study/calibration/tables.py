@@ -13,8 +13,7 @@ from streamkit.study.calibration.runner import Calibration
 if TYPE_CHECKING:
     from astropy.table import QTable
 
-PROBABILITIES = (0.5, 0.68, 0.95)
-"""Of the intervals whose coverage is told."""
+PROBABILITIES = (0.5, 0.68, 0.95)  # of the intervals whose coverage is told
 
 
 def draws_table(found: Calibration) -> QTable:

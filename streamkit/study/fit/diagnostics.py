@@ -21,12 +21,9 @@ if TYPE_CHECKING:
 
     from streamkit.study.fit.results import Results
 
-MOST = 2000
-"""Samples that a prediction is compared with the data for."""
-COMPARED = 5
-"""Samples whose ln likelihood is compared with that of a Gaussian."""
-EDGE = 0.02
-"""The outermost fraction of a prior, at either end, that counts as its edge."""
+MOST = 2000  # samples that a prediction is compared with the data for
+COMPARED = 5  # samples whose ln likelihood is compared with that of a Gaussian
+EDGE = 0.02  # the outermost fraction of a prior, at either end, that counts as its edge
 
 
 def drift(kept: Array, tau: Array) -> Array:

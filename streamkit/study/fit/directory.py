@@ -22,14 +22,11 @@ from streamkit.sample import CALLS, CHAIN, JOURNAL, SAMPLES, Chain, Weighted, re
 
 RUN_FILE = "run.toml"
 MANIFEST = "manifest.json"
+# Folder with copies of the run's plugin files, and of the files that these import from beside them.
 PLUGIN_COPIES = "plugins"
-"""Folder with copies of the run's plugin files, and of the files that these import from beside them."""
-DATA_COPIES = "data"
-"""Folder with copies of the run's data files."""
-RECOVERY = ("recovery.ecsv", "recovery.png")
-"""What a report beside the truth adds."""
-LITERATURE = "literature.ecsv"
-"""Published values that a report was given, kept for the next one."""
+DATA_COPIES = "data"  # folder with copies of the run's data files
+RECOVERY = ("recovery.ecsv", "recovery.png")  # what a report beside the truth adds
+LITERATURE = "literature.ecsv"  # published values that a report was given, kept for the next one
 
 
 def claim(

@@ -14,13 +14,13 @@ from streamkit.study.fit.conversion import sample_columns
 if TYPE_CHECKING:
     from streamkit.study.fit.results import Results
 
+# What a file with each suffix holds.
 EXPORTS = {
     ".nc": "netCDF for ArviZ",
     ".csv": "one row per sample",
     ".ecsv": "the same with units",
     ".txt": "GetDist, with .paramnames and .ranges beside it",
 }
-"""What a file with each suffix holds."""
 
 
 def write_samples(results: Results, path: Path) -> list[Path]:

@@ -35,10 +35,8 @@ from streamkit.study.fit.results import Results
 if TYPE_CHECKING:
     from astropy.table import QTable
 
-FEW = 200
-"""Samples below which a corner plot shows points without contours."""
-GAP = 0.11
-"""Inches between the panels of a corner plot."""
+FEW = 200  # samples below which a corner plot shows points without contours
+GAP = 0.11  # inches between the panels of a corner plot
 
 
 def reach(results: Results) -> tuple[float, float]:

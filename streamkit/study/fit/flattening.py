@@ -9,8 +9,7 @@ from streamkit.runfile import Spec
 from streamkit.stream import Array
 from streamkit.study.fit.results import Results
 
-MOST = 300
-"""Samples that the flattening is computed for."""
+MOST = 300  # samples that the flattening is computed for
 
 
 def flattening_at(spec: Spec, theta: Array, radii: Array, z: Array) -> Array:

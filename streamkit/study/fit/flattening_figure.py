@@ -20,11 +20,10 @@ from streamkit.study.fit.results import Results
 if TYPE_CHECKING:
     from astropy.table import QTable
 
+# Degrees above the plane, and the lines of their medians; the first one has the intervals.
 DIRECTIONS = {45.0: "-", 15.0: "--", 75.0: ":"}
-"""Degrees above the plane, and the lines of their medians; the first one has the intervals."""
 ROUND = 1e-6
-OUTWARDS = 1.04
-"""The run's own values are drawn at so many times the radius of published ones, beside them."""
+OUTWARDS = 1.04  # the run's own values are drawn at so many times the radius of published ones, beside them
 
 
 def is_sphere(spec: Spec) -> bool:

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
     from streamkit.study.fit.results import Results
 
+# The axis ratio of the potential of the whole host at a place, and of the density of its halo.
 POTENTIAL, DENSITY = "q_Phi", "q_rho"
-"""The axis ratio of the potential of the whole host at a place, and of the density of its halo."""
+# The quantities that a table may hold, and their units.
 UNITS = {"M": "Msun", "v_c": "km / s", POTENTIAL: "", DENSITY: ""}
-"""The quantities that a table may hold, and their units."""
 NUMBERS = ("radius", "value", "error_minus", "error_plus")
 COLUMNS = ("quantity", *NUMBERS, "reference")
 MARKERS = "sD^vopP*hX"

@@ -27,12 +27,10 @@ if TYPE_CHECKING:
 
 PAGE = "report.html"
 TEMPLATE = "page.html.jinja"
-WIDEST = 1700
-"""Pixels of a picture in the page: two for each of the widest column."""
-COLOURS = 160
-"""Colours of a picture in the page: drawings have few, and a picture is a third as large with a palette."""
-RADII = (25.0, 50.0, 75.0, 100.0, 150.0, 200.0)
-"""Radii in kpc of the masses in the page."""
+WIDEST = 1700  # pixels of a picture in the page: two for each of the widest column
+COLOURS = 160  # colours of a picture in the page: drawings have few, and a picture is a third as large with a palette
+RADII = (25.0, 50.0, 75.0, 100.0, 150.0, 200.0)  # radii in kpc of the masses in the page
+# Pictures of the page that are products of their own.
 DRAWN = {
     "mass": "mass_profile.png",
     "rotation": "rotation_curve.png",
@@ -42,7 +40,6 @@ DRAWN = {
     "data": "predictions.png",
     "priors": "priors.png",
 }
-"""Pictures of the page that are products of their own."""
 CLASSES = dict(zip(LEVELS, ("fine", "look", "not"), strict=True))
 SIGNS = dict(zip(LEVELS, ("✓", "!", "✕"), strict=True))
 
@@ -127,8 +124,8 @@ def _masses(results: Results) -> Iterator[dict[str, Any]]:
         }
 
 
+# Published quantities on the page: their scale, unit and decimal places; flattenings have neither.
 SHOWN_AS = {"M": (1e11, "1e11 Msun", 2), "v_c": (1.0, "km/s", 0)}
-"""Published quantities on the page: their scale, unit and decimal places; flattenings have neither."""
 
 
 def _place(row: Any) -> str:

@@ -14,10 +14,9 @@ from streamkit.study.fit.diagnostics import Predictive, predictive
 from streamkit.study.fit.figures import remark
 from streamkit.study.fit.results import Results
 
+# Inches: the height of a row, and across a column the axes, the names left of it and the numbers right of it.
 ROW, WIDE, NAMES, NUMBERS = 0.2, 2.9, 1.75, 1.35
-"""Inches: the height of a row, and across a column the axes, the names left of it and the numbers right of it."""
-LONGEST = 40
-"""Most rows in a column."""
+LONGEST = 40  # most rows in a column
 
 
 def predictions(results: Results) -> Figure:

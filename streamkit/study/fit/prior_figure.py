@@ -12,10 +12,8 @@ from streamkit.stream import Array
 from streamkit.study.fit.figures import remark
 from streamkit.study.fit.results import Results
 
-WIDE, HIGH = 2.5, 1.9
-"""Inches of a panel."""
-ZOOM = 0.15
-"""Share of the prior's range below which the posterior is drawn nearer."""
+WIDE, HIGH = 2.5, 1.9  # inches of a panel
+ZOOM = 0.15  # share of the prior's range below which the posterior is drawn nearer
 
 
 def priors(results: Results) -> Figure:

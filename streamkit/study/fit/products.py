@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+# Radii in kpc of the table of masses: 5 to 200, with 50, 100, 150 and 200 among them.
 PROFILE_RADII = np.arange(5.0, 201.0, 5.0)
-"""Radii in kpc of the table of masses: 5 to 200, with 50, 100, 150 and 200 among them."""
 
 
 def best_stream(results: Results, name: str) -> Figure:
@@ -62,8 +62,7 @@ FIGURES: dict[str, Callable[[Results], Figure]] = {
 }
 
 
-FLATTENING = "flattening.png"
-"""Only of a host that is no sphere."""
+FLATTENING = "flattening.png"  # only of a host that is no sphere
 
 
 def figures_of(spec: Spec) -> dict[str, Callable[[Results], Figure]]:
@@ -77,8 +76,8 @@ def products_of(spec: Spec) -> tuple[str, ...]:
     return (RUN_FILE, MANIFEST, *kept, *TABLES, *figures_of(spec), *stream_pictures(spec), PAGE)
 
 
+# `products_of` a run file with one stream.
 PRODUCTS = (RUN_FILE, MANIFEST, CHAIN, *TABLES, *FIGURES, "best_stream.png", PAGE)
-"""`products_of` a run file with one stream."""
 
 
 def pdfs_of(spec: Spec) -> tuple[str, ...]:

@@ -27,12 +27,9 @@ if TYPE_CHECKING:
     from astropy.table import QTable
 
 
-RADII = np.arange(10.0, 121.0, 5.0)
-"""Radii in kpc of the table: where Gibbons+ 2014 test their recovery."""
-DRAWN = np.linspace(RADII[0], RADII[-1], 56)
-"""Radii in kpc of the picture."""
-PRINTED = 10.0
-"""Spacing in kpc of the rows that are printed."""
+RADII = np.arange(10.0, 121.0, 5.0)  # radii in kpc of the table: where Gibbons+ 2014 test their recovery
+DRAWN = np.linspace(RADII[0], RADII[-1], 56)  # radii in kpc of the picture
+PRINTED = 10.0  # spacing in kpc of the rows that are printed
 QUANTITIES = ("M", "v_c")
 
 

@@ -37,8 +37,7 @@ if TYPE_CHECKING:
     from emcee.backends import Backend
     from xarray import DataTree
 
-MAX_MODELS = 5000
-"""Samples that a mass profile is computed for."""
+MAX_MODELS = 5000  # samples that a mass profile is computed for
 
 
 class Results:

@@ -49,13 +49,10 @@ from streamkit.study.fit.results import Results
 
 QUICK_PARTICLES = 2000
 QUICK_WALKERS = 24
-QUICK_SEARCH = 50.0
-"""Seconds after the beginning of a quick run when its search ends."""
-QUICK_SAMPLING = 140.0
-"""The same for its sampling: a report must still fit in 3 minutes."""
+QUICK_SEARCH = 50.0  # seconds after the beginning of a quick run when its search ends
+QUICK_SAMPLING = 140.0  # the same for its sampling: a report must still fit in 3 minutes
 
-FOREIGN = 8
-"""Points at a time that somebody else's executor is thought to evaluate."""
+FOREIGN = 8  # points at a time that somebody else's executor is thought to evaluate
 
 
 def run(

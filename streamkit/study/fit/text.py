@@ -28,14 +28,14 @@ def stuck_warnings(stuck: Sequence[int], walkers: int) -> list[str]:
     ]
 
 
+# What a run says of the surrogate of its moves.
 SURROGATE = {
     "the observables": "of the observables",
     "ln likelihood": "of ln likelihood, which is no Gaussian of fixed data",
     "none": "too few points to learn from: the moves are differential evolution",
 }
-"""What a run says of the surrogate of its moves."""
+# Radii in kpc of the masses that a run prints: those of Gibbons+ 2014, table 3.
 PRINTED_RADII = (50.0, 100.0, 150.0, 200.0)
-"""Radii in kpc of the masses that a run prints: those of Gibbons+ 2014, table 3."""
 
 
 def describe_results(results: Results) -> str:

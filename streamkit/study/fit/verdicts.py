@@ -27,39 +27,32 @@ from streamkit.study.fit.diagnostics import (
 if TYPE_CHECKING:
     from streamkit.study.fit.results import Results
 
-FINE, LOOK, DO_NOT = LEVELS = ("fine", "look here", "do not use")
-"""The verdicts, from good to bad."""
+FINE, LOOK, DO_NOT = LEVELS = ("fine", "look here", "do not use")  # the verdicts, from good to bad
 
+# Autocorrelation times: 50 as the documentation of emcee asks for; with fewer than 10 their estimate means nothing.
 LENGTH = (50.0, 10.0)
-"""Autocorrelation times: 50 as the documentation of emcee asks for; with fewer than 10 their estimate means nothing."""
+# Vehtari+ 2021 ask for 1.01 of 4 long independent chains; walkers are many and each is short, so that 1.02 is the
+# default of the run file. Above 1.1 chains have not mixed (Gelman & Rubin 1992; Gelman+ 2013, sec. 11.5).
 R_HAT = (1.02, 1.1)
-"""Vehtari+ 2021 ask for 1.01 of 4 long independent chains; walkers are many and each is short, so that 1.02 is the
-default of the run file. Above 1.1 chains have not mixed (Gelman & Rubin 1992; Gelman+ 2013, sec. 11.5)."""
+# Effective samples: 400 (Vehtari+ 2021, sec. 4); with 100 the median is known to 0.13 of the standard deviation.
 SAMPLES = (400.0, 100.0)
-"""Effective samples: 400 (Vehtari+ 2021, sec. 4); with 100 the median is known to 0.13 of the standard deviation."""
-DRIFT = (0.01, 1e-4)
-"""Chance that a stationary chain drifts as much as this one (Geweke 1992), over all parameters."""
-RANKS = 0.01
-"""Chance that mean ranks of walkers of one distribution differ as much, over all walkers and parameters."""
+DRIFT = (0.01, 1e-4)  # chance that a stationary chain drifts as much as this one (Geweke 1992), over all parameters
+RANKS = 0.01  # chance that mean ranks of walkers of one distribution differ as much, over all walkers and parameters
+# Share of the largest weight: with one in a hundred a percentile is coarse, with one in ten it is that sample.
 HEAVIEST = (0.01, 0.1)
-"""Share of the largest weight: with one in a hundred a percentile is coarse, with one in ten it is that sample."""
+# Share of walkers: 2.5 % of the samples hold one end of a 95 % interval, 16 % that of a 68 % interval.
 STUCK = (0.025, 0.16)
-"""Share of walkers: 2.5 % of the samples hold one end of a 95 % interval, 16 % that of a 68 % interval."""
+# Random walks lose little from 0.15 to 0.5 (Roberts & Rosenthal 2001, sec. 3; emcee's authors advise 0.2 to 0.5). One
+# in a hundred is the sign of a rough likelihood. High acceptance is no fault here: short steps show in the length.
 ACCEPTANCE = (0.15, 0.01)
-"""Random walks lose little from 0.15 to 0.5 (Roberts & Rosenthal 2001, sec. 3; emcee's authors advise 0.2 to 0.5). One
-in a hundred is the sign of a rough likelihood. High acceptance is no fault here: short steps show in the length."""
-P_VALUE = (0.05, 0.001)
-"""Posterior predictive p-value of chi^2 (Gelman, Meng & Stern 1996)."""
+P_VALUE = (0.05, 0.001)  # posterior predictive p-value of chi^2 (Gelman, Meng & Stern 1996)
+# Share of all proposals that one reason may refuse, before it may cut the posterior where nobody meant it to.
 REASON = 0.1
-"""Share of all proposals that one reason may refuse, before it may cut the posterior where nobody meant it to."""
-NOISE = (1 / 3, 1.0)
-"""The model's noise over the data's error: added in quadrature, a third makes the error 5 % larger."""
-AT_EDGE = 0.1
-"""Share of the posterior in the outermost 2 % of a prior, where the prior itself has 2 %."""
+NOISE = (1 / 3, 1.0)  # the model's noise over the data's error: added in quadrature, a third makes the error 5 % larger
+AT_EDGE = 0.1  # share of the posterior in the outermost 2 % of a prior, where the prior itself has 2 %
+# Spread of the posterior over that of the prior above which the data say nothing of a parameter. It is said, and no
+# fault: a parameter that was measured elsewhere has its measurement as its prior.
 UNINFORMED = 0.9
-"""Spread of the posterior over that of the prior above which the data say nothing of a parameter.
-
-It is said, and no fault: a parameter that was measured elsewhere has its measurement as its prior."""
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,7 @@ from streamkit.sample import Posterior, expected_calls
 from streamkit.stream import Array
 from streamkit.study.preflight.draws import TRIAL_PARTICLES, PriorDraws, observe
 
-SLOW = 5.0
-"""A first call of so many CPU seconds is not repeated: loading the machine code is a small part of it."""
+SLOW = 5.0  # a first call of so many CPU seconds is not repeated: loading the machine code is a small part of it
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,8 @@ from streamkit.report import Progress
 from streamkit.runfile import Spec
 from streamkit.stream import Array, Prediction
 
-TRIAL_PARTICLES = 1000
-"""Particles of the trial streams over the prior: enough to say whether there is a stream."""
-BUDGET = 15.0
-"""CPU seconds after which no further trial stream is started."""
+TRIAL_PARTICLES = 1000  # particles of the trial streams over the prior: enough to say whether there is a stream
+BUDGET = 15.0  # CPU seconds after which no further trial stream is started
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,7 @@ from streamkit.runfile import StreamInputs
 from streamkit.stream import Array, Orbit
 from streamkit.units import GYR
 
-HORIZON = 13.8
-"""How far back, in Gyr, the progenitor's turning points are looked for: the age of the Universe."""
+HORIZON = 13.8  # how far back, in Gyr, the progenitor's turning points are looked for: the age of the Universe
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from streamkit.runfile import Spec, StreamInputs, Sun
 from streamkit.study.preflight.draws import PriorDraws
 from streamkit.study.preflight.orbit import HORIZON, OrbitSummary, summarise_orbit
 
+# Ranges that hold every recent measurement of the Sun's place and of the rotation there.
 USUAL_SUN = {"r0": (7.0, 9.0, "kpc"), "z": (-0.1, 0.1, "kpc"), "v_circ": (180.0, 280.0, "km/s")}
-"""Ranges that hold every recent measurement of the Sun's place and of the rotation there."""
 
 
 def orbit_warnings(spec: Spec, inputs: StreamInputs, orbit: OrbitSummary) -> list[str]:

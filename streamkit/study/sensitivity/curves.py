@@ -14,10 +14,9 @@ from streamkit.runfile import LogUniform, Prior
 from streamkit.sample import Evaluation
 from streamkit.stream import Array, IntArray
 
+# Probability of the prior in the range that a parameter is varied over, the same on either side of it left out.
 CENTRAL = 0.95
-"""Probability of the prior in the range that a parameter is varied over, the same on either side of it left out."""
-SAME = 1e-9
-"""A point of the grid is the fixed one if it is nearer than so many of the grid's ranges."""
+SAME = 1e-9  # a point of the grid is the fixed one if it is nearer than so many of the grid's ranges
 
 
 @dataclass(frozen=True)
