@@ -105,6 +105,7 @@ def test_stream_files_hold_the_particles_and_how_to_make_them_again(run_file: Pa
     np.testing.assert_array_equal(sk.Model(again).stream().q[0], table["x"].to_value("kpc"))
 
 
+@pytest.mark.rendered
 def test_plot_writes_a_picture(run_file: Path) -> None:
     assert call("stream", run_file, "--plot", "s.png").exit_code == 0
     assert (run_file.parent / "s.png").read_bytes()[:4] == b"\x89PNG"

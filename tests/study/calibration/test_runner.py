@@ -200,6 +200,7 @@ def test_apocentres_draw_around_what_they_predict():
     assert values[:, 0].std() == pytest.approx(0.5, rel=0.15)
 
 
+@pytest.mark.rendered
 def test_the_command(spec, tmp_path):
     (tmp_path / "run.toml").write_text(spec.toml())
     options = ["calibrate", str(tmp_path / "run.toml"), "-o", str(tmp_path / "out"), "--draws", "2"]

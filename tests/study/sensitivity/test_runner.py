@@ -190,7 +190,6 @@ def test_it_writes_tables_and_a_picture(run_file: Path, tmp_path: Path) -> None:
     assert all(len(line) <= 100 for line in result.stdout.splitlines())
 
 
-@pytest.mark.usefixtures("unrendered_pictures")
 def test_fields_are_chosen_and_workers_do_not_change_the_numbers(run_file: Path, tmp_path: Path) -> None:
     made = []
     for workers in ("1", "2"):
@@ -213,7 +212,6 @@ def test_a_number_moves_a_free_parameter_and_anything_else_changes_the_file(smal
     assert fixed_point(spec, point)["potential.v0"] == pytest.approx(200)
 
 
-@pytest.mark.usefixtures("unrendered_pictures")
 def test_an_interruption_keeps_the_parameters_that_are_finished(
     run_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
