@@ -133,6 +133,19 @@ PositiveNumber = Annotated[float, _NUMBER, Field(gt=0)]  # a positive dimensionl
 
 
 @dataclass(frozen=True)
+class Symbol:
+    r"""The symbol of a field in pictures, as TeX: ``Annotated[Length, Symbol(r"$r_{\rm s}$")]``."""
+
+    tex: str
+
+
+# Fields that many potentials have, with their symbols and descriptions: ``mass: TotalMass``.
+TotalMass = Annotated[Mass, Symbol("$M$"), Field(description="Total mass.")]
+ScaleRadius = Annotated[Length, Symbol(r"$r_{\rm s}$"), Field(description="Scale radius.")]
+AxisRatio = Annotated[PositiveNumber, Symbol("$q$"), Field(description="Axis ratio z/x.")]
+
+
+@dataclass(frozen=True)
 class Datum:
     """Marks a field that holds a datum and its error, with their unit."""
 
@@ -173,16 +186,9 @@ def unit_of(field: FieldInfo) -> Unit | None:
     return None
 
 
-@dataclass(frozen=True)
-class Symbol:
-    r"""The symbol of a field in pictures, as TeX: ``Annotated[Length, Symbol(r"$r_{\rm s}$")]``."""
-
-    tex: str
-
-
 def symbol_of(field: FieldInfo, owner: str = "") -> str:
     """Return the symbol of a field, marked with whose it is (``sat``, ``halo``); '' if it has none."""
-    tex = next((item.tex for item in field.metadata if isinstance(item, Symbol)), "")
+    tex = next((item.tex for item in reversed(field.metadata) if isinstance(item, Symbol)), "")  # the outermost
     if not tex or not owner:
         return tex
     mark, name = "^" if "_" in tex else "_", owner.replace("_", r"\_")

@@ -22,6 +22,7 @@ from .registry import load_registry as load_registry
 from .sampler import Sampler as Sampler
 from .sampler import Samples as Samples
 from .sampler import Target as Target
+from .spherical import Spherical as Spherical
 from .total import Total as Total
 from .total import add_up as add_up
 from .total import circular_speed as circular_speed

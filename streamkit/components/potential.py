@@ -32,46 +32,46 @@ def _check_signature(cls: type[Potential]) -> None:
     where = f"{cls.__module__}.{cls.__name__}"
     if "growth" in inspect.get_annotations(cls):
         raise PluginError(f"{where}: the field 'growth' belongs to every potential: call yours something else")
-    found = tuple(inspect.signature(cls.acceleration).parameters)
-    own = [name for name in cls.model_fields if name != "growth"]
-    fields = ["x", "y", "z", "t", *cls.measured()]
+    force, head = cls._force_method, cls._place_arguments
+    arguments = cls.force_arguments()
+    fields = [name for name in cls.model_fields if name != "growth"]
+    measured = [*cls.measured()]
     if cls.prepare is Potential.prepare:
-        if found != tuple(fields):
+        if arguments != (*head, *measured):
             raise PluginError(
-                f"{where}.acceleration: the arguments must be ({', '.join(fields)}), "
-                f"that is x, y, z, t and then the fields by name; found ({', '.join(found)})"
+                f"{where}.{force}: the arguments must be ({', '.join((*head, *measured))}), that is {', '.join(head)} "
+                f"and then the fields by name; found ({', '.join(arguments)})"
             )
-        if odd := [name for name in own if name not in fields]:
+        if odd := [name for name in fields if name not in measured]:
             raise PluginError(
                 f"{where}: every field of a potential must be a number with a unit or an array of them (Mass, Length, "
                 f"LengthArray, ...), unless the class defines `prepare`, which gets all fields; {', '.join(odd)} is not"
             )
     else:
         for name in inspect.signature(cls.prepare).parameters:
-            if name not in own and name != HOST:
+            if name not in fields and name != HOST:
                 raise PluginError(
-                    f"{where}.prepare: the arguments are fields by name; found {name!r}.{nearest(name, own)} "
-                    f"Fields: {', '.join(own)}"
+                    f"{where}.prepare: the arguments are fields by name; found {name!r}.{nearest(name, fields)} "
+                    f"Fields: {', '.join(fields)}"
                 )
-        for method in (cls.acceleration, cls.potential) if cls.has_energy() else (cls.acceleration,):
-            given = tuple(inspect.signature(method).parameters)
-            if given[:4] != ("x", "y", "z", "t") or given != found:
+        for method in (force, cls._energy_method) if cls.has_energy() else (force,):
+            given = tuple(inspect.signature(getattr(cls, method)).parameters)
+            if given[: len(head)] != head or given != arguments:
                 raise PluginError(
-                    f"{where}: acceleration and potential must have the same arguments: x, y, z, t and then what "
-                    f"`prepare` gives, or fields, by name; found ({', '.join(given)})"
+                    f"{where}: {force} and {cls._energy_method} must have the same arguments: {', '.join(head)} and "
+                    f"then what `prepare` gives, or fields, by name; found ({', '.join(given)})"
                 )
     if cls.has_drag():
-        given, wanted = tuple(inspect.signature(cls.drag).parameters), (*MOVING, *found[4:])
-        if given != wanted:
+        given, expected = tuple(inspect.signature(cls.drag).parameters), (*MOVING, *arguments[len(head) :])
+        if given != expected:
             raise PluginError(
-                f"{where}.drag: the arguments must be ({', '.join(wanted)}), that is position, velocity, time and then "
-                f"those of `acceleration`; found ({', '.join(given)})"
+                f"{where}.drag: the arguments must be ({', '.join(expected)}), that is position, velocity, time and "
+                f"then those of `{force}`; found ({', '.join(given)})"
             )
-    written: tuple[Any, ...] = (cls.acceleration, cls.drag)
-    for method in written:
-        if cls.compiled and any(step.opname == "RAISE_VARARGS" for step in dis.get_instructions(method)):
+    for name in (force, "drag"):
+        if cls.compiled and any(step.opname == "RAISE_VARARGS" for step in dis.get_instructions(getattr(cls, name))):
             raise PluginError(
-                f"{where}.{method.__name__}: compiled code cannot raise or assert, the exception "
+                f"{where}.{name}: compiled code cannot raise or assert, the exception "
                 "would be lost: return NaN where there is no force, bound the fields, or set `compiled = False`"
             )
 
@@ -117,6 +117,11 @@ class Potential(Component):
     """False: `acceleration` is called with whole arrays through NumPy, for bodies that numba cannot take."""
     evaluation: ClassVar[Literal["exact", "expansion"]] = "exact"
     """What is made of a potential that is not compiled, unless the run file says otherwise with ``expansion``."""
+
+    # The methods that an author writes, and their arguments before the parameters: `Spherical` has others.
+    _force_method: ClassVar[str] = "acceleration"
+    _energy_method: ClassVar[str] = "potential"
+    _place_arguments: ClassVar[tuple[str, ...]] = ("x", "y", "z", "t")
 
     _expanded: expansion.Expanded | None = PrivateAttr(None)
     _like: Potential | None = PrivateAttr(None)
@@ -203,6 +208,11 @@ class Potential(Component):
         return state | {"__pydantic_private__": (state["__pydantic_private__"] or {}) | made}
 
     @classmethod
+    def force_arguments(cls) -> tuple[str, ...]:
+        """Return the names of the arguments of the force that the author has written."""
+        return tuple(inspect.signature(getattr(cls, cls._force_method)).parameters)
+
+    @classmethod
     def has_energy(cls) -> bool:
         """Say whether the class defines `potential`."""
         return cls.potential is not Potential.potential
@@ -280,10 +290,10 @@ def _prepare(potential: Potential) -> tuple[Any, ...]:
         raise PluginError(f"{where}.prepare: found {prepared!r}, expected a mapping or a named tuple")
     known = fields | dict(prepared)
     values = []
-    for name in list(inspect.signature(cls.acceleration).parameters)[4:]:
+    for name in cls.force_arguments()[len(cls._place_arguments) :]:
         if name not in known:
             raise PluginError(
-                f"{where}.acceleration: the argument {name!r} is no field, and `prepare` does not give it."
+                f"{where}.{cls._force_method}: the argument {name!r} is no field, and `prepare` does not give it."
                 f"{nearest(name, known)} It gives {', '.join(prepared) or 'nothing'}."
             )
         values.append(_plain(known[name], f"{where}.prepare: {name!r}") if cls.compiled else known[name])

@@ -85,8 +85,9 @@ def compiled_kernel(cls: type[Force], layout: tuple[int, ...], growing: bool = F
 
     Raises `PluginError` if numba cannot compile the author's function.
     """
-    unpack, patches = unpacker(layout), getattr(cls, "patches", None)
-    sweep = _elementwise(cls.acceleration) if patches is None else sweep_of(patches)
+    unpack, patches, pull = unpacker(layout), getattr(cls, "patches", None), getattr(cls, "pull", None)
+    written = patches or pull or cls.acceleration
+    sweep = sweep_of(patches) if patches else _elementwise(_radial(pull) if pull else cls.acceleration)
 
     def kernel(n, t, p, centre, q, a, fresh):
         parameters = unpack(carray(p, (ENDLESS,)))
@@ -108,7 +109,6 @@ def compiled_kernel(cls: type[Force], layout: tuple[int, ...], growing: bool = F
             for i in range(n):
                 sweep(i, i + 1, times, place, total, c, fresh, parameters[:-2], interp(times[i], knots, factors))
 
-    written = cls.acceleration if patches is None else patches
     return machine_code(growing_kernel if growing else kernel, [(cls, written)], [layout])
 
 
@@ -142,6 +142,20 @@ def machine_code(kernel: Any, written: Sequence[tuple[type[Force], Any]], layout
             "set `compiled = False` in the class."
         ) from None
     return cfunc
+
+
+CENTRE = 1e-30  # kpc^2, as in `streamkit.Spherical`
+
+
+def _radial(pull: Any) -> Any:
+    """Return the acceleration of a sphere, from the `pull` that its author has written (`streamkit.Spherical`)."""
+    inlined = njit(forceinline=True, **OPTIONS)(pull)
+
+    def acceleration(x, y, z, t, *parameters):
+        k = inlined(x * x + y * y + z * z + CENTRE, *parameters)
+        return k * x, k * y, k * z
+
+    return acceleration
 
 
 def _elementwise(author: Any) -> Any:
