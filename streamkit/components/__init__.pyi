@@ -5,12 +5,9 @@ from .bases import Integrator as Integrator
 from .bases import Measurement as Measurement
 from .bases import Observable as Observable
 from .bases import Stripping as Stripping
-from .disabled import switched_off as switched_off
 from .given import GIVEN as GIVEN
 from .hookspecs import CONTRACT as CONTRACT
 from .hookspecs import hookimpl as hookimpl
-from .known import where_to_find as where_to_find
-from .mass import total_mass as total_mass
 from .plugin import ROLES as ROLES
 from .plugin import Plugin as Plugin
 from .plugin import is_loaded as is_loaded
@@ -19,6 +16,8 @@ from .potential import Potential as Potential
 from .preset import Preset as Preset
 from .registry import Registry as Registry
 from .registry import load_registry as load_registry
+from .registry import switched_off as switched_off
+from .registry import where_to_find as where_to_find
 from .sampler import Sampler as Sampler
 from .sampler import Samples as Samples
 from .sampler import Target as Target
@@ -27,3 +26,4 @@ from .total import Total as Total
 from .total import add_up as add_up
 from .total import circular_speed as circular_speed
 from .total import sphere as sphere
+from .total import total_mass as total_mass

@@ -11,8 +11,10 @@ import numpy as np
 
 from streamkit.errors import blamed
 from streamkit.stream import Array, read_only
-from streamkit.units import G
+from streamkit.units import G, Unit
 
+FAR = 1e5, 1e6  # radii in kpc beyond every galaxy: the missing part of a finite mass falls there at least as 1/r
+ENDS = 3e-3  # the largest relative growth between them of a mass that is finite
 AZIMUTH = 16  # equal angles: exact for every harmonic below this order
 POLAR = 20  # Gauss-Legendre nodes per hemisphere
 
@@ -21,6 +23,10 @@ class Part(Protocol):
     """A potential, as far as it is asked here."""
 
     kind: ClassVar[str]
+
+    @classmethod
+    def parameters(cls) -> dict[str, Unit]:
+        """Return the fields that are physical numbers, with their units."""
 
     def in_engine_units(self) -> tuple[Any, ...]:
         """Return the arguments of its `acceleration` after t."""
@@ -110,6 +116,22 @@ def circular_speed(potentials: Iterable[Part], radius: float) -> float:
     with np.errstate(all="ignore"):
         outward = (add_up("acceleration", potentials, radius * around) * around).sum(axis=0).mean()
     return float(np.sqrt(np.maximum(-radius * outward, 0.0)))
+
+
+def total_mass(potential: Part) -> float:
+    """Return the total mass of one potential in Msun: its field ``mass``, else from its force at great distances.
+
+    NaN where the mass is infinite. A field ``mass`` may be a scale mass, as that of an NFW halo.
+    """
+    unit = potential.parameters().get("mass")
+    if unit is not None and unit.name == "Msun":
+        return float(getattr(potential, "mass"))  # noqa: B009  a field of this class, not of all
+    axes = np.concatenate([np.eye(3), -np.eye(3)], axis=1)
+    with np.errstate(all="ignore"):
+        inner, outer = (-(r**2) / G * (add_up("acceleration", [potential], r * axes) * axes).sum() / 6 for r in FAR)
+        share = FAR[0] / (FAR[1] - FAR[0])  # the mass missing at the outer radius, over the mass between the two
+        finite = outer > 0 and abs(outer - inner) <= ENDS * outer
+    return float(outer + share * (outer - inner)) if finite else float("nan")
 
 
 @cache
