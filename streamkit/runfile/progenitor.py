@@ -8,11 +8,11 @@ from functools import cache
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, create_model, model_validator
 
 from streamkit.components import Potential, circular_speed
 from streamkit.errors import OutOfDomain, StreamkitError
-from streamkit.stream import Array, Observer, sky_matrix, to_galactocentric
+from streamkit.stream import Array, Frame, Observer, sky_matrix, to_galactocentric
 from streamkit.units import Angle, Coordinate, Duration, Length, ProperMotion, Symbol, Unit, Velocity
 
 MOST_LOOKBACK = 100.0  # the longest look-back time in Gyr
@@ -113,85 +113,90 @@ class Place(BaseModel, ABC):
         return tuple(name for name in cls.model_fields if name not in ("lookback", "friction", "reflex"))
 
 
-class _OnSky(Place, ABC):
-    """Two angles, the distance, two proper motions and the line-of-sight velocity, in a frame of astropy's."""
+# The fields that several sets of coordinates have, each with its symbol and its description.
+_Distance = Annotated[Length, Symbol("$d$"), Field(description="Heliocentric distance.")]
+_LineOfSight = Annotated[Velocity, Symbol(r"$v_{\rm los}$"), Field(description="Heliocentric line-of-sight velocity.")]
+_Latitude = Annotated[Angle, Field(ge=-90, le=90)]
 
-    frame: ClassVar[Literal["galactic", "icrs"]]
+
+class _OnSky(Place, ABC):
+    """Two angles, the distance, two proper motions and the line-of-sight velocity, in this order."""
+
+    @abstractmethod
+    def sky(self) -> Literal["icrs", "galactic"] | Array:
+        """Return the frame of the angles: its name, or the matrix (3, 3) that leads to it from ICRS."""
 
     def today(self, sun: Sun) -> tuple[Array, Array]:
         """Transform from the sky."""
         lon, lat, distance, pm_lon, pm_lat, v_los = (getattr(self, name) for name in self.coordinates())
-        return to_galactocentric(
-            self.frame, lon, lat, distance, pm_lon, pm_lat, v_los, sun.observer
-        )  # fmt: skip
+        return to_galactocentric(self.sky(), lon, lat, distance, pm_lon, pm_lat, v_los, sun.observer)
 
 
-class _Galactic(_OnSky):
+class _GalacticSky(_OnSky):
     """Galactic coordinates and proper motions."""
 
-    title: ClassVar[str] = "Galactic sky"
-    frame = "galactic"
+    title = "Galactic sky"
 
     l: Annotated[Angle, Symbol("$l$")] = Field(description="Galactic longitude.")  # noqa: E741  the field's own name
-    b: Annotated[Angle, Symbol("$b$")] = Field(ge=-90, le=90, description="Galactic latitude.")
-    distance: Annotated[Length, Symbol("$d$")] = Field(description="Heliocentric distance.")
+    b: Annotated[_Latitude, Symbol("$b$")] = Field(description="Galactic latitude.")
+    distance: _Distance
     pm_l_cosb: Annotated[ProperMotion, Symbol(r"$\mu_l \cos b$")] = Field(
         description="Proper motion in l, times cos b."
     )
     pm_b: Annotated[ProperMotion, Symbol(r"$\mu_b$")] = Field(description="Proper motion in b.")
-    v_los: Annotated[Velocity, Symbol(r"$v_{\rm los}$")] = Field(description="Heliocentric line-of-sight velocity.")
+    v_los: _LineOfSight
+
+    def sky(self) -> Literal["galactic"]:
+        """Return the name."""
+        return "galactic"
 
 
-class _Equatorial(_OnSky):
+class _EquatorialSky(_OnSky):
     """Equatorial (ICRS) coordinates and proper motions."""
 
-    title: ClassVar[str] = "equatorial sky (ICRS)"
-    frame = "icrs"
+    title = "equatorial sky (ICRS)"
 
     ra: Annotated[Angle, Symbol(r"${\rm RA}$")] = Field(description="Right ascension.")
-    dec: Annotated[Angle, Symbol(r"${\rm Dec}$")] = Field(ge=-90, le=90, description="Declination.")
-    distance: Annotated[Length, Symbol("$d$")] = Field(description="Heliocentric distance.")
+    dec: Annotated[_Latitude, Symbol(r"${\rm Dec}$")] = Field(description="Declination.")
+    distance: _Distance
     pm_ra_cosdec: Annotated[ProperMotion, Symbol(r"$\mu_\alpha \cos \delta$")] = Field(
         description="Proper motion in right ascension, times cos dec."
     )
     pm_dec: Annotated[ProperMotion, Symbol(r"$\mu_\delta$")] = Field(description="Proper motion in declination.")
-    v_los: Annotated[Velocity, Symbol(r"$v_{\rm los}$")] = Field(description="Heliocentric line-of-sight velocity.")
+    v_los: _LineOfSight
+
+    def sky(self) -> Literal["icrs"]:
+        """Return the name."""
+        return "icrs"
 
 
-class _OnStream(Place):
+class _StreamSky(_OnSky):
     """Coordinates and proper motions along and across a stream."""
 
-    title: ClassVar[str] = "stream's own sky"
+    title = "stream's own sky"
 
-    frame: str | dict[str, tuple[float, float]] | tuple[tuple[float, float, float], ...] = Field(
+    frame: Frame = Field(
         description='Frame of phi1, phi2: a name such as "GD1Koposov10", { pole = [ra, dec], origin = [ra, dec] } in '
         "degrees, or the three rows of a matrix from ICRS."
     )
     phi1: Annotated[Angle, Symbol(r"$\phi_1$")] = Field(description="Longitude along the stream.")
-    phi2: Annotated[Angle, Symbol(r"$\phi_2$")] = Field(ge=-90, le=90, description="Latitude across the stream.")
-    distance: Annotated[Length, Symbol("$d$")] = Field(description="Heliocentric distance.")
+    phi2: Annotated[_Latitude, Symbol(r"$\phi_2$")] = Field(description="Latitude across the stream.")
+    distance: _Distance
     pm_phi1_cosphi2: Annotated[ProperMotion, Symbol(r"$\mu_{\phi_1} \cos \phi_2$")] = Field(
         description="Proper motion in phi1, times cos phi2."
     )
     pm_phi2: Annotated[ProperMotion, Symbol(r"$\mu_{\phi_2}$")] = Field(description="Proper motion in phi2.")
-    v_los: Annotated[Velocity, Symbol(r"$v_{\rm los}$")] = Field(description="Heliocentric line-of-sight velocity.")
+    v_los: _LineOfSight
 
-    @field_validator("frame")
-    @classmethod
-    def _known(cls, value: Any) -> Any:
-        sky_matrix(value)
-        return value
-
-    def today(self, sun: Sun) -> tuple[Array, Array]:
-        """Transform from the stream's frame."""
-        lon, lat, distance, pm_lon, pm_lat, v_los = (getattr(self, name) for name in self.coordinates())
-        return to_galactocentric(sky_matrix(self.frame), lon, lat, distance, pm_lon, pm_lat, v_los, sun.observer)
+    def sky(self) -> Array:
+        """Return the matrix."""
+        return sky_matrix(self.frame)
 
 
-class _Cartesian(Place):
+class _Galactocentric(Place):
     """Galactocentric Cartesian coordinates; the Sun does not enter."""
 
-    title: ClassVar[str] = "Galactocentric"
+    title = "Galactocentric"
 
     x: Annotated[Coordinate, Symbol("$x$")] = Field(
         description="Position away from the Sun, through the Galactic centre."
@@ -207,8 +212,11 @@ class _Cartesian(Place):
         return np.array([self.x, self.y, self.z]), np.array([self.vx, self.vy, self.vz])
 
 
+SETS: tuple[type[Place], ...] = (_GalacticSky, _EquatorialSky, _StreamSky, _Galactocentric)
+
+
 class PhaseSpace(Place, ABC):
-    """Where the progenitor is today, and how far its orbit is followed back."""
+    """The progenitor today, in one of the sets of coordinates, and the time over which its orbit is followed back."""
 
     lookback: Annotated[Duration, Symbol(r"$t_{\rm back}$")] = Field(
         le=MOST_LOOKBACK, description="Time over which the progenitor has been stripped."
@@ -217,28 +225,12 @@ class PhaseSpace(Place, ABC):
         default=None, description="Dynamical friction of the Milky Way on the whole mass of the progenitor. Or none."
     )
     reflex: bool | None = Field(
-        default=None, description="Whether the Milky Way moves because of the progenitor. It does not unless told."
+        default=None, description="Whether the Milky Way moves because of the progenitor. Left out: it does not."
     )
 
 
-class GalacticSky(_Galactic, PhaseSpace):
-    """Galactic coordinates and proper motions."""
-
-
-class EquatorialSky(_Equatorial, PhaseSpace):
-    """Equatorial (ICRS) coordinates and proper motions."""
-
-
-class StreamSky(_OnStream, PhaseSpace):
-    """Coordinates and proper motions along and across a stream."""
-
-
-class Galactocentric(_Cartesian, PhaseSpace):
-    """Galactocentric Cartesian coordinates; the Sun does not enter."""
-
-
 class BodyPlace(Place, ABC):
-    """Where a body is today, and how it and the Milky Way act on each other."""
+    """A body today, in one of the sets of coordinates, and the forces between it and the Milky Way."""
 
     friction: Literal["chandrasekhar", "none"] = Field(
         default="chandrasekhar", description="Dynamical friction of the Milky Way on the mass of the body."
@@ -246,22 +238,19 @@ class BodyPlace(Place, ABC):
     reflex: bool = Field(default=True, description="Whether the Milky Way moves because of the body.")
 
 
-class BodyGalacticSky(_Galactic, BodyPlace):
-    """Galactic coordinates and proper motions."""
-
-
-class BodyEquatorialSky(_Equatorial, BodyPlace):
-    """Equatorial (ICRS) coordinates and proper motions."""
-
-
-class BodyGalactocentric(_Cartesian, BodyPlace):
-    """Galactocentric Cartesian coordinates; the Sun does not enter."""
-
-
-WAYS: tuple[type[PhaseSpace], ...] = (GalacticSky, EquatorialSky, StreamSky, Galactocentric)
-BODY_WAYS: tuple[type[BodyPlace], ...] = (BodyGalacticSky, BodyEquatorialSky, BodyGalactocentric)
-
 P = TypeVar("P", bound=Place)
+
+
+def _ways(prefix: str, owner: type[P]) -> tuple[type[P], ...]:
+    """Return, for each set of coordinates, the class of a place with the fields of an owner as well."""
+    return tuple(
+        create_model(f"{prefix}{one.__name__.lstrip('_')}", __base__=(one, owner), __doc__=one.__doc__) for one in SETS
+    )
+
+
+WAYS = _ways("", PhaseSpace)
+BODY_WAYS = _ways("Body", BodyPlace)
+
 
 
 def choose_coordinates(

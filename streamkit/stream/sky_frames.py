@@ -4,17 +4,38 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import GetCoreSchemaHandler
+from pydantic_core import CoreSchema, core_schema
 
 from streamkit.errors import nearest
 from streamkit.stream.arrays import Array, read_only
 from streamkit.stream.frames import axes
 
-# A name, ``{"pole": [ra, dec], "origin": [ra, dec]}``, a (3, 3) matrix from ICRS, or None for ICRS itself.
-Frame = str | Mapping[str, Any] | Sequence[Sequence[float]] | Array | None
+
+class _FrameField:
+    """Reads a frame where `Frame` is the type of a component's field: as a run file writes it, and checked."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Read a name, a pole and an origin, or three rows; None is left alone, as the default of a field."""
+        written = str | dict[str, tuple[float, float]] | tuple[tuple[float, float, float], ...]
+        return core_schema.no_info_wrap_validator_function(self._read, handler.generate_schema(written))
+
+    @staticmethod
+    def _read(value: Any, read: Callable[[Any], Any]) -> Any:
+        if value is None:
+            return None
+        frame = read(value.tolist() if isinstance(value, np.ndarray) else value)
+        sky_matrix(frame)
+        return frame
+
+
+# A name, ``{"pole": [ra, dec], "origin": [ra, dec]}``, a (3, 3) matrix from ICRS, or None for ICRS itself. It may be
+# the type of a component's field.
+Frame = Annotated[str | Mapping[str, Any] | Sequence[Sequence[float]] | Array | None, _FrameField()]
 
 # Rows are the axes of the frame in ICRS.
 FROM_ICRS: dict[str, list[list[float]]] = {
