@@ -62,10 +62,11 @@ def to_toml(document: Mapping[str, Any], header: str = "") -> str:
 
 
 def _table(fields: Mapping[str, Any]) -> Table:
-    several = bool(fields) and all(map(_is_section, fields.values()))
-    table = tomlkit.table(is_super_table=several)
+    inner = [value for key, value in fields.items() if key != "preset"]
+    several = bool(inner) and all(map(_is_section, inner))
+    table = tomlkit.table(is_super_table=several and len(inner) == len(fields))
     for key, value in fields.items():
-        table.add(key, _table(value) if several else _inline(value))
+        table.add(key, _table(value) if several and key != "preset" else _inline(value))
     return table
 
 

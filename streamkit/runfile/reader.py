@@ -65,7 +65,7 @@ def resolve(
         except PluginError as error:
             raise PluginError(f"{name}: {error}") from error.__cause__
     sections = reader.sections(registry)
-    return _document(reader.raw, plugins, sections), name, reader.registry, sections
+    return _document(reader.raw, plugins, sections, reader.preset), name, reader.registry, sections
 
 
 def is_silent(cls: type[Any]) -> bool:
@@ -85,6 +85,7 @@ class _Reader:
     def __init__(self, name: str, raw: dict[str, Any], files: Files) -> None:
         self.name, self.raw, self.files = name, raw, files
         self.errors: list[str] = []
+        self.preset: dict[str, str] = {}  # the name of a published model, where the run file has one
 
     def refuse(self, error: str) -> Any:
         """Collect an error; return None in place of what could not be read."""
@@ -211,6 +212,7 @@ class _Reader:
         else:
             own = known[name].with_own(own)
         self.stop()
+        self.preset = {"preset": name}
         self.raw["potential"] = own
 
     def potentials(self) -> Any:
@@ -331,6 +333,11 @@ class _Reader:
             return self.refuse(f"the section [{path}] is missing"), None
         if not isinstance(table, dict):
             return self.refuse(f"{path}: found {table!r}, expected a section, [{path}]"), None
+        if {"radial_velocity", "v_los"} <= table.keys():
+            return self.refuse(f"{path}: found v_los and radial_velocity, two names of one number: give one"), None
+        renamed = {"v_los" if key == "radial_velocity" else key: value for key, value in table.items()}
+        table.clear()  # in place: the resolved run file keeps the order of the keys
+        table.update(renamed)
         cls = self.kind("potential", path, table)
         if cls is None:
             return None, None
@@ -375,7 +382,7 @@ def _plain_values(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
-def _document(raw: dict[str, Any], plugins: list[str], sections: Sections) -> dict[str, Any]:
+def _document(raw: dict[str, Any], plugins: list[str], sections: Sections, preset: dict[str, str]) -> dict[str, Any]:
     """Fill in every default; what the run file gave keeps its order and comes first."""
     tables: dict[str, dict[str, Any]] = {}
     for section in sections.all:
@@ -391,6 +398,7 @@ def _document(raw: dict[str, Any], plugins: list[str], sections: Sections) -> di
         given = reduce(lambda inner, key: inner.get(key, {}), (*above, name), raw)
         place = reduce(lambda inner, key: inner.setdefault(key, {}), above, filled)
         place[name] = {key: table[key] for key in dict.fromkeys(("kind", *given, *table)) if key in table}
+    filled["potential"] = preset | filled["potential"]
     document: dict[str, Any] = {"version": VERSION, "seed": sections.seed} | ({"plugins": plugins} if plugins else {})
     if "engine" not in raw:  # of which the samples know nothing
         del filled["engine"]

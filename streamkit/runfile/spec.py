@@ -29,7 +29,7 @@ from streamkit.stream import Array
 from streamkit.units import Unit, symbol_of, unit_of
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Spec:
     """A validated run file.
 
@@ -61,6 +61,10 @@ class Spec:
     folder: Path
     files: Mapping[str, str]
     given: tuple[type[Component], ...] = ()
+
+    def __repr__(self) -> str:
+        streams = "" if self.streams == (ONLY,) else f" with the streams {', '.join(self.streams)}"
+        return f"<Spec of {Path(self.source).name}{streams}; free: {', '.join(self.names) or 'none'}>"
 
     def __reduce__(self) -> tuple[Any, ...]:
         hidden = [cls.__qualname__ for cls in self.given if "<locals>" in cls.__qualname__]
@@ -269,6 +273,7 @@ class Spec:
         """
         document = self.with_files_at({name: f"sha256:{digest}" for name, digest in self.files.items()})
         physics = {k: v for k, v in document.items() if k not in ("plugins", "engine")}
+        physics["potential"] = {k: v for k, v in physics["potential"].items() if k != "preset"}  # all numbers are there
         physics["sampler"] = {k: v for k, v in physics["sampler"].items() if k not in self.sampler.loose()}
         suppliers = [[path, cls.kind, supplier] for path, cls, supplier in self.components()]
         text = json.dumps([physics, self.names, suppliers], sort_keys=True)
