@@ -20,6 +20,7 @@ from streamkit import (
     Number,
     Observable,
     Panel,
+    PanelData,
     Prediction,
     ProperMotion,
     Stream,
@@ -32,7 +33,7 @@ from streamkit import (
 from streamkit.builtin.track_columns import COLUMNS, DEPTH, column_of, within
 from streamkit.builtin.track_likelihood import ln_mixture, scatter_of
 from streamkit.builtin.track_lines import ENOUGH, REACH, Lines, gather, lines_at
-from streamkit.builtin.track_panels import column_panels
+from streamkit.builtin.track_panels import column_label, column_panel, fine_grid, longitude_label
 
 FEWEST = 10  # particles that have left the progenitor below which there is no stream
 # Degrees from the nearest debris beyond which it does not matter that there is more on the other side of the sky.
@@ -42,8 +43,8 @@ ARMS = {"leading": 1, "trailing": -1}
 LIMITS: dict[str, Callable[[Array], Array]] = {"phi2": lambda angle: np.clip(angle, -90, 90), "distance": np.abs}
 BROADEST = 45.0  # degrees that a kernel may have at most: two straight lines of that width are a whole turn
 
+Outliers = Annotated[Number, Field(ge=0, lt=1, description="Fraction of its data that are no members.")]
 Name = Literal["phi2", "distance", "distance_modulus", "pm_phi1_cosphi2", "pm_phi2", "radial_velocity"]
-FrameField = str | dict[str, tuple[float, float]] | tuple[tuple[float, float, float], ...]
 
 
 def _columns(**value: str) -> Columns:
@@ -70,7 +71,7 @@ class Track(Observable):
         "radial_velocity": {"phi1": [-10.0], "radial_velocity": [10.0], "error": [2.0]},
     }
 
-    frame: FrameField = Field(
+    frame: Frame = Field(
         description='Frame of phi1, phi2: a name such as "GD1Koposov10", { pole = [ra, dec], origin = [ra, dec] } in '
         "degrees, or the three rows of a matrix from ICRS."
     )
@@ -119,24 +120,12 @@ class Track(Observable):
     pm_phi1_cosphi2_dispersion: ProperMotion = Field(default=0.0, ge=0, description="Extra dispersion of this column.")
     pm_phi2_dispersion: ProperMotion = Field(default=0.0, ge=0, description="Extra dispersion of this column.")
     radial_velocity_dispersion: Velocity = Field(default=0.0, ge=0, description="Extra dispersion of the velocity.")
-    phi2_outliers: Number = Field(default=0.0, ge=0, lt=1, description="Fraction of its data that are no members.")
-    distance_outliers: Number = Field(default=0.0, ge=0, lt=1, description="Fraction of its data that are no members.")
-    distance_modulus_outliers: Number = Field(
-        default=0.0, ge=0, lt=1, description="Fraction of its data that are no members."
-    )
-    pm_phi1_cosphi2_outliers: Number = Field(
-        default=0.0, ge=0, lt=1, description="Fraction of its data that are no members."
-    )
-    pm_phi2_outliers: Number = Field(default=0.0, ge=0, lt=1, description="Fraction of its data that are no members.")
-    radial_velocity_outliers: Number = Field(
-        default=0.0, ge=0, lt=1, description="Fraction of its data that are no members."
-    )
-
-    @field_validator("frame")
-    @classmethod
-    def _known(cls, value: Any) -> Any:
-        sky_matrix(value)
-        return value
+    phi2_outliers: Outliers = 0.0
+    distance_outliers: Outliers = 0.0
+    distance_modulus_outliers: Outliers = 0.0
+    pm_phi1_cosphi2_outliers: Outliers = 0.0
+    pm_phi2_outliers: Outliers = 0.0
+    radial_velocity_outliers: Outliers = 0.0
 
     @field_validator("stars")
     @classmethod
@@ -300,7 +289,32 @@ class Track(Observable):
 
     def panels(self, stream: Stream, prediction: Prediction) -> tuple[Panel, ...]:
         """Return a picture for every column: debris, fitted lines, data and residuals against longitude."""
-        return column_panels(self, stream, prediction)
+        longitude, columns = self.of_particles(stream)
+        curves = self._curves(stream)
+        panels, start = [], 0
+        for name, (phi1, value, error) in self.given.items():
+            part = slice(start, start := start + len(phi1))
+            pull = np.full(len(phi1), np.nan)
+            if not prediction.why_not:
+                scatter = np.sqrt(self.scatter2(name, error, prediction.details["spread"][part]))
+                pull = (value - prediction.mean[part]) / scatter
+            x = longitude if self.unwrapped else within(longitude, float(phi1.mean()))
+            y = np.full(len(longitude), np.nan) if name == DEPTH else columns[name]
+            labels = longitude_label(self.frame, self.unwrapped), column_label(name, self.velocity_frame == "gsr")
+            data = PanelData(np.arange(part.start, part.stop), phi1, value, error, pull)
+            panels.append(column_panel(*labels, (x, y), data, curves.get(name)))
+        return tuple(panels)
+
+    def _curves(self, stream: Stream) -> dict[str, tuple[Array, Array]]:
+        """Return the line of each field on a fine grid, NaN off the debris; no lines without enough debris."""
+        if not self.shows(stream):
+            return {}
+        grid = fine_grid(np.concatenate([phi1 for phi1, _, _ in self.given.values()]))
+        lines, of = self.lines(stream, grid)
+        there = lines.ln_count > np.log(ENOUGH)
+        every = np.arange(len(grid))
+        parts = {name: self.part_of(name, lines, of.index(column_of(name)), every)[0] for name in self.given}
+        return {name: (grid, np.where(there, part, np.nan)) for name, part in parts.items()}
 
     def remarks(self, prediction: Prediction) -> tuple[str, ...]:
         """Say which data lie where the stream has no debris."""
