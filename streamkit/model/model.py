@@ -41,6 +41,9 @@ class Model:
         self.threads = threads
         self._asked: dict[tuple[str, str], tuple[Measurement, Data]] = {}
 
+    def __repr__(self) -> str:
+        return f"<Model of {self.spec!r}>"
+
     def data(self, inputs: StreamInputs) -> dict[str, Data]:
         """Return the data of a stream's observables by name; asked for once where no field of one has a prior."""
         return {name: self.known(f"stream.{inputs.name}", name, one) for name, one in inputs.observables.items()}
