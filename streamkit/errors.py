@@ -60,8 +60,8 @@ class Interrupted(StreamkitError):  # noqa: N818  a request, not a fault
 
 def nearest(name: str, allowed: Iterable[str]) -> str:
     """Return ``" Did you mean 'x'?"`` for the closest allowed name, or an empty string."""
-    folded = {known.lower(): known for known in allowed}
-    close = [folded[found] for found in difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)]
+    folded = {each.lower(): each for each in allowed}
+    close = [folded[match] for match in difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)]
     return f" Did you mean {close[0]!r}?" if close else ""
 
 

@@ -21,6 +21,8 @@ GYR = 3.15576e16 / 3.0856775814913673e16  # one Gyr in kpc/(km/s)
 
 KMS_PER_MASYR_KPC = 4.740470463533349  # tangential velocity in km/s of 1 mas/yr at 1 kpc
 
+CENTRE = 1e-30  # kpc^2, added to squared radii: a force at the very centre is zero and not 0/0
+
 
 # The largest size of a number in a run file, and one over the smallest: powers and products of some stay floats.
 LARGEST = 1e60
@@ -84,10 +86,10 @@ class Unit:
             return _sized(float(quantity.value))
         try:
             with np.errstate(all="ignore"):
-                found = float(quantity.to_value(target))
+                number = float(quantity.to_value(target))
         except u.UnitConversionError:
             raise ValueError(f"expected a quantity in {self.label} or a unit like it, found {str(value)!r}") from None
-        return _sized(found)
+        return _sized(number)
 
     @property
     def label(self) -> str:

@@ -36,8 +36,8 @@ def fit_arm(angle: Array, r: Array, number: Array, guide: float, coverage: float
     if len(angle) < FEWEST:
         return TOO_FEW
     grid = np.arange(-180.0, 180.0 + CELL, CELL) + guide
-    near = (angle > grid[0]) & (angle < grid[-1])
-    angle, r, number = angle[near], r[near], number[near]
+    chosen = (angle > grid[0]) & (angle < grid[-1])
+    angle, r, number = angle[chosen], r[chosen], number[chosen]
     count, total = cells(angle, grid, number, number * r)
     density = convolve(count)
     smooth = convolve(total) / np.maximum(density, 1e-12)  # kernel-smoothed mean radius
@@ -59,11 +59,11 @@ def fit_arm(angle: Array, r: Array, number: Array, guide: float, coverage: float
 
 def _first_guess(grid: Array, smooth: Array, density: Array, guide: float) -> float | None:
     """Where to begin: the maximum of the smoothed track nearest the guide, or its highest place if it has none."""
-    near = (np.abs(grid - guide) <= REACH) & (density > 0.05 * density.max())
+    within = (np.abs(grid - guide) <= REACH) & (density > 0.05 * density.max())
     inner = smooth[1:-1]
-    peak = np.flatnonzero((inner >= smooth[:-2]) & (inner > smooth[2:]) & near[1:-1]) + 1
+    peak = np.flatnonzero((inner >= smooth[:-2]) & (inner > smooth[2:]) & within[1:-1]) + 1
     if len(peak) == 0:
-        return float(grid[near][np.argmax(smooth[near])]) if near.any() else None  # the fit says whether it is one
+        return float(grid[within][np.argmax(smooth[within])]) if within.any() else None  # `_fit` decides if it is one
     high = peak[smooth[peak] > 0.9 * smooth[peak].max()]
     return float(grid[high[np.argmin(np.abs(grid[high] - guide))]])
 

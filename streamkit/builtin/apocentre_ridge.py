@@ -8,8 +8,8 @@ from streamkit import Array
 from streamkit.builtin.apocentre_track import (
     CELL,
     COVERAGE,
+    FARTHEST,
     FEWEST,
-    NEAR,
     NO_GAUSSIAN,
     REACH,
     TOO_FEW,
@@ -44,8 +44,8 @@ def fit_turning(angle: Array, r: Array, number: Array, guide: float, coverage: f
     particles or few, which leaves the stripping rate out. The fit begins with what is beyond the apocentre, where the
     debris of the last passage, which turns farther out, has hardly come.
     """
-    near = np.abs(angle - guide) < NEAR
-    angle, r, number = angle[near], r[near], number[near]
+    chosen = np.abs(angle - guide) < FARTHEST
+    angle, r, number = angle[chosen], r[chosen], number[chosen]
     if len(angle) < FEWEST:
         return TOO_FEW
     number = _alike(angle, number, guide)
@@ -75,7 +75,7 @@ def fit_turning(angle: Array, r: Array, number: Array, guide: float, coverage: f
 
 def _alike(angle: Array, number: Array, guide: float) -> Array:
     """Numbers (n,) of the same sum that make all angles count alike, but for those with hardly any particle."""
-    grid = np.arange(-NEAR - CELL, NEAR + 2 * CELL, CELL) + guide
+    grid = np.arange(-FARTHEST - CELL, FARTHEST + 2 * CELL, CELL) + guide
     (count,) = cells(angle, grid, number)
     density = convolve(count)
     even = number / (np.interp(angle, grid, density) + SPARSE * density.max())

@@ -13,7 +13,7 @@ KERNEL = 4.0  # standard deviation of the smoothing kernel of the track, degrees
 WINDOW, EDGE = 40.0, 5.0  # half width of the fitted window (Gibbons+ 2014) and the scale of its soft edges, degrees
 REACH = 45.0  # how far from the progenitor's own apocentre the first guess of the maximum is looked for, degrees
 # Particles farther than this from the progenitor's own apocentre cannot matter, degrees.
-NEAR = 2 * REACH + WINDOW + 3 * EDGE
+FARTHEST = 2 * REACH + WINDOW + 3 * EDGE
 FEWEST = 30  # fewest particles in the window (sum of weights)
 # Least share of the particles in the window on either side of the maximum: a Gaussian through debris that only rises,
 # or only falls, says where it ends.

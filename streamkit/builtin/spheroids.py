@@ -144,7 +144,7 @@ class Spheroid(Spherical):
         logr = 0.5 * log(r2 / (a * a))
         w = exp(alpha * logr)
         u, v = w / (1.0 + w), 1.0 / (1.0 + w)
-        near = 1.0 * (w < 1.0)
+        inside = 1.0 * (w < 1.0)
         inner = exp(c * log(u)) * (1.0 / c + series(c, d, u))
         half = exp(-0.6931471805599453 * c) * (1.0 / c + series(c, d, 0.5))
         tail = exp(-0.6931471805599453 * d)
@@ -152,7 +152,7 @@ class Spheroid(Spherical):
         same = 1.0 * (ratio == 1.0)
         first = -log(2.0 * v) * (ratio - 1.0 + same) / (log(ratio) + same)
         outer = half + tail * (first + series(d, c, 0.5) - ratio * series(d, c, v))
-        return -G * mass / alpha * (near * inner + (1.0 - near) * outer) / (r2 * sqrt(r2))
+        return -G * mass / alpha * (inside * inner + (1.0 - inside) * outer) / (r2 * sqrt(r2))
 
     @staticmethod
     def well(r2: Any, mass: Any, a: Any, alpha: Any, beta: Any, gamma: Any) -> Any:
@@ -215,11 +215,11 @@ class PowerCutoff(Spherical):
 
         s = 0.5 * (3.0 - alpha)
         u = r2 / (rc * rc)
-        near = 1.0 * (u < 5.0)
+        inside = 1.0 * (u < 5.0)
         whole = series(s, 5.0) + fraction(s, 5.0)  # Gamma(s) / (5^s exp(-5))
         share = exp(s * log(0.2 * u) - u + 5.0) / whole
-        low, high = near * u, near * 5.0 + (1.0 - near) * u  # each where it converges
-        part = near * share * series(s, low) + (1.0 - near) * (1.0 - share * fraction(s, high))
+        low, high = inside * u, inside * 5.0 + (1.0 - inside) * u  # each where it converges
+        part = inside * share * series(s, low) + (1.0 - inside) * (1.0 - share * fraction(s, high))
         return -G * mass * part / (r2 * sqrt(r2))
 
     @staticmethod

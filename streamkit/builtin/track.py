@@ -37,7 +37,7 @@ from streamkit.builtin.track_panels import column_label, column_panel, fine_grid
 
 FEWEST = 10  # particles that have left the progenitor below which there is no stream
 # Degrees from the nearest debris beyond which it does not matter that there is more on the other side of the sky.
-FAR = 90.0
+SEAM = 90.0
 ARMS = {"leading": 1, "trailing": -1}
 # What keeps drawn data where data may be.
 LIMITS: dict[str, Callable[[Array], Array]] = {"phi2": lambda angle: np.clip(angle, -90, 90), "distance": np.abs}
@@ -163,13 +163,13 @@ class Track(Observable):
     def names(self) -> tuple[str, ...]:
         """One for every datum: the column and the longitude, and a count where several have the same."""
         seen: dict[str, int] = {}
-        found = []
+        names = []
         for column, (phi1, _, _) in self.given.items():
             for angle in phi1.tolist():
                 name = f"{column} at {angle:g}"
                 seen[name] = seen.get(name, 0) + 1
-                found.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
-        return tuple(found)
+                names.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+        return tuple(names)
 
     @cached_property
     def _places(self) -> tuple[Array, dict[str, IntArray]]:
@@ -219,7 +219,7 @@ class Track(Observable):
             middle = float(np.degrees(np.angle(np.exp(1j * np.radians(different)).sum())))
             longitude, at = (within(angle, middle) for angle in (longitude, at))
             farthest = np.abs(at - middle).max() + REACH * self.kernel
-            margin = float(np.clip(farthest - FAR, 0.0, 360.0))
+            margin = float(np.clip(farthest - SEAM, 0.0, 360.0))
         away = np.flatnonzero(chosen)
         of_debris = [column[away] for column in columns.values()]
         debris = gather(longitude[away], of_debris, stream.weight[away], margin)
@@ -274,7 +274,7 @@ class Track(Observable):
 
     def mock(self, prediction: Prediction, rng: np.random.Generator) -> dict[str, Any]:
         """Return tables with Gaussian noise: errors, extra dispersion, for stars the spread; a fraction of outliers."""
-        found, start = {}, 0
+        tables, start = {}, 0
         for name, (phi1, value, error) in self.given.items():
             part = slice(start, start := start + len(phi1))
             variance = self.scatter2(name, error, prediction.details["spread"][part])
@@ -284,8 +284,8 @@ class Track(Observable):
                 drawn = np.where(rng.random(len(phi1)) < getattr(self, f"{name}_outliers"), other, drawn)
             drawn = LIMITS.get(name, np.asarray)(drawn)
             table = {"phi1": phi1, "depth" if name == DEPTH else name: drawn, "error": error}
-            found[name] = {key: column.tolist() for key, column in table.items()}
-        return found
+            tables[name] = {key: column.tolist() for key, column in table.items()}
+        return tables
 
     def panels(self, stream: Stream, prediction: Prediction) -> tuple[Panel, ...]:
         """Return a picture for every column: debris, fitted lines, data and residuals against longitude."""
@@ -318,7 +318,7 @@ class Track(Observable):
 
     def remarks(self, prediction: Prediction) -> tuple[str, ...]:
         """Say which data lie where the stream has no debris."""
-        found, start = [], 0
+        warnings, start = [], 0
         for name, (phi1, _, _) in self.given.items():
             part = slice(start, start := start + len(phi1))
             if prediction.why_not:
@@ -326,12 +326,12 @@ class Track(Observable):
             empty = np.unique(phi1[prediction.details["ln_coverage"][part] < np.log(0.5)])
             if len(empty):
                 where = ", ".join(f"{angle:g}" for angle in empty[:8]) + (", ..." if len(empty) > 8 else "")
-                found.append(
+                warnings.append(
                     f"{name}: {len(empty)} of its longitudes lie where the stream has no debris, fewer than "
                     f"{ENOUGH:g} particles within a kernel of {self.kernel:g} deg (phi1 = {where}). Raise "
                     "progenitor.lookback or stripping.particles, or place the progenitor nearer."
                 )
-        return tuple(found)
+        return tuple(warnings)
 
     def radii(self) -> dict[str, float]:
         """Return the least and the greatest Galactocentric radius of the distances, seen from 8 kpc at phi2 = 0."""

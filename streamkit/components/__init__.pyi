@@ -5,7 +5,7 @@ from .bases import Integrator as Integrator
 from .bases import Measurement as Measurement
 from .bases import Observable as Observable
 from .bases import Stripping as Stripping
-from .given import GIVEN as GIVEN
+from .given import IN_PYTHON as IN_PYTHON
 from .hookspecs import CONTRACT as CONTRACT
 from .hookspecs import hookimpl as hookimpl
 from .plugin import ROLES as ROLES

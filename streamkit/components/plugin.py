@@ -26,7 +26,7 @@ from streamkit.components.preset import Preset
 from streamkit.components.sampler import Sampler
 from streamkit.errors import PluginError, SpecError, expect_file
 
-OURS = "streamkit."
+PACKAGE_PREFIX = "streamkit."
 ROLES: dict[str, type[Component]] = {
     base.role: base for base in (Potential, Stripping, Integrator, Observable, HostData, Sampler)
 }
@@ -59,9 +59,9 @@ class Plugin:
     @classmethod
     def of(cls, supplier: str, name: str, module: ModuleType) -> Plugin:
         """Ask the hook of a module."""
-        found = _components(module)
-        presets = tuple(item for item in found if isinstance(item, Preset))
-        classes = tuple(item for item in found if not isinstance(item, Preset))
+        items = _components(module)
+        presets = tuple(item for item in items if isinstance(item, Preset))
+        classes = tuple(item for item in items if not isinstance(item, Preset))
         return cls(supplier, name, _contract(module), classes, presets)
 
 
@@ -87,16 +87,16 @@ def supplier_of(point: EntryPoint) -> str:
 
 def is_ours(point: EntryPoint) -> bool:
     """Say whether an entry point is that of the built-in components."""
-    return point.value.startswith(OURS)
+    return point.value.startswith(PACKAGE_PREFIX)
 
 
 def _contract(module: ModuleType) -> int | None:
     """Return the contract that a plugin states; PluginError if this streamkit has another."""
-    stated = getattr(module, hookspecs.STATED, None)
+    stated = getattr(module, hookspecs.CONTRACT_ATTRIBUTE, None)
     if stated is None or stated == hookspecs.CONTRACT:
         return stated
     if not isinstance(stated, int):
-        raise PluginError(f"{hookspecs.STATED} must be a whole number, found {stated!r}")
+        raise PluginError(f"{hookspecs.CONTRACT_ATTRIBUTE} must be a whole number, found {stated!r}")
     remedy = "upgrade streamkit" if stated > hookspecs.CONTRACT else "upgrade the plugin, or take an older streamkit"
     raise PluginError(
         f"it was written for contract {stated} of streamkit, and this streamkit has contract {hookspecs.CONTRACT}: "
@@ -171,16 +171,16 @@ def _components(module: ModuleType) -> list[type[Component] | Preset]:
     if not manager.get_hookcallers(module):
         raise PluginError(f"the module {module.__name__} has no hook 'streamkit_components'")
     try:
-        found = list(module.streamkit_components())
+        items = list(module.streamkit_components())
     except KeyboardInterrupt:
         raise
     except BaseException as error:
         what = f"{type(error).__name__}: {error}"
         raise PluginError(f"the hook streamkit_components gives no list ({what})") from error
-    for item in found:
+    for item in items:
         if not isinstance(item, Preset):
             check_class(item)
-    return found
+    return items
 
 
 def check_class(cls: Any) -> None:
@@ -209,8 +209,8 @@ def _has(cls: type[Component], name: str) -> bool:
 
 def with_neighbours(path: Path) -> list[Path]:
     """Return a Python file and the files of its folder that it imports, directly or through each other."""
-    found = [path]
-    for file in found:
+    files = [path]
+    for file in files:
         try:
             tree = ast.parse(file.read_bytes())
         except (SyntaxError, ValueError):  # importing it says so
@@ -223,8 +223,8 @@ def with_neighbours(path: Path) -> list[Path]:
                 names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
         for parts in (name.split(".") for name in sorted(names)):
             inside = path.parent.joinpath(*parts)
-            found += [f for f in (inside.with_suffix(".py"), inside / "__init__.py") if f.is_file() and f not in found]
-    return found
+            files += [f for f in (inside.with_suffix(".py"), inside / "__init__.py") if f.is_file() and f not in files]
+    return files
 
 
 def _module_name(path: Path, digest: str) -> str:

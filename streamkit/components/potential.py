@@ -21,7 +21,7 @@ from streamkit.fields import Columns, Table
 from streamkit.stream import Array, read_only
 from streamkit.units import GYR
 
-DEEPEST = 3  # most dimensions of an array that compiled code gets
+MOST_DIMENSIONS = 3  # most dimensions of an array that compiled code gets
 
 
 HOST = "host"  # what `prepare` calls the rest of the host
@@ -248,8 +248,8 @@ class Potential(Component):
 
     def in_loop(self) -> engine.Force:
         """Return what stands for the potential in the compiled loop: itself, or an expansion."""
-        found = self.expanded()
-        return self if found is None else found.force
+        expanded = self.expanded()
+        return self if expanded is None else expanded.force
 
     def expanded(self) -> expansion.Expanded | None:
         """Return the expansion that the stream is made with, made on first use; None if there is none.
@@ -283,20 +283,20 @@ def _prepare(potential: Potential) -> tuple[Any, ...]:
     if cls.asks_for_host():
         fields[HOST] = Total(potential._others)
     with blamed(f"potential {cls.kind}"):
-        found = cls.prepare(**{name: fields[name] for name in inspect.signature(cls.prepare).parameters})
-    prepared = found._asdict() if hasattr(found, "_asdict") else found
+        result = cls.prepare(**{name: fields[name] for name in inspect.signature(cls.prepare).parameters})
+    prepared = result._asdict() if hasattr(result, "_asdict") else result
     where = f"{cls.__module__}.{cls.__name__}"
     if not isinstance(prepared, Mapping):
         raise PluginError(f"{where}.prepare: found {prepared!r}, expected a mapping or a named tuple")
-    known = fields | dict(prepared)
+    arguments = fields | dict(prepared)
     values = []
     for name in cls.force_arguments()[len(cls._place_arguments) :]:
-        if name not in known:
+        if name not in arguments:
             raise PluginError(
                 f"{where}.{cls._force_method}: the argument {name!r} is no field, and `prepare` does not give it."
-                f"{nearest(name, known)} It gives {', '.join(prepared) or 'nothing'}."
+                f"{nearest(name, arguments)} It gives {', '.join(prepared) or 'nothing'}."
             )
-        values.append(_plain(known[name], f"{where}.prepare: {name!r}") if cls.compiled else known[name])
+        values.append(_plain(arguments[name], f"{where}.prepare: {name!r}") if cls.compiled else arguments[name])
     return tuple(values)
 
 
@@ -308,6 +308,6 @@ def _plain(value: Any, what: str) -> float | Array:
         raise PluginError(
             f"{what}: found {value!r}, expected a number or an array; or set `compiled = False`"
         ) from None
-    if np.ndim(array) > DEEPEST:
-        raise PluginError(f"{what}: found an array of {np.ndim(array)} dimensions, at most {DEEPEST} are possible")
+    if np.ndim(array) > MOST_DIMENSIONS:
+        raise PluginError(f"{what}: found an array of {np.ndim(array)} dimensions, expected at most {MOST_DIMENSIONS}")
     return read_only(array) if np.ndim(array) else array

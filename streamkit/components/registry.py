@@ -72,8 +72,8 @@ class Registry:
         Published galaxies by name.
     plugins
         What was loaded, the built-in one first.
-    own
-        Files of a run file and classes given in Python: they come before what is installed.
+    local
+        Plugin files of a run file, and classes given in Python: they take precedence over installed plugins.
     waiting
         Entry points that were not needed so far.
     broken
@@ -84,7 +84,7 @@ class Registry:
     failed: tuple[str, ...] = ()
     presets: Mapping[str, Preset] = field(default_factory=dict)
     plugins: tuple[Plugin, ...] = ()
-    own: tuple[Plugin, ...] = ()
+    local: tuple[Plugin, ...] = ()
     waiting: tuple[EntryPoint, ...] = field(default=(), repr=False)
     broken: tuple[str, ...] = ()
 
@@ -93,8 +93,8 @@ class Registry:
         if not self.waiting or (isinstance(kind, str) and kind in self.entries[role]):
             return self
         called = self.loading([point for point in self.waiting if point.name == kind])
-        found = isinstance(kind, str) and kind in called.entries[role]
-        return called if found else called.loading(called.waiting)
+        is_loaded = isinstance(kind, str) and kind in called.entries[role]
+        return called if is_loaded else called.loading(called.waiting)
 
     def having_preset(self, name: Any) -> Registry:
         """Return a registry in which a preset has been looked for, at last in every plugin."""
@@ -115,11 +115,11 @@ class Registry:
                 except BaseException as error:
                     what = f"{type(error).__name__}: {error}"
                     broken.append(f"{supplier_of(point)}, entry point {point.name!r} ({what})")
-        entries, clashes = _entries(plugins, self.own)
-        presets, taken = _presets(plugins, self.own)
+        entries, clashes = _entries(plugins, self.local)
+        presets, taken = _presets(plugins, self.local)
         rest = tuple(point for point in self.waiting if point not in points)
         failed = (*broken, *clashes, *taken)
-        return Registry(entries, failed, presets, tuple(plugins), self.own, rest, tuple(broken))
+        return Registry(entries, failed, presets, tuple(plugins), self.local, rest, tuple(broken))
 
     def find(self, role: str, kind: Any, where: str) -> type[Component]:
         """Return the class called ``kind``.
@@ -127,13 +127,13 @@ class Registry:
         Raises SpecError: At ``where`` in the run file, if there is none; names the installed ones, the nearest, the
         package that is known to have it, and every plugin that failed to load.
         """
-        found = self.having(role, kind)
-        known = found.entries[role]
-        if isinstance(kind, str) and kind in known:
-            return known[kind].cls
-        hint = where_to_find(role, str(kind)) or nearest(str(kind), known)
-        lost = "".join(f"\n  A plugin failed to load: {line}" for line in found.failed)
-        raise SpecError(f"{where}: no {role} is called {kind!r}.{hint} Installed: {', '.join(sorted(known))}.{lost}")
+        registry = self.having(role, kind)
+        entries = registry.entries[role]
+        if isinstance(kind, str) and kind in entries:
+            return entries[kind].cls
+        hint = where_to_find(role, str(kind)) or nearest(str(kind), entries)
+        lost = "".join(f"\n  A plugin failed to load: {line}" for line in registry.failed)
+        raise SpecError(f"{where}: no {role} is called {kind!r}.{hint} Installed: {', '.join(sorted(entries))}.{lost}")
 
     def supplier(self, cls: type[Component]) -> str:
         """Return who supplies a class."""
@@ -167,8 +167,8 @@ def load_registry(
     """
     waiting, broken = _usable(entry_points(group=GROUP) if points is None else points)
     with redirect_stdout(sys.stderr):
-        own = (*map(load_file, map(Path, files)), *load_given(classes))
-    empty = Registry({role: {} for role in ROLES}, own=own, waiting=waiting, broken=broken)
+        local = (*map(load_file, map(Path, files)), *load_given(classes))
+    empty = Registry({role: {} for role in ROLES}, local=local, waiting=waiting, broken=broken)
     built_in = empty.loading([point for point in waiting if is_ours(point)])
     return built_in if lazy else built_in.loading(built_in.waiting)
 
@@ -198,7 +198,7 @@ def _order(point: EntryPoint) -> tuple[bool, str, str]:
     return not is_ours(point), point.name, supplier_of(point)
 
 
-def _entries(plugins: Iterable[Plugin], own: Iterable[Plugin]) -> tuple[dict[str, dict[str, Entry]], list[str]]:
+def _entries(plugins: Iterable[Plugin], local: Iterable[Plugin]) -> tuple[dict[str, dict[str, Entry]], list[str]]:
     """Return the components, and a record for each kind that several installed packages have.
 
     The built-in one, which comes first, is then the one, or else that whose entry point has the name of the kind; of
@@ -208,50 +208,50 @@ def _entries(plugins: Iterable[Plugin], own: Iterable[Plugin]) -> tuple[dict[str
     offers: dict[tuple[str, str], list[tuple[Plugin, type[Component]]]] = {}
     for plugin in plugins:
         for cls in plugin.classes:
-            found = offers.setdefault((cls.role, cls.kind), [])
-            if all(other is not cls for _, other in found):  # several entry points may name one module
-                found.append((plugin, cls))
+            offered = offers.setdefault((cls.role, cls.kind), [])
+            if all(other is not cls for _, other in offered):  # several entry points may name one module
+                offered.append((plugin, cls))
     entries: dict[str, dict[str, Entry]] = {role: {} for role in ROLES}
     clashes = []
-    for (role, kind), found in offers.items():
-        chosen, end = _choose(kind, found)
+    for (role, kind), offered in offers.items():
+        chosen, end = _choose(kind, offered)
         if chosen is not None:
             entries[role][kind] = Entry(chosen[1], chosen[0].supplier)
-        if len(found) > 1:
-            clashes.append(f"{_clash(found)}. {end}, or switch one off with {DISABLE}.")
-    _add_own(entries, own)
+        if len(offered) > 1:
+            clashes.append(f"{_clash(offered)}. {end}, or switch one off with {DISABLE}.")
+    _add_local(entries, local)
     return entries, clashes
 
 
-def _presets(plugins: Iterable[Plugin], own: Iterable[Plugin]) -> tuple[dict[str, Preset], list[str]]:
+def _presets(plugins: Iterable[Plugin], local: Iterable[Plugin]) -> tuple[dict[str, Preset], list[str]]:
     """Return the presets, those of a run's own files before the others, and a record for each name that was taken."""
     presets: dict[str, Preset] = {}
     taken = []
     for plugin in plugins:
         for preset in plugin.presets:
             if presets.setdefault(preset.name, preset) is not preset:
-                told = f"a preset is called {preset.name!r} already, so this one is not available"
-                taken.append(f"{plugin.supplier}: {told}")
-    return presets | {preset.name: preset for plugin in own for preset in plugin.presets}, taken
+                sentence = f"a preset is called {preset.name!r} already, so this one is not available"
+                taken.append(f"{plugin.supplier}: {sentence}")
+    return presets | {preset.name: preset for plugin in local for preset in plugin.presets}, taken
 
 
 Offer = tuple[Plugin, type[Component]]
 
 
-def _choose(kind: str, found: list[Offer]) -> tuple[Offer | None, str]:
+def _choose(kind: str, offered: list[Offer]) -> tuple[Offer | None, str]:
     """Return the one of several components of a kind that is used, and how to say so."""
-    named = [offer for offer in found if offer[0].name == kind]
-    if _is_built_in(found[0][1]):
-        return found[0], "The built-in one is used"
-    if len(found) == 1 or len(named) == 1:
-        chosen = found[0] if len(found) == 1 else named[0]
+    named = [offer for offer in offered if offer[0].name == kind]
+    if _is_built_in(offered[0][1]):
+        return offered[0], "The built-in one is used"
+    if len(offered) == 1 or len(named) == 1:
+        chosen = offered[0] if len(offered) == 1 else named[0]
         return chosen, f"That of {chosen[0].supplier}, whose entry point has this name, is used: uninstall all but one"
     return None, "None of them is available: uninstall all but one package"
 
 
-def _add_own(entries: dict[str, dict[str, Entry]], own: Iterable[Plugin]) -> None:
+def _add_local(entries: dict[str, dict[str, Entry]], local: Iterable[Plugin]) -> None:
     seen: dict[tuple[str, str], Offer] = {}
-    for plugin in own:
+    for plugin in local:
         for cls in plugin.classes:
             there = entries[cls.role].get(cls.kind)
             clash = seen.setdefault((cls.role, cls.kind), (plugin, cls))
@@ -266,7 +266,7 @@ def _is_built_in(cls: type[Component]) -> bool:
     return cls.__module__.startswith("streamkit.builtin")
 
 
-def _clash(found: Sequence[Offer]) -> str:
-    first = found[0][1]
-    suppliers = ", one from ".join(plugin.supplier for plugin, _ in found)
+def _clash(offered: Sequence[Offer]) -> str:
+    first = offered[0][1]
+    suppliers = ", one from ".join(plugin.supplier for plugin, _ in offered)
     return f"two {first.role} components are called {first.kind!r}: one from {suppliers}"

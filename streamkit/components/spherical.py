@@ -7,9 +7,7 @@ from typing import Any, ClassVar
 
 from streamkit.components.potential import Potential
 from streamkit.errors import StreamkitError
-
-# kpc^2, added to the squared radius: the force at the very centre is zero and not 0/0. `engine.kernels` has the same.
-CENTRE = 1e-30
+from streamkit.units import CENTRE
 
 
 class Spherical(Potential):

@@ -13,7 +13,7 @@ from streamkit.errors import blamed
 from streamkit.stream import Array, read_only
 from streamkit.units import G, Unit
 
-FAR = 1e5, 1e6  # radii in kpc beyond every galaxy: the missing part of a finite mass falls there at least as 1/r
+DISTANT = 1e5, 1e6  # radii in kpc beyond every galaxy: the missing part of a finite mass falls there at least as 1/r
 ENDS = 3e-3  # the largest relative growth between them of a mass that is finite
 AZIMUTH = 16  # equal angles: exact for every harmonic below this order
 POLAR = 20  # Gauss-Legendre nodes per hemisphere
@@ -128,8 +128,8 @@ def total_mass(potential: Part) -> float:
         return float(getattr(potential, "mass"))  # noqa: B009  a field of this class, not of all
     axes = np.concatenate([np.eye(3), -np.eye(3)], axis=1)
     with np.errstate(all="ignore"):
-        inner, outer = (-(r**2) / G * (add_up("acceleration", [potential], r * axes) * axes).sum() / 6 for r in FAR)
-        share = FAR[0] / (FAR[1] - FAR[0])  # the mass missing at the outer radius, over the mass between the two
+        inner, outer = (-(r**2) / G * (add_up("acceleration", [potential], r * axes) * axes).sum() / 6 for r in DISTANT)
+        share = DISTANT[0] / (DISTANT[1] - DISTANT[0])  # mass missing at the outer radius over that between the two
         finite = outer > 0 and abs(outer - inner) <= ENDS * outer
     return float(outer + share * (outer - inner)) if finite else float("nan")
 

@@ -70,13 +70,13 @@ def disk_cache(function: Callable[..., Any], digest: str) -> Any:
     ``NUMBA_CACHE_DIR`` or in the user's own cache.
     """
     try:
-        found = ContentCache(function, digest)
+        place = ContentCache(function, digest)
     except RuntimeError:  # there is no place
         return NullCache()
-    folder = Path(found.cache_path)
+    folder = Path(place.cache_path)
     reason = _strange(folder, Path(function.__code__.co_filename))
     if not reason:
-        return found
+        return place
     if not _refused():
         logging.getLogger("streamkit").warning(
             "Compiled code in %s is not used, as %s: set NUMBA_CACHE_DIR to a folder of your own, or each command "
@@ -265,10 +265,10 @@ class _Content:
 
 def _overloaded_names() -> set[str]:
     """Names of functions, methods and attributes that overloads from outside numba and the engine replace."""
-    found: set[str] = set()
+    names: set[str] = set()
     for template in (*builtin_registry.functions, *builtin_registry.attributes):
         overload = getattr(template, "_overload_func", None)
         place = getattr(overload, "__globals__", {}).get("__name__", "")
         if overload is not None and not place.startswith(("numba.", "streamkit.engine.")):
-            found.add(getattr(template, "_attr", "") or getattr(template.key, "__name__", ""))
-    return found
+            names.add(getattr(template, "_attr", "") or getattr(template.key, "__name__", ""))
+    return names

@@ -170,8 +170,8 @@ class Field:
         """First time and step of an orbit's grid; ValueError if it is not that of the moving components."""
         first, here, count = float(orbit.t[0]), self.forces, len(orbit.t) - 1
         step = float((orbit.t[-1] - first) / count)
-        known = here.tracks.shape[1] if len(here.tracks) else len(here.frame)
-        if known and (first, step, count) != (here.first, here.step, known):
+        count_here = here.tracks.shape[1] if len(here.tracks) else len(here.frame)
+        if count_here and (first, step, count) != (here.first, here.step, count_here):
             raise ValueError("orbits of moving components must share one grid of times")
         return first, step
 
@@ -221,7 +221,7 @@ class Field:
             if isinstance(error, OutOfDomain):
                 raise error
             raise ComponentError(
-                f"potential {self.names[i]} raised {type(error).__name__}: {error} (parameters {self.kernels[i].told})"
+                f"potential {self.names[i]} raised {type(error).__name__}: {error} (parameters {self.kernels[i].shown})"
             ) from error
 
 

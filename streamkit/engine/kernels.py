@@ -29,6 +29,7 @@ from streamkit.engine.forces import ROW
 from streamkit.engine.patches import sweep_of
 from streamkit.errors import PluginError
 from streamkit.stream import Array
+from streamkit.units import CENTRE
 
 _POINTER = types.CPointer(types.float64)
 SIGNATURE = types.void(types.intp, *[_POINTER] * 5, types.intp)
@@ -144,9 +145,6 @@ def machine_code(kernel: Any, written: Sequence[tuple[type[Force], Any]], layout
     return cfunc
 
 
-CENTRE = 1e-30  # kpc^2, as in `streamkit.Spherical`
-
-
 def _radial(pull: Any) -> Any:
     """Return the acceleration of a sphere, from the `pull` that its author has written (`streamkit.Spherical`)."""
     inlined = njit(forceinline=True, **OPTIONS)(pull)
@@ -211,7 +209,7 @@ class NumpyKernel:
         self.address = ctypes.cast(self._callback, ctypes.c_void_p).value
 
     @property
-    def told(self) -> str:
+    def shown(self) -> str:
         """The arguments after t, for messages; arrays and objects by their type."""
         shown = (f"{v!r}" if isinstance(v, float) else f"{type(v).__name__} {np.shape(v)}" for v in self._arguments)
         return f"[{', '.join(shown)}]"
@@ -239,13 +237,13 @@ class NumpyKernel:
             place = place - np.array(about)[:, None]
             place.flags.writeable = False
         x, y, z = place
-        found = self._acceleration(x, y, z, times, *self._arguments)
+        acceleration = self._acceleration(x, y, z, times, *self._arguments)
         if self._growth is not None:
-            found = np.stack(found) * np.interp(times, *self._growth)
+            acceleration = np.stack(acceleration) * np.interp(times, *self._growth)
         if fresh:
-            total[:] = found
+            total[:] = acceleration
         else:
-            total += found
+            total += acceleration
 
     @contextmanager
     def listening(self) -> Iterator[None]:

@@ -22,7 +22,7 @@ Form: TypeAlias = Literal["auto", "spherical", "axisymmetric", "general", "none"
 HELD_OUT, AGAIN = 512, 64
 # Nodes are added until the error is this part of the tolerance: other parameters may ask for a little more.
 MARGIN = 0.5
-MOST = 100_000  # most nodes
+MOST_NODES = 100_000  # most nodes
 SLOWEST = 0.05  # least power of the number of nodes with which an error must fall to go on
 ROUND = 1e-5  # symmetries hold to this part of the tolerance
 THICKNESS = (np.inf, 3.0, 0.3)  # scale heights in kpc to try; infinite without a disc
@@ -78,7 +78,7 @@ def expand(force: ForceAt, form: Form, tolerance: float) -> Expanded:
     tolerance
         Largest relative error |da| / |a| from 0.1 to 500 kpc.
 
-    Raises NoExpansion if the force depends on time, is not finite somewhere, or no grid of `MOST` nodes will do.
+    Raises NoExpansion if the force depends on time, is not finite somewhere, or no grid of `MOST_NODES` nodes will do.
     """
     symmetry = symmetry_of(force, max(tolerance * ROUND, 1e-11))
     if not symmetry.static:
@@ -91,7 +91,7 @@ def expand(force: ForceAt, form: Form, tolerance: float) -> Expanded:
     tried = [_try(force, grid, check) for grid in starts]
     best = min(tried, key=lambda found: found.error)
     while best.error > MARGIN * tolerance:
-        finer = [grid for grid in _finer(best.grid) if grid.nodes <= MOST]
+        finer = [grid for grid in _finer(best.grid) if grid.nodes <= MOST_NODES]
         gains = [(_gain(best, found), found) for found in (_try(force, grid, check) for grid in finer)]
         gain, better = max(gains, key=lambda pair: pair[0], default=(0.0, best))
         if gain < SLOWEST:
@@ -113,12 +113,12 @@ def expand_like(model: Expanded, force: ForceAt, tolerance: float, missed: str) 
     Raises OutOfDomain with the sentence ``missed`` where that misses the tolerance.
     """
     try:
-        found = _try(force, model.grid, _Check(force, AGAIN))
+        expanded = _try(force, model.grid, _Check(force, AGAIN))
     except NoExpansion:
         raise OutOfDomain(missed) from None
-    if not found.error <= tolerance:
+    if not expanded.error <= tolerance:
         raise OutOfDomain(missed)
-    return found
+    return expanded
 
 
 class _Check:
@@ -139,8 +139,8 @@ class _Check:
 
     def errors(self, expansion: Expansion) -> Array:
         """(n,) Relative errors."""
-        found = engine.build_field([expansion]).acceleration(0.0, self.q)
-        return np.asarray(np.sqrt(((found - self.exact) ** 2).sum(axis=0)) / self.size)
+        acceleration = engine.build_field([expansion]).acceleration(0.0, self.q)
+        return np.asarray(np.sqrt(((acceleration - self.exact) ** 2).sum(axis=0)) / self.size)
 
     def place(self, expansion: Expansion) -> str:
         """Return where the error is largest."""

@@ -89,9 +89,9 @@ class Grid:
         if np.isinf(self.thickness):
             return np.ones_like(mu), np.zeros_like(mu)
         r2, h2 = np.exp(2 * self.s)[:, None], self.thickness**2
-        near = mu**2 * r2 / (mu**2 * r2 + h2)
+        nearness = mu**2 * r2 / (mu**2 * r2 + h2)
         root = ((r2 + h2) / (mu**2 * r2 + h2)) ** 0.25
-        return np.asarray(root * (1 - 0.5 * near)), np.asarray(0.5 * mu * root * (r2 / (r2 + h2) - near))
+        return np.asarray(root * (1 - 0.5 * nearness)), np.asarray(0.5 * mu * root * (r2 / (r2 + h2) - nearness))
 
     def positions(self) -> Array:
         """(3, nodes) Where the force is asked for: s, w, phi in the order of an array (radii, heights, angles)."""

@@ -26,12 +26,12 @@ class DataFile:
     def read_bytes(self) -> bytes:
         """Return what is in it; a SpecError if it is gone, or has changed since the run file was read."""
         try:
-            found = self.path.read_bytes()
+            content = self.path.read_bytes()
         except OSError as error:
             raise SpecError(f"cannot read the data file {str(self.path)!r}: {error.strerror}") from None
-        if hashlib.sha256(found).hexdigest() != self.sha256:
+        if hashlib.sha256(content).hexdigest() != self.sha256:
             raise SpecError(f"the data file {str(self.path)!r} has changed since the run file was read")
-        return found
+        return content
 
     def read_text(self) -> str:
         """Return what is in it as text in UTF-8; raises as `read_bytes`, and for other bytes."""

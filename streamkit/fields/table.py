@@ -126,14 +126,14 @@ class Columns:
             value = {"file": str(value)}
         if not isinstance(value, Mapping):
             raise ValueError(f'found {value!r}, expected a file such as "table.ecsv", or columns as lists')
-        found = self._from_file(value, files or Files()) if "file" in value else self._from_lists(value, files)
-        if missing := sorted(self.needed - found.keys()):
+        columns = self._from_file(value, files or Files()) if "file" in value else self._from_lists(value, files)
+        if missing := sorted(self.needed - columns.keys()):
             raise ValueError(f"the column {missing[0]!r} is missing; expected {', '.join(self.units)}")
-        lengths = {name: len(column) for name, column in found.items()}
+        lengths = {name: len(column) for name, column in columns.items()}
         if len(set(lengths.values())) > 1:
             shown = ", ".join(f"{name} {length}" for name, length in lengths.items())
             raise ValueError(f"the columns differ in length: {shown}")
-        return Table(found)
+        return Table(columns)
 
     def _mark(self, name: str) -> ArrayOf:
         between = self.ranges.get(name, (-np.inf, np.inf))
@@ -173,13 +173,13 @@ class Columns:
                 self._check_name(name)
         there = files.names(file)
         wanted = [name for name in self.units if name in self.needed or name in renamed or name in there]
-        found = {}
+        columns = {}
         for name in wanted:
             column = files.column(
                 file, renamed.get(name, name), self.units[name], units.get(name), f"units = {{ {name}"
             )
             try:
-                found[name] = self._mark(name).checked(column, lambda place: f"row {place[0] + 1}")
+                columns[name] = self._mark(name).checked(column, lambda place: f"row {place[0] + 1}")
             except ValueError as error:
                 raise ValueError(f"column {renamed.get(name, name)!r} of {file!r}: {error}") from None
-        return found
+        return columns

@@ -24,7 +24,7 @@ NODE = 0.002 * GYR
 SHARPEST = 1.5
 
 COARSE = 8, 4  # nodes of a mean over the sphere for friction, which acts far from any disc
-FAR = 1e100  # a distance in kpc that stands for infinity: far enough for a logarithm to hold any speed
+INFINITY = 1e100  # a distance in kpc that stands for infinity: far enough for a logarithm to hold any speed
 
 
 class Paths(NamedTuple):
@@ -65,7 +65,7 @@ class Host:
     potentials: Mapping[str, Potential]
     bodies: Mapping[str, Body] = field(default_factory=dict)
     progenitor: Body | None = None
-    _known: dict[float, Field] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _fields: dict[float, Field] = field(default_factory=dict, init=False, repr=False, compare=False)
     _paths: dict[float, Paths] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
@@ -85,14 +85,14 @@ class Host:
         """
         if not self.bodies and not (self.progenitor and self.progenitor.reflex):
             return self.alone
-        if t1 not in self._known:
-            self._known[t1] = self._with_bodies(t1 or -NODE)
-        return self._known[t1]
+        if t1 not in self._fields:
+            self._fields[t1] = self._with_bodies(t1 or -NODE)
+        return self._fields[t1]
 
     def _at(self, times: Array) -> Field:
         """Return a field that is valid at all times on one side of today: one that is known, if it reaches so far."""
         farthest = float(times[np.argmax(np.abs(times))])
-        reach = [t1 for t1 in self._known if t1 * farthest >= farthest**2]
+        reach = [t1 for t1 in self._fields if t1 * farthest >= farthest**2]
         return self.until(reach[0] if reach else farthest)
 
     def _with_bodies(self, t1: float) -> Field:
@@ -158,7 +158,7 @@ class Host:
     def unbinds(self, q: Array, v: Array) -> bool | None:
         """Say whether the energy at q, v (3,) exceeds the potential at infinity; None if that is unknown."""
         here = self.energy(q[:, None], v[:, None])
-        there = self.potential((q * (FAR / np.sqrt(q @ q)))[:, None])
+        there = self.potential((q * (INFINITY / np.sqrt(q @ q)))[:, None])
         return None if here is None or there is None else bool(here[0] > there[0])
 
     def mass_inside(self, radii: Array) -> Array:

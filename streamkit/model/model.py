@@ -81,9 +81,9 @@ class Model:
 
     def streams(self, parameters: Array | Mapping[str, float] | None = None) -> dict[str, Stream]:
         """Return all streams by name, as `stream` does; a single one without a name is called ``stream``."""
-        bound = self.spec.bind_all(parameters)
-        host = Host(bound.potentials, bound.bodies)
-        return {name: self._made(inputs, host) for name, inputs in bound.streams.items()}
+        inputs = self.spec.bind_all(parameters)
+        host = Host(inputs.potentials, inputs.bodies)
+        return {name: self._made(inputs, host) for name, inputs in inputs.streams.items()}
 
     def _made(self, inputs: StreamInputs, host: Host | None = None) -> Stream:
         """Return the stream of a bound spec; OutOfDomain begins with its name where there are several."""
@@ -104,23 +104,24 @@ class Model:
         with self.naming_parameters(inputs.values):
             return stream, measure_stream(inputs.observables, stream, self.data(inputs))
 
-    def observe_all(self, bound: ModelInputs) -> Observation:
+    def observe_all(self, model_inputs: ModelInputs) -> Observation:
         """Return all streams of a bound spec, in one host, and what their observables say; raises as `observe`."""
-        host = Host(bound.potentials, bound.bodies)
+        host = Host(model_inputs.potentials, model_inputs.bodies)
         streams: dict[str, Stream] = {}
         predictions: dict[str, Prediction] = {}
-        for name, inputs in bound.streams.items():
+        for name, inputs in model_inputs.streams.items():
             streams[name], prediction = self.observe(inputs, host)
             if prediction is not None:
                 predictions[name] = prediction
-        predictions |= {f"data.{name}": found for name, found in self.observe_host(bound, host).items()}
+        predictions |= {f"data.{name}": one for name, one in self.observe_host(model_inputs, host).items()}
         return Observation(streams, predictions)
 
-    def observe_host(self, bound: ModelInputs, host: Host | None = None) -> dict[str, Prediction]:
+    def observe_host(self, model_inputs: ModelInputs, host: Host | None = None) -> dict[str, Prediction]:
         """Return what the host says of the data that are no stream, by their names; raises as `observe`."""
-        host = host or Host(bound.potentials, bound.bodies)
-        with self.naming_parameters(bound.values):
-            return {name: measure_host(data, host, self.known("data", name, data)) for name, data in bound.data.items()}
+        host = host or Host(model_inputs.potentials, model_inputs.bodies)
+        with self.naming_parameters(model_inputs.values):
+            data = model_inputs.data
+            return {name: measure_host(one, host, self.known("data", name, one)) for name, one in data.items()}
 
     @contextmanager
     def naming_parameters(self, values: Mapping[str, float]) -> Iterator[None]:

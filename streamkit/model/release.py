@@ -50,8 +50,8 @@ def release_particles(inputs: StreamInputs, track: Orbit, normals: Array) -> Sta
         release = scheme.release(at_release, tail, inputs.mass * at_release.mass_left, read_only(normals))
         for what, values in (("q", release.q), ("v", release.v)):
             if np.shape(values) != (3, n):
-                found = np.shape(values)
-                raise ComponentError(f"{name}: released `{what}` has the shape {found}, expected (3, {n})")
+                shape = np.shape(values)
+                raise ComponentError(f"{name}: released `{what}` has the shape {shape}, expected (3, {n})")
             if not np.isfinite(values).all():
                 raise ComponentError(f"{name}: released `{what}` holds numbers that are not finite")
     return Start(orbit, at_release, tail, release.q, release.v)

@@ -12,8 +12,8 @@ from streamkit.model.host import Host
 from streamkit.stream import Array
 from streamkit.units import G
 
-FAR = 1e6  # a radius in kpc beyond every satellite: a finite mass is all inside
-TOTAL = 1e-3  # a field called ``mass`` is the total mass if no more than so much of it is missing at `FAR`
+OUTSIDE = 1e6  # a radius in kpc beyond every satellite: a finite mass is all inside
+TOTAL = 1e-3  # a field called ``mass`` is the total mass if no more than so much of it is missing at `OUTSIDE`
 # (3, 6) Directions over which the pull of a satellite is averaged.
 AXES = np.concatenate([np.eye(3), -np.eye(3)], axis=1)
 SETTLED, STEPS = 1e-12, 200  # relative change at which a tidal radius is found, and most steps towards it
@@ -39,7 +39,7 @@ class Satellite:
     @cached_property
     def is_finite(self) -> bool:
         """Whether ``mass`` is all the mass there is."""
-        return bool(abs(self.mass_inside(np.array([FAR]))[0] - self.mass) <= TOTAL * self.mass)
+        return bool(abs(self.mass_inside(np.array([OUTSIDE]))[0] - self.mass) <= TOTAL * self.mass)
 
     def tidal_radius(self, bracket: Array) -> Array:
         """(n,) ``[G M / bracket]^(1/3)`` in kpc for `Host.tidal_bracket` (n,); NaN where that is NaN.

@@ -18,13 +18,13 @@ def marks_of(observables: Mapping[str, Observable], prediction: Prediction) -> t
 
 def panels_of(observables: Mapping[str, Observable], stream: Stream, prediction: Prediction) -> tuple[Panel, ...]:
     """Return the pictures on the sky of all observables; the rows of their data are those of the whole prediction."""
-    parts, found, start = parts_of(prediction), [], 0
+    parts, panels, start = parts_of(prediction), [], 0
     for name, each in observables.items():
         for panel in each.panels(stream, parts[name]):
             data = panel.data
-            found.append(panel if data is None else replace(panel, data=replace(data, rows=data.rows + start)))
+            panels.append(panel if data is None else replace(panel, data=replace(data, rows=data.rows + start)))
         start += len(parts[name].names)
-    return tuple(found)
+    return tuple(panels)
 
 
 def frame_of(observables: Mapping[str, Observable]) -> Frame:

@@ -18,8 +18,8 @@ def compare_with_data(observable: Measurement, prediction: Prediction, data: Dat
     """
     name = f"{observable.role} {observable.kind}"
     with blamed(name):
-        own = observable.ln_likelihood(prediction, data.add_noise)
-        value = gaussian(prediction.mean, prediction.variance, data) if own is None else float(own)
+        given = observable.ln_likelihood(prediction, data.add_noise)
+        value = gaussian(prediction.mean, prediction.variance, data) if given is None else float(given)
     if not np.isfinite(value):
         raise ComponentError(f"{name}: the likelihood is no finite number; {_farthest(prediction, data)}")
     return value

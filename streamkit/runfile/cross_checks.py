@@ -27,10 +27,10 @@ def drag_unknown(
     """
     if integrator.drag:
         return []
-    known = ", ".join(sorted(kind for kind, entry in installed.items() if getattr(entry.cls, "drag", False)))
+    able = ", ".join(sorted(kind for kind, entry in installed.items() if getattr(entry.cls, "drag", False)))
     return [
         f"integrator: {integrator.kind!r} does not know forces that depend on velocity, and {section.path} "
-        f"({section.cls.kind!r}) has one; these do: {known}"
+        f"({section.cls.kind!r}) has one; these do: {able}"
         for section in potentials
         if section.cls.has_drag()
     ]

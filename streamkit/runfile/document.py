@@ -13,7 +13,7 @@ from tomlkit.items import Item, Table
 
 from streamkit.errors import SpecError, expect_file
 
-DEEPEST = 20  # most tables and lists inside each other: a run file needs a quarter of it
+DEEPEST_NESTING = 20  # most tables and lists inside each other: a run file needs a quarter of it
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -28,15 +28,15 @@ def read_toml(path: Path) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         raise SpecError(f"{path}: not valid TOML: {error}") from None
     except RecursionError:
-        raise SpecError(f"{path}: more than {DEEPEST} tables or lists lie inside each other") from None
+        raise SpecError(f"{path}: more than {DEEPEST_NESTING} tables or lists lie inside each other") from None
     except ValueError as error:  # an integer of thousands of digits, a date that does not exist
         raise SpecError(f"{path}: not a value that can be read: {error}") from None
 
 
 def depth(value: Any) -> int:
-    """Return how many tables and lists lie inside each other, counted up to `DEEPEST` + 1."""
+    """Return how many tables and lists lie inside each other, counted up to `DEEPEST_NESTING` + 1."""
     level, inside = 0, [value]
-    while inside and level <= DEEPEST:
+    while inside and level <= DEEPEST_NESTING:
         tables = [item for item in inside if isinstance(item, Mapping | list | tuple)]
         inside = [x for item in tables for x in (item.values() if isinstance(item, Mapping) else item)]
         level += bool(tables)
@@ -113,11 +113,11 @@ def as_written(value: Any) -> str:
 def differences(old: Any, new: Any, path: str = "") -> list[str]:
     """List where two documents differ, as ``path: old -> new``."""
     if isinstance(old, dict) and isinstance(new, dict):
-        found: list[str] = []
+        lines: list[str] = []
         for key in [*old, *(key for key in new if key not in old)]:
             where = f"{path}.{key}" if path else str(key)
-            found += differences(old.get(key), new.get(key), where)
-        return found
+            lines += differences(old.get(key), new.get(key), where)
+        return lines
     return [] if old == new else [f"{path}: {_shown(old)} -> {_shown(new)}"]
 
 

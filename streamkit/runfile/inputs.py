@@ -127,7 +127,7 @@ class StreamInputs:
     def expansions(self) -> dict[str, str]:
         """Describe the expansions that stand for potentials which are not compiled, by their path in the run file."""
         used = [*self.potentials.values(), *(body.potential for body in self.bodies.values()), self.satellite]
-        return {p.place or p.kind: found.text() for p in used if (found := p.expanded()) is not None}
+        return {p.place or p.kind: expanded.text() for p in used if (expanded := p.expanded()) is not None}
 
 
 @dataclass(frozen=True)

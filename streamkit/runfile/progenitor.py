@@ -283,6 +283,7 @@ def choose_coordinates(
         for way in ways
         if way not in free
     )
-    found = "coordinates of several sets" if fits else "no phase-space coordinates"
+    problem = "coordinates of several sets" if fits else "no phase-space coordinates"
     names = ", ".join(sorted(given & {name for way in free for name in way.coordinates()}))
-    raise ValueError(f"found {found}{f' ({names})' if names else ''}, expected exactly one of the sets {sets}.{clash}")
+    listed = f" ({names})" if names else ""
+    raise ValueError(f"found {problem}{listed}, expected exactly one of the sets {sets}.{clash}")

@@ -14,7 +14,7 @@ from streamkit.components import Component, Registry, Sampler, load_registry
 from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.fields import Files
 from streamkit.runfile.cross_checks import drag_unknown, massless, no_part_of_a_host, own_keys, too_many_steps
-from streamkit.runfile.document import DEEPEST, depth
+from streamkit.runfile.document import DEEPEST_NESTING, depth
 from streamkit.runfile.inputs import ONLY
 from streamkit.runfile.priors import PRIORS
 from streamkit.runfile.progenitor import BODY_WAYS, WAYS, Sun, choose_coordinates
@@ -49,8 +49,8 @@ def resolve(
     Without a registry, what is installed is loaded as it is needed, beside the plugin files and the classes in
     ``components``. Every error is told, on a line of its own.
     """
-    if depth(source) > DEEPEST:
-        raise SpecError(f"{name}: more than {DEEPEST} tables or lists lie inside each other")
+    if depth(source) > DEEPEST_NESTING:
+        raise SpecError(f"{name}: more than {DEEPEST_NESTING} tables or lists lie inside each other")
     reader = _Reader(name, _plain_values(source), files)
     reader.head()
     plugins = reader.raw.get("plugins", [])
@@ -112,9 +112,9 @@ class _Reader:
         self.stop()
 
     def _head_error(self, key: str, item: Any) -> str:
-        known = list(RunFile.model_fields)
-        if key not in known:
-            return f"{key}: no section or key of a run file.{nearest(key, known)} Allowed: {', '.join(known)}."
+        keys = list(RunFile.model_fields)
+        if key not in keys:
+            return f"{key}: no section or key of a run file.{nearest(key, keys)} Allowed: {', '.join(keys)}."
         if item["type"] == "value_error":
             return f"{key}: {should(item['msg'])}"
         return f"{key}: found {self.raw[key]!r}, expected {_EXPECTED.get(key, f'a section, [{key}]')}"
@@ -153,8 +153,8 @@ class _Reader:
         kind = table.get("kind", DEFAULT_KIND.get(role))
         self.registry = self.registry.having(role, kind)
         if kind is None:
-            known = ", ".join(sorted(self.registry.entries[role]))
-            return self.refuse(f"{path}: 'kind' is missing; it names the {role}. Installed: {known}.")
+            kinds = ", ".join(sorted(self.registry.entries[role]))
+            return self.refuse(f"{path}: 'kind' is missing; it names the {role}. Installed: {kinds}.")
         try:
             return self.registry.find(role, kind, f"{path}.kind")
         except SpecError as error:
@@ -194,26 +194,26 @@ class _Reader:
         table = self.raw.get("potential", {})
         if "preset" not in table:
             return
-        name, own = table["preset"], {k: v for k, v in table.items() if k != "preset"}
+        name, sections = table["preset"], {k: v for k, v in table.items() if k != "preset"}
         self.registry = self.registry.having_preset(name)
-        known = self.registry.presets
-        loose = [key for key, value in own.items() if not isinstance(value, dict)]
-        if not isinstance(name, str) or name not in known:
+        presets = self.registry.presets
+        loose = [key for key, value in sections.items() if not isinstance(value, dict)]
+        if not isinstance(name, str) or name not in presets:
             self.refuse(
-                f"potential.preset: no model is called {name!r}.{nearest(str(name), known)} "
-                f"Installed: {', '.join(known)}."
+                f"potential.preset: no model is called {name!r}.{nearest(str(name), presets)} "
+                f"Installed: {', '.join(presets)}."
             )
-            own = {}
+            sections = {}
         elif loose:
             self.refuse(
-                f"potential.{loose[0]}: found {own[loose[0]]!r} beside a preset, expected a section "
-                f"[potential.NAME]: {name} has {', '.join(known[name].sections)}"
+                f"potential.{loose[0]}: found {sections[loose[0]]!r} beside a preset, expected a section "
+                f"[potential.NAME]: {name} has {', '.join(presets[name].sections)}"
             )
         else:
-            own = known[name].with_own(own)
+            sections = presets[name].merged_with(sections)
         self.stop()
         self.preset = {"preset": name}
-        self.raw["potential"] = own
+        self.raw["potential"] = sections
 
     def potentials(self) -> Any:
         """Validate the host: one potential, or several by name."""
@@ -349,10 +349,10 @@ class _Reader:
         if reason := no_part_of_a_host(path, cls):
             return self.refuse(reason), None
         names = tuple(name for name in cls.model_fields if name not in HOST_ALONE)
-        own = {key: value for key, value in table.items() if key in names}
+        fields = {key: value for key, value in table.items() if key in names}
         rest = {key: value for key, value in table.items() if key not in ("kind", *names)}
         before = len(self.errors)
-        potential = read_section(path, cls, own, self.errors, f"the potential {cls.kind!r}", files=self.files)
+        potential = read_section(path, cls, fields, self.errors, f"the potential {cls.kind!r}", files=self.files)
         if reason := massless(path, cls, potential, progenitor):
             self.errors[before:] = [reason]  # its fields do not matter then
             return None, None

@@ -225,7 +225,7 @@ def _filled(given: Mapping[str, Any], values: Mapping[str, float]) -> dict[str, 
 def _outside(cls: type[BaseModel], trial: dict[str, Any], priors: dict[str, Prior]) -> dict[str, str]:
     """Return a sentence for every prior of whose range some breaks the field's own constraint."""
     ends = {name: _ends(prior) for name, prior in priors.items()}
-    found: dict[str, str] = {}
+    problems: dict[str, str] = {}
     for side in (0, 1):
         try:
             cls.model_validate(_filled(trial, {name: both[side] for name, both in ends.items()}))
@@ -235,10 +235,10 @@ def _outside(cls: type[BaseModel], trial: dict[str, Any], priors: dict[str, Prio
                 if name in priors:
                     shown = priors[name].text((unit_of(cls.model_fields[name]) or Unit("")).name)
                     problem = f"the prior {shown} reaches outside the field's range: a value {should(item['msg'])}"
-                    found.setdefault(name, problem)
+                    problems.setdefault(name, problem)
                 elif any(key.startswith(f"{name}.") for key in priors if name):
-                    found.setdefault(name, f"a prior reaches outside the field's range: {should(item['msg'])}")
-    return found
+                    problems.setdefault(name, f"a prior reaches outside the field's range: {should(item['msg'])}")
+    return problems
 
 
 def _ends(prior: Prior) -> tuple[float, float]:

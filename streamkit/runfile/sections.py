@@ -52,11 +52,11 @@ class Sections:
     def all(self) -> list[Section[Any]]:
         """All of them, in the default order."""
         bodies = [section for pair in self.bodies.values() for section in pair]
-        found: list[Section[Any]] = [self.sun, *self.potentials.values(), *bodies]
+        first: list[Section[Any]] = [self.sun, *self.potentials.values(), *bodies]
         for stream in self.streams.values():
-            found += [stream.satellite, stream.phase, stream.stripping]
+            first += [stream.satellite, stream.phase, stream.stripping]
         observables = [section for stream in self.streams.values() for section in stream.observables.values()]
-        return [*found, self.integrator, *observables, *self.data.values(), self.likelihood, self.sampler, self.engine]
+        return [*first, self.integrator, *observables, *self.data.values(), self.likelihood, self.sampler, self.engine]
 
     def seed_of(self, stream: str) -> int:
         """Return the seed of a stream's own random draws."""

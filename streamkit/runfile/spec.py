@@ -107,16 +107,16 @@ class Spec:
     @cached_property
     def _fields(self) -> dict[str, tuple[Unit, Prior | None, str]]:
         """Unit, prior and symbol of every physical number by its path, in the order of the run file."""
-        known = {}
+        fields = {}
         for section in self.sections.all:
             owner = self._owner(section)
             for name, field in section.cls.model_fields.items():
                 if (unit := unit_of(field)) is not None:
                     path = f"{section.path}.{name}"
-                    known[path] = unit, section.priors.get(name), symbol_of(field, owner) or path
+                    fields[path] = unit, section.priors.get(name), symbol_of(field, owner) or path
             for name, unit in section.entries().items():
-                known[f"{section.path}.{name}"] = unit, section.priors.get(name), f"{section.path}.{name}"
-        return {path: known[path] for path in _paths(self.document) if path in known}
+                fields[f"{section.path}.{name}"] = unit, section.priors.get(name), f"{section.path}.{name}"
+        return {path: fields[path] for path in _paths(self.document) if path in fields}
 
     def _owner(self, section: Section[Any]) -> str:
         """Return what marks the symbols of a section's fields: whose they are."""
@@ -176,9 +176,9 @@ class Spec:
         if given is None and len(self.streams) == 1:
             return self.streams[0]
         if given not in self.streams:
-            found = "no name of a stream" if given is None else f"no stream is called {given!r}"
+            problem = "no name of a stream" if given is None else f"no stream is called {given!r}"
             guess = "" if given is None else nearest(given, self.streams)
-            raise SpecError(f"{self.source}: {found}.{guess} Streams: {', '.join(self.streams)}.")
+            raise SpecError(f"{self.source}: {problem}.{guess} Streams: {', '.join(self.streams)}.")
         return given
 
     def bind_all(self, theta: Array | Mapping[str, Any] | None = None) -> ModelInputs:
@@ -248,12 +248,12 @@ class Spec:
             self.prefix(name) + "observable" for name, stream in self.sections.streams.items() if not stream.observables
         ]
         tables = [section.path for section in self.sections.all] + without
-        known = [f"{s.path}.{name}" for s in self.sections.all for name in s.cls.model_fields]
-        known += [f"{s.path}.{name}" for s in self.sections.all for name in s.entries()]
-        known += ["seed", *(f"{table}.kind" for table in tables)]
+        paths = [f"{s.path}.{name}" for s in self.sections.all for name in s.cls.model_fields]
+        paths += [f"{s.path}.{name}" for s in self.sections.all for name in s.entries()]
+        paths += ["seed", *(f"{table}.kind" for table in tables)]
         renewed = f"{parent}.kind" in values or parent in without
-        if path not in known and not (renewed and parent in tables):
-            raise SpecError(f"{self.source}: there is no field {path!r}.{nearest(path, known)}")
+        if path not in paths and not (renewed and parent in tables):
+            raise SpecError(f"{self.source}: there is no field {path!r}.{nearest(path, paths)}")
 
     def _drop_defaults(self, document: dict[str, Any], path: str) -> None:
         for section in (section for section in self.sections.all if section.path == path):

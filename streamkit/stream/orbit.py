@@ -82,8 +82,8 @@ class Orbit:
         d = q1 - q0 - v0 - 0.5 * a0
         dv = v1 - v0 - a0
         da = a1 - a0
-        found = [q0, v0, 0.5 * a0, 10 * d - 4 * dv + 0.5 * da, -15 * d + 7 * dv - da, 6 * d - 3 * dv + 0.5 * da]
-        return np.asarray(read_only(np.array(found)))
+        coefficients = [q0, v0, 0.5 * a0, 10 * d - 4 * dv + 0.5 * da, -15 * d + 7 * dv - da, 6 * d - 3 * dv + 0.5 * da]
+        return np.asarray(read_only(np.array(coefficients)))
 
     def apocentres(self) -> Array:
         """(k,) times at which r has a maximum inside the track."""

@@ -73,10 +73,10 @@ def stream_frame() -> Any:
 
         def represent_as(self, base: Any, s: Any = "base", in_frame_units: bool = False) -> Any:
             """Represent as the base class does, with phi1 in (-180, 180]."""
-            found = super().represent_as(base, s=s, in_frame_units=in_frame_units)
-            if hasattr(found, "lon"):
-                found.lon.wrap_angle = 180 * u.deg
-            return found
+            represented = super().represent_as(base, s=s, in_frame_units=in_frame_units)
+            if hasattr(represented, "lon"):
+                represented.lon.wrap_angle = 180 * u.deg
+            return represented
 
     @c.frame_transform_graph.transform(DynamicMatrixTransform, c.ICRS, StreamFrame)  # type: ignore[untyped-decorator]
     def _from_icrs(_: Any, to: Any) -> Array:

@@ -161,11 +161,11 @@ class Stream:
         """
         matrix = sky_matrix(frame)
         core = self.orbit.q[:, -1:], self.orbit.v[:, -1:]
-        own = float(seen_from(self.sun, *core, matrix).phi1[0])
+        longitude_of_core = float(seen_from(self.sun, *core, matrix).phi1[0])
         turn = matrix @ (self.sun.tilt @ axes("icrs")).T
         (x, y, _), (u, v, _) = ((turn @ each[:, 0]).tolist() for each in core)
         centred = np.degrees(np.arctan2(y, x)) + np.sign(x * v - y * u) * np.degrees(self.winding)
-        shift = np.round((np.degrees(np.arctan2(y, x)) - own) / 360.0)
+        shift = np.round((np.degrees(np.arctan2(y, x)) - longitude_of_core) / 360.0)
         longitude = self.seen(frame).phi1
         return np.asarray(longitude + 360.0 * (np.round((centred - longitude) / 360.0) - shift))
 
