@@ -247,7 +247,7 @@ class Track(Observable):
             if self.gsr_sun is not None:
                 velocity = seen.radial_velocity + stream.toward(self.gsr_sun)
             seen = seen._replace(radial_velocity=velocity)
-        longitude = stream.unwrapped_longitude(self.frame) if self.unwrapped else seen.phi1
+        longitude = stream.unwrapped_longitude(self.frame) if self.unwrapped else seen.lon
         wanted = {column_of(name) for name in self.given}
         return longitude, {name: column.of(seen) for name, column in COLUMNS.items() if name in wanted}
 

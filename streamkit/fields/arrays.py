@@ -121,7 +121,7 @@ class ArrayOf:
             raise ValueError(f"found an array of shape {array.shape}, expected {self.ndim} dimension(s)")
         if array.size < self.least:
             raise ValueError(f"found {array.size} number(s), expected at least {self.least}")
-        require = partial(self._require, found=array, entry=entry or _entry)
+        require = partial(self._require, array=array, entry=entry or _entry)
         require(np.isfinite(array), wanted="a finite number")
         require(np.abs(array) <= LARGEST, wanted=f"a number below {LARGEST:g}")
         if self.sign:

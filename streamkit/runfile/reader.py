@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import reduce
 from pathlib import Path
 from typing import Any
@@ -125,8 +125,9 @@ class _Reader:
         self.expand_preset()
         sun = self.plain("sun", Sun)
         potentials = self.potentials()
-        bodies = self.bodies()
-        streams, data = self.streams(), self.data()
+        bodies = self.each("body", "body", lambda path, table: self.placed(path, table, BODY_WAYS))
+        streams = self.streams()
+        data = self.each("data", "datum", lambda path, table: self.component(path, "data", table))
         integrator = self.component("integrator", "integrator", self.raw.get("integrator", {}))
         likelihood = self.plain("likelihood", Likelihood)
         sampler, engine = self.sampler(self.raw.get("sampler", {})), self.plain("engine", Engine)
@@ -303,36 +304,20 @@ class _Reader:
             return self.named(path, "observable", given, named)
         return {"observable": self.component(path, "observable", given)}
 
-    def data(self) -> Any:
-        """Validate the data that are no stream, each by its name."""
-        table, out = self.raw.get("data", {}), {}
+    def each(self, section: str, what: str, read: Callable[[str, Any], Any]) -> Any:
+        """Validate the data or the bodies: each has a section with its name, which ``read`` validates by its path."""
+        table = self.raw.get(section, {})
         if "kind" in table:
-            return self.refuse("data: found a kind of its own; expected a section [data.NAME] for each")
-        for key, value in table.items():
-            if not self.dotted(f"data.{key}", key, "datum"):
-                out[key] = self.component(f"data.{key}", "data", value)
-        return out
-
-    def bodies(self) -> Any:
-        """Validate the bodies, each by its name."""
-        out: dict[str, tuple[Any, Any]] = {}
-        table = self.raw.get("body", {})
-        if "kind" in table:
-            return self.refuse("body: found a kind of its own; expected a section [body.NAME] for every body")
-        for key, value in table.items():
-            path = f"body.{key}"
-            if not isinstance(value, dict):
-                self.refuse(f"{path}: found {value!r}, expected a section [{path}] with a kind")
-            elif not self.dotted(path, key, "body"):
-                out[key] = self.placed(path, value, BODY_WAYS)
-        return out
+            return self.refuse(f"{section}: found a kind of its own; expected a section [{section}.NAME] for each")
+        names = [name for name in table if not self.dotted(f"{section}.{name}", name, what)]
+        return {name: read(f"{section}.{name}", table[name]) for name in names}
 
     def placed(self, path: str, table: Any, ways: Any) -> tuple[Any, Any]:
         """Validate the progenitor or a body: its own potential, and its place today in one of the ways."""
         if table is None:
             return self.refuse(f"the section [{path}] is missing"), None
         if not isinstance(table, dict):
-            return self.refuse(f"{path}: found {table!r}, expected a section, [{path}]"), None
+            return self.refuse(f"{path}: found {table!r}, expected a section [{path}] with a kind"), None
         if {"radial_velocity", "v_los"} <= table.keys():
             return self.refuse(f"{path}: found v_los and radial_velocity, two names of one number: give one"), None
         renamed = {"v_los" if key == "radial_velocity" else key: value for key, value in table.items()}

@@ -145,7 +145,7 @@ class Stream:
         Parameters
         ----------
         frame
-            None for ICRS (phi1 and phi2 are then RA and Dec); a name such as "GD1Koposov10"; a pole and an origin,
+            None for ICRS (lon and lat are then RA and Dec); a name such as "GD1Koposov10"; a pole and an origin,
             ``{"pole": [ra, dec], "origin": [ra, dec]}``; or a (3, 3) matrix from ICRS.
 
         Raises ValueError for a frame that does not exist.
@@ -161,12 +161,12 @@ class Stream:
         """
         matrix = sky_matrix(frame)
         core = self.orbit.q[:, -1:], self.orbit.v[:, -1:]
-        longitude_of_core = float(seen_from(self.sun, *core, matrix).phi1[0])
+        longitude_of_core = float(seen_from(self.sun, *core, matrix).lon[0])
         turn = matrix @ (self.sun.tilt @ axes("icrs")).T
         (x, y, _), (u, v, _) = ((turn @ each[:, 0]).tolist() for each in core)
         centred = np.degrees(np.arctan2(y, x)) + np.sign(x * v - y * u) * np.degrees(self.winding)
         shift = np.round((np.degrees(np.arctan2(y, x)) - longitude_of_core) / 360.0)
-        longitude = self.seen(frame).phi1
+        longitude = self.seen(frame).lon
         return np.asarray(longitude + 360.0 * (np.round((centred - longitude) / 360.0) - shift))
 
     def toward(self, velocity: Array) -> Array:
@@ -207,14 +207,14 @@ class Stream:
         table["bound"] = self.bound
         deg, pm = u.deg, u.mas / u.yr
         sky = self.seen()
-        table["ra"], table["dec"] = sky.phi1 % 360.0 * deg, sky.phi2 * deg
+        table["ra"], table["dec"] = sky.lon % 360.0 * deg, sky.lat * deg
         table["distance"] = sky.distance * kpc
-        table["pm_ra_cosdec"], table["pm_dec"] = sky.pm_phi1_cosphi2 * pm, sky.pm_phi2 * pm
+        table["pm_ra_cosdec"], table["pm_dec"] = sky.pm_lon_coslat * pm, sky.pm_lat * pm
         table["radial_velocity"] = sky.radial_velocity * kms
         table["radial_velocity_gsr"] = sky.radial_velocity_gsr * kms
         if frame is not None:
             sky = self.seen(frame)
-            table["phi1"], table["phi2"] = sky.phi1 * deg, sky.phi2 * deg
-            table["pm_phi1_cosphi2"], table["pm_phi2"] = sky.pm_phi1_cosphi2 * pm, sky.pm_phi2 * pm
+            table["phi1"], table["phi2"] = sky.lon * deg, sky.lat * deg
+            table["pm_phi1_cosphi2"], table["pm_phi2"] = sky.pm_lon_coslat * pm, sky.pm_lat * pm
         table.meta["parameters"] = dict(self.parameters)
         return table
