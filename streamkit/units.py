@@ -44,7 +44,7 @@ class Unit:
     """The unit of a field in the run file, and the factor that takes it to the engine's units.
 
     As the mark of a field, ``Annotated[float, Unit("Msun / kpc3")]``, it makes a physical number of it: a quantity in
-    any unit of that dimension is read, and a prior. The types below are such numbers.
+    any unit of that dimension is read, and so is a prior. The types below are such numbers.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class Unit:
 
         target = u.dimensionless_unscaled if not self.name else u.Unit(self.name)
         try:
-            with np.errstate(all="ignore"):  # what is too large is refused below
+            with np.errstate(all="ignore"):  # numbers that are too large are refused below
                 quantity = u.Quantity(value)
         except (TypeError, ValueError):
             raise ValueError(
@@ -189,7 +189,7 @@ def unit_of(field: FieldInfo) -> Unit | None:
 
 
 def symbol_of(field: FieldInfo, owner: str = "") -> str:
-    """Return the symbol of a field, marked with whose it is (``sat``, ``halo``); '' if it has none."""
+    """Return the symbol of a field with the name of its owner as an index (``sat``, ``halo``); '' if it has none."""
     tex = next((item.tex for item in reversed(field.metadata) if isinstance(item, Symbol)), "")  # the outermost
     if not tex or not owner:
         return tex

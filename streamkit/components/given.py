@@ -1,4 +1,4 @@
-"""Component classes given in Python, from a notebook or a script: who supplies them, and what their code is."""
+"""Component classes given in Python, from a notebook or a script: their supplier, and a digest of their code."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from typing import Any
 from streamkit.components.bases import Component
 from streamkit.components.plugin import Plugin, check_class
 
-IN_PYTHON = "given in Python"  # what the supplier of such a class says
+IN_PYTHON = "given in Python"  # part of the supplier of such a class
 
 
 def load_given(classes: Iterable[type[Component]]) -> list[Plugin]:
-    """Return a plugin for each class. Raises PluginError for what is no whole component."""
+    """Return a plugin for each class. Raises PluginError for an incomplete component."""
     given = list(classes)
     for cls in given:
         check_class(cls)
@@ -25,7 +25,7 @@ def load_given(classes: Iterable[type[Component]]) -> list[Plugin]:
 def code_digest(cls: type[Component]) -> str:
     """Return a hash of the code of a class, of its fields, and of the functions and constants that its code names.
 
-    It follows names within the module of the class; what comes from installed packages is not looked at.
+    Names are followed within the module of the class. Code of installed packages is left out.
     """
     digest = hashlib.sha256(repr(sorted(map(repr, cls.model_fields.items()))).encode())
     seen: set[int] = set()

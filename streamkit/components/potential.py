@@ -1,4 +1,4 @@
-"""The base of potentials: what a force is given, what is prepared for it once, and how it may change with time."""
+"""The base of potentials: the arguments of a force, its preparation, its growth with time, its expansion."""
 
 from __future__ import annotations
 
@@ -76,15 +76,15 @@ def _check_signature(cls: type[Potential]) -> None:
             )
 
 
-EVALUATION = "expansion", "tolerance"  # fields that every potential has that is not compiled
+EVALUATION = "expansion", "tolerance"  # fields of every potential that is not compiled
 
 
 def _add_evaluation(cls: type[Potential]) -> None:
     """Give a potential that is not compiled the fields of its evaluation, after the author's."""
     chosen = "auto" if cls.evaluation == "expansion" else "none"
     said = (
-        "What the stream is made with: an expansion of the potential, spherical, axisymmetric, general, or auto, the "
-        "simplest that its symmetries allow; none asks the potential itself, slowly."
+        "Form of the expansion that replaces the potential: spherical, axisymmetric, general, or auto, the simplest "
+        "that its symmetries allow; none calls the potential itself, slowly."
     )
     limit = "Largest relative error of the acceleration by the expansion, from 0.1 to 500 kpc."
     fields: dict[str, tuple[Any, Any]] = {
@@ -114,9 +114,9 @@ class Potential(Component):
                 _add_evaluation(cls)
 
     compiled: ClassVar[bool] = True
-    """False: `acceleration` is called with whole arrays through NumPy, for bodies that numba cannot take."""
+    """False: `acceleration` is called with whole arrays through NumPy, for code that numba cannot compile."""
     evaluation: ClassVar[Literal["exact", "expansion"]] = "exact"
-    """What is made of a potential that is not compiled, unless the run file says otherwise with ``expansion``."""
+    """Default of the field ``expansion`` of a potential that is not compiled: an expansion, or the potential itself."""
 
     # The methods that an author writes, and their arguments before the parameters: `Spherical` has others.
     _force_method: ClassVar[str] = "acceleration"
@@ -133,8 +133,8 @@ class Potential(Component):
     def acceleration(x: Any, y: Any, z: Any, t: Any, *parameters: Any) -> Any:
         """Return ``(ax, ay, az)`` in (km/s)^2/kpc at position (kpc) and time t (kpc/(km/s)).
 
-        The arguments after t are the fields, by name and in order, in engine units (kpc, km/s, Msun, radians); with a
-        `prepare`, what it gives and fields, by name.
+        The arguments after t are the fields, by name and in order, in engine units (kpc, km/s, Msun, radians). With a
+        `prepare` they are its results and fields, by name.
         Elementwise: floats in, floats out; arrays of one shape in, arrays of that shape out. Write ``log``,
         ``exp`` and ``power`` with the functions that streamkit exports: they compile to vector code.
         """
@@ -148,25 +148,25 @@ class Potential(Component):
     def drag(x: Any, y: Any, z: Any, vx: Any, vy: Any, vz: Any, t: Any, *parameters: Any) -> Any:
         """Return ``(ax, ay, az)`` in (km/s)^2/kpc that depends on the velocity (km/s) too: friction. Optional.
 
-        Added to `acceleration`, with the same arguments after t, and written and compiled as it is. Particles, the
-        progenitor and bodies feel it at their velocity from the host's centre; ``growth`` multiplies it too. It does
-        not count in energies, masses and tidal radii. A host may have it, a body or a progenitor may not; and not every
-        integrator knows it (`Integrator.drag`).
+        It is added to `acceleration`, has the same arguments after t, and is written and compiled in the same way. It
+        acts on particles, the progenitor and bodies, with their velocity relative to the host's centre; ``growth``
+        multiplies it too. It does not enter energies, masses and tidal radii. A host may have it; a body or a
+        progenitor may not. Not every integrator supports it (`Integrator.drag`).
         """
         return 0.0, 0.0, 0.0
 
     @staticmethod
     def prepare(*fields: Any) -> Any:
-        """Return what `acceleration` needs and is computed once for all positions: splines, expansions. Optional.
+        """Compute once, for all positions, arguments of `acceleration` such as splines and expansions. Optional.
 
-        The arguments are fields by name, those that are needed: numbers and arrays in engine units, others as they
-        are. The result is a mapping or a named tuple of numbers and arrays of up to three dimensions; `acceleration`
-        gets those that it names, beside the fields that it names. With ``compiled = False`` it may hold any object.
-        Called once per instance, so once for every set of parameters. May raise `OutOfDomain`.
+        The arguments are fields by name, only those that are needed: numbers and arrays in engine units, others as they
+        are. The result is a mapping or a named tuple of numbers and arrays of up to three dimensions. `acceleration`
+        gets those results, and those fields, that its arguments name. With ``compiled = False`` results may be any
+        objects. Called once per instance, which is once for every set of parameters. May raise `OutOfDomain`.
 
-        The argument ``host``, unless a field has this name, is a `HostView` of the other parts of the host today: of
-        those that do not ask for it themselves, so that two that ask see the same. A part that asks may be no
-        progenitor and no body. Alone, as in the conformance tests, it finds a host without mass.
+        The argument ``host``, unless a field has this name, is a `HostView` of the other parts of the host today. Parts
+        with this argument are not in the view, so that two such parts see the same host. Such a part cannot be a
+        progenitor or a body. By itself, as in the conformance tests, it gets a host without mass.
         """
         raise NotImplementedError
 
@@ -193,7 +193,7 @@ class Potential(Component):
         return None if self.growth is None else (self.growth["t"] * GYR, self.growth["factor"])
 
     def in_engine_units(self) -> tuple[Any, ...]:
-        """Return the arguments of `acceleration` after t: the fields, or what `prepare` makes of them."""
+        """Return the arguments of `acceleration` after t: the fields, or the results of `prepare` and fields."""
         if type(self).prepare is Potential.prepare:
             return super().in_engine_units()
         owner, values = self._prepared
@@ -203,7 +203,7 @@ class Potential(Component):
         return values
 
     def __getstate__(self) -> dict[Any, Any]:
-        """Leave out what was prepared or expanded: it may be large, and need not pickle."""
+        """Leave out prepared values and expansions: they may be large, and may not pickle."""
         state, made = super().__getstate__(), {"_prepared": (0, ()), "_expanded": None, "_like": None}
         return state | {"__pydantic_private__": (state["__pydantic_private__"] or {}) | made}
 
@@ -224,11 +224,11 @@ class Potential(Component):
 
     @property
     def place(self) -> str:
-        """Where it stands in the run file: ``potential.halo``; empty if it comes from none."""
+        """Its path in the run file: ``potential.halo``; empty without a run file."""
         return self._place
 
     def share_grid_of(self, other: Potential, place: str) -> None:
-        """Take the nodes of an expansion from another instance of the class, so that ln p has no steps.
+        """Use the nodes of another instance's expansion: other nodes for other parameters would put steps into ln p.
 
         ``place`` is the path in the run file, for messages.
         """
@@ -237,7 +237,7 @@ class Potential(Component):
     @classmethod
     @cache
     def asks_for_host(cls) -> bool:
-        """Say whether `prepare` wants the other parts of the host."""
+        """Say whether `prepare` has the argument ``host``."""
         return HOST in inspect.signature(cls.prepare).parameters and HOST not in cls.model_fields
 
     def beside(self, others: tuple[Potential, ...]) -> Potential:
@@ -247,15 +247,15 @@ class Potential(Component):
         return copy
 
     def in_loop(self) -> engine.Force:
-        """Return what stands for the potential in the compiled loop: itself, or an expansion."""
+        """Return the force in the compiled loop: the potential itself, or its expansion."""
         expanded = self.expanded()
         return self if expanded is None else expanded.force
 
     def expanded(self) -> expansion.Expanded | None:
-        """Return the expansion that the stream is made with, made on first use; None if there is none.
+        """Return the expansion that replaces the potential, made on first use; None if there is none.
 
-        Raises StreamkitError if it cannot be made, or misses its tolerance; OutOfDomain if it was made for other
-        parameters and misses the tolerance at these.
+        Raises StreamkitError if it cannot be made, or misses its tolerance. Raises OutOfDomain if its nodes were chosen
+        for other parameters, and miss the tolerance at these.
         """
         if self.compiled or self.expansion == "none":  # type: ignore[attr-defined]  # see `_add_evaluation`
             return None
@@ -301,7 +301,7 @@ def _prepare(potential: Potential) -> tuple[Any, ...]:
 
 
 def _plain(value: Any, what: str) -> float | Array:
-    """Return a number, or an array that nobody changes."""
+    """Return a float, or a read-only array of floats in C order."""
     try:
         array = np.ascontiguousarray(value, dtype=float) if np.ndim(value) else float(value)
     except (TypeError, ValueError):

@@ -12,7 +12,8 @@ from typing import Any
 class Preset:
     """A published model of a galaxy: ``preset = NAME`` in ``[potential]`` stands for its named potentials.
 
-    It is no potential: the resolved run file holds its sections, so that each number may be changed or given a prior.
+    It is no component: the resolved run file has the name and all sections, so that each number can be changed or given
+    a prior.
 
     Attributes
     ----------

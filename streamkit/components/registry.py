@@ -1,4 +1,4 @@
-"""The registry: which component classes are there, who supplies each, and what failed to load."""
+"""The registry: the component classes, their suppliers, and the plugins that failed to load."""
 
 from __future__ import annotations
 
@@ -60,24 +60,24 @@ class Entry:
 
 @dataclass(frozen=True)
 class Registry:
-    """The components by role and kind, and a sentence for every plugin or kind that could not be had.
+    """The components by role and kind, and a sentence for every plugin or kind that is not available.
 
     Attributes
     ----------
     entries
-        What is loaded.
+        The loaded components, by role and kind.
     failed
-        A sentence for every plugin that cannot be used, and for every kind that several packages bring.
+        A sentence for every plugin that cannot be used, and for every kind that several packages provide.
     presets
         Published galaxies by name.
     plugins
-        What was loaded, the built-in one first.
+        The loaded plugins, the built-in one first.
     local
         Plugin files of a run file, and classes given in Python: they take precedence over installed plugins.
     waiting
-        Entry points that were not needed so far.
+        Entry points that are not loaded yet.
     broken
-        The part of ``failed`` that is about whole plugins.
+        The sentences of ``failed`` about whole plugins.
     """
 
     entries: Mapping[str, Mapping[str, Entry]]
@@ -89,7 +89,7 @@ class Registry:
     broken: tuple[str, ...] = ()
 
     def having(self, role: str, kind: Any) -> Registry:
-        """Return a registry in which a kind has been looked for: at the entry points of its name, then at all."""
+        """Return a registry that has searched for a kind: in the entry points of that name, then in all."""
         if not self.waiting or (isinstance(kind, str) and kind in self.entries[role]):
             return self
         called = self.loading([point for point in self.waiting if point.name == kind])
@@ -97,13 +97,13 @@ class Registry:
         return called if is_loaded else called.loading(called.waiting)
 
     def having_preset(self, name: Any) -> Registry:
-        """Return a registry in which a preset has been looked for, at last in every plugin."""
+        """Return a registry that has searched for a preset, if need be in every plugin."""
         return self if isinstance(name, str) and name in self.presets else self.loading(self.waiting)
 
     def loading(self, points: Sequence[EntryPoint]) -> Registry:
-        """Return a registry that has the plugins of some of the entry points that wait.
+        """Return a registry with the plugins of some waiting entry points.
 
-        What plugins print goes to stderr: stdout is the command's own.
+        Output of plugins goes to stderr: stdout belongs to the command.
         """
         plugins, broken = list(self.plugins), list(self.broken)
         with redirect_stdout(sys.stderr):
@@ -124,8 +124,8 @@ class Registry:
     def find(self, role: str, kind: Any, where: str) -> type[Component]:
         """Return the class called ``kind``.
 
-        Raises SpecError: At ``where`` in the run file, if there is none; names the installed ones, the nearest, the
-        package that is known to have it, and every plugin that failed to load.
+        Raises SpecError: If there is none. The message has the path ``where`` in the run file, the installed kinds, the
+        nearest of them or the package that provides this kind, and every plugin that failed to load.
         """
         registry = self.having(role, kind)
         entries = registry.entries[role]
@@ -136,7 +136,7 @@ class Registry:
         raise SpecError(f"{where}: no {role} is called {kind!r}.{hint} Installed: {', '.join(sorted(entries))}.{lost}")
 
     def supplier(self, cls: type[Component]) -> str:
-        """Return who supplies a class."""
+        """Return the supplier of a class."""
         return self.entries[cls.role][cls.kind].supplier
 
 
@@ -149,8 +149,8 @@ def load_registry(
 ) -> Registry:
     """Load the plugins of the entry-point group ``streamkit``, one-off plugin files, and classes given in Python.
 
-    An installed plugin that is broken, or clashes with another, is kept as a record, and named when a run file asks
-    for something missing: runs that do without it go on. What `DISABLE` names is not loaded.
+    An installed plugin that is broken, or clashes with another, stops no run that does without it: it is recorded, and
+    named when a run file has a kind that is missing. Plugins that `DISABLE` names are not loaded.
 
     Parameters
     ----------
@@ -163,7 +163,8 @@ def load_registry(
     lazy
         Import the installed plugins when `Registry.having` or `Registry.find` needs them.
 
-    Raises PluginError for a file or a class that is broken, or has a kind of a built-in component or of each other.
+    Raises PluginError for a file or a class that is broken, or whose kind is that of a built-in component or of another
+    file or class.
     """
     waiting, broken = _usable(entry_points(group=GROUP) if points is None else points)
     with redirect_stdout(sys.stderr):
@@ -174,7 +175,7 @@ def load_registry(
 
 
 def _usable(points: Iterable[EntryPoint]) -> tuple[tuple[EntryPoint, ...], tuple[str, ...]]:
-    """Return the entry points that may be loaded, in an order of their own, and a record for each of the others."""
+    """Return the entry points that may be loaded, sorted, and a record for each of the others."""
     groups: dict[tuple[bool, str], list[EntryPoint]] = {}
     for point in sorted(points, key=_order):
         groups.setdefault(_order(point)[:2], []).append(point)
@@ -194,16 +195,16 @@ def _usable(points: Iterable[EntryPoint]) -> tuple[tuple[EntryPoint, ...], tuple
 
 
 def _order(point: EntryPoint) -> tuple[bool, str, str]:
-    """Built-ins first, then by names: the order in which a file system lists them must not matter."""
+    """Sort built-ins first, then by names: the order of a file system's listing must not matter."""
     return not is_ours(point), point.name, supplier_of(point)
 
 
 def _entries(plugins: Iterable[Plugin], local: Iterable[Plugin]) -> tuple[dict[str, dict[str, Entry]], list[str]]:
     """Return the components, and a record for each kind that several installed packages have.
 
-    The built-in one, which comes first, is then the one, or else that whose entry point has the name of the kind; of
-    several others, none. A run's own files and classes come before installed packages, and may not have the kind of
-    a built-in one.
+    Of several, the built-in component is used, or else the one whose entry point has the name of the kind, or else
+    none. Local files and classes take precedence over installed packages, and may not have the kind of a built-in
+    component.
     """
     offers: dict[tuple[str, str], list[tuple[Plugin, type[Component]]]] = {}
     for plugin in plugins:
@@ -224,7 +225,7 @@ def _entries(plugins: Iterable[Plugin], local: Iterable[Plugin]) -> tuple[dict[s
 
 
 def _presets(plugins: Iterable[Plugin], local: Iterable[Plugin]) -> tuple[dict[str, Preset], list[str]]:
-    """Return the presets, those of a run's own files before the others, and a record for each name that was taken."""
+    """Return the presets, local ones first, and a record for each preset whose name is taken already."""
     presets: dict[str, Preset] = {}
     taken = []
     for plugin in plugins:
@@ -239,7 +240,7 @@ Offer = tuple[Plugin, type[Component]]
 
 
 def _choose(kind: str, offered: list[Offer]) -> tuple[Offer | None, str]:
-    """Return the one of several components of a kind that is used, and how to say so."""
+    """Return the component that is used among several of a kind, and a sentence that says so."""
     named = [offer for offer in offered if offer[0].name == kind]
     if _is_built_in(offered[0][1]):
         return offered[0], "The built-in one is used"

@@ -1,4 +1,4 @@
-"""Potentials added up through NumPy, and what is asked of their sum: masses, circular velocities, flattening."""
+"""The sum of potentials through NumPy: its force, masses, circular velocities, flattening."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ POLAR = 20  # Gauss-Legendre nodes per hemisphere
 
 
 class Part(Protocol):
-    """A potential, as far as it is asked here."""
+    """The parts of a potential that this module uses."""
 
     kind: ClassVar[str]
 
@@ -38,7 +38,7 @@ class Part(Protocol):
 
 @dataclass(frozen=True)
 class Total:
-    """The sum of potentials today, called through NumPy: what is asked of a host, without what moves beside it."""
+    """The sum of potentials today, called through NumPy: a host without the galaxies that move beside it."""
 
     potentials: tuple[Part, ...]
 

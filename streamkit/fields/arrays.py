@@ -30,11 +30,11 @@ class ArrayOf:
     unit
         That of the field.
     sign
-        What every number must be: positive, zero or more, or anything.
+        Condition on every number: positive, zero or more, or none.
     increasing
         Whether each number must be larger than the one before.
     least
-        How many there must be at least.
+        Fewest numbers.
     ndim
         Number of dimensions; None for any.
     between
@@ -60,7 +60,7 @@ class ArrayOf:
         return array_schema(self.unit)
 
     def read(self, value: Any, files: Files | None = None) -> Array:
-        """Return the array that a run file gives, in the unit; ValueError says what is wrong with it."""
+        """Return the array of a run file in the unit; ValueError with a reason for anything else."""
         if isinstance(value, np.ndarray) and not hasattr(value, "unit"):
             array = np.array(value, dtype=float) if value.flags.writeable else np.asarray(value, dtype=float)
         elif isinstance(value, Mapping):
@@ -113,7 +113,7 @@ class ArrayOf:
         return float(self.unit.parse(value))
 
     def checked(self, array: Array, entry: Callable[[tuple[int, ...]], str] | None = None) -> Array:
-        """Return a read-only array in C order; ValueError where it is not as it should be.
+        """Return a read-only array in C order; ValueError if it breaks a condition.
 
         ``entry`` names the number at an index, in place of ``entry [1]``.
         """
@@ -148,13 +148,13 @@ def _entry(place: tuple[int, ...]) -> str:
 
 @dataclass(frozen=True)
 class Increasing:
-    """Demands of an array field that its numbers increase: ``Annotated[LengthArray, Increasing(least=4)]``."""
+    """Requires increasing numbers in an array field: ``Annotated[LengthArray, Increasing(least=4)]``."""
 
     least: int = 2
-    """How many there must be at least."""
+    """Fewest numbers."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Check what the array type before it has read."""
+        """Check the result of the array type before it."""
         check = ArrayOf(UNITS["Number"], increasing=True, least=self.least)
         return core_schema.no_info_after_validator_function(check.checked, handler(source))
 

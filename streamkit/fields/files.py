@@ -1,4 +1,4 @@
-"""The data files of a run file: where their paths begin, what is in them, and the digest of it."""
+"""The data files of a run file: their folder, contents and digests."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Files:
     Attributes
     ----------
     folder
-        What paths are relative to.
+        The folder that paths are relative to.
     expected
         SHA-256 that files had before, by their names in the run file: another content is then an error.
     read
@@ -51,7 +51,7 @@ class Files:
     _plain: dict[str, Table] = field(default_factory=dict, repr=False)
 
     def content(self, name: str) -> bytes:
-        """Return what is in a file; ValueError if it cannot be read, or is not what it was."""
+        """Return the content of a file; ValueError if it cannot be read, or has changed."""
         if name not in self._contents:
             path = self.folder / name
             try:
@@ -115,7 +115,7 @@ class Files:
             return np.asarray(values, dtype=float) * self._factor(where, values.unit, unit, given_unit, key)
 
     def _masks(self, name: str, column: str) -> list[Any]:
-        """Return where a column has no value: of a quantity written by astropy, it would read such a one as zero."""
+        """Return masks of missing values. astropy reads a missing value of a quantity that it has written as zero."""
         tables = [self._tables[name], *([self._plain[name]] if name in self._plain else [])]
         columns = [table[column] for table in tables if column in table.colnames]
         return [np.atleast_1d(each.mask) for each in columns if getattr(each, "mask", None) is not None]
@@ -165,7 +165,7 @@ class Files:
 
 
 def _require_different(name: str, text: str) -> None:
-    """Refuse a table two of whose columns have one name: astropy would give the second another."""
+    """Refuse a table with two columns of one name: astropy would rename the second."""
     header = next((line for line in text.splitlines() if line.strip() and not line.startswith("#")), "")
     delimiter = " " if name.lower().endswith(".ecsv") and not _COMMAS.search(text) else ","
     names = next(csv.reader([header.strip()], delimiter=delimiter, skipinitialspace=True))

@@ -28,16 +28,16 @@ INFINITY = 1e100  # a distance in kpc that stands for infinity: far enough for a
 
 
 class Paths(NamedTuple):
-    """The orbits of what moves.
+    """The orbits of all that moves.
 
     Attributes
     ----------
     centre
         The host's, in the inertial frame in which it rests today.
     bodies
-        Those of the bodies by name, about the host.
+        The orbits of the bodies about the host, by name.
     progenitor
-        The progenitor's about the host, where it is one of those that move.
+        The orbit of the progenitor about the host, if it is a body with friction or reflex.
     """
 
     centre: Orbit
@@ -49,17 +49,17 @@ class Paths(NamedTuple):
 class Host:
     """The galaxy in which everything moves, today at t = 0, and those beside it.
 
-    Everything is seen from its centre. A particle feels the host, the bodies, and that the centre itself is pulled by
-    them: host(x) + sum_k body_k(x - x_k(t)) - a_host(t).
+    The origin is its centre. The acceleration of a particle is that by the host and by the bodies, less that of the
+    centre itself: host(x) + sum_k body_k(x - x_k(t)) - a_host(t).
 
     Attributes
     ----------
     potentials
         Name -> component, as in the run file; they add up, centred on the origin.
     bodies
-        Name -> galaxy that moves about it.
+        The galaxies that move about it, by name.
     progenitor
-        That of a stream, where it is slowed down or moves the host; its own pull on particles is not the host's.
+        The progenitor, if it has friction or reflex; its pull on particles is not part of the host.
     """
 
     potentials: Mapping[str, Potential]
@@ -90,7 +90,7 @@ class Host:
         return self._fields[t1]
 
     def _at(self, times: Array) -> Field:
-        """Return a field that is valid at all times on one side of today: one that is known, if it reaches so far."""
+        """Return a field that is valid at all times on one side of today; a field made before is used again."""
         farthest = float(times[np.argmax(np.abs(times))])
         reach = [t1 for t1 in self._fields if t1 * farthest >= farthest**2]
         return self.until(reach[0] if reach else farthest)
@@ -114,7 +114,7 @@ class Host:
             Centre(b.potential, b.q, b.v, b.reflex, b.mass if b.friction else 0.0, b.extent) for b in moving
         ]  # fmt: skip
         friction = self._friction(t1) if any(body.friction for body in moving) else NO_FRICTION
-        with np.errstate(all="ignore"):  # what is not finite has a reason of its own
+        with np.errstate(all="ignore"):  # orbits that are not finite are refused below
             centre, orbits = follow_bodies(list(self.potentials.values()), centres, friction, t1, NODE)
             for name, orbit in zip(names, orbits, strict=True):
                 if not (np.isfinite(orbit.q).all() and np.isfinite(orbit.v).all()):
@@ -125,7 +125,7 @@ class Host:
         return Paths(centre, dict(zip(self.bodies, orbits, strict=True)), last)
 
     def _friction(self, t1: float) -> Friction:
-        """Return what slows bodies down from today to t1."""
+        """Return the table of dynamical friction from today to t1."""
         growths = [grows[0] for p in self.potentials.values() if (grows := p.growth_table()) is not None]
         times = friction_times(self.alone, growths, t1)
         if len(times) > 1:

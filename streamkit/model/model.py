@@ -1,4 +1,4 @@
-"""The model: parameters to a stream, in one way through. Track, release, integration."""
+"""The model, from parameters to a stream: track, release, integration."""
 
 from __future__ import annotations
 
@@ -33,27 +33,27 @@ class Model:
     spec
         A spec, the path of a run file, or a mapping of the same form.
     threads
-        How many of them integrate one stream: of use for 10^5 particles and more. The stream does not depend on it.
+        Number of threads for one stream; useful from 10^5 particles on. The stream does not depend on it.
     """
 
     def __init__(self, spec: Source, threads: int = 1) -> None:
         self.spec = as_spec(spec)
         self.threads = threads
-        self._asked: dict[tuple[str, str], tuple[Measurement, Data]] = {}
+        self._data: dict[tuple[str, str], tuple[Measurement, Data]] = {}
 
     def __repr__(self) -> str:
         return f"<Model of {self.spec!r}>"
 
     def data(self, inputs: StreamInputs) -> dict[str, Data]:
-        """Return the data of a stream's observables by name; asked for once where no field of one has a prior."""
+        """Return the data of a stream's observables by name; read once if no field of one has a prior."""
         return {name: self.known(f"stream.{inputs.name}", name, one) for name, one in inputs.observables.items()}
 
     def known(self, place: str, name: str, measurement: Measurement) -> Data:
-        """Return the data of one measurement; asked for once where no field of it has a prior."""
-        asked, data = self._asked.get((place, name), (None, None))
-        if data is None or asked is not measurement:  # one with free fields is a new one at every call
+        """Return the data of one measurement; read once if no field of it has a prior."""
+        measured, data = self._data.get((place, name), (None, None))
+        if data is None or measured is not measurement:  # a measurement with free fields is a new instance in each call
             data = read_data(measurement, self.spec.likelihood.noise == "add")
-            self._asked[place, name] = measurement, data
+            self._data[place, name] = measurement, data
         return data
 
     @property

@@ -1,4 +1,4 @@
-"""What observables say beside their numbers: marks for pictures, remarks, and the radii that they speak of."""
+"""Annotations of observables: marks and panels for figures, warnings, and the radii of the data."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from streamkit.stream import Frame, Mark, Panel, Prediction, Stream
 
 
 def marks_of(observables: Mapping[str, Observable], prediction: Prediction) -> tuple[Mark, ...]:
-    """Return what a picture of the unwrapped stream shows of all measurements."""
+    """Return the marks of all measurements for a picture of the unwrapped stream."""
     parts = parts_of(prediction)
     return tuple(mark for name, each in observables.items() for mark in each.marks(parts[name]))
 
@@ -33,13 +33,13 @@ def frame_of(observables: Mapping[str, Observable]) -> Frame:
 
 
 def remarks_of(observables: Mapping[str, Observable], prediction: Prediction) -> tuple[str, ...]:
-    """Return every doubt about the measurements, with the name of the observable if it has one."""
+    """Return the warnings of all observables, each with the name of its observable if it has one."""
     parts = parts_of(prediction)
     return tuple(f"{_before(name)}{text}" for name, each in observables.items() for text in each.remarks(parts[name]))
 
 
 def radii_of(observables: Mapping[str, Measurement]) -> dict[str, float]:
-    """Return the Galactocentric radii in kpc that the data speak of, by name."""
+    """Return the Galactocentric radii in kpc of the data, by name."""
     return {
         f"{_before(name)}{label}": radius
         for name, each in observables.items()

@@ -1,4 +1,4 @@
-"""Stream to prediction: the observable is asked, and its contract checked, in this one place."""
+"""Stream to prediction: observables are called, and their results checked, in this one place."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ from streamkit.errors import ComponentError, blamed
 from streamkit.observe.data import Data
 from streamkit.stream import Prediction, Stream, join_predictions
 
-UNNAMED = "observable"  # what the only observable of a stream is called, if the run file does not name it
+UNNAMED = "observable"  # the name of a stream's only observable where the run file gives none
 
 
 def measure_stream(
     observables: Mapping[str, Observable], stream: Stream, data: Mapping[str, Data] | None = None
 ) -> Prediction | None:
-    """Return what the observables say of the stream, as one prediction; None without observables.
+    """Return the predictions of all observables of a stream as one; None without observables.
 
     Parameters
     ----------
     observables
-        By name. The names of the predicted numbers begin with it, but for a single observable called ``observable``.
+        By name. It precedes the names of the predicted numbers, except those of a single observable called
+        ``observable``.
     data
         Their data; where they are not given, the observables are called for them.
 
@@ -36,12 +37,12 @@ def measure_stream(
 
 
 def parts_of(prediction: Prediction) -> dict[str, Prediction]:
-    """Return what each observable of a stream said, by its name, from what `measure_stream` returned."""
+    """Return the prediction of each observable by its name, from the result of `measure_stream`."""
     return prediction.parts or {UNNAMED: prediction}
 
 
 def measure_host(measurement: HostData, host: HostView, data: Data | None = None) -> Prediction:
-    """Return what the host says of data that are no stream; ComponentError as `measure_stream`."""
+    """Return the prediction of the host for data without a stream; raises as `measure_stream`."""
     return _measure(measurement, host, data)
 
 

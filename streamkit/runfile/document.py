@@ -13,11 +13,11 @@ from tomlkit.items import Item, Table
 
 from streamkit.errors import SpecError, expect_file
 
-DEEPEST_NESTING = 20  # most tables and lists inside each other: a run file needs a quarter of it
+DEEPEST_NESTING = 20  # levels of tables and lists; valid run files have five
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Read a TOML file; a `SpecError` says if it cannot be read, is not text, or is not TOML."""
+    """Read a TOML file; SpecError if it cannot be read, is not text, or is not TOML."""
     try:
         expect_file(path)
         return tomllib.loads(path.read_bytes().decode())
@@ -44,7 +44,7 @@ def depth(value: Any) -> int:
 
 
 def to_toml(document: Mapping[str, Any], header: str = "") -> str:
-    """Return the document as TOML, in its order: sections as tables, what lies deeper than their fields inline.
+    """Return the document as TOML, in its order: sections as tables, nested values of their fields inline.
 
     Parameters
     ----------

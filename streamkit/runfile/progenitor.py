@@ -1,4 +1,4 @@
-"""The place today of the progenitor or of a body, given in one of several ways, and the Sun it was observed from."""
+"""Position and velocity today of the progenitor or a body in one of several sets of coordinates, and the Sun."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Sun(BaseModel):
 
     @property
     def observer(self) -> Observer:
-        """What a stream is seen from."""
+        """The Sun as an observer."""
         u, v, w = self.velocity.tolist()
         return Observer(self.r0, self.z, (u, v, w))
 
@@ -90,7 +90,7 @@ class Sun(BaseModel):
 
 
 class Place(BaseModel, ABC):
-    """Where something is today, and how it moves."""
+    """Position and velocity today."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -109,7 +109,7 @@ class Place(BaseModel, ABC):
     @classmethod
     @cache
     def fields(cls) -> tuple[str, ...]:
-        """Return the names of the fields that say where it is: the coordinates, and their frame if it has a field."""
+        """Return the names of the coordinates, and of their frame if that is a field."""
         return tuple(name for name in cls.model_fields if name not in ("lookback", "friction", "reflex"))
 
 
@@ -256,16 +256,16 @@ BODY_WAYS = _ways("Body", BodyPlace)
 def choose_coordinates(
     given: Iterable[str],
     taken: Iterable[str] = (),
-    ways: tuple[type[P], ...] = WAYS,  # type: ignore[assignment]  # what P is by default
+    ways: tuple[type[P], ...] = WAYS,  # type: ignore[assignment]  # the default of P
 ) -> type[P]:
-    """Return the way in which a place is given; a `ValueError` if none of the ``ways``, or several.
+    """Return the set of coordinates that a section gives; ValueError if it gives none or several of the ``ways``.
 
     Parameters
     ----------
     given
         The keys of the section, without the fields of its potential.
     taken
-        The fields of its potential: a way that uses one of these names is not available.
+        The fields of its potential: a set of coordinates with one of these names is not available.
     ways
         Those of the progenitor, or of a body.
     """

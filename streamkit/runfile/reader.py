@@ -1,4 +1,4 @@
-"""From the mapping in a run file to validated sections: the class of each, and every error collected."""
+"""From the mapping of a run file to validated sections; all errors are collected."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ def resolve(
     """Validate the mapping of a run file; return the resolved document, its name, registry and sections.
 
     The paths of plugin files and data files are relative to the folder of ``files``, and stay as they are written.
-    Without a registry, what is installed is loaded as it is needed, beside the plugin files and the classes in
-    ``components``. Every error is told, on a line of its own.
+    Without a registry, installed plugins are loaded when they are needed, beside the plugin files and the classes in
+    ``components``. Raises SpecError with all errors, one per line.
     """
     if depth(source) > DEEPEST_NESTING:
         raise SpecError(f"{name}: more than {DEEPEST_NESTING} tables or lists lie inside each other")
@@ -69,17 +69,17 @@ def resolve(
 
 
 def is_silent(cls: type[Any]) -> bool:
-    """Say whether a component is not named in a resolved run file: the sampler that was there before there were kinds.
+    """Say whether a resolved run file leaves out the kind: that of the default sampler, which is older than kinds.
 
-    Run files and digests of that time stay what they are.
+    The digests of older runs depend on it.
     """
     return issubclass(cls, Sampler) and cls.kind == DEFAULT_KIND["sampler"]
 
 
 class _Reader:
-    """Collects the errors of one run file, so that all of them are told at once.
+    """Collects the errors of one run file, to report all of them together.
 
-    What could not be read is None; `stop` raises before anybody uses it.
+    A section that could not be read is None; `stop` raises before it is used.
     """
 
     def __init__(self, name: str, raw: dict[str, Any], files: Files) -> None:
@@ -88,16 +88,16 @@ class _Reader:
         self.preset: dict[str, str] = {}  # the name of a published model, where the run file has one
 
     def refuse(self, error: str) -> Any:
-        """Collect an error; return None in place of what could not be read."""
+        """Collect an error; return None in place of the section."""
         self.errors.append(error)
 
     def stop(self) -> None:
-        """Raise what was collected."""
+        """Raise SpecError if there are errors."""
         if self.errors:
             raise SpecError("\n".join(f"{self.name}: {_shortened(error)}" for error in self.errors))
 
     def head(self) -> None:
-        """Check the keys, and what stands outside the sections."""
+        """Check the top-level keys and values."""
         version = self.raw.get("version", VERSION)
         if not self.raw:
             self.refuse("the run file is empty; it needs at least the sections potential, progenitor and stripping")
@@ -162,7 +162,7 @@ class _Reader:
             return self.refuse(str(error))
 
     def component(self, path: str, role: str, table: Any) -> Any:
-        """Validate a section whose class its kind names."""
+        """Validate the section of a component."""
         if table is None:
             return self.refuse(f"the section [{path}] is missing")
         if not isinstance(table, dict):
@@ -178,7 +178,7 @@ class _Reader:
         return read_section(path, cls, fields, self.errors, f"the {role} {cls.kind!r}", files=self.files)
 
     def sampler(self, table: dict[str, Any]) -> Any:
-        """Validate the sampler; a field that belongs to another one is told with that one's name."""
+        """Validate the sampler; an error for a field of another sampler names that sampler."""
         before = len(self.errors)
         section = self.component("sampler", "sampler", table)
         for i in range(before, len(self.errors)):
@@ -191,7 +191,7 @@ class _Reader:
         return section
 
     def expand_preset(self) -> None:
-        """Put the named potentials of a published model in the place of its name."""
+        """Replace the name of a published model by its named potentials."""
         table = self.raw.get("potential", {})
         if "preset" not in table:
             return
@@ -274,7 +274,7 @@ class _Reader:
             elif not isinstance(value, dict):
                 self.refuse(f"{path}: found {value!r}, expected sections such as [{path}.progenitor]")
             elif key == ONLY:
-                self.refuse(f"{path}: a stream may not be called {ONLY!r}, as that without a name is")
+                self.refuse(f"{path}: a stream may not be called {ONLY!r}, the name of a stream without one")
             elif not self.dotted(path, key, "stream"):
                 for other in value.keys() - set(OF_A_STREAM):
                     self.refuse(
@@ -313,7 +313,7 @@ class _Reader:
         return {name: read(f"{section}.{name}", table[name]) for name in names}
 
     def placed(self, path: str, table: Any, ways: Any) -> tuple[Any, Any]:
-        """Validate the progenitor or a body: its own potential, and its place today in one of the ways."""
+        """Validate the progenitor or a body: its own potential, and its place today."""
         if table is None:
             return self.refuse(f"the section [{path}] is missing"), None
         if not isinstance(table, dict):
@@ -350,7 +350,7 @@ class _Reader:
 
 
 def _shortened(error: str) -> str:
-    """Leave out the middle of a sentence that repeats a very long value."""
+    """Leave out the middle of a message that quotes a very long value."""
     return error if len(error) <= LONGEST else f"{error[: LONGEST // 2]} ... {error[-LONGEST // 2 :]}"
 
 
@@ -368,7 +368,7 @@ def _plain_values(value: Any) -> Any:
 
 
 def _document(raw: dict[str, Any], plugins: list[str], sections: Sections, preset: dict[str, str]) -> dict[str, Any]:
-    """Fill in every default; what the run file gave keeps its order and comes first."""
+    """Fill in every default; keys of the run file keep their order and come first."""
     tables: dict[str, dict[str, Any]] = {}
     for section in sections.all:
         table = tables.setdefault(section.path, {})
@@ -385,6 +385,6 @@ def _document(raw: dict[str, Any], plugins: list[str], sections: Sections, prese
         place[name] = {key: table[key] for key in dict.fromkeys(("kind", *given, *table)) if key in table}
     filled["potential"] = preset | filled["potential"]
     document: dict[str, Any] = {"version": VERSION, "seed": sections.seed} | ({"plugins": plugins} if plugins else {})
-    if "engine" not in raw:  # of which the samples know nothing
+    if "engine" not in raw:  # the samples do not depend on it
         del filled["engine"]
     return document | {key: filled[key] for key in dict.fromkeys((*raw, *filled)) if key in filled}

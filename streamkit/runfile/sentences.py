@@ -1,4 +1,4 @@
-"""Errors of validation as sentences: where, what was found, what is allowed, the nearest name."""
+"""Errors of validation as sentences: the path, the value found, the values allowed, the nearest name."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ def should(message: str) -> str:
 
 
 def sentence(path: str, cls: type[BaseModel], item: Any, called: str, more: tuple[str, ...] = ()) -> str:
-    """Turn one pydantic error into: where, what was found, what is allowed.
+    """Turn one pydantic error into a sentence: the path, the value found, the values allowed.
 
-    ``called`` is what the sentence calls the class, ``more`` names what else may stand at this place.
+    ``called`` is the name of the class in the sentence; ``more`` are further keys of the section.
     """
     loc, kind, value, message = item["loc"], item["type"], item["input"], should(item["msg"])
     where = path + "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in loc)

@@ -33,13 +33,13 @@ from streamkit.units import Unit, symbol_of, unit_of
 class Spec:
     """A validated run file.
 
-    It pickles as its document, and the components are found again on unpickling; classes given in Python pickle by
+    It pickles as its document, and unpickling looks up the components again; classes given in Python pickle by
     reference.
 
     Attributes
     ----------
     document
-        The run file with every default filled in and quantities as text: what TOML and JSON can hold.
+        The run file with every default filled in and quantities as text, for TOML and JSON.
     source
         Name of the file, for messages.
     registry
@@ -47,9 +47,9 @@ class Spec:
     sections
         The validated sections.
     folder
-        What the paths of its plugin files and data files are relative to.
+        The folder that the paths of its plugin files and data files are relative to.
     files
-        The data files by their names in the run file, with the SHA-256 of what was in them.
+        The data files by their names in the run file, with the SHA-256 of their contents.
     given
         Component classes that were given in Python.
     """
@@ -101,7 +101,7 @@ class Spec:
 
     @property
     def engine(self) -> Engine:
-        """Where the run file has its calls made."""
+        """Where a run makes its calls."""
         return self.sections.engine.centre
 
     @cached_property
@@ -119,7 +119,7 @@ class Spec:
         return {path: fields[path] for path in _paths(self.document) if path in fields}
 
     def _owner(self, section: Section[Any]) -> str:
-        """Return what marks the symbols of a section's fields: whose they are."""
+        """Return the index that the symbols of a section's fields get: the name of their owner."""
         top, _, name = section.path.partition(".")
         stream = name.partition(".")[0] if top == "stream" else ""
         satellite = any(section is stream.satellite for stream in self.sections.streams.values())
@@ -210,12 +210,12 @@ class Spec:
         return values
 
     def prefix(self, stream: str | None = None) -> str:
-        """Return what the paths of a stream's sections begin with: ``stream.gd1.``; nothing for one without a name."""
+        """Return the prefix of the paths of a stream's sections: ``stream.gd1.``; empty for a stream without a name."""
         name = self.stream_name(stream)
         return f"stream.{name}." if name != ONLY else ""
 
     def with_particles(self, most: int) -> Spec:
-        """Return the spec with no more particles in each stream than so many."""
+        """Return the spec with at most so many particles in each stream."""
         now = {name: stream.stripping.centre.particles for name, stream in self.sections.streams.items()}
         return self.with_values(
             {f"{self.prefix(name)}stripping.particles": min(count, most) for name, count in now.items()}
@@ -228,7 +228,8 @@ class Spec:
         ----------
         values
             Path -> number, quantity, prior or other value: ``{"progenitor.mass": "6.4e8 Msun"}``. A new
-            ``kind`` keeps the fields that differ from the old one's defaults. What is not allowed is a `SpecError`.
+            ``kind`` keeps the fields that differ from the old one's defaults. Raises SpecError for a value that is not
+            allowed.
         """
         document = copy.deepcopy(self.document)
         for path, value in sorted(values.items(), key=lambda item: not item[0].endswith(".kind")):
@@ -267,9 +268,9 @@ class Spec:
         return [(section.path, section.cls, self.registry.supplier(section.cls)) for section in used]
 
     def digest(self) -> str:
-        """Return the SHA-256 of what determines a run: all but the chain's length and the engine, and who supplies it.
+        """Return the SHA-256 of all that determines a run: the document without limits and engine, and the suppliers.
 
-        Data files count by what is in them.
+        Data files count by their contents.
         """
         document = self.with_files_at({name: f"sha256:{digest}" for name, digest in self.files.items()})
         physics = {k: v for k, v in document.items() if k not in ("plugins", "engine")}
@@ -319,7 +320,7 @@ def load(
     return _make(read_toml(path), str(path), registry, path.parent.absolute(), components)
 
 
-# What stands for a spec: itself, the path of a run file, or a mapping of the same form.
+# A spec, or its source: itself, the path of a run file, or a mapping of the same form.
 Source: TypeAlias = Spec | str | Path | Mapping[str, Any]
 
 
@@ -339,7 +340,7 @@ def _make(
     components: Iterable[type[Component]] = (),
     known: Mapping[str, str] | None = None,
 ) -> Spec:
-    """Read a mapping; a data file that is no longer what is ``known`` of it is a SpecError."""
+    """Read a mapping; SpecError for a data file whose digest is not that in ``known``."""
     if inspect.isclass(components) or not isinstance(components, Iterable):
         raise PluginError(f"components: found {components!r}, expected a list of classes, such as [MyPotential]")
     given, files = tuple(components), Files(folder, known or {})

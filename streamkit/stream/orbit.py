@@ -25,9 +25,9 @@ class Orbit:
     a
         (3, n) accelerations by the host.
     r_tidal
-        (n,) tidal radius; NaN where there is none (and where it was not asked for).
+        (n,) tidal radius; NaN where there is none, or where it was not computed.
     mass_left
-        (n,) fraction of its mass at first that the progenitor still has; all of it unless given.
+        (n,) remaining fraction of the progenitor's initial mass; 1 unless given.
     """
 
     t: Array
