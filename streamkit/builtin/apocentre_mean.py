@@ -1,8 +1,8 @@
 """The apocentre of one arm: a Gaussian r(angle) about the maximum of its mean track, smooth in the particles.
 
-There are no hard edges: angles are shared between the two nearest cells of a fine grid, the window about the
-maximum has soft edges, and it is re-centred on the fitted maximum until both agree. Nothing jumps when a particle
-moves a little, which is what a sampler needs.
+The result is a continuous function of the particles, as samplers need: each angle is shared between the two nearest
+cells of a fine grid, the window about the maximum has soft edges, and it is re-centred on the fitted maximum until both
+agree.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ from streamkit.builtin.apocentre_track import (
 def fit_arm(angle: Array, r: Array, number: Array, guide: float, coverage: float = COVERAGE) -> ArmFit | str:
     """Fit particles at angles (n,), radii r (n,), each standing for a number (n,), near the guiding angle.
 
-    Or say why there is no apocentre: with less than a share ``coverage`` of them on either side there is none.
+    Returns the reason if there is no apocentre. There is none if less than the fraction ``coverage`` of the particles
+    is on either side.
     """
     if len(angle) < FEWEST:
         return TOO_FEW
@@ -58,7 +59,7 @@ def fit_arm(angle: Array, r: Array, number: Array, guide: float, coverage: float
 
 
 def _first_guess(grid: Array, smooth: Array, density: Array, guide: float) -> float | None:
-    """Where to begin: the maximum of the smoothed track nearest the guide, or its highest place if it has none."""
+    """Return the maximum of the smoothed track nearest the guide, or its highest point if it has no maximum."""
     within = (np.abs(grid - guide) <= REACH) & (density > 0.05 * density.max())
     inner = smooth[1:-1]
     peak = np.flatnonzero((inner >= smooth[:-2]) & (inner > smooth[2:]) & within[1:-1]) + 1
@@ -71,8 +72,8 @@ def _first_guess(grid: Array, smooth: Array, density: Array, guide: float) -> fl
 def _fit(grid: Array, count: Array, total: Array, centre: float, height: float) -> Array | str:
     """Least squares of the Gaussian (A, m, s) to the particles' radii, in the window centred on its own maximum.
 
-    Every step is one of Gauss and Newton, in ln s so that s stays positive, damped where it would make the fit
-    worse; the window follows the maximum, until neither moves.
+    Gauss-Newton steps in ln s, so that s stays positive; a step that would make the fit worse is damped. The window
+    follows the maximum until both have converged.
     """
     mean = total / np.maximum(count, 1e-12)
     q = np.array([height, centre, np.log(60.0)])

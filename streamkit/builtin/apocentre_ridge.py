@@ -1,4 +1,4 @@
-"""The apocentre of one arm from the ridge of its particles: the branch that turns round where several overlap."""
+"""The apocentre of one arm from the ridge of its particles: of several overlapping branches, the one that turns."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from streamkit.builtin.apocentre_track import (
     window,
 )
 
-# Where beyond the progenitor's own apocentre, in degrees, only debris that turns round there has come.
+# Degrees beyond the progenitor's own apocentre: there is only debris that has its apocentre before.
 BEYOND = (10.0, 60.0)
 FEWEST_BEYOND = 10  # fewest particles there (sum of weights)
 START = 50.0  # width (standard deviation) of the Gaussian that the fit of that branch begins with, degrees
 SPARSE = 0.2  # density along the arm, in units of its largest, below which angles begin to count less
-LOW = 4  # power of the mean height there, minus: a branch three times as high counts 1 % of the lower one
-# Least eigenvalue of the ridge's curvature, its diagonal scaled to 1: below, the particles do not fix a Gaussian.
+LOW = 4  # minus the power in the mean of the heights: a branch three times as high counts 1 % of the lower one
+# Least eigenvalue of the ridge's curvature, its diagonal scaled to 1, with which the particles determine a Gaussian.
 FLAT = 1e-9
 BREADTH = 0.1  # standard deviation in radius of the kernel about that branch, in units of its apocentre
 
@@ -40,15 +40,15 @@ def fit_turning(angle: Array, r: Array, number: Array, guide: float, coverage: f
     """Fit, as `fit_arm`, the lower of the branches that turn round, among others at the same angles.
 
     The Gaussian r(angle) is the ridge of the particles and not their mean: each counts by a Gaussian kernel of its
-    distance in radius (modal regression; Yao & Li 2014, Scand. J. Statist. 41, 656). All angles count alike, many
-    particles or few, which leaves the stripping rate out. The fit begins with what is beyond the apocentre, where the
-    debris of the last passage, which turns farther out, has hardly come.
+    distance in radius (modal regression; Yao & Li 2014, Scand. J. Statist. 41, 656). All angles have the same weight,
+    so that the stripping rate does not matter. The fit begins with the debris beyond the apocentre: there is hardly any
+    debris of the last passage, which has its apocentre farther out.
     """
     chosen = np.abs(angle - guide) < FARTHEST
     angle, r, number = angle[chosen], r[chosen], number[chosen]
     if len(angle) < FEWEST:
         return TOO_FEW
-    number = _alike(angle, number, guide)
+    number = _even_weights(angle, number, guide)
     q = _from_beyond(angle, r, number, guide)
     if not isinstance(q, str):
         q = _ridge(angle, r, number, q)
@@ -73,8 +73,8 @@ def fit_turning(angle: Array, r: Array, number: Array, guide: float, coverage: f
     return arm_fit(q, variance, grid, total / np.maximum(count, 1e-12), count)
 
 
-def _alike(angle: Array, number: Array, guide: float) -> Array:
-    """Numbers (n,) of the same sum that make all angles count alike, but for those with hardly any particle."""
+def _even_weights(angle: Array, number: Array, guide: float) -> Array:
+    """Numbers (n,) of the same sum that give all angles the same weight, except those with hardly any particles."""
     grid = np.arange(-FARTHEST - CELL, FARTHEST + 2 * CELL, CELL) + guide
     (count,) = cells(angle, grid, number)
     density = convolve(count)
@@ -103,7 +103,7 @@ def _ridge(angle: Array, r: Array, number: Array, q: Array) -> Array | str:
         normal[np.diag_indices(3)] *= 1 + 1e-9
         limit = np.array([0.1 * q[0], 8.0, 0.3])
         step = np.clip(np.linalg.solve(normal, slope @ (share * rest)), -limit, limit)
-        if (step / limit) @ last < 0:  # it went too far, as the window and the kernel move with it
+        if (step / limit) @ last < 0:  # overshoot: the window and the kernel move with the fit
             gain *= 0.5
         last = step / limit
         q = q + gain * step

@@ -117,7 +117,7 @@ class Apocentres(Observable):
         return tuple(marks)
 
     def remarks(self, prediction: Prediction) -> tuple[str, ...]:
-        """Say where an arm does not reach across the window in which its apocentre is fitted."""
+        """Warn of an arm that ends inside the window in which its apocentre is fitted."""
         warnings = []
         for arm in (arm for arm in ARMS if f"{arm}_peak" in prediction.details):
             angles = np.abs(prediction.details[f"{arm}_angle"])
@@ -179,7 +179,7 @@ class Apocentres(Observable):
 
 
 def _why_few(angle: Array, member: BoolArray, chosen: BoolArray, guide: float) -> str:
-    """Say why there are too few particles near the apocentre, and what to change."""
+    """Return why there are too few particles near the apocentre, and what to change."""
     in_window = np.abs(angle - guide) < WINDOW
     if (member & in_window).sum() >= FEWEST > (chosen & in_window).sum():
         return ", the rest is too recent for the rule of observable.recent_debris"

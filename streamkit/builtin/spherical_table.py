@@ -1,4 +1,4 @@
-"""A built-in spherical host from a table: what holds between the knots is a spline, beyond them a power law."""
+"""A built-in spherical host from a table: a spline between the knots, power laws beyond them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from streamkit import (
 )  # fmt: skip
 
 CELLS = 1024  # cells of the even grid, about: the force is that of the spline to 1e-9 for ten knots a decade
-FLAT = 1e-6  # a slope of v_c^2 that is taken for zero beyond the last knot: there the potential is a logarithm
+FLAT = 1e-6  # slopes of v_c^2 below this count as zero beyond the last knot: the potential is a logarithm there
 
 
 class Spline(NamedTuple):
@@ -45,9 +45,9 @@ class SphericalTable(Spherical):
     """Spherical host from a table of circular speeds, or of masses inside radii, each of which may have a prior.
 
     ``ln v_c`` (or ``ln M``) is a natural cubic spline in ``ln r``: twice differentiable, and exact for a power law.
-    Inside the first and beyond the last knot its slope there goes on as a power law. Parameters for which the mass
-    falls with radius somewhere are rejected. The potential vanishes at infinity where that exists (v_c falls beyond the
-    last knot), otherwise at the last knot.
+    Inside the first and beyond the last knot it is a power law with the slope of that knot. Parameters are rejected if
+    the mass falls with radius somewhere. The potential is zero at infinity if v_c falls beyond the last knot, else at
+    that knot.
     """
 
     kind = "spherical_table"

@@ -1,8 +1,8 @@
-"""Built-in spheres whose slopes are free. Enclosed masses in straight arithmetic, so that the force vectorises.
+"""Built-in spheres with free slopes. Enclosed masses are plain arithmetic, so that the force vectorises.
 
-Incomplete beta and gamma functions have no closed form. They are series here on one side of a fixed radius and another
-series or a continued fraction beyond it, of a fixed length: both are computed for every particle, and one is taken.
-Their coefficients depend on the parameters alone: the compiler takes them out of the loop over the particles.
+Incomplete beta and gamma functions have no closed form. Here they are a series inside a fixed radius, and another
+series or a continued fraction outside it, all of a fixed length. Both are computed for every particle, and one is used.
+Their coefficients depend on the parameters alone, and the compiler moves them out of the loop over the particles.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Dehnen(Spherical):
 class HernquistSpeed(Spherical):
     """Hernquist sphere of a given mass that has a given circular speed at a radius: a = sqrt(G M r / v^2) - r.
 
-    A mass with a prior then keeps the rotation curve that was observed; the defaults are the Large Magellanic Cloud's
+    A prior on the mass then keeps the observed rotation curve; the defaults are the Large Magellanic Cloud's
     (91.7 km/s at 8.7 kpc). A mass below ``v^2 r / G``, 1.7e10 Msun with these, has no such sphere, and is rejected.
     """
 

@@ -36,12 +36,12 @@ from streamkit.builtin.track_lines import ENOUGH, REACH, Lines, gather, lines_at
 from streamkit.builtin.track_panels import column_label, column_panel, fine_grid, longitude_label
 
 FEWEST = 10  # particles that have left the progenitor below which there is no stream
-# Degrees from the nearest debris beyond which it does not matter that there is more on the other side of the sky.
+# Degrees from the nearest debris beyond which debris on the other side of the sky does not matter.
 SEAM = 90.0
 ARMS = {"leading": 1, "trailing": -1}
-# What keeps drawn data where data may be.
+# Functions that move drawn data into the allowed range.
 LIMITS: dict[str, Callable[[Array], Array]] = {"phi2": lambda angle: np.clip(angle, -90, 90), "distance": np.abs}
-BROADEST = 45.0  # degrees that a kernel may have at most: two straight lines of that width are a whole turn
+BROADEST = 45.0  # largest kernel in degrees: two straight lines of that width are a whole turn
 
 Outliers = Annotated[Number, Field(ge=0, lt=1, description="Fraction of its data that are no members.")]
 Name = Literal["phi2", "distance", "distance_modulus", "pm_phi1_cosphi2", "pm_phi2", "radial_velocity"]
@@ -56,10 +56,10 @@ def _columns(**value: str) -> Columns:
 class Track(Observable):
     """A stream's track on the sky: latitude, distance, proper motions and velocity at longitudes phi1.
 
-    Each column has its own longitudes; one that is left out is not compared. At a datum's longitude a local line is
-    fitted to the debris with a Gaussian kernel in phi1. Means are compared with the line; member stars (`stars`) with
-    the line and the spread of the debris about it. Where the stream has no debris ln p falls by the distance to the
-    nearest, in units of the kernel. Bound particles do not count. With `unwrapped` the longitudes count on through
+    Each column has its own longitudes; a column that is left out is not compared. At a datum's longitude a local line
+    is fitted to the debris with a Gaussian kernel in phi1. Means are compared with the line; member stars (`stars`)
+    with the line and the spread of the debris about it. Where the stream has no debris ln p falls by the distance to
+    the nearest, in units of the kernel. Bound particles are left out. With `unwrapped` the longitudes do not jump at
     whole turns. Several data at one longitude are independent.
     """
 
@@ -161,7 +161,7 @@ class Track(Observable):
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """One for every datum: the column and the longitude, and a count where several have the same."""
+        """A name for every datum: the column and the longitude, and a count where several have the same."""
         seen: dict[str, int] = {}
         names = []
         for column, (phi1, _, _) in self.given.items():
@@ -317,7 +317,7 @@ class Track(Observable):
         return {name: (grid, np.where(there, part, np.nan)) for name, part in parts.items()}
 
     def remarks(self, prediction: Prediction) -> tuple[str, ...]:
-        """Say which data lie where the stream has no debris."""
+        """Warn of data at longitudes where the stream has no debris."""
         warnings, start = [], 0
         for name, (phi1, _, _) in self.given.items():
             part = slice(start, start := start + len(phi1))

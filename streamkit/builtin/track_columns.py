@@ -1,4 +1,4 @@
-"""The columns of a track: what each is called, its unit, and how particles have it."""
+"""The columns of a track: name, unit, label, and the values of particles."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from streamkit import Array, Seen
 
 
 class Column(NamedTuple):
-    """One column: its unit, what a picture calls it, and the particles' values (n,)."""
+    """One column: its unit, its label in figures, and a function for the particles' values (n,)."""
 
     unit: str
     label: str

@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 
 from streamkit import Array
 
-WING = 1e-3  # height of the exponential wings: the Gaussian is all that counts within three kernels of debris
+WING = 1e-3  # height of the exponential wings: within three kernels of debris only the Gaussian matters
 LN_WING = math.log(WING)
 # Kernels beyond the nearest particle after which the wings are cut, where both are 4e-4 of the peak among debris.
 REACH = 4.0
@@ -37,9 +37,9 @@ class Debris(NamedTuple):
     longitude
         (n,) degrees, increasing.
     columns
-        (c, n) what was measured of them, less its mean over all.
+        (c, n) measured values, less their mean over all particles.
     weight
-        (n,) how many particles each one stands for.
+        (n,) statistical weight of each.
     centre, slope
         (c,) that mean, and the ratio of the standard deviations of the column and the longitude: how steep a line
         may be.

@@ -36,7 +36,7 @@ SIGNATURE = types.void(types.intp, *[_POINTER] * 5, types.intp)
 
 
 class Force(Protocol):
-    """What the engine needs of a potential: `streamkit.Potential` has it."""
+    """The parts of a potential that the engine needs; `streamkit.Potential` has them."""
 
     kind: ClassVar[str]
     compiled: ClassVar[bool]
@@ -47,7 +47,7 @@ class Force(Protocol):
 
     @staticmethod
     def drag(x: Any, y: Any, z: Any, vx: Any, vy: Any, vz: Any, t: Any, *parameters: Any) -> Any:
-        """Return the part that depends on velocity, elementwise; asked for if it `has_drag`."""
+        """Return the part that depends on velocity, elementwise; used if it `has_drag`."""
 
     @classmethod
     def has_drag(cls) -> bool:
@@ -60,11 +60,11 @@ class Force(Protocol):
         """Return times (n,), increasing, and the factors (n,) on the force; None if it does not change."""
 
     def in_loop(self) -> Force:
-        """Return what stands for it in a loop: itself, or an expansion of it."""
+        """Return the force in a loop: the potential itself, or an expansion of it."""
 
 
 class _Apart(Compiler):  # type: ignore[misc]  # numba is untyped here
-    """Tells LLVM that the arguments of a kernel do not overlap: what is read from a table may then be vectorised."""
+    """Declares to LLVM that the arguments of a kernel do not overlap, so that loops that read tables vectorise."""
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
@@ -185,12 +185,12 @@ def _rows(count: int) -> Any:
 
 
 def _view(kind: Any, address: int) -> Array:
-    """View of what is at an address: quicker than numpy.ctypeslib, and many a call is for one particle."""
+    """View of memory at an address: faster than numpy.ctypeslib, which matters in calls for one particle."""
     return np.frombuffer(memoryview(kind.from_address(address)))
 
 
 def _look(kind: Any, address: int) -> Array:
-    """Read-only view of what is at an address."""
+    """Read-only view of memory at an address."""
     return np.frombuffer(memoryview(kind.from_address(address)).toreadonly())
 
 
@@ -247,10 +247,10 @@ class NumpyKernel:
 
     @contextmanager
     def listening(self) -> Iterator[None]:
-        """Keep also what is raised before `_call` can catch anything.
+        """Catch exceptions that are raised before the ``try`` of `_call`.
 
-        A Ctrl-C that arrives in compiled code is answered at the first instruction of the next callback, outside its
-        ``try``, and ctypes would print the KeyboardInterrupt and go on.
+        Python handles a Ctrl-C that arrives in compiled code at the first instruction of the next callback, before its
+        ``try``; ctypes would print the KeyboardInterrupt and continue.
         """
         before = sys.unraisablehook
 

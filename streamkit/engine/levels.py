@@ -1,4 +1,4 @@
-"""Sorting a batch of particles by the number of steps that each one's dynamical time asks for."""
+"""Sorting a batch of particles by the number of steps that their dynamical times need."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from streamkit.engine.forces import BATCH, LANES, ROW, call_kernel, centre_at
 from streamkit.engine.steps import ROWS, A, H, T, V
 
 CROSSING = 1.25  # longest step near a disc's plane, in units of the time in which its height is crossed
-NEAR_PLANE = 2.0  # what is near, in units of that height
+NEAR_PLANE = 2.0  # largest distance from a disc's plane that counts as near, in units of that height
 
 
 @njit(**INLINE)

@@ -78,7 +78,7 @@ def expand(force: ForceAt, form: Form, tolerance: float) -> Expanded:
     tolerance
         Largest relative error |da| / |a| from 0.1 to 500 kpc.
 
-    Raises NoExpansion if the force depends on time, is not finite somewhere, or misses the tolerance with `MOST_NODES` nodes.
+    Raises NoExpansion if the force depends on time, is not finite somewhere, or `MOST_NODES` nodes miss the tolerance.
     """
     symmetry = symmetry_of(force, max(tolerance * ROUND, 1e-11))
     if not symmetry.static:

@@ -9,7 +9,7 @@ import numpy as np
 from streamkit.stream import Array
 
 INNER, OUTER = 0.01, 2000.0  # radii in kpc of the first and the last node
-POLE = 1.0 - 5e-7  # cos(theta) of the node at the pole: on the pole itself the direction of increasing theta is not defined
+POLE = 1.0 - 5e-7  # cos(theta) of the node at the pole, where the direction of increasing theta is not defined
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ def test_a_run_file_without_bodies_stays_what_it_was():
         ),
         (
             {"clump": TF},
-            ["body.clump.kind: the potential 'tf' has no field 'mass' in Msun, and the mass that its force tells"],
+            ["body.clump.kind: the potential 'tf' has no field 'mass' in Msun, and its force gives an infinite mass"],
         ),
         (
             {"lmc": LMC | {"friction": "chandra"}},
