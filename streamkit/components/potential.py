@@ -76,9 +76,6 @@ def _check_signature(cls: type[Potential]) -> None:
             )
 
 
-EVALUATION = "expansion", "tolerance"  # fields of every potential that is not compiled
-
-
 def _add_evaluation(cls: type[Potential]) -> None:
     """Give a potential that is not compiled the fields of its evaluation, after the author's."""
     chosen = "auto" if cls.evaluation == "expansion" else "none"

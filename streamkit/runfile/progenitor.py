@@ -115,7 +115,11 @@ class Place(BaseModel, ABC):
 
 # The fields that several sets of coordinates have, each with its symbol and its description.
 _Distance = Annotated[Length, Symbol("$d$"), Field(description="Heliocentric distance.")]
-_LineOfSight = Annotated[Velocity, Symbol(r"$v_{\rm los}$"), Field(description="Heliocentric line-of-sight velocity.")]
+_LineOfSight = Annotated[
+    Velocity,
+    Symbol(r"$v_{\rm los}$"),
+    Field(description="Heliocentric line-of-sight velocity. It may be called radial_velocity too."),
+]
 _Latitude = Annotated[Angle, Field(ge=-90, le=90)]
 
 

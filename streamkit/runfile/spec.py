@@ -338,12 +338,12 @@ def _make(
     registry: Registry | None,
     folder: Path,
     components: Iterable[type[Component]] = (),
-    known: Mapping[str, str] | None = None,
+    digests: Mapping[str, str] | None = None,
 ) -> Spec:
-    """Read a mapping; SpecError for a data file whose digest is not that in ``known``."""
+    """Read a mapping; SpecError for a data file with another digest than in ``digests``."""
     if inspect.isclass(components) or not isinstance(components, Iterable):
         raise PluginError(f"components: found {components!r}, expected a list of classes, such as [MyPotential]")
-    given, files = tuple(components), Files(folder, known or {})
+    given, files = tuple(components), Files(folder, digests or {})
     document, name, registry, sections = resolve(source, name, registry, files, given)
     return Spec(document, name, registry, sections, folder, files.read, given)
 

@@ -116,11 +116,27 @@ class Seen(NamedTuple):
     radial_velocity: Array
     radial_velocity_gsr: Array
 
-    # The names of contract 1, from the frame of a stream.
-    phi1 = property(lambda self: self.lon, doc="The same as `lon`.")
-    phi2 = property(lambda self: self.lat, doc="The same as `lat`.")
-    pm_phi1_cosphi2 = property(lambda self: self.pm_lon_coslat, doc="The same as `pm_lon_coslat`.")
-    pm_phi2 = property(lambda self: self.pm_lat, doc="The same as `pm_lat`.")
+    # Older names, from the frame of a stream: plugins of contract 1 use them.
+
+    @property
+    def phi1(self) -> Array:
+        """The same as `lon`."""
+        return self.lon
+
+    @property
+    def phi2(self) -> Array:
+        """The same as `lat`."""
+        return self.lat
+
+    @property
+    def pm_phi1_cosphi2(self) -> Array:
+        """The same as `pm_lon_coslat`."""
+        return self.pm_lon_coslat
+
+    @property
+    def pm_phi2(self) -> Array:
+        """The same as `pm_lat`."""
+        return self.pm_lat
 
 
 def seen_from(sun: Observer, q: Array, v: Array, matrix: Array) -> Seen:
