@@ -245,15 +245,15 @@ class BodyPlace(Place, ABC):
 P = TypeVar("P", bound=Place)
 
 
-def _ways(prefix: str, owner: type[P]) -> tuple[type[P], ...]:
+def _ways(prefix: str, owner: Any) -> Any:
     """Return, for each set of coordinates, the class of a place with the fields of an owner as well."""
     return tuple(
         create_model(f"{prefix}{one.__name__.lstrip('_')}", __base__=(one, owner), __doc__=one.__doc__) for one in SETS
     )
 
 
-WAYS = _ways("", PhaseSpace)
-BODY_WAYS = _ways("Body", BodyPlace)
+WAYS: tuple[type[PhaseSpace], ...] = _ways("", PhaseSpace)
+BODY_WAYS: tuple[type[BodyPlace], ...] = _ways("Body", BodyPlace)
 
 
 
