@@ -45,12 +45,12 @@ class OutOfDomain(StreamkitError):  # noqa: N818  a statement about the paramete
 
 
 class Interrupted(StreamkitError):  # noqa: N818  a request, not a fault
-    """The run was asked to stop (Ctrl-C or SIGTERM) and did. Its message says where the finished part is.
+    """The run was stopped by Ctrl-C or SIGTERM. The message says where the finished part is.
 
     Attributes
     ----------
     exit_status
-        What a command should exit with: 130 after Ctrl-C, 143 after SIGTERM.
+        Exit status of a command: 130 after Ctrl-C, 143 after SIGTERM.
     """
 
     def __init__(self, message: str, signum: int = signal.SIGINT) -> None:
@@ -60,25 +60,25 @@ class Interrupted(StreamkitError):  # noqa: N818  a request, not a fault
 
 def nearest(name: str, allowed: Iterable[str]) -> str:
     """Return ``" Did you mean 'x'?"`` for the closest allowed name, or an empty string."""
-    folded = {known.lower(): known for known in allowed}
-    close = [folded[found] for found in difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)]
+    folded = {each.lower(): each for each in allowed}
+    close = [folded[match] for match in difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)]
     return f" Did you mean {close[0]!r}?" if close else ""
 
 
 def expect_file(path: Path) -> None:
-    """Raise OSError, with what it is, for a directory, a pipe (it waits for ever) or a device (it may have no end)."""
+    """Raise OSError for a directory, a pipe (reading it would block) or a device (it may have no end)."""
     if path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, f"it is a {'directory' if path.is_dir() else 'device or pipe'}")
 
 
 def brief(error: BaseException) -> str:
-    """Return what an exception of a library says in one short line: some of them quote the file."""
+    """Return the message of a library's exception as one short line; some of them quote the whole file."""
     return " ".join(str(error).split())[:200] or type(error).__name__
 
 
 @contextmanager
 def blamed(component: str) -> Iterator[None]:
-    """Turn whatever a component raises into a `ComponentError`; Ctrl-C and what streamkit raises on purpose pass.
+    """Turn any exception of a component into a `ComponentError`; KeyboardInterrupt and streamkit's own errors pass.
 
     Parameters
     ----------

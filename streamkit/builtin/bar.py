@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from streamkit import Angle, Coordinate, G, Length, Mass, Number, Potential, Symbol, sqrt
+from streamkit import Angle, Coordinate, G, Length, Number, Potential, Symbol, TotalMass, sqrt
 
 
 class Bar(Potential):
@@ -23,7 +23,7 @@ class Bar(Potential):
     example = {"mass": 1.0e10, "a": 3.5, "b": 0.5, "c": 0.6, "pattern_speed": -39.0, "angle": -27.0}
     reference = "Long & Murali 1992, ApJ 397, 44"
 
-    mass: Annotated[Mass, Symbol("$M$")] = Field(description="Total mass.")
+    mass: TotalMass
     a: Annotated[Length, Symbol("$a$")] = Field(description="Half-length.")
     b: Annotated[Coordinate, Symbol("$b$")] = Field(
         default=0.0, ge=0, description="Softening within the plane: the bar's thickness there."

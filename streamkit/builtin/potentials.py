@@ -7,10 +7,28 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from streamkit import Angle, G, Length, Mass, Number, PositiveNumber, Potential, Speed, Symbol, exp, log, power, sqrt
+from streamkit import (
+    Angle,
+    AxisRatio,
+    G,
+    Length,
+    Mass,
+    Number,
+    PositiveNumber,
+    Potential,
+    ScaleRadius,
+    Speed,
+    Spherical,
+    Symbol,
+    TotalMass,
+    exp,
+    log,
+    power,
+    sqrt,
+)  # fmt: skip
 
 
-class TruncatedFlat(Potential):
+class TruncatedFlat(Spherical):
     """Truncated flat rotation curve: ``v_c^2 = v0^2 rs^alpha / (rs^2 + r^2)^(alpha/2)``.
 
     The model that Gibbons, Belokurov & Evans 2014 fit (their eq. 2); alpha = 0 is the singular isothermal sphere.
@@ -27,25 +45,22 @@ class TruncatedFlat(Potential):
     )
 
     @staticmethod
-    def acceleration(x: Any, y: Any, z: Any, t: Any, v0: Any, rs: Any, alpha: Any) -> Any:
-        """Return -v_c^2 / r along the radius."""
-        r2 = x * x + y * y + z * z
-        k = -v0 * v0 * exp(-0.5 * alpha * log(1.0 + r2 / (rs * rs))) / r2
-        return k * x, k * y, k * z
+    def pull(r2: Any, v0: Any, rs: Any, alpha: Any) -> Any:
+        """Return -v_c^2 / r^2."""
+        return -v0 * v0 * exp(-0.5 * alpha * log(1.0 + r2 / (rs * rs))) / r2
 
     @staticmethod
-    def potential(x: Any, y: Any, z: Any, t: Any, v0: Any, rs: Any, alpha: Any) -> Any:
+    def well(r2: Any, v0: Any, rs: Any, alpha: Any) -> Any:
         """Return -(v0^2/alpha) u^(alpha/2) 2F1(1, alpha/2; 1 + alpha/2; u), u = rs^2 / (rs^2 + r^2)."""
         from scipy.special import hyp2f1
 
-        r2 = x * x + y * y + z * z
         if alpha == 0:
             return 0.5 * v0**2 * np.log(r2)
         u = rs**2 / (rs**2 + r2)
         return -(v0**2 / alpha) * u ** (0.5 * alpha) * hyp2f1(1.0, 0.5 * alpha, 1.0 + 0.5 * alpha, u)
 
 
-class NFW(Potential):
+class NFW(Spherical):
     """Navarro, Frenk & White halo by scale mass and radius: ``Phi = -G m ln(1 + r/rs) / r``."""
 
     kind = "nfw"
@@ -53,24 +68,22 @@ class NFW(Potential):
     reference = "Navarro, Frenk & White 1996, ApJ 462, 563"
 
     mass: Annotated[Mass, Symbol("$M$")] = Field(description="Scale mass: M(r) = mass [ln(1 + r/rs) - r/(r + rs)].")
-    rs: Annotated[Length, Symbol(r"$r_{\rm s}$")] = Field(description="Scale radius.")
+    rs: ScaleRadius
 
     @staticmethod
-    def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any, rs: Any) -> Any:
-        """Return -G M(r) / r^2 along the radius."""
-        r2 = x * x + y * y + z * z
+    def pull(r2: Any, mass: Any, rs: Any) -> Any:
+        """Return -G M(r) / r^3."""
         r = sqrt(r2)
-        k = G * mass * (r / (r + rs) - log(1.0 + r / rs)) / (r2 * r)
-        return k * x, k * y, k * z
+        return G * mass * (r / (r + rs) - log(1.0 + r / rs)) / (r2 * r)
 
     @staticmethod
-    def potential(x: Any, y: Any, z: Any, t: Any, mass: Any, rs: Any) -> Any:
+    def well(r2: Any, mass: Any, rs: Any) -> Any:
         """Return -G m ln(1 + r/rs) / r."""
-        r = np.sqrt(x * x + y * y + z * z)
+        r = np.sqrt(r2)
         return -G * mass * np.log1p(r / rs) / r
 
 
-class NFWVirial(Potential):
+class NFWVirial(Spherical):
     """The NFW halo by M200 and concentration, for the critical density of the Hubble constant ``h0``."""
 
     kind = "nfw_m200"
@@ -84,44 +97,41 @@ class NFWVirial(Potential):
     h0: Annotated[PositiveNumber, Symbol("$H_0$")] = Field(default=70.0, description="Hubble constant in km/s/Mpc.")
 
     @staticmethod
-    def acceleration(x: Any, y: Any, z: Any, t: Any, m200: Any, c200: Any, h0: Any) -> Any:
-        """Return the NFW acceleration with m = M200 / [ln(1 + c) - c/(1 + c)], rs = r200 / c."""
+    def pull(r2: Any, m200: Any, c200: Any, h0: Any) -> Any:
+        """Return the NFW pull with m = M200 / [ln(1 + c) - c/(1 + c)], rs = r200 / c."""
         mass = m200 / (log(1.0 + c200) - c200 / (1.0 + c200))
         rs = power(G * m200 / (100.0 * (1e-3 * h0) * (1e-3 * h0)), 1.0 / 3.0) / c200
-        r2 = x * x + y * y + z * z
         r = sqrt(r2)
-        k = G * mass * (r / (r + rs) - log(1.0 + r / rs)) / (r2 * r)
-        return k * x, k * y, k * z
+        return G * mass * (r / (r + rs) - log(1.0 + r / rs)) / (r2 * r)
 
     @staticmethod
-    def potential(x: Any, y: Any, z: Any, t: Any, m200: Any, c200: Any, h0: Any) -> Any:
+    def well(r2: Any, m200: Any, c200: Any, h0: Any) -> Any:
         """Return the NFW potential of the same mass and radius."""
         mass = m200 / (np.log1p(c200) - c200 / (1.0 + c200))
         rs = np.cbrt(G * m200 / (100.0 * (1e-3 * h0) ** 2)) / c200
-        return NFW.potential(x, y, z, t, mass, rs)
+        return NFW.well(r2, mass, rs)
 
 
-class Hernquist(Potential):
+class Hernquist(Spherical):
     """Hernquist bulge or halo: ``Phi = -G M / (r + a)``."""
 
     kind = "hernquist"
     example = {"mass": 3.4e10, "a": 0.7}
     reference = "Hernquist 1990, ApJ 356, 359"
 
-    mass: Annotated[Mass, Symbol("$M$")] = Field(description="Total mass.")
+    mass: TotalMass
     a: Annotated[Length, Symbol("$a$")] = Field(description="Scale length.")
 
     @staticmethod
-    def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any, a: Any) -> Any:
-        """Return -G M / (r + a)^2 along the radius."""
-        r = sqrt(x * x + y * y + z * z)
-        k = -G * mass / (r * (r + a) * (r + a))
-        return k * x, k * y, k * z
+    def pull(r2: Any, mass: Any, a: Any) -> Any:
+        """Return -G M / [r (r + a)^2]."""
+        r = sqrt(r2)
+        return -G * mass / (r * (r + a) * (r + a))
 
     @staticmethod
-    def potential(x: Any, y: Any, z: Any, t: Any, mass: Any, a: Any) -> Any:
+    def well(r2: Any, mass: Any, a: Any) -> Any:
         """Return -G M / (r + a)."""
-        return -G * mass / (np.sqrt(x * x + y * y + z * z) + a)
+        return -G * mass / (np.sqrt(r2) + a)
 
 
 class MiyamotoNagai(Potential):
@@ -131,7 +141,7 @@ class MiyamotoNagai(Potential):
     example = {"mass": 1.0e11, "a": 6.5, "b": 0.26}
     reference = "Miyamoto & Nagai 1975, PASJ 27, 533"
 
-    mass: Annotated[Mass, Symbol("$M$")] = Field(description="Total mass.")
+    mass: TotalMass
     a: Annotated[Length, Symbol("$a$")] = Field(description="Scale length.")
     b: Annotated[Length, Symbol("$b$")] = Field(description="Scale height.")
 
@@ -150,30 +160,29 @@ class MiyamotoNagai(Potential):
         return -G * mass / np.sqrt(x * x + y * y + (a + np.sqrt(z * z + b * b)) ** 2)
 
 
-class Plummer(Potential):
+class Plummer(Spherical):
     """Plummer sphere: ``Phi = -G M / sqrt(r^2 + radius^2)``. The progenitor of Gibbons+ 2014."""
 
     kind = "plummer"
     example = {"mass": 6.4e8, "radius": 0.85}
     reference = "Plummer 1911, MNRAS 71, 460"
 
-    mass: Annotated[Mass, Symbol("$M$")] = Field(description="Total mass.")
-    radius: Annotated[Length, Symbol("$a$")] = Field(description="Scale radius.")
+    mass: TotalMass
+    radius: Annotated[ScaleRadius, Symbol("$a$")]
 
     @staticmethod
-    def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any, radius: Any) -> Any:
-        """Return -G M r / (r^2 + radius^2)^(3/2) along the radius."""
-        d2 = x * x + y * y + z * z + radius * radius
-        k = -G * mass / (d2 * sqrt(d2))
-        return k * x, k * y, k * z
+    def pull(r2: Any, mass: Any, radius: Any) -> Any:
+        """Return -G M / (r^2 + radius^2)^(3/2)."""
+        d2 = r2 + radius * radius
+        return -G * mass / (d2 * sqrt(d2))
 
     @staticmethod
-    def potential(x: Any, y: Any, z: Any, t: Any, mass: Any, radius: Any) -> Any:
+    def well(r2: Any, mass: Any, radius: Any) -> Any:
         """Return -G M / sqrt(r^2 + radius^2)."""
-        return -G * mass / np.sqrt(x * x + y * y + z * z + radius * radius)
+        return -G * mass / np.sqrt(r2 + radius * radius)
 
 
-class Kepler(Potential):
+class Kepler(Spherical):
     """Point mass: ``Phi = -G M / r``."""
 
     kind = "kepler"
@@ -182,26 +191,26 @@ class Kepler(Potential):
     mass: Annotated[Mass, Symbol("$M$")] = Field(description="Mass.")
 
     @staticmethod
-    def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any) -> Any:
-        """Return -G M / r^2 along the radius."""
-        r2 = x * x + y * y + z * z
-        k = -G * mass / (r2 * sqrt(r2))
-        return k * x, k * y, k * z
+    def pull(r2: Any, mass: Any) -> Any:
+        """Return -G M / r^3."""
+        return -G * mass / (r2 * sqrt(r2))
 
     @staticmethod
-    def potential(x: Any, y: Any, z: Any, t: Any, mass: Any) -> Any:
+    def well(r2: Any, mass: Any) -> Any:
         """Return -G M / r."""
-        return -G * mass / np.sqrt(x * x + y * y + z * z)
+        return -G * mass / np.sqrt(r2)
 
 
 class Isochrone(Potential):
     """Henon's isochrone: ``Phi = -G M / (b + sqrt(b^2 + r^2))``. Its orbits are known in closed form."""
 
+    # Not `Spherical`: b^2 comes first in the sum of squares here, and another order would change the last bits.
+
     kind = "isochrone"
     example = {"mass": 2.0e11, "b": 3.0}
     reference = "Henon 1959, AnAp 22, 126"
 
-    mass: Annotated[Mass, Symbol("$M$")] = Field(description="Total mass.")
+    mass: TotalMass
     b: Annotated[Length, Symbol("$b$")] = Field(description="Scale length.")
 
     @staticmethod
@@ -229,13 +238,9 @@ class Logarithmic(Potential):
 
     v_h: Annotated[Speed, Symbol(r"$v_{\rm h}$")] = Field(gt=0, description="Velocity scale.")
     r_h: Annotated[Length, Symbol(r"$r_{\rm h}$")] = Field(description="Core radius.")
-    q1: Annotated[PositiveNumber, Symbol("$q_1$")] = Field(
-        default=1.0, description="Axis ratio along the direction phi."
-    )
-    q2: Annotated[PositiveNumber, Symbol("$q_2$")] = Field(
-        default=1.0, description="Axis ratio in the plane, perpendicular to phi."
-    )
-    qz: Annotated[PositiveNumber, Symbol("$q_z$")] = Field(default=1.0, description="Axis ratio along z.")
+    q1: Annotated[AxisRatio, Symbol("$q_1$")] = Field(default=1.0, description="Axis ratio along the direction phi.")
+    q2: Annotated[AxisRatio, Symbol("$q_2$")] = Field(default=1.0, description="Axis ratio in the plane, across phi.")
+    qz: Annotated[AxisRatio, Symbol("$q_z$")] = Field(default=1.0, description="Axis ratio along z.")
     phi: Annotated[Angle, Symbol(r"$\phi$")] = Field(
         default=0.0, description="Direction of the first axis, from x towards y."
     )

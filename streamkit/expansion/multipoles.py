@@ -9,9 +9,7 @@ import numpy as np
 
 from streamkit.expansion.harmonics import at_directions, legendre, names, quadrature
 from streamkit.stream import Array
-from streamkit.units import G
-
-TINY = 1e-30
+from streamkit.units import CENTRE, G
 
 
 class Multipoles:
@@ -76,7 +74,7 @@ class Multipoles:
         """Return the potential in (km/s)^2 at positions in kpc, floats or arrays of one shape."""
         q = np.stack(np.broadcast_arrays(x, y, z)).astype(float)
         flat = q.reshape(3, -1)
-        r = np.sqrt((flat**2).sum(axis=0) + TINY)
+        r = np.sqrt((flat**2).sum(axis=0) + CENTRE)
         value, _ = self.radial(r)
         return (value * at_directions(self.harmonics, flat / r)).sum(axis=0).reshape(q.shape[1:])[()]
 
@@ -84,7 +82,7 @@ class Multipoles:
         """Return minus its gradient in (km/s)^2/kpc."""
         q = np.stack(np.broadcast_arrays(x, y, z)).astype(float)
         flat = q.reshape(3, -1)
-        r = np.sqrt((flat**2).sum(axis=0) + TINY)
+        r = np.sqrt((flat**2).sum(axis=0) + CENTRE)
         value, slope = self.radial(r)
         ex, ey, mu = flat / r
         m_max = max(abs(m) for _, m in self.harmonics)
@@ -106,8 +104,8 @@ class Multipoles:
             gx += phi * part * bx
             gy += phi * part * by
         out = -(ds - dmu * mu - radial) / r
-        found = np.stack([out * ex - gx / r, out * ey - gy / r, out * mu - dmu / r])
-        ax, ay, az = found.reshape(q.shape)
+        acceleration = np.stack([out * ex - gx / r, out * ey - gy / r, out * mu - dmu / r])
+        ax, ay, az = acceleration.reshape(q.shape)
         return ax[()], ay[()], az[()]
 
 

@@ -75,7 +75,7 @@ def _packages(registry: Registry) -> list[str]:
             f"{len(plugin.classes)} component{'s' * (len(plugin.classes) != 1)}",
             f"contract {plugin.contract}" if plugin.contract is not None else "states no contract",
         )
-        for plugin in (*registry.plugins, *registry.own)
+        for plugin in (*registry.plugins, *registry.local)
     ]
     return [f"packages, for contract {CONTRACT}\n{columns(rows)}"] if rows else []
 

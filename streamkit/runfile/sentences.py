@@ -1,4 +1,4 @@
-"""Errors of validation as sentences: where, what was found, what is allowed, the nearest name."""
+"""Errors of validation as sentences: the path, the value found, the values allowed, the nearest name."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ def should(message: str) -> str:
 
 
 def sentence(path: str, cls: type[BaseModel], item: Any, called: str, more: tuple[str, ...] = ()) -> str:
-    """Turn one pydantic error into: where, what was found, what is allowed.
+    """Turn one pydantic error into a sentence: the path, the value found, the values allowed.
 
-    ``called`` is what the sentence calls the class, ``more`` names what else may stand at this place.
+    ``called`` is the name of the class in the sentence; ``more`` are further keys of the section.
     """
-    loc, kind, found, message = item["loc"], item["type"], item["input"], should(item["msg"])
+    loc, kind, value, message = item["loc"], item["type"], item["input"], should(item["msg"])
     where = path + "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in loc)
     field = cls.model_fields.get(str(loc[0])) if loc else None
     if loc and field is None:
@@ -39,10 +39,10 @@ def sentence(path: str, cls: type[BaseModel], item: Any, called: str, more: tupl
         data = f"numbers in {array.unit.label} as a list or from a file" if array else "a table" if table else ""
         return f"{where}: missing{about}; expected {number or data or 'a value'}"
     if kind in ("value_error", "assertion_error"):
-        if isinstance(found, Mapping) or (field is not None and (array_of(field) or columns_of(field))):
-            return f"{where}: {message}{'' if isinstance(found, Mapping) else about}"  # the message says what was found
-        told = not loc or repr(found) in message
-        return f"{where}: {message if told else f'found {found!r}: {message}'}{about}"
-    choices = item["ctx"]["expected"].split("'")[1::2] if kind == "literal_error" and isinstance(found, str) else []
-    measure = f" {unit.name}" if unit and unit.name and isinstance(found, int | float) else ""
-    return f"{where}: found {found!r}{measure}, {message}{about}.{nearest(str(found), choices)}"
+        if isinstance(value, Mapping) or (field is not None and (array_of(field) or columns_of(field))):
+            return f"{where}: {message}{'' if isinstance(value, Mapping) else about}"  # the message says what was found
+        says_value = not loc or repr(value) in message
+        return f"{where}: {message if says_value else f'found {value!r}: {message}'}{about}"
+    choices = item["ctx"]["expected"].split("'")[1::2] if kind == "literal_error" and isinstance(value, str) else []
+    measure = f" {unit.name}" if unit and unit.name and isinstance(value, int | float) else ""
+    return f"{where}: found {value!r}{measure}, {message}{about}.{nearest(str(value), choices)}"

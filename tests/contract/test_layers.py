@@ -99,7 +99,8 @@ def test_imports_point_down_and_enter_by_the_door(module):
 
 
 def test_no_circles():
-    for module in INSIDE:
+    """Among all modules, and with the imports for types alone."""
+    for module in sorted(filter(None, GRAPH)):
         seen, todo = set(), {m for m in GRAPH[module] if m in GRAPH}
         while todo:
             name = todo.pop()

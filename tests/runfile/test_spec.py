@@ -309,3 +309,9 @@ def test_the_sagittarius_example_is_the_papers_setting() -> None:
         "w": "7.25 km/s", "z": "0.0 kpc",
     }  # fmt: skip
     assert spec.document["observable"]["recent_debris"] == "literal"
+
+
+def test_a_spec_and_a_model_print_as_one_short_line():
+    spec = sk.load(changed("potential", {"kind": "kepler", "mass": {"uniform": [1e11, 2e11]}}))
+    assert repr(spec) == "<Spec of run mapping; free: potential.mass>"
+    assert repr(sk.Model(spec)) == "<Model of <Spec of run mapping; free: potential.mass>>"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from streamkit.components import GIVEN, Component
+from streamkit.components import IN_PYTHON, Component
 from streamkit.errors import ChainError, SpecError, nearest
 from streamkit.model import Host, Observation
 from streamkit.runfile import Spec, load
@@ -97,7 +97,7 @@ class Results:
         try:
             spec = load(run_file(where, trust), components=components)
         except SpecError as error:
-            lost = sorted(text for text in manifest(where).get("components", {}).values() if GIVEN in text)
+            lost = sorted(text for text in manifest(where).get("components", {}).values() if IN_PYTHON in text)
             if not lost or components:
                 raise
             told = f"{where}: the run had components given in Python ({'; '.join(lost)})"
