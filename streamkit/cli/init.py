@@ -6,6 +6,7 @@ import re
 import shutil
 from functools import partial
 from importlib.resources import files
+from itertools import takewhile
 from pathlib import Path
 
 import click
@@ -70,10 +71,6 @@ def init(example: str | None, output: Path | None, force: bool) -> None:
 
 
 def _title(path: Path) -> str:
-    """Return the first paragraph of a run file's comment."""
-    lines = []
-    for line in path.read_text(encoding="utf-8").splitlines():
-        if not line.strip("# "):
-            break
-        lines.append(line.strip("# "))
-    return " ".join(lines)
+    """Return the first paragraph of the comment that a run file begins with."""
+    comment = takewhile(lambda line: re.match("# *[^# ]", line), path.read_text(encoding="utf-8").splitlines())
+    return " ".join(line.strip("# ") for line in comment)
