@@ -54,7 +54,7 @@ def label_all(figure: Figure, x: str, y: str) -> None:
     figure.supylabel(y, fontsize=11)
 
 
-# Okabe & Ito's colours, told apart by every eye.
+# Okabe & Ito's colours, which colour-blind readers can distinguish.
 BLUE, VERMILION, GREY = "#0072B2", "#D55E00", "#666666"
 # Tints of the blue for intervals: opaque, so that the legend shows the colour that the band has.
 BAND_68, BAND_95 = "#82B9D9", "#D1E6F1"
@@ -62,8 +62,7 @@ BAND_68, BAND_95 = "#82B9D9", "#D1E6F1"
 
 def ticks(axes: Axes) -> None:
     """Give the axes minor ticks, inwards, on every side, and few numbers."""
-    axes.minorticks_on()
-    axes.tick_params(which="both", direction="in", top=True, right=True, labelsize=10)
+    finish(axes)
     axes.yaxis.set_major_locator(MaxNLocator(5))
 
 
@@ -132,8 +131,8 @@ def with_unit(symbol: str, unit: str, between: str = " ") -> str:
     return f"{symbol}{between}[{unit}]" if unit else symbol
 
 
-# Name and colour of each arm: Okabe & Ito's blue and vermilion, told apart by every eye.
-ARM_STYLE = {1: ("leading", "#0072B2"), -1: ("trailing", "#D55E00"), 0: ("bound", "#666666")}
+# Name and colour of each arm.
+ARM_STYLE = {1: ("leading", BLUE), -1: ("trailing", VERMILION), 0: ("bound", GREY)}
 
 
 def finish(axes: Axes) -> None:

@@ -17,11 +17,11 @@ def component_doubts(inputs: StreamInputs) -> list[str]:
     used: dict[str, Component] = {f"potential {name}": one for name, one in inputs.potentials.items()}
     used |= {f"body {name}": body.potential for name, body in inputs.bodies.items()}
     used |= {"progenitor": inputs.satellite, "stripping": inputs.stripping}
-    found = []
+    failures = []
     for where, component in used.items():
         if not type(component).__module__.startswith("streamkit."):
             with contextlib.redirect_stdout(io.StringIO()), np.errstate(all="ignore"):
                 lines = quick_failures(component)
-            found += [f"{where.removeprefix('potential ')} ({component.kind}): {line}" for line in lines]
+            failures += [f"{where.removeprefix('potential ')} ({component.kind}): {line}" for line in lines]
     told = "A component of this run fails a conformance test, and its streams may be wrong. "
-    return [f"{told}{line}. All tests: streamkit.testing.check." for line in found]
+    return [f"{told}{line}. All tests: streamkit.testing.check." for line in failures]

@@ -103,8 +103,8 @@ def run_preflight(spec: Spec, *, draws: int = 64, progress: bool = False) -> Pre
 
 def _of_streams(spec: Spec, looks: Mapping[str, Look]) -> list[str]:
     """Return the warnings of each orbit, with the stream's name where there are several."""
-    found = []
+    warnings = []
     for name, look in looks.items():
         before = f"{name}: " if len(looks) > 1 else ""
-        found += [before + text for text in orbit_warnings(spec, look.inputs, look.orbit)]
-    return found
+        warnings += [before + text for text in orbit_warnings(spec, look.inputs, look.orbit)]
+    return warnings

@@ -22,22 +22,22 @@ def orbit_warnings(spec: Spec, inputs: StreamInputs, orbit: OrbitSummary) -> lis
         if orbit.escapes:
             why = "is unbound: its energy is above the host's potential at infinity"
         return [f"The progenitor {why}, so there is no stream with apocentres.{_swapped(spec, inputs.name)}"]
-    found = []
+    warnings = []
     if not orbit.returns:
-        found.append("The progenitor has no apocentre in the next 6 Gyr: the leading arm cannot be measured.")
+        warnings.append("The progenitor has no apocentre in the next 6 Gyr: the leading arm cannot be measured.")
     if inputs.lookback < orbit.period:
-        found.append(
+        warnings.append(
             f"The look-back time, {inputs.lookback:.3g} Gyr, is shorter than the radial period, "
             f"{orbit.period:.3g} Gyr: the arms have not grown. Raise progenitor.lookback."
         )
     if inputs.lookback > HORIZON:
-        found.append(
+        warnings.append(
             f"The look-back time, {inputs.lookback:.3g} Gyr, exceeds the age of the Universe, {HORIZON:g} Gyr. "
             "Lower progenitor.lookback."
         )
     if np.isnan(orbit.r_tidal[0]):
-        found.append("The progenitor has no tidal radius somewhere on its track (Omega^2 <= d2Phi/dr2).")
-    return found
+        warnings.append("The progenitor has no tidal radius somewhere on its track (Omega^2 <= d2Phi/dr2).")
+    return warnings
 
 
 def short_lookback(orbit: OrbitSummary) -> str:
@@ -75,21 +75,21 @@ def prior_warnings(tried: PriorDraws | None) -> list[str]:
     """Say when streams are rare over the prior, and when some cost far more than most."""
     if tried is None:
         return []
-    found = []
+    warnings = []
     good = len(tried.good)
     if good < 0.1 * tried.draws:
-        found.append(
+        warnings.append(
             f"Only {good} of {tried.draws} points drawn from the prior have a stream that can be measured: "
             "the walkers will be hard to start. Narrow the priors."
         )
     if good >= 8:
         middle, dear = np.percentile(tried.seconds, [50, 95])
         if dear > 5 * middle:
-            found.append(
+            warnings.append(
                 f"Some points of the prior cost {dear / middle:.0f} times the usual call, and all walkers "
                 "wait for the slowest."
             )
-    return found
+    return warnings
 
 
 def sampler_warnings(spec: Spec) -> list[str]:
@@ -99,9 +99,9 @@ def sampler_warnings(spec: Spec) -> list[str]:
 
 def sun_warnings(sun: Sun) -> list[str]:
     """Say when the Sun's place or motion is far from anything measured."""
-    found = []
+    warnings = []
     for name, (low, high, unit) in USUAL_SUN.items():
         value = getattr(sun, name)
         if not low <= value <= high:
-            found.append(f"sun.{name} = {value:g} {unit}: measurements lie between {low:g} and {high:g} {unit}.")
-    return found
+            warnings.append(f"sun.{name} = {value:g} {unit}: measurements lie between {low:g} and {high:g} {unit}.")
+    return warnings
