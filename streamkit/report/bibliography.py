@@ -85,8 +85,8 @@ def _of_component(cls: type[Component]) -> Iterator[tuple[str, str]]:
 def _named(reference: str, other: str) -> list[tuple[str, str]]:
     """Return keys and entries of the papers in a reference; a note of the key ``other`` if none of them is known."""
     key = other.replace("_", "-")
-    found = [(key, entry) for key, entry in bibliography().items() if _is_named(entry, reference)]
-    return found or [(key, f"@misc{{{key},\n  note = {{{escaped(reference)}}},\n}}")]
+    papers = [(key, entry) for key, entry in bibliography().items() if _is_named(entry, reference)]
+    return papers or [(key, f"@misc{{{key},\n  note = {{{escaped(reference)}}},\n}}")]
 
 
 def presets_in(spec: Spec) -> list[Preset]:
@@ -109,13 +109,13 @@ def _share(preset: Preset, potentials: Mapping[str, Any]) -> float:
         if not isinstance(here, Mapping) or here.get("kind") != section["kind"]:
             return 0.0
         numbers += [(value, here.get(field)) for field, value in section.items() if field != "kind"]
-    return sum(_is_number(found, value) for value, found in numbers) / max(len(numbers), 1)
+    return sum(_is_number(text, value) for value, text in numbers) / max(len(numbers), 1)
 
 
-def _is_number(found: object, value: float) -> bool:
+def _is_number(text: object, value: float) -> bool:
     """Say whether a field of a resolved run file, a number or a text with a unit, is this number."""
     try:
-        return math.isclose(float(str(found).partition(" ")[0]), value, rel_tol=1e-9)
+        return math.isclose(float(str(text).partition(" ")[0]), value, rel_tol=1e-9)
     except ValueError:
         return False
 

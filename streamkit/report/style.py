@@ -44,8 +44,8 @@ def panel_grid(n: int, width: float, height: float, *, across: int = ACROSS, sha
 
 def typical_reach(reaches: Iterable[float]) -> float:
     """Return how far the axes must reach for most streams: one outlier must not shrink all the others."""
-    known = list(reaches)
-    return 1.15 * float(np.median(known)) if known else 1.0
+    lengths = list(reaches)
+    return 1.15 * float(np.median(lengths)) if lengths else 1.0
 
 
 def label_all(figure: Figure, x: str, y: str) -> None:
@@ -76,15 +76,15 @@ def labels(names: Sequence[str], symbols: Sequence[str]) -> list[str]:
     symbols
         The symbol of each, or once more its path if it has none. Long names are broken after dots and underscores.
     """
-    found = []
+    texts = []
     for name, symbol in zip(names, symbols, strict=True):
         parts = name.split(".")
         if symbol == name:
             tails = [".".join(parts[-n:]) for n in range(1, len(parts) + 1)]
-            found.append(_folded(next(t for t in tails if sum(f".{other}".endswith(f".{t}") for other in names) == 1)))
+            texts.append(_folded(next(t for t in tails if sum(f".{other}".endswith(f".{t}") for other in names) == 1)))
         else:
-            found.append(symbol)
-    return found
+            texts.append(symbol)
+    return texts
 
 
 def _folded(name: str) -> str:
