@@ -30,13 +30,13 @@ def check(run_file: Path, settings: tuple[str, ...], draws: int, as_json: bool, 
     if not (as_json or quiet):
         click.echo(f"{preflight.describe_spec(spec)}\n")
     try:
-        found = preflight.run_preflight(spec, draws=draws, progress=not quiet)
+        result = preflight.run_preflight(spec, draws=draws, progress=not quiet)
     except OutOfDomain as error:  # an orbit that cannot be followed at all
         where = "the prior's centre" if spec.names else "the given parameters"
         raise StreamkitError(f"{run_file}: there is no stream at {where}: {error}") from None
     if as_json:
-        click.echo(report.as_json(preflight.preflight_record(spec, found)))
+        click.echo(report.as_json(preflight.preflight_record(spec, result)))
     elif not quiet:
-        click.echo(preflight.describe_preflight(spec, found))
-    elif found.warnings:
-        click.echo(report.warning_list(found.warnings))
+        click.echo(preflight.describe_preflight(spec, result))
+    elif result.warnings:
+        click.echo(report.warning_list(result.warnings))

@@ -17,14 +17,14 @@ def tell_of_compiling() -> None:
     """Have the rest of this command, in the processes that it forks too, say once that something is compiled."""
     from numba.core import event  # heavy, and wanted by commands that compute only
 
-    told = mmap.mmap(-1, 1)  # forked processes share it
+    announced = mmap.mmap(-1, 1)  # forked processes share it
 
     class Listener(event.Listener):  # type: ignore[misc]  # numba is untyped here
         """Says it at the first compilation: what is read from the disk is none."""
 
         def on_start(self, event: Any) -> None:
-            if not told[0]:
-                told[0] = 1
+            if not announced[0]:
+                announced[0] = 1
                 click.echo(f"streamkit: {SENTENCE}", err=True)
 
         def on_end(self, event: Any) -> None:

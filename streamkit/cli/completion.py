@@ -36,10 +36,10 @@ def kinds_of(argument: str) -> Complete:
 
     def complete(context: click.Context, _parameter: click.Parameter, typed: str) -> list[CompletionItem]:
         section = context.params.get(argument) or ""
-        found = components.load_registry().entries.get(PLACED.get(section, section), {})
+        kinds = components.load_registry().entries.get(PLACED.get(section, section), {})
         return [
             CompletionItem(kind, help=(entry.cls.__doc__ or "").strip().partition("\n")[0])
-            for kind, entry in sorted(found.items())
+            for kind, entry in sorted(kinds.items())
             if kind.startswith(typed)
         ]
 

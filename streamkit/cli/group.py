@@ -105,9 +105,9 @@ class Commands(click.Group):
         if command is None and (points := [point for point in _points() if point.name == name]):
             command = PluginCommand(name, points)
         if command is None and not ctx.resilient_parsing:
-            known = self.list_commands(ctx)
-            told = components.where_to_find("command", name) or nearest(name, known)
-            raise click.UsageError(f"no command is called {name!r}.{told} Known: {', '.join(known)}", ctx)
+            names = self.list_commands(ctx)
+            hint = components.where_to_find("command", name) or nearest(name, names)
+            raise click.UsageError(f"no command is called {name!r}.{hint} Known: {', '.join(names)}", ctx)
         return command
 
 

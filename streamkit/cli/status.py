@@ -21,5 +21,5 @@ def status(directory: Path, trust: bool, as_json: bool) -> None:
     Whether it is running, its steps, when it was last alive, when it may end, the least number of effective samples,
     the largest R-hat, whether to believe it, and the command that goes on with it.
     """
-    known = fit.read_status(directory, trust)
-    click.echo(json.dumps(known, indent=2) if as_json else fit.describe_status(directory, known))
+    state = fit.read_status(directory, trust)
+    click.echo(json.dumps(state, indent=2) if as_json else fit.describe_status(directory, state))

@@ -83,8 +83,8 @@ def _of_component(cls: type[Component]) -> Iterator[tuple[str, str]]:
 def _named(reference: str, other: str) -> list[tuple[str, str]]:
     """Return keys and entries of the papers in a reference; a note of the key ``other`` if none of them is known."""
     key = other.replace("_", "-")
-    found = [(key, entry) for key, entry in bibliography().items() if _is_named(entry, reference)]
-    return found or [(key, f"@misc{{{key},\n  note = {{{escaped(reference)}}},\n}}")]
+    papers = [(key, entry) for key, entry in bibliography().items() if _is_named(entry, reference)]
+    return papers or [(key, f"@misc{{{key},\n  note = {{{escaped(reference)}}},\n}}")]
 
 
 def _is_named(entry: str, reference: str) -> bool:

@@ -113,8 +113,10 @@ def test_plot_writes_a_picture(run_file: Path) -> None:
 
 def test_plugins_lists_everything_and_describes_one() -> None:
     listing = call("plugins").stdout
-    for role in ("potential", "stripping", "integrator", "observable"):
+    text = call("plugins", "--help").stdout
+    for role in ("potential", "stripping", "integrator", "observable", "data", "sampler"):
         assert f"{role}\n" in listing
+        assert role in text
     assert max(map(len, listing.splitlines())) <= 100
     one = call("plugins", "potential", "tf").stdout
     assert "Gibbons, Belokurov & Evans 2014, MNRAS 445, 3788" in one

@@ -85,6 +85,8 @@ def test_a_run_file_to_begin_with(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     listed = call("init").output
     assert "sagittarius " in listed
+    assert "version = " not in listed  # the comment alone is the description
+    assert "gd1_recovery" in listed
     assert "mine.toml" in call("init", "sagittarius", "-o", "mine.toml").output
     text = (tmp_path / "mine.toml").read_text()
     assert text == (ROOT / "examples" / "sagittarius" / "sagittarius.toml").read_text()

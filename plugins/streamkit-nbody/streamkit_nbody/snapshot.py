@@ -76,7 +76,7 @@ def _write_particles(group: Any, simulation: Simulation, state: State) -> None:
     _dataset(group, "StrippingTime", last, TIME, "last time inside the tidal radius; -1: bound or inside")
     winding = state.winding(simulation.plane)
     _dataset(group, "Winding", winding, "rad", "angle swept minus the satellite's; positive leads")
-    _dataset(group, "ModelInputs", state.bound.astype(np.int8), "", "1: bound to the satellite")
+    _dataset(group, "Bound", state.bound.astype(np.int8), "", "1: bound to the satellite")
     _dataset(group, "TidalGap", state.gap, LENGTH, "distance from the satellite minus the tidal radius")
     _dataset(group, "LastInside", state.t_strip, TIME, "as StrippingTime, of all particles")
     _dataset(group, "StrippingOffset", state.dq_strip.T, LENGTH, "from the satellite at the last record inside")
@@ -124,7 +124,7 @@ def _read(file: Any) -> tuple[State, dict[str, Any], str]:
         q=_rows(p["Coordinates"]),
         v=_rows(p["Velocities"]),
         a=_rows(p["Accelerations"]),
-        bound=p["ModelInputs"][:].astype(bool),
+        bound=p["Bound"][:].astype(bool),
         gap=p["TidalGap"][:],
         t_strip=p["LastInside"][:],
         dq_strip=_rows(p["StrippingOffset"]),

@@ -211,7 +211,7 @@ def test_the_layout_of_a_snapshot(simulation, tmp_path):
         stripping = particles["StrippingTime"][:]
         assert 10 < (stripping >= 0).sum() < N
         assert set(stripping[stripping < 0]) == {-1.0}
-        assert (stripping[particles["ModelInputs"][:] == 1] == -1).all()
+        assert (stripping[particles["Bound"][:] == 1] == -1).all()
         assert track.attrs["BoundMass"] == track["BoundMass"][-1] == last.track.mass[-1]
         assert track["Times"][-1] == header["Time"]
         assert np.array_equal(track["Coordinates"][-1], track.attrs["Position"])

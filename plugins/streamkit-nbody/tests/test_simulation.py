@@ -8,7 +8,7 @@ from streamkit_nbody.simulation import Simulation, _crossings
 
 from streamkit import GYR, OutOfDomain, SpecError, load
 from streamkit.engine import build_field
-from streamkit.model import NODE
+from streamkit.model import NODE, Satellite
 
 FLAT = {"kind": "tf", "v0": 210.0, "rs": 12.0, "alpha": 0.45}
 EMPTY = {"kind": "kepler", "mass": 1e-6}
@@ -153,6 +153,14 @@ def test_bound_mass_falls_and_the_tidal_radius_follows_it(disrupted):
     second = -circular2 / r**2 * (1 + 0.45 * r**2 / (144 + r**2))
     expected = np.cbrt(4.300917270e-6 * track.mass[k] / (v**2 / r**2 - second))
     assert track.r_tidal[k] == pytest.approx(expected, rel=0.01)
+
+
+def test_the_tidal_radius_is_that_of_the_stream_model(disrupted):
+    """Both say that the satellite is stripped at the same radius: on the same track, by one formula."""
+    run, found = disrupted
+    satellite = Satellite(run.inputs.satellite, run.inputs.mass)
+    start = satellite.tidal_radius(run.host.tidal_bracket(run.orbit))[0]
+    assert found[-1].track.r_tidal[0] == pytest.approx(start, rel=1e-12)
 
 
 def test_a_host_whose_tide_has_no_radius():

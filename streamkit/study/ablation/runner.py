@@ -129,11 +129,11 @@ def run_ablation(
         for seed in range(seeds)
         for i, variant in enumerate(variants)
     }
-    found, stopped = run_jobs(make_stream, jobs, workers, done)
+    results, stopped = run_jobs(make_stream, jobs, workers, done)
     missing = INTERRUPTED if stopped == INTERRUPTED else "no stream: its processes died (killed, or out of memory)"
     cpu = {}
     for (seed, i), job in jobs.items():
-        made = found.get((seed, i), missing)
+        made = results.get((seed, i), missing)
         if isinstance(made, str):
             outcomes[i].blame(made)
         else:

@@ -75,16 +75,16 @@ def calibrate(
     if truth is not None and (truth.names, truth.priors) != (spec.names, spec.priors):
         raise StreamkitError(f"{spec.source}: {_difference(spec, truth)}")
     file = out / DRAWS
-    known = read_draws(file, spec, truth) if resume else {}
+    earlier = read_draws(file, spec, truth) if resume else {}
     if not resume or not file.exists():
         out.mkdir(parents=True, exist_ok=True)
         file.write_text(json.dumps({"digest": _digest(spec, truth)}) + "\n")
     packed = pickle.dumps((spec, truth))
-    for _ in known:
+    for _ in earlier:
         done()
-    jobs = {index: (packed, index, file) for index in range(draws) if index not in known}
-    found, stopped = run_jobs(_work, jobs, workers, done)
-    every = {**known, **found}
+    jobs = {index: (packed, index, file) for index in range(draws) if index not in earlier}
+    new, stopped = run_jobs(_work, jobs, workers, done)
+    every = {**earlier, **new}
     if not every:
         raise StreamkitError(f"{spec.source}: {stopped} before the first draw was finished")
     return Calibration(spec, tuple(every[index] for index in sorted(every)), stopped, truth)
@@ -97,15 +97,15 @@ def read_draws(file: Path, spec: Spec, truth: Spec | None = None) -> dict[int, D
     first, *lines = file.read_text(errors="replace").splitlines() or [""]
     if json.dumps(_digest(spec, truth)) not in first:
         raise StreamkitError(f"{file}: these draws belong to another run file, or to other settings of it")
-    found = {}
+    draws = {}
     for line in lines:
         try:
             draw = Draw.of_line(line)
         except (ValueError, TypeError, KeyError, AttributeError):
             continue
         if len(draw.ranks) == len(spec.names):
-            found[draw.index] = draw
-    return found
+            draws[draw.index] = draw
+    return draws
 
 
 def _digest(spec: Spec, truth: Spec | None) -> str:
@@ -116,9 +116,9 @@ def _difference(spec: Spec, truth: Spec) -> str:
     """Say which free parameter one of them has alone, or with a prior of its own."""
     priors, others = (dict(zip(each.names, each.priors, strict=True)) for each in (spec, truth))
     name = next(name for name in (*priors, *others) if priors.get(name) != others.get(name))
-    found = "none" if name not in others else "another prior" if name in priors else "one"
+    what = "none" if name not in others else "another prior" if name in priors else "one"
     return (
-        f"the streams of the truth must have the free parameters of the fit: for {name} they have {found}. Give both "
+        f"the streams of the truth must have the free parameters of the fit: for {name} they have {what}. Give both "
         "the same number, with --set or in the run file"
     )
 

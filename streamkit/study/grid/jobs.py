@@ -27,15 +27,15 @@ def run_jobs(
     Every job stands for itself, in any process: with several workers ``work`` and the jobs are pickled. ``done`` is
     called after each. Ctrl-C and SIGTERM end the work; an exception of ``work`` comes through.
     """
-    found: dict[Key, Result] = {}
+    results: dict[Key, Result] = {}
     stopped = ""
     try:
         with _terminable():
             if workers == 1:
                 for key, job in jobs.items():
-                    found[key] = work(job)
+                    results[key] = work(job)
                     done()
-                return found, ""
+                return results, ""
             executor = pool(workers)
             try:
                 left = {key: executor.submit(work, job) for key, job in jobs.items()}
@@ -43,7 +43,7 @@ def run_jobs(
                     executor.work(lambda: any(future.done() for future in left.values()), LOOK)
                     for key in [key for key, future in left.items() if future.done()]:
                         try:
-                            found[key] = left.pop(key).result()
+                            results[key] = left.pop(key).result()
                         except WorkerDied:  # which costs no other job
                             stopped = DIED
                         done()
@@ -51,7 +51,7 @@ def run_jobs(
                 executor.shutdown(cancel_futures=True)
     except KeyboardInterrupt:
         stopped = INTERRUPTED
-    return found, stopped
+    return results, stopped
 
 
 @contextmanager

@@ -46,10 +46,10 @@ class PriorDraws:
 def observe(model: Model, theta: Array) -> tuple[dict[str, Prediction], str]:
     """Return what is predicted of each stream at theta (d,), and the reason if something has no value."""
     try:
-        found = model.observe_all(model.spec.bind_all(theta))
+        observation = model.observe_all(model.spec.bind_all(theta))
     except OutOfDomain as error:
         return {}, error.reason
-    return found.predictions, "" if found.prediction is None else found.prediction.why_not
+    return observation.predictions, "" if observation.prediction is None else observation.prediction.why_not
 
 
 def try_prior_draws(spec: Spec, draws: int, progress: bool = False) -> PriorDraws:

@@ -122,11 +122,14 @@ def run_sensitivity(
         grids[name] = i, x, [(*fixed[:i], value, *fixed[i + 1 :]) for value in x.tolist()]
     places = [fixed, *(theta for _, _, thetas in grids.values() for theta in thetas)]
     jobs = {(theta, seed): (packed, seed, theta) for theta in places for seed in range(seeds)}  # the fixed one once
-    found, stopped = run_jobs(evaluate, jobs, workers, done)
+    evaluations, stopped = run_jobs(evaluate, jobs, workers, done)
     curves = []
     for name, (i, x, thetas) in grids.items():
-        if all((theta, seed) in found for theta in thetas for seed in range(seeds)):
-            unit, by_point = spec.units[i].replace(" ", ""), [[found[at, k] for k in range(seeds)] for at in thetas]
+        if all((theta, seed) in evaluations for theta in thetas for seed in range(seeds)):
+            unit, by_point = (
+                spec.units[i].replace(" ", ""),
+                [[evaluations[at, k] for k in range(seeds)] for at in thetas],
+            )
             curves.append(curve_of(name, unit, spec.priors[i], values[name], x, by_point))
     if not curves:
         raise StreamkitError(f"{spec.source}: {stopped} before the first parameter was finished")
@@ -152,11 +155,11 @@ def evaluate(job: tuple[bytes, int, tuple[float, ...]]) -> Evaluation:
 
 def _units(spec: Spec, names: Sequence[str]) -> tuple[str, ...]:
     """Return the units of the observables that are called as the run file's data are; '' for others."""
-    known: dict[str, str] = {}
+    units: dict[str, str] = {}
     for stream, parts in spec.sections.streams.items():
         for key, section in parts.observables.items():
             before = [part for part, unnamed in ((stream, ONLY), (key, UNNAMED)) if part != unnamed]
-            known |= {".".join([*before, n]): datum_unit(field) for n, field in section.cls.model_fields.items()}
+            units |= {".".join([*before, n]): datum_unit(field) for n, field in section.cls.model_fields.items()}
     for key, data in spec.sections.data.items():
-        known |= {f"data.{key}.{n}": datum_unit(field) for n, field in data.cls.model_fields.items()}
-    return tuple(known.get(name, "") for name in names)
+        units |= {f"data.{key}.{n}": datum_unit(field) for n, field in data.cls.model_fields.items()}
+    return tuple(units.get(name, "") for name in names)

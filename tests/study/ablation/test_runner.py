@@ -157,7 +157,7 @@ def test_an_interruption_keeps_what_is_finished(
     monkeypatch.setattr("streamkit.study.ablation.runner.make_stream", make)
     result = call("ablate", run_file, GRAVITY, *HERE, "-o", tmp_path / "out")
     assert result.exit_code == 130
-    assert "interrupted; the tables hold what was finished" in result.stderr
+    assert "interrupted; the tables hold the finished part" in result.stderr
     table = QTable.read(tmp_path / "out" / "ablation.ecsv")
     assert table["reason"].filled("").tolist() == ["", "interrupted"]
     assert table["length_leading"][0] > 0

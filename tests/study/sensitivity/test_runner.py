@@ -226,7 +226,7 @@ def test_an_interruption_keeps_the_parameters_that_are_finished(
     monkeypatch.setattr("streamkit.study.sensitivity.runner.evaluate", stopping)
     result = call("sensitivity", run_file, *HERE, *FEW, "-o", tmp_path / "out")
     assert result.exit_code == 130
-    assert "interrupted; the tables hold what was finished" in result.stderr
+    assert "interrupted; the tables hold the finished part" in result.stderr
     assert QTable.read(tmp_path / "out" / "slopes.ecsv")["parameter"].tolist() == ["potential.v0"]
     calls[:] = 6 * [None]
     message = refused("sensitivity", run_file, *HERE, *FEW, "-o", tmp_path / "none")
