@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -52,6 +52,8 @@ class Chain:
         The ensemble before the first step, if the journal holds it.
     checksum
         Of all samples.
+    torn
+        Bytes at the end of the journal that are a part of the step after the last: `Journal.torn`.
     """
 
     chain: Array
@@ -65,6 +67,7 @@ class Chain:
     journal: list[Step] = field(default_factory=list)
     start: Step | None = None
     checksum: str = ""
+    torn: int = 0
 
 
 def read_chain_file(path: Path) -> Chain:
@@ -72,15 +75,17 @@ def read_chain_file(path: Path) -> Chain:
 
     Raises ChainError if there is neither, if one is truncated or no chain, or if it was changed after it was written.
     """
-    steps = [step_of(record) for record in journal_of(path).read()]  # first: it may be cleared
+    journal = journal_of(path)
+    steps = [step_of(record) for record in journal.read()]  # first: it may be cleared
     if not path.exists() and not steps:
         raise ChainError(f"{path}: there is no chain file: the run did not get as far as its first step")
     try:
-        return _continued(read_own(path, partial(_read, path)), steps, path)
+        stored = read_own(path, partial(_read, path))
     except DamagedError as error:
-        if steps and steps[0].number <= 1:
-            return _continued(_nothing(steps[0]), steps, path)
-        raise damaged(path, str(error)) from None
+        if not steps or steps[0].number > 1:
+            raise damaged(path, str(error)) from None
+        stored = _nothing(steps[0])
+    return replace(_continued(stored, steps, path), torn=journal.torn)
 
 
 def _nothing(first: Step) -> Chain:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 from pathlib import Path
 from time import monotonic
@@ -47,6 +48,11 @@ class EvaluationCache:
             rows = zip(*(record[name] for name in ("points", "ln", "mean", "variance", "reason")), strict=True)
             for point, (lnp, lnl), mean, variance, reason in rows:
                 self._known[point.tobytes()] = Evaluation(float(lnp), float(lnl), mean, variance, str(reason))
+        if self._journal is not None and self._journal.torn:
+            logging.getLogger("streamkit").warning(
+                "%s: ends with a part of a record (%d bytes), which was being written when the run ended. The part is "
+                "dropped, and the run continues after %d calls.", path, self._journal.torn, len(self._known),
+            )  # fmt: skip
 
     def __len__(self) -> int:
         return len(self._known)
