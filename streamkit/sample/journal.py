@@ -85,6 +85,8 @@ class Journal:
         frame = b"" if end else MAGIC
         frame += len(body).to_bytes(LENGTH, "little") + _checksum(body) + body
         new = not self.path.exists()
+        if self.path.is_symlink():
+            raise ChainError(f"{self.path}: is a link to another file, into which nothing is written")
         if end and (new or self.path.stat().st_size < end):
             raise ChainError(f"{self.path}: was removed or cut by somebody else while it was written")
         with safely(self.path), self.path.open("xb" if new else "r+b", buffering=0) as file:

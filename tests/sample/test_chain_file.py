@@ -372,3 +372,15 @@ def test_a_journal_of_another_run_is_refused(tmp_path, monkeypatch):
     journal_of(two).path.replace(journal_of(one).path)
     with pytest.raises(sk.ChainError, match=r"does not continue one\.h5, of 30 steps"):
         ChainFile(str(one)).load()
+
+
+def test_nothing_is_written_through_a_link_in_place_of_a_journal(tmp_path):
+    (tmp_path / "mine").touch()
+    journal = Journal(tmp_path / "chain.journal")
+    for target in ("mine", "missing"):
+        journal.path.unlink(missing_ok=True)
+        journal.path.symlink_to(tmp_path / target)
+        with pytest.raises(sk.ChainError, match=r"chain\.journal: is a link"):
+            Journal(journal.path).append({"x": np.zeros(1)})
+    assert (tmp_path / "mine").read_bytes() == b""
+    assert not (tmp_path / "missing").exists()

@@ -66,11 +66,19 @@ def claim(
     if not going_on:
         for place, file in _all_copies(spec).items():
             with safely(directory / place):
-                (directory / place).parent.mkdir(parents=True, exist_ok=True)
+                _make_folder(directory, place.parent)
                 replace_whole(directory / place, partial(shutil.copyfile, file))
         with safely(directory / RUN_FILE):
             replace_whole(directory / RUN_FILE, lambda part: part.write_bytes(run_file))
     return going_on
+
+
+def _make_folder(directory: Path, folder: Path) -> None:
+    """Make a folder of copies; ChainError if it, or one above it, is a link that leads out of the directory."""
+    for each in [*reversed(folder.parents), folder]:
+        if each != Path() and (directory / each).is_symlink():
+            raise ChainError(f"{directory / each}: is a link to another folder, into which nothing is written")
+    (directory / folder).mkdir(parents=True, exist_ok=True)
 
 
 def _run_file_text(spec: Spec, options: dict[str, Any]) -> str:
@@ -91,9 +99,7 @@ def _plugin_copies(spec: Spec) -> dict[Path, Path]:
     """Return the plugin files, and the files that they import from beside them, by the places of their copies."""
     sources = [spec.folder / name for name in spec.document.get("plugins", [])]
     return {
-        PLUGIN_COPIES / file.relative_to(source.parent): file
-        for source in sources
-        for file in with_neighbours(source)
+        PLUGIN_COPIES / file.relative_to(source.parent): file for source in sources for file in with_neighbours(source)
     }
 
 
