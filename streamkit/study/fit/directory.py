@@ -147,8 +147,10 @@ def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
     _check_copies(directory, spec)
     if CALLS in files or SAMPLES in files:
         return True
-    found = read_chain(directory)
-    return len(found.chain) > 0 or found.start is not None
+    chain = read_chain(directory)
+    if chain.chain.shape[2] != len(spec.names):
+        raise ChainError(f"{directory}: the chain has {chain.chain.shape[2]} parameters, and the run {len(spec.names)}")
+    return len(chain.chain) > 0 or chain.start is not None
 
 
 def _differences(directory: Path, spec: Spec, about: dict[str, Any]) -> list[str]:

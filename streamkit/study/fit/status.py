@@ -115,4 +115,7 @@ def describe_status(directory: Path, known: dict[str, Any], now: float | None = 
 
 
 def _clock(when: float) -> str:
-    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(when))
+    try:
+        return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(when))
+    except (OverflowError, ValueError, OSError):  # a time that no clock shows: of a file that came from elsewhere
+        return "an unknown time"
