@@ -71,9 +71,14 @@ def expect_file(path: Path) -> None:
         raise OSError(errno.EINVAL, f"it is a {'directory' if path.is_dir() else 'device or pipe'}")
 
 
+def printable(text: str) -> str:
+    """Return a text without control characters, which a terminal would obey: a ``?`` in the place of each."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
+
+
 def brief(error: BaseException) -> str:
     """Return the message of a library's exception as one short line; some of them quote the whole file."""
-    return " ".join(str(error).split())[:200] or type(error).__name__
+    return printable(" ".join(str(error).split()))[:200] or type(error).__name__
 
 
 @contextmanager

@@ -21,4 +21,5 @@ def cite(path: Path, trust: bool) -> None:
     It is exactly what the run file, or the run in DIR, uses: the components, the sampler, the packages that do the
     work. The sources of your data are yours to add.
     """
-    click.echo(report.cited(sk.load(fit.run_file(path, trust) if path.is_dir() else path)), nl=False)
+    spec = fit.load_spec(path, trust=trust) if path.is_dir() else sk.load(path)
+    click.echo(report.cited(spec), nl=False)

@@ -19,7 +19,7 @@ import click
 from streamkit import components
 from streamkit.cli.options import INTERRUPTED, INVALID
 from streamkit.cli.process import keep_streams, leave
-from streamkit.errors import PluginError, StreamkitError, nearest
+from streamkit.errors import PluginError, StreamkitError, nearest, printable
 
 GROUP = "streamkit.commands"
 
@@ -119,7 +119,8 @@ def _points() -> list[EntryPoint]:
 
 def _failed(message: str, status: int) -> int:
     with suppress(OSError, ValueError):  # nobody reads it any more: the status tells as well
-        click.echo(f"streamkit: {message}", err=True)
+        lines = [printable(line) for line in message.split("\n")]  # it may quote a file that came from elsewhere
+        click.echo("streamkit: " + "\n".join(lines), err=True)
     return status
 
 

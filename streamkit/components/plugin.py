@@ -235,6 +235,7 @@ def _module_name(path: Path, digest: str) -> str:
 def is_loaded(path: Path) -> bool:
     """Say whether a plugin file with this name and content was imported by this process already."""
     try:
+        expect_file(path)
         return _module_name(path, _digest(with_neighbours(path))) in sys.modules
     except (OSError, ValueError):
         return False

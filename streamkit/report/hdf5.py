@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 import h5py
 
-from streamkit.errors import StreamkitError, brief
+from streamkit.errors import StreamkitError, brief, expect_file
 
 T = TypeVar("T")
 # Bytes in front of the HDF5 in a file with a checksum: a user block, which HDF5 and all that read it pass over.
@@ -46,6 +46,7 @@ def verified(path: Path) -> bytes:
 
     Raises DamagedError if the checksum differs, OSError if it cannot be read.
     """
+    expect_file(path)
     content = path.read_bytes()
     if content[: len(SIGNATURE)] != SIGNATURE and content[:BLOCK] != _block(content[BLOCK:]):
         raise DamagedError("its checksum is not the one it was written with")

@@ -25,7 +25,7 @@ from streamkit.components import Potential
 from streamkit.errors import OutOfDomain
 from streamkit.fields import DataFile, Files, Table, array_of
 from streamkit.runfile.priors import PRIORS, Prior, PriorTable, parse, quantity
-from streamkit.runfile.sentences import sentence, should
+from streamkit.runfile.sentences import alternatives_joined, sentence, should
 from streamkit.units import Unit, unit_of
 
 M = TypeVar("M", bound=BaseModel)
@@ -151,7 +151,7 @@ def read_section(
     try:
         read = section_model(cls).model_validate(plain, context=files)
     except ValidationError as error:
-        errors.extend(sentence(path, cls, item, called, more) for item in error.errors())
+        errors.extend(sentence(path, cls, item, called, more) for item in alternatives_joined(cls, error.errors()))
         return None
     values = ((name, getattr(read, name)) for name in table)
     priors = {name: value for name, value in values if isinstance(value, Prior)}
@@ -164,7 +164,7 @@ def read_section(
         centre = cls.model_validate(trial)
     except ValidationError as error:
         new = (item for item in error.errors() if item["loc"][:1] not in {(name,) for name in outside})
-        errors.extend(sentence(path, cls, item, called) for item in new)
+        errors.extend(sentence(path, cls, item, called) for item in alternatives_joined(cls, new))
         return None
     given = {  # numbers as read, so that build() does not parse text again
         name: trial[name] if unit_of(cls.model_fields[name]) is None else getattr(centre, name)

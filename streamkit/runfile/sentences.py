@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin
 
 from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 
 from streamkit.errors import nearest
 from streamkit.fields import array_of, columns_of
@@ -16,6 +18,31 @@ def should(message: str) -> str:
     """Turn a message of pydantic into the end of a sentence: ``should be greater than 0``."""
     message = message.removeprefix("Value error, ").removeprefix("Assertion failed, ")
     return message.replace("Input should", "should", 1).replace("a valid tuple", "a list")
+
+
+def alternatives_joined(cls: type[BaseModel], items: Iterable[Any]) -> list[Any]:
+    """Return pydantic's errors with one for a field that may have several types.
+
+    Pydantic gives an error for each of the types, at a path that ends with its own name of the type.
+    """
+    single, joined = [], dict[Any, Any]()
+    for item in items:
+        loc = item["loc"]
+        field = cls.model_fields.get(str(loc[0])) if loc else None
+        if field is None or len(loc) == 1 or not isinstance(loc[1], str) or not _has_several_types(field):
+            single.append(item)
+            continue
+        place = (loc[0], *loc[2:])
+        if before := joined.get(place):
+            before["msg"] += f", or {item['msg'].removeprefix('Input should be ')}"
+        else:
+            joined[place] = {**item, "loc": place}
+    return [*single, *joined.values()]
+
+
+def _has_several_types(field: FieldInfo) -> bool:
+    types = get_args(field.annotation) if get_origin(field.annotation) in (Union, UnionType) else ()
+    return len([each for each in types if each is not NoneType]) > 1
 
 
 def sentence(path: str, cls: type[BaseModel], item: Any, called: str, more: tuple[str, ...] = ()) -> str:

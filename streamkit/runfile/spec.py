@@ -267,17 +267,19 @@ class Spec:
         used = [s for s in self.sections.all if issubclass(s.cls, Component) and not is_silent(s.cls)]
         return [(section.path, section.cls, self.registry.supplier(section.cls)) for section in used]
 
-    def digest(self) -> str:
+    def digest(self, suppliers: Mapping[str, str] | None = None) -> str:
         """Return the SHA-256 of all that determines a run: the document without limits and engine, and the suppliers.
 
-        Data files count by their contents.
+        Data files count by their contents. Components at the paths in ``suppliers`` count as supplied by these: so a
+        later version finds the digest that an earlier one noted.
         """
         document = self.with_files_at({name: f"sha256:{digest}" for name, digest in self.files.items()})
         physics = {k: v for k, v in document.items() if k not in ("plugins", "engine")}
         physics["potential"] = {k: v for k, v in physics["potential"].items() if k != "preset"}  # all numbers are there
         physics["sampler"] = {k: v for k, v in physics["sampler"].items() if k not in self.sampler.loose()}
-        suppliers = [[path, cls.kind, supplier] for path, cls, supplier in self.components()]
-        text = json.dumps([physics, self.names, suppliers], sort_keys=True)
+        noted = suppliers or {}
+        components = [[path, cls.kind, noted.get(path, supplier)] for path, cls, supplier in self.components()]
+        text = json.dumps([physics, self.names, components], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
     def with_files_at(self, places: Mapping[str, str]) -> dict[str, Any]:

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import h5py
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
 
 from streamkit.errors import ChainError
 from streamkit.report import DamagedError, read_own
 from streamkit.sample.journal import journal_of
-from streamkit.sample.step import Step, extend_checksum, step_of
+from streamkit.sample.step import MOST, Count, Counts, Step, check_array, check_random_state, extend_checksum, step_of
 from streamkit.stream import Array
 
 CHAIN = "chain.h5"
@@ -52,6 +53,8 @@ class Chain:
         The ensemble before the first step, if the journal holds it.
     checksum
         Of all samples.
+    torn
+        Bytes at the end of the journal that are a part of the step after the last: `Journal.torn`.
     """
 
     chain: Array
@@ -65,6 +68,7 @@ class Chain:
     journal: list[Step] = field(default_factory=list)
     start: Step | None = None
     checksum: str = ""
+    torn: int = 0
 
 
 def read_chain_file(path: Path) -> Chain:
@@ -72,15 +76,17 @@ def read_chain_file(path: Path) -> Chain:
 
     Raises ChainError if there is neither, if one is truncated or no chain, or if it was changed after it was written.
     """
-    steps = [step_of(record) for record in journal_of(path).read()]  # first: it may be cleared
+    journal = journal_of(path)
+    steps = [step_of(record) for record in journal.read()]  # first: it may be cleared
     if not path.exists() and not steps:
         raise ChainError(f"{path}: there is no chain file: the run did not get as far as its first step")
     try:
-        return _continued(read_own(path, partial(_read, path)), steps, path)
+        stored = read_own(path, partial(_read, path))
     except DamagedError as error:
-        if steps and steps[0].number <= 1:
-            return _continued(_nothing(steps[0]), steps, path)
-        raise damaged(path, str(error)) from None
+        if not steps or steps[0].number > 1:
+            raise damaged(path, str(error)) from None
+        stored = _nothing(steps[0])
+    return replace(_continued(stored, steps, path), torn=journal.torn)
 
 
 def _nothing(first: Step) -> Chain:
@@ -101,6 +107,7 @@ def _continued(stored: Chain, steps: list[Step], path: Path) -> Chain:
     for step in steps:
         if step.number <= done:
             continue
+        _check_form(stored, step, path)
         checksum = extend_checksum(checksum, step.coords, step.log_prob, step.blobs)
         if step.number != done + len(tail) + 1 or step.checksum != checksum:
             raise ChainError(
@@ -134,6 +141,34 @@ def _continued(stored: Chain, steps: list[Step], path: Path) -> Chain:
     )
 
 
+def _check_form(stored: Chain, step: Step, path: Path) -> None:
+    """Check that a step has the walkers, parameters and records of the chain that it continues."""
+    same = step.coords.shape == stored.chain.shape[1:] and (step.blobs is None) == (stored.blobs is None)
+    if same and step.blobs is not None:
+        same = step.blobs.dtype == stored.blobs.dtype
+    if same and step.tried is not None and stored.tried is not None:
+        same = step.tried.shape == stored.tried.shape[1:]
+    if not same:
+        raise ChainError(
+            f"{journal_of(path).path}: does not continue {path.name}: step {step.number} has other walkers, parameters "
+            f"or records. {RESTORE}"
+        )
+
+
+class _Attributes(BaseModel):
+    """The attributes of a chain file that are used; others are left alone."""
+
+    model_config = ConfigDict(strict=True)
+
+    digest: str = ""
+    checksum: str = ""
+    quick: bool = False
+    status: Literal["converged", "few", "steps", "time", "unfinished"] = "unfinished"
+    since: float = Field(default=0.0, ge=0, le=MOST)
+    first: Count = 0
+    counts: Counts = Counts()
+
+
 def _read(path: Path, file: h5py.File) -> Chain:
     """Read the chain file alone."""
     for name in (GROUP, *(f"{GROUP}/{item}" for item in DATA), TRIED, REPLICAS):
@@ -145,10 +180,14 @@ def _read(path: Path, file: h5py.File) -> Chain:
     blobs = group["blobs"][:steps] if "blobs" in group else None
     if len(chain) != steps or len(log_prob) != steps:
         raise ValueError(f"{steps} steps announced, {len(chain)} found")
-    if not isinstance(attributes.get("counts", {}), dict):
-        raise ValueError("its counts are none")
+    about = _Attributes.model_validate(attributes)
+    if "counts" in attributes:
+        attributes["counts"] = about.counts.model_dump()
     random = [value for key, value in sorted(group.attrs.items()) if key.startswith("random_state_")]
     tried, replicas = (file[name][...] if name in file else None for name in (TRIED, REPLICAS))
+    _check_shapes(chain, log_prob, accepted, blobs, tried, replicas)
+    if random:
+        check_random_state(tuple(random))
     if not (np.isfinite(chain).all() and np.isfinite(log_prob).all()):
         raise damaged(path, "it holds samples that are no numbers")
     checksum = attributes.get("digest", "")
@@ -158,6 +197,22 @@ def _read(path: Path, file: h5py.File) -> Chain:
         raise damaged(path, "its samples have another checksum")
     return Chain(chain, log_prob, blobs, accepted, attributes, tuple(random) or None, tried, replicas,
                  checksum=checksum)  # fmt: skip
+
+
+def _check_shapes(
+    chain: Array, log_prob: Array, accepted: Array, blobs: Any, tried: Array | None, replicas: Array | None
+) -> None:
+    """Check the arrays of a chain file against each other; ValueError if one has another shape, or holds no numbers."""
+    steps, walkers, d = chain.shape
+    check_array("chain", chain, (steps, walkers, d), finite=False)  # what is no number is named by its path
+    check_array("log_prob", log_prob, (steps, walkers), finite=False)
+    check_array("accepted", accepted, (walkers,))
+    if blobs is not None and (blobs.shape != (steps, walkers) or blobs.dtype.names is None):
+        raise ValueError("blobs holds no record for each sample")
+    if tried is not None:
+        check_array("trials", tried, (len(tried), walkers, *tried.shape[2:3]), finite=False)
+    if replicas is not None:
+        check_array("replicas", replicas, (len(replicas), d))
 
 
 def damaged(path: Path, what: str) -> ChainError:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import logging
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -85,7 +86,10 @@ class ChainFile(Backend):  # type: ignore[misc]  # emcee has no types
         self.start = step
 
     def load(self) -> None:
-        """Take up a chain where it ended. ChainError if it cannot be read, or was changed."""
+        """Continue a chain where it ended. ChainError if it cannot be read, or was changed.
+
+        A warning in the log says if a step is lost that was just being written.
+        """
         found = read_chain_file(self._path)
         self._attributes = found.attributes | self._attributes
         counts = self._attributes.pop("counts", {})
@@ -94,6 +98,12 @@ class ChainFile(Backend):  # type: ignore[misc]  # emcee has no types
         self.start, self._tail, self._replicas = found.start, found.journal, found.replicas
         self._tried = [] if found.tried is None else list(found.tried[: self.iteration])
         self._checksum, self._counts = found.checksum, counts
+        if found.torn:
+            logging.getLogger("streamkit").warning(
+                "%s: ends with a part of step %d (%d bytes), which was being written when the run ended. The part is "
+                "dropped, and the run continues after step %d.",
+                self._journal.path, self.iteration + 1, found.torn, self.iteration,
+            )  # fmt: skip
 
     @property
     def _digest(self) -> str:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 from time import monotonic
 
 import numpy as np
 
-from streamkit.errors import ChainError
+from streamkit.errors import ChainError, brief, printable
 from streamkit.sample.journal import Journal
 from streamkit.sample.posterior import Evaluation
+from streamkit.sample.step import check_array
 from streamkit.sample.workers import Stopped, Workers
 from streamkit.stream import Array
 
@@ -42,13 +45,20 @@ class EvaluationCache:
         self._written = monotonic()
         self._journal = None if path is None else Journal(path)
         for record in self._journal.read() if self._journal is not None else ():
-            if str(record["digest"]) != digest:
+            if str(record.get("digest")) != digest:
                 raise ChainError(f"{path}: holds the calls of another run. Nothing was changed.")
-            rows = zip(*(record[name] for name in ("points", "ln", "mean", "variance", "reason")), strict=True)
-            for point, (lnp, lnl), mean, variance, reason in rows:
-                self._known[point.tobytes()] = Evaluation(float(lnp), float(lnl), mean, variance, str(reason))
+            try:
+                self._known |= _evaluations_of(record)
+            except (KeyError, ValueError, TypeError) as error:
+                raise ChainError(f"{path}: holds a record that is none of calls ({brief(error)})") from None
+        if self._journal is not None and self._journal.torn:
+            logging.getLogger("streamkit").warning(
+                "%s: ends with a part of a record (%d bytes), which was being written when the run ended. The part is "
+                "dropped, and the run continues after %d calls.", path, self._journal.torn, len(self._known),
+            )  # fmt: skip
 
     def __len__(self) -> int:
+        """The number of points."""
         return len(self._known)
 
     @property
@@ -88,3 +98,20 @@ class EvaluationCache:
                 }
             )
         self._new, self._written = [], monotonic()
+
+
+def _evaluations_of(record: Mapping[str, Array]) -> dict[bytes, Evaluation]:
+    """Return the evaluations of a record by the bytes of their points; ValueError, TypeError or KeyError if none."""
+    points, ln, mean, variance, reason = (record[name] for name in ("points", "ln", "mean", "variance", "reason"))
+    n, d = points.shape
+    check_array("points", points, (n, d))
+    check_array("ln", ln, (n, 2), finite=False)
+    check_array("mean", mean, (n, *mean.shape[1:2]), finite=False)
+    check_array("variance", variance, mean.shape, finite=False)
+    if reason.shape != (n,) or reason.dtype.kind != "U":
+        raise ValueError("reason holds no text for each point")
+    texts = [printable(text) for text in reason.tolist()]
+    return {
+        point.tobytes(): Evaluation(float(lnp), float(lnl), *rest)
+        for point, (lnp, lnl), *rest in zip(points, ln, mean, variance, texts, strict=True)
+    }

@@ -9,7 +9,7 @@ import pytest
 from astropy.table import QTable
 from commands import RUN, call, refused
 
-from streamkit.study.fit.directory import MANIFEST
+from streamkit.study.fit.manifest import MANIFEST
 from streamkit.study.fit.runner import Interrupted
 
 

@@ -204,6 +204,50 @@ def test_a_damaged_journal_is_told_from_one_that_was_cut(tmp_path):
         Journal(journal.path).read()
 
 
+def test_a_flipped_bit_anywhere_in_a_journal_drops_at_most_its_last_record(tmp_path):
+    """Lengths, checksums and bodies of all records: each bit of the heads, and some of the bodies."""
+    journal = Journal(tmp_path / "chain.journal")
+    ends = [0]
+    for number in range(5):
+        journal.append({"x": np.full(3, float(number))})
+        ends.append(journal.path.stat().st_size)
+    data = journal.path.read_bytes()
+    begins = [20, *ends[1:-1]]
+    heads = [8 * (begin + byte) + bit for begin in begins for byte in range(24) for bit in range(8)]
+    for place in [*heads, *range(160, 8 * len(data), 61)]:
+        damaged = bytearray(data)
+        damaged[place // 8] ^= 1 << place % 8
+        journal.path.write_bytes(damaged)
+        mine = Journal(journal.path)
+        if place // 8 < begins[-1]:
+            with pytest.raises(sk.ChainError, match="is damaged at byte"):
+                mine.read()
+            continue
+        try:
+            found = mine.read()
+        except sk.ChainError:
+            continue  # its length was shown to be wrong
+        assert [record["x"][0] for record in found] == [0.0, 1.0, 2.0, 3.0]
+        assert mine.torn == ends[-1] - ends[-2]
+
+
+def test_a_resumed_run_says_which_step_was_torn(tmp_path, whole, caplog):
+    path = tmp_path / "chain.h5"
+    file = ChainFile(str(path))
+    file.consolidate = lambda: None  # as if it had been killed
+    banana_run(file, Limits(20, tau_factor=1e9), "surrogate")
+    assert not caplog.text
+    journal = journal_of(path).path
+    journal.write_bytes(journal.read_bytes()[:-30])
+    resumed = ChainFile(str(path))
+    resumed.load()
+    assert resumed.iteration == 19
+    assert "chain.journal: ends with a part of step 20 (" in caplog.text
+    assert "the run continues after step 19." in caplog.text
+    go_on(path)
+    same(read_chain_file(path), whole)
+
+
 def test_a_chain_file_that_cannot_be_read_is_rebuilt_as_long_as_the_journal_holds_all(tmp_path, whole, monkeypatch):
     path = tmp_path / "chain.h5"
     file = ChainFile(str(path))
@@ -328,3 +372,15 @@ def test_a_journal_of_another_run_is_refused(tmp_path, monkeypatch):
     journal_of(two).path.replace(journal_of(one).path)
     with pytest.raises(sk.ChainError, match=r"does not continue one\.h5, of 30 steps"):
         ChainFile(str(one)).load()
+
+
+def test_nothing_is_written_through_a_link_in_place_of_a_journal(tmp_path):
+    (tmp_path / "mine").touch()
+    journal = Journal(tmp_path / "chain.journal")
+    for target in ("mine", "missing"):
+        journal.path.unlink(missing_ok=True)
+        journal.path.symlink_to(tmp_path / target)
+        with pytest.raises(sk.ChainError, match=r"chain\.journal: is a link"):
+            Journal(journal.path).append({"x": np.zeros(1)})
+    assert (tmp_path / "mine").read_bytes() == b""
+    assert not (tmp_path / "missing").exists()

@@ -15,9 +15,10 @@ from matplotlib.figure import Figure
 from streamkit.observe import frame_of
 from streamkit.report import cited, number
 from streamkit.study.fit.diagnostics import contraction, predictive, prior_fractions
-from streamkit.study.fit.directory import manifest, stream_pictures
+from streamkit.study.fit.directory import stream_pictures
 from streamkit.study.fit.figures import reach, remark
 from streamkit.study.fit.literature import DENSITY, POTENTIAL, beside_literature
+from streamkit.study.fit.manifest import manifest
 from streamkit.study.fit.page_figures import rank_plots
 from streamkit.study.fit.results import Results, evidence_text
 from streamkit.study.fit.verdicts import LEVELS, overall, verdicts

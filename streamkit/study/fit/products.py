@@ -15,10 +15,12 @@ from streamkit.report import draw_stream, save, save_pictures, save_table
 from streamkit.runfile import Spec, is_silent
 from streamkit.sample import CALLS, CHAIN, SAMPLES
 from streamkit.study.fit.diagnostics import predicted_intervals, predictions_table, predictive
-from streamkit.study.fit.directory import LITERATURE, MANIFEST, RECOVERY, RUN_FILE, stream_pictures
+from streamkit.study.fit.directory import LITERATURE, RECOVERY, stream_pictures
 from streamkit.study.fit.figures import corner, mass_profile, radii, remark, rotation_curve, traces
 from streamkit.study.fit.flattening_figure import flattening, is_sphere
+from streamkit.study.fit.integrity import RUN_FILE
 from streamkit.study.fit.literature import read_literature
+from streamkit.study.fit.manifest import MANIFEST
 from streamkit.study.fit.page import PAGE, page_text
 from streamkit.study.fit.page import RADII as PAGE_RADII
 from streamkit.study.fit.predictive_figure import predictions

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from streamkit.components import IN_PYTHON, Component
-from streamkit.errors import ChainError, SpecError, nearest
+from streamkit.components import Component
+from streamkit.errors import ChainError, nearest
 from streamkit.model import Host, Observation
-from streamkit.runfile import Spec, load
+from streamkit.runfile import Spec
 from streamkit.sample import (
     Chain,
     Convergence,
@@ -28,7 +28,8 @@ from streamkit.sample import (
 )
 from streamkit.stream import Array, IntArray, Prediction, Stream
 from streamkit.study.fit.conversion import arviz_tree, sample_frame
-from streamkit.study.fit.directory import check_data, manifest, read_chain, read_samples, run_file
+from streamkit.study.fit.integrity import load_spec, read_chain, read_samples
+from streamkit.study.fit.manifest import manifest
 from streamkit.study.fit.tables import diagnostics_table, profile_table, summary_table
 
 if TYPE_CHECKING:
@@ -94,15 +95,7 @@ class Results:
         counts = found.attributes.get("counts", {})
         quick = bool(options.get("quick", False))
         status = str(found.attributes.get("status", "unfinished"))
-        try:
-            spec = load(run_file(where, trust), components=components)
-        except SpecError as error:
-            lost = sorted(text for text in manifest(where).get("components", {}).values() if IN_PYTHON in text)
-            if not lost or components:
-                raise
-            told = f"{where}: the run had components given in Python ({'; '.join(lost)})"
-            raise ChainError(f"{told}: read it in Python, with Results(directory, components=[...])") from error
-        check_data(where, spec)
+        spec = load_spec(where, components, trust)
         self._fill(spec, found, counts, status, quick, weighted)
         self.directory: Path | None = where
 

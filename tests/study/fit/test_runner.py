@@ -19,7 +19,8 @@ from toys import FIT
 import streamkit as sk
 from streamkit.report import locked
 from streamkit.sample import CHAIN, ChainFile, read_chain_file
-from streamkit.study.fit.directory import MANIFEST, RUN_FILE
+from streamkit.study.fit.integrity import RUN_FILE
+from streamkit.study.fit.manifest import MANIFEST
 from streamkit.study.fit.runner import cheap_spec
 
 SCRIPT = """
