@@ -11,7 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from streamkit.components import GIVEN, Component, is_loaded
+from streamkit.components import IN_PYTHON, Component, is_loaded
 from streamkit.errors import ChainError, SpecError, expect_file
 from streamkit.runfile import Spec, load
 from streamkit.sample import CALLS, CHAIN, SAMPLES, Chain, Weighted, read_chain_file, read_weighted
@@ -64,7 +64,7 @@ def load_spec(directory: Path, components: Iterable[type[Component]] = (), trust
     try:
         spec = load(path, components=components)
     except SpecError as error:
-        lost = sorted(text for text in about["components"].values() if GIVEN in text)
+        lost = sorted(text for text in about["components"].values() if IN_PYTHON in text)
         if lost and not components:
             told = f"{directory}: the run had components given in Python ({'; '.join(lost)})"
             raise ChainError(f"{told}: read it in Python, with Results(directory, components=[...])") from error
