@@ -1,4 +1,4 @@
-"""One step of the ensemble: all that a run needs to go on from it, and the checksum of the chain up to it."""
+"""One step of a chain as it is stored: all that the next step depends on, and the checksum of the chain up to it."""
 
 from __future__ import annotations
 
@@ -8,33 +8,32 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import emcee
 import numpy as np
 
 from streamkit.errors import ChainError
 from streamkit.stream import Array
 
+MEMORY, HISTORY = "memory", "history"  # groups of arrays in a record, and in the chain file
+# Arrays that runs of version 0.1.0 stored under keys of their own: name here, and key there.
+FORMER = {MEMORY: ("replicas", "replicas"), HISTORY: ("trials", "tried")}
+
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """The ensemble after a step, or before the first.
+    """The ensemble after a step, or before the first, as it is stored.
 
     Attributes
     ----------
     number
         Steps taken, this one included.
     coords, log_prob, blobs
-        (walkers, d), (walkers,), and (walkers,) records of `streamkit.posterior.blob_dtype`.
+        (walkers, d), (walkers,), and (walkers,) records of `streamkit.sample.blob_dtype`.
     accepted
         (walkers,) whether the step moved each walker.
-    random_state
-        That of the generator after the step, as `numpy.random.RandomState.get_state` gives it.
+    random_state, memory, history
+        As those of `streamkit.Ensemble`.
     counts
-        Calls and rejections up to the end of the step.
-    tried
-        (walkers, k) what the moves learn from in this step, or None.
-    replicas
-        (k, d) the replicas of the surrogate after the step, or None.
+        Calls and rejections up to the end of the step, and the sampler's facts.
     checksum
         That of all samples up to this step: `extend_checksum`.
     digest
@@ -46,60 +45,62 @@ class Step:
     log_prob: Array
     blobs: Any
     accepted: Array
-    random_state: tuple[Any, ...]
+    random_state: Any
     counts: Mapping[str, Any] = field(default_factory=dict)
-    tried: Array | None = None
-    replicas: Array | None = None
+    memory: Mapping[str, Array] = field(default_factory=dict)
+    history: Mapping[str, Array] = field(default_factory=dict)
     checksum: str = ""
     digest: str = ""
 
-    @property
-    def state(self) -> emcee.State:
-        """The ensemble as emcee has it."""
-        return emcee.State(
-            self.coords, log_prob=self.log_prob, blobs=self.blobs, random_state=self.random_state, copy=True
-        )
-
-    def record(self) -> dict[str, Array]:
-        """Return the step as arrays."""
-        kind, keys, *rest = self.random_state
-        about = {
+    def record(self) -> dict[str, Any]:
+        """Return the step as a record of a journal."""
+        about: dict[str, Any] = {
             "number": self.number,
             "counts": dict(self.counts),
-            "random": [kind, *(value.item() if isinstance(value, np.generic) else value for value in rest)],
             "checksum": self.checksum,
             "digest": self.digest,
         }
-        arrays = {"tried": self.tried, "replicas": self.replicas, "blobs": self.blobs}
-        return {
-            "about": np.frombuffer(json.dumps(about).encode(), dtype=np.uint8),
-            "coords": self.coords,
-            "log_prob": self.log_prob,
-            "accepted": self.accepted,
-            "keys": keys,
-        } | {name: value for name, value in arrays.items() if value is not None}
+        arrays = {"coords": self.coords, "log_prob": self.log_prob, "accepted": self.accepted, "blobs": self.blobs}
+        if isinstance(self.random_state, Mapping):
+            about["random"] = self.random_state
+        else:
+            kind, arrays["keys"], *rest = self.random_state
+            about["random"] = [kind, *(value.item() if isinstance(value, np.generic) else value for value in rest)]
+        for kept, values in ((MEMORY, self.memory), (HISTORY, self.history)):
+            arrays |= {f"{kept}/{name}": value for name, value in values.items()}
+        return arrays | {"about": np.frombuffer(json.dumps(about, default=np.ndarray.tolist).encode(), dtype=np.uint8)}
 
 
 def step_of(record: Mapping[str, Any]) -> Step:
     """Return the step of a record; ChainError if it is none."""
     try:
         about = json.loads(record["about"].tobytes())
-        kind, *rest = about["random"]
+        random = about["random"]
+        if not isinstance(random, dict):
+            kind, *rest = random
+            random = (kind, record["keys"], *rest)
         return Step(
             about["number"],
             record["coords"],
             record["log_prob"],
-            record.get("blobs"),
+            record["blobs"],
             record["accepted"],
-            (kind, record["keys"], *rest),
+            random,
             about["counts"],
-            record.get("tried"),
-            record.get("replicas"),
+            _named(record, MEMORY),
+            _named(record, HISTORY),
             about["checksum"],
             about["digest"],
         )
     except (KeyError, ValueError, TypeError) as error:
         raise ChainError(f"a record of the journal is no step of a chain ({error})") from None
+
+
+def _named(record: Mapping[str, Any], kept: str) -> dict[str, Array]:
+    """Return the arrays of a record that are memory, or history, by name."""
+    arrays = {name.partition("/")[2]: value for name, value in record.items() if name.startswith(f"{kept}/")}
+    name, key = FORMER[kept]
+    return arrays | ({name: record[key]} if key in record else {})
 
 
 def checksum_of(*parts: Any) -> str:

@@ -32,7 +32,7 @@ from posteriors import TOYS, Toy
 
 import streamkit as sk
 from streamkit.cli.options import read_settings
-from streamkit.observe import Data
+from streamkit.stream import Data
 from streamkit.sample import (
     Convergence,
     EvaluationCache,

@@ -9,7 +9,7 @@ from emcee.backends import Backend
 from scipy import stats
 from toys import Banana, Heavy, Many, banana_run
 
-from streamkit.observe import Data
+from streamkit.stream import Data
 from streamkit.runfile import LogUniform, Normal, TruncatedNormal, Uniform
 from streamkit.sample import ChainFile, Limits, Workers, autocorrelation_times, ensemble, moves
 from streamkit.sample.coordinates import Space

@@ -10,7 +10,8 @@ from toys import FIT
 
 import streamkit as sk
 from streamkit.components import load_registry
-from streamkit.observe import Data, gaussian, join_data, read_data
+from streamkit.stream import Data
+from streamkit.observe import gaussian, join_data, read_data
 from streamkit.sample import Posterior
 from streamkit.sample.posterior import OUTSIDE
 

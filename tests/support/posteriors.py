@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from streamkit.observe import Data
+from streamkit.stream import Data
 from streamkit.runfile import Uniform
 from streamkit.sample import Evaluation
 

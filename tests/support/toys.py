@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from streamkit.observe import Data
+from streamkit.stream import Data
 from streamkit.runfile import Uniform
 from streamkit.sample import Evaluation, Sampling, Workers, blob_dtype
 

@@ -18,7 +18,7 @@ from scipy.stats import norm
 import streamkit as sk
 from streamkit.cli.sensitivity import apart
 from streamkit.errors import ComponentError
-from streamkit.observe import Data
+from streamkit.stream import Data
 from streamkit.runfile import LogUniform, Normal, Prior, TruncatedNormal, Uniform
 from streamkit.sample import Evaluation, Posterior
 from streamkit.stream import Array
