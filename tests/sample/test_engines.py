@@ -21,7 +21,7 @@ from toys import FIT, Gaussian, Slow, sampling
 import streamkit as sk
 from streamkit.errors import blamed
 from streamkit.runfile import Engine
-from streamkit.sample import CallTimeout, Limits, Workers, engine, overtime, workers
+from streamkit.sample import CallTimeout, Limits, Workers, engine, timeout, workers
 from streamkit.sample.timeout import NO_ANSWER, call_with_timeout
 from streamkit.sample.workers import OVERTIME
 from streamkit.study.fit import read_status, runner
@@ -157,7 +157,7 @@ def test_the_first_call_ends_too(monkeypatch):
 
 
 def test_no_component_keeps_a_call_from_its_end(monkeypatch):
-    monkeypatch.setattr(overtime, "AGAIN", 0.05)
+    monkeypatch.setattr(timeout, "AGAIN", 0.05)
 
     def stubborn(tries):
         for _ in range(tries):

@@ -5,7 +5,6 @@ import pytest
 from scipy.stats import chi2
 
 from streamkit.runfile import LogUniform, Normal, Uniform
-from streamkit.study.fit import evidence
 from streamkit.study.fit import verdicts as rules
 from streamkit.study.fit.diagnostics import Predictive, chance, contraction, drift, prior_fractions, rank_scores, ranks
 from streamkit.study.fit.verdicts import DO_NOT, FINE, LOOK
@@ -168,4 +167,4 @@ def test_the_worst_decides():
 
 
 def test_a_short_chain_has_no_drift():
-    assert np.isnan(evidence.drift(independent(steps=5), np.ones(2))).all()
+    assert np.isnan(drift(independent(steps=5), np.ones(2))).all()
