@@ -10,10 +10,10 @@ from toys import FIT
 
 import streamkit as sk
 from streamkit.components import load_registry
-from streamkit.stream import Data
 from streamkit.observe import gaussian, join_data, read_data
 from streamkit.sample import Posterior
 from streamkit.sample.posterior import OUTSIDE
+from streamkit.stream import Data
 
 MOCKER = '''
 from typing import Any, ClassVar
