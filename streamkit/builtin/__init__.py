@@ -13,12 +13,12 @@ from streamkit.builtin import (
     milky_way,
     multipole,
     potentials,
-    samplers,
     spherical_table,
     spheroids,
     stripping,
     track,
 )
+from streamkit.builtin.ensemble import sampler
 
 STREAMKIT_CONTRACT = CONTRACT
 
@@ -56,7 +56,7 @@ def streamkit_components() -> list[type[Component] | Preset]:
         integrators.Reference,
         apocentres.Apocentres,
         track.Track,
-        samplers.Emcee,
+        sampler.Emcee,
         host_data.RotationCurve,
         host_data.CircularVelocity,
         host_data.EnclosedMass,

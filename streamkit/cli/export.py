@@ -28,7 +28,7 @@ def export(directory: Path, output: Path, trust: bool, force: bool) -> None:
     if output.suffix == ".txt":
         for suffix in (".paramnames", ".ranges"):
             report.check_target(output.with_suffix(suffix), (suffix,), "--output", force)
-    results = fit.Results(directory, trust=trust)
+    results = fit.load_results(directory, trust=trust)
     for path in fit.write_samples(results, output):
         click.echo(f"samples: {path}")
     click.echo(results.note())

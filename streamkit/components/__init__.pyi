@@ -18,6 +18,10 @@ from .registry import Registry as Registry
 from .registry import load_registry as load_registry
 from .registry import switched_off as switched_off
 from .registry import where_to_find as where_to_find
+from .sampler import ChainSampler as ChainSampler
+from .sampler import Ensemble as Ensemble
+from .sampler import Evaluations as Evaluations
+from .sampler import PriorDensity as PriorDensity
 from .sampler import Sampler as Sampler
 from .sampler import Samples as Samples
 from .sampler import Target as Target
@@ -27,3 +31,9 @@ from .total import add_up as add_up
 from .total import circular_speed as circular_speed
 from .total import sphere as sphere
 from .total import total_mass as total_mass
+from .verdict import DO_NOT as DO_NOT
+from .verdict import FINE as FINE
+from .verdict import LEVELS as LEVELS
+from .verdict import LOOK as LOOK
+from .verdict import Check as Check
+from .verdict import Verdict as Verdict

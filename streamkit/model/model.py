@@ -17,9 +17,9 @@ from streamkit.model.integrate import integrate
 from streamkit.model.observation import Observation
 from streamkit.model.progenitor import next_apocentre, progenitor_track
 from streamkit.model.release import release_particles, standard_normals
-from streamkit.observe import Data, measure_host, measure_stream, read_data
+from streamkit.observe import measure_host, measure_stream, read_data
 from streamkit.runfile import ModelInputs, Source, StreamInputs, as_spec
-from streamkit.stream import Array, Prediction, Stream
+from streamkit.stream import Array, Data, Prediction, Stream
 
 
 class Model:

@@ -3,11 +3,9 @@ from .annotations import marks_of as marks_of
 from .annotations import panels_of as panels_of
 from .annotations import radii_of as radii_of
 from .annotations import remarks_of as remarks_of
-from .data import Data as Data
 from .data import join_data as join_data
 from .data import read_data as read_data
 from .likelihood import compare_with_data as compare_with_data
-from .likelihood import gaussian as gaussian
 from .measure import UNNAMED as UNNAMED
 from .measure import measure_host as measure_host
 from .measure import measure_stream as measure_stream

@@ -3,35 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from streamkit.components import Measurement
 from streamkit.errors import ComponentError, blamed
-from streamkit.stream import Array
+from streamkit.stream import Array, Data
 
 SAME = 1e-6  # relative difference up to which a covariance is symmetric, and its diagonal the errors squared
-
-
-@dataclass(frozen=True)
-class Data:
-    """The data of observables.
-
-    Attributes
-    ----------
-    values, errors
-        (m,) values, NaN where there is none, and their standard errors.
-    add_noise
-        Whether the variance of the model's own estimate is added.
-    covariance
-        (m, m) of the errors; None where they are independent.
-    """
-
-    values: Array
-    errors: Array
-    add_noise: bool = False
-    covariance: Array | None = None
 
 
 def read_data(observable: Measurement, add_noise: bool = False) -> Data:

@@ -9,8 +9,7 @@ import numpy as np
 
 from streamkit.components import HostData, HostView, Observable
 from streamkit.errors import ComponentError, blamed
-from streamkit.observe.data import Data
-from streamkit.stream import Prediction, Stream, join_predictions
+from streamkit.stream import Data, Prediction, Stream, join_predictions
 
 UNNAMED = "observable"  # the name of a stream's only observable where the run file gives none
 

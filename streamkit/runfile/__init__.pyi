@@ -18,7 +18,6 @@ from .progenitor import BODY_WAYS as BODY_WAYS
 from .progenitor import WAYS as WAYS
 from .progenitor import Sun as Sun
 from .reader import DEFAULT_KIND as DEFAULT_KIND
-from .reader import is_silent as is_silent
 from .reader import resolve as resolve
 from .schema import json_schema as json_schema
 from .sections import stream_seed as stream_seed

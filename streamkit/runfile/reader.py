@@ -68,14 +68,6 @@ def resolve(
     return _document(reader.raw, plugins, sections, reader.preset), name, reader.registry, sections
 
 
-def is_silent(cls: type[Any]) -> bool:
-    """Say whether a resolved run file leaves out the kind: that of the default sampler, which is older than kinds.
-
-    The digests of older runs depend on it.
-    """
-    return issubclass(cls, Sampler) and cls.kind == DEFAULT_KIND["sampler"]
-
-
 class _Reader:
     """Collects the errors of one run file, to report all of them together.
 
@@ -140,7 +132,7 @@ class _Reader:
         for name in sections.sampler.priors:
             self.refuse(f"sampler.{name}: takes no prior: give a plain value")
         free = sum(len(section.priors) for section in sections.all)
-        if free and (reason := sections.sampler.centre.unfit(free)):
+        if free and (reason := sections.sampler.centre.reject_dimension(free)):
             self.refuse(f"sampler.{reason}")
         self.stop()
         return sections
@@ -372,7 +364,7 @@ def _document(raw: dict[str, Any], plugins: list[str], sections: Sections, prese
     tables: dict[str, dict[str, Any]] = {}
     for section in sections.all:
         table = tables.setdefault(section.path, {})
-        if issubclass(section.cls, Component) and not is_silent(section.cls):
+        if issubclass(section.cls, Component):
             table["kind"] = section.cls.kind
         table.update(section.document())
         if issubclass(section.cls, Sampler):  # its own settings stand before those of all samplers

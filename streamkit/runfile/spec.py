@@ -21,7 +21,7 @@ from streamkit.fields import Files
 from streamkit.runfile.document import read_toml, to_toml
 from streamkit.runfile.inputs import ONLY, ModelInputs, StreamInputs
 from streamkit.runfile.priors import Prior
-from streamkit.runfile.reader import is_silent, resolve
+from streamkit.runfile.reader import DEFAULT_KIND, resolve
 from streamkit.runfile.section import Section
 from streamkit.runfile.sections import Sections
 from streamkit.runfile.settings import Engine, Likelihood
@@ -263,8 +263,8 @@ class Spec:
                 del table[name]
 
     def components(self) -> list[tuple[str, type[Component], str]]:
-        """Return path, class and supplier of every component in use, the default sampler left out."""
-        used = [s for s in self.sections.all if issubclass(s.cls, Component) and not is_silent(s.cls)]
+        """Return path, class and supplier of every component in use."""
+        used = [s for s in self.sections.all if issubclass(s.cls, Component)]
         return [(section.path, section.cls, self.registry.supplier(section.cls)) for section in used]
 
     def digest(self, suppliers: Mapping[str, str] | None = None) -> str:
@@ -276,9 +276,13 @@ class Spec:
         document = self.with_files_at({name: f"sha256:{digest}" for name, digest in self.files.items()})
         physics = {k: v for k, v in document.items() if k not in ("plugins", "engine")}
         physics["potential"] = {k: v for k, v in physics["potential"].items() if k != "preset"}  # all numbers are there
-        physics["sampler"] = {k: v for k, v in physics["sampler"].items() if k not in self.sampler.loose()}
+        physics["sampler"] = {k: v for k, v in physics["sampler"].items() if k not in self.sampler.resumable_fields()}
         noted = suppliers or {}
         components = [[path, cls.kind, noted.get(path, supplier)] for path, cls, supplier in self.components()]
+        if self.sampler.kind == DEFAULT_KIND["sampler"]:
+            # Run directories from before there were other samplers do not name this one: their digests stay valid.
+            del physics["sampler"]["kind"]
+            components = [each for each in components if each[0] != "sampler"]
         text = json.dumps([physics, self.names, components], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 

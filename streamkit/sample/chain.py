@@ -1,8 +1,9 @@
-"""The chain of a run as it is on the disk: ``chain.h5`` with the journal's latest steps, read with care."""
+"""The chain of a run as it is on the disk: ``chain.h5`` and the latest steps in the journal."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -15,13 +16,26 @@ from pydantic import BaseModel, ConfigDict, Field
 from streamkit.errors import ChainError
 from streamkit.report import DamagedError, read_own
 from streamkit.sample.journal import journal_of
-from streamkit.sample.step import MOST, Count, Counts, Step, check_array, check_random_state, extend_checksum, step_of
+from streamkit.sample.step import (
+    HISTORY,
+    MEMORY,
+    MOST,
+    Count,
+    Counts,
+    Step,
+    check_array,
+    check_random_state,
+    extend_checksum,
+    step_of,
+)  # fmt: skip
 from streamkit.stream import Array
 
 CHAIN = "chain.h5"
 GROUP = "mcmc"
 DATA = "chain", "log_prob", "blobs", "accepted"
-TRIED, REPLICAS = "trials", "replicas"  # data sets of what the moves learned from, and of the replicas of the surrogate
+# Data sets that runs of version 0.1.0 stored outside the groups of their kind: kind and name, by data set.
+FORMER_SETS = {"trials": (HISTORY, "trials"), "replicas": (MEMORY, "replicas")}
+RANDOM = "random_state"  # attribute: the state of a `numpy.random.Generator`; emcee's format has that of a RandomState
 RESTORE = "Restore it from a copy, or start again with --force."
 
 
@@ -36,17 +50,15 @@ class Chain:
     log_prob
         (steps, walkers) ln posterior.
     blobs
-        (steps, walkers) records of `streamkit.posterior.blob_dtype`.
+        (steps, walkers) records of `streamkit.sample.blob_dtype`.
     accepted
         (walkers,) accepted moves.
     attributes
         What the run noted: digest, quick, status, counts.
     random_state
         The generator's after the last step; None for no step.
-    tried
-        (steps of learning, walkers, k) what the moves learn from, NaN where nothing was stored; or None.
-    replicas
-        (k, d) replicas of the surrogate after the last step, or None.
+    memory, history
+        Arrays by name: those after the last step, and those of every step (steps, ...) that has some.
     journal
         The steps at the end that only the journal holds.
     start
@@ -62,9 +74,9 @@ class Chain:
     blobs: Any
     accepted: Array
     attributes: dict[str, Any]
-    random_state: tuple[Any, ...] | None = None
-    tried: Array | None = None
-    replicas: Array | None = None
+    random_state: Any = None
+    memory: Mapping[str, Array] = field(default_factory=dict)
+    history: Mapping[str, Array] = field(default_factory=dict)
     journal: list[Step] = field(default_factory=list)
     start: Step | None = None
     checksum: str = ""
@@ -92,7 +104,7 @@ def read_chain_file(path: Path) -> Chain:
 def _nothing(first: Step) -> Chain:
     """Return the chain without any step, for an ensemble of this form."""
     walkers, d = first.coords.shape
-    blobs = None if first.blobs is None else np.empty((0, walkers), dtype=first.blobs.dtype)
+    blobs = np.empty((0, walkers), dtype=first.blobs.dtype)
     attributes = {"digest": first.digest} if first.digest else {}
     return Chain(
         np.empty((0, walkers, d)), np.empty((0, walkers)), blobs, np.zeros(walkers), attributes, checksum=first.digest
@@ -107,7 +119,7 @@ def _continued(stored: Chain, steps: list[Step], path: Path) -> Chain:
     for step in steps:
         if step.number <= done:
             continue
-        _check_form(stored, step, path)
+        _check_form(stored, tail[0] if tail else step, step, path)
         checksum = extend_checksum(checksum, step.coords, step.log_prob, step.blobs)
         if step.number != done + len(tail) + 1 or step.checksum != checksum:
             raise ChainError(
@@ -121,33 +133,33 @@ def _continued(stored: Chain, steps: list[Step], path: Path) -> Chain:
         attributes = stored.attributes | {"counts": dict(start.counts)}
         return Chain(stored.chain, stored.log_prob, stored.blobs, stored.accepted, attributes,
                      start=start, checksum=checksum)  # fmt: skip
-    last = tail[-1]
-    rows = [] if stored.tried is None else list(stored.tried[:done])
-    rows += [step.tried for step in tail if step.tried is not None]
-    blobs = None if last.blobs is None else np.array([step.blobs for step in tail])
-    if blobs is not None and stored.blobs is not None:
-        blobs = np.concatenate([stored.blobs, blobs])
+    last, blobs = tail[-1], np.array([step.blobs for step in tail])
+    history = {name: list(values[:done]) for name, values in stored.history.items()}
+    for step in tail:
+        for name, value in step.history.items():
+            history.setdefault(name, []).append(value)
     return Chain(
         np.concatenate([stored.chain, [step.coords for step in tail]]),
         np.concatenate([stored.log_prob, [step.log_prob for step in tail]]),
-        blobs,
+        np.concatenate([stored.blobs, blobs]) if done else blobs,
         stored.accepted + np.sum([step.accepted for step in tail], axis=0),
         stored.attributes | {"counts": dict(last.counts)},
         last.random_state,
-        np.array(rows) if rows else None,
-        last.replicas,
+        last.memory,
+        {name: np.array(rows) for name, rows in history.items()},
         tail,
         checksum=checksum,
     )
 
 
-def _check_form(stored: Chain, step: Step, path: Path) -> None:
-    """Check that a step has the walkers, parameters and records of the chain that it continues."""
-    same = step.coords.shape == stored.chain.shape[1:] and (step.blobs is None) == (stored.blobs is None)
-    if same and step.blobs is not None:
-        same = step.blobs.dtype == stored.blobs.dtype
-    if same and step.tried is not None and stored.tried is not None:
-        same = step.tried.shape == stored.tried.shape[1:]
+def _check_form(stored: Chain, first: Step, step: Step, path: Path) -> None:
+    """Check that a step has the walkers, parameters and records of the chain, and of the journal's first step."""
+    same = step.coords.shape == stored.chain.shape[1:] and step.blobs.dtype == first.blobs.dtype
+    if len(stored.chain):
+        same = same and step.blobs.dtype == stored.blobs.dtype
+    shapes = {name: values.shape for name, values in first.history.items()}
+    shapes |= {name: values.shape[1:] for name, values in stored.history.items()}
+    same = same and all(values.shape == shapes.get(name, values.shape) for name, values in step.history.items())
     if not same:
         raise ChainError(
             f"{journal_of(path).path}: does not continue {path.name}: step {step.number} has other walkers, parameters "
@@ -171,48 +183,55 @@ class _Attributes(BaseModel):
 
 def _read(path: Path, file: h5py.File) -> Chain:
     """Read the chain file alone."""
-    for name in (GROUP, *(f"{GROUP}/{item}" for item in DATA), TRIED, REPLICAS):
+    for name in (GROUP, *(f"{GROUP}/{item}" for item in DATA), *FORMER_SETS, MEMORY, HISTORY):
         _no_link(path, file, name)
     group = file[GROUP]
     steps = int(group.attrs["iteration"])
     attributes = {key: _plain(value) for key, value in file.attrs.items()}
     chain, log_prob, accepted = group["chain"][:steps], group["log_prob"][:steps], group["accepted"][...]
-    blobs = group["blobs"][:steps] if "blobs" in group else None
+    blobs = group["blobs"][:steps] if "blobs" in group else np.empty((0, len(accepted)))
     if len(chain) != steps or len(log_prob) != steps:
         raise ValueError(f"{steps} steps announced, {len(chain)} found")
     about = _Attributes.model_validate(attributes)
     if "counts" in attributes:
-        attributes["counts"] = about.counts.model_dump()
+        attributes["counts"] = about.counts.model_dump(exclude_defaults=True)
     random = [value for key, value in sorted(group.attrs.items()) if key.startswith("random_state_")]
-    tried, replicas = (file[name][...] if name in file else None for name in (TRIED, REPLICAS))
-    _check_shapes(chain, log_prob, accepted, blobs, tried, replicas)
+    arrays: dict[str, dict[str, Array]] = {MEMORY: {}, HISTORY: {}}
+    for name, (kind, key) in FORMER_SETS.items():
+        if name in file:
+            arrays[kind][key] = file[name][...]
+    for kind, values in arrays.items():
+        for name in file.get(kind, ()):
+            _no_link(path, file, f"{kind}/{name}")
+            values[name] = file[kind][name][...]
+    _check_shapes(chain, log_prob, accepted, blobs, arrays)
     if random:
         check_random_state(tuple(random))
     if not (np.isfinite(chain).all() and np.isfinite(log_prob).all()):
         raise damaged(path, "it holds samples that are no numbers")
     checksum = attributes.get("digest", "")
     for row in range(steps):
-        checksum = extend_checksum(checksum, chain[row], log_prob[row], None if blobs is None else blobs[row])
+        checksum = extend_checksum(checksum, chain[row], log_prob[row], blobs[row])
     if attributes.get("checksum", checksum) != checksum:
         raise damaged(path, "its samples have another checksum")
-    return Chain(chain, log_prob, blobs, accepted, attributes, tuple(random) or None, tried, replicas,
+    random_state = attributes.pop(RANDOM, None) or tuple(random) or None
+    return Chain(chain, log_prob, blobs, accepted, attributes, random_state, arrays[MEMORY], arrays[HISTORY],
                  checksum=checksum)  # fmt: skip
 
 
 def _check_shapes(
-    chain: Array, log_prob: Array, accepted: Array, blobs: Any, tried: Array | None, replicas: Array | None
+    chain: Array, log_prob: Array, accepted: Array, blobs: Any, arrays: Mapping[str, Mapping[str, Array]]
 ) -> None:
     """Check the arrays of a chain file against each other; ValueError if one has another shape, or holds no numbers."""
     steps, walkers, d = chain.shape
     check_array("chain", chain, (steps, walkers, d), finite=False)  # what is no number is named by its path
     check_array("log_prob", log_prob, (steps, walkers), finite=False)
     check_array("accepted", accepted, (walkers,))
-    if blobs is not None and (blobs.shape != (steps, walkers) or blobs.dtype.names is None):
+    if steps and (blobs.shape != (steps, walkers) or blobs.dtype.names is None):
         raise ValueError("blobs holds no record for each sample")
-    if tried is not None:
-        check_array("trials", tried, (len(tried), walkers, *tried.shape[2:3]), finite=False)
-    if replicas is not None:
-        check_array("replicas", replicas, (len(replicas), d))
+    for values in arrays.values():
+        for name, array in values.items():
+            check_array(name, array, array.shape, finite=False)
 
 
 def damaged(path: Path, what: str) -> ChainError:

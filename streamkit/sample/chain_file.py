@@ -1,4 +1,4 @@
-"""emcee's backend of a run with a directory: every step into the journal, and by the hundred into ``chain.h5``."""
+"""Where the steps of a chain are stored: in memory, or each in the journal and by the hundred in ``chain.h5``."""
 
 from __future__ import annotations
 
@@ -7,19 +7,20 @@ import json
 import logging
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import emcee
 import h5py
 import numpy as np
-from emcee.backends import Backend, HDFBackend
+from emcee.backends import HDFBackend
 
 from streamkit.errors import ChainError
-from streamkit.report import BLOCK, DamagedError, read_own, replace_whole, safely, verified, with_checksum
-from streamkit.sample.chain import GROUP, REPLICAS, TRIED, damaged, read_chain_file
+from streamkit.report import BLOCK, DamagedError, replace_whole, safely, verified, with_checksum
+from streamkit.sample.chain import FORMER_SETS, RANDOM, Chain, damaged, read_chain_file
 from streamkit.sample.journal import journal_of
-from streamkit.sample.step import Step, extend_checksum
+from streamkit.sample.step import HISTORY, MEMORY, Step, extend_checksum
 from streamkit.stream import Array
 
 # Steps after which the journal's are moved into the chain file, or an eighth of the chain's if that is more: the file
@@ -27,161 +28,179 @@ from streamkit.stream import Array
 TAIL = 100
 
 
-class ChainFile(Backend):  # type: ignore[misc]  # emcee has no types
-    """emcee's backend whose steps survive any end of the process.
-
-    `save_step` takes a step from emcee, and `commit` makes it a record of the journal, together with all else that a
-    resumed run needs: there is never one without the other. The steps of the journal are moved into the chain file
-    by `consolidate`, which replaces it as a whole.
-
-    Parameters
-    ----------
-    filename
-        The chain file; the journal lies beside it.
+class ChainMemory:
+    """The steps of a chain in memory.
 
     Attributes
     ----------
-    start
-        The ensemble before the first step, or None.
+    last
+        The last step that was stored, number 0 for the start; None for an empty chain.
     """
 
-    def __init__(self, filename: str) -> None:
-        super().__init__()
-        self.filename = filename
-        self.start: Step | None = None
-        self._path = Path(filename)
-        self._journal = journal_of(self._path)
+    def __init__(self) -> None:
+        self.last: Step | None = None
         self._attributes: dict[str, Any] = {}
-        self._tail: list[Step] = []
-        self._patience = 0
-        self._taken: tuple[emcee.State, Array] | None = None
+        self._coords: list[Array] = []
+        self._steps: list[Step] = []
+        self._history: dict[str, list[Array]] = {}
+        self._accepted: Array = np.zeros(0)
         self._checksum = ""
-        self._counts: dict[str, Any] = {}
-        self._tried: list[Array] = []
-        self._replicas: Array | None = None
+
+    @property
+    def iteration(self) -> int:
+        """Steps that are stored."""
+        return len(self._coords)
+
+    @property
+    def acceptance(self) -> float:
+        """Fraction of the proposals that were accepted."""
+        return float(np.mean(self._accepted)) / max(self.iteration, 1)
 
     def note(self, **attributes: Any) -> None:
-        """Store attributes beside the chain, the next time that the file is written: mappings and lists as JSON."""
+        """Store attributes beside the chain: mappings and lists as JSON."""
         self._attributes |= attributes
 
-    def reset(self, nwalkers: int, ndim: int) -> None:
-        """Begin an empty chain, in place of what is there."""
-        self._journal.clear()
-        self._set_empty(nwalkers, ndim)
-        image = _Image(b"")
-        image.reset(nwalkers, ndim)
-        self._write(image)
+    def reset(self, walkers: int, d: int) -> None:
+        """Begin an empty chain, in place of any other."""
+        self.last, self._coords, self._steps, self._history = None, [], [], {}
+        self._accepted, self._shape = np.zeros(walkers), (walkers, d)
+        self._checksum = self._digest
 
-    def _set_empty(self, nwalkers: int, ndim: int) -> None:
-        super().reset(nwalkers, ndim)
-        self.start, self._tail, self._tried, self._replicas = None, [], [], None
-        self._checksum, self._counts = self._digest, {}
+    def append(self, step: Step) -> None:
+        """Store the start, or the next step; its checksum and digest are filled in."""
+        if step.number:
+            checksum = extend_checksum(self._checksum, step.coords, step.log_prob, step.blobs)
+            step = replace(step, checksum=checksum, digest=self._digest)
+            self._write_step(step)
+            self._coords.append(step.coords)
+            self._steps.append(step)
+            self._accepted = self._accepted + step.accepted
+            self._checksum = checksum
+            for name, value in step.history.items():
+                self._history.setdefault(name, []).append(value)
+        else:
+            step = replace(step, digest=self._digest)
+            self._write_step(step)
+        self.last = step
 
-    def begin(self, state: emcee.State, counts: Mapping[str, Any]) -> None:
-        """Store the ensemble before its first step: to find it took a search."""
-        nobody = np.zeros(self.nwalkers, dtype=bool)
-        step = Step(0, state.coords, state.log_prob, state.blobs, nobody, tuple(state.random_state),
-                    dict(counts), digest=self._digest)  # fmt: skip
-        self._journal.append(step.record())
-        self.start = step
+    def samples(self) -> Array:
+        """(steps, walkers, d) All samples."""
+        return np.array(self._coords) if self._coords else np.empty((0, *self._shape))
 
-    def load(self) -> None:
-        """Continue a chain where it ended. ChainError if it cannot be read, or was changed.
+    def history(self, name: str) -> Array | None:
+        """Return the arrays of this name of all steps (steps, ...); None if there are none."""
+        rows = self._history.get(name)
+        return None if rows is None else np.array(rows)
 
-        A warning in the log says if a step is lost that was just being written.
-        """
-        found = read_chain_file(self._path)
-        self._attributes = found.attributes | self._attributes
-        counts = self._attributes.pop("counts", {})
-        self._set_empty(*found.chain.shape[1:])
-        self.iteration, self.accepted, self.random_state = len(found.chain), found.accepted, found.random_state
-        self.start, self._tail, self._replicas = found.start, found.journal, found.replicas
-        self._tried = [] if found.tried is None else list(found.tried[: self.iteration])
-        self._checksum, self._counts = found.checksum, counts
-        if found.torn:
-            logging.getLogger("streamkit").warning(
-                "%s: ends with a part of step %d (%d bytes), which was being written when the run ended. The part is "
-                "dropped, and the run continues after step %d.",
-                self._journal.path, self.iteration + 1, found.torn, self.iteration,
-            )  # fmt: skip
+    def consolidate(self) -> None:
+        """Put the steps where they stay: here there is nothing to do."""
+
+    def whole(self) -> Chain:
+        """Return the chain. ChainError if it has no step."""
+        if not self._steps:
+            raise ChainError("the run ended before its first step: there are no samples")
+        log_prob, blobs = (np.array([getattr(step, name) for step in self._steps]) for name in ("log_prob", "blobs"))
+        counts = {"counts": dict(self._steps[-1].counts)}
+        return Chain(self.samples(), log_prob, blobs, self._accepted, self._attributes | counts)
 
     @property
     def _digest(self) -> str:
         return str(self._attributes.get("digest", ""))
 
-    @property
-    def counts(self) -> dict[str, Any]:
-        """Calls and rejections up to the last step."""
-        return dict(self._counts)
+    def _write_step(self, step: Step) -> None:
+        """Put a step on the disk: here there is none."""
 
-    @property
-    def tried(self) -> Array | None:
-        """(steps, walkers, k) What the moves learn from, NaN where nothing was stored; None if there is nothing."""
-        return np.array(self._tried) if self._tried else None
 
-    @property
-    def replicas(self) -> Array | None:
-        """(k, d) Replicas of the surrogate after the last step; None if there are none."""
-        return self._replicas
+class ChainFile(ChainMemory):
+    """The steps of a chain in files, where they survive any end of the process.
 
-    def has_blobs(self) -> bool:
-        """Tell emcee that there may be records beside the samples."""
-        return True
+    `append` makes a step a record of the journal, together with all that a resumed run needs. The steps of the journal
+    are moved into the chain file by `consolidate`, which replaces it as a whole.
 
-    def grow(self, ngrow: int, blobs: Any) -> None:
-        """Do nothing: the file grows when steps are moved into it."""
+    Parameters
+    ----------
+    path
+        The chain file; the journal lies beside it.
+    """
 
-    def save_step(self, state: emcee.State, accepted: Array) -> None:
-        """Take a step, to be stored by `commit`."""
-        self._taken = state, accepted
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.path = path
+        self._journal = journal_of(path)
+        self._patience = 0
 
-    def commit(self, counts: Mapping[str, Any], tried: Array | None = None, replicas: Array | None = None) -> None:
-        """Store the step that emcee saved last, with what belongs to it: see `Step`.
+    def reset(self, walkers: int, d: int) -> None:
+        """Begin an empty chain, in place of any other."""
+        self._journal.clear()
+        super().reset(walkers, d)
+        image = _Image(b"")
+        image.reset(walkers, d)
+        self._write(image)
+
+    def load(self) -> None:
+        """Read a chain, to continue it. ChainError if it cannot be read, or was changed.
+
+        A warning in the log names a step that is lost because it was just being written.
+        """
+        stored = read_chain_file(self.path)
+        steps, (walkers, d) = len(stored.chain), stored.chain.shape[1:]
+        self._attributes = stored.attributes | self._attributes
+        counts = self._attributes.pop("counts", {})
+        super().reset(walkers, d)
+        self._coords, self._steps, self._accepted = list(stored.chain), stored.journal, stored.accepted
+        self._history = {name: list(values[:steps]) for name, values in stored.history.items()}
+        self._checksum = stored.checksum
+        self.last = stored.start
+        if steps:
+            self.last = Step(
+                steps, stored.chain[-1], stored.log_prob[-1], stored.blobs[-1], np.zeros(walkers, dtype=bool),
+                stored.random_state, counts, stored.memory, checksum=stored.checksum, digest=self._digest,
+            )  # fmt: skip
+        if stored.torn:
+            logging.getLogger("streamkit").warning(
+                "%s: ends with a part of step %d (%d bytes), which was being written when the run ended. The part is "
+                "dropped, and the run continues after step %d.",
+                self._journal.path, steps + 1, stored.torn, steps,
+            )  # fmt: skip
+
+    def append(self, step: Step) -> None:
+        """Store the start, or the next step.
 
         ChainError if it cannot be written; the chain then ends with the step before.
         """
-        assert self._taken is not None  # noqa: S101  emcee has saved a step
-        state, accepted = self._taken
-        checksum = extend_checksum(self._checksum, state.coords, state.log_prob, state.blobs)
-        step = Step(
-            self.iteration + 1, state.coords.copy(), state.log_prob.copy(), None if state.blobs is None else
-            state.blobs.copy(), np.array(accepted), tuple(state.random_state), dict(counts), tried,
-            None if replicas is None else replicas.copy(), checksum, self._digest,
-        )  # fmt: skip
-        self._journal.append(step.record())
-        self._taken = None
-        self._tail.append(step)
-        self.iteration, self.accepted, self.random_state = step.number, self.accepted + accepted, step.random_state
-        self._checksum, self._counts, self._replicas = checksum, dict(step.counts), step.replicas
-        if tried is not None:
-            self._tried.append(tried)
-        if len(self._tail) >= max(TAIL, self._stored // 8, self._patience):
+        super().append(step)
+        if len(self._steps) >= max(TAIL, self._stored // 8, self._patience):
             try:
                 self.consolidate()
-            except ChainError:  # the journal holds the steps; it is told at the end if there is no room even then
-                self._patience = 2 * len(self._tail)
+            except ChainError:  # the journal holds the steps; the end of the run says so if there is no room even then
+                self._patience = 2 * len(self._steps)
+
+    def _write_step(self, step: Step) -> None:
+        self._journal.append(step.record())
 
     @property
     def _stored(self) -> int:
         """Steps in the chain file."""
-        return int(self.iteration) - len(self._tail)
+        return self.iteration - len(self._steps)
 
     def consolidate(self) -> None:
-        """Move the steps of the journal, and what was noted, into the chain file.
+        """Move the steps of the journal, and the attributes, into the chain file.
 
         ChainError if it cannot be written: it is then as it was, and so is the journal.
         """
         image = self._image()
-        if self._tail:
-            image.grow(len(self._tail), self._tail[0].blobs)
-            for step in self._tail:
-                state = step.state
-                if step is not self._tail[-1]:
+        if self._steps:
+            image.grow(len(self._steps), self._steps[0].blobs)
+            for step in self._steps:
+                state = emcee.State(step.coords, log_prob=step.log_prob, blobs=step.blobs, copy=True)
+                if step is self._steps[-1] and not isinstance(step.random_state, Mapping):
+                    state.random_state = step.random_state
+                else:
                     state.random_state = ()  # HDF5 would not use the room of the one before again
                 image.save_step(state, step.accepted)
         self._write(image)
-        if self._tail:
-            self._tail, self._patience = [], 0
+        if self._steps:
+            self._steps, self._patience = [], 0
             with suppress(ChainError):  # its steps are passed over by their numbers
                 self._journal.clear()
 
@@ -189,42 +208,33 @@ class ChainFile(Backend):  # type: ignore[misc]  # emcee has no types
         """Return the chain file as it is, or an empty one where the journal holds all steps."""
         if self._stored:
             try:
-                with safely(self._path):
-                    return _Image(verified(self._path))
+                with safely(self.path):
+                    return _Image(verified(self.path))
             except DamagedError as error:
-                raise damaged(self._path, str(error)) from None
+                raise damaged(self.path, str(error)) from None
         image = _Image(b"")
-        image.reset(self.nwalkers, self.ndim)
+        image.reset(*self._shape)
         return image
 
     def _write(self, image: _Image) -> None:
+        last, notes = self.last, self._attributes | {"counts": {}, "checksum": self._checksum}
         with image.open("a") as file:
-            tried, replicas, counts = self.tried, self._replicas, self._counts
-            _put(file, TRIED, tried)
-            _put(file, REPLICAS, replicas)
-            notes = self._attributes | {"counts": counts, "checksum": self._checksum}
+            for name in FORMER_SETS:
+                if name in file:  # it has its place in the groups below
+                    del file[name]
+            if last is not None and last.number:
+                notes["counts"] = dict(last.counts)
+                for name in self._history:
+                    _put(file, f"{HISTORY}/{name}", np.array(self._history[name]))
+                for name, value in last.memory.items():
+                    _put(file, f"{MEMORY}/{name}", value)
+                if isinstance(last.random_state, Mapping):
+                    notes[RANDOM] = dict(last.random_state)
             for key, value in notes.items():
                 file.attrs[key] = json.dumps(value) if isinstance(value, dict | list) else value
         content = with_checksum(image.content.getvalue())
-        with safely(self._path):
-            replace_whole(self._path, lambda part: part.write_bytes(content))
-
-    def get_value(self, name: str, flat: bool = False, thin: int = 1, discard: int = 0) -> Any:
-        """Return ``chain``, ``log_prob`` or ``blobs`` of all steps, as emcee's backends do."""
-        if self.iteration <= 0:
-            raise AttributeError("no step has been taken yet")
-        first = discard + thin - 1
-        parts = []
-        if first < self._stored:
-            try:
-                parts.append(read_own(self._path, lambda file: file[GROUP][name][first : self._stored : thin]))
-            except DamagedError as error:
-                raise damaged(self._path, str(error)) from None
-        field = "coords" if name == "chain" else name
-        rows = range(first, int(self.iteration), thin)
-        parts.append([getattr(self._tail[i - self._stored], field) for i in rows if i >= self._stored])
-        value = np.concatenate([part for part in parts if len(part)])
-        return value.reshape(-1, *value.shape[2:]) if flat else value
+        with safely(self.path):
+            replace_whole(self.path, lambda part: part.write_bytes(content))
 
 
 class _Image(HDFBackend):  # type: ignore[misc]
@@ -244,9 +254,7 @@ class _Image(HDFBackend):  # type: ignore[misc]
         return h5py.File(self.content, mode)
 
 
-def _put(file: h5py.File, name: str, array: Array | None) -> None:
-    if array is None:
-        return
+def _put(file: h5py.File, name: str, array: Array) -> None:
     if name in file and file[name].shape == array.shape:
         file[name][...] = array
         return

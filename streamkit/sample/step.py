@@ -1,4 +1,4 @@
-"""One step of the ensemble: all that a run needs to go on from it, and the checksum of the chain up to it."""
+"""One step of a chain as it is stored: all that the next step depends on, and the checksum of the chain up to it."""
 
 from __future__ import annotations
 
@@ -8,26 +8,29 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
-import emcee
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from streamkit.errors import ChainError, brief, printable
 from streamkit.stream import Array
 
+MEMORY, HISTORY = "memory", "history"  # groups of arrays in a record, and in the chain file
+# Arrays that runs of version 0.1.0 stored under keys of their own: name here, and key there.
+FORMER = {MEMORY: ("replicas", "replicas"), HISTORY: ("trials", "tried")}
 MOST = 10**15  # no run counts further: it keeps forged numbers out of arithmetic
 Count = Annotated[int, Field(ge=0, le=MOST)]
 Text = Annotated[str, AfterValidator(printable)]
 
 
 class Counts(BaseModel):
-    """Calls and rejections, as they are stored beside a chain."""
+    """Calls, rejections and facts, as they are stored beside a chain; ``surrogate`` is a fact of version 0.1.0."""
 
     model_config = ConfigDict(strict=True)
 
     calls: Count = 0
     search_calls: Count = 0
     reasons: dict[Text, Count] = {}
+    facts: dict[Text, Text] = {}
     surrogate: Text = ""
 
 
@@ -38,31 +41,27 @@ class _About(BaseModel):
 
     number: Count
     counts: Counts
-    random: tuple[str, int, int, float]
+    random: tuple[str, int, int, float] | dict[str, Any]
     checksum: str
     digest: str
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """The ensemble after a step, or before the first.
+    """The ensemble after a step, or before the first, as it is stored.
 
     Attributes
     ----------
     number
         Steps taken, this one included.
     coords, log_prob, blobs
-        (walkers, d), (walkers,), and (walkers,) records of `streamkit.posterior.blob_dtype`.
+        (walkers, d), (walkers,), and (walkers,) records of `streamkit.sample.blob_dtype`.
     accepted
         (walkers,) whether the step moved each walker.
-    random_state
-        That of the generator after the step, as `numpy.random.RandomState.get_state` gives it.
+    random_state, memory, history
+        As those of `streamkit.Ensemble`.
     counts
-        Calls and rejections up to the end of the step.
-    tried
-        (walkers, k) what the moves learn from in this step, or None.
-    replicas
-        (k, d) the replicas of the surrogate after the step, or None.
+        Calls and rejections up to the end of the step, and the sampler's facts.
     checksum
         That of all samples up to this step: `extend_checksum`.
     digest
@@ -74,55 +73,50 @@ class Step:
     log_prob: Array
     blobs: Any
     accepted: Array
-    random_state: tuple[Any, ...]
+    random_state: Any
     counts: Mapping[str, Any] = field(default_factory=dict)
-    tried: Array | None = None
-    replicas: Array | None = None
+    memory: Mapping[str, Array] = field(default_factory=dict)
+    history: Mapping[str, Array] = field(default_factory=dict)
     checksum: str = ""
     digest: str = ""
 
-    @property
-    def state(self) -> emcee.State:
-        """The ensemble as emcee has it."""
-        return emcee.State(
-            self.coords, log_prob=self.log_prob, blobs=self.blobs, random_state=self.random_state, copy=True
-        )
-
-    def record(self) -> dict[str, Array]:
-        """Return the step as arrays."""
-        kind, keys, *rest = self.random_state
-        about = {
+    def record(self) -> dict[str, Any]:
+        """Return the step as a record of a journal."""
+        about: dict[str, Any] = {
             "number": self.number,
             "counts": dict(self.counts),
-            "random": [kind, *(value.item() if isinstance(value, np.generic) else value for value in rest)],
             "checksum": self.checksum,
             "digest": self.digest,
         }
-        arrays = {"tried": self.tried, "replicas": self.replicas, "blobs": self.blobs}
-        return {
-            "about": np.frombuffer(json.dumps(about).encode(), dtype=np.uint8),
-            "coords": self.coords,
-            "log_prob": self.log_prob,
-            "accepted": self.accepted,
-            "keys": keys,
-        } | {name: value for name, value in arrays.items() if value is not None}
+        arrays = {"coords": self.coords, "log_prob": self.log_prob, "accepted": self.accepted, "blobs": self.blobs}
+        if isinstance(self.random_state, Mapping):
+            about["random"] = self.random_state
+        else:
+            kind, arrays["keys"], *rest = self.random_state
+            about["random"] = [kind, *(value.item() if isinstance(value, np.generic) else value for value in rest)]
+        for kept, values in ((MEMORY, self.memory), (HISTORY, self.history)):
+            arrays |= {f"{kept}/{name}": value for name, value in values.items()}
+        return arrays | {"about": np.frombuffer(json.dumps(about, default=np.ndarray.tolist).encode(), dtype=np.uint8)}
 
 
 def step_of(record: Mapping[str, Any]) -> Step:
     """Return the step of a record; ChainError if it is none."""
     try:
         about = _About.model_validate_json(record["about"].tobytes())
-        kind, *rest = about.random
+        random: Any = about.random
+        if not isinstance(random, dict):
+            kind, *rest = random
+            random = (kind, record["keys"], *rest)
         step = Step(
             about.number,
             record["coords"],
             record["log_prob"],
-            record.get("blobs"),
+            record["blobs"],
             record["accepted"],
-            (kind, record["keys"], *rest),
-            about.counts.model_dump(),
-            record.get("tried"),
-            record.get("replicas"),
+            random,
+            about.counts.model_dump(exclude_defaults=True),
+            _named(record, MEMORY),
+            _named(record, HISTORY),
             about.checksum,
             about.digest,
         )
@@ -139,17 +133,21 @@ def _check_arrays(step: Step) -> None:
     check_array("log_prob", step.log_prob, (walkers,))
     if step.accepted.shape != (walkers,) or step.accepted.dtype != bool:
         raise ValueError("accepted holds no truth value for each walker")
-    if step.blobs is not None and (step.blobs.shape != (walkers,) or step.blobs.dtype.names is None):
+    if step.blobs.shape != (walkers,) or step.blobs.dtype.names is None:
         raise ValueError("blobs holds no record for each walker")
-    if step.tried is not None:
-        check_array("tried", step.tried, (walkers, *step.tried.shape[1:2]), finite=False)
-    if step.replicas is not None:
-        check_array("replicas", step.replicas, (len(step.replicas), d))
+    for arrays in (step.memory, step.history):
+        for name, values in arrays.items():
+            check_array(name, values, values.shape, finite=False)
     check_random_state(step.random_state)
 
 
-def check_random_state(state: tuple[Any, ...]) -> None:
-    """Check a state of numpy's Mersenne twister, ValueError if it is none: numpy itself looks at no number of it."""
+def check_random_state(state: Any) -> None:
+    """Check a state of numpy's Mersenne twister, ValueError if it is none: numpy itself looks at no number of it.
+
+    The states of other generators, which are mappings, numpy checks itself.
+    """
+    if isinstance(state, Mapping):
+        return
     kind, keys, position, *rest = state
     keys = np.asarray(keys)
     is_state = kind == "MT19937" and keys.shape == (624,) and keys.dtype.kind in "ui" and 0 <= position <= len(keys)
@@ -161,6 +159,13 @@ def check_array(name: str, array: Array, shape: tuple[int, ...], finite: bool = 
     """Check that an array is one of numbers, of this shape and not empty; ValueError if not."""
     if array.shape != shape or array.dtype != float or (finite and not np.isfinite(array).all()):
         raise ValueError(f"{name} is no array of numbers of shape {shape}")
+
+
+def _named(record: Mapping[str, Any], kept: str) -> dict[str, Array]:
+    """Return the arrays of a record that are memory, or history, by name."""
+    arrays = {name.partition("/")[2]: value for name, value in record.items() if name.startswith(f"{kept}/")}
+    name, key = FORMER[kept]
+    return arrays | ({name: record[key]} if key in record else {})
 
 
 def checksum_of(*parts: Any) -> str:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from streamkit.components import Verdict
 from streamkit.errors import ChainError
 from streamkit.report import BLOCK, DamagedError, read_own, replace_whole, safely, with_checksum
 from streamkit.stream import Array
@@ -38,6 +38,8 @@ class Weighted:
         What the sampler's rule of stopping still asks for; empty when it is met.
     attributes
         What the run noted: digest, quick, status, counts.
+    verdicts
+        The sampler's own checks.
     """
 
     points: Array
@@ -48,6 +50,7 @@ class Weighted:
     ln_evidence_error: float
     missing: str
     attributes: dict[str, Any]
+    verdicts: tuple[Verdict, ...] = ()
 
     @cached_property
     def weights(self) -> Array:
@@ -59,6 +62,12 @@ class Weighted:
     def ess(self) -> float:
         """The effective number of samples, 1 / sum of squared weights (Kish 1965)."""
         return float(1 / np.sum(self.weights**2))
+
+    @property
+    def lacks(self) -> str:
+        """What is missing for samples that can be trusted, as the end of a sentence; empty if nothing is."""
+        few = f"{self.ess:.0f} effective samples, and {ENOUGH} are wanted"
+        return self.missing or ("" if self.ess >= ENOUGH else few)
 
     def drawn(self, seed: int) -> Array:
         """(k,) Indices of samples of equal weight, as many as the effective number, by systematic resampling.
@@ -80,6 +89,7 @@ class Weighted:
                 "ln_evidence": self.ln_evidence,
                 "ln_evidence_error": self.ln_evidence_error,
                 "missing": self.missing,
+                "verdicts": [asdict(verdict) for verdict in self.verdicts],
             }
             for key, value in notes.items():
                 file.attrs[key] = json.dumps(value) if isinstance(value, dict | list) else value
@@ -103,53 +113,9 @@ def _read(file: h5py.File) -> Weighted:
         raise ValueError(f"{odd[0]} is missing, or a link")
     points, ln_weights, log_prob, blobs = (file[name][...] for name in ARRAYS)
     notes = {key: value.item() if isinstance(value, np.generic) else value for key, value in file.attrs.items()}
-    notes.pop("checksum", None)  # of an older version
     ln_evidence, error = (float(notes.pop(name)) for name in ("ln_evidence", "ln_evidence_error"))
     missing = str(notes.pop("missing"))
     if "counts" in notes:
         notes["counts"] = json.loads(notes["counts"])
-    return Weighted(points, ln_weights, log_prob, blobs, ln_evidence, error, missing, notes)
-
-
-@dataclass(frozen=True, eq=False)
-class Stopping:
-    """What stands for the rule of convergence where there are weighted samples and no chains.
-
-    True if the sampler's own rule of stopping is met, and there are enough effective samples. There is no R-hat: it
-    compares chains.
-
-    Parameters
-    ----------
-    weighted
-        The samples.
-    """
-
-    weighted: Weighted
-    discard: int = 0
-    learned: int = 0
-    is_stable: bool = True
-
-    @property
-    def tau(self) -> Array:
-        """(d,) All NaN: there is no chain."""
-        return self.r_hat
-
-    @property
-    def r_hat(self) -> Array:
-        """(d,) All NaN."""
-        return np.full(self.weighted.points.shape[1], np.nan)
-
-    @property
-    def span(self) -> float:
-        """The number of samples of equal weight."""
-        return float(round(self.weighted.ess))
-
-    def __bool__(self) -> bool:
-        return not self.weighted.missing and self.weighted.ess >= ENOUGH
-
-    def missing(self, names: Sequence[str]) -> str:
-        """Say what is missing; empty if nothing is."""
-        if self:
-            return ""
-        few = f"{self.weighted.ess:.0f} effective samples, and {ENOUGH} are wanted"
-        return self.weighted.missing or few
+    verdicts = tuple(Verdict(**each) for each in json.loads(notes.pop("verdicts", "[]")))
+    return Weighted(points, ln_weights, log_prob, blobs, ln_evidence, error, missing, notes, verdicts)

@@ -5,6 +5,7 @@ from .arrays import Array as Array
 from .arrays import BoolArray as BoolArray
 from .arrays import IntArray as IntArray
 from .arrays import read_only as read_only
+from .data import Data as Data
 from .frames import Seen as Seen
 from .frames import place_on_sky as place_on_sky
 from .frames import seen_from as seen_from

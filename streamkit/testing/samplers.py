@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections import Counter, deque
-from typing import Any
+from collections import Counter
+from collections.abc import Sequence
+from itertools import islice
 
 import numpy as np
 
-from streamkit import Array, Sampler, Samples
+from streamkit import Array, ChainSampler, Data, Ensemble, Evaluations, Sampler, Samples, Uniform, autocorrelation_times
 from streamkit.testing import common
 from streamkit.testing.common import Check, require
 
@@ -20,12 +21,18 @@ LN_EVIDENCE = -2 * math.log(10.0)
 
 
 class Gaussian:
-    """The Gaussian as a `streamkit.Target`, for one use of a sampler; a tenth of the prior has no stream."""
+    """The Gaussian as a `streamkit.Target`, for one use of a sampler; a tenth of the prior has no stream.
 
-    def __init__(self, seed: int = 1) -> None:
+    Its two data are the parameters themselves.
+    """
+
+    def __init__(self, seed: int = 1, last: Ensemble | None = None, steps: Sequence[Ensemble] = ()) -> None:
         self.size, self.seed, self.workers, self.progress = 2, seed, 4, False
+        self.priors = (Uniform(-5.0, 5.0), Uniform(-5.0, 5.0))
+        self.data = Data(np.zeros(2), np.full(2, SD), covariance=np.linalg.inv(INVERSE))
         self.calls: Counter[bytes] = Counter()
-        self.walked = False
+        self.steps = list(steps)
+        self._last = last
 
     def from_unit(self, u: Array) -> Array:
         """Return 10 u - 5."""
@@ -42,61 +49,120 @@ class Gaussian:
         lnl = LN_NORM - 0.5 * np.einsum("ni,ij,nj->n", points, INVERSE, points)
         return np.where((points[:, 0] > 4) | ~np.isfinite(self.ln_prior(points)), -np.inf, lnl)
 
+    def predictions(self, points: Array) -> Evaluations:
+        """Return the parameters as predictions without noise."""
+        lnl = self.evaluate(points)
+        mean = np.where(np.isfinite(lnl)[:, None], points, np.nan)
+        reasons = tuple("" if there else "no stream" for there in np.isfinite(lnl))
+        return Evaluations(self.ln_prior(points) + lnl, lnl, mean, 0.0 * mean, reasons)
+
+    def start(self, count: int, particles: int) -> Ensemble:
+        """Return points near the maximum."""
+        points = SD * np.random.default_rng([self.seed, 1]).standard_normal((count, 2))
+        lnp = self.ln_prior(points) + self.evaluate(points)
+        return Ensemble(points, lnp, np.zeros(count, dtype=bool), np.random.RandomState(self.seed).get_state())
+
+    def restore(self) -> Ensemble | None:
+        """Return the step that a resumed chain begins with."""
+        return self._last
+
+    def chain(self) -> Array:
+        """Return the points of all steps."""
+        return np.array([step.points for step in self.steps]) if self.steps else np.empty((0, 0, 2))
+
+    def history(self, name: str) -> Array | None:
+        """Return what the steps kept under this name."""
+        rows = [step.history[name] for step in self.steps if name in step.history]
+        return np.array(rows) if rows else None
+
     def expect(self, calls: float) -> None:
+        """Show nothing."""
+
+    def remark(self, text: str) -> None:
         """Show nothing."""
 
     def time_left(self) -> float:
         """Return infinity."""
         return math.inf
 
-    def ensemble(self, sampler: Any) -> None:
-        """Note that streamkit's own ensemble was asked for."""
-        self.walked = True
 
-
-def sampled(component: Sampler, seed: int = 1) -> tuple[Gaussian, Samples | None]:
-    """Return the target after its use and the last samples, None if streamkit's own ensemble was asked for."""
-    target = Gaussian(seed)
-    last = next(iter(deque(component.sample(target), maxlen=1)), None)
-    require(last is not None or target.walked, "sample yields nothing: the last samples it yields are the result")
+def sampled(component: Sampler, seed: int = 1) -> tuple[Gaussian, Samples]:
+    """Return the target after its use and the last samples: of a chain those of its second half, of equal weight."""
+    target, last = Gaussian(seed), None
+    for state in component.sample(target):
+        if isinstance(state, Ensemble):
+            walked(target, state)
+        else:
+            last = state
+    if target.steps:
+        points = target.chain()[len(target.steps) // 2 :].reshape(-1, 2)
+        last = Samples(points, np.zeros(len(points)))
+    require(last is not None, "sample yields nothing: the last samples, or the steps, that it yields are the result")
+    assert last is not None  # noqa: S101  for the type checker
     return target, last
+
+
+def walked(target: Gaussian, step: Ensemble) -> None:
+    """Check a step of a chain, and store it; the first is the start."""
+    require(step.points.ndim == 2 and step.points.shape[1] == 2, "points of a step are (walkers, d)")
+    walkers = len(step.points)
+    shapes = np.shape(step.ln_probability), np.shape(step.accepted)
+    require(shapes == ((walkers,), (walkers,)), "ln_probability and accepted of a step are (walkers,)")
+    lnp = target.ln_prior(step.points) + target.evaluate(step.points)
+    require(np.allclose(step.ln_probability, lnp), "ln_probability of a step is ln prior + ln likelihood of its points")
+    if step.number or target.steps:
+        target.steps.append(step)
 
 
 def samples_a_gaussian(component: Sampler) -> None:
     """Check shapes, weights, means, standard deviations, correlation and evidence."""
-    target, found = sampled(component)
-    if found is None:
-        return
-    n = len(found.points)
-    require(found.points.shape == (n, 2) and found.ln_weights.shape == (n,), "points are (n, d) and ln_weights (n,)")
-    known = all(point.tobytes() in target.calls for point in np.ascontiguousarray(found.points))
-    require(known, "gives points that it never asked target.evaluate for")
-    weights = np.exp(found.ln_weights - found.ln_weights.max())
+    target, samples = sampled(component)
+    n = len(samples.points)
+    require(samples.points.shape == (n, 2) and samples.ln_weights.shape == (n,), "points are (n, d), ln_weights (n,)")
+    evaluated = all(point.tobytes() in target.calls for point in np.ascontiguousarray(samples.points))
+    require(evaluated or samples.evaluations is not None, "gives points that it never asked target.evaluate for")
+    weights = np.exp(samples.ln_weights - samples.ln_weights.max())
     weights /= weights.sum()
     error = math.sqrt(float(np.sum(weights**2)))
-    mean = weights @ found.points
-    away = found.points - mean
+    if target.steps:  # samples of a chain depend on each other
+        tau = autocorrelation_times(target.chain()[len(target.steps) // 2 :])
+        error *= math.sqrt(float(np.nan_to_num(tau, nan=n).max()))
+    mean = weights @ samples.points
+    away = samples.points - mean
     covariance = (away * weights[:, None]).T @ away
     require((np.abs(mean) < 5 * SD * error).all(), f"the means of a Gaussian at 0 with sd {SD} are {mean}")
     sd = np.sqrt(np.diag(covariance))
     require((np.abs(sd / SD - 1) < 5 * error).all(), f"standard deviations of {SD} are found as {sd}")
     rho = covariance[0, 1] / sd.prod()
     require(abs(rho - RHO) < 5 * error, f"a correlation of {RHO} is found as {rho:.3f}")
-    if np.isfinite(found.ln_evidence):
-        off = abs(found.ln_evidence - LN_EVIDENCE)
-        told = f"ln evidence {found.ln_evidence:.3f} +- {found.ln_evidence_error:.3f}, and {LN_EVIDENCE:.3f} is right"
-        require(off < max(5 * found.ln_evidence_error, 0.02), told)
+    if np.isfinite(samples.ln_evidence):
+        off = abs(samples.ln_evidence - LN_EVIDENCE)
+        text = f"ln evidence {samples.ln_evidence:.3f} +- {samples.ln_evidence_error:.3f}, {LN_EVIDENCE:.3f} is right"
+        require(off < max(5 * samples.ln_evidence_error, 0.02), text)
 
 
 def repeats_itself(component: Sampler) -> None:
     """Check that the same target gives the same samples, and another seed others: resuming rests on this."""
     (first, one), (again, two), (_, other) = (sampled(component, seed) for seed in (1, 1, 2))
-    if one is None or two is None or other is None:
-        return
     require(first.calls.keys() == again.calls.keys(), "the same target is asked for other points the second time")
     same = np.array_equal(one.points, two.points) and np.array_equal(one.ln_weights, two.ln_weights)
     require(same, "the same target gives other samples the second time: take all chance from target.seed")
     require(not np.array_equal(one.points, other.points), "another seed gives the same samples")
+
+
+def resumes(component: Sampler) -> None:
+    """Check that a chain that is resumed after any of its steps takes the steps of an unbroken one."""
+    if not isinstance(component, ChainSampler):
+        return
+    whole = sampled(component)[0].steps
+    for done in (1, min(30, len(whole) - 1)):
+        target = Gaussian(1, whole[done - 1], whole[:done])
+        for step in islice(component.walk(target, whole[done - 1]), min(len(whole) - done, 80)):
+            number = len(target.steps)
+            same = np.array_equal(step.points, whole[number].points)
+            reason = "the points, random_state, memory or history of a step must hold all that the next depends on"
+            require(same, f"a chain that is resumed after step {done} has another step {number + 1}: {reason}")
+            target.steps.append(step)
 
 
 def fields_are_described(component: Sampler) -> None:
@@ -110,4 +176,5 @@ CHECKS: tuple[Check, ...] = (
     fields_are_described,
     samples_a_gaussian,
     repeats_itself,
+    resumes,
 )

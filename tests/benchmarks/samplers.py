@@ -27,25 +27,14 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 
-from emcee.backends import Backend
 from posteriors import TOYS, Toy
 
 import streamkit as sk
+from streamkit.builtin.ensemble.sampler import Emcee
 from streamkit.cli.options import read_settings
-from streamkit.observe import Data
-from streamkit.sample import (
-    Convergence,
-    EvaluationCache,
-    Limits,
-    Sampling,
-    Stopping,
-    Task,
-    Workers,
-    blob_dtype,
-    effective_samples,
-    learning_steps,
-    stuck_walkers,
-)
+from streamkit.convergence import effective_samples, stuck_walkers
+from streamkit.sample import ChainMemory, EvaluationCache, PosteriorTarget, Workers
+from streamkit.stream import Data
 
 SAMPLERS = "emcee", "nautilus", "dynesty"
 WALKERS, STEPS = 32, 4000
@@ -64,20 +53,16 @@ class Found(NamedTuple):
 
 def by_ensemble(toy: Toy, seed: int, moves: str, hidden: bool) -> Found:
     """emcee with the moves of the default sampler, and its rules of stopping."""
-    backend, limits = Backend(), Limits(STEPS, tau_factor=50.0, r_hat=1.02)
+    stored, sampler = ChainMemory(), Emcee(walkers=WALKERS, steps=STEPS, moves=moves)
     data = Data(toy.data.values + toy.data.errors, toy.data.errors) if hidden else toy.data
     with Workers({"full": toy, "cheap": toy}) as pool:
-        run = Sampling(
-            toy.priors, WALKERS, seed, moves, pool, backend, blob_dtype(len(toy.values)), progress=False, data=data
-        )
-        run.begin()
-        run.advance(limits)
-        calls = sum(run.totals()[name] for name in ("calls", "search_calls"))
-    chain = backend.get_chain()
-    verdict = Convergence(chain, learning_steps(moves, chain), limits.tau_factor, limits.r_hat)
+        deque(PosteriorTarget(toy.priors, data, seed, pool, chain=stored).run(sampler), maxlen=0)
+    calls = sum(stored.last.counts[name] for name in ("calls", "search_calls"))
+    chain = stored.samples()
+    verdict = sampler.convergence(chain)
     used = chain[verdict.discard :]
     effective = float(np.min(effective_samples(used, verdict.tau)))
-    stuck = len(stuck_walkers(chain, backend.get_log_prob()))
+    stuck = len(stuck_walkers(chain, stored.whole().log_prob))
     lacks = [verdict.missing([f"p{i}" for i in range(used.shape[-1])]), f"{stuck} walkers are stuck" if stuck else ""]
     points = used.reshape(-1, used.shape[-1])
     missing = "; ".join(filter(None, lacks))
@@ -89,11 +74,9 @@ def by_plugin(toy: Toy, seed: int, kind: str) -> Found:
     """Another sampler, as a run file has it by default."""
     component = getattr(import_module(f"streamkit_{kind}"), kind.title())()
     with Workers({"full": toy, "cheap": toy}) as pool:
-        calls = EvaluationCache(pool)
-        task = Task(toy.priors, seed, calls, blob_dtype(len(toy.values)))
-        (last,) = deque(task.run(component), maxlen=1)
-    missing = Stopping(last).missing([])
-    return Found(last.points, last.weights, len(calls), last.ess, np.nan, missing)
+        cache = EvaluationCache()
+        (last,) = deque(PosteriorTarget(toy.priors, toy.data, seed, pool, cache).run(component), maxlen=1)
+    return Found(last.points, last.weights, len(cache), last.ess, np.nan, last.lacks)
 
 
 def line(toy: Toy, name: str, seed: int, hidden: bool) -> str:

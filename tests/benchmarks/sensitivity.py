@@ -19,7 +19,7 @@ import streamkit as sk
 from streamkit.model import Host
 from streamkit.sample import Evaluation, Posterior, Workers
 from streamkit.sample.posterior import gaussian
-from streamkit.study.fit.results import Results
+from streamkit.study.fit.results import load_results
 
 RADII = np.array([50.0, 100.0, 150.0, 200.0])
 TERCILES = ("progenitor.lookback", "stripping.sigma", "progenitor.mass", "progenitor.radius", "potential.alpha")
@@ -49,7 +49,7 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=600, help="samples evaluated again for each choice")
     parser.add_argument("--workers", type=int, default=1)
     given = parser.parse_args()
-    results = Results(given.out)
+    results = load_results(given.out)
     spec, samples = results.spec, results.samples
     some = samples[np.linspace(0, len(samples) - 1, min(given.samples, len(samples))).astype(int)]
     mass = masses(spec, some)

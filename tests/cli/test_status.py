@@ -66,7 +66,7 @@ def test_the_command_to_go_on_keeps_the_options(tmp_path, monkeypatch):
     (tmp_path / "small.toml").unlink()
     done = call(*go_on[1:-2], "3", "--resume")
     assert done.exit_code == 0, done.output
-    results = sk.Results("out")
+    results = sk.load_results("out")
     assert len(results.chain) == 3
     assert results.spec.document["progenitor"]["v_los"] == "150.0 km/s"
 

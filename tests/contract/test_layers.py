@@ -26,6 +26,7 @@ LAYERS = (
     {"model", "report"},
     {"observe", "runfile"},
     {"components"},
+    {"convergence"},
     {"fields"},
     {"expansion"},
     {"engine"},

@@ -15,25 +15,29 @@ from toys import banana_run
 
 import streamkit as sk
 from streamkit.report import hdf5
-from streamkit.sample import ChainFile, Limits, chain_file, read_chain_file
+from streamkit.sample import ChainFile, chain_file, read_chain_file
 from streamkit.sample.journal import Journal, journal_of
 
 STEPS = 120
-LIMITS = Limits(STEPS, tau_factor=1e9)
-PARTS = "chain", "log_prob", "blobs", "accepted", "tried", "replicas", "checksum"
+PARTS = "chain", "log_prob", "blobs", "accepted", "checksum"
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     """Return the chain of a run that nobody disturbed."""
-    file = ChainFile(str(tmp_path_factory.mktemp("whole") / "chain.h5"))
-    banana_run(file, LIMITS, "surrogate")
-    return read_chain_file(file._path)
+    file = ChainFile(tmp_path_factory.mktemp("whole") / "chain.h5")
+    banana_run(file, STEPS, "surrogate")
+    return read_chain_file(file.path)
 
 
 def same(found, wanted):
     for name in PARTS:
         np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name), err_msg=name)
+    for name in ("memory", "history"):
+        one, two = getattr(found, name), getattr(wanted, name)
+        assert one.keys() == two.keys()
+        for key in one:
+            np.testing.assert_array_equal(one[key], two[key], err_msg=key)
     for one, two in zip(found.random_state, wanted.random_state, strict=True):
         np.testing.assert_array_equal(one, two)
     assert found.attributes["counts"] == wanted.attributes["counts"]
@@ -41,13 +45,13 @@ def same(found, wanted):
 
 def go_on(path, awake=None):
     """Begin a run, or continue it."""
-    file, resume = ChainFile(str(path)), False
+    file, resume = ChainFile(path), False
     if path.exists():
         file.load()
-        resume = file.iteration > 0 or file.start is not None
+        resume = file.last is not None
     if awake is not None:
         awake.set()
-    banana_run(file, LIMITS, "surrogate", resume=resume)
+    banana_run(file, STEPS, "surrogate", resumes=resume)
 
 
 def killed(path, wait):
@@ -175,18 +179,18 @@ def test_a_journal_cut_at_any_byte_keeps_the_records_before(tmp_path):
 def test_a_journal_taken_away_during_the_run_is_told_and_its_steps_are_kept(tmp_path, left):
     """What is in memory goes into the chain file when the run ends."""
     path = tmp_path / "chain.h5"
-    file = ChainFile(str(path))
-    commit = file.commit
+    file = ChainFile(path)
+    append = file.append
 
-    def disturbed(*args):
+    def disturbed(step):
         if file.iteration == 12:
             journal = journal_of(path).path
             journal.unlink() if left is None else journal.write_bytes(journal.read_bytes()[:left])
-        commit(*args)
+        append(step)
 
-    file.commit = disturbed
+    file.append = disturbed
     with pytest.raises(sk.ChainError, match=r"chain\.journal: was removed or cut by somebody else"):
-        banana_run(file, Limits(30, tau_factor=1e9), "de")
+        banana_run(file, 30, "de")
     assert len(read_chain_file(path).chain) == 12
 
 
@@ -233,13 +237,13 @@ def test_a_flipped_bit_anywhere_in_a_journal_drops_at_most_its_last_record(tmp_p
 
 def test_a_resumed_run_says_which_step_was_torn(tmp_path, whole, caplog):
     path = tmp_path / "chain.h5"
-    file = ChainFile(str(path))
+    file = ChainFile(path)
     file.consolidate = lambda: None  # as if it had been killed
-    banana_run(file, Limits(20, tau_factor=1e9), "surrogate")
+    banana_run(file, 20, "surrogate")
     assert not caplog.text
     journal = journal_of(path).path
     journal.write_bytes(journal.read_bytes()[:-30])
-    resumed = ChainFile(str(path))
+    resumed = ChainFile(path)
     resumed.load()
     assert resumed.iteration == 19
     assert "chain.journal: ends with a part of step 20 (" in caplog.text
@@ -250,9 +254,9 @@ def test_a_resumed_run_says_which_step_was_torn(tmp_path, whole, caplog):
 
 def test_a_chain_file_that_cannot_be_read_is_rebuilt_as_long_as_the_journal_holds_all(tmp_path, whole, monkeypatch):
     path = tmp_path / "chain.h5"
-    file = ChainFile(str(path))
+    file = ChainFile(path)
     file.consolidate = lambda: None  # as if it had been killed
-    banana_run(file, Limits(40, tau_factor=1e9), "surrogate")
+    banana_run(file, 40, "surrogate")
     path.write_bytes(path.read_bytes()[:1000])
     assert len(read_chain_file(path).chain) == 40
     go_on(path)
@@ -266,17 +270,16 @@ def test_emcee_reads_the_file_of_a_finished_run(tmp_path, whole):
     np.testing.assert_array_equal(reader.get_chain(), whole.chain)
     np.testing.assert_array_equal(reader.get_blobs(), whole.blobs)
     assert reader.iteration == STEPS
-    mine = ChainFile(str(path))
+    mine = ChainFile(path)
     mine.load()
-    for options in ({}, {"flat": True}, {"thin": 7}, {"discard": 50, "thin": 3}):
-        np.testing.assert_array_equal(mine.get_log_prob(**options), reader.get_log_prob(**options))
+    np.testing.assert_array_equal(mine.samples(), reader.get_chain())
 
 
 def test_a_chain_of_an_older_version_is_continued(tmp_path, whole):
     """It has no checksums, rows of all the steps of learning, and room for steps that were not taken."""
     path = tmp_path / "chain.h5"
-    file = ChainFile(str(path))
-    banana_run(file, Limits(40, tau_factor=1e9), "surrogate")
+    file = ChainFile(path)
+    banana_run(file, 40, "surrogate")
     path.write_bytes(path.read_bytes()[512:])
     with h5py.File(path, "a") as stored:
         del stored.attrs["checksum"]
@@ -317,20 +320,20 @@ def elsewhere(file):
 @pytest.mark.parametrize("change", [nan, sample, fewer, linked, elsewhere])
 def test_a_chain_changed_behind_its_back_is_refused(tmp_path, change, sealed):
     path = tmp_path / "chain.h5"
-    banana_run(ChainFile(str(path)), Limits(30, tau_factor=1e9), "surrogate")
+    banana_run(ChainFile(path), 30, "surrogate")
     if not sealed:
         path.write_bytes(path.read_bytes()[512:])
     with h5py.File(path, "a") as file:
         change(file)
     with pytest.raises(sk.ChainError, match="changed after it was written: "):
-        ChainFile(str(path)).load()
+        ChainFile(path).load()
 
 
 @pytest.mark.parametrize("sealed", [True, False], ids=["", "of an older version"])
 def test_flipped_bits_anywhere_are_told_or_harmless(tmp_path, sealed):
     """Without a checksum HDF5 itself meets them, for which the reader has a process that it can lose."""
     path, rng = tmp_path / "chain.h5", np.random.default_rng(5)
-    banana_run(ChainFile(str(path)), Limits(20, tau_factor=1e9), "surrogate")
+    banana_run(ChainFile(path), 20, "surrogate")
     wanted, content = read_chain_file(path), path.read_bytes()[0 if sealed else 512 :]
     places = [*rng.integers(len(content), size=150 if sealed else 15), *rng.integers(4096, size=50 if sealed else 15)]
     told: list[str] = []
@@ -364,14 +367,14 @@ def test_a_file_in_which_hdf5_never_ends_is_told(tmp_path, monkeypatch):
 def test_a_journal_of_another_run_is_refused(tmp_path, monkeypatch):
     one, two = tmp_path / "one.h5", tmp_path / "two.h5"
     for path, moves in ((one, "surrogate"), (two, "de")):
-        file = ChainFile(str(path))
-        banana_run(file, Limits(30, tau_factor=1e9), moves)
+        file = ChainFile(path)
+        banana_run(file, 30, moves)
         file.load()
         file.consolidate = lambda: None
-        banana_run(file, Limits(32, tau_factor=1e9), moves, resume=True)
+        banana_run(file, 32, moves, resumes=True)
     journal_of(two).path.replace(journal_of(one).path)
     with pytest.raises(sk.ChainError, match=r"does not continue one\.h5, of 30 steps"):
-        ChainFile(str(one)).load()
+        ChainFile(one).load()
 
 
 def test_nothing_is_written_through_a_link_in_place_of_a_journal(tmp_path):

@@ -15,13 +15,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from emcee.backends import Backend
-from toys import FIT, Gaussian, Slow, sampling
+from toys import FIT, Gaussian, Slow, walk
 
 import streamkit as sk
 from streamkit.errors import blamed
 from streamkit.runfile import Engine
-from streamkit.sample import CallTimeout, Limits, Workers, engine, timeout, workers
+from streamkit.sample import CallTimeout, ChainMemory, Workers, engine, timeout, workers
 from streamkit.sample.timeout import NO_ANSWER, call_with_timeout
 from streamkit.sample.workers import OVERTIME
 from streamkit.study.fit import read_status, runner
@@ -37,15 +36,13 @@ if __name__ == "__main__":
 
 
 def chain(name):
-    backend = Backend()
+    chain = ChainMemory()
     with (
         engine(Engine(kind=name, workers=2)) as where,
         Workers({"full": Gaussian(), "cheap": Gaussian()}, where) as pool,
     ):
-        run = sampling(pool, backend, walkers=8)
-        run.begin()
-        run.advance(Limits(10, tau_factor=1e9))
-    return backend.get_chain()
+        walk(Gaussian(), pool, chain, walkers=8, steps=10)
+    return chain.samples()
 
 
 @pytest.fixture(scope="module")

@@ -4,56 +4,41 @@ import os
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from time import monotonic, sleep
 
 import emcee
 import numpy as np
 import pytest
-from emcee.backends import Backend
 from scipy.stats import norm, rankdata
-from toys import COVARIANCE, MEAN, PRIORS, Gaussian, sampling
+from toys import COVARIANCE, MEAN, PRIORS, Gaussian, walk
 
 import streamkit as sk
+from streamkit.builtin.ensemble.moves import proposals
+from streamkit.convergence import CHECK, Convergence, autocorrelation_times, burn_in, rank_r_hat, stuck_walkers
 from streamkit.runfile import Uniform
-from streamkit.sample import (
-    ChainFile,
-    Convergence,
-    Evaluation,
-    Limits,
-    Sampling,
-    Workers,
-    autocorrelation_times,
-    blob_dtype,
-    burn_in,
-    rank_r_hat,
-    read_chain_file,
-    stuck_walkers,
-)
-from streamkit.sample.convergence import CHECK
-from streamkit.sample.moves import proposals
-from streamkit.sample.start import Search
+from streamkit.sample import ChainFile, ChainMemory, Evaluation, Workers, read_chain_file
+from streamkit.sample.search import Search
 from streamkit.sample.workers import _evaluate_sent
 
 
-def toy_chain(backend, steps, seed=5, moves="de", walkers=24, cut=False):
+def toy_chain(chain, steps, seed=5, cut=False, **fields):
+    """Fill a chain; return whether it ended before its number of steps."""
     toy = Gaussian(cut)
     with Workers({"full": toy, "cheap": toy}) as pool:
-        run = sampling(pool, backend, seed, walkers, moves)
-        run.begin()
-        status = run.advance(steps)
-    return run, status
+        walk(toy, pool, chain, seed=seed, steps=steps, **fields)
+    return chain.iteration < steps
 
 
 @pytest.mark.parametrize("moves", ["de", "stretch"])
 def test_a_gaussian_is_recovered(moves):
-    backend = Backend()
-    _, status = toy_chain(backend, Limits(1500, tau_factor=1e9), moves=moves)
-    samples = backend.get_chain(discard=300, flat=True)
+    chain = ChainMemory()
+    converged = toy_chain(chain, 1500, moves=moves)
+    late = chain.samples()[300:]
+    samples = late.reshape(-1, 3)
     sd = np.sqrt(np.diag(COVARIANCE))
-    tau = autocorrelation_times(backend.get_chain(discard=300)).max()
+    tau = autocorrelation_times(late).max()
     error = np.sqrt(tau / len(samples))  # of a mean, in standard deviations
-    assert status == "steps"
+    assert not converged
     assert (np.abs(samples.mean(axis=0) - MEAN) < 4 * error * sd).all()
     np.testing.assert_allclose(np.cov(samples.T), COVARIANCE, atol=8 * error * sd.max() ** 2)
     for q, z in ((16, -0.9945), (84, 0.9945), (97.5, 1.96)):  # normal quantiles
@@ -61,47 +46,44 @@ def test_a_gaussian_is_recovered(moves):
 
 
 def test_it_stops_when_the_chain_is_long_enough():
-    backend = Backend()
-    _, status = toy_chain(backend, Limits(20000, tau_factor=20))
-    assert status == "converged"
-    assert backend.iteration > 20 * autocorrelation_times(backend.get_chain()).max()
+    chain = ChainMemory()
+    assert toy_chain(chain, 20000, tau_factor=20)
+    assert chain.iteration > 20 * autocorrelation_times(chain.samples()).max()
 
 
 def test_it_goes_on_until_the_walkers_agree():
-    backend = Backend()
-    _, status = toy_chain(backend, Limits(20000, tau_factor=5, r_hat=1.02))
-    assert status == "converged"
-    chain = backend.get_chain()
+    stored = ChainMemory()
+    assert toy_chain(stored, 20000, tau_factor=5, r_hat=1.02)
+    chain = stored.samples()
     before, after = (rank_r_hat(part[burn_in(part) :]).max() for part in (chain[:-CHECK], chain))
     assert after < 1.02 <= before
     assert Convergence(chain, 0, 5, 1.02)
     assert not Convergence(chain[:-CHECK], 0, 5, 1.02)
-    assert backend.iteration > 10 * autocorrelation_times(backend.get_chain()).max()
+    assert len(chain) > 10 * autocorrelation_times(chain).max()
 
 
 def test_every_rejection_is_counted_and_no_walker_stands_on_one():
-    backend = Backend()
-    run, _ = toy_chain(backend, Limits(50, tau_factor=1e9), cut=True)
-    counts = run.totals()
+    chain = ChainMemory()
+    toy_chain(chain, 50, cut=True)
+    counts = chain.last.counts
     assert counts["calls"] == 50 * 24
     assert counts["reasons"]["no stream on this side"] > 50
-    assert (backend.get_chain()[..., 0] >= MEAN[0]).all()
+    assert (chain.samples()[..., 0] >= MEAN[0]).all()
 
 
 def test_a_resumed_chain_equals_an_uninterrupted_one(tmp_path):
-    whole, parts = (ChainFile(str(tmp_path / f"{name}.h5")) for name in ("whole", "parts"))
-    toy_chain(whole, Limits(30))
-    first, _ = toy_chain(parts, Limits(17))
-    toy = Gaussian()
+    whole, parts = (ChainFile(tmp_path / f"{name}.h5") for name in ("whole", "parts"))
+    toy_chain(whole, 30)
+    toy_chain(parts, 17)
+    toy, resumed = Gaussian(), ChainFile(parts.path)
+    resumed.load()
     with Workers({"full": toy, "cheap": toy}) as pool:
-        second = sampling(pool, ChainFile(parts.filename))
-        second.resume()
-        second.advance(Limits(30))
+        walk(toy, pool, resumed, resumes=True, steps=30)
     for name in ("chain", "log_prob", "blobs", "accepted"):
-        one, two = (getattr(read_chain_file(Path(file.filename)), name) for file in (whole, parts))
+        one, two = (getattr(read_chain_file(file.path), name) for file in (whole, parts))
         np.testing.assert_array_equal(one, two)
-    assert second.totals()["calls"] == 30 * 24
-    assert second.totals()["search_calls"] == first.totals()["search_calls"]
+    assert resumed.last.counts["calls"] == 30 * 24
+    assert resumed.last.counts["search_calls"] == parts.last.counts["search_calls"]
 
 
 def test_the_start_is_spread_over_the_posterior():
@@ -129,7 +111,7 @@ def test_a_start_that_cannot_be_found_says_why():
         Workers({"full": Barren(), "cheap": Barren()}) as pool,
         pytest.raises(sk.StreamkitError, match=r"only 0 .*no apocentre: 1024 of 2048"),
     ):
-        sampling(pool, Backend()).begin()
+        walk(Gaussian(), pool, ChainMemory())
 
 
 def test_autocorrelation_time_of_an_ar1_process():
@@ -221,9 +203,7 @@ def test_processes_are_forked_before_any_thread_is_started(monkeypatch, capsys):
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
     toy = Gaussian()
     with Workers({"full": toy, "cheap": toy}, 2) as workers:
-        run = Sampling(PRIORS, 8, 5, "de", workers, Backend(), blob_dtype(2), progress=True)
-        run.begin()
-        run.advance(Limits(3))
+        walk(toy, workers, ChainMemory(), progress=True, walkers=8, steps=3)
         names = {type(thread).__name__ for thread in set(threading.enumerate()) - before}
     assert forks == [set(), set()]
     assert "TMonitor" not in names
@@ -278,7 +258,7 @@ class Scarce(Gaussian):
 
 
 def test_a_time_limit_ends_a_search_that_finds_nothing(monkeypatch):
-    monkeypatch.setattr("streamkit.sample.start.GRACE", 0.3)
+    monkeypatch.setattr("streamkit.sample.search.GRACE", 0.3)
     posterior, begin = Scarce(), monotonic()
     search = Search(
         PRIORS, lambda points, _: [posterior.evaluate(p) for p in points], 24, np.random.default_rng(1), begin + 0.2

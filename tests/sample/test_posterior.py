@@ -10,9 +10,10 @@ from toys import FIT
 
 import streamkit as sk
 from streamkit.components import load_registry
-from streamkit.observe import Data, gaussian, join_data, read_data
+from streamkit.observe import join_data, read_data
 from streamkit.sample import Posterior
 from streamkit.sample.posterior import OUTSIDE
+from streamkit.stream import Data
 
 MOCKER = '''
 from typing import Any, ClassVar
@@ -76,8 +77,8 @@ def test_the_likelihood_is_a_product_of_gaussians_and_skips_missing_data():
     mean, variance = np.array([48.1, 3.0, 91.0]), np.array([0.04, 1.0, 0.25])
     plain = norm.logpdf(47.8, 48.1, 0.5) + norm.logpdf(93.2, 91.0, 3.5)
     wide = norm.logpdf(47.8, 48.1, np.hypot(0.5, 0.2)) + norm.logpdf(93.2, 91.0, np.hypot(3.5, 0.5))
-    assert gaussian(mean, variance, Data(data, sigma)) == pytest.approx(plain, rel=1e-12)
-    assert gaussian(mean, variance, Data(data, sigma, add_noise=True)) == pytest.approx(wide, rel=1e-12)
+    assert Data(data, sigma).gaussian(mean, variance) == pytest.approx(plain, rel=1e-12)
+    assert Data(data, sigma, add_noise=True).gaussian(mean, variance) == pytest.approx(wide, rel=1e-12)
 
 
 @pytest.mark.parametrize("add_noise", [False, True])
@@ -87,12 +88,12 @@ def test_a_covariance_is_that_of_a_multivariate_normal(add_noise):
     covariance, mean, data = root @ root.T + np.eye(5), rng.normal(size=5), rng.normal(size=5)
     variance, sigma = rng.uniform(size=5), np.sqrt(np.diag(covariance))
     total = covariance + np.diag(variance) * add_noise
-    found = gaussian(mean, variance, Data(data, sigma, add_noise, covariance))
+    found = Data(data, sigma, add_noise, covariance).gaussian(mean, variance)
     assert found == pytest.approx(multivariate_normal.logpdf(data, mean, total), rel=1e-12)
     data[2] = np.nan  # dropped: the marginal of the others
     kept = [0, 1, 3, 4]
     expected = multivariate_normal.logpdf(data[kept], mean[kept], total[np.ix_(kept, kept)])
-    assert gaussian(mean, variance, Data(data, sigma, add_noise, covariance)) == pytest.approx(expected, rel=1e-12)
+    assert Data(data, sigma, add_noise, covariance).gaussian(mean, variance) == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize(

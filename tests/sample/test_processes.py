@@ -11,11 +11,10 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from emcee.backends import Backend
-from toys import Gaussian, Slow, sampling
+from toys import Gaussian, Slow, walk
 
 import streamkit as sk
-from streamkit.sample import CallTimeout, Limits, Processes, WorkerDied, Workers, one_thread
+from streamkit.sample import CallTimeout, ChainFile, ChainMemory, Processes, WorkerDied, Workers, one_thread
 from streamkit.sample.processes import TRIES
 from streamkit.sample.workers import OVERTIME
 
@@ -82,10 +81,10 @@ def test_linear_algebra_has_one_thread_in_a_worker_and_in_a_run(executor):
         assert blas_threads() == before
 
 
-def test_fifty_kills_at_random_moments_change_nothing(caplog):
+def test_fifty_kills_at_random_moments_change_nothing(caplog, tmp_path):
     """A thread kills workers, idle or busy, while a chain is made: it is that of one process."""
     caplog.set_level(logging.CRITICAL, "streamkit")
-    backend, kills, rng, over = Backend(), [], np.random.default_rng(5), threading.Event()
+    chain, kills, rng, over = ChainFile(tmp_path / "chain.h5"), [], np.random.default_rng(5), threading.Event()
     with Workers({"full": Gaussian(), "cheap": Gaussian()}, 3) as pool:
 
         def kill():
@@ -95,22 +94,19 @@ def test_fifty_kills_at_random_moments_change_nothing(caplog):
                     os.kill(rng.choice(pool._executor.pids), signal.SIGKILL)
                     kills.append(1)
 
-        run = sampling(pool, backend)
-        run.begin()
+        walk(Gaussian(), pool, chain, steps=1)
         killer = threading.Thread(target=kill)
         killer.start()
         try:
             while killer.is_alive():
-                run.advance(Limits(backend.iteration + 10, tau_factor=1e9))
+                walk(Gaussian(), pool, chain, resumes=True, steps=chain.iteration + 10)
         finally:
             over.set()
-    alone = Backend()
+    alone = ChainMemory()
     with Workers({"full": Gaussian(), "cheap": Gaussian()}) as pool:
-        run = sampling(pool, alone)
-        run.begin()
-        run.advance(Limits(backend.iteration, tau_factor=1e9))
+        walk(Gaussian(), pool, alone, steps=chain.iteration)
     assert len(kills) == 50
-    np.testing.assert_array_equal(alone.get_chain(), backend.get_chain())
+    np.testing.assert_array_equal(alone.samples(), chain.samples())
 
 
 def test_a_call_that_kills_every_worker_is_given_up_and_others_are_not(executor, caplog):

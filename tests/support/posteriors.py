@@ -10,9 +10,9 @@ from functools import cached_property
 
 import numpy as np
 
-from streamkit.observe import Data
 from streamkit.runfile import Uniform
 from streamkit.sample import Evaluation
+from streamkit.stream import Data
 
 
 class Toy:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import time
+from collections import deque
 from typing import Any
 
 import numpy as np
 
-from streamkit.observe import Data
+from streamkit.builtin.ensemble.sampler import Emcee
 from streamkit.runfile import Uniform
-from streamkit.sample import Evaluation, Sampling, Workers, blob_dtype
+from streamkit.sample import ChainMemory, Evaluation, PosteriorTarget, Workers
+from streamkit.stream import Data
 
 FIT: dict[str, Any] = {
     "seed": 3,
@@ -38,6 +40,8 @@ PRIORS = (Uniform(-20, 20), Uniform(-20, 20), Uniform(-20, 20))
 class Gaussian:
     """A correlated Gaussian; half of the space has no stream if ``cut``."""
 
+    priors, data = PRIORS, Data(np.zeros(2), np.ones(2))
+
     def __init__(self, cut: bool = False) -> None:
         self.cut = cut
         self.inverse = np.linalg.inv(COVARIANCE)
@@ -53,8 +57,13 @@ class Gaussian:
         return Evaluation(lnl - 3 * np.log(40), lnl, theta[:2], np.zeros(2))
 
 
-def sampling(pool: Workers, backend, seed: int = 5, walkers: int = 24, moves: str = "de") -> Sampling:
-    return Sampling(PRIORS, walkers, seed, moves, pool, backend, blob_dtype(2), progress=False)
+def walk(toy, pool: Workers, chain: ChainMemory, resumes=False, seed=5, progress=False, **fields) -> PosteriorTarget:
+    """Sample a toy by the default sampler; the chain has as many steps as the fields say, or as it needs."""
+    target = PosteriorTarget(toy.priors, toy.data, seed, pool, chain=chain, resumes=resumes, progress=progress)
+    fields = {"walkers": 24, "moves": "de", "tau_factor": 1e9, "r_hat": 1e9} | fields
+    deque(target.run(Emcee(**fields)), maxlen=0)
+    chain.consolidate()
+    return target
 
 
 class Slow(Gaussian):
@@ -120,13 +129,7 @@ class Heavy(Banana):
         return float(-2 * np.log1p(away**2 / 3).sum())
 
 
-def banana_run(backend, limits, moves: str, resume: bool = False, toy: Banana | None = None):
+def banana_run(chain: ChainMemory, steps: int, moves: str, resumes: bool = False, toy: Banana | None = None, **fields):
     toy = Banana() if toy is None else toy
-    m = len(toy.data.values)
     with Workers({"full": toy, "cheap": toy}) as pool:
-        run = Sampling(toy.priors, 16, 5, moves, pool, backend, blob_dtype(m), progress=False, data=toy.data)
-        if resume:
-            run.resume()
-        else:
-            run.begin()
-        return run, run.advance(limits)
+        return walk(toy, pool, chain, resumes, walkers=16, steps=steps, moves=moves, **fields)

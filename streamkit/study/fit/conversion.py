@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from streamkit.errors import StreamkitError
-from streamkit.observe import Data
-from streamkit.stream import Array
+from streamkit.stream import Array, Data
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, norm, rankdata
 
 from streamkit.errors import OutOfDomain
-from streamkit.observe import gaussian
 from streamkit.runfile import Prior
 from streamkit.sample import Posterior
 from streamkit.stream import Array
@@ -166,7 +165,7 @@ def predictive(results: Results) -> Predictive | None:
     if not len(kept):
         return None
     some = kept[:COMPARED]
-    expected = [gaussian(row["mean"], row["variance"], data) for row in some]
+    expected = [data.gaussian(row["mean"], row["variance"]) for row in some]
     names = tuple(name for name, there in zip(_names(results, len(used)), used, strict=True) if there)
     return Predictive(
         names,

@@ -18,7 +18,6 @@ from streamkit.report import (
     BAND_68,
     BAND_95,
     BLUE,
-    GREY,
     VERMILION,
     NotebookFigure,
     inner_ticks,
@@ -27,7 +26,6 @@ from streamkit.report import (
     ticks,
     with_unit,
 )
-from streamkit.sample import Weighted
 from streamkit.stream import Array
 from streamkit.study.fit.literature import draw_literature
 from streamkit.study.fit.results import Results
@@ -186,51 +184,29 @@ def _profile(
 
 
 def traces(results: Results) -> Figure:
-    """Draw the walkers' paths: every parameter and ln p against the step, with the burn-in shaded.
-
-    Weighted samples are drawn against their number, as the sampler gave them: nested sampling climbs from the prior.
-    """
-    if results.weighted is not None:
-        return _climb(results, results.weighted)
-    steps, walkers, d = results.chain.shape
-    scale, own, units = _labels(results)
+    """Draw every parameter and ln p as the sampler went through them: `Draws.draw_trace`."""
+    d = len(results.names)
+    scale, labels_of, units = _labels(results)
     columns = min(3, d + 1)
     rows = -(-(d + 1) // columns)
     figure = NotebookFigure(figsize=(4.3 * columns, 1.75 * rows + 0.8), layout="constrained")
     panels: Any = figure.subplots(rows, columns, squeeze=False, sharex=True)
-    ln_p = np.where(np.isfinite(results.log_prob), results.log_prob, np.nan)
-    values = [results.chain[..., i] / scale[i] for i in range(d)] + [ln_p]
-    between = ["\n" if len(name) > (25 if "$" in name else 8) else " " for name in own]
-    names = [with_unit(*each) for each in zip(own, units, between, strict=True)] + [r"$\ln p$"]
-    x = np.arange(1, steps + 1)
-    every = max(steps // 2000, 1)
-    for axes, value, name in zip(panels.flat, values, names, strict=False):
-        axes.plot(
-            x[::every],
-            value[::every],
-            color=GREY,
-            lw=0.4,
-            alpha=min(max(0.25, 10 / walkers), 1),
-            rasterized=True,
-        )
-        axes.plot(x[::every], np.median(value, axis=1)[::every], color=BLUE, lw=1.6)
-        if results.discard:
-            axes.axvspan(1, results.discard, color="black", alpha=0.07, lw=0)
+    between = ["\n" if len(name) > (25 if "$" in name else 8) else " " for name in labels_of]
+    names = [with_unit(*each) for each in zip(labels_of, units, between, strict=True)] + [r"$\ln p$"]
+    for i, (axes, name) in enumerate(zip(panels.flat, names, strict=False)):
+        parameter = i if i < d else None
+        results.draws.draw_trace(axes, parameter, 1.0 if parameter is None else scale[i])
         axes.set_ylabel(name, fontsize=12)
-        axes.set_xlim(1, max(steps, 2))
         ticks(axes)
-    low = np.percentile(ln_p[results.discard :], 0.5)
-    if np.isfinite(low):
-        panels.flat[d].set_ylim(low - 5, np.nanmax(ln_p) + 2)
     for axes in list(panels.flat)[d + 1 :]:
         axes.set_visible(False)
+    x_label, legend = results.draws.trace
     for column in range(columns):
         bottom = max(row for row in range(rows) if row * columns + column <= d)
-        panels[bottom, column].set_xlabel("step", fontsize=12)
         panels[bottom, column].tick_params(labelbottom=True)
-    title = "grey: walkers; blue: their median; shaded: burn-in"
+    figure.supxlabel(x_label, fontsize=12)
     text = remark(results)
-    figure.suptitle(f"{text} ({title})" if text else title, fontsize=11, color=VERMILION if text else "black")
+    figure.suptitle(f"{text} ({legend})" if text else legend, fontsize=11, color=VERMILION if text else "black")
     return figure
 
 
@@ -242,37 +218,6 @@ def _no_contour_warning(record: logging.LogRecord) -> bool:
 def levels(profile: QTable, name: str, factor: float) -> dict[str, Array]:
     """Return median and intervals (nr,) of one quantity of a profile, times the factor, by suffix."""
     return {level: profile[name + level].value * factor for level in ("", "_lo68", "_hi68", "_lo95", "_hi95")}
-
-
-def _climb(results: Results, found: Weighted) -> Figure:
-    """Draw weighted samples in the order of their ln likelihood: all of them grey, and blue by their weight."""
-    order = np.argsort(found.blobs["ln_likelihood"], kind="stable")
-    order = order[np.isfinite(found.log_prob[order])]
-    d = found.points.shape[1]
-    scale, own, units = _labels(results)
-    columns = min(3, d + 1)
-    rows = -(-(d + 1) // columns)
-    figure = NotebookFigure(figsize=(4.3 * columns, 1.75 * rows + 0.8), layout="constrained")
-    panels: Any = figure.subplots(rows, columns, squeeze=False, sharex=True)
-    between = ["\n" if len(name) > (25 if "$" in name else 8) else " " for name in own]
-    names = [with_unit(*each) for each in zip(own, units, between, strict=True)] + [r"$\ln p$"]
-    every = order[:: max(len(order) // 5000, 1)]
-    x = np.arange(1, len(order) + 1)[:: max(len(order) // 5000, 1)]
-    share = found.weights[every] / found.weights.max()
-    lnp = found.log_prob[every]
-    values = [found.points[every, i] / scale[i] for i in range(d)] + [lnp]
-    for axes, value, name in zip(panels.flat, values, names, strict=False):
-        axes.plot(x, value, ".", color=GREY, ms=1.5, alpha=0.4, mew=0, rasterized=True)
-        axes.scatter(x, value, s=5, color=BLUE, alpha=share, lw=0, rasterized=True)
-        axes.set_ylabel(name, fontsize=12)
-        ticks(axes)
-    panels.flat[d].set_ylim(lnp.max() - 60, lnp.max() + 2)
-    for axes in list(panels.flat)[d + 1 :]:
-        axes.set_visible(False)
-    figure.supxlabel("number of the sample, by rising likelihood", fontsize=12)
-    text, title = remark(results), "grey: all samples; blue: by their weight"
-    figure.suptitle(f"{text} ({title})" if text else title, fontsize=11, color=VERMILION if text else "black")
-    return figure
 
 
 def bands(axes: Axes, r: Array, values: Mapping[str, Array]) -> None:

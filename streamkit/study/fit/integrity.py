@@ -67,7 +67,7 @@ def load_spec(directory: Path, components: Iterable[type[Component]] = (), trust
         lost = sorted(text for text in about["components"].values() if IN_PYTHON in text)
         if lost and not components:
             told = f"{directory}: the run had components given in Python ({'; '.join(lost)})"
-            raise ChainError(f"{told}: read it in Python, with Results(directory, components=[...])") from error
+            raise ChainError(f"{told}: read it in Python, with load_results(directory, components=[...])") from error
         if not _is_unchanged(path, about):
             raise ChainError(f"{path}: has changed since the run began, or is damaged: {error}\n{RESTORE}") from error
         raise

@@ -4,24 +4,23 @@ from __future__ import annotations
 
 import base64
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
+from streamkit.components import LEVELS
 from streamkit.observe import frame_of
-from streamkit.report import cited, number
+from streamkit.report import cited, labels, number
 from streamkit.study.fit.diagnostics import contraction, predictive, prior_fractions
 from streamkit.study.fit.directory import stream_pictures
 from streamkit.study.fit.figures import reach, remark
 from streamkit.study.fit.literature import DENSITY, POTENTIAL, beside_literature
 from streamkit.study.fit.manifest import manifest
-from streamkit.study.fit.page_figures import rank_plots
-from streamkit.study.fit.results import Results, evidence_text
-from streamkit.study.fit.verdicts import LEVELS, overall, verdicts
+from streamkit.study.fit.results import Results
+from streamkit.study.fit.verdicts import overall, verdicts
 
 if TYPE_CHECKING:
     from astropy.table import QTable
@@ -174,20 +173,15 @@ def _reasons(results: Results) -> Iterator[dict[str, Any]]:
 
 def _run(results: Results) -> dict[str, Any]:
     """What was run: facts for the table at the end of the page."""
-    steps, walkers, d = results.chain.shape
-    known = {} if results.directory is None else manifest(results.directory)
+    notes = {} if results.directory is None else manifest(results.directory)
     spec = results.spec
-    chain = f"{steps} steps of {walkers} walkers, {d} free parameters; {results.discard} steps of burn-in"
-    if results.weighted is not None:
-        many = f"none: {len(results.weighted.points)} weighted samples, {d} free parameters"
-        chain = f"{many}, here as {steps} of equal weight; {evidence_text(results.weighted)}"
     return {
         "facts": {
             "run file": Path(str(spec.source)).name,
             "digest": spec.digest(),
             "seed": spec.seed,
             "sampler": spec.sampler.kind,
-            "chain": chain,
+            "chain": results.draws.description(),
             "ended": {
                 "converged": "by the rule of convergence",
                 "few": "by the rule of the sampler, with few effective samples",
@@ -195,17 +189,16 @@ def _run(results: Results) -> dict[str, Any]:
                 "time": "at its time limit",
             }.get(results.status, "not yet, or by an interruption"),
             "streams made": f"{results.calls} by the sampler, {results.search_calls} in the search for a start",
+            **results.facts,
         },
         "components": [(path, cls.kind, supplier, cls.reference) for path, cls, supplier in spec.components()],
-        "versions": known.get("versions", {}),
+        "versions": notes.get("versions", {}),
     }
 
 
 def _pictures(results: Results) -> dict[str, str]:
     """Return the pictures by name; one that fails is left out, with the reason in `Results.failed`."""
-    makers: dict[str, Callable[[], Figure]] = {}
-    if results.weighted is None:
-        makers["ranks"] = lambda: rank_plots(results)
+    makers = results.draws.pictures(labels(results.names, results.spec.symbols))
     found = {}
     files = DRAWN | {f"stream {name}": file for file, name in stream_pictures(results.spec).items()}
     for name, file in files.items():

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from streamkit.components import ChainSampler
 from streamkit.errors import ChainError, OutOfDomain
 from streamkit.report import draw_stream, save, save_pictures, save_table
-from streamkit.runfile import Spec, is_silent
+from streamkit.runfile import Spec
 from streamkit.sample import CALLS, CHAIN, SAMPLES
 from streamkit.study.fit.diagnostics import predicted_intervals, predictions_table, predictive
 from streamkit.study.fit.directory import LITERATURE, RECOVERY, stream_pictures
@@ -26,7 +27,7 @@ from streamkit.study.fit.page import RADII as PAGE_RADII
 from streamkit.study.fit.predictive_figure import predictions
 from streamkit.study.fit.prior_figure import priors
 from streamkit.study.fit.recovery import DRAWN, RADII, recovery_figure, recovery_table, true_host
-from streamkit.study.fit.results import Results
+from streamkit.study.fit.results import Results, load_results
 from streamkit.study.fit.tables import printable
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ def figures_of(spec: Spec) -> dict[str, Callable[[Results], Figure]]:
 
 def products_of(spec: Spec) -> tuple[str, ...]:
     """Return every file that a run of this spec writes into its output directory."""
-    kept = (CHAIN,) if is_silent(type(spec.sampler)) else (SAMPLES, CALLS)
+    kept = (CHAIN,) if isinstance(spec.sampler, ChainSampler) else (SAMPLES, CALLS)
     return (RUN_FILE, MANIFEST, *kept, *TABLES, *figures_of(spec), *stream_pictures(spec), PAGE)
 
 
@@ -118,7 +119,7 @@ def write_products(
     Raises ChainError if there is no readable run. Raises SpecError if the truth is not valid. Nothing has then been
     written.
     """
-    results = run if isinstance(run, Results) else Results(run, trust=trust)
+    results = run if isinstance(run, Results) else load_results(run, trust=trust)
     where = results.directory
     if where is None:
         raise ChainError("these results are in memory only: a report needs a directory")

@@ -20,12 +20,6 @@ def results_record(results: Results) -> dict[str, Any]:
     largest), effective_samples (the least), parameters and mass_profile (``rows``, and ``units`` by column). A sampler
     that weighs its samples has weighted_samples, ln_evidence and ln_evidence_error in place of steps, walkers, burn_in.
     """
-    steps, walkers, _ = results.chain.shape
-    weighted = results.weighted
-    sampled: dict[str, Any] = {"steps": steps, "walkers": walkers, "burn_in": results.discard}
-    if weighted is not None:
-        numbers = len(weighted.points), weighted.ln_evidence, weighted.ln_evidence_error
-        sampled = dict(zip(("weighted_samples", "ln_evidence", "ln_evidence_error"), numbers, strict=True))
     return {
         "directory": None if results.directory is None else str(results.directory),
         "digest": results.spec.digest(),
@@ -34,7 +28,7 @@ def results_record(results: Results) -> dict[str, Any]:
         "converged": results.converged,
         "note": results.note(),
         "verdict": overall(verdicts(results))[0],
-        **sampled,
+        **results.draws.record(),
         "acceptance": results.acceptance,
         "calls": results.calls,
         "search_calls": results.search_calls,

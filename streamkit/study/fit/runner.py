@@ -7,12 +7,10 @@ from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from time import monotonic, time
-from typing import Any
 
 import numpy as np
-from emcee.backends import Backend
 
-from streamkit.components import Component
+from streamkit.components import ChainSampler, Component, Sampler
 from streamkit.errors import ChainError, ComponentError, Interrupted, SpecError
 from streamkit.model import Host
 from streamkit.report import locked
@@ -23,19 +21,17 @@ from streamkit.sample import (
     JOURNAL,
     SAMPLES,
     CallTimeout,
+    Chain,
     ChainFile,
+    ChainMemory,
     EvaluationCache,
-    Limits,
     Posterior,
-    Sampling,
+    PosteriorTarget,
     Signals,
     Stopped,
-    Stopping,
-    Task,
     Weighted,
     WorkerDied,
     Workers,
-    blob_dtype,
     first_call,
     launcher,
     one_thread,
@@ -45,10 +41,9 @@ from streamkit.stream import Array
 from streamkit.study.fit.directory import LITERATURE, RECOVERY, claim, resume_command
 from streamkit.study.fit.literature import read_literature
 from streamkit.study.fit.products import pdfs_of, products_of, write_products
-from streamkit.study.fit.results import Results
+from streamkit.study.fit.results import Results, draws_of, load_results
 
 QUICK_PARTICLES = 2000
-QUICK_WALKERS = 24
 QUICK_SEARCH = 50.0  # seconds after the beginning of a quick run when its search ends
 QUICK_SAMPLING = 140.0  # the same for its sampling: a report must still fit in 3 minutes
 
@@ -116,104 +111,130 @@ def run(
     begin, spec = monotonic(), as_spec(spec, components)
     if quick:
         spec = quick_spec(spec)
-    if steps is not None and "steps" not in type(spec.sampler).model_fields:
-        raise SpecError(f"steps: the sampler {spec.sampler.kind!r} has none. What ends it stands in [sampler].")
+    sampler = spec.sampler
+    if steps is not None and not isinstance(sampler, ChainSampler):
+        raise SpecError(f"steps: the sampler {sampler.kind!r} has none. What ends it stands in [sampler].")
+    if steps is not None:
+        sampler = sampler.model_copy(update={"steps": steps})
     posterior, cheap = Posterior(spec), Posterior(cheap_spec(spec))
-    most = getattr(spec.sampler, "steps", None) if steps is None else steps
-    deadline = begin + QUICK_SAMPLING if quick else np.inf
     directory = None if out is None else Path(out)
     if literature is not None:
-        read_literature(literature)  # what is wrong with it is said now, not after the sampling
-    asked = _engine(spec, workers, engine, scheduler)
+        read_literature(literature)  # an error in it is raised now, not after the sampling
+    wanted = _engine(spec, workers, engine, scheduler)
     with ExitStack() as stack:
         stack.enter_context(one_thread())  # for the surrogate, which learns here, and for calls without workers
-        where = workers if isinstance(workers, Executor) else stack.enter_context(provide(asked))
+        where = workers if isinstance(workers, Executor) else stack.enter_context(provide(wanted))
         # compiles once, before workers fork; fails before anything is written
-        first_call(posterior, spec.centre(), spec.sampler.call_limit)
+        first_call(posterior, spec.centre(), sampler.call_limit)
         options = {
             "quick": quick,
-            "steps": most,
-            "arguments": _arguments(spec, asked, steps, quick, literature, pdf),
-            "launcher": launcher(asked, where),
+            "steps": getattr(sampler, "steps", None),
+            "arguments": _arguments(spec, wanted, steps, quick, literature, pdf),
+            "launcher": launcher(wanted, where),
             "given": [cls.__qualname__ for cls in spec.given],
         }
-        going_on = False
+        resumes = False
         if directory is not None:
             stack.enter_context(locked(directory))
             ours = (*products_of(spec), *pdfs_of(spec), CHAIN, JOURNAL, SAMPLES, CALLS, *RECOVERY, LITERATURE)
-            going_on = claim(directory, spec, options, ours, resume, force)
-        limit, reject = spec.sampler.call_limit, spec.sampler.over_limit == "reject"
+            resumes = claim(directory, spec, options, ours, resume, force)
+        limit, reject = sampler.call_limit, sampler.over_limit == "reject"
         pool = stack.enter_context(Workers({"full": posterior, "cheap": cheap}, where, limit=limit, reject=reject))
-        calls = EvaluationCache(pool, None if directory is None else directory / CALLS, spec.digest())
-        backend = Backend() if directory is None else ChainFile(str(directory / CHAIN))
+        stored = _Stored(directory, spec, quick, resumes)
         again = resume_command(directory or Path(), options)
-        stack.enter_context(_explained(pool, lambda: _left(directory, backend, calls, again)))
-        chain: list[Results] = []
-
-        def ensemble(sampler: Any) -> None:
-            limits = Limits(most or sampler.steps, sampler.tau_factor, sampler.r_hat, deadline)
-            sampling = Sampling(
-                spec.priors, sampler.walkers, spec.seed, sampler.moves, pool, backend,
-                blob_dtype(posterior.size), progress, lambda theta: _mass_100(spec, theta), posterior.data,
-                _particles(spec) / _particles(cheap_spec(spec)),
-            )  # fmt: skip
-            status = _walk(spec, sampling, limits, going_on, begin, quick)
-            if directory is None:
-                chain.append(Results.in_memory(spec, backend, sampling.totals(), status, quick))
-
-        task = Task(
-            spec.priors, spec.seed, calls, blob_dtype(posterior.size),
-            workers=where if isinstance(where, int) else FOREIGN, deadline=deadline, progress=progress,
-            ensemble=ensemble,
+        stack.enter_context(_explained(pool, lambda: stored.left(again)))
+        target = PosteriorTarget(
+            spec.priors, posterior.data, spec.seed, pool, stored.cache, stored.chain,
+            resumes=resumes,
+            workers=where if isinstance(where, int) else FOREIGN,
+            deadline=begin + QUICK_SAMPLING if quick else np.inf,
+            search_deadline=begin + QUICK_SEARCH if quick else np.inf,
+            progress=progress,
+            mass=lambda theta: _mass_100(spec, theta),
+            full_cost=_particles(spec) / _particles(cheap_spec(spec)),
         )  # fmt: skip
-        weighted = None
-        for weighted in task.run(spec.sampler):
-            _note(spec, weighted, deadline, quick)
-            if directory is not None:
-                weighted.write(directory / SAMPLES)
-        if weighted is None and not backend.initialized:
-            raise ComponentError(f"sampler {spec.sampler.kind}: gave no samples")
+        for weighted in target.run(sampler):
+            stored.keep(weighted, target.time_left() < 0)
+        stored.finish(sampler, target.time_left() < 0)
     if directory is None:
-        return chain[0] if weighted is None else Results.of_weighted(spec, weighted, quick)
-    if products:
-        return write_products(Results(directory, spec.given), literature=literature, pdf=pdf)
-    return Results(directory, spec.given)
+        return Results(spec, draws_of(stored.samples(), spec, quick))
+    results = load_results(directory, spec.given)
+    return write_products(results, literature=literature, pdf=pdf) if products else results
 
 
-def _walk(spec: Spec, sampling: Sampling, limits: Limits, going_on: bool, begin: float, quick: bool) -> str:
-    """Take the steps of an ensemble; return why they ended."""
-    backend = sampling.backend
-    if isinstance(backend, ChainFile):
-        backend.note(status="unfinished", quick=quick, digest=spec.digest())
-    if going_on:
-        sampling.resume()
-    else:
-        sampling.begin(begin + QUICK_SEARCH if quick else np.inf)
-    if isinstance(backend, ChainFile):
-        backend.note(since=time(), first=int(backend.iteration))
-    status = sampling.advance(limits)
-    if isinstance(backend, ChainFile):
-        backend.note(status=status)
-        backend.consolidate()
-    return status
+class _Stored:
+    """Where a run stores its samples: the files of its directory, or memory.
 
+    Parameters
+    ----------
+    directory
+        The run's; None for memory.
+    spec, quick
+        The run, and whether it is a coarse look.
+    resumes
+        Whether there are samples to continue.
+    """
 
-def _note(spec: Spec, found: Weighted, deadline: float, quick: bool) -> None:
-    """Note with weighted samples whose they are, and how the sampling stands."""
-    over = "time" if monotonic() > deadline else "unfinished"
-    ended = "converged" if Stopping(found) else over if found.missing else "few"
-    found.attributes.update(status=ended, quick=quick, digest=spec.digest())
+    def __init__(self, directory: Path | None, spec: Spec, quick: bool, resumes: bool) -> None:
+        self._directory, self._spec = directory, spec
+        self._notes = {"quick": quick, "digest": spec.digest()}
+        self._is_chain = isinstance(spec.sampler, ChainSampler)
+        self._weighted: Weighted | None = None
+        calls = None if directory is None or self._is_chain else directory / CALLS
+        self.cache = EvaluationCache(calls, spec.digest())
+        self.chain = ChainMemory() if directory is None else ChainFile(directory / CHAIN)
+        self.chain.note(status="unfinished", **self._notes)
+        if isinstance(self.chain, ChainFile) and self._is_chain and resumes:
+            self.chain.load()
+        self.chain.note(since=time(), first=self.chain.iteration)
+
+    def keep(self, weighted: Weighted, late: bool) -> None:
+        """Store weighted samples; ``late`` says that the time is over."""
+        over = "time" if late else "unfinished"
+        status = "converged" if not weighted.lacks else over if weighted.missing else "few"
+        weighted.attributes.update(status=status, **self._notes)
+        self._weighted = weighted
+        if self._directory is not None:
+            weighted.write(self._directory / SAMPLES)
+
+    def finish(self, sampler: Sampler, late: bool) -> None:
+        """Store why the sampling ended; ComponentError if there are no samples."""
+        if isinstance(sampler, ChainSampler):
+            converged = self.chain.iteration and sampler.convergence(self.chain.samples())
+            self.chain.note(status="converged" if converged else "time" if late else "steps")
+            self.chain.consolidate()
+        elif self._weighted is None:
+            raise ComponentError(f"sampler {sampler.kind}: gave no samples")
+
+    def samples(self) -> Chain | Weighted:
+        """Return the samples of a run in memory. ChainError if it ended before its first step."""
+        return self._weighted or self.chain.whole()
+
+    def left(self, again: str) -> str:
+        """Return what an interrupted run leaves, and the command ``again`` that resumes it."""
+        directory, steps, calls = self._directory, self.chain.iteration, 0 if self._is_chain else len(self.cache)
+        done = f"{calls} calls" if calls else f"{steps} steps"
+        if directory is None:
+            return f"{done}, which were kept in memory only and are lost: give `out` to keep them."
+        if calls:
+            return f"{done}, all of them in {directory / CALLS}. To continue: {again}"
+        if steps == 0:
+            return f"no finished step. To begin again: {again}"
+        where = [directory / name for name in (CHAIN, JOURNAL) if (directory / name).exists()]
+        if not where:
+            return f"{steps} finished steps, of which nothing is left in {directory}. To begin again: {again}"
+        return f"{steps} finished steps, all of them in {' and '.join(map(str, where))}. To continue: {again}"
 
 
 def quick_spec(spec: Spec) -> Spec:
     """Return the spec of the coarse look: fewer particles and walkers, the noise of the former added."""
-    settings = {f"sampler.{name}": value for name, value in spec.sampler.quick(len(spec.names)).items()}
+    settings = {f"sampler.{name}": value for name, value in spec.sampler.quick_settings(len(spec.names)).items()}
     return spec.with_particles(QUICK_PARTICLES).with_values({**settings, "likelihood.noise": "add"})
 
 
 def cheap_spec(spec: Spec) -> Spec:
     """Return the spec that searches for a start: few particles, their noise added to the data's."""
-    return spec.with_particles(spec.sampler.start()[1]).with_values({"likelihood.noise": "add"})
+    return spec.with_particles(spec.sampler.search_size()[1]).with_values({"likelihood.noise": "add"})
 
 
 def _particles(spec: Spec) -> int:
@@ -261,18 +282,3 @@ def _arguments(
                if getattr(asked, name) not in (getattr(spec.engine, name), "")]  # fmt: skip
     most = ["--steps", str(steps)] if steps is not None else []
     return [*(["--quick"] if quick else []), *(part for pair in changed for part in pair), *most, *shown]
-
-
-def _left(directory: Path | None, backend: Backend, calls: EvaluationCache, again: str) -> str:
-    steps = int(backend.iteration) if backend.initialized else 0
-    done = f"{len(calls)} calls" if len(calls) else f"{steps} steps"
-    if directory is None:
-        return f"{done}, which were kept in memory only and are lost: give `out` to keep them."
-    if len(calls):
-        return f"{done}, all of them in {directory / CALLS}. To continue: {again}"
-    if steps == 0:
-        return f"no finished step. To begin again: {again}"
-    where = [directory / name for name in (CHAIN, JOURNAL) if (directory / name).exists()]
-    if not where:
-        return f"{steps} finished steps, of which nothing is left in {directory}. To begin again: {again}"
-    return f"{steps} finished steps, all of them in {' and '.join(map(str, where))}. To continue: {again}"

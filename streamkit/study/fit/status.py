@@ -10,11 +10,11 @@ import numpy as np
 
 from streamkit.errors import ChainError
 from streamkit.report import columns, is_locked, paragraph, seconds
-from streamkit.sample import CALLS, CHAIN, JOURNAL, SAMPLES, Stopping
+from streamkit.sample import CALLS, CHAIN, JOURNAL, SAMPLES
 from streamkit.study.fit.directory import resume_command
 from streamkit.study.fit.integrity import RUN_FILE, load_spec, read_chain, run_file
 from streamkit.study.fit.manifest import manifest
-from streamkit.study.fit.results import Results
+from streamkit.study.fit.results import Results, load_results
 from streamkit.study.fit.verdicts import overall, verdicts
 
 
@@ -42,7 +42,7 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
     if (directory / RUN_FILE).exists() and not options["given"]:  # Python alone can read a run with given classes
         load_spec(directory, trust=trust)
     try:
-        results = Results(directory, trust=trust)
+        results = load_results(directory, trust=trust)
     except ChainError:
         run_file(directory, trust)
         if any(path.name in (CHAIN, JOURNAL) for path in files) and not running:
@@ -53,7 +53,7 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
     known |= {
         "state": "running" if running else results.status,
         "steps": steps,
-        "walkers": results.chain.shape[1] if results.weighted is None else None,
+        "walkers": results.draws.record().get("walkers"),
         "acceptance": results.acceptance,
         "effective_samples": _plain(np.min(results.ess)),
         "r_hat": _plain(np.max(results.r_hat)),
@@ -61,7 +61,7 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
         "sentence": sentence,
         "note": results.note(),
     }
-    if running and results.weighted is None:
+    if running and "walkers" in results.draws.record():
         known["expected_end"] = _expected_end(results, known, read_chain(directory).attributes)
     return known
 
@@ -70,10 +70,9 @@ def _expected_end(results: Results, known: dict[str, Any], attributes: dict[str,
     """When the run may end, from its mean pace since it was started or resumed."""
     since, first = attributes.get("since"), attributes.get("first", 0)
     steps, last = known["steps"], known["last_alive"]
-    judged = results.convergence
-    if isinstance(judged, Stopping) or since is None or steps <= first or known["most_steps"] is None:
+    if since is None or steps <= first or known["most_steps"] is None:
         return None
-    wanted = judged.learned + judged.tau_factor * float(np.max(results.tau))
+    wanted = results.draws.wanted_steps()
     most = min(known["most_steps"], max(wanted, steps)) if np.isfinite(wanted) else known["most_steps"]
     return float(last + (last - since) / (steps - first) * (most - steps))
 

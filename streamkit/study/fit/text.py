@@ -28,19 +28,13 @@ def stuck_warnings(stuck: Sequence[int], walkers: int) -> list[str]:
     ]
 
 
-# What a run says of the surrogate of its moves.
-SURROGATE = {
-    "the observables": "of the observables",
-    "ln likelihood": "of ln likelihood, which is no Gaussian of fixed data",
-    "none": "too few points to learn from: the moves are differential evolution",
-}
 # Radii in kpc of the masses that a run prints: those of Gibbons+ 2014, table 3.
 PRINTED_RADII = (50.0, 100.0, 150.0, 200.0)
 
 
 def describe_results(results: Results) -> str:
     """Show a run: whether it can be trusted, the parameters, the masses, what became of its calls."""
-    steps, walkers, _ = results.chain.shape
+    draws = results.draws
     summary, profile = results.summary(), results.mass_profile(PRINTED_RADII)
     rows = [("parameter", "median", "68 %", "95 %", "unit", "tau", "n_eff")]
     rows += [
@@ -55,40 +49,21 @@ def describe_results(results: Results) -> str:
         (f"{r:g} kpc", f"{m[0]:.2f}", f"{m[1]:.2f} to {m[2]:.2f}", f"{m[3]:.2f} to {m[4]:.2f}", "")
         for r, m in zip(PRINTED_RADII, _masses(profile), strict=True)
     ]
-    calls = _calls(results)
-    if results.surrogate:
-        calls.append(("surrogate", "none" if results.surrogate == "none" else "yes", SURROGATE[results.surrogate]))
+    calls = draws.rows()
     if np.isfinite(results.r_hat).any():
         worst = int(np.nanargmax(results.r_hat))
         calls.append(("R-hat", f"{results.r_hat[worst]:.3f}", f"the largest: of {results.names[worst]}"))
     calls += [("rejected", str(n), reason) for reason, n in Counter(results.reasons).most_common()]
-    if results.weighted is None:
-        calls += [("stuck", str(len(results.stuck)), f"of {walkers} walkers")]
-        head = f"{steps} steps of {walkers} walkers, {results.discard} of them left out as burn-in"
-    else:
-        head = f"{len(results.weighted.points)} weighted samples, shown as {steps} of equal weight"
-    parts = [f"{head}\n{paragraph(results.note())}", f"parameters\n{columns(rows)}"]
+    if draws.weighted is None:
+        calls += [("stuck", str(len(results.stuck)), f"of {results.chain.shape[1]} walkers")]
+    parts = [f"{draws.headline()}\n{paragraph(results.note())}", f"parameters\n{columns(rows)}"]
     parts += [f"mass of the host\n{columns(masses)}", f"sampler\n{columns(calls)}"]
-    if warnings := stuck_warnings(results.stuck.tolist(), walkers):
+    if warnings := stuck_warnings(results.stuck.tolist(), results.chain.shape[1]):
         parts.append(warning_list(warnings))
     if results.directory is not None:
         names = sorted(path.name for path in results.directory.iterdir() if not path.name.startswith("."))
         parts.append(paragraph(", ".join(names), f"products in {results.directory}: ", "  "))
     return "\n\n".join(parts)
-
-
-def _calls(results: Results) -> list[tuple[str, str, str]]:
-    """Return the first rows about the sampler."""
-    if results.weighted is None:
-        return [
-            ("acceptance", f"{results.acceptance:.3f}", ""),
-            ("calls", str(results.calls), f"and {results.search_calls} in the search for a start"),
-        ]
-    found = results.weighted
-    rows = [("calls", str(results.calls), f"{results.calls / found.ess:.1f} for each effective sample")]
-    if np.isfinite(found.ln_evidence):
-        rows.append(("ln evidence", f"{found.ln_evidence:.2f}", f"+- {found.ln_evidence_error:.2f}"))
-    return rows
 
 
 def _or_dash(value: float) -> str:

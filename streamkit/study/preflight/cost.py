@@ -41,7 +41,7 @@ def search_cost(spec: Spec, tried: PriorDraws | None, call: float) -> tuple[int,
     """Estimate the streams of the search for a start and their CPU seconds, from trial streams over the prior."""
     if tried is None or not tried.draws:
         return 0, 0.0
-    points, particles = spec.sampler.start()
+    points, particles = spec.sampler.search_size()
     if not points:
         return 0, 0.0
     cheap, full = expected_calls(points, len(spec.names), len(tried.good) / tried.draws)

@@ -94,7 +94,7 @@ def _cost(spec: Spec, cost: Cost) -> str:
     if spec.names:
         total, calls = spec.sampler.calls(len(spec.names))
         if cost.search_calls:
-            few = f"about {cost.search_calls} calls, most with {spec.sampler.start()[1]} particles"
+            few = f"about {cost.search_calls} calls, most with {spec.sampler.search_size()[1]} particles"
             rows.append(("the search for a start", f"{few}: {seconds(cost.search)}"))
         rows.append(("the run", f"{calls}: {seconds(total * cost.call + cost.search)}, shared by the workers"))
     return "\n".join(["cost in CPU time", columns(rows)])

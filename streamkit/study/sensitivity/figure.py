@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from streamkit.observe import Data
 from streamkit.report import BLUE, GREY, VERMILION, NotebookFigure, finish, labels, scaled, with_unit
 from streamkit.runfile import LogUniform
+from streamkit.stream import Data
 from streamkit.study.grid import MANY, by_column, rms
 from streamkit.study.sensitivity.curves import Curve
 from streamkit.study.sensitivity.runner import Sensitivity

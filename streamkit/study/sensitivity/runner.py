@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from streamkit.errors import ComponentError, OutOfDomain, SpecError, StreamkitError, nearest
-from streamkit.observe import UNNAMED, Data
+from streamkit.observe import UNNAMED
 from streamkit.runfile import ONLY, Spec
 from streamkit.sample import Evaluation, Posterior
+from streamkit.stream import Data
 from streamkit.study.grid import run_jobs
 from streamkit.study.sensitivity.curves import Curve, curve_of, prior_grid, with_fixed
 from streamkit.units import datum_unit

@@ -54,7 +54,7 @@ def test_code_in_a_directory_runs_only_when_it_is_asked_for(directory: Path) -> 
         assert "run.toml: names the plugin file 'plugins/mine.py'" in message
         assert "--trust" in message
     with pytest.raises(sk.ChainError, match="trust=True"):
-        sk.Results(directory)
+        sk.load_results(directory)
     assert not plugin.with_name("executed").exists()
     assert call("cite", directory, "--trust").exit_code == 0
     assert plugin.with_name("executed").exists()
@@ -62,7 +62,7 @@ def test_code_in_a_directory_runs_only_when_it_is_asked_for(directory: Path) -> 
 
 def test_code_that_the_user_named_before_is_no_strangers(directory: Path) -> None:
     """The process that ran a fit may read its results."""
-    assert len(sk.Results(directory).chain) == 1
+    assert len(sk.load_results(directory).chain) == 1
 
 
 def test_a_changed_copy_of_a_data_file_is_told(directory: Path) -> None:

@@ -1,7 +1,6 @@
 """The pictures of a run, whatever its parameters: nothing cut off, nothing printed over anything else."""
 
 import copy
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,13 +10,14 @@ from toys import FIT
 
 import streamkit as sk
 from streamkit.report import NotebookFigure, labels
+from streamkit.sample import Chain
 from streamkit.study.fit.diagnostics import Predictive, predicted_intervals, predictions_table
 from streamkit.study.fit.figures import _labels, corner, mass_profile, reach, rotation_curve, traces
 from streamkit.study.fit.flattening_figure import flattening, is_sphere
 from streamkit.study.fit.predictive_figure import LONGEST, draw_predictive, predictions
 from streamkit.study.fit.prior_figure import priors
 from streamkit.study.fit.products import FLATTENING, products_of
-from streamkit.study.fit.results import Results
+from streamkit.study.fit.results import Results, draws_of
 
 
 def freed(**priors):
@@ -82,11 +82,8 @@ def synthetic(document, steps=12, walkers=32, seed=1, quick=False):
         z[k] = 0.8 * z[k - 1] + 0.6 * rng.normal(size=(walkers, d)) @ mix.T
     chain = spec.centre() * (1 + 0.03 * z)
     ln_p = -0.5 * (np.linalg.solve(mix, z[..., None])[..., 0] ** 2).sum(axis=2)
-    backend = SimpleNamespace(
-        iteration=steps, get_chain=lambda: chain, get_log_prob=lambda: ln_p, get_blobs=lambda: None,
-        accepted=np.full(walkers, steps // 3),
-    )  # fmt: skip
-    return Results.in_memory(spec, backend, {}, "steps", quick)
+    stored = Chain(chain, ln_p, None, np.full(walkers, steps // 3), {"status": "steps"})
+    return Results(spec, draws_of(stored, spec, quick))
 
 
 @pytest.mark.parametrize("draw", [corner, traces, priors])

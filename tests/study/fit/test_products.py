@@ -2,7 +2,6 @@
 
 import copy
 import shutil
-from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -16,11 +15,12 @@ from toys import FIT
 import streamkit as sk
 from streamkit.model import Model
 from streamkit.report import draw_stream, save_picture
+from streamkit.sample import Chain
 from streamkit.study.fit import describe_results, products, write_products
 from streamkit.study.fit.directory import LITERATURE
 from streamkit.study.fit.figures import mass_profile, remark, rotation_curve
 from streamkit.study.fit.products import PRODUCTS
-from streamkit.study.fit.results import Results
+from streamkit.study.fit.results import Results, draws_of, load_results
 
 TABLES = ("summary.ecsv", "mass_profile.ecsv", "diagnostics.ecsv", "predictions.ecsv")
 PICTURES = (
@@ -46,11 +46,9 @@ def copy_of(run, out):
 def synthetic(chain):
     """Return results that hold this chain (steps, walkers, 2) of the two parameters of the small fit."""
     document = copy.deepcopy(FIT) | {"sampler": {"walkers": chain.shape[1], "moves": "de"}}
-    backend = SimpleNamespace(
-        iteration=len(chain), accepted=np.ones(chain.shape[1]), get_chain=lambda: chain,
-        get_log_prob=lambda: np.zeros(chain.shape[:2]), get_blobs=lambda: None,
-    )  # fmt: skip
-    return Results.in_memory(sk.load(document), backend, {}, "steps", quick=False)
+    spec = sk.load(document)
+    stored = Chain(chain, np.zeros(chain.shape[:2]), None, np.ones(chain.shape[1]), {"status": "steps"})
+    return Results(spec, draws_of(stored, spec, quick=False))
 
 
 def read(run, name):
@@ -242,9 +240,9 @@ def test_an_incomplete_directory_is_refused(run, tmp_path, missing):
     shutil.copytree(run.directory, out)
     (out / missing).unlink()
     with pytest.raises(sk.StreamkitError, match=missing.replace(".", r"\.")):
-        Results(out)
+        load_results(out)
 
 
 def test_there_is_no_run_in_no_directory(tmp_path):
     with pytest.raises(sk.ChainError, match="no such directory"):
-        Results(tmp_path / "nowhere")
+        load_results(tmp_path / "nowhere")

@@ -23,7 +23,7 @@ from streamkit.study.fit import RECOVERY
 from streamkit.study.fit.directory import LITERATURE
 from streamkit.study.fit.products import PRODUCTS
 from streamkit.study.fit.recovery import RADII, largest, recovery_figure, recovery_table, true_host
-from streamkit.study.fit.results import Results
+from streamkit.study.fit.results import Results, draws_of, load_results
 
 TRUE = '[potential]\nkind = "tf"\nv0 = 232\nrs = "12 kpc"\nalpha = 0.35\n'
 
@@ -35,11 +35,9 @@ def chain_of(v0: np.ndarray) -> Results:
     document["sampler"]["walkers"] = len(v0)
     rng = np.random.default_rng(0)
     steps = np.array([rng.permutation(v0) for _ in range(30)])[..., None]
-    results = Results.__new__(Results)
-    blobs = np.zeros(steps.shape[:2])
-    results._fill(sk.load(document), Chain(steps, -steps[..., 0], blobs, np.ones(len(v0)), {}), {}, "steps", False)
-    results.directory = None
-    return results
+    spec, blobs = sk.load(document), np.zeros(steps.shape[:2])
+    stored = Chain(steps, -steps[..., 0], blobs, np.ones(len(v0)), {"status": "steps"})
+    return Results(spec, draws_of(stored, spec, quick=False))
 
 
 def tf(v0: float) -> Host:
@@ -108,7 +106,7 @@ def test_the_report_writes_and_prints_the_recovery(run: Path) -> None:
     assert {path.name for path in run.iterdir()} == {*PRODUCTS, *RECOVERY}
     table = QTable.read(run / "recovery.ecsv")
     assert table.meta["truth"]["potential"]["v0"] == 232
-    v0, alpha = Results(run).samples.T
+    v0, alpha = load_results(run).samples.T
     v_c = np.median(v0 * (144 / (144 + 100.0**2)) ** (alpha / 4))
     row = table[table["r"] == 100 * u.kpc]
     assert row["v_c"][0].to_value(u.km / u.s) == pytest.approx(v_c, rel=1e-6)

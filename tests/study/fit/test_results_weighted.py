@@ -12,7 +12,7 @@ from toys import FIT
 import streamkit as sk
 from streamkit.sample import CALLS, CHAIN, SAMPLES, Workers, read_weighted
 from streamkit.study.fit import describe_results, write_samples
-from streamkit.study.fit.results import Results
+from streamkit.study.fit.results import load_results
 from streamkit.study.fit.status import describe_status, read_status
 from streamkit.study.fit.verdicts import overall, verdicts
 
@@ -150,7 +150,7 @@ def test_another_sampler_cannot_go_on(done, tmp_path):
     manifest = json.loads((tmp_path / "run" / "manifest.json").read_text())
     (tmp_path / "run" / "manifest.json").write_text(json.dumps(manifest | {"digest": "0" * 64}))
     with pytest.raises(sk.ChainError, match="of another run"):
-        Results(tmp_path / "run")
+        load_results(tmp_path / "run")
 
 
 def test_a_damaged_file_is_told(done, tmp_path):
@@ -159,13 +159,13 @@ def test_a_damaged_file_is_told(done, tmp_path):
     whole = file.read_bytes()
     file.write_bytes(whole[: len(whole) // 2])
     with pytest.raises(sk.ChainError, match="was damaged or changed after it was written"):
-        Results(tmp_path / "run")
+        load_results(tmp_path / "run")
     found = read_weighted(done.directory / SAMPLES)
     found.points[0, 0] += 1
     found.write(file)
     file.unlink()
     with pytest.raises(sk.ChainError, match="there is no file of samples"):
-        Results(tmp_path / "run")
+        load_results(tmp_path / "run")
 
 
 @pytest.mark.parametrize(

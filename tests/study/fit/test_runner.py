@@ -10,7 +10,6 @@ import sys
 import time
 from contextlib import suppress
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,14 +17,16 @@ from toys import FIT
 
 import streamkit as sk
 from streamkit.report import locked
-from streamkit.sample import CHAIN, ChainFile, read_chain_file
+from streamkit.sample import CHAIN, Chain, ChainFile, read_chain_file
 from streamkit.study.fit.integrity import RUN_FILE
 from streamkit.study.fit.manifest import MANIFEST
+from streamkit.study.fit.results import draws_of
 from streamkit.study.fit.runner import cheap_spec
 
 SCRIPT = """
 import json, sys
 import streamkit as sk
+from streamkit.study.fit.results import draws_of
 from streamkit.study.fit.runner import Interrupted
 try:
     sk.run(sk.load(json.loads(sys.argv[1])), out=sys.argv[2], workers=2, steps=100000, progress=False)
@@ -49,7 +50,7 @@ def tree(directory):
 
 def test_workers_do_not_change_the_samples(finished):
     two = sk.run(sk.load(FIT), workers=2, progress=False)
-    np.testing.assert_array_equal(two.chain, sk.Results(finished).chain)
+    np.testing.assert_array_equal(two.chain, sk.load_results(finished).chain)
     assert two.directory is None
 
 
@@ -68,7 +69,7 @@ def test_resume_goes_on_and_force_starts_again(finished, tmp_path):
     out = tmp_path / "run"
     sk.run(sk.load(FIT), out=out, steps=2, progress=False, products=False)
     more = sk.run(sk.load(FIT), out=out, steps=4, resume=True, progress=False, products=False)
-    np.testing.assert_array_equal(more.chain, sk.Results(finished).chain)
+    np.testing.assert_array_equal(more.chain, sk.load_results(finished).chain)
     assert more.calls == 4 * 6
     (out / "notes.txt").write_text("mine")
     again = sk.run(sk.load(FIT), out=out, steps=1, force=True, progress=False, products=False)
@@ -108,10 +109,10 @@ def test_a_truncated_chain_is_refused_and_untouched(finished, tmp_path):
     with pytest.raises(sk.ChainError, match="truncated"):
         sk.run(sk.load(FIT), out=out, resume=True, progress=False)
     with pytest.raises(sk.ChainError, match="truncated"):
-        sk.Results(out)
+        sk.load_results(out)
     (out / CHAIN).write_text("no chain at all")
     with pytest.raises(sk.ChainError, match="damaged or changed after it was written"):
-        sk.Results(out)
+        sk.load_results(out)
     (out / CHAIN).write_bytes(before[CHAIN])
     assert tree(out) == before
 
@@ -119,17 +120,17 @@ def test_a_truncated_chain_is_refused_and_untouched(finished, tmp_path):
 def test_a_run_stopped_before_its_first_step_begins_again(finished, tmp_path):
     out = tmp_path / "run"
     shutil.copytree(finished, out)
-    ChainFile(str(out / CHAIN)).reset(6, 2)
+    ChainFile(out / CHAIN).reset(6, 2)
     with pytest.raises(sk.ChainError, match="before its first step"):
-        sk.Results(out)
+        sk.load_results(out)
     again = sk.run(sk.load(FIT), out=out, resume=True, progress=False, products=False)
-    np.testing.assert_array_equal(again.chain, sk.Results(finished).chain)
+    np.testing.assert_array_equal(again.chain, sk.load_results(finished).chain)
 
 
 def test_a_run_killed_between_its_first_files_is_resumed(finished, tmp_path):
     (tmp_path / MANIFEST).write_bytes((finished / MANIFEST).read_bytes())
     again = sk.run(sk.load(FIT), out=tmp_path, steps=1, resume=True, progress=False, products=False)
-    np.testing.assert_array_equal(again.chain, sk.Results(finished).chain[:1])
+    np.testing.assert_array_equal(again.chain, sk.load_results(finished).chain[:1])
 
 
 def test_a_file_is_no_output_directory(tmp_path):
@@ -180,7 +181,7 @@ def test_a_killed_run_leaves_a_readable_chain_and_no_workers(tmp_path):
     process = start(out)
     process.kill()
     process.communicate(timeout=30)
-    assert len(sk.Results(out).chain) >= 3
+    assert len(sk.load_results(out).chain) >= 3
     deadline = time.monotonic() + 20
     while time.monotonic() < deadline:
         try:
@@ -232,7 +233,7 @@ def test_a_component_that_raises_is_named_and_finished_steps_stay(tmp_path, monk
         sk.run(spec, out=out, steps=4, resume=True, workers=workers, progress=False, products=False)
     for word in ("Fragile.predict", "ZeroDivisionError", "it broke", "potential.v0 = "):
         assert word in str(caught.value)
-    assert len(sk.Results(out).chain) == 2
+    assert len(sk.load_results(out).chain) == 2
     assert (out / "plugins" / "fragile.py").exists()
     assert str(tmp_path) not in (out / RUN_FILE).read_text()
 
@@ -260,14 +261,9 @@ def test_the_acceptance_is_that_of_the_samples_and_not_of_the_learning(steps, ex
     trace = np.zeros((steps, 2, len(spec.names)))
     trace[: steps // 2] = np.arange(steps // 2)[:, None, None] + 1.0
     trace[-1, 0] = 7.0
-    values = SimpleNamespace(
-        iteration=steps, accepted=np.full(2, 0.5 * steps), get_chain=lambda: trace,
-        get_log_prob=lambda: np.zeros((steps, 2)), get_blobs=lambda: None,
-    )  # fmt: skip
+    stored = Chain(trace, np.zeros((steps, 2)), None, np.full(2, 0.5 * steps), {})
 
-    found = sk.Results.in_memory(spec, values, {}, "steps", quick=False)
-
-    assert found.acceptance == pytest.approx(expected)
+    assert draws_of(stored, spec, quick=False).acceptance == pytest.approx(expected)
 
 
 def test_too_few_walkers_are_refused(tmp_path):

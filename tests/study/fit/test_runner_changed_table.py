@@ -60,14 +60,14 @@ def test_a_run_goes_on_with_its_own_table_only_and_loses_nothing(run_file):
     folder, out = run_file.parent, run_file.parent / "out"
     sk.run(run_file, out, steps=3, progress=False, products=False)
     written(folder, error=6.0)
-    before = sk.Results(out).chain.copy()
+    before = sk.load_results(out).chain.copy()
     assert "the data file curve.ecsv" in refused("run", run_file, "-o", out, "--resume", "--steps", "4")
     (folder / "curve.ecsv").unlink()
     assert "data.curve.table: cannot read the file 'curve.ecsv'" in " ".join(
         refused("run", run_file, "-o", out, "--resume", "--steps", "4").split()
     )
     assert call("status", out).exit_code == 0
-    np.testing.assert_array_equal(sk.Results(out).chain, before)
+    np.testing.assert_array_equal(sk.load_results(out).chain, before)
     written(folder)
     sk.run(run_file, out, steps=4, resume=True, progress=False, products=False)
-    assert len(sk.Results(out).chain) == 4
+    assert len(sk.load_results(out).chain) == 4

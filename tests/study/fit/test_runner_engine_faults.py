@@ -95,7 +95,7 @@ def test_a_dead_worker_of_dask_is_replaced(run_file):
     done = command(sys.executable, engine="dask")
     assert done.returncode == 0, done.stderr
     assert not flag.exists()
-    np.testing.assert_array_equal(sk.Results("out", trust=True).chain, alone(run_file))
+    np.testing.assert_array_equal(sk.load_results("out", trust=True).chain, alone(run_file))
 
 
 def test_mpi_that_is_launched_wrongly_says_how(run_file):

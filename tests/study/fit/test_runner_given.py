@@ -33,9 +33,9 @@ def test_a_run_with_a_class_given_in_python(tmp_path):
     v0 = np.median(first.samples[:, 0])
     assert mass == pytest.approx(v0**2 * 50 / sk.G, rel=0.02)
     with pytest.raises(sk.ChainError, match=r"components given in Python \(own_isothermal from Own given.*components="):
-        sk.Results(out)
+        sk.load_results(out)
     go_on = read_status(out)["go_on"]
     assert go_on == f"streamkit.run({str(out / 'run.toml')!r}, out={str(out)!r}, components=[Own], resume=True)"
-    assert sk.Results(out, [Own]).spec.digest() == first.spec.digest()
+    assert sk.load_results(out, [Own]).spec.digest() == first.spec.digest()
     more = sk.run(out / "run.toml", out, components=[Own], resume=True, progress=False, steps=3, products=False)
     assert len(more.chain) == 3

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from streamkit.components import DO_NOT, FINE, LOOK
 from streamkit.runfile import LogUniform, Normal, Uniform
+from streamkit.study.fit import chain_verdicts
 from streamkit.study.fit import verdicts as rules
 from streamkit.study.fit.diagnostics import Predictive, chance, contraction, drift, prior_fractions, rank_scores, ranks
-from streamkit.study.fit.verdicts import DO_NOT, FINE, LOOK
 
 NAMES = ("potential.v0", "potential.alpha")
 
@@ -51,18 +52,18 @@ def test_the_chance_of_the_largest_of_many_scores():
 
 def test_a_chain_that_drifts_is_seen():
     chain = independent()
-    assert rules.drift_verdict(NAMES, drift(chain, np.ones(2))).level == FINE
+    assert chain_verdicts.drift_verdict(NAMES, drift(chain, np.ones(2))).level == FINE
     chain[..., 1] += np.linspace(0, 1, len(chain))[:, None]
-    found = rules.drift_verdict(NAMES, drift(chain, np.ones(2)))
+    found = chain_verdicts.drift_verdict(NAMES, drift(chain, np.ones(2)))
     assert found.level == DO_NOT
     assert "potential.alpha" in found.sentence
 
 
 def test_a_walker_apart_is_seen_in_the_ranks():
     chain = independent()
-    assert rules.ranks_verdict(rank_scores(chain, np.ones(2))).level == FINE
+    assert chain_verdicts.ranks_verdict(rank_scores(chain, np.ones(2))).level == FINE
     chain[:, 3, 0] += 0.5
-    found = rules.ranks_verdict(rank_scores(chain, np.ones(2)))
+    found = chain_verdicts.ranks_verdict(rank_scores(chain, np.ones(2)))
     assert found.level == LOOK
     assert "walker 3" in found.sentence
 
@@ -70,12 +71,15 @@ def test_a_walker_apart_is_seen_in_the_ranks():
 @pytest.mark.parametrize(
     ("verdict", "levels"),
     [
-        (lambda x: rules.length_verdict(x, True), {60: FINE, 50: FINE, 49: LOOK, 10: LOOK, 9: DO_NOT, np.nan: DO_NOT}),
-        (lambda x: rules.length_verdict(x, False), {60: LOOK, 9: DO_NOT}),
-        (lambda x: rules.r_hat_verdict(NAMES, np.array([1.0, x])), {1.01: FINE, 1.05: LOOK, 1.2: DO_NOT}),
-        (lambda x: rules.samples_verdict(NAMES, np.array([900.0, x])), {400: FINE, 399: LOOK, 99: DO_NOT}),
-        (lambda x: rules.stuck_verdict(x, 32), {0: FINE, 1: LOOK, 5: LOOK, 6: DO_NOT}),
-        (rules.acceptance_verdict, {0.4: FINE, 0.15: FINE, 0.14: LOOK, 0.009: DO_NOT}),
+        (
+            lambda x: chain_verdicts.length_verdict(x, True),
+            {60: FINE, 50: FINE, 49: LOOK, 10: LOOK, 9: DO_NOT, np.nan: DO_NOT},
+        ),
+        (lambda x: chain_verdicts.length_verdict(x, False), {60: LOOK, 9: DO_NOT}),
+        (lambda x: chain_verdicts.r_hat_verdict(NAMES, np.array([1.0, x])), {1.01: FINE, 1.05: LOOK, 1.2: DO_NOT}),
+        (lambda x: chain_verdicts.samples_verdict(NAMES, np.array([900.0, x])), {400: FINE, 399: LOOK, 99: DO_NOT}),
+        (lambda x: chain_verdicts.stuck_verdict(x, 32), {0: FINE, 1: LOOK, 5: LOOK, 6: DO_NOT}),
+        (chain_verdicts.acceptance_verdict, {0.4: FINE, 0.15: FINE, 0.14: LOOK, 0.009: DO_NOT}),
         (lambda x: rules.reasons_verdict({"outside the prior": 90, "too short": x}, 100), {10: FINE, 11: LOOK}),
     ],
 )  # fmt: skip
@@ -86,10 +90,10 @@ def test_the_thresholds(verdict, levels):
 
 def test_an_unknown_number_is_said_and_not_trusted():
     for found in (
-        rules.length_verdict(np.nan, False),
-        rules.r_hat_verdict(NAMES, np.full(2, np.nan)),
-        rules.samples_verdict(NAMES, np.full(2, np.nan)),
-        rules.drift_verdict(NAMES, np.full(2, np.nan)),
+        chain_verdicts.length_verdict(np.nan, False),
+        chain_verdicts.r_hat_verdict(NAMES, np.full(2, np.nan)),
+        chain_verdicts.samples_verdict(NAMES, np.full(2, np.nan)),
+        chain_verdicts.drift_verdict(NAMES, np.full(2, np.nan)),
     ):
         assert found.level == DO_NOT
         assert "unknown" in found.value
@@ -157,7 +161,7 @@ def test_a_posterior_that_leans_on_the_end_of_its_prior_is_seen():
 
 
 def test_the_worst_decides():
-    fine, look = rules.acceptance_verdict(0.3), rules.stuck_verdict(1, 32)
+    fine, look = chain_verdicts.acceptance_verdict(0.3), chain_verdicts.stuck_verdict(1, 32)
     assert rules.overall([fine])[0] == FINE
     assert rules.overall([fine, look])[0] == LOOK
     level, sentence = rules.overall([fine, look, rules.quick_verdict()])

@@ -18,10 +18,9 @@ from scipy.stats import norm
 import streamkit as sk
 from streamkit.cli.sensitivity import apart
 from streamkit.errors import ComponentError
-from streamkit.observe import Data
 from streamkit.runfile import LogUniform, Normal, Prior, TruncatedNormal, Uniform
 from streamkit.sample import Evaluation, Posterior
-from streamkit.stream import Array
+from streamkit.stream import Array, Data
 from streamkit.study.sensitivity import PRODUCTS, Sensitivity, run_sensitivity
 from streamkit.study.sensitivity.curves import Curve, prior_grid
 from streamkit.study.sensitivity.figure import sensitivity_figure

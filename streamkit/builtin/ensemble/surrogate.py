@@ -8,9 +8,8 @@ import numpy as np
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
 from scipy.special import expit
 
-from streamkit.observe import Data, gaussian
-from streamkit.sample.polynomial import count, fit, log_odds, monomials, whitening
-from streamkit.stream import Array, BoolArray
+from streamkit import Array, BoolArray, Data
+from streamkit.builtin.ensemble.polynomial import count, fit, log_odds, monomials, whitening
 
 DEGREES = (3, 2)  # polynomials that are tried, if there are enough points for them
 RIDGES = (1e-5, 1e-3)  # ridge penalties that are tried, in units of the mean diagonal of the normal equations
@@ -144,7 +143,7 @@ def learn(points: Array, mean: Array, variance: Array, data: Data, lnl: Array | 
 def _explains(mean: Array, variance: Array, lnl: Array, data: Data) -> bool:
     """Say whether ln likelihood (n,) is the Gaussian one of means and variances (n, m) and the data."""
     some = np.unique(np.linspace(0, len(lnl) - 1, 50).astype(int))
-    gauss = np.array([gaussian(mean[i], variance[i], data) for i in some])
+    gauss = np.array([data.gaussian(mean[i], variance[i]) for i in some])
     return bool(np.allclose(gauss - gauss[0], lnl[some] - lnl[some][0], rtol=EXPLAINED, atol=EXPLAINED))
 
 

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from streamkit.runfile import LogUniform, Normal, Prior, TruncatedNormal, Uniform
-from streamkit.stream import Array
+from streamkit import Array, LogUniform, Normal, PriorDensity, TruncatedNormal, Uniform
 
 
 class Space:
@@ -16,7 +15,7 @@ class Space:
     Masses, lengths and speeds enter the model as products of powers, which polynomials of the logarithms follow better.
     """
 
-    def __init__(self, priors: Sequence[Prior]) -> None:
+    def __init__(self, priors: Sequence[PriorDensity]) -> None:
         uniform = np.array([type(prior) is Uniform and prior.low > 0 for prior in priors])  # LogUniform is one too
         self._log = np.array([isinstance(prior, LogUniform) for prior in priors]) | uniform
         self._slope = uniform.astype(float)

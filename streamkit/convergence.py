@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
-import emcee
 import numpy as np
 
 from streamkit.stream import Array, IntArray
@@ -25,8 +24,10 @@ def autocorrelation_times(chain: Array) -> Array:
     steps, _, d = chain.shape
     if steps < 8:
         return np.full(d, np.nan)
+    from emcee.autocorr import integrated_time  # slow to load
+
     with np.errstate(all="ignore"):
-        tau = np.asarray(emcee.autocorr.integrated_time(chain, tol=0, quiet=True), dtype=float)
+        tau = np.asarray(integrated_time(chain, tol=0, quiet=True), dtype=float)
     return np.where(np.isfinite(tau) & (tau > 0), tau, np.nan)
 
 
@@ -82,19 +83,6 @@ def stuck_walkers(chain: Array, log_prob: Array) -> IntArray:
     whole = late.std(axis=(0, 1))
     roams = np.max(late.std(axis=0) / np.where(whole > 0, whole, 1.0), axis=1)
     return np.flatnonzero(low & (roams < NARROW * np.median(roams)))
-
-
-@dataclass(frozen=True)
-class Limits:
-    """When the sampling ends: at ``steps``, at ``deadline`` (`time.monotonic`), or with a chain that has converged.
-
-    Of ``tau_factor`` and ``r_hat`` see `Convergence`.
-    """
-
-    steps: int
-    tau_factor: float = 50.0
-    r_hat: float = np.inf
-    deadline: float = np.inf
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import expit
 
-from streamkit.stream import Array, IntArray
+from streamkit import Array, IntArray
 
 ITERATIONS = 12  # iterations of the fit of a probability
 

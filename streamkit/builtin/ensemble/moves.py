@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import Any
 
 import emcee
 import numpy as np
 from emcee.moves.red_blue import RedBlueMove
 
-from streamkit.runfile import Prior
-from streamkit.sample.coordinates import Space
-from streamkit.sample.surrogate import Surrogate
-from streamkit.stream import Array, IntArray
+from streamkit import Array, IntArray, PriorDensity
+from streamkit.builtin.ensemble.coordinates import Space
+from streamkit.builtin.ensemble.surrogate import Surrogate
 
 # Fraction of the moves with a surrogate that exchange walkers with replicas; the others are walks of walkers.
 EXCHANGES = 0.6
@@ -30,29 +28,6 @@ SETTLE, STIR = 200, 2  # steps of the replicas, per parameter: after learning, a
 # where it is far too low, or the posterior very narrow, they lead a walker out.
 WALKS = (1.0, 0.1)
 SURROGATE_SHARE = 0.9  # fraction of the ensemble's steps that rely on the surrogate
-
-# Steps after which the surrogate is learned from all steps so far, up to the end of learning.
-LEARNING = (25, 50, 100, 200, 400, 600, 900, 1350)
-LEAST_STEPS = 400  # steps of learning at least
-# Fraction of the proposals between two of these steps that shows a good surrogate: with fewer the ensemble had not yet
-# found the posterior, or its points are still few, and it goes on to learn. Two thirds of the replicas are tempered
-# then: afterwards up to twice as many are accepted.
-ACCEPTED = 1 / 6
-
-
-def learning_steps(name: str, chain: Array) -> int:
-    """Return the steps in which the moves of this name change, as far as a chain (steps, walkers, d) can tell.
-
-    That is to the first of `LEARNING` at which enough was accepted, `LEAST_STEPS` or later, or to the last of them.
-    """
-    if name != "surrogate":
-        return 0
-    for before, end in pairwise(LEARNING):
-        if end >= LEAST_STEPS:
-            moved = np.diff(chain[before:end], axis=0).any(axis=2)
-            if len(chain) < end or moved.mean() >= ACCEPTED:
-                return end
-    return LEARNING[-1]
 
 
 class SurrogateMove(RedBlueMove):  # type: ignore[misc]
@@ -141,7 +116,7 @@ class SurrogateMove(RedBlueMove):  # type: ignore[misc]
         return self.space.ln_prior(y) + beta * self._surrogate.ln_likelihood(y)
 
 
-def proposals(name: str, priors: Sequence[Prior]) -> list[tuple[emcee.moves.Move, float]]:
+def proposals(name: str, priors: Sequence[PriorDensity]) -> list[tuple[emcee.moves.Move, float]]:
     """Return the moves of the ensemble, with the fraction of the steps that each takes.
 
     "de": mostly the length that is best for a Gaussian, a third of it where the posterior is curved, sometimes 1,

@@ -1,0 +1,297 @@
+"""The posterior of a run as its sampler sees it: evaluations that are remembered, a start, a chain, a time limit.
+
+A call passes through three objects between a sampler and the physics. `PosteriorTarget` remembers and counts
+evaluations, so that no point costs twice. `Workers` spreads the points over processes, and ends calls that take too
+long. `Posterior` binds the parameters to the run file and compares the streams with the data.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from time import monotonic
+from typing import Any
+
+import numpy as np
+
+from streamkit.components import Ensemble, Evaluations, Sampler, Samples
+from streamkit.errors import ComponentError
+from streamkit.report import Progress
+from streamkit.runfile import Prior
+from streamkit.sample.chain_file import ChainMemory
+from streamkit.sample.evaluation_cache import EvaluationCache
+from streamkit.sample.posterior import Evaluation, blob_dtype
+from streamkit.sample.search import Search
+from streamkit.sample.step import Step
+from streamkit.sample.weighted import Weighted
+from streamkit.sample.workers import Stopped, Workers
+from streamkit.stream import Array, Data
+
+NOTES = 5.0  # seconds between two notes beside the progress
+PART = 256  # points that the workers are given at a time: their evaluations survive a stop
+
+
+class PosteriorTarget:
+    """A posterior to be sampled: a `streamkit.Target`.
+
+    Parameters
+    ----------
+    priors, data, seed
+        Of the d free parameters; what predictions are compared with; and the seed of all that the sampler draws.
+    pool
+        Evaluates the posterior "full", and for a search "cheap", whose streams are small.
+    cache
+        Holds the evaluations.
+    chain
+        Where the steps of a chain are stored.
+    resumes
+        Whether these files hold a chain to continue.
+    workers
+        Points that are evaluated at a time.
+    deadline, search_deadline
+        When the sampling, and before it the search for a start, are to end, by `time.monotonic`.
+    progress
+        Whether to show progress.
+    mass
+        The mass inside 100 kpc in Msun at a point, for the progress of a chain.
+    full_cost
+        Cost of a "full" call in units of a "cheap" one, about: for the expected end of the search.
+    """
+
+    def __init__(
+        self,
+        priors: Sequence[Prior],
+        data: Data,
+        seed: int,
+        pool: Workers,
+        cache: EvaluationCache | None = None,
+        chain: ChainMemory | None = None,
+        *,
+        resumes: bool = False,
+        workers: int = 1,
+        deadline: float = np.inf,
+        search_deadline: float = np.inf,
+        progress: bool = False,
+        mass: Callable[[Array], float] | None = None,
+        full_cost: float = 1.0,
+    ) -> None:
+        self.priors, self.data, self.size, self.seed = tuple(priors), data, len(priors), seed
+        self.workers, self.progress = workers, progress
+        self._pool, self._cache = pool, EvaluationCache() if cache is None else cache
+        self._chain = ChainMemory() if chain is None else chain
+        self._resumes, self._deadline, self._search_deadline = resumes, deadline, search_deadline
+        self._mass, self._full_cost = mass, full_cost
+        self._dtype = blob_dtype(len(data.values))
+        self._before: dict[str, Any] = {"calls": 0, "search_calls": 0, "reasons": {}}  # counts before a resumption
+        self._bar: Progress | None = None
+        self._expected, self._remark = np.inf, ""
+        self._noted = monotonic()
+
+    # The sampler's side: streamkit.Target
+
+    def from_unit(self, u: Array) -> Array:
+        """Return the parameters (..., d) at fractions u (..., d) of their priors."""
+        u = np.asarray(u, dtype=float)
+        return np.stack([prior.ppf(u[..., i]) for i, prior in enumerate(self.priors)], axis=-1)
+
+    def ln_prior(self, points: Array) -> Array:
+        """Return the ln prior density (n,) at points (n, d); -inf outside."""
+        return np.array([sum(p.lnpdf(float(x)) for p, x in zip(self.priors, row, strict=True)) for row in points])
+
+    def evaluate(self, points: Array) -> Array:
+        """Return ln likelihood (n,) at points (n, d): see `streamkit.Target`."""
+        return np.array([each.ln_likelihood for each in self._evaluate(points)])
+
+    def predictions(self, points: Array) -> Evaluations:
+        """Return the posterior at points (n, d), with the prediction of each datum."""
+        rows = self._evaluate(points)
+        m = len(self.data.values)
+        return Evaluations(
+            np.array([row.lnp for row in rows]),
+            np.array([row.ln_likelihood for row in rows]),
+            np.array([row.mean for row in rows]).reshape(-1, m),
+            np.array([row.variance for row in rows]).reshape(-1, m),
+            tuple(row.reason for row in rows),
+        )
+
+    def start(self, count: int, particles: int) -> Ensemble:
+        """Return ``count`` starting points, found from the prior; an empty chain is stored first."""
+        self._chain.reset(count, self.size)
+        with Progress("search for a start", 1, shown=self.progress, deadline=self._search_deadline) as bar:
+
+            def show(line: str) -> None:
+                bar.note(line)
+                bar.expect(search.work + search.work_left)
+                bar.update(search.work - bar.done)
+
+            rng = np.random.default_rng([self.seed, 1])
+            search = Search(self.priors, self._pool.evaluate, count, rng, self._search_deadline, show, self._full_cost)
+            points, evaluations = search.run()
+        self._before = self._before | {"search_calls": search.calls}
+        for point, evaluation in zip(points, evaluations, strict=True):
+            self._cache.add(point, evaluation)
+        # the search is reported by itself; from here on every call is a proposal of the sampler
+        self._pool.calls["full"] = 0
+        self._pool.reasons["full"].clear()
+        return Ensemble(
+            points,
+            np.array([each.lnp for each in evaluations]),
+            np.zeros(count, dtype=bool),
+            np.random.RandomState(self.seed).get_state(),
+        )
+
+    def restore(self) -> Ensemble | None:
+        """Return the last step of a stored chain, or its start; None in a new run."""
+        step = self._chain.last if self._resumes else None
+        if step is None:
+            return None
+        self._before = self._before | {name: value for name, value in step.counts.items() if name in self._before}
+        for point, lnp, blob in zip(step.coords, step.log_prob, step.blobs, strict=True):
+            evaluation = Evaluation(float(lnp), float(blob["ln_likelihood"]), blob["mean"], blob["variance"])
+            self._cache.add(np.ascontiguousarray(point), evaluation)
+        accepted = np.asarray(step.accepted, dtype=bool)
+        return Ensemble(step.coords, step.log_prob, accepted, step.random_state, step.memory, number=step.number)
+
+    def chain(self) -> Array:
+        """Return the (steps, walkers, d) samples of all steps so far."""
+        return self._chain.samples()
+
+    def history(self, name: str) -> Array | None:
+        """Return the arrays of this name in `Ensemble.history` of all steps (steps, ...); None if there are none."""
+        return self._chain.history(name)
+
+    def time_left(self) -> float:
+        """Return the seconds until the time limit; infinite without one."""
+        return self._deadline - monotonic()
+
+    def expect(self, calls: float) -> None:
+        """Set how many calls, or steps, there may have been at the end."""
+        self._expected = calls
+        if self._bar is not None:
+            self._bar.expect(calls)
+
+    def remark(self, text: str) -> None:
+        """Show a short text beside the progress."""
+        self._remark = text
+
+    # The runner's side
+
+    def run(self, sampler: Sampler) -> Iterator[Weighted]:
+        """Run a sampler. Steps of a chain are stored; weighted samples are yielded with what is known of each.
+
+        Raises ComponentError if its samples are none: of another shape, without weight, not evaluated.
+        """
+        try:
+            for state in sampler.sample(self):
+                if isinstance(state, Ensemble):
+                    self._store(sampler, state)
+                else:
+                    yield self._weighted(sampler, state)
+        finally:
+            if self._bar is not None:
+                self._bar.close()
+            self._cache.write()
+
+    def _evaluate(self, points: Array) -> list[Evaluation]:
+        """Evaluate at points (n, d), in order, each once; an interruption keeps the evaluations before it."""
+        points = np.ascontiguousarray(np.atleast_2d(points), dtype=float)
+        missing = self._cache.missing(points)
+        if not missing and self._pool.stop:
+            raise Stopped(self._pool.stop)
+        for begin in range(0, len(missing), PART):
+            part = missing[begin : begin + PART]
+            for point, evaluation in zip(part, self._pool.evaluate(np.array(part)), strict=True):
+                self._cache.add(point, evaluation)
+            self._cache.write(at_once=False)
+        if self._chain.last is None:  # of a chain the steps are shown
+            self._show("call", len(points))
+        return self._cache.get(points)
+
+    def _store(self, sampler: Sampler, ensemble: Ensemble) -> None:
+        """Store a step of a chain with its evaluations; ComponentError if it is none."""
+        points = np.ascontiguousarray(ensemble.points, dtype=float)
+        last = self._chain.last
+        if points.ndim != 2 or points.shape[1] != self.size or (last and points.shape != last.coords.shape):
+            shape = ("walkers", self.size) if last is None else last.coords.shape
+            raise ComponentError(f"sampler {sampler.kind}: yields points of shape {points.shape}, expected {shape}")
+        if self._cache.missing(points):
+            raise ComponentError(f"sampler {sampler.kind}: yields walkers at points that it never evaluated")
+        reasons = dict(Counter(self._before["reasons"]) + self._pool.reasons["full"])
+        counts = self._before | {"calls": self._before["calls"] + self._pool.calls["full"], "reasons": reasons}
+        rows = [each.row()[1:] for each in self._cache.get(points)]
+        self._chain.append(
+            Step(
+                self._chain.iteration + (last is not None),
+                points.copy(),
+                np.array(ensemble.ln_probability, dtype=float),
+                np.array(rows, dtype=blob_dtype(len(self.data.values))),
+                np.array(ensemble.accepted, dtype=bool),
+                ensemble.random_state,
+                counts | ({"facts": dict(ensemble.facts)} if ensemble.facts else {}),
+                {name: np.array(value) for name, value in ensemble.memory.items()},
+                {name: np.array(value) for name, value in ensemble.history.items()},
+            )
+        )
+        self._cache.keep_only(points)
+        if last is not None:
+            self._show("step", 1)
+
+    def _show(self, unit: str, more: int) -> None:
+        """Count calls or steps for the progress, with a note now and then."""
+        if self._bar is None:
+            done = self._chain.iteration - more if unit == "step" else 0
+            self._begun = monotonic(), self._pool.calls["full"]
+            self._bar = Progress("sampling", self._expected, unit, done=done, shown=self.progress, keep=True,
+                                 deadline=self._deadline)  # fmt: skip
+        now = monotonic()
+        if now - self._noted > NOTES:
+            self._noted = now
+            self._bar.note(", ".join([*self._notes(now), *([self._remark] if self._remark else [])]))
+        self._bar.update(more)
+
+    def _notes(self, now: float) -> Iterator[str]:
+        """Yield acceptance, speed and running mass."""
+        begin, calls = self._begun
+        step = self._chain.last
+        if step is not None and step.number:
+            yield f"accepted {100 * self._chain.acceptance:.0f} %"
+        yield f"{(self._pool.calls['full'] - calls) / max(now - begin, 1e-9):.1f} calls/s"
+        if step is not None and self._mass is not None:
+            low, middle, high = np.percentile([self._mass(point) / 1e11 for point in step.coords], [16, 50, 84])
+            yield f"M(100 kpc) {middle:.2f} +{high - middle:.2f} -{middle - low:.2f}e11 Msun"
+
+    def _weighted(self, sampler: Sampler, samples: Samples) -> Weighted:
+        """Return weighted samples with their evaluations; ComponentError if they are none."""
+        points, ln_weights = np.asarray(samples.points, dtype=float), np.asarray(samples.ln_weights, dtype=float)
+        if points.ndim != 2 or points.shape != (len(ln_weights), self.size) or not np.isfinite(points).all():
+            raise ComponentError(f"sampler {sampler.kind}: gives points of shape {points.shape} and weights of shape "
+                                 f"{ln_weights.shape}, expected (n, {self.size}) and (n,), finite")  # fmt: skip
+        with np.errstate(invalid="ignore"):
+            used = ln_weights > -np.inf
+        if not used.any() or np.isnan(ln_weights).any() or np.isposinf(ln_weights).any():
+            raise ComponentError(
+                f"sampler {sampler.kind}: gives no sample with a weight, or weights that are no numbers"
+            )
+        points, dtype = np.ascontiguousarray(points[used]), blob_dtype(len(self.data.values))
+        if samples.evaluations is None:
+            if self._cache.missing(points):
+                raise ComponentError(f"sampler {sampler.kind}: gives samples that it never evaluated")
+            rows = [each.row() for each in self._cache.get(points)]
+            log_prob, blobs = np.array([row[0] for row in rows]), np.array([row[1:] for row in rows], dtype=dtype)
+        else:
+            given = samples.evaluations
+            log_prob, blobs = given.ln_probability[used], np.empty(used.sum(), dtype=dtype)
+            for name in dtype.names or ():
+                blobs[name] = getattr(given, name)[used]
+        counts = {"calls": len(self._cache), "search_calls": 0, "reasons": self._cache.reasons}
+        return Weighted(
+            points,
+            ln_weights[used],
+            log_prob,
+            blobs,
+            float(samples.ln_evidence),
+            float(samples.ln_evidence_error),
+            samples.missing,
+            {"counts": counts | ({"facts": dict(samples.facts)} if samples.facts else {})},
+            samples.verdicts,
+        )

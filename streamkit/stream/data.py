@@ -1,0 +1,49 @@
+"""The data that predictions are compared with, and their Gaussian likelihood."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from streamkit.stream.arrays import Array
+
+
+@dataclass(frozen=True)
+class Data:
+    """Data with Gaussian errors.
+
+    Attributes
+    ----------
+    values, errors
+        (m,) values, NaN where there is none, and their standard errors.
+    add_noise
+        Whether the variance of the model's own estimate is added to that of the data.
+    covariance
+        (m, m) of the errors; None where they are independent.
+    """
+
+    values: Array
+    errors: Array
+    add_noise: bool = False
+    covariance: Array | None = None
+
+    def gaussian(self, mean: Array, variance: Array) -> float:
+        """Return the ln likelihood of a prediction under Gaussian errors; a NaN datum is not used.
+
+        Parameters
+        ----------
+        mean, variance
+            (m,) prediction, and the variance of that estimate, which is added to that of the data if `add_noise`.
+        """
+        used = np.isfinite(self.values)
+        noise = variance[used] if self.add_noise else 0.0
+        if self.covariance is None:
+            total = self.errors[used] ** 2 + noise
+            chi2 = (self.values[used] - mean[used]) ** 2 / total
+            return float(-0.5 * np.sum(chi2 + np.log(2 * np.pi * total)))
+        from scipy.linalg import cholesky, solve_triangular  # slow to load, and only a covariance needs it
+
+        root = cholesky(self.covariance[np.ix_(used, used)] + np.diag(noise * np.ones(used.sum())), lower=True)
+        white = solve_triangular(root, self.values[used] - mean[used], lower=True)
+        return float(-0.5 * (white @ white + len(white) * np.log(2 * np.pi)) - np.log(np.diag(root)).sum())

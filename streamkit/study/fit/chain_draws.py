@@ -1,0 +1,148 @@
+"""The chain of a run: how it describes and judges itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from streamkit.components import ChainSampler, Verdict
+from streamkit.convergence import effective_samples, rank_r_hat, stuck_walkers
+from streamkit.report import BLUE, GREY
+from streamkit.sample import Chain
+from streamkit.stream import Array, IntArray
+from streamkit.study.fit import chain_verdicts as checks
+from streamkit.study.fit.diagnostics import drift, rank_scores
+from streamkit.study.fit.draws import Draws, Row
+from streamkit.study.fit.rank_figure import rank_plots
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+DRAWN = 2000  # steps that a trace shows at most
+
+
+class ChainDraws(Draws):
+    """A chain.
+
+    Parameters
+    ----------
+    stored
+        The chain as it is stored.
+    sampler
+        The sampler that made it.
+    quick
+        Whether the run is a coarse look: half of it is burn-in then.
+    """
+
+    def __init__(self, stored: Chain, sampler: ChainSampler, quick: bool) -> None:
+        super().__init__(stored.chain, stored.log_prob, stored.blobs, stored.attributes, quick)
+        former = stored.attributes.get("counts", {}).get("surrogate")  # as version 0.1.0 stored this fact
+        self.facts = self.facts or ({"surrogate": former} if former else {})
+        self.convergence = sampler.convergence(self.chain)
+        self.discard = len(self.chain) // 2 if quick else self.convergence.discard
+        moved = np.diff(self.chain[self.convergence.learned :], axis=0).any(axis=2)
+        self.acceptance = float(moved.mean() if moved.size else np.mean(stored.accepted) / len(self.chain))
+
+    def __repr__(self) -> str:
+        steps, walkers, _ = self.chain.shape
+        return f"{steps} steps of {walkers} walkers"
+
+    @property
+    def tau(self) -> Array:
+        """(d,) Autocorrelation times in steps, of the chain after learning; NaN where there is no estimate."""
+        return self.convergence.tau
+
+    @cached_property
+    def r_hat(self) -> Array:
+        """(d,) Rank-normalised split R-hat after burn-in, each walker a chain."""
+        return rank_r_hat(self.kept) if self.quick else self.convergence.r_hat
+
+    @property
+    def ess(self) -> Array:
+        """(d,) Effective number of independent samples after burn-in."""
+        return effective_samples(self.kept, self.tau)
+
+    @cached_property
+    def stuck(self) -> IntArray:
+        """(n,) Numbers of the walkers that are stuck far below the others."""
+        return stuck_walkers(self.chain, self.log_prob)
+
+    def lacks(self, names: Sequence[str]) -> str:
+        """Return what the rule of convergence lacks."""
+        return self.convergence.missing(names)
+
+    def length(self) -> str:
+        """Return the number of steps."""
+        return f"{len(self.chain)} steps"
+
+    def praise(self) -> str:
+        """Return the chain's length in autocorrelation times, and the largest R-hat."""
+        span, r_hat = self.convergence.span, self.r_hat.max()
+        return f"{self.length()} are {span:.0f} autocorrelation times, and R-hat is {r_hat:.3f} at most."
+
+    def verdicts(self, names: Sequence[str]) -> list[Verdict]:
+        """Return the outcomes of the checks of a chain."""
+        return [
+            checks.length_verdict(self.convergence.span, self.convergence.is_stable),
+            checks.r_hat_verdict(names, self.r_hat),
+            checks.samples_verdict(names, self.ess),
+            checks.drift_verdict(names, drift(self.kept, self.tau)),
+            checks.ranks_verdict(rank_scores(self.kept, self.tau)),
+            checks.stuck_verdict(len(self.stuck), self.chain.shape[1]),
+            checks.acceptance_verdict(self.acceptance),
+        ]
+
+    def headline(self) -> str:
+        """Return steps, walkers and burn-in."""
+        return f"{self!r}, {self.discard} of them left out as burn-in"
+
+    def rows(self) -> list[Row]:
+        """Return acceptance, calls and facts."""
+        return [
+            ("acceptance", f"{self.acceptance:.3f}", ""),
+            ("calls", str(self.calls), f"and {self.search_calls} in the search for a start"),
+            *((name, "", text) for name, text in self.facts.items()),
+        ]
+
+    def record(self) -> dict[str, Any]:
+        """Return steps, walkers and burn-in."""
+        steps, walkers, _ = self.chain.shape
+        return {"steps": steps, "walkers": walkers, "burn_in": self.discard}
+
+    def description(self) -> str:
+        """Return steps, walkers, parameters and burn-in."""
+        return f"{self!r}, {self.chain.shape[2]} free parameters; {self.discard} steps of burn-in"
+
+    @property
+    def trace(self) -> tuple[str, str]:
+        """Label of the horizontal axis of the traces, and their legend."""
+        return "step", "grey: walkers; blue: their median; shaded: burn-in"
+
+    def draw_trace(self, axes: Axes, parameter: int | None, scale: float) -> None:
+        """Draw the walkers' paths against the step, with the burn-in shaded."""
+        steps, walkers, _ = self.chain.shape
+        ln_p = np.where(np.isfinite(self.log_prob), self.log_prob, np.nan)
+        value = ln_p if parameter is None else self.chain[..., parameter] / scale
+        x, every = np.arange(1, steps + 1), max(steps // DRAWN, 1)
+        alpha = min(max(0.25, 10 / walkers), 1)
+        axes.plot(x[::every], value[::every], color=GREY, lw=0.4, alpha=alpha, rasterized=True)
+        axes.plot(x[::every], np.median(value, axis=1)[::every], color=BLUE, lw=1.6)
+        if self.discard:
+            axes.axvspan(1, self.discard, color="black", alpha=0.07, lw=0)
+        axes.set_xlim(1, max(steps, 2))
+        low = np.percentile(ln_p[self.discard :], 0.5)
+        if parameter is None and np.isfinite(low):
+            axes.set_ylim(low - 5, np.nanmax(ln_p) + 2)
+
+    def pictures(self, labels: Sequence[str]) -> dict[str, Callable[[], Figure]]:
+        """Return the rank plots."""
+        return {"ranks": partial(rank_plots, self.kept, self.tau, labels)}
+
+    def wanted_steps(self) -> float:
+        """Return the steps of learning and as many autocorrelation times as the rule wants."""
+        judged = self.convergence
+        return judged.learned + judged.tau_factor * float(np.max(judged.tau))

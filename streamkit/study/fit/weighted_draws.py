@@ -1,0 +1,182 @@
+"""The weighted samples of a run: how they describe and judge themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from streamkit.components import DO_NOT, FINE, LOOK, Check, Verdict
+from streamkit.report import BLUE, GREY
+from streamkit.sample import Weighted
+from streamkit.stream import Array
+from streamkit.study.fit.chain_verdicts import SAMPLES
+from streamkit.study.fit.draws import Draws, Row
+from streamkit.study.fit.sentences import number
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+DRAWN = 5000  # samples that a trace shows at most
+# Share of the largest weight: with one in a hundred a percentile is coarse, with one in ten it is that sample.
+HEAVIEST = Check(
+    "largest weight", (0.01, 0.1), "fine up to 1 % of all weights, do not use above 10 %", larger_is_worse=True
+)
+# The same limits as for the samples of a chain.
+KISH = Check(
+    SAMPLES.subject,
+    SAMPLES.limits,
+    "from the weights (Kish 1965): fine from 400 on (Vehtari+ 2021, sec. 4), do not use below 100",
+)
+
+
+class WeightedDraws(Draws):
+    """Weighted samples. In the form of a chain: as many of equal weight as they are worth, as one walker.
+
+    Parameters
+    ----------
+    stored
+        The samples as they are stored.
+    kind
+        The name of the sampler.
+    seed
+        That of the drawing of samples of equal weight.
+    quick
+        Whether the run is a coarse look.
+    """
+
+    weighted: Weighted
+    discard = 0
+
+    def __init__(self, stored: Weighted, kind: str, seed: int, quick: bool) -> None:
+        drawn = stored.drawn(seed)
+        chain, log_prob, blobs = (each[drawn][:, None] for each in (stored.points, stored.log_prob, stored.blobs))
+        super().__init__(chain, log_prob, blobs, stored.attributes, quick)
+        self.weighted, self._kind = stored, kind
+        self.acceptance = float(stored.ess / max(self.calls, 1))
+
+    def __repr__(self) -> str:
+        return f"{len(self.weighted.points)} weighted samples"
+
+    @property
+    def tau(self) -> Array:
+        """(d,) All NaN: there is no chain."""
+        return np.full(self.chain.shape[2], np.nan)
+
+    @property
+    def r_hat(self) -> Array:
+        """(d,) All NaN: R-hat compares chains."""
+        return self.tau
+
+    @property
+    def ess(self) -> Array:
+        """(d,) The effective number of samples, from the weights."""
+        return np.full(self.chain.shape[2], self.weighted.ess)
+
+    @property
+    def best(self) -> Array:
+        """(d,) The sample of the highest ln posterior, among all."""
+        return np.asarray(self.weighted.points[np.argmax(self.weighted.log_prob)])
+
+    def lacks(self, names: Sequence[str]) -> str:
+        """Return what the sampler's own rule lacks, or how many effective samples are missing."""
+        return self.weighted.lacks
+
+    def length(self) -> str:
+        """Return the number of calls."""
+        return f"{self.calls} calls"
+
+    def praise(self) -> str:
+        """Return the sampler's rule, the effective samples and the evidence."""
+        return f"The rule of {self._kind} is met, with {self.weighted.ess:.0f} effective samples; {self.evidence()}."
+
+    def evidence(self) -> str:
+        """Return "ln evidence -12.3 +- 0.1"."""
+        if not np.isfinite(self.weighted.ln_evidence):
+            return "no evidence"
+        return f"ln evidence {self.weighted.ln_evidence:.2f} +- {self.weighted.ln_evidence_error:.2f}"
+
+    def verdicts(self, names: Sequence[str]) -> list[Verdict]:
+        """Return the outcome of the sampler's rule, its own checks, and those of the weights."""
+        stored, kind = self.weighted, self._kind
+        rule_said = {
+            FINE: f"The rule of {kind} is met. There is no R-hat, which compares chains: that no region was missed "
+            "rests on this rule. Run it again with another seed where much depends on it.",
+            LOOK: f"Not ended by its own rule: {stored.missing}. Continue with --resume.",
+        }
+        level = LOOK if stored.missing else FINE
+        value = f"ln Z = {stored.ln_evidence:.2f} ± {stored.ln_evidence_error:.2f}"
+        value = value if np.isfinite(stored.ln_evidence) else kind
+        rule = f"fine when {kind} has ended by its own rule, which the run file sets"
+        error = 1.2533 / np.sqrt(max(stored.ess, 1.0))  # of a median, in standard deviations of a Gaussian
+        medians = f"Every median is known to {error:.2f} of its standard deviation"
+        enough = {
+            FINE: f"{medians} or better.",
+            LOOK: f"{medians} only, the 95 % limits worse. Ask for more effective samples.",
+            DO_NOT: "There are too few independent samples for an interval.",
+        }
+        heavy = {
+            FINE: "No single sample carries much of the posterior.",
+            LOOK: "One sample carries a visible part of the posterior: ask for more effective samples.",
+            DO_NOT: "One sample carries much of the posterior: the maximum has hardly been found.",
+        }
+        largest = float(stored.weights.max())
+        return [
+            Verdict("rule of the sampler", level, value, rule_said[level], rule),
+            *stored.verdicts,
+            KISH.judge(stored.ess, number(stored.ess, ".0f"), enough),
+            HEAVIEST.judge(largest, number(100 * largest, ".2g", " %"), heavy),
+        ]
+
+    def headline(self) -> str:
+        """Return the number of the samples, and of those of equal weight."""
+        return f"{self!r}, shown as {len(self.chain)} of equal weight"
+
+    def rows(self) -> list[Row]:
+        """Return calls, evidence and facts."""
+        rows = [("calls", str(self.calls), f"{self.calls / self.weighted.ess:.1f} for each effective sample")]
+        if np.isfinite(self.weighted.ln_evidence):
+            evidence, error = self.weighted.ln_evidence, self.weighted.ln_evidence_error
+            rows.append(("ln evidence", f"{evidence:.2f}", f"+- {error:.2f}"))
+        return [*rows, *((name, "", text) for name, text in self.facts.items())]
+
+    def record(self) -> dict[str, Any]:
+        """Return the number of the samples, and the evidence."""
+        return {
+            "weighted_samples": len(self.weighted.points),
+            "ln_evidence": self.weighted.ln_evidence,
+            "ln_evidence_error": self.weighted.ln_evidence_error,
+        }
+
+    def provenance(self) -> dict[str, Any]:
+        """Return the notes that a table about the samples carries."""
+        return super().provenance() | {
+            "samples": f"{len(self.weighted.points)} weighted ones, here as {len(self.chain)} of equal weight",
+            "ln evidence": self.weighted.ln_evidence,
+            "error of ln evidence": self.weighted.ln_evidence_error,
+        }
+
+    def description(self) -> str:
+        """Return the number of the samples and of parameters, and the evidence."""
+        steps, _, d = self.chain.shape
+        return f"none: {self!r}, {d} free parameters, here as {steps} of equal weight; {self.evidence()}"
+
+    @property
+    def trace(self) -> tuple[str, str]:
+        """Label of the horizontal axis of the traces, and their legend."""
+        return "number of the sample, by rising likelihood", "grey: all samples; blue: by their weight"
+
+    def draw_trace(self, axes: Axes, parameter: int | None, scale: float) -> None:
+        """Draw the samples in the order of their ln likelihood: all of them grey, and blue by their weight."""
+        stored = self.weighted
+        order = np.argsort(stored.blobs["ln_likelihood"], kind="stable")
+        order = order[np.isfinite(stored.log_prob[order])]
+        every = max(len(order) // DRAWN, 1)
+        x, chosen = np.arange(1, len(order) + 1)[::every], order[::every]
+        value = stored.log_prob[chosen] if parameter is None else stored.points[chosen, parameter] / scale
+        share = stored.weights[chosen] / stored.weights.max()
+        axes.plot(x, value, ".", color=GREY, ms=1.5, alpha=0.4, mew=0, rasterized=True)
+        axes.scatter(x, value, s=5, color=BLUE, alpha=share, lw=0, rasterized=True)
+        if parameter is None:
+            axes.set_ylim(value.max() - 60, value.max() + 2)
