@@ -82,14 +82,15 @@ def test_linear_algebra_has_one_thread_in_a_worker_and_in_a_run(executor):
         assert blas_threads() == before
 
 
-def test_fifty_kills_at_random_moments_change_nothing(caplog):
+@pytest.mark.parametrize("count", [12, pytest.param(50, marks=pytest.mark.slow)])
+def test_kills_at_random_moments_change_nothing(caplog, count):
     """A thread kills workers, idle or busy, while a chain is made: it is that of one process."""
     caplog.set_level(logging.CRITICAL, "streamkit")
     backend, kills, rng, over = Backend(), [], np.random.default_rng(5), threading.Event()
     with Workers({"full": Gaussian(), "cheap": Gaussian()}, 3) as pool:
 
         def kill():
-            while len(kills) < 50 and not over.is_set():
+            while len(kills) < count and not over.is_set():
                 time.sleep(rng.uniform(0.0, 0.06))
                 with suppress(ProcessLookupError):  # it is just being replaced
                     os.kill(rng.choice(pool._executor.pids), signal.SIGKILL)
@@ -109,7 +110,7 @@ def test_fifty_kills_at_random_moments_change_nothing(caplog):
         run = sampling(pool, alone)
         run.begin()
         run.advance(Limits(backend.iteration, tau_factor=1e9))
-    assert len(kills) == 50
+    assert len(kills) == count
     np.testing.assert_array_equal(alone.get_chain(), backend.get_chain())
 
 
