@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -26,12 +27,24 @@ def test_there_is_one_for_every_role() -> None:
 
 @pytest.mark.parametrize("role", ROLES)
 def test_it_passes_its_own_test(role: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In this process, whose imports are made."""
     monkeypatch.chdir(tmp_path)
-    out = call("new", role, "my_first").stdout
-    package = tmp_path / "streamkit-my-first"
-    names = {"pyproject.toml", "streamkit_my_first.py", "test_my_first.py", "README.md"}
+    out = call("new", role, f"my_{role}").stdout
+    package = tmp_path / f"streamkit-my-{role}"
+    names = {"pyproject.toml", f"streamkit_my_{role}.py", f"test_my_{role}.py", "README.md"}
     assert {file.name for file in package.iterdir()} == names
-    assert "pip install -e streamkit-my-first pytest" in out
+    assert f"pip install -e streamkit-my-{role} pytest" in out
+    monkeypatch.syspath_prepend(package)
+    (test,) = (
+        value for name, value in runpy.run_path(str(package / f"test_my_{role}.py")).items() if name.startswith("test_")
+    )
+    test()
+
+
+def test_pytest_finds_its_own_test(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    call("new", "stripping", "my_first")
+    package = tmp_path / "streamkit-my-first"
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([HERE, str(package)])}
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", package]
     done = subprocess.run(command, cwd=package, env=environment, capture_output=True, text=True)

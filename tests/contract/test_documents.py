@@ -35,7 +35,6 @@ from documents import (
     lay_desk,
     lines,
 )
-from matplotlib.figure import Figure
 from runfiles import BASE
 from snapshots import model_stream, nbody_stream
 
@@ -70,14 +69,7 @@ def laid(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def desk(laid: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The desk as working directory, and pictures of few pixels that are not laid out: others test how they look."""
-    save = Figure.savefig
-
-    def roughly(figure: Figure, *args: Any, **options: Any) -> None:
-        figure.set_layout_engine("none")
-        save(figure, *args, **(options | {"dpi": 40}))
-
-    monkeypatch.setattr(Figure, "savefig", roughly)
+    """The desk as working directory."""
     monkeypatch.chdir(laid)
     return laid
 
@@ -103,7 +95,7 @@ def carry_out(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(sys, "argv", command.script)
         runpy.run_path(command.script[0], run_name="__main__")
     if command.arguments:
-        short = ["6" if option == "--steps" else word for option, word in pairwise(["", *command.arguments])]
+        short = ["3" if option == "--steps" else word for option, word in pairwise(["", *command.arguments])]
         result = call(*short)
         assert result.exit_code == 0, f"{command.words}\n{result.output}"
         assert result.stdout

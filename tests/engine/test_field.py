@@ -296,6 +296,7 @@ WAYS = {
 }
 
 
+@pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize(
     ("stop", "wanted"),

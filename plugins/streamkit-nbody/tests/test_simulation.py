@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from streamkit_nbody.gravity import DIRECT
 from streamkit_nbody.plan import Options
 from streamkit_nbody.simulation import Simulation, _crossings
 
@@ -74,12 +73,6 @@ def test_energy_and_angular_momentum_in_a_spherical_host(disrupted):
     assert np.abs(energy / energy[0] - 1).max() < 1e-4
     before, after = (np.cross(s.q.T, s.v.T).sum(axis=0) for s in (found[0], found[-1]))
     assert after == pytest.approx(before, rel=1e-9)
-
-
-def test_energy_with_the_tree():
-    run = simulation(FLAT, ORBIT, particles=DIRECT + 1, lookback=0.1)
-    found = states(run)
-    assert found[-1].energy_error < 1e-3
 
 
 def test_the_energy_at_the_start_is_that_of_a_plummer_sphere_on_its_orbit(disrupted):

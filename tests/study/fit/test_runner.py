@@ -161,6 +161,7 @@ def start(out, document=FIT):
     raise AssertionError(f"no third step: {process.communicate(timeout=60)[0]}")
 
 
+@pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize(("signum", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_stopped_run_keeps_its_samples_and_can_be_resumed(tmp_path, signum, status):
     out = tmp_path / "run"
