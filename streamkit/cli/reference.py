@@ -18,10 +18,10 @@ KEYS = ("version", "seed", "plugins")  # what stands above the sections
 @click.argument("section", required=False, shell_complete=sections)
 @click.argument("kind", required=False, shell_complete=kinds_of("section"))
 def reference(section: str | None, kind: str | None) -> None:
-    """Describe every field of a run file: its unit, its default, what is allowed.
+    """Describe the fields of a run file: unit, default, allowed values.
 
-    Without SECTION, the keys and sections; with KIND as well, what one component adds, such as
-    'potential nfw' or 'progenitor plummer'. The components are those installed.
+    Without SECTION, list the keys and sections. SECTION lists its fields and kinds; SECTION KIND describes one
+    installed component, such as 'potential nfw' or 'progenitor plummer'.
     """
     registry, fields = components.load_registry(), runfile.RunFile.model_fields
     if section is None or section in KEYS:

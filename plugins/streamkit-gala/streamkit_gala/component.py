@@ -53,8 +53,8 @@ class _Gala(Potential):
     @staticmethod
     def potential(x: Any, y: Any, z: Any, t: Any, model: Any) -> Any:
         """Return gala's potential."""
-        found = model.energy(np.array([x, y, z], dtype=float)).value
-        return found if np.ndim(x) else found.reshape(())
+        energy = model.energy(np.array([x, y, z], dtype=float)).value
+        return energy if np.ndim(x) else energy.reshape(())
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the values: a class made for a section is made again."""
