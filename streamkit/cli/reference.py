@@ -11,7 +11,7 @@ from streamkit import components, report, runfile
 from streamkit.cli.completion import kinds_of, sections
 from streamkit.errors import StreamkitError
 
-KEYS = ("version", "seed", "plugins")  # what stands above the sections
+KEYS = ("version", "seed", "plugins")  # the keys above the sections
 
 
 @click.command()
@@ -65,11 +65,11 @@ def _placed(registry: components.Registry, kind: str | None, ways: Sequence[Any]
     able = [k for k, entry in sorted(registry.entries["potential"].items()) if "mass" in entry.cls.parameters()]
     if kind is None:
         kinds = report.paragraph(", ".join(able), "  ")
-        parts = [f"kind: one of the potentials with a mass, or another whose force tells a total mass\n{kinds}"]
+        parts = [f"kind: one of the potentials with a mass, or another whose force gives a total mass\n{kinds}"]
     else:
         parts = [report.listing(registry, "potential", kind, "reference")]
         if kind not in able:
-            parts.append("It has no field 'mass' in Msun: its force must tell a total mass.")
+            parts.append("It has no field 'mass' in Msun: its force must give a total mass.")
     taken = registry.entries["potential"][kind].cls.model_fields.keys() if kind else set()
     for way in ways:
         if not taken & way.model_fields.keys():

@@ -1,4 +1,4 @@
-"""What gala has: its potentials by name, and their parameters as gala declares them."""
+"""The potentials of gala by name, and their parameters as gala declares them."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def _of_class(name: str, cls: Any) -> Iterator[Parameter]:
 
 
 def _of_composite(cls: Any, signature: inspect.Signature, options: Mapping[str, Any]) -> Iterator[Parameter]:
-    """Those of the parts, and gala's values of them as defaults."""
+    """Yield the parameters of the parts, with gala's values as defaults."""
     given = {}
     if "version" in signature.parameters:
         yield Parameter("version", ("version",), None, "latest")
@@ -167,7 +167,7 @@ def _of_multipole(options: Mapping[str, Any]) -> Iterator[Parameter]:
 
 
 def _switches(signature: inspect.Signature) -> Iterator[Parameter]:
-    """What is true or false."""
+    """Yield the parameters that are true or false."""
     for key, parameter in signature.parameters.items():
         if isinstance(parameter.default, bool):
             yield Parameter(key, (key,), None, parameter.default)

@@ -45,8 +45,8 @@ class _Gala(Potential):
     def acceleration(x: Any, y: Any, z: Any, t: Any, model: Any) -> Any:
         """Return gala's acceleration.
 
-        gala wants a writable array of its own. It gets no times: what is offered here stands still, and gala 1.11
-        returns wrong gradients for an array of them.
+        gala needs a writable array. It gets no times: these potentials are static, and gala 1.11 returns wrong
+        gradients for an array of times.
         """
         return tuple(-model.gradient(np.array([x, y, z], dtype=float)).value)
 

@@ -1,4 +1,4 @@
-"""What galpy has: its potentials and Milky Way models by name, and the units of their parameters."""
+"""The potentials and Milky Way models of galpy by name, and the units of their parameters."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ class Evaluator:
     arrays
         Whether it takes arrays of positions.
     static
-        Whether it stands still.
+        Whether it is static.
     """
 
     source: Any

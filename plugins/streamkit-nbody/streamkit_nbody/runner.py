@@ -119,7 +119,7 @@ class _Run:
         save(self.out / RUN_FILE, lambda part: part.write_text(text))
 
     def claim(self, resume: bool, force: bool) -> State | None:
-        """Make the directory this run's own; return the state to go on from, None to begin."""
+        """Claim the directory for this run; return the state to continue from, None to begin."""
         files, checkpoint = contents(self.out), self.out / CHECKPOINT
         if not files:
             return None

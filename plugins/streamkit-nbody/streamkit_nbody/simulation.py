@@ -21,7 +21,7 @@ from streamkit_nbody.state import State, Track
 
 @dataclass(frozen=True)
 class Simulation:
-    """What does not change during a run.
+    """The constants of a run.
 
     Attributes
     ----------

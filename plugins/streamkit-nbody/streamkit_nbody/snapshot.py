@@ -1,4 +1,4 @@
-"""Snapshots in the Gadget-HDF5 layout. A checkpoint is one too: each holds all that a run needs to go on."""
+"""Snapshots in the Gadget-HDF5 layout. A checkpoint is a snapshot too: each holds all that a run needs to continue."""
 
 from __future__ import annotations
 
