@@ -20,11 +20,11 @@ from streamkit.study import preflight
 @JSON
 @click.option("-q", "--quiet", is_flag=True, help="No progress; print the warnings only.")
 def check(run_file: Path, settings: tuple[str, ...], draws: int, as_json: bool, quiet: bool) -> None:
-    """Validate a run file and look at its physics.
+    """Validate a run file and check its physics.
 
-    Prints the components and who supplies them, the free parameters with their priors, the progenitor's
-    orbit at the prior's centre, and what a call and the run will cost in CPU time. Warns of what makes a
-    fit fail. Exit status 0: valid; 2: not.
+    Printed are the components with their suppliers, the free parameters with their priors, the progenitor's orbit at
+    the prior's centre, the CPU time of a call and of the run, and warnings about causes of failing fits. The exit
+    status is 0 for a valid run file and 2 for another.
     """
     spec = load_spec(run_file, settings)
     if not (as_json or quiet):

@@ -1,4 +1,4 @@
-"""The group of commands, our own and those of other packages, and how each of them fails: by one paragraph.
+"""The group of commands, streamkit's and those of other packages. Each reports an error as one paragraph.
 
 A package brings a command by an entry point of the group ``streamkit.commands``: its name, and a click command::
 
@@ -32,14 +32,14 @@ class PluginCommand(click.Command):
         self._points = points
 
     def get_short_help_str(self, limit: int = 45) -> str:
-        """Return what the package says of itself, in place of the command: nothing is imported for a list."""
+        """Return the summary of the package: a list of commands imports none of them."""
         dist = self._points[0].dist
         return f"{dist.metadata['Summary']} ({dist.name})" if dist else ""
 
     def make_context(
         self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
     ) -> click.Context:
-        """Let the command itself take over."""
+        """Make the context of the command itself."""
         return self._load().make_context(info_name, args, parent, **extra)
 
     def _load(self) -> click.Command:
@@ -118,7 +118,7 @@ def _points() -> list[EntryPoint]:
 
 
 def _failed(message: str, status: int) -> int:
-    with suppress(OSError, ValueError):  # nobody reads it any more: the status tells as well
+    with suppress(OSError, ValueError):  # standard error is closed: the exit status remains
         lines = [printable(line) for line in message.split("\n")]  # it may quote a file that came from elsewhere
         click.echo("streamkit: " + "\n".join(lines), err=True)
     return status

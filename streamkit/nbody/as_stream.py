@@ -1,7 +1,7 @@
-"""From an N-body snapshot to a `Stream`, by the conventions of the model: what measures one measures the other.
+"""From an N-body snapshot to a `Stream` with the conventions of the model: the same code measures both.
 
-What the file does not say is found by following the particles back in the host with the run file's progenitor: the
-stripping time, the number of turns of the winding, and the phase chi.
+The stripping time, the number of turns of the winding, and the phase chi, if the file lacks them, come from orbits:
+the particles are followed back in the host with the run file's progenitor.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ BEYOND = 10.0
 def as_stream(snapshot: Snapshot, inputs: StreamInputs) -> Stream:
     """Return the snapshot's particles as a stream in the host, and about the progenitor, of a bound run file.
 
-    The track of the core is the snapshot's own, if it has one, else the progenitor's orbit. Bound is who the file says,
-    else who is inside the tidal radius today. Of the file's windings the whole turns are used: codes differ in where
-    they begin to count, by the size of the satellite.
+    The track of the core is that of the snapshot, if it has one, else the progenitor's orbit. Bound particles are those
+    of the file, else those inside the tidal radius today. Only the whole turns of the file's windings are used: codes
+    differ in the zero point of the winding by the size of the satellite.
 
     Raises StreamkitError if the snapshot cannot be this progenitor's: other units, another place, another velocity.
     """

@@ -1,4 +1,4 @@
-"""What to cite for a run file, as BibTeX: its components, its sampler and the packages that do the work."""
+"""The citations of a run file as BibTeX: its components, its sampler and the packages it uses."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ def key_of(entry: str) -> str:
 def cited(spec: Spec) -> str:
     """Return BibTeX of exactly what a run file uses, each entry below a comment that says what for.
 
-    A component's `bibtex` is taken as it stands; without one its `reference` is looked up among the entries that
-    streamkit brings, and what is not there becomes a note. A run file without free parameters has no sampler.
+    A component's `bibtex` is used unchanged. Without one, its `reference` is looked up among streamkit's entries; a
+    reference that they lack becomes a note. A run file without free parameters has no sampler.
     """
     uses: dict[str, list[str]] = {}
     entries = dict(bibliography())
@@ -88,7 +88,7 @@ def _named(reference: str, other: str) -> list[tuple[str, str]]:
 
 
 def _is_named(entry: str, reference: str) -> bool:
-    """Say whether a reference names an entry: by journal, volume and page, or a book by its title or authors."""
+    """Return whether a reference names an entry: by journal, volume and page, or a book by its title or authors."""
     field = dict(re.findall(r"^\s*(\w+) = \{+(.*?)\}+,$", entry, flags=re.MULTILINE))
     if "journal" in field:
         place = re.escape(f"{field['journal']} {field['volume']}, {field['pages']}")

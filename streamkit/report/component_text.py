@@ -1,4 +1,4 @@
-"""What is installed, as text: components by role, one component's parameters, the fields of a section."""
+"""The installed components as text: by role, one component's parameters, the fields of a section."""
 
 from __future__ import annotations
 

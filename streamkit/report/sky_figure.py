@@ -16,7 +16,7 @@ from streamkit.report.style import BAND_68, BAND_95, VERMILION, NotebookFigure, 
 from streamkit.runfile import StreamInputs
 from streamkit.stream import Array, Panel, PanelData, Prediction, Stream
 
-# Inches across: panels, the numbers left of them, the room beside, what stands there, and the edge.
+# Widths in inches: panels, numbers left of them, gap, the pictures right of them, and the edge.
 WIDE, LEFT, GAP, SIDE, RIGHT = 5.8, 0.95, 0.85, 3.0, 0.15
 TALL, BELOW, BETWEEN = 1.2, 0.55, 0.1  # inches down: a panel, its residuals, and from one pair to the next
 FOOT, NAMES = 0.5, 2.4  # inches for the name of a horizontal axis, and for the legend

@@ -1,4 +1,4 @@
-"""What all pictures share: colours, symbols, ticks, panels."""
+"""The style of all pictures: colours, symbols, ticks, panels."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def ticks(axes: Axes) -> None:
 
 
 def labels(names: Sequence[str], symbols: Sequence[str]) -> list[str]:
-    """Return what pictures call parameters, no two alike: their symbols, or the shortest clear ends of their paths.
+    """Return different labels for all parameters: their symbols, or the shortest unambiguous ends of their paths.
 
     Parameters
     ----------

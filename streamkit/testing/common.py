@@ -1,4 +1,4 @@
-"""What every component must do, and how a check says that it does not."""
+"""Checks of every component, and the form in which a check reports a failure."""
 
 from __future__ import annotations
 

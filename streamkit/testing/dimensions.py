@@ -1,4 +1,4 @@
-"""Checks of a potential's units: the mass that its force tells, dimensional analysis, the conversion of time."""
+"""Checks of a potential's units: the mass by Gauss's law, dimensional analysis, the conversion of time."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def has_dimensions(potential: Potential) -> None:
 
 
 def _homogeneous(potential: Potential, assumed: dict[str, tuple[float, float]]) -> bool:
-    """Say whether the force in other units is the same force, with the dimensions of some numbers assumed."""
+    """Return whether the force in other units is the same force, with the dimensions of some numbers assumed."""
     fields: dict[str, Any] = potential.model_dump()
     for name, unit in type(potential).parameters().items():
         length, mass = assumed.get(name, powers_of(unit.name))

@@ -85,9 +85,9 @@ def test_pip_installs_it_and_a_run_file_finds_it(tmp_path: Path) -> None:
         ("2halos", "a letter first. Perhaps 'halos'?"),
         ("../halo", "Perhaps 'halo'?"),
         ("é", "cannot be the name"),
-        ("potential", "its class would be called Potential, which means something else already"),
+        ("potential", "its class would be called Potential, which is the name of something else"),
         ("true", "its class would be called True"),
-        ("plummer", f"there is a potential of this name already, from streamkit {streamkit.__version__}"),
+        ("plummer", f"streamkit {streamkit.__version__} has a potential of this name"),
     ],
 )
 def test_names_that_cannot_be(name: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -98,5 +98,5 @@ def test_names_that_cannot_be(name: str, told: str, tmp_path: Path, monkeypatch:
 
 def test_a_directory_that_exists_is_left_alone(tmp_path: Path) -> None:
     told = refused("new", "potential", "mine", "-o", tmp_path)
-    assert f"{tmp_path}: is there already, and nothing was changed" in told
+    assert f"{tmp_path}: exists already; nothing was changed" in told
     assert not list(tmp_path.iterdir())

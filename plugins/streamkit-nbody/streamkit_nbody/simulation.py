@@ -21,7 +21,7 @@ from streamkit_nbody.state import State, Track
 
 @dataclass(frozen=True)
 class Simulation:
-    """What does not change during a run.
+    """The constants of a run.
 
     Attributes
     ----------
@@ -195,16 +195,16 @@ class Simulation:
         return t - self.plan.span
 
     def _forces_and_potential(self, t: float, q: Array) -> tuple[Array, Array]:
-        own, potential = self.gravity.forces_and_potential(q)
-        return own + self.field.acceleration(self._epoch(t), q), potential
+        self_gravity, potential = self.gravity.forces_and_potential(q)
+        return self_gravity + self.field.acceleration(self._epoch(t), q), potential
 
-    def _energy(self, t: float, q: Array, v: Array, own: Array) -> float:
+    def _energy(self, t: float, q: Array, v: Array, potentials: Array) -> float:
         """Return the total energy in Msun (km/s)^2, with the particles' own potential (n,); NaN if not known."""
         hosts = self.host.potentials.values()
         if self.without_energy or self.host.bodies or any(p.growth for p in hosts):
             return float("nan")
         host = sum(np.asarray(p.potential(*q, self._epoch(t), *p.in_engine_units())) for p in hosts)
-        return self.gravity.mass * float((0.5 * (v * v).sum(axis=0) + 0.5 * own + host).sum())
+        return self.gravity.mass * float((0.5 * (v * v).sum(axis=0) + 0.5 * potentials + host).sum())
 
 
 def _distance(q: Array, place: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Snapshots in the Gadget-HDF5 layout. A checkpoint is one too: each holds all that a run needs to go on."""
+"""Snapshots in the Gadget-HDF5 layout. A checkpoint is a snapshot too: each holds all that a run needs to continue."""
 
 from __future__ import annotations
 
@@ -110,11 +110,11 @@ def read(path: Path) -> tuple[State, dict[str, Any]]:
         If the file cannot be read, or is no snapshot of this package.
     """
     try:
-        state, content, told = read_foreign(path, _read)
+        state, content, stated = read_foreign(path, _read)
     except DamagedError as error:
         raise ChainError(f"{path}: cannot be read as a checkpoint of streamkit-nbody: {error}") from None
-    if digest(content) != told:
-        raise ChainError(f"{path}: its content does not match its digest {str(told)[:12]}: the file was changed")
+    if digest(content) != stated:
+        raise ChainError(f"{path}: its content does not match its digest {str(stated)[:12]}: the file was changed")
     return state, content
 
 

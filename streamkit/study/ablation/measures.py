@@ -1,4 +1,4 @@
-"""What is measured of a stream, and between a stream and a reference: another stream, or an N-body snapshot."""
+"""Measures of one stream, and of a stream against a reference: another stream, or an N-body snapshot."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def angular_momentum(q: Array, v: Array) -> Array:
 
 @dataclass(frozen=True)
 class Portrait:
-    """A stream with what is measured of it alone, and with what the observable says of it, if there is one.
+    """A stream, its own measures, and the prediction of the observables, if there are any.
 
     The run file that it was made from, or is compared with, has the host that gives the energies. No scheme of ours has
     released a ``snapshot``, the stream of an N-body simulation.
@@ -90,7 +90,7 @@ def portrait(spec: Spec, theta: Array | Mapping[str, Any] | None = None, stream:
 
 
 def portrait_of(stream: Stream, inputs: StreamInputs, *, snapshot: bool = False) -> Portrait:
-    """Return the portrait of a stream that is there already: what the run file's observables say of it is added."""
+    """Return the portrait of a given stream, with the prediction of the run file's observables."""
     return Portrait(stream, inputs, measure_stream(inputs.observables, stream), snapshot)
 
 

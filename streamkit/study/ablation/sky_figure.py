@@ -19,7 +19,7 @@ MARKERS = "osD^vP"
 
 
 def has_panels(portrait: Portrait) -> bool:
-    """Say whether an observable shows the stream on the sky, with data."""
+    """Return whether an observable shows the stream on the sky, with data."""
     return bool(_panels(portrait))
 
 

@@ -23,7 +23,7 @@ LABEL = 43  # longest label in a printed table
 
 
 class Measure(NamedTuple):
-    """How a measure is shown: whether there is one of each arm, its short head, its unit, and what it means."""
+    """The display of a measure: whether each arm has one, its short head, its unit, and its meaning."""
 
     of_arms: bool
     head: str

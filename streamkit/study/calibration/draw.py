@@ -23,7 +23,7 @@ TRIES = 1000  # truths that are tried until one has a stream that can be measure
 
 @dataclass(frozen=True)
 class Draw:
-    """What came of one draw.
+    """The result of one draw.
 
     Attributes
     ----------
@@ -75,8 +75,8 @@ def make_draw(spec: Spec, index: int, truth: Spec | None = None) -> Draw:
     index
         Number of the draw.
     truth
-        Another run file with the same free parameters, whose stream gives the data: what a fit by a model that is not
-        the true one is worth. The fit's own where left out.
+        Another run file with the same free parameters, whose stream gives the data: this tests a fit by a model
+        that is not the true one. Default: the run file of the fit.
 
     Raises StreamkitError if none of a thousand truths has a stream, or the observable makes no mock data.
     """
@@ -87,7 +87,7 @@ def make_draw(spec: Spec, index: int, truth: Spec | None = None) -> Draw:
 
 
 def fit_mock(mocked: Spec, index: int, theta: Array, truth: Spec) -> Draw:
-    """Fit mock data, and say where the truth falls among the posterior samples.
+    """Fit mock data, and return the rank of the truth among the posterior samples.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The calibration: many draws, finished ones kept in a file as they come."""
+"""The calibration: many draws; each is appended to a file when it is finished."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def calibrate(
 
 
 def read_draws(file: Path, spec: Spec, truth: Spec | None = None) -> dict[int, Draw]:
-    """Return the draws in a file by number; what an untimely end left of a line is passed over."""
+    """Return the draws in a file by number; incomplete lines, which a kill may leave, are skipped."""
     if not file.exists():
         return {}
     first, *lines = file.read_text(errors="replace").splitlines() or [""]
@@ -113,7 +113,7 @@ def _digest(spec: Spec, truth: Spec | None) -> str:
 
 
 def _difference(spec: Spec, truth: Spec) -> str:
-    """Say which free parameter one of them has alone, or with a prior of its own."""
+    """Name a free parameter that only one of them has, or that has different priors."""
     priors, others = (dict(zip(each.names, each.priors, strict=True)) for each in (spec, truth))
     name = next(name for name in (*priors, *others) if priors.get(name) != others.get(name))
     what = "none" if name not in others else "another prior" if name in priors else "one"
@@ -127,7 +127,7 @@ def _work(job: tuple[bytes, int, Path]) -> Draw:
     packed, index, file = job
     spec, truth = pickle.loads(packed)  # noqa: S301  our own, from the process that started this one
     draw = make_draw(spec, index, truth)
-    line = f"\n{draw.line()}\n".encode()  # one write, and a line of its own whatever stands before
+    line = f"\n{draw.line()}\n".encode()  # one write; the newline in front ends a line that a kill has cut
     handle = os.open(file, os.O_WRONLY | os.O_APPEND)
     try:
         os.write(handle, line)

@@ -13,7 +13,7 @@ from streamkit.study.calibration.runner import Calibration
 if TYPE_CHECKING:
     from astropy.table import QTable
 
-PROBABILITIES = (0.5, 0.68, 0.95)  # of the intervals whose coverage is told
+PROBABILITIES = (0.5, 0.68, 0.95)  # of the intervals in the table of coverage
 
 
 def draws_table(calibration: Calibration) -> QTable:
@@ -68,7 +68,7 @@ def describe_calibration(calibration: Calibration) -> str:
     else:
         note = (
             f"{converged} of {n} fits have converged by the rule of {kind}. The intervals of the others are not "
-            "settled: let them go on for longer."
+            "settled: run them for longer."
         )
     samples, calls = (np.median([getattr(draw, name) for draw in calibration.draws]) for name in ("ess", "calls"))
     note += f" In the median {samples:.0f} effective samples of {calls:.0f} streams."

@@ -1,4 +1,4 @@
-"""Run the jobs of a grid, in this process or in others; whatever ends them early, what is finished is kept."""
+"""Run the jobs of a grid, in this process or in others; an early end loses no finished job."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def run_jobs(
 ) -> tuple[dict[Key, Result], str]:
     """Return what ``work`` makes of each job, and why some are missing: `INTERRUPTED`, `DIED`, or empty.
 
-    Every job stands for itself, in any process: with several workers ``work`` and the jobs are pickled. ``done`` is
+    Jobs are independent of each other: with several workers ``work`` and the jobs are pickled. ``done`` is
     called after each. Ctrl-C and SIGTERM end the work; an exception of ``work`` comes through.
     """
     results: dict[Key, Result] = {}
@@ -56,7 +56,7 @@ def run_jobs(
 
 @contextmanager
 def _terminable() -> Iterator[None]:
-    """Let SIGTERM end the work as Ctrl-C does; Python allows handlers in the main thread only."""
+    """Make SIGTERM raise KeyboardInterrupt, as Ctrl-C does; Python allows handlers in the main thread only."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

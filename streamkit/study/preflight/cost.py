@@ -1,4 +1,4 @@
-"""What a run costs: the first call of a process, a later one, and the search for a start."""
+"""The cost of a run: the first call of a process, a later one, and the search for a start."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Trial streams over the prior: how often is there one that the observable can measure, and what do they cost."""
+"""Trial streams over the prior: the share that the observables can measure, and their cost."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from streamkit.report import Progress
 from streamkit.runfile import Spec
 from streamkit.stream import Array, Prediction
 
-TRIAL_PARTICLES = 1000  # particles of the trial streams over the prior: enough to say whether there is a stream
+TRIAL_PARTICLES = 1000  # particles of the trial streams over the prior: enough to decide whether there is a stream
 BUDGET = 15.0  # CPU seconds after which no further trial stream is started
 
 
@@ -31,7 +31,7 @@ class PriorDraws:
     seconds
         (good,) CPU seconds of each of them.
     reasons
-        Why the others have none, and how many.
+        Reasons of the other draws, with their numbers.
     total
         CPU seconds of all of them.
     """
@@ -44,7 +44,7 @@ class PriorDraws:
 
 
 def observe(model: Model, theta: Array) -> tuple[dict[str, Prediction], str]:
-    """Return what is predicted of each stream at theta (d,), and the reason if something has no value."""
+    """Return the prediction of each stream at theta (d,), and the reason if a value is missing."""
     try:
         observation = model.observe_all(model.spec.bind_all(theta))
     except OutOfDomain as error:

@@ -1,4 +1,4 @@
-"""A preflight as plain values, for programs: what `describe_spec` and `describe_preflight` say."""
+"""A preflight as plain values, for programs: the content of `describe_spec` and `describe_preflight`."""
 
 from __future__ import annotations
 

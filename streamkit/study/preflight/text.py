@@ -38,7 +38,7 @@ def describe_spec(spec: Spec) -> str:
 
 
 def describe_preflight(spec: Spec, preflight: Preflight) -> str:
-    """Say what the preflight found: the orbit, the streams over the prior, the cost and the warnings."""
+    """Return the text of a preflight: the orbit, the streams over the prior, the cost and the warnings."""
     place = "the prior's centre" if spec.names else "the given parameters"
     parts = []
     for name, look in preflight.streams.items():

@@ -41,7 +41,7 @@ class Curve:
     """The observables against one parameter, which is at ``fixed`` while others are varied.
 
     At each of its values x (n,), in order, the fixed one among them: (n, m) mean over the seeds that have a value, NaN
-    where none has; their standard deviation, NaN below two; the mean of what the observable says of its own noise. And
+    where none has; their standard deviation, NaN below two; the mean of the observable's own noise. And
     (n,) the number of seeds that have a value, and why the others have none.
     """
 
@@ -95,7 +95,7 @@ def with_fixed(x: Array, fixed: float) -> Array:
 def curve_of(
     name: str, unit: str, prior: Prior, fixed: float, x: Array, evaluations: Sequence[list[Evaluation]]
 ) -> Curve:
-    """Return the curve of what was found at x (n,), of all seeds at each point."""
+    """Return the curve of the evaluations at x (n,), of all seeds at each point."""
     good = [[one for one in some if not one.reason] for some in evaluations]
     nothing = np.full(len(evaluations[0][0].mean), np.nan)
     return Curve(

@@ -1,4 +1,4 @@
-"""How the observables respond to each parameter, the others fixed: every one varied over its prior."""
+"""The response of the observables to each parameter, which is varied over its prior while the others are fixed."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from streamkit.units import datum_unit
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """All curves, in the order asked for; those that were finished, and why there are no others.
+    """The finished curves in the requested order, and the reason if others are missing.
 
     With the run file, the point where the parameters are fixed, by name, the m observables with their units, the data
     that they are compared with, and the number of streams per point.
@@ -40,7 +40,7 @@ class Sensitivity:
 
     @cached_property
     def reasons(self) -> Counter[str]:
-        """Why there was no value, over all streams."""
+        """The reasons of missing values, over all streams."""
         return sum((reason for curve in self.curves for reason in curve.reasons), Counter())
 
 
@@ -85,7 +85,7 @@ def run_sensitivity(
 ) -> Sensitivity:
     """Vary every parameter over its prior with the others fixed, on the same seeds, and measure the streams.
 
-    An interruption, or a worker that dies, ends the work and keeps the parameters that are finished.
+    After an interruption, or the death of a worker, the finished parameters are returned.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def run_sensitivity(
         ) from None
     assert prediction is not None  # noqa: S101  a posterior has observables
     observables = prediction.names
-    grids = {}  # by parameter: where it stands among all, its values, and all parameters at each of them
+    grids = {}  # by parameter: its index, its values, and all parameters at each of them
     for name in names:
         i = spec.names.index(name)
         x = with_fixed(prior_grid(spec.priors[i], points), values[name])
