@@ -135,4 +135,4 @@ def test_steps_with_which_a_stream_would_never_end_are_refused(integrator, lookb
     "integrator", [{"kind": "leapfrog", "step": "1e-6 Gyr"}, {"kind": "adaptive", "eta": 0.01, "deepest": 20}]
 )
 def test_small_steps_are_taken(integrator):
-    assert sk.load(changed("integrator", integrator)).parts.integrator.centre.kind == integrator["kind"]
+    assert sk.load(changed("integrator", integrator)).sections.integrator.centre.kind == integrator["kind"]
