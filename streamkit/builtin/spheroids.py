@@ -114,7 +114,7 @@ class Spheroid(sk.Spherical):
         """
 
         def terms(c: Any, d: Any, u: Any, start: Any, total: Any, factor: Any, power: Any) -> Any:
-            """Add eleven terms: the compiler unrolls so many, and only then takes the factors out of the loop."""
+            """Add eleven terms: the compiler unrolls eleven, and moves the factors out of the loop only if it does."""
             for i in range(11):
                 k = start + i
                 factor *= (k - d) / k
@@ -179,7 +179,7 @@ class PowerCutoff(sk.Spherical):
         """
 
         def terms(s: Any, u: Any, start: Any, total: Any, factor: Any, power: Any) -> Any:
-            """Add eleven terms: the compiler unrolls so many, and only then takes the factors out of the loop."""
+            """Add eleven terms: the compiler unrolls eleven, and moves the factors out of the loop only if it does."""
             for i in range(11):
                 factor /= s + (start + i)
                 power = power * u
