@@ -62,7 +62,7 @@ class Apocentres(Observable):
     )
     phase: Literal["winding", "chi"] = Field(
         default="winding",
-        description="How arms and wraps are told apart: by the angle swept, or by the paper's phase chi.",
+        description="How arms and wraps are distinguished: by the angle swept, or by the paper's phase chi.",
     )
 
     def data(self) -> tuple[Array, Array]:

@@ -14,7 +14,7 @@ class Bar(Potential):
     """Rotating bar: a needle of half-length a, softened by b and c as a Miyamoto-Nagai disc is (Long & Murali 1992).
 
     ``Phi = (G M / 2a) ln[(s - 2a) / (s + 2a)]``, s the sum of the distances from the needle's ends, each with
-    ``b + sqrt(z^2 + c^2)`` in place of z. It is prolate with b = 0. It turns for ever at its pattern speed.
+    ``b + sqrt(z^2 + c^2)`` in place of z. It is prolate with b = 0. Its pattern speed is constant.
     Where the Sun is at x < 0 and moves towards y > 0 the Galaxy turns clockwise: the pattern speed is then negative,
     and the angle of a bar whose near end is 27 deg away from the Sun, at positive longitudes, is -27 deg.
     """

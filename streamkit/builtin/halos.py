@@ -85,7 +85,7 @@ class NFWEllipsoidal(Potential):
         """Return the sum of the homoeoids' forces."""
 
         def shells(u2: Any, v2: Any, w2: Any, total: Any, across: Any, up: Any, first: Any) -> Any:
-            """Add five shells: the compiler unrolls so many, and only then runs the particles on all lanes."""
+            """Add five shells: the compiler unrolls five, and vectorises the loop over particles only if it does."""
             for i in range(5):
                 s = SHELLS[first + i]
                 b, c = 1.0 / (1.0 + (p * p - 1.0) * s * s), 1.0 / (1.0 + (q * q - 1.0) * s * s)

@@ -7,20 +7,8 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from pydantic import Field, model_validator
 
-from streamkit import (
-    Array,
-    G,
-    Increasing,
-    LengthArray,
-    MassArray,
-    OutOfDomain,
-    SpeedArray,
-    Spherical,
-    cubic,
-    cubic_pieces,
-    exp,
-    log,
-)  # fmt: skip
+import streamkit as sk
+from streamkit import Array, G, cubic, cubic_pieces, exp, log
 
 CELLS = 1024  # cells of the even grid, about: the force is that of the spline to 1e-9 for ten knots a decade
 FLAT = 1e-6  # slopes of v_c^2 below this count as zero beyond the last knot: the potential is a logarithm there
@@ -41,7 +29,7 @@ class Spline(NamedTuple):
     depth: Array
 
 
-class SphericalTable(Spherical):
+class SphericalTable(sk.Spherical):
     """Spherical host from a table of circular speeds, or of masses inside radii, each of which may have a prior.
 
     ``ln v_c`` (or ``ln M``) is a natural cubic spline in ``ln r``: twice differentiable, and exact for a power law.
@@ -54,9 +42,9 @@ class SphericalTable(Spherical):
     example = {"r": [2.0, 8.0, 30.0, 100.0, 300.0], "v_c": [220.0, 237.0, 205.0, 155.0, 115.0]}
     reference = "Gibbons, Belokurov & Evans 2014, MNRAS 445, 3788, who fit M(r) instead by a closed form"
 
-    r: Annotated[LengthArray, Increasing(least=2)] = Field(description="Radii of the knots.")
-    v_c: SpeedArray | None = Field(default=None, description="Circular speeds at the knots; or give the masses.")
-    mass: MassArray | None = Field(default=None, description="Masses inside the knots; or give the circular speeds.")
+    r: Annotated[sk.LengthArray, sk.Increasing(least=2)] = Field(description="Radii of the knots.")
+    v_c: sk.SpeedArray | None = Field(default=None, description="Circular speeds at the knots; or give the masses.")
+    mass: sk.MassArray | None = Field(default=None, description="Masses inside the knots; or give the circular speeds.")
 
     @model_validator(mode="after")
     def _one_of_two(self) -> SphericalTable:
@@ -82,7 +70,7 @@ class SphericalTable(Spherical):
         nodes = np.linspace(u[0], u[-1], count + 1)
         v2, slope = np.exp(spline(nodes)), spline(nodes, 1)
         if slope.min() < -1 - 1e-9:
-            raise OutOfDomain("the mass of the spherical_table falls with radius somewhere")
+            raise sk.OutOfDomain("the mass of the spherical_table falls with radius somewhere")
         h = (u[-1] - u[0]) / count
         pieces = cubic_pieces(v2, v2 * slope * h)
         risen = np.concatenate([[0.0], np.cumsum(h * pieces @ [1, 1 / 2, 1 / 3, 1 / 4])])

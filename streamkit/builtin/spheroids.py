@@ -12,34 +12,21 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from pydantic import Field
 
-from streamkit import (
-    G,
-    Length,
-    Mass,
-    Number,
-    OutOfDomain,
-    ScaleRadius,
-    Speed,
-    Spherical,
-    Symbol,
-    TotalMass,
-    exp,
-    log,
-    sqrt,
-)  # fmt: skip
+import streamkit as sk
+from streamkit import G, exp, log, sqrt
 from streamkit.builtin.potentials import Hernquist
 
 
-class Dehnen(Spherical):
+class Dehnen(sk.Spherical):
     """Dehnen sphere: density slope -gamma inside a, -4 outside. gamma = 1 is Hernquist's, gamma = 2 Jaffe's."""
 
     kind = "dehnen"
     example = {"mass": 1.0e11, "a": 10.0, "gamma": 1.5}
     reference = "Dehnen 1993, MNRAS 265, 250; Tremaine et al. 1994, AJ 107, 634"
 
-    mass: Annotated[Mass, Symbol("$M$")] = Field(description="Total mass: M(r) = mass (r / (r + a))^(3 - gamma).")
-    a: Annotated[ScaleRadius, Symbol("$a$")]
-    gamma: Annotated[Number, Symbol(r"$\gamma$")] = Field(
+    mass: Annotated[sk.Mass, sk.Symbol("$M$")] = Field(description="Total mass: M(r) = mass (r / (r + a))^(3 - gamma).")
+    a: Annotated[sk.ScaleRadius, sk.Symbol("$a$")]
+    gamma: Annotated[sk.Number, sk.Symbol(r"$\gamma$")] = Field(
         ge=0, lt=3, description="Inner slope: the density falls as r^-gamma."
     )
 
@@ -58,7 +45,7 @@ class Dehnen(Spherical):
         return G * mass / a * (y if gamma == 2 else np.expm1((2 - gamma) * y) / (2 - gamma))
 
 
-class HernquistSpeed(Spherical):
+class HernquistSpeed(sk.Spherical):
     """Hernquist sphere of a given mass that has a given circular speed at a radius: a = sqrt(G M r / v^2) - r.
 
     A prior on the mass then keeps the observed rotation curve; the defaults are the Large Magellanic Cloud's
@@ -69,9 +56,11 @@ class HernquistSpeed(Spherical):
     example = {"mass": 1.4e11}
     reference = "Hernquist 1990, ApJ 356, 359; Erkal et al. 2019, MNRAS 487, 2685; van der Marel & Kallivayalil 2014"
 
-    mass: TotalMass
-    r: Annotated[Length, Symbol("$r$")] = Field(default=8.7, description="Radius of the observed speed.")
-    v_circ: Annotated[Speed, Symbol(r"$v_{\rm c}$")] = Field(default=91.7, gt=0, description="Circular speed there.")
+    mass: sk.TotalMass
+    r: Annotated[sk.Length, sk.Symbol("$r$")] = Field(default=8.7, description="Radius of the observed speed.")
+    v_circ: Annotated[sk.Speed, sk.Symbol(r"$v_{\rm c}$")] = Field(
+        default=91.7, gt=0, description="Circular speed there."
+    )
 
     @property
     def scale_radius(self) -> float:
@@ -83,14 +72,14 @@ class HernquistSpeed(Spherical):
         """Return the scale length; OutOfDomain if there is none."""
         a = float(np.sqrt(G * mass * r) / v_circ - r)
         if not a > 0:
-            raise OutOfDomain("the mass of hernquist_vcirc is too small for its circular speed")
+            raise sk.OutOfDomain("the mass of hernquist_vcirc is too small for its circular speed")
         return {"a": a}
 
     pull: ClassVar[Any] = staticmethod(Hernquist.pull)
     well: ClassVar[Any] = staticmethod(Hernquist.well)
 
 
-class Spheroid(Spherical):
+class Spheroid(sk.Spherical):
     """Double power law (Zhao): ``rho = mass / (4 pi a^3) (r/a)^-gamma [1 + (r/a)^alpha]^((gamma - beta)/alpha)``.
 
     (alpha, beta, gamma) = (1, 3, 1) is `nfw`, (1, 4, gamma) Dehnen's, (2, 5, 0) Plummer's; the mass is finite if
@@ -101,17 +90,17 @@ class Spheroid(Spherical):
     example = {"mass": 3.6e11, "a": 12.0, "gamma": 0.7}
     reference = "Zhao 1996, MNRAS 278, 488"
 
-    mass: Annotated[Mass, Symbol("$M$")] = Field(
+    mass: Annotated[sk.Mass, sk.Symbol("$M$")] = Field(
         description="Scale mass, 4 pi a^3 times the scale density; as in `nfw`, not the total mass."
     )
-    a: Annotated[ScaleRadius, Symbol("$a$")]
-    alpha: Annotated[Number, Symbol(r"$\alpha$")] = Field(
+    a: Annotated[sk.ScaleRadius, sk.Symbol("$a$")]
+    alpha: Annotated[sk.Number, sk.Symbol(r"$\alpha$")] = Field(
         default=1.0, ge=0.5, le=4, description="Sharpness of the turn from one slope to the other."
     )
-    beta: Annotated[Number, Symbol(r"$\beta$")] = Field(
+    beta: Annotated[sk.Number, sk.Symbol(r"$\beta$")] = Field(
         default=3.0, ge=2.6, le=8, description="Outer slope: the density falls as r^-beta."
     )
-    gamma: Annotated[Number, Symbol(r"$\gamma$")] = Field(
+    gamma: Annotated[sk.Number, sk.Symbol(r"$\gamma$")] = Field(
         default=1.0, ge=0, le=2.5, description="Inner slope: the density falls as r^-gamma."
     )
 
@@ -125,7 +114,7 @@ class Spheroid(Spherical):
         """
 
         def terms(c: Any, d: Any, u: Any, start: Any, total: Any, factor: Any, power: Any) -> Any:
-            """Add eleven terms: the compiler unrolls so many, and only then takes the factors out of the loop."""
+            """Add eleven terms: the compiler unrolls eleven, and moves the factors out of the loop only if it does."""
             for i in range(11):
                 k = start + i
                 factor *= (k - d) / k
@@ -166,7 +155,7 @@ class Spheroid(Spherical):
         return Spheroid.pull(r2, mass, a, alpha, beta, gamma) * r2 - G * mass / a * shells
 
 
-class PowerCutoff(Spherical):
+class PowerCutoff(sk.Spherical):
     """Power law with a Gaussian cut-off: ``rho ~ r^-alpha exp(-(r/rc)^2)``. The bulge of galpy's MWPotential2014.
 
     The force is exact to 1e-12 from r = 0 on.
@@ -176,11 +165,11 @@ class PowerCutoff(Spherical):
     example = {"mass": 4.5e9, "alpha": 1.8, "rc": 1.9}
     reference = "Bovy 2015, ApJS 216, 29"
 
-    mass: TotalMass
-    alpha: Annotated[Number, Symbol(r"$\alpha$")] = Field(
+    mass: sk.TotalMass
+    alpha: Annotated[sk.Number, sk.Symbol(r"$\alpha$")] = Field(
         ge=0, le=2.8, description="Slope of the density within the cut-off."
     )
-    rc: Annotated[Length, Symbol(r"$r_{\rm c}$")] = Field(description="Cut-off radius.")
+    rc: Annotated[sk.Length, sk.Symbol(r"$r_{\rm c}$")] = Field(description="Cut-off radius.")
 
     @staticmethod
     def pull(r2: Any, mass: Any, alpha: Any, rc: Any) -> Any:
@@ -190,7 +179,7 @@ class PowerCutoff(Spherical):
         """
 
         def terms(s: Any, u: Any, start: Any, total: Any, factor: Any, power: Any) -> Any:
-            """Add eleven terms: the compiler unrolls so many, and only then takes the factors out of the loop."""
+            """Add eleven terms: the compiler unrolls eleven, and moves the factors out of the loop only if it does."""
             for i in range(11):
                 factor /= s + (start + i)
                 power = power * u

@@ -90,8 +90,8 @@ class Track(sk.Observable):
     kernel: sk.Angle = Field(default=2.0, gt=0, le=BROADEST, description="Standard deviation of the kernel in phi1.")
     unwrapped: bool = Field(
         default=False,
-        description="Whether phi1 counts on through whole turns along the stream, from the progenitor in (-180, 180]: "
-        "the wraps of a long stream are then told apart by the angle that their debris has swept.",
+        description="Whether phi1 continues beyond whole turns along the stream, from the progenitor in (-180, 180]. "
+        "The wraps of a long stream are then distinguished by the angle that their debris has swept.",
     )
     arm: Literal["leading", "trailing", "both"] = Field(default="both", description="Which debris is compared.")
     phi2_dispersion: sk.Angle = Field(default=0.0, ge=0, description="Extra dispersion of phi2, added to its errors.")
@@ -122,7 +122,7 @@ class Track(sk.Observable):
         for name, (phi1, _, _) in self.given.items():
             if not self.unwrapped and np.ptp(phi1) > 360:
                 raise ValueError(
-                    f"{name}: phi1 runs over {np.ptp(phi1):g} deg, more than a turn; with unwrapped = true it counts on"
+                    f"{name}: phi1 runs over {np.ptp(phi1):g} deg, more than a turn; expected unwrapped = true"
                 )
         if self.gsr_sun is not None and (len(self.gsr_sun) != 3 or self.velocity_frame != "gsr"):
             raise ValueError('gsr_sun takes three velocities, and velocity_frame = "gsr"')

@@ -80,8 +80,8 @@ class Lines(NamedTuple):
 def gather(longitude: Array, columns: Sequence[Array], weight: Array, margin: float = 0.0) -> Debris:
     """Sort particles by longitude (n,), for c columns (n,) and weights (n,).
 
-    With a margin, those so many degrees from either end of the turn are repeated beyond the other one, so that a kernel
-    may reach over the seam.
+    Particles within a margin (degrees) of either end of the turn are repeated beyond the other end: a kernel may reach
+    over the seam.
     """
     order = np.argsort(longitude)
     longitude, weight = longitude[order], weight[order]
@@ -115,7 +115,7 @@ def local_lines(debris: Debris, at: Array, kernel: float, enough: float = ENOUGH
         Particles under a kernel below which the slope shrinks towards zero, by a ridge of kernel^2 enough / count. The
         spread shrinks towards its mean over all longitudes. 0 for plain weighted least squares.
     depth
-        The column whose spread is wanted with its variance; -1 for none.
+        The column for whose spread the variance is computed; -1 for none.
     """
     order = np.argsort(at)
     powers = _powers(debris, kernel)

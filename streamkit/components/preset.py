@@ -10,7 +10,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Preset:
-    """A published model of a galaxy: ``preset = NAME`` in ``[potential]`` stands for its named potentials.
+    """A published model of a galaxy: ``preset = NAME`` in ``[potential]`` adds its named potentials to the host.
 
     It is no component: the resolved run file has the name and all sections, so that each number can be changed or given
     a prior.

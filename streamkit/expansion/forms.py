@@ -3,7 +3,7 @@
 A table is one array: a head of `HEAD` numbers, then the coefficients of polynomials. They hold the
 potential as cubic splines in s = ln r and w, a coordinate that runs from the plane to the pole, with a power of
 e^(i phi) sin(theta) for each harmonic of the angle about the z axis. The force is the gradient of that, so an orbit
-keeps its energy. Inside the innermost and outside the outermost node it goes on in a power of r.
+keeps its energy. Inside the innermost and outside the outermost node it is a power law in r.
 
     mu = z / r,    w^4 = mu^4 (r^2 + h^2) / (mu^2 r^2 + h^2)
 

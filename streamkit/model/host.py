@@ -24,7 +24,7 @@ NODE = 0.002 * GYR
 SHARPEST = 1.5
 
 COARSE = 8, 4  # nodes of a mean over the sphere for friction, which acts far from any disc
-INFINITY = 1e100  # a distance in kpc that stands for infinity: far enough for a logarithm to hold any speed
+INFINITY = 1e100  # kpc, in place of infinity: so far that even a logarithmic potential holds any speed
 
 
 class Paths(NamedTuple):
