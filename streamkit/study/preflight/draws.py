@@ -13,6 +13,7 @@ from streamkit.model import Model
 from streamkit.report import Progress
 from streamkit.runfile import Spec
 from streamkit.stream import Array, Prediction
+from streamkit.study.preflight.limit import within_limit
 
 TRIAL_PARTICLES = 1000  # particles of the trial streams over the prior: enough to say whether there is a stream
 BUDGET = 15.0  # CPU seconds after which no further trial stream is started
@@ -44,9 +45,12 @@ class PriorDraws:
 
 
 def observe(model: Model, theta: Array) -> tuple[dict[str, Prediction], str]:
-    """Return what is predicted of each stream at theta (d,), and the reason if something has no value."""
+    """Return what is predicted of each stream at theta (d,), and the reason if something has no value.
+
+    Raises CallTimeout if that takes too long.
+    """
     try:
-        found = model.observe_all(model.spec.bind_all(theta))
+        found = within_limit(model.spec, model.observe_all, model.spec.bind_all(theta))
     except OutOfDomain as error:
         return {}, error.reason
     return found.predictions, "" if found.prediction is None else found.prediction.why_not
