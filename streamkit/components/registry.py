@@ -16,7 +16,7 @@ from streamkit.components.given import load_given
 from streamkit.components.known import where_to_find
 from streamkit.components.plugin import ROLES, Plugin, is_ours, load_file, load_installed, supplier_of
 from streamkit.components.preset import Preset
-from streamkit.errors import PluginError, SpecError, nearest
+from streamkit.errors import PluginError, SpecError, message_of, nearest
 
 GROUP = "streamkit"
 
@@ -84,7 +84,7 @@ class Registry:
                 except KeyboardInterrupt:
                     raise
                 except BaseException as error:
-                    what = f"{type(error).__name__}: {error}"
+                    what = f"{type(error).__name__}: {message_of(error)}"
                     broken.append(f"{supplier_of(point)}, entry point {point.name!r} ({what})")
         entries, clashes = _entries(plugins, self.own)
         presets, taken = _presets(plugins, self.own)
