@@ -107,7 +107,8 @@ def _continued(stored: Chain, steps: list[Step], path: Path) -> Chain:
     for step in steps:
         if step.number <= done:
             continue
-        _check_form(stored, step, path)
+        blobs = tail[-1].blobs if tail else stored.blobs if done else step.blobs  # an empty chain has no records yet
+        _check_form(stored, blobs, step, path)
         checksum = extend_checksum(checksum, step.coords, step.log_prob, step.blobs)
         if step.number != done + len(tail) + 1 or step.checksum != checksum:
             raise ChainError(
@@ -141,11 +142,11 @@ def _continued(stored: Chain, steps: list[Step], path: Path) -> Chain:
     )
 
 
-def _check_form(stored: Chain, step: Step, path: Path) -> None:
-    """Check that a step has the walkers, parameters and records of the chain that it continues."""
-    same = step.coords.shape == stored.chain.shape[1:] and (step.blobs is None) == (stored.blobs is None)
+def _check_form(stored: Chain, blobs: Any, step: Step, path: Path) -> None:
+    """Check that a step has the walkers and parameters of the chain that it continues, and records like ``blobs``."""
+    same = step.coords.shape == stored.chain.shape[1:] and (step.blobs is None) == (blobs is None)
     if same and step.blobs is not None:
-        same = step.blobs.dtype == stored.blobs.dtype
+        same = step.blobs.dtype == blobs.dtype
     if same and step.tried is not None and stored.tried is not None:
         same = step.tried.shape == stored.tried.shape[1:]
     if not same:
@@ -193,7 +194,7 @@ def _read(path: Path, file: h5py.File) -> Chain:
     checksum = attributes.get("digest", "")
     for row in range(steps):
         checksum = extend_checksum(checksum, chain[row], log_prob[row], None if blobs is None else blobs[row])
-    if attributes.get("checksum", checksum) != checksum:
+    if about.checksum != checksum:
         raise damaged(path, "its samples have another checksum")
     return Chain(chain, log_prob, blobs, accepted, attributes, tuple(random) or None, tried, replicas,
                  checksum=checksum)  # fmt: skip
