@@ -76,9 +76,17 @@ def printable(text: str) -> str:
     return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
+def message_of(error: BaseException) -> str:
+    """Return what an exception says; a plugin's own class of exceptions may fail at that."""
+    try:
+        return str(error)
+    except Exception:
+        return "its message cannot be shown"
+
+
 def brief(error: BaseException) -> str:
     """Return the message of a library's exception as one short line; some of them quote the whole file."""
-    return printable(" ".join(str(error).split()))[:200] or type(error).__name__
+    return printable(" ".join(message_of(error).split()))[:200] or type(error).__name__
 
 
 @contextmanager
@@ -90,14 +98,19 @@ def blamed(component: str) -> Iterator[None]:
     component
         Role and kind, for the message: ``stripping mlcs``.
 
+    The component may change how numpy handles floating-point errors: that ends with the context.
+
     Raises ComponentError with the component, the exception, and the function it came from; the exception is its cause.
     """
+    from numpy import errstate  # here, for commands that compute nothing
+
     try:
-        yield
+        with errstate():
+            yield
     except (StreamkitError, KeyboardInterrupt):
         raise
     except BaseException as error:
-        text = f"{type(error).__name__} in {_culprit(error)}: {error}".rstrip(": \n")
+        text = f"{type(error).__name__} in {_culprit(error)}: {message_of(error)}".rstrip(": \n")
         raise ComponentError(f"{component} failed: {text}") from error
 
 

@@ -19,7 +19,7 @@ import click
 from streamkit import components
 from streamkit.cli.options import INTERRUPTED, INVALID
 from streamkit.cli.process import keep_streams, leave
-from streamkit.errors import PluginError, StreamkitError, nearest, printable
+from streamkit.errors import PluginError, StreamkitError, message_of, nearest, printable
 
 GROUP = "streamkit.commands"
 
@@ -52,7 +52,7 @@ class PluginCommand(click.Command):
         try:
             command = self._points[0].load()
         except (Exception, SystemExit) as error:
-            reason = f"{type(error).__name__}: {error}"
+            reason = f"{type(error).__name__}: {message_of(error)}"
             raise PluginError(f"the command {self.name!r} of {suppliers[0]} cannot be imported ({reason})") from error
         if not isinstance(command, click.Command):
             raise PluginError(f"the command {self.name!r} of {suppliers[0]} is no click command: {command!r}")

@@ -17,6 +17,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 import pluggy
 
 from streamkit.components import hookspecs
@@ -24,7 +25,7 @@ from streamkit.components.bases import Component, HostData, Integrator, Observab
 from streamkit.components.potential import Potential
 from streamkit.components.preset import Preset
 from streamkit.components.sampler import Sampler
-from streamkit.errors import PluginError, SpecError, expect_file
+from streamkit.errors import PluginError, SpecError, expect_file, message_of
 
 PACKAGE_PREFIX = "streamkit."
 ROLES: dict[str, type[Component]] = {
@@ -66,12 +67,14 @@ class Plugin:
         return cls(supplier, name, _contract(module), classes, presets)
 
 
+@np.errstate()  # np.seterr of a plugin ends with its import
 def load_installed(point: EntryPoint) -> Plugin:
     """Import the module that an entry point names, and call its hook."""
     module = point.load()
     return Plugin.of(_identity(point, module), point.name, module)
 
 
+@np.errstate()
 def load_file(path: Path) -> Plugin:
     """Import a one-off plugin file. Raises PluginError if it is broken."""
     supplier, module = _load_file(path)
@@ -176,7 +179,7 @@ def _components(module: ModuleType) -> list[type[Component] | Preset]:
     except KeyboardInterrupt:
         raise
     except BaseException as error:
-        what = f"{type(error).__name__}: {error}"
+        what = f"{type(error).__name__}: {message_of(error)}"
         raise PluginError(f"the hook streamkit_components gives no list ({what})") from error
     for item in items:
         if not isinstance(item, Preset):
@@ -263,5 +266,7 @@ def _load_file(path: Path) -> tuple[str, ModuleType]:
         raise
     except BaseException as error:
         del sys.modules[name]
-        raise PluginError(f"plugin file {path.name} failed to load ({type(error).__name__}: {error})") from error
+        raise PluginError(
+            f"plugin file {path.name} failed to load ({type(error).__name__}: {message_of(error)})"
+        ) from error
     return f"{path.name} sha256:{digest}", module

@@ -15,7 +15,7 @@ from streamkit.components.bases import Component
 from streamkit.components.given import load_given
 from streamkit.components.plugin import ROLES, Plugin, is_ours, load_file, load_installed, supplier_of
 from streamkit.components.preset import Preset
-from streamkit.errors import PluginError, SpecError, nearest
+from streamkit.errors import PluginError, SpecError, message_of, nearest
 
 GROUP = "streamkit"
 
@@ -113,7 +113,7 @@ class Registry:
                 except KeyboardInterrupt:
                     raise
                 except BaseException as error:
-                    what = f"{type(error).__name__}: {error}"
+                    what = f"{type(error).__name__}: {message_of(error)}"
                     broken.append(f"{supplier_of(point)}, entry point {point.name!r} ({what})")
         entries, clashes = _entries(plugins, self.local)
         presets, taken = _presets(plugins, self.local)

@@ -21,7 +21,7 @@ from streamkit.engine.methods import RKN4, Splitting
 from streamkit.engine.single_orbit import orbit_states
 from streamkit.engine.steps import Method
 from streamkit.engine.velocity_forces import DraggedForces, drag_loop, with_drag
-from streamkit.errors import ComponentError, OutOfDomain
+from streamkit.errors import ComponentError, OutOfDomain, message_of
 from streamkit.stream import Array, Orbit
 
 
@@ -207,21 +207,23 @@ class Field:
     def check(self) -> None:
         """Raise an exception that a force in Python raised inside a loop.
 
-        KeyboardInterrupt, SystemExit and OutOfDomain are raised as they are; others become a `ComponentError` with the
-        name and the parameters of the force.
+        KeyboardInterrupt and OutOfDomain are raised as they are; others become a `ComponentError` with the name and the
+        parameters of the force. So does SystemExit: it would end the process without a word, and with the exit status
+        that the force chose.
         """
         errors = [(i, getattr(kernel, "error", None)) for i, kernel in enumerate(self.kernels)]
         failed = [(i, error) for i, error in errors if error is not None]
         for kernel in self._in_python:
             kernel.error = None
         for _, error in failed:
-            if isinstance(error, KeyboardInterrupt | SystemExit):
+            if isinstance(error, KeyboardInterrupt):
                 raise error
         for i, error in failed:
             if isinstance(error, OutOfDomain):
                 raise error
             raise ComponentError(
-                f"potential {self.names[i]} raised {type(error).__name__}: {error} (parameters {self.kernels[i].shown})"
+                f"potential {self.names[i]} raised {type(error).__name__}: {message_of(error)} "
+                f"(parameters {self.kernels[i].shown})"
             ) from error
 
 

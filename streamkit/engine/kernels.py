@@ -218,13 +218,14 @@ class NumpyKernel:
         total = _view(_rows(3), a).reshape(3, ROW)[:, :n]
         try:
             if self.error is None:
-                self._fill(
-                    lambda rows: _look(_rows(rows), q).reshape(rows, ROW)[:, :n],
-                    _look(_TIMES, t)[:n],
-                    _PLACE.from_address(centre)[:],
-                    total,
-                    fresh,
-                )
+                with np.errstate():  # the author's np.seterr ends with the call
+                    self._fill(
+                        lambda rows: _look(_rows(rows), q).reshape(rows, ROW)[:, :n],
+                        _look(_TIMES, t)[:n],
+                        _PLACE.from_address(centre)[:],
+                        total,
+                        fresh,
+                    )
                 return
         except BaseException as error:
             self.error = error

@@ -5,6 +5,7 @@ from .component_record import component_records as component_records
 from .component_text import field_table as field_table
 from .component_text import listing as listing
 from .files import PICTURES as PICTURES
+from .files import UnwritableError as UnwritableError
 from .files import check_directory as check_directory
 from .files import check_target as check_target
 from .files import contents as contents

@@ -67,16 +67,20 @@ def check_directory(directory: Path, products: Collection[str], what: str, force
         )
 
 
+class UnwritableError(StreamkitError):
+    """A file cannot be written: no room, no permission."""
+
+
 def save(path: Path, writer: Callable[[Path], object]) -> None:
     """Let ``writer`` write the file: the whole of it comes into place, or nothing.
 
-    Raises StreamkitError if the file cannot be written.
+    Raises UnwritableError if the file cannot be written.
     """
     try:
         replace_whole(path, writer)
     except OSError as error:
         reason = error.strerror or str(error)
-        raise StreamkitError(f"output {str(path)!r}: cannot be written ({reason})") from error
+        raise UnwritableError(f"output {str(path)!r}: cannot be written ({reason})") from error
 
 
 def save_table(path: Path, table: QTable) -> None:

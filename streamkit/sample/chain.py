@@ -212,7 +212,7 @@ def _read(path: Path, file: h5py.File) -> Chain:
     checksum = attributes.get("digest", "")
     for row in range(steps):
         checksum = extend_checksum(checksum, chain[row], log_prob[row], blobs[row])
-    if attributes.get("checksum", checksum) != checksum:
+    if about.checksum != checksum:
         raise damaged(path, "its samples have another checksum")
     random_state = attributes.pop(RANDOM, None) or tuple(random) or None
     return Chain(chain, log_prob, blobs, accepted, attributes, random_state, arrays[MEMORY], arrays[HISTORY],

@@ -302,7 +302,7 @@ WAYS = {
     ("stop", "wanted"),
     [
         (lambda: signal.raise_signal(signal.SIGINT), KeyboardInterrupt),
-        (lambda: sys.exit(3), SystemExit),
+        (lambda: sys.exit(3), sk.ComponentError),
         (lambda: 1 / 0, sk.ComponentError),
     ],
 )

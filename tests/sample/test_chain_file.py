@@ -284,23 +284,6 @@ def test_emcee_reads_the_file_of_a_finished_run(tmp_path, whole, steps):
     np.testing.assert_array_equal(mine.samples(), reader.get_chain())
 
 
-def test_a_chain_of_an_older_version_is_continued(tmp_path, whole, steps):
-    """It has no checksums, rows of all the steps of learning, and room for steps that were not taken."""
-    path = tmp_path / "chain.h5"
-    file = ChainFile(path)
-    banana_run(file, 40, "surrogate")
-    path.write_bytes(path.read_bytes()[512:])
-    with h5py.File(path, "a") as stored:
-        del stored.attrs["checksum"]
-        for name in ("chain", "log_prob", "blobs"):
-            stored["mcmc"][name].resize(100, axis=0)
-        rows = stored["trials"][...]
-        del stored["trials"]
-        stored["trials"] = np.concatenate([rows, np.full((360, *rows.shape[1:]), np.nan)])
-    go_on(path, steps)
-    same(read_chain_file(path), whole)
-
-
 def nan(file):
     file["mcmc/chain"][3, 2, 1] = np.nan
 
@@ -325,39 +308,30 @@ def elsewhere(file):
     file["mcmc/log_prob"] = h5py.ExternalLink(file.filename + ".2", "mcmc/log_prob")
 
 
-@pytest.mark.parametrize("sealed", [True, False], ids=["", "of an older version"])
+@pytest.mark.parametrize("forged", [False, True], ids=["", "with a new checksum"])
 @pytest.mark.parametrize("change", [nan, sample, fewer, linked, elsewhere])
-def test_a_chain_changed_behind_its_back_is_refused(tmp_path, change, sealed):
+def test_a_chain_changed_behind_its_back_is_refused(tmp_path, change, forged):
     path = tmp_path / "chain.h5"
     banana_run(ChainFile(path), 30, "surrogate")
-    if not sealed:
-        path.write_bytes(path.read_bytes()[512:])
     with h5py.File(path, "a") as file:
         change(file)
+    if forged:
+        path.write_bytes(hdf5.with_checksum(path.read_bytes()))
     with pytest.raises(sk.ChainError, match="changed after it was written: "):
         ChainFile(path).load()
 
 
-@pytest.mark.parametrize("sealed", [True, False], ids=["", "of an older version"])
-def test_flipped_bits_anywhere_are_told_or_harmless(tmp_path, sealed):
-    """Without a checksum HDF5 itself meets them, for which the reader has a process that it can lose."""
+def test_flipped_bits_anywhere_are_refused(tmp_path):
     path, rng = tmp_path / "chain.h5", np.random.default_rng(5)
     banana_run(ChainFile(path), 20, "surrogate")
-    wanted, content = read_chain_file(path), path.read_bytes()[0 if sealed else 512 :]
-    places = [*rng.integers(len(content), size=150 if sealed else 15), *rng.integers(4096, size=50 if sealed else 15)]
-    told: list[str] = []
-    for place in places:
+    content = path.read_bytes()
+    for place in [*rng.integers(len(content), size=150), *rng.integers(4096, size=50)]:
         damaged = bytearray(content)
         damaged[place] ^= 1 << int(rng.integers(8))
         path.write_bytes(damaged)
-        try:
-            found = read_chain_file(path)
-        except sk.ChainError as error:
-            told.append(str(error))
-        else:
-            np.testing.assert_array_equal(found.chain, wanted.chain)
-    assert not sealed or len(told) == 200
-    assert all(len(text.splitlines()) == 1 for text in told)
+        with pytest.raises(sk.ChainError) as caught:
+            read_chain_file(path)
+        assert len(str(caught.value).splitlines()) == 1
 
 
 def test_a_file_in_which_hdf5_never_ends_is_told(tmp_path, monkeypatch):

@@ -13,6 +13,7 @@ from streamkit.model import Model
 from streamkit.report import Progress
 from streamkit.runfile import Spec
 from streamkit.stream import Array, Prediction
+from streamkit.study.preflight.limit import within_limit
 
 TRIAL_PARTICLES = 1000  # particles of the trial streams over the prior: enough to decide whether there is a stream
 BUDGET = 15.0  # CPU seconds after which no further trial stream is started
@@ -44,9 +45,12 @@ class PriorDraws:
 
 
 def observe(model: Model, theta: Array) -> tuple[dict[str, Prediction], str]:
-    """Return the prediction of each stream at theta (d,), and the reason if a value is missing."""
+    """Return the prediction of each stream at theta (d,), and the reason if a value is missing.
+
+    Raises CallTimeout if that takes too long.
+    """
     try:
-        observation = model.observe_all(model.spec.bind_all(theta))
+        observation = within_limit(model.spec, model.observe_all, model.spec.bind_all(theta))
     except OutOfDomain as error:
         return {}, error.reason
     return observation.predictions, "" if observation.prediction is None else observation.prediction.why_not

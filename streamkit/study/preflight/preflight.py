@@ -14,6 +14,7 @@ from streamkit.stream import Prediction
 from streamkit.study.preflight.conformance_warnings import conformance_warnings
 from streamkit.study.preflight.cost import Cost, search_cost, time_call
 from streamkit.study.preflight.draws import PriorDraws, observe, try_prior_draws
+from streamkit.study.preflight.limit import within_limit
 from streamkit.study.preflight.orbit import OrbitSummary, summarise_orbit
 from streamkit.study.preflight.warnings import orbit_warnings, prior_warnings, short_lookback, sun_warnings
 
@@ -68,11 +69,11 @@ def run_preflight(spec: Spec, *, draws: int = 64, progress: bool = False) -> Pre
     progress
         Whether to show the progress of the draws.
 
-    Raises ComponentError if a component fails.
+    Raises ComponentError if a component fails, CallTimeout if one does not return within the sampler's limit.
     """
     centre = spec.centre()
     bound = spec.bind_all(centre)
-    orbits = {name: summarise_orbit(inputs) for name, inputs in bound.streams.items()}
+    orbits = {name: within_limit(spec, summarise_orbit, inputs) for name, inputs in bound.streams.items()}
     begin = time.process_time()
     predictions, reason = observe(Model(spec), centre)
     first = time.process_time() - begin
