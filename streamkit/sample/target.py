@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from time import monotonic
 from typing import Any
 
 import numpy as np
 
 from streamkit.components import Ensemble, Evaluations, Sampler, Samples
-from streamkit.errors import ComponentError
+from streamkit.errors import ChainError, ComponentError
 from streamkit.report import Progress
 from streamkit.runfile import Prior
 from streamkit.sample.chain_file import ChainMemory
@@ -191,6 +192,9 @@ class PosteriorTarget:
             if self._bar is not None:
                 self._bar.close()
             self._cache.write()
+            if self._chain.last is not None:
+                with suppress(ChainError):  # the journal holds all steps; the runner tries again, and raises
+                    self._chain.consolidate()
 
     def _evaluate(self, points: Array) -> list[Evaluation]:
         """Evaluate at points (n, d), in order, each once; an interruption keeps the evaluations before it."""

@@ -89,9 +89,10 @@ class Gaussian:
 def sampled(component: Sampler, seed: int = 1) -> tuple[Gaussian, Samples]:
     """Return the target after its use and the last samples: of a chain those of its second half, of equal weight."""
     target, last = Gaussian(seed), None
-    for state in component.sample(target):
+    for number, state in enumerate(component.sample(target)):
         if isinstance(state, Ensemble):
-            walked(target, state)
+            check_step(target, state)
+            target.steps += [state] if number else []  # the first is the start
         else:
             last = state
     if target.steps:
@@ -102,16 +103,14 @@ def sampled(component: Sampler, seed: int = 1) -> tuple[Gaussian, Samples]:
     return target, last
 
 
-def walked(target: Gaussian, step: Ensemble) -> None:
-    """Check a step of a chain, and store it; the first is the start."""
+def check_step(target: Gaussian, step: Ensemble) -> None:
+    """Check the shapes of a step of a chain, and its ln posterior."""
     require(step.points.ndim == 2 and step.points.shape[1] == 2, "points of a step are (walkers, d)")
     walkers = len(step.points)
     shapes = np.shape(step.ln_probability), np.shape(step.accepted)
     require(shapes == ((walkers,), (walkers,)), "ln_probability and accepted of a step are (walkers,)")
     lnp = target.ln_prior(step.points) + target.evaluate(step.points)
     require(np.allclose(step.ln_probability, lnp), "ln_probability of a step is ln prior + ln likelihood of its points")
-    if step.number or target.steps:
-        target.steps.append(step)
 
 
 def samples_a_gaussian(component: Sampler) -> None:
