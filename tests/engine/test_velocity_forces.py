@@ -282,7 +282,7 @@ def test_a_run_file_may_not_combine_a_drag_with_what_does_not_know_it() -> None:
     deaf = {"integrator": {"kind": "test_deaf"}}
     sentence = (
         r"integrator: 'test_deaf' does not support forces that depend on velocity, and potential \('test_sticky'\) has "
-        "one; these do: adaptive, dop853, leapfrog, pefrl"
+        "one; these support it: adaptive, dop853, leapfrog, pefrl"
     )
     with pytest.raises(sk.SpecError, match=sentence):
         sk.load(BASE | host | deaf, components=[Sticky, Deaf])
