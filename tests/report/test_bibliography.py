@@ -5,7 +5,7 @@ import re
 import pytest
 from commands import call, refused
 from runfiles import BASE, PLUGIN, changed
-from streamkit.builtin.samplers import MOVES, Emcee
+from streamkit.builtin.ensemble.sampler import MOVES, Emcee
 
 import streamkit as sk
 from streamkit.components import load_registry

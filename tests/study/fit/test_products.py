@@ -32,7 +32,7 @@ PICTURES = (
 @pytest.fixture(scope="module")
 def run(finished_run):
     """Return the results of a small run with all its products."""
-    return sk.Results(finished_run)
+    return sk.load_results(finished_run)
 
 
 def copy_of(run, out):
@@ -123,7 +123,7 @@ def test_walkers_that_disagree_have_not_converged_and_every_product_says_so():
     assert good.converged
     assert remark(good) == ""
     assert good.note().startswith("1000 steps are")
-    assert bad.convergence.span > 500
+    assert bad.draws.convergence.span > 500
     assert not bad.converged
     assert "R-hat is not below 1.02 for potential.v0" in bad.note()
     assert "potential.alpha" not in bad.note()
