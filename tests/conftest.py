@@ -21,6 +21,13 @@ import streamkit as sk
 collect_ignore = ["third_party"]  # a package of its own: test_third_party.py installs it and runs its test
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile the loops that most tests need before xdist starts its workers, each of which would compile them."""
+    if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
+        spec = sk.load(FIT)
+        sk.Posterior(spec).evaluate(spec.centre())
+
+
 @pytest.fixture(autouse=True)
 def hundred_columns(monkeypatch: pytest.MonkeyPatch) -> None:
     """Text is as wide as the terminal, of which a test process may have any."""

@@ -148,10 +148,6 @@ def test_what_a_command_needs_exists_or_was_made_by_an_earlier_one(document: Pat
             made |= command.makes()
 
 
-def test_the_readme_is_short() -> None:
-    assert len(README.read_text(encoding="utf-8").splitlines()) <= 200
-
-
 def test_the_program_of_the_readme_runs(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (shown,) = blocks("python", README)
     exec(compile(shown.text, str(shown), "exec"), {})

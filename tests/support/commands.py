@@ -8,6 +8,8 @@ from click.testing import CliRunner, Result
 
 from streamkit.cli.main import main
 
+# Mock 1 of Gibbons, Belokurov & Evans (2014), with errors so wide that the search for a start is short, and steps so
+# long that a call is.
 RUN = """
 seed = 7
 [potential]
@@ -29,11 +31,14 @@ lookback = "3.77 Gyr"
 [stripping]
 kind = "mlcs"
 particles = 400
+[integrator]
+kind = "leapfrog"
+step = "60 Myr"
 [observable]
 kind = "apocentres"
-leading = ["57.0 kpc", "1.0 kpc"]
-trailing = ["96.2 kpc", "5 kpc"]
-precession = ["95.0 deg", "5 deg"]
+leading = ["57.0 kpc", "10 kpc"]
+trailing = ["96.2 kpc", "20 kpc"]
+precession = ["95.0 deg", "20 deg"]
 [sampler]
 walkers = 8
 steps = 4

@@ -19,7 +19,7 @@ FIT: dict[str, Any] = {
         "pm_l_cosb": -2.44, "pm_b": 1.97, "v_los": 153, "lookback": 3.5,
     },
     "stripping": {"kind": "mlcs", "particles": 600, "sigma": 10},
-    "integrator": {"kind": "leapfrog", "step": 0.01},
+    "integrator": {"kind": "leapfrog", "step": 0.06},  # coarse: most of a call is blocks of a step
     "observable": {"kind": "apocentres", "leading": [57, 5], "trailing": [112, 15], "precession": [100, 8]},
     "sampler": {"walkers": 6, "steps": 4},
 }  # fmt: skip
