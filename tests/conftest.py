@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from commands import RUN
 from filelock import FileLock
 from matplotlib.figure import Figure
 from PIL import Image
-from toys import FIT, PUBLISHED
+from runfiles import FIT, PUBLISHED, RUN
 
 import streamkit as sk
 

@@ -16,7 +16,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from emcee.backends import Backend
-from toys import FIT, Gaussian, Slow, sampling
+from runfiles import FIT
+from toys import Gaussian, Slow, sampling
 
 import streamkit as sk
 from streamkit.errors import blamed

@@ -14,7 +14,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from toys import FIT
+from runfiles import FIT
 
 import streamkit as sk
 from streamkit.report import locked
