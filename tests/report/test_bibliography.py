@@ -5,9 +5,9 @@ import re
 import pytest
 from commands import call, refused
 from runfiles import BASE, PLUGIN, changed
-from streamkit.builtin.ensemble.sampler import MOVES, Emcee
 
 import streamkit as sk
+from streamkit.builtin.ensemble.sampler import MOVES, Emcee
 from streamkit.components import load_registry
 from streamkit.report.bibliography import ALWAYS, FIT, _is_named, bibliography, cited
 from streamkit.runfile import to_toml
