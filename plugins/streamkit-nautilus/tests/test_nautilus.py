@@ -103,7 +103,7 @@ def test_a_killed_run_goes_on_as_if_it_had_not(whole, document, tmp_path):
 
 def test_it_may_be_asked_for_more_when_it_goes_on(whole, document, tmp_path):
     fit(tmp_path / "run", document)
-    longer = with_settings(document, effective_samples=300)
+    longer = with_settings(document, effective_samples=1500)
     more = fit(tmp_path / "run", longer, resume=True)
     assert more.attributes["counts"]["calls"] > whole.attributes["counts"]["calls"]
     same(more, fit(document=longer))
