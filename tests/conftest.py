@@ -10,21 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from commands import RUN
 from filelock import FileLock
 from matplotlib.figure import Figure
 from PIL import Image
-from runfiles import FIT, PUBLISHED, RUN
+from toys import FIT, PUBLISHED
 
 import streamkit as sk
 
 collect_ignore = ["third_party"]  # a package of its own: test_third_party.py installs it and runs its test
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    """Compile the loops that most tests need before xdist starts its workers, each of which would compile them."""
-    if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):
-        spec = sk.load(FIT)
-        sk.Posterior(spec).evaluate(spec.centre())
 
 
 @pytest.fixture(autouse=True)

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from commands import call, refused
-from runfiles import RUN
+from commands import RUN, call, refused
 
 import streamkit as sk
 from streamkit import testing

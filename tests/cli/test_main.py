@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from astropy.table import QTable
-from commands import call, refused
-from runfiles import RUN
+from commands import RUN, call, refused
 
 import streamkit as sk
 from streamkit.components import Registry, load_registry

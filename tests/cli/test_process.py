@@ -6,7 +6,7 @@ import sys
 import time
 
 import pytest
-from runfiles import RUN
+from commands import RUN
 
 SCRIPT = """
 import os, sys, threading, time

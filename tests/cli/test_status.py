@@ -8,7 +8,7 @@ import tomllib
 import pytest
 from commands import call, refused
 from documents import ROOT
-from runfiles import FIT
+from toys import FIT
 
 import streamkit as sk
 from streamkit.cli.init import examples, tables_of

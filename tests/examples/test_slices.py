@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import call
-from runfiles import FIT
+from toys import FIT
 
 import streamkit as sk
 from streamkit.runfile import to_toml

@@ -51,8 +51,8 @@ def test_a_sphere_converges_with_the_fourth_power_of_the_nodes():
         pytest.param((HALO,), "spherical", 1e-4, id="sphere"),
         pytest.param(GALAXY, "axisymmetric", 1e-4, id="galaxy"),
         pytest.param((LogarithmicHalo(v0=220.0, rc=1.0, q=0.8),), "axisymmetric", 1e-4, id="flattened log"),
-        pytest.param((TRIAXIAL,), "general", 5e-3, id="triaxial, coarse"),
-        pytest.param((TURNED,), "general", 5e-3, id="turned, coarse"),
+        pytest.param((TRIAXIAL,), "general", 1e-3, id="triaxial, coarse"),
+        pytest.param((TURNED,), "general", 1e-3, id="turned, coarse"),
         pytest.param((TRIAXIAL,), "general", 1e-4, id="triaxial", marks=pytest.mark.slow),  # minutes
         pytest.param((TURNED,), "general", 1e-4, id="turned", marks=pytest.mark.slow),
     ],
@@ -66,16 +66,15 @@ def test_the_form_is_found_and_the_tolerance_met_where_nobody_looked(potentials,
     assert np.percentile(errors(found.force, force, positions()), 99) < tolerance
 
 
-@pytest.mark.parametrize("tolerance", [2e-2, pytest.param(3e-3, marks=pytest.mark.slow)])
-def test_without_any_symmetry(tolerance):
+def test_without_any_symmetry():
     def force(t, q):
         return force_of(HALO)(t, q) + force_of(Plummer(mass=2e10, radius=15.0))(t, q - np.array([[8.0], [5.0], [3.0]]))
 
-    found = expand(force, "auto", tolerance)
+    found = expand(force, "auto", 3e-3)
     assert not found.grid.mirror
     assert found.grid.sines
     assert found.grid.step == 1
-    assert errors(found.force, force, positions()).max() < 5 / 3 * tolerance
+    assert errors(found.force, force, positions()).max() < 5e-3
 
 
 def test_symmetries():

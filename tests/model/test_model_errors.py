@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from commands import call, refused
-from runfiles import RUN
+from commands import RUN, call, refused
 
 import streamkit as sk
 

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from runfiles import FIT, error_of, with_entry
+from runfiles import error_of, with_entry
+from toys import FIT
 
 import streamkit as sk
 from streamkit.cli.main import main

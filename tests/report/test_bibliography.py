@@ -88,7 +88,7 @@ def test_a_strangers_reference_is_a_note_and_its_bibtex_is_taken_as_it_is(tmp_pa
 
 
 def test_a_directory_without_a_run_is_refused(tmp_path):
-    assert "run.toml" in refused("cite", tmp_path)
+    assert "manifest.json" in refused("cite", tmp_path)
 
 
 def test_the_model_behind_a_preset_is_cited_by_its_name():

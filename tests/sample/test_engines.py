@@ -15,8 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from runfiles import FIT
-from toys import Gaussian, Slow, walk
+from toys import FIT, Gaussian, Slow, walk
 
 import streamkit as sk
 from streamkit.errors import blamed

@@ -1,4 +1,4 @@
-"""The small run files that the tests vary, a plugin file, and a JSON Schema validator."""
+"""A small run file that the tests vary, a plugin file, and a JSON Schema validator."""
 
 import copy
 from pathlib import Path
@@ -10,7 +10,6 @@ import streamkit as sk
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*/*.toml"))
 
-# Priors in every section and no observable: for what reads run files.
 BASE: dict[str, Any] = {
     "seed": 7,
     "potential": {"kind": "tf", "v0": {"uniform": ["40 km/s", "400 km/s"]}, "rs": "12 kpc", "alpha": 0.45},
@@ -21,62 +20,6 @@ BASE: dict[str, Any] = {
     },
     "stripping": {"kind": "mlcs", "particles": 100, "sigma": {"normal": [10, 1]}},
 }  # fmt: skip
-
-# What is fitted in Python: a search and a few steps in seconds.
-FIT: dict[str, Any] = {
-    "seed": 3,
-    "potential": {"kind": "tf", "v0": {"uniform": [215, 245]}, "rs": 12, "alpha": {"uniform": [0.25, 0.45]}},
-    "progenitor": {
-        "kind": "plummer", "mass": 6.4e8, "radius": 0.85, "l": 5.5689, "b": -14.1669, "distance": 25.2,
-        "pm_l_cosb": -2.44, "pm_b": 1.97, "v_los": 153, "lookback": 3.5,
-    },
-    "stripping": {"kind": "mlcs", "particles": 600, "sigma": 10},
-    "integrator": {"kind": "leapfrog", "step": 0.06},  # coarse: most of a call is blocks of a step
-    "observable": {"kind": "apocentres", "leading": [57, 5], "trailing": [112, 15], "precession": [100, 8]},
-    "sampler": {"walkers": 6, "steps": 4},
-}  # fmt: skip
-
-# Published values beside the run of `FIT`.
-PUBLISHED = """quantity,radius,value,error_minus,error_plus,reference
-M,100,4.1e11,0.7e11,0.8e11,Gibbons+ 2014
-v_c,8,237,3,4,a <b>bold</b> guess
-"""
-
-# What commands are given, as text: mock 1 of Gibbons, Belokurov & Evans (2014). Wide errors make the search for a
-# start short, and long steps each call.
-RUN = """
-seed = 7
-[potential]
-kind = "tf"
-v0 = { uniform = ["190 km/s", "230 km/s"] }
-rs = "12 kpc"
-alpha = 0.45
-[progenitor]
-kind = "plummer"
-mass = { log_uniform = ["3e8 Msun", "9e8 Msun"] }
-radius = "0.85 kpc"
-x = 19.155535
-y = 0.0278852
-z = -5.7149425
-vx = 176.48999
-vy = -0.36306170
-vz = 201.58182
-lookback = "3.77 Gyr"
-[stripping]
-kind = "mlcs"
-particles = 400
-[integrator]
-kind = "leapfrog"
-step = "60 Myr"
-[observable]
-kind = "apocentres"
-leading = ["57.0 kpc", "10 kpc"]
-trailing = ["96.2 kpc", "20 kpc"]
-precession = ["95.0 deg", "20 deg"]
-[sampler]
-walkers = 8
-steps = 4
-"""
 
 
 def changed(*path_and_value: Any) -> dict[str, Any]:

@@ -76,7 +76,6 @@ def test_a_run_that_fails_on_the_way_goes_on_as_if_it_had_not(whole, tmp_path, m
     same(fit(tmp_path / "run", resume=True), whole)
 
 
-@pytest.mark.slow  # a new interpreter compiles what it needs
 def test_a_killed_run_goes_on_as_if_it_had_not(whole, tmp_path):
     out = tmp_path / "run"
     code = (

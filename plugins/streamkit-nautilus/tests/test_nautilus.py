@@ -60,9 +60,7 @@ def whole(document):
     return fit(document=document)
 
 
-@pytest.mark.parametrize("networks", [0, pytest.param(1, marks=pytest.mark.slow)])
-def test_it_samples_a_gaussian_and_finds_its_evidence(networks, monkeypatch):
-    monkeypatch.setattr(Nautilus, "example", Nautilus.example | {"networks": networks})
+def test_it_samples_a_gaussian_and_finds_its_evidence():
     check(Nautilus)
 
 
@@ -85,7 +83,6 @@ def test_a_run_that_fails_on_the_way_goes_on_as_if_it_had_not(whole, document, t
     same(fit(tmp_path / "run", document, resume=True), whole)
 
 
-@pytest.mark.slow  # a new interpreter compiles what it needs
 def test_a_killed_run_goes_on_as_if_it_had_not(whole, document, tmp_path):
     out = tmp_path / "run"
     code = (

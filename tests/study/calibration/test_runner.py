@@ -77,17 +77,12 @@ def test_the_rank_is_that_of_the_exact_posterior(spec, drawn, index):
     assert draw.mass_ranks[1] == pytest.approx(draw.ranks[0], abs=1e-12)  # the mass rises with v0
 
 
-@pytest.fixture(scope="module")
-def weighted(spec):
-    """Return the first draw by a sampler that gives weighted samples."""
-    settings = {"kind": "importance", "draws": 1200}
-    return make_draw(sk.load(spec.document | {"sampler": settings}, components=[Importance]), 0)
-
-
-def test_a_sampler_with_weighted_samples_is_calibrated_too(spec, drawn, weighted):
+def test_a_sampler_with_weighted_samples_is_calibrated_too(spec):
     """It has no R-hat: its draws count by their effective number."""
-    draw = weighted
-    assert draw.truth == drawn(0).truth
+    settings = {"kind": "importance", "draws": 1200}
+    with_weights = sk.load(spec.document | {"sampler": settings}, components=[Importance])
+    draw = make_draw(with_weights, 0)
+    assert draw.truth == make_draw(spec.with_values({"sampler.steps": 20}), 0).truth
     rng = np.random.default_rng([spec.seed, 7, 0])
     rng.integers(1 << 31)
     truth = float(spec.priors[0].sample(rng, 1)[0])
@@ -98,7 +93,7 @@ def test_a_sampler_with_weighted_samples_is_calibrated_too(spec, drawn, weighted
     assert Draw.of_line(draw.line()).ess == draw.ess
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def short(spec):
     return spec.with_values({"sampler.steps": 20})
 
@@ -155,11 +150,13 @@ def test_masses_with_the_ranks_of_a_parameter_have_no_picture_of_their_own(spec)
     assert "200" in shown[1]
 
 
-def test_a_draw_tells_whether_its_fit_converged(short, weighted):
+def test_a_draw_tells_whether_its_fit_converged(spec):
     """Twenty steps are never enough; a sampler with weights says it by its own rule."""
-    assert not make_draw(short, 0).converged
-    assert weighted.converged
-    assert Draw.of_line(weighted.line()).converged is True
+    assert not make_draw(spec.with_values({"sampler.steps": 20}), 0).converged
+    settings = {"kind": "importance", "draws": 1200}
+    draw = make_draw(sk.load(spec.document | {"sampler": settings}, components=[Importance]), 0)
+    assert draw.converged
+    assert Draw.of_line(draw.line()).converged is True
 
 
 @pytest.mark.parametrize("index", [0, pytest.param(1, marks=pytest.mark.slow)])

@@ -6,8 +6,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from commands import call, refused
-from runfiles import RUN
+from commands import RUN, call, refused
 
 import streamkit as sk
 

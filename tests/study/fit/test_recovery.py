@@ -12,7 +12,8 @@ from astropy import units as u
 from astropy.table import QTable
 from commands import call, refused
 from matplotlib.image import imread
-from runfiles import FIT, PLUGIN
+from runfiles import PLUGIN
+from toys import FIT
 
 import streamkit as sk
 from streamkit.model import Host

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from runfiles import FIT
+from toys import FIT
 
 import streamkit as sk
 from streamkit.report import locked

@@ -10,7 +10,7 @@ import sys
 import numpy as np
 import pytest
 from commands import refused
-from runfiles import FIT
+from toys import FIT
 
 import streamkit as sk
 from streamkit.runfile import to_toml

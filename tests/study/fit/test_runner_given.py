@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from pydantic import Field
-from runfiles import FIT
+from toys import FIT
 
 import streamkit as sk
 from streamkit.study.fit import read_status

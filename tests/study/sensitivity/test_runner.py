@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 from astropy import units as u
 from astropy.table import QTable
-from commands import call, refused
-from runfiles import RUN
+from commands import RUN, call, refused
 from scipy.stats import norm
 
 import streamkit as sk
@@ -172,7 +171,7 @@ def test_it_writes_tables_and_a_picture(run_file: Path, tmp_path: Path) -> None:
     assert table["trailing"].unit == u.kpc
     assert table["precession"].unit == u.deg
     assert table.meta["fixed"] == {"potential.v0": 215.0, "progenitor.mass": 6.4e8}
-    assert table.meta["data"]["leading"] == [57.0, 10.0]
+    assert table.meta["data"]["leading"] == [57.0, 1.0]
     assert table.meta["run_digest"] == sk.load(out / "sensitivity.toml").digest()
     empty = table["streams"] == 0
     assert np.array_equal(empty, np.isnan(table["leading"]))
