@@ -19,6 +19,7 @@ import click
 from streamkit import components
 from streamkit.cli.options import INTERRUPTED, INVALID
 from streamkit.cli.process import keep_streams, leave
+from streamkit.distribution import foreign_files
 from streamkit.errors import PluginError, StreamkitError, message_of, nearest, printable
 
 GROUP = "streamkit.commands"
@@ -90,6 +91,10 @@ class Commands(click.Group):
             status = _failed(f"{where}cannot be read or written: {error.strerror or error}", INVALID)
         except click.Abort:
             status = _failed("interrupted", INTERRUPTED)
+        except (ImportError, AttributeError):  # a module is another project's, or older than the others
+            _report_foreign_files()
+            raise
+        _report_foreign_files()
         status = status if isinstance(status, int) else 0
         if alone:
             leave(status)
@@ -122,6 +127,12 @@ def _failed(message: str, status: int) -> int:
         lines = [printable(line) for line in message.split("\n")]  # it may quote a file that came from elsewhere
         click.echo("streamkit: " + "\n".join(lines), err=True)
     return status
+
+
+def _report_foreign_files() -> None:
+    if sentence := foreign_files():
+        with suppress(OSError, ValueError):
+            click.echo(f"streamkit: {sentence}", err=True)
 
 
 def _explain(error: click.ClickException) -> str:

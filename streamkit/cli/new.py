@@ -12,6 +12,7 @@ import click
 
 import streamkit
 from streamkit import components
+from streamkit.distribution import NAME
 from streamkit.errors import StreamkitError
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -60,6 +61,7 @@ def package_files(role: str, name: str) -> dict[str, str]:
         raise StreamkitError(f"{name!r}: {supplier} has a {role} of this name. Choose another name.")
     package = f"streamkit-{name.replace('_', '-')}"
     words = {"role": role, "kind": name, "name": called, "package": package, "module": package.replace("-", "_")}
+    words["distribution"] = NAME
     files = {
         "pyproject.toml": "pyproject.toml.txt",
         f"{words['module']}.py": f"{role}.py.txt",

@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from functools import cache
-from importlib.metadata import version
 from importlib.resources import files
 
 from streamkit.components import Component
+from streamkit.distribution import VERSION
 from streamkit.runfile import Spec
 
 ALWAYS = {
@@ -66,7 +66,7 @@ def cited(spec: Spec) -> str:
 def _own(spec: Spec) -> str:
     return (
         "@misc{streamkit,\n  author = {{The streamkit developers}},\n  title = {{streamkit}},\n"
-        f"  version = {{{version('streamkit')}}},\n  note = {{run digest {spec.digest()}}},\n}}"
+        f"  version = {{{VERSION}}},\n  note = {{run digest {spec.digest()}}},\n}}"
     )
 
 
