@@ -12,7 +12,8 @@ from commands import call, refused
 
 import streamkit
 from streamkit import distribution
-from streamkit.components import PACKAGES, load_registry
+from streamkit.components import load_registry
+from streamkit.components.available import PACKAGES
 from streamkit.distribution import NAME, foreign_files
 
 ROOT = Path(__file__).parents[2]
@@ -114,6 +115,7 @@ def test_another_distribution_in_the_folder_is_recognised(
 
 
 def test_every_command_reports_a_foreign_distribution(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lay(tmp_path, NAME, "0.1", OURS)
     lay(tmp_path, "streamkit", "0.3.2", FOREIGN)
     monkeypatch.syspath_prepend(tmp_path)
     expected = (
