@@ -7,7 +7,23 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from streamkit import Angle, G, Length, Mass, Number, PositiveNumber, Potential, Speed, Symbol, exp, log, power, sqrt
+from streamkit import (
+    Angle,
+    Array,
+    G,
+    Length,
+    Mass,
+    Number,
+    PositiveNumber,
+    Potential,
+    Speed,
+    Symbol,
+    exp,
+    log,
+    power,
+    sqrt,
+)
+from streamkit.builtin.equilibria import hernquist_speeds, plummer_speeds
 
 
 class TruncatedFlat(Potential):
@@ -123,6 +139,13 @@ class Hernquist(Potential):
         """Return -G M / (r + a)."""
         return -G * mass / (np.sqrt(x * x + y * y + z * z) + a)
 
+    @staticmethod
+    def equilibrium(share: Array, chance: Array, mass: Any, a: Any) -> tuple[Array, Array]:
+        """Return radii from the mass inside, and speeds from Hernquist's distribution function."""
+        root = np.sqrt(share)
+        radius = root / (1 - root)
+        return a * radius, hernquist_speeds(radius, chance) * np.sqrt(2 * G * mass / (a * (1 + radius)))
+
 
 class MiyamotoNagai(Potential):
     """Miyamoto & Nagai disc: ``Phi = -G M / sqrt(R^2 + (a + sqrt(z^2 + b^2))^2)``."""
@@ -171,6 +194,13 @@ class Plummer(Potential):
     def potential(x: Any, y: Any, z: Any, t: Any, mass: Any, radius: Any) -> Any:
         """Return -G M / sqrt(r^2 + radius^2)."""
         return -G * mass / np.sqrt(x * x + y * y + z * z + radius * radius)
+
+    @staticmethod
+    def equilibrium(share: Array, chance: Array, mass: Any, radius: Any) -> tuple[Array, Array]:
+        """Return radii from the mass inside, and speeds from the distribution function E^(7/2)."""
+        rho = 1 / np.sqrt(share ** (-2 / 3) - 1)
+        escape = np.sqrt(2 * G * mass / radius) * (1 + rho * rho) ** -0.25
+        return radius * rho, plummer_speeds(chance) * escape
 
 
 class Kepler(Potential):

@@ -5,11 +5,17 @@ from .bases import Integrator as Integrator
 from .bases import Measurement as Measurement
 from .bases import Observable as Observable
 from .bases import Stripping as Stripping
+from .bases import StrippingScheme as StrippingScheme
 from .disabled import switched_off as switched_off
 from .given import GIVEN as GIVEN
 from .hookspecs import CONTRACT as CONTRACT
 from .hookspecs import hookimpl as hookimpl
 from .known import where_to_find as where_to_find
+from .live import BlockEdge as BlockEdge
+from .live import LiveStripping as LiveStripping
+from .live import Population as Population
+from .live import Remnant as Remnant
+from .live import SatelliteView as SatelliteView
 from .mass import total_mass as total_mass
 from .plugin import ROLES as ROLES
 from .plugin import Plugin as Plugin

@@ -20,7 +20,7 @@ from typing import Any
 import pluggy
 
 from streamkit.components import hookspecs
-from streamkit.components.bases import Component, HostData, Integrator, Observable, Stripping
+from streamkit.components.bases import Component, HostData, Integrator, Observable, StrippingScheme
 from streamkit.components.potential import Potential
 from streamkit.components.preset import Preset
 from streamkit.components.sampler import Sampler
@@ -28,7 +28,7 @@ from streamkit.errors import PluginError, SpecError, expect_file
 
 OURS = "streamkit."
 ROLES: dict[str, type[Component]] = {
-    base.role: base for base in (Potential, Stripping, Integrator, Observable, HostData, Sampler)
+    base.role: base for base in (Potential, StrippingScheme, Integrator, Observable, HostData, Sampler)
 }
 
 

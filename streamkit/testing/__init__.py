@@ -11,12 +11,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from streamkit import Component, HostData, Integrator, Observable, Potential, Sampler, Stripping
+from streamkit import Component, HostData, Integrator, LiveStripping, Observable, Potential, Sampler, Stripping
 from streamkit.testing import (
     common,
     dimensions,
     host_data,
     integrators,
+    live,
     observables,
     potentials,
     samplers,
@@ -76,6 +77,8 @@ def _checks(cls: type[Component], negative_density: bool, accuracy: float) -> tu
         return COMMON + potentials.checks(negative_density)
     if issubclass(cls, Stripping):
         return COMMON + stripping.CHECKS
+    if issubclass(cls, LiveStripping):
+        return COMMON + live.CHECKS
     if issubclass(cls, Integrator):
         return COMMON + integrators.checks(accuracy)
     if issubclass(cls, Observable):
