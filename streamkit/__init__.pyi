@@ -5,6 +5,7 @@ from .components import HostData as HostData
 from .components import HostView as HostView
 from .components import Integrator as Integrator
 from .components import LiveStripping as LiveStripping
+from .components import Monopole as Monopole
 from .components import Observable as Observable
 from .components import Population as Population
 from .components import Potential as Potential

@@ -17,6 +17,7 @@ from .live import Population as Population
 from .live import Remnant as Remnant
 from .live import SatelliteView as SatelliteView
 from .mass import total_mass as total_mass
+from .monopole import Monopole as Monopole
 from .plugin import ROLES as ROLES
 from .plugin import Plugin as Plugin
 from .plugin import is_loaded as is_loaded

@@ -143,9 +143,7 @@ class LiveStripping(StrippingScheme):
         """
         q, v = satellite.sample(points)
         n = points.shape[1]
-        return Population(
-            q + core[:3, None], v + core[3:6, None], np.full(n, satellite.mass / n), np.ones(n)
-        )
+        return Population(q + core[:3, None], v + core[3:6, None], np.full(n, satellite.mass / n), np.ones(n))
 
     @abstractmethod
     def renew(self, edge: BlockEdge, satellite: SatelliteView, before: Remnant | None) -> Remnant:

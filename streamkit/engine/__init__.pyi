@@ -9,7 +9,6 @@ from .field import build_field as build_field
 from .field import split_step as split_step
 from .kernels import Force as Force
 from .march import MovingForce as MovingForce
-from .march import march as march
 from .methods import LEAPFROG as LEAPFROG
 from .methods import PEFRL as PEFRL
 from .methods import RKN4 as RKN4

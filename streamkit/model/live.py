@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from streamkit.components import BlockEdge, LiveStripping, Population, Remnant
-from streamkit.engine import MovingForce, march, record
+from streamkit.engine import MovingForce, record
 from streamkit.errors import ComponentError, OutOfDomain, blamed
 from streamkit.model.equilibrium import Equilibrium
 from streamkit.model.host import Host
@@ -18,6 +18,7 @@ from streamkit.units import GYR, G
 
 MOST_STEPS = 20_000  # most steps from the look-back time to today
 SHARE_OF_ORBIT = 0.06  # longest step in units of the progenitor's distance over its speed
+FEWEST_KICKS = 2  # by the host in a block, for the debris that is elsewhere on the orbit
 UNBOUND = 0.5  # most of the mass that may be unbound at the start: more is no progenitor
 
 
@@ -55,7 +56,7 @@ def follow_live(
     satellite = Equilibrium(inputs.satellite)
     with np.errstate(all="ignore"):
         bracket = host.tidal_bracket(track)
-    edges, steps = _blocks(scheme, satellite, track)
+    edges, steps, kicks = _blocks(scheme, satellite, track)
     at_edges = track.at(edges)
     brackets = np.interp(edges, track.t, bracket)
     states = np.ascontiguousarray(np.concatenate([at_edges.q, at_edges.v, at_edges.a]).T)
@@ -79,7 +80,7 @@ def follow_live(
     _must_fit(satellite, left[0], r_tidal[0])
     books.open(states[0], r_tidal[0])
     for k in range(1, len(edges)):
-        march(moving.field_with(remnant.force), q, v, edges[k - 1], edges[k], int(steps[k - 1]))
+        moving.advance(remnant.force, q, v, edges[k - 1], edges[k], steps[k - 1], kicks[k - 1])
         remnant = renewed(k, remnant)
         books.write(edges[k], states[k], r_tidal[k])
     done = books.close(remnant)
@@ -89,8 +90,8 @@ def follow_live(
     return Followed(done, orbit, tail, people.weight)
 
 
-def _blocks(scheme: LiveStripping, satellite: Equilibrium, track: Orbit) -> tuple[Array, IntArray]:
-    """Return the edges of the blocks (k + 1,), and how many steps each takes (k,)."""
+def _blocks(scheme: LiveStripping, satellite: Equilibrium, track: Orbit) -> tuple[Array, list[int], list[int]]:
+    """Return the edges of the blocks (k + 1,), and the least number of steps and of the host's kicks in each (k,)."""
     begin, end = float(track.t[0]), float(track.t[-1])
     block = min(scheme.renewal * GYR, TURN / float(track.omega.max()))
     edges = np.linspace(begin, end, max(int(np.ceil((end - begin) / block)), 1) + 1)
@@ -98,16 +99,15 @@ def _blocks(scheme: LiveStripping, satellite: Equilibrium, track: Orbit) -> tupl
         longest = min(scheme.step * GYR, scheme.longest_step(satellite, track))
     allowed = SHARE_OF_ORBIT * track.r / np.sqrt((track.v**2).sum(axis=0))
     pieces = np.maximum(np.searchsorted(track.t, edges[:-1], side="right") - 1, 0)
-    shortest = np.minimum(np.minimum.reduceat(allowed, pieces), longest)
-    if not shortest.min() > 0:
-        raise OutOfDomain(f"the stripping {scheme.kind} asks for time steps of length zero")
-    steps = np.ceil(np.diff(edges) / shortest - 1e-9)
-    if steps.sum() > MOST_STEPS:
+    spans = np.diff(edges)
+    kicks = np.maximum(np.ceil(spans / np.minimum.reduceat(allowed, pieces) - 1e-9), FEWEST_KICKS)
+    steps = np.ceil(spans / longest - 1e-9)
+    if not np.maximum(steps, kicks).sum() <= MOST_STEPS:
         raise OutOfDomain(
             f"the progenitor takes more than {MOST_STEPS} time steps with the stripping {scheme.kind}: it is too "
             "dense, or passes too near the Galactic centre"
         )
-    return edges, np.maximum(steps, 1).astype(np.int64)
+    return edges, steps.astype(int).tolist(), kicks.astype(int).tolist()
 
 
 def _checked(people: Population, name: str) -> tuple[Array, Array, Array]:
