@@ -130,6 +130,13 @@ class LiveStripping(StrippingScheme):
     quasi_random: bool = Field(
         default=True, description="Draw the particles from a scrambled Sobol sequence, or independently."
     )
+    passages: int | None = Field(
+        default=None,
+        ge=1,
+        description="Number of pericentre passages of the live progenitor: it starts at the apocentre before the first "
+        "of them, within the look-back time, and ln L has no step where the look-back time would pass an apocentre. "
+        "Without it, it starts at the look-back time.",
+    )
     step: Duration = Field(
         default=0.004,
         description="Longest time step. It is shorter where the progenitor or its pericentre asks for it: at most 0.3 "

@@ -12,6 +12,7 @@ from streamkit.errors import ComponentError, OutOfDomain, blamed
 from streamkit.model.equilibrium import Equilibrium
 from streamkit.model.host import Host
 from streamkit.model.integrate import TURN, Records
+from streamkit.model.progenitor import progenitor_track
 from streamkit.runfile import StreamInputs
 from streamkit.stream import LEADING, TRAILING, Array, IntArray, Orbit, angle_in_plane, orbital_plane, read_only
 from streamkit.units import GYR, G
@@ -88,6 +89,22 @@ def follow_live(
     orbit = replace(track, r_tidal=np.cbrt(G * over_time / bracket), mass_left=over_time / inputs.mass)
     tail = np.where(done.winding > 0, LEADING, TRAILING)
     return Followed(done, orbit, tail, people.weight)
+
+
+def live_track(inputs: StreamInputs, scheme: LiveStripping, host: Host, track: Orbit) -> Orbit:
+    """Return the track of a live progenitor: from the look-back time, or from the apocentre that ``passages`` asks for.
+
+    OutOfDomain if the look-back time does not hold so many.
+    """
+    if scheme.passages is None:
+        return track
+    pericentres, apocentres = track.pericentres(), track.apocentres()
+    if len(pericentres) < scheme.passages:
+        raise OutOfDomain("the look-back time holds fewer pericentre passages than stripping.passages")
+    before = apocentres[apocentres < pericentres[-scheme.passages]]
+    if len(before) == 0:
+        raise OutOfDomain("the look-back time does not reach the apocentre before the first of stripping.passages")
+    return progenitor_track(host, replace(inputs, lookback=-float(before[-1]) / GYR))
 
 
 def _blocks(scheme: LiveStripping, satellite: Equilibrium, track: Orbit) -> tuple[Array, list[int], list[int]]:

@@ -14,7 +14,7 @@ from streamkit.engine import build_field
 from streamkit.errors import ComponentError, OutOfDomain, blamed
 from streamkit.model.host import Host
 from streamkit.model.integrate import Records, integrate
-from streamkit.model.live import follow_live
+from streamkit.model.live import follow_live, live_track
 from streamkit.model.observation import Observation
 from streamkit.model.progenitor import next_apocentre, progenitor_track
 from streamkit.model.release import random_numbers, release_particles
@@ -140,6 +140,7 @@ def simulate(inputs: StreamInputs, draws: Array, shared: Host | None = None, thr
     host = Host(inputs.potentials, inputs.bodies, moved) if shared is None or moved else shared
     track = progenitor_track(host, inputs)
     if isinstance(inputs.stripping, LiveStripping):
+        track = live_track(inputs, inputs.stripping, host, track)
         live = follow_live(inputs, inputs.stripping, host, track, draws, threads)
         t_release = np.full(len(live.tail), track.t[0])
         return _stream(inputs, host, live.orbit, live.records, live.tail, t_release, live.weight)
@@ -173,4 +174,5 @@ def _stream(
         ahead=partial(next_apocentre, host, inputs),
         parameters=dict(inputs.values),
         sun=inputs.sun.observer,
+        mass=inputs.mass,
     )

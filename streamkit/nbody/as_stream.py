@@ -72,6 +72,7 @@ def as_stream(snapshot: Snapshot, inputs: StreamInputs) -> Stream:
         ahead=partial(next_apocentre, host, inputs),
         parameters=dict(inputs.values),
         sun=inputs.sun.observer,
+        mass=inputs.mass,
     )
 
 

@@ -159,3 +159,21 @@ def test_drag_and_bodies_act_on_the_debris():
     other = Model(sk.load(moved)).stream()
     assert np.isfinite(other.q).all()
     assert not np.array_equal(other.q, still.q)
+
+
+def test_passages_start_at_an_apocentre_whatever_the_lookback_time():
+    """A look-back time that slides over an apocentre puts a step into the likelihood; this does not."""
+    found = [stream_of("B", particles=1000, passages=3, progenitor={"lookback": t}) for t in (3.6, 3.77)]
+    for stream in found:
+        start = stream.orbit.at(stream.orbit.t[:1])
+        assert abs((start.q * start.v).sum()) < 1e-2 * start.r[0] * np.sqrt((start.v**2).sum())
+        assert len(stream.orbit.pericentres()) == 3
+    assert found[0].orbit.t[0] == pytest.approx(found[1].orbit.t[0], abs=1e-6)
+    assert found[0].orbit.mass_left[-1] == pytest.approx(found[1].orbit.mass_left[-1], abs=0.01)
+    whole = stream_of("B", particles=1000, progenitor={"lookback": 3.77})
+    assert len(whole.orbit.pericentres()) > 3
+
+
+def test_more_passages_than_the_lookback_time_holds_are_a_sentence():
+    with pytest.raises(sk.OutOfDomain, match="fewer pericentre passages than stripping.passages"):
+        stream_of("B", particles=500, passages=30)

@@ -83,7 +83,9 @@ def _gravity(inputs: StreamInputs) -> str:
     scheme = inputs.stripping
     if isinstance(scheme, Stripping):
         return f"progenitor's gravity {'on' if scheme.progenitor_gravity else 'off'}"
-    return f"in a live progenitor of {inputs.mass:.3g} Msun at the look-back time; leapfrog in place of [integrator]"
+    passages = getattr(scheme, "passages", None)
+    start = f"the apocentre before passage {passages} from today" if passages else "the look-back time"
+    return f"in a live progenitor of {inputs.mass:.3g} Msun at {start}; leapfrog in place of [integrator]"
 
 
 def _prior_draws(tried: PriorDraws) -> str:
