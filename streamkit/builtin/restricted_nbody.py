@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Literal
+
 import numpy as np
+from pydantic import Field
 
 from streamkit import (
+    Array,
     BlockEdge,
     G,
+    Length,
     LiveStripping,
     Monopole,
     Orbit,
+    Population,
     Remnant,
     SatelliteView,
     engine,  # loaded when it is used: it brings numba, and listing plugins need not wait for it
@@ -38,6 +45,30 @@ class RestrictedNbody(LiveStripping):
         "Vasiliev 2019, MNRAS 482, 1525 (AGAMA, whose example is called so); Eddington 1916, MNRAS 76, 572 (the "
         "distribution function)"
     )
+
+    stars: Literal["plummer", "hernquist"] = Field(
+        default="plummer", description="Density of the stars, where stars_radius is given."
+    )
+    stars_radius: Length | None = Field(
+        default=None,
+        description="Scale radius of stars in the progenitor's potential at the look-back time, as a dwarf's in its "
+        "dark halo: each particle then counts by the ratio of the distribution functions of stars and mass. Without it the "
+        "stars are distributed as the mass is.",
+    )
+
+    def populate(self, core: Array, satellite: SatelliteView, points: Array) -> Population:
+        """Fill the progenitor, and weigh the particles by their share of stars."""
+        people = super().populate(core, satellite, points)
+        if self.stars_radius is None:
+            return people
+        a, plummer = self.stars_radius, self.stars == "plummer"
+
+        def density(r: Array) -> Array:
+            """Return that of the stars, in units of its own."""
+            return (1 + (r / a) ** 2) ** -2.5 if plummer else 1 / ((r / a) * (1 + r / a) ** 3)
+
+        q, v = people.q - core[:3, None], people.v - core[3:6, None]
+        return replace(people, weight=satellite.weigh(q, v, density))
 
     def longest_step(self, satellite: SatelliteView, orbit: Orbit) -> float:
         """Return 0.3 dynamical times (a^3 / G M)^(1/2)."""

@@ -7,6 +7,7 @@ and says with which force the progenitor acts on them in the next block, how muc
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
@@ -43,6 +44,13 @@ class SatelliteView(Protocol):
 
     def sample(self, points: Array) -> tuple[Array, Array]:
         """Return positions and velocities (3, n) about its centre, from uniform random numbers (6, n)."""
+
+    def weigh(self, q: Array, v: Array, density: Callable[[Array], Array]) -> Array:
+        """(n,) How many tracers each particle at q, v (3, n) about its centre stands for; their mean is 1.
+
+        Tracers of a density (k,) at radii (k,) in kpc in its potential, in isotropic equilibrium: the ratio of their
+        distribution function to that of the mass. Raises OutOfDomain where there is none.
+        """
 
 
 @dataclass(frozen=True)

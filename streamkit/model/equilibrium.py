@@ -11,6 +11,7 @@ are slower than V is proportional to the integral of I(Psi - v^2/2) over v from 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -25,11 +26,14 @@ from streamkit.units import G
 
 CUT = 20.0  # radius beyond which there are no particles, in units of G M / |Phi(0)|
 NODES = 481  # radii of the table
-INNERMOST, OUTERMOST = 1e-4, 3e3  # first and last of them, in units of the half-mass radius
+INNERMOST, OUTERMOST = 3e-3, 3e3  # first and last of them, in units of the half-mass radius
 SPEEDS = 512  # cells in which the speeds at a radius are tabulated
 ROUND = 3e-3  # most that the pull along two directions may differ in a sphere
 ENDS = 3e-3  # most of its mass that may lie beyond `FAR`
 FALLS = 1e-3  # most that I may fall between two nodes, in units of what it is: the error of its table
+NOISE, ROUNDING = 1e-5, 1e-12  # of a density, in units of mass over r^3: of a table of the mass, and of doubles
+STENCIL = 0.02  # in ln r, by which the mass is differentiated: smooth in r, as the density's own slope is needed
+FIVE_POINTS = (-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12)
 # (3, 3) unit vectors along which the pull must be the same.
 DIRECTIONS = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.6, 0.64, 0.48]]).T
 
@@ -110,8 +114,9 @@ class Equilibrium:
     def scale(self) -> float:
         """``G M / |Phi(0)|`` in kpc."""
         ln_r, mass, depth = self._curve
-        inner = G * mass[0] / np.exp(ln_r[0])  # a density that is no steeper than r^-2 ends with about this much
-        return float(G * self.total / (depth[0] + 0.5 * inner))
+        steep = np.log(mass[1] / mass[0]) / (ln_r[1] - ln_r[0])  # the mass is a power of r further in
+        inner = G * mass[0] / np.exp(ln_r[0]) / max(steep - 1, 0.05)
+        return float(G * self.total / (depth[0] + inner))
 
     @property
     def cut(self) -> float:
@@ -132,15 +137,13 @@ class Equilibrium:
     @cached_property
     def table(self) -> Table:
         """The sphere at radii, with its distribution function; OutOfDomain where that is negative."""
-        from scipy.interpolate import CubicSpline  # slow to import
-
         ln_r, mass, depth = self._curve
-        slope = CubicSpline(ln_r, mass)(ln_r, 1)
+        slope = sum(weight * self.mass_inside(np.exp(ln_r + k * STENCIL)) for k, weight in FIVE_POINTS) / STENCIL
         density = slope / (4 * np.pi * np.exp(3 * ln_r))
-        noise = 1e-7 * mass / np.exp(3 * ln_r)
-        if (density < -1e2 * noise).any():
+        mean = mass / np.exp(3 * ln_r)
+        if (density < -NOISE * mean).any():
             raise OutOfDomain(f"the progenitor {self.potential.kind} has a negative density")
-        density = np.where(density > noise, density, 0.0)
+        density = np.where(density > ROUNDING * mean, density, 0.0)
         integral = eddington(depth, density)
         if (np.diff(integral) > FALLS * np.abs(integral[:-1])).any():
             raise OutOfDomain(
@@ -158,6 +161,24 @@ class Equilibrium:
         else:
             r, speed = self._drawn(share, points[1])
         return r * directions(points[2], points[3]), speed * directions(points[4], points[5])
+
+    def weigh(self, q: Array, v: Array, density: Callable[[Array], Array]) -> Array:
+        """(n,) How many tracers of a density (k,) at radii (k,) each particle stands for, see `SatelliteView`."""
+        table = self.table
+        of_tracers = eddington(table.depth, density(np.exp(table.ln_r)))
+        if (np.diff(of_tracers) > FALLS * np.abs(of_tracers[:-1])).any():
+            raise OutOfDomain(
+                f"the stars have no isotropic equilibrium in the progenitor {self.potential.kind}: their distribution "
+                "function by Eddington's formula is negative; a core in a cusp has none"
+            )
+        there = table.integral > 0
+        ln_e = np.log(table.depth[there])[::-1]
+        functions = [np.gradient(integral[there][::-1], ln_e) for integral in (of_tracers, table.integral)]
+        ratio = np.maximum(functions[0], 0.0) / np.maximum(functions[1], 1e-300)
+        depth = np.interp(0.5 * np.log((q**2).sum(axis=0)), table.ln_r, table.depth)
+        energy = np.maximum(depth - 0.5 * (v**2).sum(axis=0), 1e-300)
+        weight = np.interp(np.log(energy), ln_e, ratio)
+        return np.asarray(weight / weight.mean())
 
     def _drawn(self, share: Array, chance: Array) -> tuple[Array, Array]:
         """(n,) Radii that hold the shares of the mass (n,), and the speeds below which are the shares chance (n,)."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from streamkit import Array, BlockEdge, G, LiveStripping, Population, Potential, Remnant
@@ -31,6 +33,13 @@ class PlummerSphere:
         r = self.scale / np.sqrt((0.99 * points[0] + 0.005) ** (-2 / 3) - 1)
         speed = 0.7 * np.cbrt(points[1]) * np.sqrt(2 * G * self.mass / np.hypot(r, self.scale))
         return r * _direction(points[2:4]), speed * _direction(points[4:6])
+
+
+    def weigh(self, q: Array, v: Array, density: Callable[[Array], Array]) -> Array:
+        """(n,) Weights with a mean of 1: here of the density alone."""
+        r = np.sqrt((q**2).sum(axis=0))
+        weight = density(r) * (1 + (r / self.scale) ** 2) ** 2.5
+        return np.asarray(weight / weight.mean())
 
 
 def _direction(points: Array) -> Array:

@@ -175,5 +175,5 @@ def test_passages_start_at_an_apocentre_whatever_the_lookback_time():
 
 
 def test_more_passages_than_the_lookback_time_holds_are_a_sentence():
-    with pytest.raises(sk.OutOfDomain, match="fewer pericentre passages than stripping.passages"):
+    with pytest.raises(sk.OutOfDomain, match=r"fewer pericentre passages than stripping\.passages"):
         stream_of("B", particles=500, passages=30)
