@@ -52,8 +52,8 @@ class RestrictedNbody(LiveStripping):
     stars_radius: Length | None = Field(
         default=None,
         description="Scale radius of stars in the progenitor's potential at the look-back time, as a dwarf's in its "
-        "dark halo: each particle then counts by the ratio of the distribution functions of stars and mass. Without it the "
-        "stars are distributed as the mass is.",
+        "dark halo: each particle then counts by the ratio of the distribution functions of stars and mass. Without it "
+        "the stars are distributed as the mass is.",
     )
 
     def populate(self, core: Array, satellite: SatelliteView, points: Array) -> Population:

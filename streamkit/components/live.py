@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import numpy as np
 from pydantic import Field
@@ -18,6 +18,9 @@ from streamkit.components.bases import StrippingScheme
 from streamkit.components.potential import Potential
 from streamkit.stream import Array, BoolArray, Orbit
 from streamkit.units import Duration
+
+if TYPE_CHECKING:  # the engine brings numba, which naming a component does not need
+    from streamkit.engine import Force
 
 
 class SatelliteView(Protocol):
@@ -107,15 +110,15 @@ class Remnant:
     Attributes
     ----------
     force
-        The force on its particles until the next edge, centred on the progenitor. Of one class throughout a stream and
-        with as many parameters, it costs no compilation.
+        The force on its particles until the next edge, centred on the progenitor: a `Monopole`, which is quick, or any
+        potential. Of one class throughout a stream and with as many parameters, it costs no compilation.
     mass
         Bound mass in Msun, zero or more.
     bound
         (n,) which particles are bound.
     """
 
-    force: Potential
+    force: Force
     mass: float
     bound: BoolArray
 

@@ -2,45 +2,50 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
-from streamkit.components.potential import Potential
 from streamkit.elementary import sqrt
 from streamkit.stream import Array
-from streamkit.units import G, Length, Number
+from streamkit.units import G
 
 DEGREE = 8  # of the polynomial that stands for the mass in the shells
 SHELLS = 64  # equal shells in d^2 / (d^2 + b^2) in which the mass is given
 INNERMOST_WEIGHT, TOTAL_WEIGHT = 0.3, 5.0  # in the fit: few particles are in the first shell, and the last is all mass
 EDGES = np.arange(1, SHELLS + 1) / SHELLS  # d^2 / (d^2 + b^2) at the outer edges of the shells
-NAMES = tuple(f"c{j}" for j in range(DEGREE + 1))
+ODD = 2 * np.arange(DEGREE + 1) + 1  # exponents of s = (d^2 + b^2)^(-1/2) in the potential
 
 
-class Monopole(Potential):
+@dataclass(frozen=True, eq=False)
+class Monopole:
     """A sphere whose force is that of a Plummer sphere, or of a cusp, times a polynomial in y = b^2 / (d^2 + b^2).
 
     It is ``-G F(y) d / [(d^2 + b^2) (d^2 + e^2)^(1/2)]`` with e = b without a cusp, and a small e with one: the mass of
     a Plummer sphere, and that of a sphere of density r^-1 deep inside, are then the first coefficient alone. The engine
-    knows it by itself: another one in each block of time costs nothing.
+    knows it by itself: another one in each block of time costs nothing. No component of a run file.
+
+    Attributes
+    ----------
+    sphere
+        (11,) the coefficients c_0 ... c_8 of F in Msun, b and e in kpc.
     """
 
-    kind = "monopole"
-    example: ClassVar[dict[str, Any]] = {**{name: 1e9 * (name == "c0") for name in NAMES}, "b": 1.0, "e": 1.0}
+    sphere: Array
+    kind: ClassVar[str] = "monopole"
+    compiled: ClassVar[bool] = True
 
-    c0: Number
-    c1: Number
-    c2: Number
-    c3: Number
-    c4: Number
-    c5: Number
-    c6: Number
-    c7: Number
-    c8: Number
-    b: Length
-    e: Length
+    @property
+    def b(self) -> float:
+        """The scale radius in kpc."""
+        return float(self.sphere[-2])
+
+    @property
+    def e(self) -> float:
+        """The softening of its cusp in kpc; b without one."""
+        return float(self.sphere[-1])
 
     @staticmethod
     def acceleration(x: Any, y: Any, z: Any, t: Any, c0: Any, c1: Any, c2: Any, c3: Any, c4: Any, c5: Any, c6: Any,
@@ -54,23 +59,38 @@ class Monopole(Potential):
         k = -G * f * sqrt(near) * inverse
         return k * x, k * y, k * z
 
+    @staticmethod
+    def drag(x: Any, y: Any, z: Any, vx: Any, vy: Any, vz: Any, t: Any, *parameters: Any) -> Any:
+        """Return nothing: no part of it depends on velocity."""
+        return 0.0, 0.0, 0.0
+
+    @classmethod
+    def has_drag(cls) -> bool:
+        """Say that no part of it depends on velocity."""
+        return False
+
+    def in_engine_units(self) -> tuple[Any, ...]:
+        """Return the arguments of `acceleration` after t."""
+        return tuple(self.sphere.tolist())
+
+    def growth_table(self) -> None:
+        """Return nothing: it does not change within a block."""
+
+    def in_loop(self) -> Monopole:
+        """Return itself."""
+        return self
+
     @classmethod
     def of_shells(cls, inside: Array, b: float, e: float) -> Monopole:
         """Return the sphere of masses (64,) in Msun inside d^2 = b^2 k / (64 - k), k from 1 to 64, by least squares."""
-        values = _fit()[0] @ (inside / _shape(b, e))
-        return cls.model_construct(**dict(zip(NAMES, values.tolist(), strict=True)), b=b, e=e)  # these need no checks
-
-    @cached_property
-    def sphere(self) -> Array:
-        """(11,) c_0 ... c_8, b and e, as the engine takes them."""
-        return np.array([*(getattr(self, name) for name in NAMES), self.b, self.e])
+        return cls(np.array([*(_fit()[0] @ (inside / _shape(b, e))), b, e]))
 
     @cached_property
     def depth(self) -> Array:
         """(9,) Coefficients of its potential, as `engine.bound_shells` takes them: exact if e = b, else fitted."""
         c = self.sphere[: DEGREE + 1]
         if self.e == self.b:
-            return np.asarray(c / (2 * np.arange(DEGREE + 1) + 1))
+            return np.asarray(c / ODD)
         matrix, powers = _fit()
         pull = powers @ c * _shape(self.b, self.e) / EDGES**1.5  # d Phi / ds over -G, with s = (d^2 + b^2)^(-1/2)
         s = np.sqrt(1 - EDGES)  # in units of 1 / b

@@ -112,6 +112,7 @@ def _march_sphere(forces, sphere, lanes, particles, t0, t1, kicks, odd):
             out[begin : begin + m] = lanes[row * ROW : row * ROW + m]
 
 
+@cache
 def split_kicks(steps: int, kicks: int) -> tuple[int, int]:
     """Return how often the host kicks and the odd number of steps to each of its kicks, at the least cost."""
     choices = [(k, max((steps + k - 1) // k, 1) | 1) for k in range(kicks, max(steps, kicks) + 1)]
