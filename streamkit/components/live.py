@@ -137,7 +137,7 @@ class LiveStripping(StrippingScheme):
     renewal: ClassVar[float] = 0.02
     """Longest time in Gyr between two calls of `renew`."""
 
-    particles: int = Field(default=20000, ge=100, description="Number of particles that fill the progenitor.")
+    particles: int = Field(default=20000, ge=50, description="Number of particles that fill the progenitor.")
     quasi_random: bool = Field(
         default=True, description="Draw the particles from a scrambled Sobol sequence, or independently."
     )

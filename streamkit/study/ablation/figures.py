@@ -200,7 +200,7 @@ def crossings(portraits: Portraits) -> Figure:
 def _released(portrait: Portrait) -> Array:
     """(3, n) Velocities at release relative to the progenitor, in its frame; (0, n) where none were drawn."""
     inputs, stream = portrait.inputs, portrait.stream
-    if portrait.snapshot or not isinstance(inputs.stripping, Stripping):
+    if portrait.title or not isinstance(inputs.stripping, Stripping):
         return np.empty((0, len(stream)))
     there = stream.orbit.at(stream.t_release)
     normals = standard_normals(inputs.stripping, inputs.seed)
