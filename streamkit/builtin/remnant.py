@@ -48,9 +48,12 @@ class RemnantData(Observable):
     def predict(self, stream: Stream) -> Prediction:
         """Measure what is bound; no value where next to nothing is left."""
         bound = stream.bound
-        if bound.sum() < FEWEST:
+        reason = "next to nothing is left of the progenitor" if bound.sum() < FEWEST else ""
+        if bound.all():
+            reason = "no particle has left the progenitor"
+        if reason:
             nothing = np.full(2, np.nan)
-            return Prediction(NAMES, nothing, nothing, why_not="next to nothing is left of the progenitor")
+            return Prediction(NAMES, nothing, nothing, why_not=reason)
         left = float(stream.orbit.mass_left[-1])
         mass = stream.mass * left
         weight = stream.weight[bound]

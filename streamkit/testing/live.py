@@ -130,7 +130,7 @@ def renew_says_what_is_left(scheme: LiveStripping) -> None:
 def _sound(remnant: Remnant) -> None:
     require(np.shape(remnant.bound) == (COUNT,), f"bound has the shape {np.shape(remnant.bound)}")
     require(np.isfinite(remnant.mass) and remnant.mass >= 0, f"the bound mass is {remnant.mass!r}")
-    places = np.geomspace(0.05, 20.0, 30) * np.array([[0.6], [0.0], [0.8]])
+    places = np.geomspace(0.4, 20.0, 30) * np.array([[0.6], [0.0], [0.8]])  # too few particles are further in
     pull = build_field([remnant.force]).acceleration(0.0, places)
     inward = -(pull * places).sum(axis=0) / np.sqrt((places**2).sum(axis=0))
     noise = NOISE * np.abs(inward).max()
