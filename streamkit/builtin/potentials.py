@@ -184,8 +184,11 @@ class Plummer(sk.Spherical):
         return radius * rho, plummer_speeds(chance) * escape
 
 
-class Kepler(sk.Spherical):
-    """Point mass: ``Phi = -G M / r``."""
+class Kepler(sk.Potential):
+    """Point mass: ``Phi = -G M / r``.
+
+    It is no `Spherical`: its force at the very centre is not finite, and an orbit through it is refused.
+    """
 
     kind = "kepler"
     example = {"mass": 1.0e11}
@@ -193,14 +196,16 @@ class Kepler(sk.Spherical):
     mass: Annotated[sk.Mass, sk.Symbol("$M$")] = Field(description="Mass.")
 
     @staticmethod
-    def pull(r2: Any, mass: Any) -> Any:
-        """Return -G M / r^3."""
-        return -G * mass / (r2 * sqrt(r2))
+    def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any) -> Any:
+        """Return -G M / r^2 along the radius."""
+        r2 = x * x + y * y + z * z
+        k = -G * mass / (r2 * sqrt(r2))
+        return k * x, k * y, k * z
 
     @staticmethod
-    def well(r2: Any, mass: Any) -> Any:
+    def potential(x: Any, y: Any, z: Any, t: Any, mass: Any) -> Any:
         """Return -G M / r."""
-        return -G * mass / np.sqrt(r2)
+        return -G * mass / np.sqrt(x * x + y * y + z * z)
 
 
 class Isochrone(sk.Potential):

@@ -1,3 +1,5 @@
+from .available import switched_off as switched_off
+from .available import where_to_find as where_to_find
 from .bases import Component as Component
 from .bases import HostData as HostData
 from .bases import HostView as HostView
@@ -23,8 +25,6 @@ from .potential import Potential as Potential
 from .preset import Preset as Preset
 from .registry import Registry as Registry
 from .registry import load_registry as load_registry
-from .registry import switched_off as switched_off
-from .registry import where_to_find as where_to_find
 from .sampler import ChainSampler as ChainSampler
 from .sampler import Ensemble as Ensemble
 from .sampler import Evaluations as Evaluations

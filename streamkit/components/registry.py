@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import redirect_stdout
@@ -11,6 +10,7 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
+from streamkit.components.available import DISABLE, switched_off, where_to_find
 from streamkit.components.bases import Component
 from streamkit.components.given import load_given
 from streamkit.components.plugin import ROLES, Plugin, is_ours, load_file, load_installed, supplier_of
@@ -18,36 +18,6 @@ from streamkit.components.preset import Preset
 from streamkit.errors import PluginError, SpecError, message_of, nearest
 
 GROUP = "streamkit"
-
-# Environment variable: entry-point names, separated by commas, of plugins and commands that are not loaded.
-DISABLE = "STREAMKIT_DISABLE_PLUGINS"
-
-# The plugins of this repository, for the hint where one is not installed: package -> role, or ``command`` -> names.
-PACKAGES: Mapping[str, Mapping[str, tuple[str, ...]]] = {
-    "streamkit-spray": {"stripping": ("fardal15", "fardal15_gala", "chen25")},
-    "streamkit-nautilus": {"sampler": ("nautilus",)},
-    "streamkit-dynesty": {"sampler": ("dynesty",)},
-    "streamkit-nbody": {"command": ("nbody",)},
-    "streamkit-gala": {"potential": ("gala",)},
-    "streamkit-galpy": {"potential": ("galpy",)},
-    "streamkit-agama": {"potential": ("agama",)},
-}
-
-
-def switched_off() -> set[str]:
-    """Return the entry-point names that `DISABLE` lists."""
-    return {name.strip() for name in os.environ.get(DISABLE, "").split(",")} - {""}
-
-
-def where_to_find(role: str, name: str) -> str:
-    """Return a sentence with the package that has a component or command; empty if no package is known to have it."""
-    for package, offers in PACKAGES.items():
-        if name in offers.get(role, ()):
-            return (
-                f" {name!r} is in {package}: pip install {package} (in a clone of streamkit: "
-                f"pip install plugins/{package})."
-            )
-    return ""
 
 
 @dataclass(frozen=True)

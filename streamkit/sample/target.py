@@ -197,9 +197,12 @@ class PosteriorTarget:
                     self._chain.consolidate()
 
     def _evaluate(self, points: Array) -> list[Evaluation]:
-        """Evaluate at points (n, d), in order, each once; an interruption keeps the evaluations before it."""
+        """Evaluate at points (n, d), in order; an interruption keeps the evaluations before it.
+
+        Points that were evaluated before cost nothing, but for a chain: there each proposal is a call, and is counted.
+        """
         points = np.ascontiguousarray(np.atleast_2d(points), dtype=float)
-        missing = self._cache.missing(points)
+        missing = self._cache.missing(points) if self._chain.last is None else list(points)
         if not missing and self._pool.stop:
             raise Stopped(self._pool.stop)
         for begin in range(0, len(missing), PART):

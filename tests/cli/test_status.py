@@ -21,7 +21,7 @@ from streamkit.study.fit.status import _expected_end
 @pytest.fixture(scope="module")
 def run(finished_run, tmp_path_factory):
     """Return a run of one's own: it is locked here."""
-    return sk.Results(shutil.copytree(finished_run, tmp_path_factory.mktemp("runs") / "run"))
+    return sk.load_results(shutil.copytree(finished_run, tmp_path_factory.mktemp("runs") / "run"))
 
 
 def test_the_status_of_a_run_that_ended(run):

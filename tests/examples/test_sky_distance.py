@@ -83,6 +83,7 @@ def test_a_frame_that_does_not_exist_is_an_error_of_the_run_file():
         sk.load(document)
 
 
+@pytest.mark.rendered
 def test_a_run_file_with_it_makes_a_stream_and_a_picture(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     table = TABLE | {"phi1": [-40.0, -30.0, -20.0]}

@@ -19,8 +19,7 @@ FILE = Path(__file__).with_name("slices.py")
 def run_file(tmp_path_factory):
     folder = tmp_path_factory.mktemp("slices")
     document = copy.deepcopy(FIT) | {"plugins": [str(FILE)]}
-    document["stripping"]["particles"] = 100
-    document["sampler"] = {"kind": "slices", "walkers": 4, "steps": 3, "start_particles": 100}
+    document["sampler"] = {"kind": "slices", "walkers": 4, "steps": 3}
     (folder / "run.toml").write_text(to_toml(sk.load(document).document))
     return folder / "run.toml"
 

@@ -5,9 +5,9 @@ import re
 import pytest
 from commands import call, refused
 from runfiles import BASE, PLUGIN, changed
-from streamkit.builtin.samplers import MOVES, Emcee
 
 import streamkit as sk
+from streamkit.builtin.ensemble.sampler import MOVES, Emcee
 from streamkit.components import load_registry
 from streamkit.report.bibliography import ALWAYS, FIT, _is_named, bibliography, cited
 from streamkit.runfile import to_toml
@@ -88,7 +88,7 @@ def test_a_strangers_reference_is_a_note_and_its_bibtex_is_taken_as_it_is(tmp_pa
 
 
 def test_a_directory_without_a_run_is_refused(tmp_path):
-    assert "run.toml" in refused("cite", tmp_path)
+    assert "manifest.json" in refused("cite", tmp_path)
 
 
 def test_the_model_behind_a_preset_is_cited_by_its_name():

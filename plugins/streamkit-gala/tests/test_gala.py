@@ -207,7 +207,7 @@ def test_bodies_and_progenitors_of_gala_are_our_own():
 
 def test_a_halo_without_end_is_no_body():
     document = copy.deepcopy(RUN) | {"body": {"lmc": {**HALO, **CLOUD}}}
-    with pytest.raises(sk.SpecError, match=r"body\.lmc\.kind: .*'gala' has no field 'mass' in Msun, and the mass that"):
+    with pytest.raises(sk.SpecError, match=r"body\.lmc\.kind: .*'gala' has no field 'mass' in Msun, and its force"):
         sk.load(document, components=[Gala])
 
 

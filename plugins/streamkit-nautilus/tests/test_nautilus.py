@@ -100,7 +100,7 @@ def test_a_killed_run_goes_on_as_if_it_had_not(whole, document, tmp_path):
 
 def test_it_may_be_asked_for_more_when_it_goes_on(whole, document, tmp_path):
     fit(tmp_path / "run", document)
-    longer = with_settings(document, effective_samples=300)
+    longer = with_settings(document, effective_samples=1500)
     more = fit(tmp_path / "run", longer, resume=True)
     assert more.attributes["counts"]["calls"] > whole.attributes["counts"]["calls"]
     same(more, fit(document=longer))
@@ -127,7 +127,7 @@ def test_a_limit_of_calls_ends_it_and_says_so():
 def test_its_paper_is_cited():
     spec = sk.load(RUN, components=[Nautilus])
     assert Nautilus.reference.split()[0] in Nautilus.bibtex
-    assert spec.sampler.quick(11)["live_points"] <= spec.sampler.live_points
+    assert spec.sampler.quick_settings(11)["live_points"] <= spec.sampler.live_points
 
 
 def test_one_parameter_is_too_few():

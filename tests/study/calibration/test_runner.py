@@ -194,7 +194,13 @@ def test_the_truth_has_the_free_parameters_of_the_fit(short, tmp_path, change, t
 
 def test_an_observable_without_mock_data_says_so(spec, tmp_path):
     (tmp_path / "itself.py").write_text(PLUGIN.replace("def mock", "def mocked").replace('"itself"', '"other"'))
-    other = sk.load({**spec.document, "observable": {"kind": "other", "speed": [200.0, 20.0]}})
+    other = sk.load(
+        {
+            **spec.document,
+            "plugins": [str(tmp_path / "itself.py")],
+            "observable": {"kind": "other", "speed": [200.0, 20.0]},
+        }
+    )
     with pytest.raises(sk.StreamkitError, match="makes no mock data"):
         make_draw(other, 0)
 

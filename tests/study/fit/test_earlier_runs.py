@@ -30,10 +30,10 @@ def stored_samples(runs: Path) -> np.ndarray:
 
 
 def test_the_results_are_read(runs: Path) -> None:
-    chain = sk.Results(runs / "chain", trust=True)
+    chain = sk.load_results(runs / "chain", trust=True)
     assert chain.chain.shape == (11, 6, 2)
     np.testing.assert_array_equal(chain.chain[:8], stored_samples(runs))
-    weighted = sk.Results(runs / "weighted", trust=True).weighted
+    weighted = sk.load_results(runs / "weighted", trust=True).weighted
     assert weighted is not None
     with h5py.File(runs / "weighted" / SAMPLES) as file:
         np.testing.assert_array_equal(weighted.points, file["points"])
@@ -42,7 +42,7 @@ def test_the_results_are_read(runs: Path) -> None:
 
 @pytest.mark.skipif(version("streamkit") != "0.1.0", reason="only the same version resumes a run")
 def test_the_runs_are_resumed(runs: Path) -> None:
-    before = sk.Results(runs / "chain", trust=True).chain
+    before = sk.load_results(runs / "chain", trust=True).chain
     options = {"resume": True, "progress": False, "products": False}
     after = sk.run(runs / "chain" / "run.toml", runs / "chain", steps=14, **options)
     assert after.chain.shape == (14, 6, 2)

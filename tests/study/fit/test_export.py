@@ -16,7 +16,7 @@ from streamkit.study.fit import write_samples
 
 @pytest.fixture(scope="module")
 def run(finished_run):
-    return sk.Results(finished_run)
+    return sk.load_results(finished_run)
 
 
 def test_samples_by_name(run):

@@ -131,7 +131,7 @@ def test_forged_calls_are_one_sentence(runs: Path) -> None:
             journal.append(each)
         number += 1
         with suppress(sk.ChainError):
-            EvaluationCache(Nothing(), path, digest)  # type: ignore[arg-type]
+            EvaluationCache(path, digest)
     assert number > 50
 
 

@@ -33,4 +33,4 @@ def test_a_report_without_room_for_its_pictures_fails(tmp_path: Path, monkeypatc
     names = {path.name for path in (tmp_path / "chain").iterdir()}
     assert "summary.ecsv" in names
     assert not any(name.endswith((".png", ".html")) for name in names)
-    assert len(sk.Results(tmp_path / "chain", trust=True).chain) == 11
+    assert len(sk.load_results(tmp_path / "chain", trust=True).chain) == 11

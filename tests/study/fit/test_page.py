@@ -27,7 +27,7 @@ EXAMPLES = Path(__file__).parents[3] / "examples"
 @pytest.fixture(scope="module")
 def run(finished_run):
     """Return a small run with its products, and published values in its page."""
-    return sk.Results(finished_run)
+    return sk.load_results(finished_run)
 
 
 class Page(HTMLParser):

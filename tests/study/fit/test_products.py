@@ -3,7 +3,6 @@
 import copy
 import shutil
 
-import h5py
 import numpy as np
 import pytest
 from astropy import units as u
@@ -32,7 +31,7 @@ PICTURES = (
 @pytest.fixture(scope="module")
 def run(finished_run):
     """Return the results of a small run with all its products."""
-    return sk.Results(finished_run)
+    return sk.load_results(finished_run)
 
 
 def copy_of(run, out):
@@ -123,7 +122,7 @@ def test_walkers_that_disagree_have_not_converged_and_every_product_says_so():
     assert good.converged
     assert remark(good) == ""
     assert good.note().startswith("1000 steps are")
-    assert bad.convergence.span > 500
+    assert bad.draws.convergence.span > 500
     assert not bad.converged
     assert "R-hat is not below 1.02 for potential.v0" in bad.note()
     assert "potential.alpha" not in bad.note()
@@ -186,14 +185,8 @@ def test_a_picture_that_fails_costs_no_other(run, tmp_path, monkeypatch, caplog)
     assert read(results, "diagnostics.ecsv").meta["products that failed"] == results.failed
 
 
-def test_a_run_of_one_step_has_a_report_too(run, tmp_path):
-    out = copy_of(run, tmp_path / "run")
-    chain = out / "chain.h5"
-    chain.write_bytes(chain.read_bytes()[512:])  # without the checksum of all that is in it
-    with h5py.File(chain, "a") as file:
-        file["mcmc"].attrs["iteration"] = 1
-        del file.attrs["checksum"]  # which says that there were more
-    run = write_products(out)
+def test_a_run_of_one_step_has_a_report_too(tmp_path):
+    run = sk.run(sk.load(FIT), out=tmp_path / "run", steps=1, progress=False)
     assert len(run.chain) == 1
     table = read(run, "summary.ecsv")
     assert np.isfinite(table["median"]).all()

@@ -95,7 +95,7 @@ def test_nothing_escapes_a_logarithmic_halo_but_it_may_be_too_slow_to_return() -
 
 def test_energy_is_unknown_without_a_potential(monkeypatch: pytest.MonkeyPatch) -> None:
     inputs = inputs_of({"kind": "kepler", "mass": 1e11}, (30.0, 0, 0), (0, 500.0, 0))
-    monkeypatch.setattr(type(inputs.potentials["potential"]), "well", sk.Spherical.well)
+    monkeypatch.setattr(type(inputs.potentials["potential"]), "potential", sk.Potential.potential)
     assert summarise_orbit(inputs).escapes is None
 
 
