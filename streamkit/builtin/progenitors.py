@@ -42,13 +42,14 @@ class TruncatedNFW(Potential):
         whole = (c2 - 1.0) * log(c) + np.pi * c - k
         r2 = x * x + y * y + z * z + TINY
         s = sqrt(r2) / rs
-        far = (c2 - 1.0) * (log(1.0 + s) - 0.5 * log(1.0 + s * s / c2)) + 2.0 * c * np.arctan(s / c) - k * s / (1.0 + s)
+        formula = (c2 - 1.0) * (log(1.0 + s) - 0.5 * log(1.0 + s * s / c2))
+        formula = formula + 2.0 * c * np.arctan(s / c) - k * s / (1.0 + s)
         i2 = 1.0 / c2
         series = 0.4 * (2.0 - i2) - s * (5.0 - 3.0 * i2 + i2 * i2) / 6.0
         series = 0.5 - s * (2.0 / 3.0 - s * (0.25 * (3.0 - i2) - s * series))
-        near = k * k * i2 * s * s * series
+        expanded = k * k * i2 * s * s * series
         inner = 1.0 * (s < SERIES)
-        f = -G * mass * (inner * near + (1.0 - inner) * far) / (whole * r2 * rs * s)
+        f = -G * mass * (inner * expanded + (1.0 - inner) * formula) / (whole * r2 * rs * s)
         return f * x, f * y, f * z
 
 

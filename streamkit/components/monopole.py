@@ -52,11 +52,11 @@ class Monopole:
                      c7: Any, c8: Any, b: Any, e: Any) -> Any:  # fmt: skip
         """Return the force; one division and one root serve both factors."""
         d2 = x * x + y * y + z * z
-        far, near = d2 + b * b, d2 + e * e
-        inverse = 1.0 / (far * near)
-        u = b * b * near * inverse
+        wide, narrow = d2 + b * b, d2 + e * e
+        inverse = 1.0 / (wide * narrow)
+        u = b * b * narrow * inverse
         f = c0 + u * (c1 + u * (c2 + u * (c3 + u * (c4 + u * (c5 + u * (c6 + u * (c7 + u * c8)))))))
-        k = -G * f * sqrt(near) * inverse
+        k = -G * f * sqrt(narrow) * inverse
         return k * x, k * y, k * z
 
     @staticmethod

@@ -76,13 +76,13 @@ class Equilibrium:
     def total(self) -> float:
         """All its mass in Msun. OutOfDomain if it has no end, or is no sphere."""
         kind = self.potential.kind
-        near, far = self.mass_inside(np.array([0.1 * OUTSIDE, OUTSIDE])).tolist()
-        if not (far > 0 and abs(far - near) <= ENDS * far):
+        within, total = self.mass_inside(np.array([0.1 * OUTSIDE, OUTSIDE])).tolist()
+        if not (total > 0 and abs(total - within) <= ENDS * total):
             raise OutOfDomain(
                 f"the progenitor {kind} has no end to its mass, so no particles can be drawn from it: give it an end, "
                 "as nfw_truncated has"
             )
-        return float(far)
+        return float(total)
 
     @cached_property
     def _curve(self) -> tuple[Array, Array, Array]:
