@@ -44,8 +44,8 @@ def test_apocentres_are_those_of_live_nbody(name, rule, streams):
     """mLCS misses by up to 11 kpc and 7 deg; the published errors of this method are 1 kpc and 0.3 deg."""
     observable = Apocentres(leading=(54.0, 1.0), trailing=(90.0, 1.2), precession=(100.0, 1.3), recent_debris=rule)
     live = np.array(observable.predict(nbody_stream(name)).mean)
-    found = np.mean([observable.predict(stream).mean for stream in streams[name]], axis=0)
-    assert np.all(np.abs(found - live) < [1.0, 1.5, 1.0]), found - live
+    means = np.mean([observable.predict(stream).mean for stream in streams[name]], axis=0)
+    assert np.all(np.abs(means - live) < [1.0, 1.5, 1.0]), means - live
 
 
 @pytest.mark.parametrize(("name", "left"), [("A", 0.66), ("B", 0.65)])
@@ -163,13 +163,13 @@ def test_drag_and_bodies_act_on_the_debris():
 
 def test_passages_start_at_an_apocentre_whatever_the_lookback_time():
     """A look-back time that slides over an apocentre puts a step into the likelihood; this does not."""
-    found = [stream_of("B", particles=1000, passages=2, progenitor={"lookback": t}) for t in (3.4, 3.77)]
-    for stream in found:
+    streams = [stream_of("B", particles=1000, passages=2, progenitor={"lookback": t}) for t in (3.4, 3.77)]
+    for stream in streams:
         start = stream.orbit.at(stream.orbit.t[:1])
         assert abs((start.q * start.v).sum()) < 1e-2 * start.r[0] * np.sqrt((start.v**2).sum())
         assert len(stream.orbit.pericentres()) == 2
-    assert found[0].orbit.t[0] == pytest.approx(found[1].orbit.t[0], abs=1e-6)
-    assert found[0].orbit.mass_left[-1] == pytest.approx(found[1].orbit.mass_left[-1], abs=0.01)
+    assert streams[0].orbit.t[0] == pytest.approx(streams[1].orbit.t[0], abs=1e-6)
+    assert streams[0].orbit.mass_left[-1] == pytest.approx(streams[1].orbit.mass_left[-1], abs=0.01)
     whole = stream_of("B", particles=1000, progenitor={"lookback": 3.77})
     assert len(whole.orbit.pericentres()) > 2
 
