@@ -171,8 +171,8 @@ class MovingForce:
 
 def _in_threads(field: Field, loop: Callable[..., None], rows: tuple[Array, ...]) -> None:
     """Call a loop with scratch and rows: in one piece, or in one for each thread."""
-    pieces = field.pieces(len(rows[0]))
-    if len(pieces) == 1:
+    pieces = field.pieces(len(rows[0])) if field.threads > 1 else []
+    if len(pieces) <= 1:
         field.run(lambda _, *parts: loop(*parts), np.empty(ROWS * ROW), rows)
         return
     with ThreadPoolExecutor(len(pieces)) as pool:
