@@ -68,7 +68,7 @@ class Members:
         table["ra"], table["dec"], *pm = self.frame.to_icrs(self.phi1, values["phi2"], *motions)
         if MOTIONS[0] in values:
             table |= dict(zip(IN_ICRS, pm, strict=True))
-            here = _matrix(*(self.errors[name] for name in MOTIONS), self.covariance)
+            here = _matrix(self.errors[MOTIONS[0]], self.errors[MOTIONS[1]], self.covariance)
             turn = self.frame.turn(table["ra"], table["dec"])
             there = turn.swapaxes(1, 2) @ here @ turn
             errors = np.sqrt(there[:, 0, 0]), np.sqrt(there[:, 1, 1])
