@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 import numpy as np
 
+import streamkit as sk
 from streamkit import model, report
 from streamkit.cli.options import FORCE_FILE, JSON, SET, TRUST, load_spec
 from streamkit.errors import OutOfDomain, StreamkitError
@@ -52,6 +53,7 @@ def host(
             report.check_target(path, suffixes, option, force)
     at = fit.HOST_RADII if radii is None else read_radii(radii)
     fine = np.geomspace(min(at) if len(at) > 1 else 1.0, max(at), 61)
+    whole: sk.Spec | sk.Results
     if source.is_dir():
         if settings:
             raise click.UsageError("--set changes a run file; a directory has its parameters from its samples")

@@ -105,10 +105,13 @@ class Total:
         """
         radii, around = np.asarray(radii, dtype=float), circle()
         with np.errstate(all="ignore"):
-            depths = [self.potential((around[:, None, :] * r[:, None]).reshape(3, -1)) for r in (radii, *FAR_AWAY)]
-            if any(depth is None for depth in depths):
-                return None
-            here, far, farther = (np.reshape(depth, (-1, around.shape[1])).mean(axis=1) for depth in depths)
+            depths = []
+            for r in (radii, *FAR_AWAY):
+                depth = self.potential((around[:, None, :] * r[:, None]).reshape(3, -1))
+                if depth is None:
+                    return None
+                depths.append(depth.reshape(-1, around.shape[1]).mean(axis=1))
+            here, far, farther = depths
             limit = np.abs(farther - far) < 1e-6 * np.abs(farther - here)
             return np.asarray(np.where(limit, np.sqrt(2 * np.maximum(farther - here, 0.0)), np.inf))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -48,7 +48,7 @@ def host_table(source: Spec | Results, radii: Any = HOST_RADII) -> QTable:
         drawn["M"], drawn["v_c"] = source.profiles(r)
         for name, values in drawn.items():
             # an escape speed may be infinite: no percentile between two samples
-            how = "linear" if name in ("M", "v_c") else "nearest"
+            how: Literal["linear", "nearest"] = "linear" if name in ("M", "v_c") else "nearest"
             for level, percent in LEVELS.items():
                 column = np.percentile(values, percent, axis=0, method=how)
                 table[f"{name}_{level}".rstrip("_")] = _with_unit(name, column)
