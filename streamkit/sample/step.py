@@ -17,7 +17,7 @@ from streamkit.stream import Array
 MEMORY, HISTORY = "memory", "history"  # groups of arrays in a record, and in the chain file
 # Arrays that runs of version 0.1.0 stored under keys of their own: name here, and key there.
 FORMER = {MEMORY: ("replicas", "replicas"), HISTORY: ("trials", "tried")}
-MOST = 10**15  # no run counts further: it keeps forged numbers out of arithmetic
+MOST = 10**15  # upper limit of counts in a file, so that forged numbers cannot overflow
 Count = Annotated[int, Field(ge=0, le=MOST)]
 Text = Annotated[str, AfterValidator(printable)]
 
@@ -35,7 +35,7 @@ class Counts(BaseModel):
 
 
 class _About(BaseModel):
-    """What the record of a step holds beside its arrays."""
+    """The entries of a step's record beside its arrays."""
 
     model_config = ConfigDict(strict=True)
 
@@ -94,8 +94,8 @@ class Step:
         else:
             kind, arrays["keys"], *rest = self.random_state
             about["random"] = [kind, *(value.item() if isinstance(value, np.generic) else value for value in rest)]
-        for kept, values in ((MEMORY, self.memory), (HISTORY, self.history)):
-            arrays |= {f"{kept}/{name}": value for name, value in values.items()}
+        for group, values in ((MEMORY, self.memory), (HISTORY, self.history)):
+            arrays |= {f"{group}/{name}": value for name, value in values.items()}
         return arrays | {"about": np.frombuffer(json.dumps(about, default=np.ndarray.tolist).encode(), dtype=np.uint8)}
 
 
@@ -142,9 +142,9 @@ def _check_arrays(step: Step) -> None:
 
 
 def check_random_state(state: Any) -> None:
-    """Check a state of numpy's Mersenne twister, ValueError if it is none: numpy itself looks at no number of it.
+    """Check a state of numpy's Mersenne twister; ValueError if it is none. Numpy does not check its numbers.
 
-    The states of other generators, which are mappings, numpy checks itself.
+    The states of other generators are mappings, which numpy checks.
     """
     if isinstance(state, Mapping):
         return
@@ -161,10 +161,10 @@ def check_array(name: str, array: Array, shape: tuple[int, ...], finite: bool = 
         raise ValueError(f"{name} is no array of numbers of shape {shape}")
 
 
-def _named(record: Mapping[str, Any], kept: str) -> dict[str, Array]:
+def _named(record: Mapping[str, Any], group: str) -> dict[str, Array]:
     """Return the arrays of a record that are memory, or history, by name."""
-    arrays = {name.partition("/")[2]: value for name, value in record.items() if name.startswith(f"{kept}/")}
-    name, key = FORMER[kept]
+    arrays = {name.partition("/")[2]: value for name, value in record.items() if name.startswith(f"{group}/")}
+    name, key = FORMER[group]
     return arrays | ({name: record[key]} if key in record else {})
 
 
