@@ -16,6 +16,8 @@ from streamkit.stream import Array, Frame, Observer, sky_matrix, to_galactocentr
 from streamkit.units import Angle, Coordinate, Duration, Length, ProperMotion, Symbol, Unit, Velocity
 
 MOST_LOOKBACK = 100.0  # the longest look-back time in Gyr
+# Other names of coordinates, in run files, schema and paths: that of the tracks, which is astropy's too.
+OTHER_NAMES = {"radial_velocity": "v_los"}
 
 
 class _OrHost(Unit):
@@ -118,7 +120,7 @@ _Distance = Annotated[Length, Symbol("$d$"), Field(description="Heliocentric dis
 _LineOfSight = Annotated[
     Velocity,
     Symbol(r"$v_{\rm los}$"),
-    Field(description="Heliocentric line-of-sight velocity. It may be called radial_velocity too."),
+    Field(description="Heliocentric line-of-sight velocity; radial_velocity is another name of it."),
 ]
 _Latitude = Annotated[Angle, Field(ge=-90, le=90)]
 

@@ -17,7 +17,7 @@ from streamkit.runfile.cross_checks import drag_unknown, massless, no_part_of_a_
 from streamkit.runfile.document import DEEPEST_NESTING, depth
 from streamkit.runfile.inputs import ONLY
 from streamkit.runfile.priors import PRIORS
-from streamkit.runfile.progenitor import BODY_WAYS, WAYS, Sun, choose_coordinates
+from streamkit.runfile.progenitor import BODY_WAYS, OTHER_NAMES, WAYS, Sun, choose_coordinates
 from streamkit.runfile.section import Section, read_section
 from streamkit.runfile.sections import Sections, StreamSections
 from streamkit.runfile.sentences import should
@@ -310,9 +310,10 @@ class _Reader:
             return self.refuse(f"the section [{path}] is missing"), None
         if not isinstance(table, dict):
             return self.refuse(f"{path}: found {table!r}, expected a section [{path}] with a kind"), None
-        if {"radial_velocity", "v_los"} <= table.keys():
-            return self.refuse(f"{path}: found v_los and radial_velocity, two names of one number: give one"), None
-        renamed = {"v_los" if key == "radial_velocity" else key: value for key, value in table.items()}
+        for other, name in OTHER_NAMES.items():
+            if {other, name} <= table.keys():
+                return self.refuse(f"{path}: found {name} and {other}, two names of one number: give one"), None
+        renamed = {OTHER_NAMES.get(key, key): value for key, value in table.items()}
         table.clear()  # in place: the resolved run file keeps the order of the keys
         table.update(renamed)
         cls = self.kind("potential", path, table)

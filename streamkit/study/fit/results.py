@@ -133,10 +133,11 @@ class Results:
 
     def __getitem__(self, name: str) -> Array:
         """(n,) Samples after burn-in of the parameter with this name, such as ``results["potential.v0"]``."""
-        if name not in self.names:
-            known = ", ".join(self.names)
-            raise KeyError(f"no free parameter is called {name!r}.{nearest(name, self.names)} Known: {known}")
-        return self.samples[:, self.names.index(name)]
+        path = self.spec.path_of(name)
+        if path not in self.names:
+            names = ", ".join(self.names)
+            raise KeyError(f"no free parameter is called {name!r}.{nearest(name, self.names)} Known: {names}")
+        return self.samples[:, self.names.index(path)]
 
     def to_pandas(self) -> pd.DataFrame:
         """Return the samples after burn-in as a pandas DataFrame: walker, step, the parameters, ln posterior.
