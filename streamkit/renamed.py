@@ -7,7 +7,7 @@ from typing import Any
 
 
 class Renamed:
-    """A former name of an attribute or method, in the body of its class: ``phi1 = Renamed("phi1", "lon")``.
+    """A former name of an attribute or method, as an attribute of its class: ``Seen.phi1 = Renamed("phi1", "lon")``.
 
     Reading it gives the attribute of the present name, with a DeprecationWarning that names it.
 

@@ -83,7 +83,7 @@ def _preset_of(spec: Spec) -> Preset | None:
             for field, value in section.items()
             if field != "kind"
         ]
-        return sum(same) / len(same)
+        return float(sum(same) / len(same))
 
     best = max(presets.values(), key=share, default=None)
     return best if best is not None and share(best) > 0.5 else None

@@ -117,11 +117,10 @@ class Seen(NamedTuple):
     radial_velocity: Array
     radial_velocity_gsr: Array
 
-    # Former names of plugins of contract 1, from the frame of a stream.
-    phi1 = Renamed("phi1", "lon")
-    phi2 = Renamed("phi2", "lat")
-    pm_phi1_cosphi2 = Renamed("pm_phi1_cosphi2", "pm_lon_coslat")
-    pm_phi2 = Renamed("pm_phi2", "pm_lat")
+
+# Former names, from the frame of a stream: plugins of contract 1 may use them.
+for _former, _name in (("phi1", "lon"), ("phi2", "lat"), ("pm_phi1_cosphi2", "pm_lon_coslat"), ("pm_phi2", "pm_lat")):
+    setattr(Seen, _former, Renamed(_former, _name))
 
 
 def seen_from(sun: Observer, q: Array, v: Array, matrix: Array) -> Seen:
