@@ -1,4 +1,4 @@
-"""The frame of the commands over a grid: shared options, then the study in its directory, files, text, exit status."""
+"""The common part of the commands that run a study: options, directory, files, text and exit status."""
 
 from __future__ import annotations
 

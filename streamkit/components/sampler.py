@@ -1,4 +1,4 @@
-"""Samplers: what they are given (`Target`), what they give (`Samples` or an `Ensemble`), and their base classes."""
+"""Samplers: their input (`Target`), their output (`Samples` or an `Ensemble`), and their base classes."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Evaluations:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Weighted samples of the posterior, as far as a sampler has come.
+    """Weighted samples of the posterior, at one stage of the sampling.
 
     Attributes
     ----------

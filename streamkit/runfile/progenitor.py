@@ -1,4 +1,4 @@
-"""Position and velocity today of the progenitor or a body in one of several sets of coordinates, and the Sun."""
+"""The Sun, and the position and velocity today of the progenitor or a body, in one of several sets of coordinates."""
 
 from __future__ import annotations
 

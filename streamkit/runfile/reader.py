@@ -190,16 +190,16 @@ class _Reader:
         name, sections = table["preset"], {k: v for k, v in table.items() if k != "preset"}
         self.registry = self.registry.having_preset(name)
         presets = self.registry.presets
-        loose = [key for key, value in sections.items() if not isinstance(value, dict)]
+        plain = [key for key, value in sections.items() if not isinstance(value, dict)]
         if not isinstance(name, str) or name not in presets:
             self.refuse(
                 f"potential.preset: no model is called {name!r}.{nearest(str(name), presets)} "
                 f"Installed: {', '.join(presets)}."
             )
             sections = {}
-        elif loose:
+        elif plain:
             self.refuse(
-                f"potential.{loose[0]}: found {sections[loose[0]]!r} beside a preset, expected a section "
+                f"potential.{plain[0]}: found {sections[plain[0]]!r} beside a preset, expected a section "
                 f"[potential.NAME]: {name} has {', '.join(presets[name].sections)}"
             )
         else:

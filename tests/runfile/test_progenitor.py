@@ -197,7 +197,7 @@ def test_radial_velocity_is_a_name_in_settings_and_at_parameters(on_sky):
     for call in (same.bind, same.with_values):
         with pytest.raises(sk.SpecError, match=rf"found {name} and {other}, two names of one number"):
             call({name: 150.0, other: 150.0})
-    with pytest.raises(sk.SpecError, match="there is no field 'stripping.radial_velocity'"):
+    with pytest.raises(sk.SpecError, match=r"there is no field 'stripping\.radial_velocity'"):
         spec.with_values({"stripping.radial_velocity": 1.0})
 
 

@@ -1,4 +1,4 @@
-"""The calibration: many draws; each is appended to a file when it is finished."""
+"""The calibration: many draws, each appended to a file when it is finished."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ DRAWS = "draws.jsonl"  # the finished draws, one a line below the digest of thei
 
 @dataclass(frozen=True)
 class Calibration:
-    """The finished draws of a run file, in order, and why there are no others; empty if nothing is missing.
+    """The finished draws of a run file, in order. ``stopped`` is the reason of missing draws; empty without any.
 
-    ``truth`` is the run file whose streams gave the data, where it is another one.
+    ``truth`` is the run file whose streams gave the data, if it is another one.
     """
 
     spec: Spec

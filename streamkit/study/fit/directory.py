@@ -1,4 +1,4 @@
-"""The output directory: whose it is, what may be written into it, and each product whole or not at all."""
+"""The output directory of a run: its owner, the files that may be written there, and copies of plugins and data."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ LITERATURE = "literature.ecsv"  # published values that a report was given, kept
 def claim(
     directory: Path, spec: Spec, options: dict[str, Any], products: Collection[str], resume: bool, force: bool
 ) -> bool:
-    """Make the directory this run's own; return whether there is a chain to continue.
+    """Claim the directory for this run; return whether there is a chain to continue.
 
     Parameters
     ----------
@@ -49,9 +49,9 @@ def claim(
     if resume and force:
         raise ChainError("resume and force exclude each other: continue the chain, or throw it away?")
     files = contents(directory)
-    going_on = False
+    continues = False
     if files and resume:
-        going_on = _same_run(directory, spec, files)
+        continues = _same_run(directory, spec, files)
     elif files and force:
         _only_ours(directory, files, products)
         for name in products:
@@ -59,18 +59,18 @@ def claim(
                 (directory / name).unlink(missing_ok=True)
     elif files:
         raise ChainError(_occupied(directory, files))
-    run_file = (directory / RUN_FILE).read_bytes() if going_on else _run_file_text(spec, options).encode()
+    run_file = (directory / RUN_FILE).read_bytes() if continues else _run_file_text(spec, options).encode()
     about = json.dumps(manifest_of(spec, options, run_file), indent=2) + "\n"
     with safely(directory / MANIFEST):
         replace_whole(directory / MANIFEST, lambda part: part.write_text(about))
-    if not going_on:
+    if not continues:
         for place, file in _all_copies(spec).items():
             with safely(directory / place):
                 _make_folder(directory, place.parent)
                 replace_whole(directory / place, partial(shutil.copyfile, file))
         with safely(directory / RUN_FILE):
             replace_whole(directory / RUN_FILE, lambda part: part.write_bytes(run_file))
-    return going_on
+    return continues
 
 
 def _make_folder(directory: Path, folder: Path) -> None:
@@ -169,8 +169,8 @@ def _differences(directory: Path, spec: Spec, about: dict[str, Any]) -> list[str
     sampler = document.get("sampler")
     kind = sampler.get("kind", DEFAULT_KIND["sampler"]) if isinstance(sampler, dict) else DEFAULT_KIND["sampler"]
     if kind != spec.sampler.kind:
-        told = f"the sampler: {kind} there, {spec.sampler.kind} here, which cannot go on with the other's samples"
-        changed = [told, *(one for one in changed if not one.startswith("sampler"))]
+        difference = f"the sampler: {kind} there, {spec.sampler.kind} here, which cannot continue the other's samples"
+        changed = [difference, *(one for one in changed if not one.startswith("sampler"))]
     return changed or ["a plugin or streamkit itself"]
 
 
@@ -216,7 +216,7 @@ def _some(files: list[str]) -> str:
 
 
 def resume_command(directory: Path, options: dict[str, Any]) -> str:
-    """Return the command that goes on with the run in a directory, with the options that it was begun with.
+    """Return the command that continues the run in a directory, with the options that it was begun with.
 
     It names the resolved run file there, which holds what was set on the command line too. Where classes were given in
     Python, which no command knows, it is the call in Python.

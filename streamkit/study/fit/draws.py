@@ -167,5 +167,5 @@ class Draws(ABC):
         return {}
 
     def wanted_steps(self) -> float:
-        """Return how many steps the rule of convergence wants in all, from what is known by now; NaN if unknown."""
+        """Return how many steps the rule of convergence needs in all, estimated from those so far; NaN if unknown."""
         return np.nan

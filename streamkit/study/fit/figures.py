@@ -39,15 +39,15 @@ GAP = 0.11  # inches between the panels of a corner plot
 
 def reach(results: Results) -> tuple[float, float]:
     """Return the least and the largest radius in kpc that the best stream or the data reach; 10 and 130 without."""
-    found = list(_data_radii(results).values())
+    distances = list(_data_radii(results).values())
     try:
         streams = results.best_observation.streams
     except OutOfDomain:  # another machine's rounding may lose a stream at the edge
         streams = {}
     for stream in streams.values():
         debris = stream.r if stream.bound.all() else stream.r[~stream.bound]
-        found += [stream.orbit.r.min(), stream.orbit.r.max(), *np.percentile(debris, [0.5, 99.5])]
-    return (float(min(found)), float(max(found))) if found else (10.0, 130.0)
+        distances += [stream.orbit.r.min(), stream.orbit.r.max(), *np.percentile(debris, [0.5, 99.5])]
+    return (float(min(distances)), float(max(distances))) if distances else (10.0, 130.0)
 
 
 def radii(results: Results) -> Array:
@@ -253,8 +253,8 @@ def _data_radii(results: Results) -> dict[str, float]:
 def _labels(results: Results) -> tuple[Array, list[str], list[str]]:
     """(d,) Powers of ten that large parameters are divided by, the name of each in a picture, and its unit."""
     typical = np.median(np.abs(results.samples), axis=0)
-    found = [scaled(*each) for each in zip(results.spec.units, typical.tolist(), strict=True)]
-    scales, units = zip(*found, strict=True)
+    scales_and_units = [scaled(*each) for each in zip(results.spec.units, typical.tolist(), strict=True)]
+    scales, units = zip(*scales_and_units, strict=True)
     return np.array(scales), labels(results.names, results.spec.symbols), list(units)
 
 

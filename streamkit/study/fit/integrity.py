@@ -32,13 +32,13 @@ def run_file(directory: Path, trust: bool = False) -> Path:
     try:
         expect_file(path)
         plugins = [] if trust else tomllib.loads(path.read_text()).get("plugins", [])
-    except (OSError, ValueError, RecursionError):  # who reads it says what is wrong
+    except (OSError, ValueError, RecursionError):  # reported by the reader
         return path
     files = [name for name in plugins if isinstance(name, str)] if isinstance(plugins, list) else []
-    strange = [name for name in files if not is_loaded((directory / name).absolute())]
-    if strange:
+    foreign = [name for name in files if not is_loaded((directory / name).absolute())]
+    if foreign:
         raise ChainError(
-            f"{path}: names the plugin file {strange[0]!r}, Python code that came with the directory and would be run. "
+            f"{path}: names the plugin file {foreign[0]!r}, Python code that came with the directory and would be run. "
             "Look at it, and then add --trust (from Python, trust=True)."
         )
     return path
@@ -66,8 +66,8 @@ def load_spec(directory: Path, components: Iterable[type[Component]] = (), trust
     except SpecError as error:
         lost = sorted(text for text in about["components"].values() if IN_PYTHON in text)
         if lost and not components:
-            told = f"{directory}: the run had components given in Python ({'; '.join(lost)})"
-            raise ChainError(f"{told}: read it in Python, with load_results(directory, components=[...])") from error
+            reason = f"{directory}: the run had components given in Python ({'; '.join(lost)})"
+            raise ChainError(f"{reason}: read it in Python, with load_results(directory, components=[...])") from error
         if not _is_unchanged(path, about):
             raise ChainError(f"{path}: has changed since the run began, or is damaged: {error}\n{RESTORE}") from error
         raise

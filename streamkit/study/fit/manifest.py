@@ -1,4 +1,4 @@
-"""The manifest of a run: the record in its directory of which run it is, and of what it was made with."""
+"""The manifest of a run: a record in its directory that identifies the run and the versions it was made with."""
 
 from __future__ import annotations
 

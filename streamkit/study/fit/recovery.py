@@ -51,15 +51,15 @@ def true_host(path: str | Path, fit: Spec) -> Host:
     path = Path(path)
     given = read_toml(path)
     if "potential" not in given:
-        found = f"found {', '.join(given)}" if given else "it is empty"
-        raise SpecError(f"{path}: the section [potential] is missing, which holds the true host; {found}")
-    own = given.get("plugins", [])
+        content = f"found {', '.join(given)}" if given else "it is empty"
+        raise SpecError(f"{path}: the section [potential] is missing, which holds the true host; {content}")
+    plugins = given.get("plugins", [])
     theirs = fit.with_files_at({name: str(fit.folder / name) for name in fit.files})
-    document = {**theirs, "potential": given["potential"], "plugins": own}
-    if isinstance(own, list):  # if not, the error says so; the fit's own files hold its other components
-        names = {Path(str(file)).name for file in own}
+    document = {**theirs, "potential": given["potential"], "plugins": plugins}
+    if isinstance(plugins, list):  # if not, the error says so; the fit's plugins files hold its other components
+        names = {Path(str(file)).name for file in plugins}
         others = (fit.folder / file for file in fit.document.get("plugins", []))
-        document["plugins"] = [*own, *(str(file) for file in others if file.name not in names)]
+        document["plugins"] = [*plugins, *(str(file) for file in others if file.name not in names)]
     parts = resolve(document, str(path), None, Files(path.parent.absolute()))[3]
     sections = parts.potentials
     free = [f"{section.path}.{name}" for section in sections.values() for name in section.priors]

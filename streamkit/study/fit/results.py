@@ -1,4 +1,4 @@
-"""The results of a run: its samples, and what they say about the parameters and the mass profile."""
+"""The results of a run: its samples, and tables of the parameters and the mass profile."""
 
 from __future__ import annotations
 
@@ -225,7 +225,7 @@ class Results:
     def profiles(self, radii: Array) -> tuple[Array, Array]:
         """Return M (n, nr) in Msun and v_c (n, nr) in km/s of at most 5000 samples at radii (nr,) in kpc.
 
-        Kept for every radius, since each call goes through all samples: ask for many radii at once.
+        Each radius is cached. A call goes through all samples, so give many radii in one call.
         """
         new = np.array([r for r in np.unique(radii) if r not in self._profiles])
         if len(new):
@@ -252,7 +252,7 @@ class Results:
 
 
 def draws_of(stored: Chain | Weighted, spec: Spec, quick: bool) -> Draws:
-    """Return the stored samples of a run as what its sampler made of them."""
+    """Return the stored samples of a run as a chain or as weighted samples, by their sampler."""
     if isinstance(stored, Weighted):
         return WeightedDraws(stored, spec.sampler.kind, spec.seed, quick)
     if not isinstance(spec.sampler, ChainSampler):

@@ -249,7 +249,7 @@ def _mass_100(spec: Spec, theta: Array) -> float:
 
 @contextmanager
 def _explained(pool: Workers, left: Callable[[], str]) -> Iterator[None]:
-    """Turn signals into a clean stop; say at every untimely end what is left and how to go on."""
+    """Turn signals into a clean stop. An error names the finished part and the command that continues the run."""
     try:
         with Signals(pool):
             yield
