@@ -13,7 +13,7 @@ from tomlkit.items import Item, Table
 
 from streamkit.errors import SpecError, expect_file
 
-DEEPEST_NESTING = 20  # levels of tables and lists; valid run files have five
+TOO_DEEP = "too many tables or lists lie inside each other"
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -28,19 +28,9 @@ def read_toml(path: Path) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         raise SpecError(f"{path}: not valid TOML: {error}") from None
     except RecursionError:
-        raise SpecError(f"{path}: more than {DEEPEST_NESTING} tables or lists lie inside each other") from None
+        raise SpecError(f"{path}: {TOO_DEEP}") from None
     except ValueError as error:  # an integer of thousands of digits, a date that does not exist
         raise SpecError(f"{path}: not a value that can be read: {error}") from None
-
-
-def depth(value: Any) -> int:
-    """Return how many tables and lists lie inside each other, counted up to `DEEPEST_NESTING` + 1."""
-    level, inside = 0, [value]
-    while inside and level <= DEEPEST_NESTING:
-        tables = [item for item in inside if isinstance(item, Mapping | list | tuple)]
-        inside = [x for item in tables for x in (item.values() if isinstance(item, Mapping) else item)]
-        level += bool(tables)
-    return level
 
 
 def to_toml(document: Mapping[str, Any], header: str = "") -> str:

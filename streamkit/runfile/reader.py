@@ -14,7 +14,7 @@ from streamkit.components import Component, Registry, Sampler, load_registry
 from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.fields import Files
 from streamkit.runfile.cross_checks import drag_unknown, massless, no_part_of_a_host, own_keys, too_many_steps
-from streamkit.runfile.document import DEEPEST_NESTING, depth
+from streamkit.runfile.document import TOO_DEEP
 from streamkit.runfile.inputs import ONLY
 from streamkit.runfile.priors import PRIORS
 from streamkit.runfile.progenitor import BODY_WAYS, OTHER_NAMES, WAYS, Sun, choose_coordinates
@@ -49,9 +49,10 @@ def resolve(
     Without a registry, installed plugins are loaded when they are needed, beside the plugin files and the classes in
     ``components``. Raises SpecError with all errors, one per line.
     """
-    if depth(source) > DEEPEST_NESTING:
-        raise SpecError(f"{name}: more than {DEEPEST_NESTING} tables or lists lie inside each other")
-    reader = _Reader(name, _plain_values(source), files)
+    try:
+        reader = _Reader(name, _plain_values(source), files)
+    except RecursionError:
+        raise SpecError(f"{name}: {TOO_DEEP}") from None
     reader.head()
     plugins = reader.raw.get("plugins", [])
     if registry is None:
