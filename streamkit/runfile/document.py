@@ -34,14 +34,9 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def to_toml(document: Mapping[str, Any], header: str = "") -> str:
-    """Return the document as TOML, in its order: sections as tables, nested values of their fields inline.
+    """Return a document as TOML, in its order, below a comment with the header.
 
-    Parameters
-    ----------
-    document
-        Top-level values and sections; a section is a table of fields, or holds sections with a ``kind``.
-    header
-        Text for a comment at the top.
+    Sections are tables of fields, or hold sections with a ``kind``. Nested values of fields are inline.
     """
     toml = tomlkit.document()
     for line in header.splitlines():

@@ -11,7 +11,7 @@ from .journal import JOURNAL as JOURNAL
 from .posterior import Evaluation as Evaluation
 from .posterior import Posterior as Posterior
 from .posterior import blob_dtype as blob_dtype
-from .processes import LOOK as LOOK
+from .processes import POLL as POLL
 from .processes import CallTimeout as CallTimeout
 from .processes import Processes as Processes
 from .processes import WorkerDied as WorkerDied

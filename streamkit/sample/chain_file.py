@@ -115,12 +115,7 @@ class ChainFile(ChainMemory):
     """The steps of a chain in files, where they survive any end of the process.
 
     `append` adds a record to the journal, with all that a resumed run needs. `consolidate` moves the steps of the
-    journal into the chain file, which it replaces as a whole.
-
-    Parameters
-    ----------
-    path
-        The chain file; the journal lies beside it.
+    journal into the chain file beside it, which it replaces as a whole.
     """
 
     def __init__(self, path: Path) -> None:

@@ -25,12 +25,7 @@ class Journal:
     """Records of arrays in a file that only grows, until it is cleared.
 
     When `append` returns, the record has been written and synchronised with ``fsync``. A kill or a full disk leaves at
-    most one incomplete record, the last, which is dropped. The file is open only during a write.
-
-    Parameters
-    ----------
-    path
-        The file; it need not exist.
+    most one incomplete record, the last, which is dropped. The file need not exist; it is open only during a write.
 
     Attributes
     ----------

@@ -25,7 +25,7 @@ from streamkit.sample.threads import one_thread
 TRIES = 3  # worker deaths after which a call is abandoned
 DEATHS = 30  # consecutive worker deaths without a result, before a call begins too, after which a call is abandoned
 BEGUN = b"begun"  # message of a worker that begins a call
-LOOK = 1.0  # seconds between two checks of silent processes
+POLL = 1.0  # seconds between two checks of silent processes
 # Seconds after which a worker that has not begun its call counts as stuck: a fork may inherit a lock.
 WAKING = 120.0
 PATIENCE = 2.0  # seconds in which an idle worker must end by itself
@@ -153,7 +153,7 @@ class Processes(Executor):
             now = monotonic()
             if not busy or now >= end:
                 return
-            soon = min(end, now + LOOK, *(self._due(worker) for worker in busy)) - now
+            soon = min(end, now + POLL, *(self._due(worker) for worker in busy)) - now
             ready = wait([item for w in busy for item in (w.pipe, w.process.sentinel)], max(soon, 0.0))
             for worker in busy:
                 if worker.pipe in ready or worker.process.sentinel in ready or worker.process.exitcode is not None:

@@ -17,7 +17,7 @@ import numpy as np
 from streamkit.errors import PluginError
 from streamkit.sample.engines import slots
 from streamkit.sample.posterior import Evaluation
-from streamkit.sample.processes import LOOK, CallTimeout, Processes, WorkerDied
+from streamkit.sample.processes import POLL, CallTimeout, Processes, WorkerDied
 from streamkit.sample.threads import one_thread
 from streamkit.sample.timeout import NO_ANSWER, call_with_timeout
 from streamkit.stream import Array
@@ -183,7 +183,7 @@ class Workers:
     def _wait(self, future: Future[Answers], calls: int) -> Answers:
         while True:
             try:
-                return future.result(LOOK)
+                return future.result(POLL)
             except TimeoutError:
                 if future.done():
                     raise

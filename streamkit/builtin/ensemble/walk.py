@@ -58,15 +58,6 @@ class Learner:
     A rejected proposal is as good a training point as an accepted one, and most are rejected. The proposals are stored
     with each step, so that a resumed run learns the same surrogate as an unbroken one.
 
-    Parameters
-    ----------
-    name
-        "surrogate", "de" or "stretch".
-    target
-        The posterior.
-    moves
-        The moves of that name.
-
     Attributes
     ----------
     steps

@@ -87,18 +87,9 @@ def make_draw(spec: Spec, index: int, truth: Spec | None = None) -> Draw:
 
 
 def fit_mock(mocked: Spec, index: int, theta: Array, truth: Spec) -> Draw:
-    """Fit mock data, and return the rank of the truth among the posterior samples.
+    """Fit the mock data of a run file, and return the rank of the truth among the posterior samples.
 
-    Parameters
-    ----------
-    mocked
-        The run file of the fit, with the data.
-    index
-        Number of the draw.
-    theta
-        (d,) The true parameters.
-    truth
-        The run file whose host is the true one at ``theta``.
+    The truth is the run file whose host is the true one at ``theta`` (d,).
     """
     results = run(mocked, engine="serial", progress=False)
     samples, radii = results.samples, np.array(MASS_RADII)

@@ -45,16 +45,7 @@ def run_file(directory: Path, trust: bool = False) -> Path:
 
 
 def load_spec(directory: Path, components: Iterable[type[Component]] = (), trust: bool = False) -> Spec:
-    """Read the run file of a run's directory.
-
-    Parameters
-    ----------
-    directory
-        That of the run.
-    components
-        The component classes that were given in Python to the run.
-    trust
-        Whether the plugin files in the directory may be run.
+    """Read the run file of a run's directory; the arguments are those of `load_results`.
 
     Raises ChainError if the run file, a plugin file or a data file is not that of the run, or if plugin files may not
     be run. Raises SpecError if the run file is not valid.

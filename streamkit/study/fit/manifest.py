@@ -49,17 +49,7 @@ class _Manifest(BaseModel):
 
 
 def manifest_of(spec: Spec, options: dict[str, Any], run_file: bytes) -> dict[str, Any]:
-    """Return the manifest of a run.
-
-    Parameters
-    ----------
-    spec
-        The run.
-    options
-        Those of the command or the call.
-    run_file
-        The content of the run file in the directory.
-    """
+    """Return the manifest of a run, with the options of its command and the content of its resolved run file."""
     return {
         "digest": spec.digest(),
         "run_file": hashlib.sha256(run_file).hexdigest(),

@@ -46,14 +46,9 @@ SIGNS = dict(zip(LEVELS, ("✓", "!", "✕"), strict=True))
 
 
 def page_text(results: Results, literature: QTable | None = None) -> str:
-    """Return the page of a run as HTML.
+    """Return the page of a run as HTML, with published values of `read_literature`.
 
-    Parameters
-    ----------
-    results
-        The run. Pictures that its directory holds are taken from there.
-    literature
-        Published values, as `read_literature` returns them.
+    Pictures that the directory of the run holds are taken from there.
     """
     from jinja2 import Environment, PackageLoader
 

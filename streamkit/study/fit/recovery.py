@@ -34,16 +34,9 @@ QUANTITIES = ("M", "v_c")
 
 
 def true_host(path: str | Path, fit: Spec) -> Host:
-    """Return the host of a run file, all its fields numbers.
+    """Return the host of a run file, whose fields must be numbers. It is validated in place of the host of the fit.
 
     Only its ``[potential]`` and its ``plugins`` count; it may hold nothing else, or be a whole run file.
-
-    Parameters
-    ----------
-    path
-        The TOML file.
-    fit
-        The run that is compared, in whose place the host is validated.
 
     Raises SpecError if the file cannot be read, has no potential, or one that is not valid, or has a prior. Raises
     PluginError if one of its plugins is broken.

@@ -163,20 +163,13 @@ def run(
 
 
 class _Stored:
-    """Where a run stores its samples: the files of its directory, or memory.
+    """The storage of a run's samples: the files of its directory, or memory without one.
 
-    Parameters
-    ----------
-    directory
-        The run's; None for memory.
-    spec, quick
-        The run, and whether it is a coarse look.
-    resumes
-        Whether there are samples to continue.
+    ``resumes`` says whether there are samples to continue.
     """
 
     def __init__(self, directory: Path | None, spec: Spec, quick: bool, resumes: bool) -> None:
-        self._directory, self._spec = directory, spec
+        self._directory = directory
         self._notes = {"quick": quick, "digest": spec.digest()}
         self._is_chain = isinstance(spec.sampler, ChainSampler)
         self._weighted: Weighted | None = None

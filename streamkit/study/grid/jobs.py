@@ -8,7 +8,7 @@ from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TypeVar
 
-from streamkit.sample import LOOK, WorkerDied, pool
+from streamkit.sample import POLL, WorkerDied, pool
 
 INTERRUPTED = "interrupted"
 DIED = str(WorkerDied())
@@ -40,7 +40,7 @@ def run_jobs(
             try:
                 left = {key: executor.submit(work, job) for key, job in jobs.items()}
                 while left:
-                    executor.work(lambda: any(future.done() for future in left.values()), LOOK)
+                    executor.work(lambda: any(future.done() for future in left.values()), POLL)
                     for key in [key for key, future in left.items() if future.done()]:
                         try:
                             results[key] = left.pop(key).result()
