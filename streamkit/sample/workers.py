@@ -7,7 +7,7 @@ import pickle
 import signal
 import threading
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from time import monotonic
 from typing import Any, Protocol
@@ -19,7 +19,7 @@ from streamkit.sample.engines import slots
 from streamkit.sample.posterior import Evaluation
 from streamkit.sample.processes import POLL, CallTimeout, Processes, WorkerDied
 from streamkit.sample.threads import one_thread
-from streamkit.sample.timeout import NO_ANSWER, call_with_timeout
+from streamkit.sample.timeout import NO_ANSWER, Result, call_with_timeout
 from streamkit.stream import Array
 
 OVERTIME = "the call took too long"
@@ -219,13 +219,14 @@ class Signals:
         self._target.stop = signum
 
 
-def first_call(posterior: Evaluates, point: Array, limit: float) -> None:
-    """Make a call in this process, which may compile; CallTimeout if it takes `COMPILING` longer than the limit."""
-    if isinstance(call_with_timeout(limit + COMPILING, posterior.evaluate, point), str):
+def first_call(limit: float, function: Callable[..., Result], *args: Any) -> Result:
+    """Return the result of a call in this process, which may compile; CallTimeout after `COMPILING` and the limit."""
+    result = call_with_timeout(limit + COMPILING, function, *args)
+    if isinstance(result, str):
         raise CallTimeout(
-            f"the first call, at the centre of the priors, took longer than sampler.call_limit = {limit:g} s and the "
-            f"{COMPILING:g} s for compiling"
+            f"the first call took longer than sampler.call_limit = {limit:g} s and the {COMPILING:g} s for compiling"
         )
+    return result
 
 
 def pool(count: int, posteriors: Mapping[str, Evaluates] | None = None, limit: float = math.inf) -> Processes:

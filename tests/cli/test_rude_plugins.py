@@ -76,4 +76,4 @@ def test_a_force_that_never_returns_ends_a_check(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(limit, "COMPILING", 1.0)
     path = run_file(tmp_path, "time.sleep(1000)")
     message = refused("check", path, "--draws", "0", "-q", "--set", "sampler.call_limit=1")
-    assert "a call took longer than sampler.call_limit = 1 s" in message
+    assert "the first call took longer than sampler.call_limit = 1 s" in message

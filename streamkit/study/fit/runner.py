@@ -125,7 +125,7 @@ def run(
         stack.enter_context(one_thread())  # for the surrogate, which learns here, and for calls without workers
         where = workers if isinstance(workers, Executor) else stack.enter_context(provide(wanted))
         # compiles once, before workers fork; fails before anything is written
-        first_call(posterior, spec.centre(), sampler.call_limit)
+        first_call(sampler.call_limit, posterior.evaluate, spec.centre())
         options = {
             "quick": quick,
             "steps": getattr(sampler, "steps", None),
