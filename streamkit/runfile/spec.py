@@ -210,6 +210,20 @@ class Spec:
                 raise SpecError(f"{self.source}: {name}: {error}") from None
         return values
 
+    def path_of(self, path: str) -> str:
+        """Return the path by the name of its field in the resolved run file: ``progenitor.v_los``."""
+        section, _, name = path.rpartition(".")
+        places = {each.path for each in self.sections.all if issubclass(each.cls, Place)}
+        return f"{section}.{OTHER_NAMES[name]}" if section in places and name in OTHER_NAMES else path
+
+    def by_path(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return values by `path_of` their names. Raises SpecError for two names of one field."""
+        paths = {path: self.path_of(path) for path in values}
+        for path, name in paths.items():
+            if name != path and name in values:
+                raise SpecError(f"{self.source}: found {name} and {path}, two names of one number: give one")
+        return {paths[path]: value for path, value in values.items()}
+
     def prefix(self, stream: str | None = None) -> str:
         """Return the prefix of the paths of a stream's sections: ``stream.gd1.``; empty for a stream without a name."""
         name = self.stream_name(stream)
@@ -244,20 +258,6 @@ class Spec:
                 table = table.setdefault(key, {})
             table[int(name) if isinstance(table, list) else name] = value
         return _make(document, self.source, self.registry, self.folder, self.given, self.files)
-
-    def path_of(self, path: str) -> str:
-        """Return the path by the name of its field in the resolved run file: ``progenitor.v_los``."""
-        section, _, name = path.rpartition(".")
-        places = {each.path for each in self.sections.all if issubclass(each.cls, Place)}
-        return f"{section}.{OTHER_NAMES[name]}" if section in places and name in OTHER_NAMES else path
-
-    def by_path(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return values by `path_of` their names. Raises SpecError for two names of one field."""
-        paths = {path: self.path_of(path) for path in values}
-        for path, name in paths.items():
-            if name != path and name in values:
-                raise SpecError(f"{self.source}: found {name} and {path}, two names of one number: give one")
-        return {paths[path]: value for path, value in values.items()}
 
     def _check_path(self, path: str, values: Mapping[str, Any]) -> None:
         parent = path.rpartition(".")[0]
