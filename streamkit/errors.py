@@ -27,7 +27,7 @@ class ComponentError(StreamkitError):
 
 
 class ChainError(StreamkitError):
-    """An output directory or chain file cannot be used as asked."""
+    """An output directory or chain file cannot be used."""
 
 
 class OutOfDomain(StreamkitError):  # noqa: N818  a statement about the parameters, not a fault

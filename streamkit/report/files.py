@@ -97,7 +97,7 @@ def save_picture(path: Path, figure: Figure) -> None:
 
 
 def save_pictures(path: Path, figure: Figure, pdf: bool) -> None:
-    """Write a picture and, if asked for or if there is one, the PDF beside it: it must not be an older picture's."""
+    """Write a picture, and its PDF if ``pdf`` is set or an older PDF exists, which would show another picture."""
     save_picture(path, figure)
     beside = path.with_suffix(".pdf")
     if pdf or beside.exists():

@@ -56,7 +56,7 @@ def _table(fields: Mapping[str, Any]) -> Table:
 
 
 def _is_section(value: Any) -> bool:
-    """Say whether a value is a table of fields with a ``kind``, or holds nothing but such tables."""
+    """Return whether a value is a table of fields with a ``kind``, or holds nothing but such tables."""
     return isinstance(value, Mapping) and ("kind" in value or (bool(value) and all(map(_is_section, value.values()))))
 
 

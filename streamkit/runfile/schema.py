@@ -93,7 +93,7 @@ def _allow_other_names(definition: dict[str, Any]) -> None:
 
 
 def _varies(cls: type[Component]) -> bool:
-    """Say whether the section decides which fields there are."""
+    """Return whether the section decides which fields there are."""
     return cls.for_section.__func__ is not Component.for_section.__func__  # type: ignore[attr-defined]
 
 

@@ -21,7 +21,7 @@ from streamkit.errors import StreamkitError
 from streamkit.sample.posterior import Evaluation
 from streamkit.stream import Array, IntArray
 
-BATCH = 1024  # prior draws at a time: a power of two, as Sobol sequences want
+BATCH = 1024  # prior draws at a time: a power of two, which Sobol sequences need
 PARTS = 16  # parts of a batch, after each of which the search checks the number of streams and the time
 HURRIED = 128  # the same where there is a time limit
 MAX_BATCHES = 8

@@ -19,7 +19,7 @@ HELD_OUT = 0.25
 MAX_TERMS = 1000
 MAX_POINTS = 20000
 # Degrees of freedom of the surrogate's likelihood: the first, plus the second times the chi^2 of the best points. Where
-# even these are far from the data, a heavier tail would not tell them from worse ones.
+# even these are far from the data, a heavier tail would not distinguish them from worse ones.
 FREEDOM, MISFIT = 8.0, 3.0
 # Power of |x|^2 by which the square of the polynomial's error grows beyond the farthest training point.
 EXTRAPOLATED = 2.0
@@ -140,7 +140,7 @@ def learn(points: Array, mean: Array, variance: Array, data: Data, lnl: Array | 
 
 
 def _explains(mean: Array, variance: Array, lnl: Array, data: Data) -> bool:
-    """Say whether ln likelihood (n,) is the Gaussian one of means and variances (n, m) and the data."""
+    """Return whether ln likelihood (n,) is the Gaussian one of means and variances (n, m) and the data."""
     some = np.unique(np.linspace(0, len(lnl) - 1, 50).astype(int))
     gauss = np.array([data.gaussian(mean[i], variance[i]) for i in some])
     return bool(np.allclose(gauss - gauss[0], lnl[some] - lnl[some][0], rtol=EXPLAINED, atol=EXPLAINED))

@@ -69,7 +69,7 @@ def calibrate(
 
     The data come from the streams of ``truth``, where that is given (see `make_draw`).
 
-    Raises StreamkitError if ``out`` holds draws of another run file, or some and ``resume`` is not asked for, or if
+    Raises StreamkitError if ``out`` holds draws of another run file, or some without ``resume``, or if
     the free parameters of ``truth`` are not those of the fit. Raises ComponentError if a component fails.
     """
     if truth is not None and (truth.names, truth.priors) != (spec.names, spec.priors):

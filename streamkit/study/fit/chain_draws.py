@@ -133,6 +133,6 @@ class ChainDraws(Draws):
         return {"ranks": partial(rank_plots, self.kept, self.tau, labels)}
 
     def wanted_steps(self) -> float:
-        """Return the steps of learning and as many autocorrelation times as the rule wants."""
+        """Return the steps of learning and as many autocorrelation times as the rule needs."""
         judged = self.convergence
         return judged.learned + judged.tau_factor * float(np.max(judged.tau))

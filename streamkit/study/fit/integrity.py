@@ -25,8 +25,8 @@ FILE_SUPPLIER = re.compile(r"(.+\.py) sha256:[0-9a-f]+")  # supplier of a compon
 def run_file(directory: Path, trust: bool = False) -> Path:
     """Return the run file of a run's directory.
 
-    ChainError if it names plugin files: their code runs because a user asks for it, and not because it lies in a
-    directory. To ``trust`` them is to ask, and so was to read the same files earlier in this process.
+    Raises ChainError if it names plugin files, unless they are trusted: code that lies in a directory must not run by
+    itself. Files that this process has read before are trusted.
     """
     path = directory / RUN_FILE
     try:
@@ -103,7 +103,7 @@ def changed_plugins(spec: Spec, about: dict[str, Any]) -> list[str]:
 
 
 def _is_unchanged(path: Path, about: dict[str, Any]) -> bool:
-    """Say whether the run file is byte for byte that of the manifest: then a newer streamkit may read it."""
+    """Return whether the run file is byte for byte that of the manifest: then a newer streamkit may read it."""
     try:
         expect_file(path)
         return bool(hashlib.sha256(path.read_bytes()).hexdigest() == about["run_file"])

@@ -147,7 +147,7 @@ class Results:
         return sample_frame(self.names, self.kept, self.log_prob, self.discard)
 
     def to_arviz(self) -> DataTree:
-        """Return the samples after burn-in as ArviZ wants them: an xarray DataTree, each walker a chain.
+        """Return the samples after burn-in as ArviZ reads them: an xarray DataTree, each walker a chain.
 
         Groups: ``posterior`` (the parameters, with units), ``sample_stats`` (``lp``, ln posterior, and ln likelihood),
         ``predictions`` (mean and variance for each datum) and ``observed_data``. For ArviZ before 1.0,
@@ -261,7 +261,7 @@ def draws_of(stored: Chain | Weighted, spec: Spec, quick: bool) -> Draws:
 
 
 def load_results(directory: str | Path, components: Iterable[type[Component]] = (), trust: bool = False) -> Results:
-    """Return the results of the run in a directory, which may have ended, been interrupted, or be going on.
+    """Return the results of the run in a directory, which may have ended, been interrupted, or be active.
 
     Parameters
     ----------

@@ -266,12 +266,12 @@ def _engine(spec: Spec, workers: int | Executor | None, kind: str | None, schedu
 
 
 def _arguments(
-    spec: Spec, asked: Engine, steps: int | None, quick: bool, literature: str | Path | None, pdf: bool
+    spec: Spec, chosen: Engine, steps: int | None, quick: bool, literature: str | Path | None, pdf: bool
 ) -> list[str]:
-    """Return the arguments of the command that a run was begun with, those that matter when it goes on."""
+    """Return those arguments of the command that a resumed run needs too."""
     shown = [*(["--literature", str(literature)] if literature is not None else []), *(["--pdf"] if pdf else [])]
     words = {"--engine": "kind", "--scheduler": "scheduler", "--workers": "workers"}
-    changed = [(word, str(getattr(asked, name))) for word, name in words.items()
-               if getattr(asked, name) not in (getattr(spec.engine, name), "")]  # fmt: skip
+    changed = [(word, str(getattr(chosen, name))) for word, name in words.items()
+               if getattr(chosen, name) not in (getattr(spec.engine, name), "")]  # fmt: skip
     most = ["--steps", str(steps)] if steps is not None else []
     return [*(["--quick"] if quick else []), *(part for pair in changed for part in pair), *most, *shown]

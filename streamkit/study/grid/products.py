@@ -43,7 +43,7 @@ def write_tables(products: Products, out: Path) -> None:
 
 
 def draw_pictures(products: Products, out: Path, pdf: bool = False) -> str:
-    """Draw the pictures, as PDF too if asked for or if there is one.
+    """Draw the pictures, as PDF too if ``pdf`` is set or an older PDF exists.
 
     If one fails, the others are drawn: return the failures with their reasons, empty without any.
     No picture of an earlier study stays in its place. A file that cannot be written is a `StreamkitError`.
