@@ -18,6 +18,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Row = tuple[str, str, str]  # of a terminal's table: name, value, remark
+# How the sampling ended, by the status of a run that has ended.
+ENDED = {
+    "converged": "by the rule of convergence",
+    "few": "by the rule of the sampler, with few effective samples",
+    "steps": "at the given number of steps",
+    "time": "at its time limit",
+}
 
 
 class Draws(ABC):

@@ -17,6 +17,7 @@ from streamkit.observe import frame_of
 from streamkit.report import cited, labels, number
 from streamkit.study.fit.diagnostics import contraction, predictive, prior_fractions
 from streamkit.study.fit.directory import stream_pictures
+from streamkit.study.fit.draws import ENDED
 from streamkit.study.fit.figures import reach, remark
 from streamkit.study.fit.literature import DENSITY, POTENTIAL, beside_literature
 from streamkit.study.fit.manifest import manifest
@@ -178,12 +179,7 @@ def _run(results: Results) -> dict[str, Any]:
             "seed": spec.seed,
             "sampler": spec.sampler.kind,
             "chain": results.draws.description(),
-            "ended": {
-                "converged": "by the rule of convergence",
-                "few": "by the rule of the sampler, with few effective samples",
-                "steps": "at the number of steps it was given",
-                "time": "at its time limit",
-            }.get(results.status, "not yet, or by an interruption"),
+            "ended": ENDED.get(results.status, "not yet, or by an interruption"),
             "streams made": f"{results.calls} by the sampler, {results.search_calls} in the search for a start",
             **results.facts,
         },

@@ -12,6 +12,7 @@ from streamkit.errors import ChainError
 from streamkit.report import columns, is_locked, paragraph, seconds
 from streamkit.sample import CALLS, CHAIN, JOURNAL, SAMPLES
 from streamkit.study.fit.directory import resume_command
+from streamkit.study.fit.draws import ENDED
 from streamkit.study.fit.integrity import RUN_FILE, load_spec, read_chain, run_file
 from streamkit.study.fit.manifest import manifest
 from streamkit.study.fit.results import Results, load_results
@@ -81,14 +82,8 @@ def _plain(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-STATES = {
-    "running": "running now",
-    "converged": "ended, converged",
-    "few": "ended by its rule, with few effective samples",
-    "steps": "ended at the number of steps it was given",
-    "time": "ended at its time limit",
-    "unfinished": "stopped before its end",
-}
+STATES = {"running": "running now", "unfinished": "stopped before its end"}
+STATES |= {status: f"ended {how}" for status, how in ENDED.items()}
 
 
 def describe_status(directory: Path, status: dict[str, Any], now: float | None = None) -> str:
