@@ -38,7 +38,7 @@ GAP = 0.11  # inches between the panels of a corner plot
 
 
 def reach(results: Results) -> tuple[float, float]:
-    """Return the least and the largest radius in kpc that the best stream or the data reach; 10 and 130 without."""
+    """Return the range of radii in kpc of the best stream and the data; 10 to 130 without any."""
     distances = list(_data_radii(results).values())
     try:
         streams = results.best_observation.streams
@@ -51,7 +51,7 @@ def reach(results: Results) -> tuple[float, float]:
 
 
 def radii(results: Results) -> Array:
-    """(nr,) Radii in kpc that the pictures of a profile are drawn at: somewhat beyond the `reach`."""
+    """(nr,) Radii in kpc of the pictures of a profile: a little beyond the `reach`."""
     low, high = reach(results)
     return np.linspace(0.5 * low, 1.5 * high, 79)
 
@@ -65,7 +65,7 @@ def remark(results: Results) -> str:
 
 def corner(results: Results) -> Figure:
     """Draw the marginal distributions of all pairs of parameters, with 68 % and 95 % contours."""
-    from corner import corner as draw  # it loads pyplot, which nothing else here needs
+    from corner import corner as draw  # it loads pyplot, which is slow and needed here alone
 
     samples, names, units = _scaled(results)
     d = samples.shape[1]
@@ -184,7 +184,7 @@ def _profile(
 
 
 def traces(results: Results) -> Figure:
-    """Draw every parameter and ln p as the sampler went through them: `Draws.draw_trace`."""
+    """Draw the traces of every parameter and of ln p, by `Draws.draw_trace`."""
     d = len(results.names)
     scale, labels_of, units = _labels(results)
     columns = min(3, d + 1)
@@ -228,7 +228,7 @@ def bands(axes: Axes, r: Array, values: Mapping[str, Array]) -> None:
 
 
 def data_radii(axes: Axes, results: Results) -> None:
-    """Mark the radii that the data speak of, as dashed lines with their names at the foot, left of the line if free."""
+    """Mark the radii of the data by dashed lines, with their names at the lower end, left of the line if there is room."""
     shown, before = np.ptp(axes.get_xlim()), -np.inf
     for name, radius in sorted(_data_radii(results).items(), key=itemgetter(1)):
         axes.axvline(radius, color="black", lw=0.9, ls="--")
@@ -240,7 +240,7 @@ def data_radii(axes: Axes, results: Results) -> None:
 
 
 def _data_radii(results: Results) -> dict[str, float]:
-    """Return the radii in kpc that the data speak of, by name."""
+    """Return the radii in kpc of the data, by name."""
     bound = results.spec.bind_all(results.best())
     streams = bound.streams
     return {
@@ -268,7 +268,7 @@ def _lines(text: str) -> int:
 
 
 def _title(name: str, values: Array) -> str:
-    """Say a parameter's median and interval; a long name stands above them."""
+    """Return the median and interval of a parameter as a title, below its name if that is long."""
     between = " = " if name.startswith("$") and "\n" not in name else "\n"
     return f"{name}{between}{_interval(values)}"
 

@@ -67,7 +67,7 @@ def load_spec(directory: Path, components: Iterable[type[Component]] = (), trust
 
 
 def _check_spec(directory: Path, spec: Spec, about: dict[str, Any]) -> None:
-    """Check that a spec, which was read in a directory, is that of its manifest; ChainError with the file if not."""
+    """Check that a spec read in a directory is that of the manifest; ChainError with the file that differs."""
     for name, digest in spec.files.items():
         if about["files"] and digest not in about["files"].values():
             raise ChainError(f"{directory / name}: has changed since the run began. {RESTORE}")
@@ -93,7 +93,7 @@ def _check_spec(directory: Path, spec: Spec, about: dict[str, Any]) -> None:
 
 
 def changed_plugins(spec: Spec, about: dict[str, Any]) -> list[str]:
-    """Return the names of the plugin files whose components are in a spec with other code than in a manifest."""
+    """Return the names of the plugin files whose code in a spec differs from that in a manifest."""
     names = []
     for where, cls, supplier in spec.components():
         file, before = FILE_SUPPLIER.fullmatch(supplier), about["components"].get(where)

@@ -20,7 +20,7 @@ LONGEST = 40  # most rows in a column
 
 
 def predictions(results: Results) -> Figure:
-    """Draw for every datum the model and, where the likelihood is Gaussian, new data, less the datum, in its errors.
+    """Draw the model and, for a Gaussian likelihood, new data: minus the datum, in units of its error.
 
     ChainError if the run kept no predictions.
     """
@@ -31,7 +31,7 @@ def predictions(results: Results) -> Figure:
 
 
 def draw_predictive(seen: Predictive, note: str = "") -> Figure:
-    """Draw predictions of any origin so, with a caveat above."""
+    """Draw predictions of any origin in this way, with a caveat above."""
     m = len(seen.names)
     columns = -(-m // LONGEST)
     rows = -(-m // columns)

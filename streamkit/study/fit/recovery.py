@@ -1,4 +1,4 @@
-"""A fit beside the truth: the recovered mass profile and rotation curve over those of a known host.
+"""The recovery of a known host: mass profile and rotation curve of a fit compared with the true ones.
 
 Gibbons+ 2014, figures 10 and 11.
 """
@@ -49,7 +49,7 @@ def true_host(path: str | Path, fit: Spec) -> Host:
     plugins = given.get("plugins", [])
     theirs = fit.with_files_at({name: str(fit.folder / name) for name in fit.files})
     document = {**theirs, "potential": given["potential"], "plugins": plugins}
-    if isinstance(plugins, list):  # if not, the error says so; the fit's plugins files hold its other components
+    if isinstance(plugins, list):  # anything else is an error below; the other components come from the plugin files of the fit
         names = {Path(str(file)).name for file in plugins}
         others = (fit.folder / file for file in fit.document.get("plugins", []))
         document["plugins"] = [*plugins, *(str(file) for file in others if file.name not in names)]
@@ -95,7 +95,7 @@ def largest(table: QTable, name: str) -> tuple[float, float]:
 
 
 def describe_recovery(directory: Path) -> str:
-    """Show the recovery that a report has written into a run's directory, for a terminal."""
+    """Return the recovery in a run's directory, which a report has written, as text for a terminal."""
     from astropy.table import QTable
 
     table = QTable.read(directory / RECOVERY[0])
