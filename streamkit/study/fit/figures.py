@@ -228,7 +228,7 @@ def bands(axes: Axes, r: Array, values: Mapping[str, Array]) -> None:
 
 
 def data_radii(axes: Axes, results: Results) -> None:
-    """Mark the radii of the data by dashed lines, with their names at the lower end, left of the line if there is room."""
+    """Mark the radii of the data by dashed lines with their names below, left of the line if there is room."""
     shown, before = np.ptp(axes.get_xlim()), -np.inf
     for name, radius in sorted(_data_radii(results).items(), key=itemgetter(1)):
         axes.axvline(radius, color="black", lw=0.9, ls="--")

@@ -49,7 +49,7 @@ def true_host(path: str | Path, fit: Spec) -> Host:
     plugins = given.get("plugins", [])
     theirs = fit.with_files_at({name: str(fit.folder / name) for name in fit.files})
     document = {**theirs, "potential": given["potential"], "plugins": plugins}
-    if isinstance(plugins, list):  # anything else is an error below; the other components come from the plugin files of the fit
+    if isinstance(plugins, list):  # anything else is an error below; the fit's plugin files have its other components
         names = {Path(str(file)).name for file in plugins}
         others = (fit.folder / file for file in fit.document.get("plugins", []))
         document["plugins"] = [*plugins, *(str(file) for file in others if file.name not in names)]
