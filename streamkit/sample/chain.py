@@ -192,9 +192,9 @@ def _read(path: Path, file: h5py.File) -> Chain:
     blobs = group["blobs"][:steps] if "blobs" in group else np.empty((0, len(accepted)))
     if len(chain) != steps or len(log_prob) != steps:
         raise ValueError(f"{steps} steps announced, {len(chain)} found")
-    about = _Attributes.model_validate(attributes)
+    checked = _Attributes.model_validate(attributes)
     if "counts" in attributes:
-        attributes["counts"] = about.counts.model_dump(exclude_defaults=True)
+        attributes["counts"] = checked.counts.model_dump(exclude_defaults=True)
     random = [value for key, value in sorted(group.attrs.items()) if key.startswith("random_state_")]
     arrays: dict[str, dict[str, Array]] = {MEMORY: {}, HISTORY: {}}
     for name, (kind, key) in FORMER_SETS.items():
@@ -212,7 +212,7 @@ def _read(path: Path, file: h5py.File) -> Chain:
     checksum = attributes.get("digest", "")
     for row in range(steps):
         checksum = extend_checksum(checksum, chain[row], log_prob[row], blobs[row])
-    if about.checksum != checksum:
+    if checked.checksum != checksum:
         raise damaged(path, "its samples have another checksum")
     random_state = attributes.pop(RANDOM, None) or tuple(random) or None
     return Chain(chain, log_prob, blobs, accepted, attributes, random_state, arrays[MEMORY], arrays[HISTORY],

@@ -34,7 +34,7 @@ class Counts(BaseModel):
     surrogate: Text = ""
 
 
-class _About(BaseModel):
+class _Entries(BaseModel):
     """The entries of a step's record beside its arrays."""
 
     model_config = ConfigDict(strict=True)
@@ -82,7 +82,7 @@ class Step:
 
     def record(self) -> dict[str, Any]:
         """Return the step as a record of a journal."""
-        about: dict[str, Any] = {
+        entries: dict[str, Any] = {
             "number": self.number,
             "counts": dict(self.counts),
             "checksum": self.checksum,
@@ -90,35 +90,36 @@ class Step:
         }
         arrays = {"coords": self.coords, "log_prob": self.log_prob, "accepted": self.accepted, "blobs": self.blobs}
         if isinstance(self.random_state, Mapping):
-            about["random"] = self.random_state
+            entries["random"] = self.random_state
         else:
             kind, arrays["keys"], *rest = self.random_state
-            about["random"] = [kind, *(value.item() if isinstance(value, np.generic) else value for value in rest)]
+            entries["random"] = [kind, *(value.item() if isinstance(value, np.generic) else value for value in rest)]
         for group, values in ((MEMORY, self.memory), (HISTORY, self.history)):
             arrays |= {f"{group}/{name}": value for name, value in values.items()}
-        return arrays | {"about": np.frombuffer(json.dumps(about, default=np.ndarray.tolist).encode(), dtype=np.uint8)}
+        text = json.dumps(entries, default=np.ndarray.tolist)
+        return arrays | {"about": np.frombuffer(text.encode(), dtype=np.uint8)}
 
 
 def step_of(record: Mapping[str, Any]) -> Step:
     """Return the step of a record; ChainError if it is none."""
     try:
-        about = _About.model_validate_json(record["about"].tobytes())
-        random: Any = about.random
+        entries = _Entries.model_validate_json(record["about"].tobytes())
+        random: Any = entries.random
         if not isinstance(random, dict):
             kind, *rest = random
             random = (kind, record["keys"], *rest)
         step = Step(
-            about.number,
+            entries.number,
             record["coords"],
             record["log_prob"],
             record["blobs"],
             record["accepted"],
             random,
-            about.counts.model_dump(exclude_defaults=True),
+            entries.counts.model_dump(exclude_defaults=True),
             _named(record, MEMORY),
             _named(record, HISTORY),
-            about.checksum,
-            about.digest,
+            entries.checksum,
+            entries.digest,
         )
         _check_arrays(step)
     except (KeyError, ValueError, TypeError) as error:

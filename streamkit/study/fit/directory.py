@@ -60,9 +60,9 @@ def claim(
     elif files:
         raise ChainError(_occupied(directory, files))
     run_file = (directory / RUN_FILE).read_bytes() if continues else _run_file_text(spec, options).encode()
-    about = json.dumps(manifest_of(spec, options, run_file), indent=2) + "\n"
+    content = json.dumps(manifest_of(spec, options, run_file), indent=2) + "\n"
     with safely(directory / MANIFEST):
-        replace_whole(directory / MANIFEST, lambda part: part.write_text(about))
+        replace_whole(directory / MANIFEST, lambda part: part.write_text(content))
     if not continues:
         for place, file in _all_copies(spec).items():
             with safely(directory / place):
@@ -135,11 +135,11 @@ def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
             f"{directory}: holds no run to resume ({MANIFEST} or {RUN_FILE} is missing, found "
             f"{_some(files)}). Choose another directory."
         )
-    about = manifest(directory)
-    if about["digest"] != spec.digest():
+    record = manifest(directory)
+    if record["digest"] != spec.digest():
         raise ChainError(
             f"{directory}: holds another run, and its chain cannot be continued with this run file. "
-            f"What differs (there -> here): {'; '.join(_differences(directory, spec, about))}. "
+            f"What differs (there -> here): {'; '.join(_differences(directory, spec, record))}. "
             "Choose another directory, or --force to overwrite."
         )
     if not begun:
@@ -153,7 +153,7 @@ def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
     return len(chain.chain) > 0 or chain.start is not None
 
 
-def _differences(directory: Path, spec: Spec, about: dict[str, Any]) -> list[str]:
+def _differences(directory: Path, spec: Spec, record: dict[str, Any]) -> list[str]:
     """Return the differences between the run in a directory and the run of a spec."""
     try:
         there = read_toml(directory / RUN_FILE)
@@ -164,8 +164,8 @@ def _differences(directory: Path, spec: Spec, about: dict[str, Any]) -> list[str
         for each in (there, spec.with_files_at(_data_copies(spec)))
     )
     changed = differences(document, here)
-    changed += [f"the data file {name}" for name, sha in spec.files.items() if about["files"].get(name, sha) != sha]
-    changed += [f"the plugin file {name}" for name in changed_plugins(spec, about)]
+    changed += [f"the data file {name}" for name, sha in spec.files.items() if record["files"].get(name, sha) != sha]
+    changed += [f"the plugin file {name}" for name in changed_plugins(spec, record)]
     sampler = document.get("sampler")
     kind = sampler.get("kind", DEFAULT_KIND["sampler"]) if isinstance(sampler, dict) else DEFAULT_KIND["sampler"]
     if kind != spec.sampler.kind:
