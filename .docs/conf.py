@@ -1,5 +1,10 @@
 """Settings of Sphinx for the site. `python .docs/build.py FOLDER` collects the pages and calls Sphinx with them."""
 
+from __future__ import annotations
+
+import re
+from typing import Any
+
 from streamkit.distribution import VERSION
 
 project = "streamkit"
@@ -47,3 +52,28 @@ html_theme_options = {
 }
 html_static_path = ["static"]
 html_css_files = ["site.css"]
+
+
+SECTION = re.compile(r"^(Parameters|Attributes|Returns)$")
+
+
+def prose_after_fields(_app: Any, _what: str, _name: str, _value: object, _options: object, lines: list[str]) -> None:
+    """End the list of fields of a docstring where prose follows: napoleon would read it as a field.
+
+    A field is a line with an indented one below it.
+    """
+    inside, made = False, []
+    for i, line in enumerate(lines):
+        after = lines[i + 1] if i + 1 < len(lines) else ""
+        if SECTION.match(line) and after.startswith("---"):
+            inside = True
+        elif inside and line and not line.startswith((" ", "---")) and not lines[i - 1] and not after.startswith(" "):
+            made += ["Notes", "-----"]
+            inside = False
+        made.append(line)
+    lines[:] = made
+
+
+def setup(app: Any) -> None:
+    """Connect what Sphinx calls."""
+    app.connect("autodoc-process-docstring", prose_after_fields, priority=400)  # before napoleon

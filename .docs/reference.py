@@ -19,11 +19,26 @@ from streamkit.report.component_record import field_records
 PLAIN: dict[str, Any] = {"sun": runfile.Sun, "likelihood": runfile.Likelihood, "engine": runfile.Engine}
 KEYS = ("version", "seed", "plugins")
 
+INDEX = """# Reference
+
+- [The run file](runfile.md): every section and every component, with fields, units and defaults.
+- [The commands](commands.md): the help of each.
+- [Python](python.md): every public name, with examples.
+
+:::{toctree}
+:hidden:
+
+runfile
+commands
+python
+:::
+"""
+
 
 def pages(names: Path) -> dict[str, str]:
     """Return the text of each page of the reference by its file name."""
     registry = components.load_registry()
-    made = {"runfile.md": run_file(registry), "commands.md": commands(), "python.md": python(names)}
+    made = {"index.md": INDEX, "runfile.md": run_file(registry), "commands.md": commands(), "python.md": python(names)}
     made |= {f"{role}.md": role_page(registry, role) for role in components.ROLES}
     return made
 
