@@ -11,8 +11,7 @@ import reference
 
 # Documents, and what they link to, by the place that they have in the repository.
 DOCUMENTS = (
-    "README.md", "CONTRIBUTING.md", "LICENSE", ".github/SUPPORT.md", ".github/CODE_OF_CONDUCT.md",
-    ".github/SECURITY.md", "plugins/README.md", "plugins/*/README.md", "examples/*/*.*",
+    "README.md", "CONTRIBUTING.md", "LICENSE", "plugins/README.md", "plugins/*/README.md", "examples/*/*.*",
     "examples/*.py", "tests/benchmarks/README.md", "tests/examples/*.py", "tests/third_party/*",
 )  # fmt: skip
 
