@@ -50,6 +50,7 @@ html_theme_options = {
     "footer_end": [],
     "pygments_light_style": "tango",
 }
+html_sidebars = {page: [] for page in ("index", "README", "howto", "gallery", "comparison")}  # they have no parts
 html_static_path = ["static"]
 html_css_files = ["site.css"]
 

@@ -91,10 +91,12 @@ class Commands(click.Group):
             status = _failed(f"{where}cannot be read or written: {error.strerror or error}", INVALID)
         except click.Abort:
             status = _failed("interrupted", INTERRUPTED)
-        except (ImportError, AttributeError):  # a module is another project's, or older than the others
-            _report_foreign_files()
-            raise
-        _report_foreign_files()
+        except (ImportError, AttributeError):
+            if not foreign_files():
+                raise
+            status = INVALID  # a module of this package is another project's: the sentence below says so
+        if sentence := foreign_files():
+            _failed(sentence, INVALID)
         status = status if isinstance(status, int) else 0
         if alone:
             leave(status)
@@ -127,12 +129,6 @@ def _failed(message: str, status: int) -> int:
         lines = [printable(line) for line in message.split("\n")]  # it may quote a file that came from elsewhere
         click.echo("streamkit: " + "\n".join(lines), err=True)
     return status
-
-
-def _report_foreign_files() -> None:
-    if sentence := foreign_files():
-        with suppress(OSError, ValueError):
-            click.echo(f"streamkit: {sentence}", err=True)
 
 
 def _explain(error: click.ClickException) -> str:

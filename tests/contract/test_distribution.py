@@ -129,6 +129,19 @@ def test_every_command_reports_a_foreign_distribution(tmp_path: Path, monkeypatc
     assert refused("check", "none.toml").endswith(expected)
 
 
+def test_a_module_of_another_project_ends_in_the_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its files took the place of ours: here, `streamkit.load` is gone."""
+    (tmp_path / "run.toml").write_text("")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delattr(streamkit, "load", raising=False)
+    monkeypatch.delattr(streamkit, "__getattr__")
+    with pytest.raises(AttributeError):  # without another distribution it is a fault of ours, and is shown
+        call("check", tmp_path / "run.toml")
+    lay(tmp_path, NAME, "0.1", OURS)
+    lay(tmp_path, "streamkit", "0.3.2", FOREIGN)
+    assert refused("check", tmp_path / "run.toml").startswith("streamkit: The distribution 'streamkit' 0.3.2 is ")
+
+
 def test_components_of_two_installs_are_loaded_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Runs of both names have one digest: the supplier of a built-in component is called by the package."""
     before = load_registry()

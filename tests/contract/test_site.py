@@ -2,7 +2,6 @@
 
 import json
 import re
-import resource
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -95,6 +94,7 @@ class Links(HTMLParser):
 @pytest.mark.slow
 def test_the_site_is_built_without_a_warning_and_its_links_lead_somewhere(tmp_path: Path) -> None:
     pytest.importorskip("sphinx_design", reason="the site needs the extra `docs`")
+    resource = pytest.importorskip("resource", reason="Windows does not say how long a process took")
     began = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     command = [sys.executable, DOCS / "build.py", tmp_path / "site"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
