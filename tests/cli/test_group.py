@@ -52,7 +52,7 @@ def test_the_list_names_it_and_imports_nothing(install: Install) -> None:
     assert "command_listed" not in sys.modules
 
 
-@pytest.mark.parametrize(("typed", "meant"), [("fit", "run"), ("mcmc", "run"), ("plot", "stream"), ("statsu", "status")])
+@pytest.mark.parametrize(("typed", "meant"), [("fit", "run"), ("mcmc", "run"), ("plot", "stream"), ("stats", "status")])
 def test_words_of_other_programs_are_understood(typed: str, meant: str) -> None:
     assert f"Did you mean {meant!r}?" in refused(typed, "run.toml")
 

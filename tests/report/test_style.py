@@ -42,6 +42,7 @@ def test_a_picture_of_many_dots_is_small(tmp_path: Path) -> None:
     assert np.abs(images[0] - images[1]).mean() < 2
 
 
+@pytest.mark.rendered
 def test_a_pdf_has_no_type_3_fonts(tmp_path: Path) -> None:
     """Journals refuse them; Type 42 are TrueType."""
     figure = Figure()

@@ -276,7 +276,8 @@ def _gyr(t: float, stream: Stream) -> str:
 
 def along(portraits: Portraits) -> Figure:
     """Draw what runs along the streams: density, and the distance of the mean track from the first one's."""
-    figure = NotebookFigure(figsize=(11.0, 7.0), layout="constrained")
+    beside = min(across(portraits, 11.0), 3)
+    figure = NotebookFigure(figsize=(11.0, 7.0 + 0.2 * (len(portraits) // beside)), layout="constrained")
     top, bottom = figure.subplots(2, 1, sharex=True)
     first = next(iter(portraits.values()), None)
     offsets = [np.zeros(1)]
@@ -307,5 +308,5 @@ def along(portraits: Portraits) -> Figure:
     for axes in (top, bottom):
         finish(axes)
     if portraits:
-        _legend(figure, [top], ncols=min(across(portraits, 11.0), 3), loc="outside lower center")
+        _legend(figure, [top], ncols=beside, loc="outside lower center")
     return figure

@@ -32,7 +32,8 @@ def tracks_on_sky(portraits: Mapping[str, Portrait]) -> Figure:
     shown = {title: portrait for title, portrait in portraits.items() if has_panels(portrait)}
     reference = next(iter(shown.values()))
     columns = _panels(reference)
-    figure = NotebookFigure(figsize=(WIDE, 1.95 * len(columns) + 1.2))
+    beside = across(["data", *shown], WIDE)
+    figure = NotebookFigure(figsize=(WIDE, 1.95 * len(columns) + 1.2 + 0.2 * (len(shown) // beside)))
     figure.set_layout_engine("constrained", h_pad=0.02, hspace=0.0)
     every: Any = figure.subplots(2 * len(columns), 1, height_ratios=(2.0, 1.0) * len(columns), sharex=True)
     for row, panel in enumerate(columns):
@@ -55,7 +56,7 @@ def tracks_on_sky(portraits: Mapping[str, Portrait]) -> Figure:
         above.set_ylim((data.y - data.error).min() - margin, (data.y + data.error).max() + margin)
         above.set_ylabel(panel.y_label.replace(" [", "\n["), fontsize=10)
         below.set_ylabel(r"$\delta/\sigma$", fontsize=10)
-        reach = max(1.5, *(float(np.nanmax(np.abs(line.get_ydata()), initial=0.0)) for line in below.lines))
+        reach = max([1.5, *(float(np.nanmax(np.abs(line.get_ydata()), initial=0.0)) for line in below.lines)])
         below.set_ylim(-1.15 * reach, 1.15 * reach)
         for axes in (above, below):
             finish(axes)
@@ -67,7 +68,7 @@ def tracks_on_sky(portraits: Mapping[str, Portrait]) -> Figure:
     figure.align_ylabels()
     handles, names = every[0].get_legend_handles_labels()
     names = [folded(name, WIDEST_NAME) for name in names]
-    figure.legend(handles, names, loc="outside upper center", ncols=across(names, WIDE), frameon=False, fontsize=9)
+    figure.legend(handles, names, loc="outside upper center", ncols=beside, frameon=False, fontsize=9)
     note = f"lower panels: prediction minus that of {next(iter(shown))}, in errors of the data"
     figure.supxlabel(folded(note, 100), fontsize=9)
     return figure
