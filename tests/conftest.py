@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from commands import RUN
 from filelock import FileLock
 from matplotlib.figure import Figure
 from PIL import Image
-from toys import FIT, PUBLISHED
+from runfiles import FIT, PUBLISHED, RUN
 
 import streamkit as sk
 
@@ -72,7 +71,7 @@ def run_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture(scope="session")
 def finished_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The directory of a run of `toys.FIT` with 30 steps, all products and published values: to be read, or copied.
+    """The directory of a run of `runfiles.FIT` with 30 steps, all products and published values: to be read, or copied.
 
     The first worker of xdist that asks for it makes it for all.
     """

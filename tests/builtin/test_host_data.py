@@ -5,9 +5,8 @@ import copy
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from runfiles import error_of
+from runfiles import FIT, error_of
 from scipy.stats import multivariate_normal, norm
-from toys import FIT
 
 import streamkit as sk
 from streamkit.builtin.halos import LogarithmicHalo

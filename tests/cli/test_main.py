@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from astropy.table import QTable
-from commands import RUN, call, refused
+from commands import call, refused
+from runfiles import RUN
 
 import streamkit as sk
 from streamkit.components import Registry, load_registry

@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 from astropy.table import QTable
-from commands import RUN, call, refused
+from commands import call, refused
+from runfiles import RUN
 
 from streamkit.study.fit.manifest import MANIFEST
 from streamkit.study.fit.runner import Interrupted

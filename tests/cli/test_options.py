@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import RUN, call, refused
-from toys import FIT
+from commands import call, refused
+from runfiles import FIT, RUN
 
 import streamkit as sk
 from streamkit.report import as_json, columns, paragraph

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from runfiles import error_of, with_entry
-from toys import FIT
+from runfiles import FIT, error_of, with_entry
 
 import streamkit as sk
 from streamkit.cli.main import main

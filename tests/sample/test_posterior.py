@@ -5,8 +5,8 @@ import pickle
 
 import numpy as np
 import pytest
+from runfiles import FIT
 from scipy.stats import multivariate_normal, norm
-from toys import FIT
 
 import streamkit as sk
 from streamkit.components import load_registry

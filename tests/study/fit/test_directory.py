@@ -6,7 +6,8 @@ import shutil
 from pathlib import Path
 
 import pytest
-from commands import RUN, call, refused
+from commands import call, refused
+from runfiles import RUN
 
 import streamkit as sk
 

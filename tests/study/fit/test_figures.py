@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from pictures import assert_readable
-from toys import FIT
+from runfiles import FIT
 
 import streamkit as sk
 from streamkit.report import NotebookFigure, labels

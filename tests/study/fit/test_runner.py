@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from toys import FIT
+from runfiles import FIT
 
 import streamkit as sk
 from streamkit.report import locked
