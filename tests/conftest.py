@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import tempfile
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
@@ -13,11 +14,22 @@ import pytest
 from filelock import FileLock
 from matplotlib.figure import Figure
 from PIL import Image
-from runfiles import FIT, PUBLISHED, RUN
+from runfiles import APOCENTRES, FIT, PUBLISHED, RUN
 
 import streamkit as sk
 
 collect_ignore = ["third_party"]  # a package of its own: test_third_party.py installs it and runs its test
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile the loops in the first worker of xdist; the others wait, and read the machine code that it has saved.
+
+    From a cold cache that takes a minute, which two workers that begin together would each take.
+    """
+    if hasattr(config, "workerinput"):
+        with FileLock(Path(tempfile.gettempdir()) / f"streamkit-{config.workerinput['testrunuid']}.lock"):
+            spec = sk.load(FIT)
+            sk.Posterior(spec).evaluate(spec.centre())
 
 
 @pytest.fixture(autouse=True)
@@ -71,9 +83,9 @@ def run_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture(scope="session")
 def finished_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The directory of a run of `runfiles.FIT` with 30 steps, all products and published values: to be read, or copied.
+    """The directory of a run of `runfiles.APOCENTRES` with 30 steps, all products and published values.
 
-    The first worker of xdist that asks for it makes it for all.
+    To be read, or copied. The first worker of xdist that asks for it makes it for all.
     """
     place = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
@@ -82,7 +94,7 @@ def finished_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with FileLock(place / "finished.lock"):
         if not made.exists():
             (place / "published.csv").write_text(PUBLISHED)
-            results = sk.run(sk.load(FIT), out=out, steps=30, progress=False, products=False)
+            results = sk.run(sk.load(APOCENTRES), out=out, steps=30, progress=False, products=False)
             sk.study.fit.write_products(results, literature=place / "published.csv")
             made.touch()
     return out

@@ -5,7 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
-from runfiles import FIT
+from runfiles import APOCENTRES, FIT
 from scipy.stats import multivariate_normal, norm
 
 import streamkit as sk
@@ -195,7 +195,7 @@ def test_a_broken_component_is_named_with_the_parameters(mocked, mode, words):
 
 
 def test_out_of_domain_becomes_a_counted_reason():
-    document = copy.deepcopy(FIT)
+    document = copy.deepcopy(APOCENTRES)
     document["progenitor"]["lookback"] = {"uniform": [0.01, 0.02]}
     posterior = Posterior(sk.load(document))
     found = posterior.evaluate(posterior.spec.centre())

@@ -45,7 +45,7 @@ FIT: dict[str, Any] = {
 APOCENTRES: dict[str, Any] = FIT | {
     "progenitor": FIT["progenitor"] | {"lookback": 3.5},
     "stripping": {"kind": "mlcs", "particles": 600, "sigma": 10},
-    "integrator": {"kind": "leapfrog", "step": 0.06},
+    "integrator": {"kind": "leapfrog", "step": 0.03},
     "observable": {"kind": "apocentres", "leading": [57, 5], "trailing": [112, 15], "precession": [100, 8]},
 }
 
