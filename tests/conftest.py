@@ -17,6 +17,7 @@ from PIL import Image
 from runfiles import APOCENTRES, FIT, PUBLISHED, RUN
 
 import streamkit as sk
+from streamkit.runfile import to_toml
 
 collect_ignore = ["third_party"]  # a package of its own: test_third_party.py installs it and runs its test
 
@@ -40,7 +41,7 @@ def hundred_columns(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(autouse=True)
 def unrendered_pictures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every picture is made and its file written, but with one pixel: rendering takes most of the time of a report.
+    """Every picture is made and its file written, but empty: rendering takes most of the time of a report.
 
     A test that looks at pictures is marked ``rendered``, with parts of their file names if it does not look at all.
     """
@@ -55,8 +56,10 @@ def unrendered_pictures(request: pytest.FixtureRequest, monkeypatch: pytest.Monk
             file.write(pixel.getvalue())
         elif any(name in Path(file).name for name in names):
             render(self, file, **options)
-        else:
+        elif Path(file).suffix == ".png":
             Path(file).write_bytes(pixel.getvalue())
+        else:
+            render(Figure(), file, **options)
 
     monkeypatch.setattr(Figure, "savefig", write)
 
@@ -78,6 +81,15 @@ def run_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "small.toml"
     path.write_text(RUN)
+    return path
+
+
+@pytest.fixture
+def fit_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The run file of `runfiles.FIT`, alone in the working directory."""
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "fit.toml"
+    path.write_text(to_toml(FIT))
     return path
 
 
