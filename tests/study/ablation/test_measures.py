@@ -53,7 +53,7 @@ def test_percentiles_are_numpys_for_equal_weights_and_those_of_repeated_values_f
 
 
 def test_the_length_of_each_tail_is_where_the_winding_ends() -> None:
-    own = by_hand().own()
+    own = by_hand().measures()
     low, high = np.percentile(ANGLE, [0.5, 99.5])
     assert own["length_leading"] == pytest.approx(high)
     assert own["length_trailing"] == pytest.approx(-low)
@@ -116,7 +116,7 @@ def test_weights_stand_for_particles() -> None:
     a, b = mean_track(weighted.stream, -1), mean_track(repeated.stream, -1)
     assert a.r == pytest.approx(b.r, nan_ok=True)
     assert a.density == pytest.approx(b.density)
-    assert weighted.own()["bound"] == pytest.approx(repeated.own()["bound"])
+    assert weighted.measures()["bound"] == pytest.approx(repeated.measures()["bound"])
     other = by_hand(ANGLE + 1)
     assert compare(weighted, other)["density_distance_trailing"] == pytest.approx(
         compare(repeated, other)["density_distance_trailing"]
@@ -141,7 +141,7 @@ def test_energy_and_angular_momentum_of_a_kepler_orbit() -> None:
 
 def test_a_stream_that_is_all_bound_has_no_measures_but_the_fraction() -> None:
     portrait = by_hand(bound=True)
-    own, found = portrait.own(), compare(portrait, by_hand())
+    own, found = portrait.measures(), compare(portrait, by_hand())
     assert own.pop("bound") == pytest.approx(1.0)
     assert np.isnan([*own.values(), *found.values()]).all()
 
@@ -155,7 +155,7 @@ def test_with_gravity_mlcs_has_the_nbody_stream_and_without_half_of_it(name: str
     for on in (True, False):
         variant = spec.with_values({"stripping.progenitor_gravity": on})
         portrait = Portrait(Model(variant).stream(), variant.bind())
-        found[on] = compare(portrait, nbody) | portrait.own()
+        found[on] = compare(portrait, nbody) | portrait.measures()
     assert found[True]["length_ratio"] == pytest.approx(1.0, abs=0.1)
     assert 0.4 < found[False]["length_ratio"] < 0.6
     assert found[True]["track_near_trailing"] < 1.0 < found[False]["track_near_trailing"]
@@ -163,8 +163,8 @@ def test_with_gravity_mlcs_has_the_nbody_stream_and_without_half_of_it(name: str
         assert found[True][f"track_near_{arm}"] < 0.7 * found[False][f"track_near_{arm}"]
         for what in ("energy", "angular_momentum"):
             key = f"{what}_offset_{arm}"
-            assert found[True][key] == pytest.approx(nbody.own()[key], rel=0.15)
-            assert abs(found[False][key]) < 0.6 * abs(nbody.own()[key])
+            assert found[True][key] == pytest.approx(nbody.measures()[key], rel=0.15)
+            assert abs(found[False][key]) < 0.6 * abs(nbody.measures()[key])
     assert found[True]["energy_distance"] < 0.3 * found[False]["energy_distance"]
 
 
