@@ -1,0 +1,159 @@
+"""What calls have given becomes an emulator: weights, whitening, the choice of the polynomial, its own error."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import LinAlgError
+from scipy.special import expit
+
+from streamkit import Array, BoolArray
+from streamkit.builtin.emulator.emulator import Emulator, Low
+from streamkit.builtin.emulator.polynomial import count, monomials, regress
+from streamkit.builtin.emulator.problem import Answers, Problem
+
+# Polynomials that are tried: degrees, most terms, effective points for each term, and ridge penalties in units of the
+# mean diagonal of the normal equations.
+DEGREES, MOST_TERMS, POINTS_PER_TERM = (1, 2, 3, 4, 5, 6, 7, 8), 1000, 1.6
+RIDGES = (1e-8, 1e-6, 1e-4, 1e-2)
+# Points lower in ln likelihood than the best by so much, plus half the number of parameters, count a quarter.
+NEAR = 10.0
+# Effective points that the weights leave at least, for each term of a quadratic.
+ENOUGH = 2.0
+# Points that count less than this say nothing of how far the fit reaches.
+FAR = 0.02
+# Largest squared residual that counts in an error, in units of the typical one.
+WILD = 25.0
+# The best points by ln likelihood, which is noisy: the best one is this one from the top, a fraction.
+BEST = 0.01
+# Ridge and iterations of the fit of the probability that there is a prediction.
+EXISTS_RIDGE, ITERATIONS = 1e-4, 15
+# Least variance of a prediction, in squared errors of the data, whose logarithm is fitted.
+SILENT = 1e-10
+
+
+def learn(problem: Problem, y: Array, answers: Answers) -> Emulator | None:
+    """Fit an emulator to answers at coordinates y (n, d); None where there are too few, or they do not span the space.
+
+    Degree and ridge are those whose fits without a point predict that point best, points near the data counting most.
+    """
+    used = np.isfinite(problem.values)
+    there: BoolArray = np.asarray(np.isfinite(answers.ln_likelihood), dtype=bool)
+    if not there.any():
+        return None
+    z = y[:, problem.coordinates]
+    known, d = z[there], z.shape[1]
+    weight = weights(answers.ln_likelihood[there], y.shape[1], ENOUGH * count(d, 2))
+    effective = weight.sum() ** 2 / np.sum(weight**2)
+    centre, whiten = whitening(known, weight)
+    x = (known - centre) @ whiten
+    errors = problem.errors[used]
+    target = (answers.mean[there][:, used] - problem.values[used]) / errors
+    noise = answers.variance[there][:, used] / errors**2
+    degrees = [
+        k for k in DEGREES if POINTS_PER_TERM * count(d, k) <= effective and count(d, k) <= MOST_TERMS
+    ]
+    fits = []
+    for degree in degrees:
+        terms = monomials(x, degree)
+        for ridge in RIDGES:
+            try:
+                fit = regress(terms, target, weight, ridge)
+            except LinAlgError:  # walkers that hardly moved
+                continue
+            fits.append((float(np.sum(error_of(fit.out**2, weight))), degree, fit))
+    if not fits:
+        return None
+    _, degree, fit = min(fits, key=lambda each: each[0])
+    spread2 = error_of(fit.left * fit.out, weight)
+    typical = np.average(noise, axis=0, weights=weight)
+    lack2 = np.maximum(spread2 - typical, 0.0)
+    low = min(degree, 2)
+    others, positive = _forms(noise, answers.details[there])
+    rest = regress(monomials(x, low), others, weight, RIDGES[-2])
+    r2 = np.sum(x**2, axis=1)
+    counted = weight >= FAR
+    exists = log_odds(monomials((z - centre) @ whiten, low), there.astype(float), EXISTS_RIDGE)
+    return Emulator(
+        problem=problem,
+        centre=centre,
+        whiten=whiten,
+        degree=degree,
+        mean=Low.of(fit.coefficients),
+        root=fit.root,
+        spread2=spread2,
+        lack2=lack2,
+        low=low,
+        rest=Low.of(rest.coefficients),
+        positive=positive,
+        ends=(others.min(axis=0), others.max(axis=0)),
+        typical_r2=float(_quantile(r2, weight, 0.7)),
+        known_r2=float(r2[counted].max()),
+        exists=exists,
+    )
+
+
+def weights(lnl: Array, d: int, wanted: float) -> Array:
+    """(n,) Weights of points with ln likelihood (n,): one near the best, falling so that enough points count."""
+    best = np.sort(lnl)[-max(int(BEST * len(lnl)), 1)]
+    away = np.maximum(best - lnl, 0.0)
+    scale, wanted = NEAR + 0.5 * d, min(wanted, 0.6 * len(lnl))
+    for _ in range(80):
+        weight = 1 / (1 + away / scale) ** 2
+        if weight.sum() ** 2 / np.sum(weight**2) >= wanted:
+            break
+        scale *= 1.25
+    return np.asarray(weight)
+
+
+def whitening(y: Array, weight: Array) -> tuple[Array, Array]:
+    """(d,) and (d, d) Centre and matrix of x = (y - centre) @ matrix: half a standard deviation is 1.
+
+    The powers of x then stay of order one.
+    """
+    covariance = np.atleast_2d(np.cov(y.T, aweights=weight))
+    covariance[np.diag_indices_from(covariance)] *= 1 + 1e-9
+    centre = np.asarray(np.average(y, axis=0, weights=weight), dtype=float)
+    return centre, np.asarray(0.5 * np.linalg.inv(np.linalg.cholesky(covariance)).T, dtype=float)
+
+
+def error_of(squares: Array, weight: Array) -> Array:
+    """(k,) Weighted means of squares (n, k), the wildest cut."""
+    top = WILD * np.maximum(_median(np.abs(squares), weight) / 0.455, 1e-300)
+    return np.asarray(np.average(np.clip(squares, -top, top), axis=0, weights=weight))
+
+
+def log_odds(terms: Array, there: Array, ridge: float) -> Array:
+    """(terms,) Coefficients of the log odds of 1 against 0 in there (n,): logistic regression by reweighting."""
+    odds = np.zeros(len(there))
+    coefficients = np.zeros(terms.shape[1])
+    if there.all():
+        coefficients[0] = 20.0
+        return coefficients
+    for _ in range(ITERATIONS):
+        p = expit(odds)
+        weight = np.maximum(p * (1 - p), 1e-4)
+        coefficients = regress(terms, (odds + (there - p) / weight)[:, None], weight, ridge).coefficients[:, 0]
+        odds = np.clip(terms @ coefficients, -20.0, 20.0)
+    return coefficients
+
+
+def _forms(noise: Array, details: Array) -> tuple[Array, BoolArray]:
+    """Return ln variance and the details, (n, m + k), and which of the latter are logarithms as well (k,)."""
+    positive: BoolArray = np.asarray((details > 0).all(axis=0), dtype=bool)
+    logs = np.log(np.where(positive, details, 1.0))
+    return np.concatenate([np.log(np.maximum(noise, SILENT)), np.where(positive, logs, details)], axis=1), positive
+
+
+def _median(values: Array, weight: Array) -> Array:
+    """(k,) Weighted medians of values (n, k)."""
+    order = np.argsort(values, axis=0)
+    steps = np.cumsum(weight[order], axis=0)
+    row = np.argmax(steps >= 0.5 * steps[-1], axis=0)
+    return np.asarray(values[order[row, np.arange(values.shape[1])], np.arange(values.shape[1])])
+
+
+def _quantile(values: Array, weight: Array, part: float) -> float:
+    order = np.argsort(values)
+    steps = np.cumsum(weight[order])
+    return float(values[order[np.searchsorted(steps, part * steps[-1])]])
+
