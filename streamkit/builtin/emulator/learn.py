@@ -27,22 +27,45 @@ WILD = 25.0
 BEST = 0.01
 # Ridge and iterations of the fit of the probability that there is a prediction.
 EXISTS_RIDGE, ITERATIONS = 1e-4, 15
+# Standard errors by which a measured variance must exceed the stated noise before it counts as a lack of fit.
+CHANCE = 1.5
 # Least variance of a prediction, in squared errors of the data, whose logarithm is fitted.
 SILENT = 1e-10
 
 
-def learn(problem: Problem, y: Array, answers: Answers) -> Emulator | None:
-    """Fit an emulator to answers at coordinates y (n, d); None where there are too few, or they do not span the space.
+def learn(problem: Problem, y: Array, answers: Answers, theta: Array) -> Emulator | None:
+    """Fit an emulator to answers at coordinates y (n, d), parameters theta (n, d).
 
-    Degree and ridge are those whose fits without a point predict that point best, points near the data counting most.
+    None where there are too few, or they do not span the space. Degree and ridge are those whose fits without a point
+    predict that point best, points near the data counting most. What is near is decided by the emulated likelihood, in
+    a second pass: points whose noise happens to bring them near would lead the fit.
     """
-    used = np.isfinite(problem.values)
     there: BoolArray = np.asarray(np.isfinite(answers.ln_likelihood), dtype=bool)
     if not there.any():
         return None
+    lnl = answers.ln_likelihood
+    emulator = _fitted(problem, y, answers, lnl)
+    if emulator is None:
+        return None
+    smooth = emulator.ln_likelihood(y, theta, noise=problem.add_noise)
+    best = _best(lnl[there])
+    near = there & (lnl > best - NEAR - 0.5 * y.shape[1])
+    if near.sum() < y.shape[1] or np.median(np.abs(smooth - lnl)[near]) > 0.3 * NEAR:
+        return emulator
+    return _fitted(problem, y, answers, smooth)
+
+
+def _best(lnl: Array) -> float:
+    return float(np.sort(lnl)[-max(int(BEST * len(lnl)), 1)])
+
+
+def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulator | None:
+    """Fit with weights by this ln likelihood (n,)."""
+    used = np.isfinite(problem.values)
+    there: BoolArray = np.asarray(np.isfinite(answers.ln_likelihood), dtype=bool)
     z = y[:, problem.coordinates]
     known, d = z[there], z.shape[1]
-    weight = weights(answers.ln_likelihood[there], y.shape[1], ENOUGH * count(d, 2))
+    weight = weights(lnl[there], y.shape[1], ENOUGH * count(d, 2))
     effective = weight.sum() ** 2 / np.sum(weight**2)
     centre, whiten = whitening(known, weight)
     x = (known - centre) @ whiten
@@ -66,7 +89,7 @@ def learn(problem: Problem, y: Array, answers: Answers) -> Emulator | None:
     _, degree, fit = min(fits, key=lambda each: each[0])
     spread2 = error_of(fit.left * fit.out, weight)
     typical = np.average(noise, axis=0, weights=weight)
-    lack2 = np.maximum(spread2 - typical, 0.0)
+    lack2 = np.maximum(spread2 - typical * (1 + CHANCE * np.sqrt(2 / effective)), 0.0)
     low = min(degree, 2)
     others, positive = _forms(noise, answers.details[there])
     rest = regress(monomials(x, low), others, weight, RIDGES[-2])
@@ -94,8 +117,7 @@ def learn(problem: Problem, y: Array, answers: Answers) -> Emulator | None:
 
 def weights(lnl: Array, d: int, wanted: float) -> Array:
     """(n,) Weights of points with ln likelihood (n,): one near the best, falling so that enough points count."""
-    best = np.sort(lnl)[-max(int(BEST * len(lnl)), 1)]
-    away = np.maximum(best - lnl, 0.0)
+    away = np.maximum(_best(lnl) - lnl, 0.0)
     scale, wanted = NEAR + 0.5 * d, min(wanted, 0.6 * len(lnl))
     for _ in range(80):
         weight = 1 / (1 + away / scale) ** 2
