@@ -9,7 +9,8 @@ import numpy as np
 from scipy.special import log_expit
 
 from streamkit import Array, BoolArray
-from streamkit.builtin.emulator.polynomial import monomials
+from streamkit.builtin.emulator.kernel import Kernel
+from streamkit.builtin.emulator.polynomial import Polynomial, monomials
 from streamkit.builtin.emulator.problem import Problem
 
 # Singular values of coefficients below this fraction of the largest are left out.
@@ -71,8 +72,10 @@ class Emulator:
     ----------
     centre, whiten
         (c,) and (c, c): x = (z - centre) @ whiten of the c coordinates z that predictions depend on.
-    degree, mean
-        Polynomials of (prediction - datum) / error.
+    basis, mean
+        Terms, and their coefficients, of (prediction - datum) / error.
+    growth
+        Power of |x|^2 by which the lack of fit grows outside the points.
     root
         (terms, terms): the squared length of ``terms @ root`` is the leverage, the variance of the fit over that of the
         points about it.
@@ -91,7 +94,8 @@ class Emulator:
     problem: Problem
     centre: Array
     whiten: Array
-    degree: int
+    basis: Polynomial | Kernel
+    growth: int
     mean: Low
     root: Array
     spread2: Array
@@ -108,11 +112,10 @@ class Emulator:
         """Return the predictions at coordinates y (n, d); NaN where there is no datum."""
         x = (y[:, self.problem.coordinates] - self.centre) @ self.whiten
         r2 = np.sum(x**2, axis=1)
-        terms = monomials(x, self.degree)
-        few = terms[:, : self.rest.left.shape[0]]
+        terms, few = self.basis.terms(x), monomials(x, self.low)
         leverage = np.sum((terms @ self.root) ** 2, axis=1)
-        grown = np.maximum(r2 / self.typical_r2, 1.0) ** (self.degree + 1)
-        own2 = self.spread2 * leverage[:, None] + self.lack2 * grown[:, None]
+        grown = np.maximum(r2 / self.typical_r2, 1.0) ** self.growth
+        own2 = self.spread2 * leverage[:, None] + self.lack2 * grown[:, None] + self.basis.unseen(terms)[:, None]
         used = np.isfinite(self.problem.values)
         m, errors = int(used.sum()), self.problem.errors[used]
         rest = np.clip(self.rest.at(few), *self.ends)

@@ -8,7 +8,8 @@ from scipy.special import expit
 
 from streamkit import Array, BoolArray
 from streamkit.builtin.emulator.emulator import Emulator, Low
-from streamkit.builtin.emulator.polynomial import count, monomials, regress
+from streamkit.builtin.emulator.kernel import Kernel, learn_kernel
+from streamkit.builtin.emulator.polynomial import Polynomial, Regression, count, monomials, regress
 from streamkit.builtin.emulator.problem import Answers, Problem
 
 # Polynomials that are tried: degrees, most terms, effective points for each term, and ridge penalties in units of the
@@ -19,6 +20,8 @@ RIDGES = (1e-8, 1e-6, 1e-4, 1e-2)
 NEAR = 10.0
 # Effective points that the weights leave at least, for each term of a quadratic.
 ENOUGH = 2.0
+# Points at least, and for each parameter, on which errors are measured if fewer are near.
+LEAST_CLOSE, CLOSE = 40, 3
 # Points that count less than this say nothing of how far the fit reaches.
 FAR = 0.02
 # Largest squared residual that counts in an error, in units of the typical one.
@@ -27,6 +30,9 @@ WILD = 25.0
 BEST = 0.01
 # Ridge and iterations of the fit of the probability that there is a prediction.
 EXISTS_RIDGE, ITERATIONS = 1e-4, 15
+# A Gaussian process is tried where the error of the best polynomial exceeds the noise by this factor, and this many
+# squared errors for each datum.
+WORTH, EXACT = 1.15, 1e-3
 # Standard errors by which a measured variance must exceed the stated noise before it counts as a lack of fit.
 CHANCE = 1.5
 # Least variance of a prediction, in squared errors of the data, whose logarithm is fitted.
@@ -47,7 +53,7 @@ def learn(problem: Problem, y: Array, answers: Answers, theta: Array) -> Emulato
     emulator = _fitted(problem, y, answers, lnl)
     if emulator is None:
         return None
-    smooth = emulator.ln_likelihood(y, theta, noise=problem.add_noise)
+    smooth = emulator.ln_likelihood(y, theta, noise=problem.add_noise, own=False)
     best = _best(lnl[there])
     near = there & (lnl > best - NEAR - 0.5 * y.shape[1])
     if near.sum() < y.shape[1] or np.median(np.abs(smooth - lnl)[near]) > 0.3 * NEAR:
@@ -66,6 +72,7 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
     z = y[:, problem.coordinates]
     known, d = z[there], z.shape[1]
     weight = weights(lnl[there], y.shape[1], ENOUGH * count(d, 2))
+    near = nearest(lnl[there], y.shape[1])
     effective = weight.sum() ** 2 / np.sum(weight**2)
     centre, whiten = whitening(known, weight)
     x = (known - centre) @ whiten
@@ -75,7 +82,7 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
     degrees = [
         k for k in DEGREES if POINTS_PER_TERM * count(d, k) <= effective and count(d, k) <= MOST_TERMS
     ]
-    fits = []
+    fits: list[tuple[float, Polynomial | Kernel, Regression]] = []
     for degree in degrees:
         terms = monomials(x, degree)
         for ridge in RIDGES:
@@ -83,14 +90,24 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
                 fit = regress(terms, target, weight, ridge)
             except LinAlgError:  # walkers that hardly moved
                 continue
-            fits.append((float(np.sum(error_of(fit.out**2, weight))), degree, fit))
+            fits.append((float(np.sum(error_of(fit.out[near] ** 2))), Polynomial(degree), fit))
     if not fits:
         return None
-    _, degree, fit = min(fits, key=lambda each: each[0])
-    spread2 = error_of(fit.left * fit.out, weight)
-    typical = np.average(noise, axis=0, weights=weight)
-    lack2 = np.maximum(spread2 - typical * (1 + CHANCE * np.sqrt(2 / effective)), 0.0)
-    low = min(degree, 2)
+    noisy = float(noise[near].mean(axis=0).sum())
+    if min(fits, key=_first)[0] > WORTH * noisy + EXACT * len(errors):
+        try:
+            counted = weight >= FAR
+            kernel = learn_kernel(x[counted], target[counted], weight[counted], np.random.default_rng(len(x)))
+            fit = regress(kernel.terms(x), target, weight, kernel.penalty)
+            fits.append((float(np.sum(error_of(fit.out[near] ** 2))), kernel, fit))
+        except LinAlgError:
+            pass
+    _, basis, fit = min(fits, key=_first)
+    degree = basis.degree if isinstance(basis, Polynomial) else 1
+    spread2 = error_of((fit.left * fit.out)[near])
+    typical = noise[near].mean(axis=0)
+    lack2 = np.maximum(spread2 - typical * (1 + CHANCE * np.sqrt(2 / near.sum())), 0.0)
+    low = min(max(degrees), 2)
     others, positive = _forms(noise, answers.details[there])
     rest = regress(monomials(x, low), others, weight, RIDGES[-2])
     r2 = np.sum(x**2, axis=1)
@@ -100,7 +117,8 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
         problem=problem,
         centre=centre,
         whiten=whiten,
-        degree=degree,
+        basis=basis,
+        growth=degree + 1,
         mean=Low.of(fit.coefficients),
         root=fit.root,
         spread2=spread2,
@@ -115,6 +133,10 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
     )
 
 
+def _first(fit: tuple[float, Polynomial | Kernel, Regression]) -> float:
+    return fit[0]
+
+
 def weights(lnl: Array, d: int, wanted: float) -> Array:
     """(n,) Weights of points with ln likelihood (n,): one near the best, falling so that enough points count."""
     away = np.maximum(_best(lnl) - lnl, 0.0)
@@ -125,6 +147,13 @@ def weights(lnl: Array, d: int, wanted: float) -> Array:
             break
         scale *= 1.25
     return np.asarray(weight)
+
+
+def nearest(lnl: Array, d: int) -> BoolArray:
+    """(n,) Whether a point with ln likelihood (n,) is near the data: errors are measured there, as farther ones err more."""
+    away = _best(lnl) - lnl
+    least = np.sort(away)[min(LEAST_CLOSE + CLOSE * d, len(lnl)) - 1]
+    return np.asarray(away <= max(NEAR + 0.5 * d, least), dtype=bool)
 
 
 def whitening(y: Array, weight: Array) -> tuple[Array, Array]:
@@ -138,10 +167,10 @@ def whitening(y: Array, weight: Array) -> tuple[Array, Array]:
     return centre, np.asarray(0.5 * np.linalg.inv(np.linalg.cholesky(covariance)).T, dtype=float)
 
 
-def error_of(squares: Array, weight: Array) -> Array:
-    """(k,) Weighted means of squares (n, k), the wildest cut."""
-    top = WILD * np.maximum(_median(np.abs(squares), weight) / 0.455, 1e-300)
-    return np.asarray(np.average(np.clip(squares, -top, top), axis=0, weights=weight))
+def error_of(squares: Array) -> Array:
+    """(k,) Means of squares (n, k), the wildest cut."""
+    top = WILD * np.maximum(np.median(np.abs(squares), axis=0) / 0.455, 1e-300)
+    return np.asarray(np.clip(squares, -top, top).mean(axis=0))
 
 
 def log_odds(terms: Array, there: Array, ridge: float) -> Array:
@@ -164,14 +193,6 @@ def _forms(noise: Array, details: Array) -> tuple[Array, BoolArray]:
     positive: BoolArray = np.asarray((details > 0).all(axis=0), dtype=bool)
     logs = np.log(np.where(positive, details, 1.0))
     return np.concatenate([np.log(np.maximum(noise, SILENT)), np.where(positive, logs, details)], axis=1), positive
-
-
-def _median(values: Array, weight: Array) -> Array:
-    """(k,) Weighted medians of values (n, k)."""
-    order = np.argsort(values, axis=0)
-    steps = np.cumsum(weight[order], axis=0)
-    row = np.argmax(steps >= 0.5 * steps[-1], axis=0)
-    return np.asarray(values[order[row, np.arange(values.shape[1])], np.arange(values.shape[1])])
 
 
 def _quantile(values: Array, weight: Array, part: float) -> float:

@@ -43,15 +43,33 @@ class Regression:
         return np.asarray(self.left / (1 - self.leverage[:, None]))
 
 
-def regress(terms: Array, target: Array, weight: Array, ridge: float) -> Regression:
+@dataclass(frozen=True)
+class Polynomial:
+    """The terms of a polynomial of this degree."""
+
+    degree: int
+
+    def terms(self, x: Array) -> Array:
+        """(n, terms) The monomials at x (n, c)."""
+        return monomials(x, self.degree)
+
+    def unseen(self, terms: Array) -> Array:
+        """(n,) Zero: a polynomial is all in its terms."""
+        return np.zeros(len(terms))
+
+
+def regress(terms: Array, target: Array, weight: Array, ridge: float | Array) -> Regression:
     """Fit targets (n, k) by terms (n, t) with weights (n,).
 
-    The first term is not penalised. Raises LinAlgError where points do not span the terms.
+    The ridge penalty is in units of the mean diagonal of the normal equations, and the first term is not penalised; or
+    it is given for every term (t,). Raises LinAlgError where points do not span the terms.
     """
     weighted = terms * weight[:, None]
     normal = weighted.T @ terms
-    scale = ridge * np.trace(normal) / len(normal)
-    normal[np.diag_indices_from(normal)] += np.where(np.arange(len(normal)) > 0, scale, 1e-12 * scale)
+    if isinstance(ridge, float):
+        scale = ridge * np.trace(normal) / len(normal)
+        ridge = np.where(np.arange(len(normal)) > 0, scale, 1e-12 * scale)
+    normal[np.diag_indices_from(normal)] += ridge
     lower = cholesky(normal, lower=True)
     coefficients = np.asarray(cho_solve((lower, True), weighted.T @ target))
     root = np.asarray(solve_triangular(lower, np.eye(len(lower)), lower=True).T)

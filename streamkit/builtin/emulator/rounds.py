@@ -21,13 +21,13 @@ COPIES = ((1.0, 0.5), (0.5, 0.25), (0.25, 0.25))
 # New points of a round for each parameter, and in any case.
 ROUND, LEAST_ROUND = 8, 80
 # Steps of the walks of a round, of which the first are not used.
-STEPS, SETTLING = 250, 100
+STEPS, SETTLING = 120, 40
 # Standard deviations that a parameter may move between an emulator and the one two rounds before.
 SETTLED = 0.1
 # Fresh calls of a certificate.
 FRESH = 128
 # Walkers and steps of the samples that are the answer, of which the first are not used.
-LAST_STEPS, LAST_SETTLING = 1500, 300
+LAST_STEPS, LAST_SETTLING = 800, 150
 # Fraction of the samples that a start may have taken for impossible, and what that is in ln density below its best.
 MISSED, IMPOSSIBLE = 0.02, 12.0
 

@@ -29,7 +29,7 @@ WAVES = 40
 # Doubt, in ln likelihood, below which the emulator has arrived: what its own error makes of it at a typical sample.
 ARRIVED = 1.5
 # Walkers for each parameter and in any case, and their steps in a wave, of which the last are used.
-WALKERS, LEAST_WALKERS, STEPS, USED = 6, 64, 120, 40
+WALKERS, LEAST_WALKERS, STEPS, USED = 10, 128, 60, 20
 
 
 @dataclass(frozen=True)
