@@ -86,7 +86,7 @@ class Emulator:
         Polynomials of this degree for ln variance and the details, (terms, m + k); which details are logarithms; the
         range in which they stay.
     typical_r2, known_r2
-        |x|^2 beyond which the lack of fit grows, and that of the farthest point.
+        |x|^2 beyond which the lack of fit grows, and beyond which the fit is not trusted: a penalty brings walks back.
     exists
         (quadratic terms,) log odds that there is a prediction.
     """
@@ -140,5 +140,5 @@ class Emulator:
         found = self.predict(y)
         variance = found.own * own + (found.noise if noise else 0.0)
         lnl = self.problem.compare(theta, found.mean, variance, found.details)
-        outside = 0.5 * len(self.centre) * (found.beyond - 1.0)
+        outside = len(self.centre) * (found.beyond - 1.0)
         return np.asarray(lnl + found.ln_exists - outside)

@@ -22,8 +22,10 @@ NEAR = 10.0
 ENOUGH = 2.0
 # Points at least, and for each parameter, on which errors are measured if fewer are near.
 LEAST_CLOSE, CLOSE = 40, 3
-# Points that count less than this say nothing of how far the fit reaches.
+# Points that count less than this are not used for the lengths of a Gaussian process.
 FAR = 0.02
+# The fit is trusted to |x|^2 of the farthest near point times this.
+REACH = 1.5
 # Largest squared residual that counts in an error, in units of the typical one.
 WILD = 25.0
 # The best points by ln likelihood, which is noisy: the best one is this one from the top, a fraction.
@@ -111,7 +113,6 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
     others, positive = _forms(noise, answers.details[there])
     rest = regress(monomials(x, low), others, weight, RIDGES[-2])
     r2 = np.sum(x**2, axis=1)
-    counted = weight >= FAR
     exists = log_odds(monomials((z - centre) @ whiten, low), there.astype(float), EXISTS_RIDGE)
     return Emulator(
         problem=problem,
@@ -128,7 +129,7 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
         positive=positive,
         ends=(others.min(axis=0), others.max(axis=0)),
         typical_r2=float(_quantile(r2, weight, 0.7)),
-        known_r2=float(r2[counted].max()),
+        known_r2=float(REACH * r2[near].max()),
         exists=exists,
     )
 

@@ -30,6 +30,8 @@ FRESH = 128
 LAST_STEPS, LAST_SETTLING = 800, 150
 # Fraction of the samples that a start may have taken for impossible, and what that is in ln density below its best.
 MISSED, IMPOSSIBLE = 0.02, 12.0
+# Starts that must have seen all of the posterior, and how many are made for that at most.
+AGREEING, MOST_STARTS = 2, 4
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,6 @@ def sample(
     """
     space = Space(problem)
     arrivals = [arrive(cheap, space, [problem.seed, 1, start], note) for start in range(starts)]
-    spent = sum(len(arrival.known) for arrival in arrivals)
     known = _first(problem, space, arrivals)
     before: list[Emulated] = []
     pools: dict[float, Array] = {beta: np.concatenate([each.places[-200:] for each in arrivals]) for beta, _ in COPIES}
@@ -118,18 +119,28 @@ def sample(
             fresh = Known.at(problem, space, samples[rng.choice(len(samples), FRESH, replace=False)])
             certificate = certify(emulated, fresh, samples, [problem.seed, 4, turn])
             known += fresh
-            if not certificate.faults:
+            seen = sum(_covers(arrival, samples) for arrival in arrivals)
+            if not certificate.faults and seen < min(AGREEING, starts) and len(arrivals) < MOST_STARTS:
+                note(f"{seen} of {len(arrivals)} starts saw all of the posterior: another one")
+                arrivals.append(arrive(cheap, space, [problem.seed, 1, len(arrivals)], note))
+                known += _first(problem, space, arrivals[-1:])
+                before = []
+            elif not certificate.faults:
                 chain = emulated.sample(
                     np.concatenate([pools[1.0], samples[-2000:]]), 2 * walkers_for(d), LAST_STEPS,
                     [problem.seed, 5, turn],
                 )  # fmt: skip
                 samples = chain[LAST_SETTLING:].reshape(-1, d)
-                missed = "" if len(arrivals) < 2 else _missed(arrivals, samples)
-                yield Progress(known, spent, emulated, samples, moved, certificate, missed)
+                missed = "" if seen >= min(AGREEING, starts) else (
+                    f"only {seen} of {len(arrivals)} starts saw all of the posterior: there may be modes that none of "
+                    "them saw"
+                )
+                yield Progress(known, _cheap(arrivals), emulated, samples, moved, certificate, missed)
                 return
-            note("; ".join(certificate.faults))
+            else:
+                note("; ".join(certificate.faults))
         missing = _missing(moved, doubt, certificate)
-        yield Progress(known, spent, emulated, samples, moved, certificate, missing)
+        yield Progress(known, _cheap(arrivals), emulated, samples, moved, certificate, missing)
         if len(known) >= max_calls or problem.time_left() <= 0:
             return
         known += Known.at(problem, space, np.concatenate(new))
@@ -154,17 +165,16 @@ def _moved(before: list[Emulated], now: Emulated, samples: Array) -> float:
     return max(shift(some, each.ln_density(some) - here) for each in before)
 
 
-def _missed(arrivals: list[Arrival], samples: Array) -> str:
-    """Say whether each start had taken some of the posterior for impossible: then there may be more that none saw."""
+def _cheap(arrivals: list[Arrival]) -> int:
+    return sum(len(arrival.known) for arrival in arrivals)
+
+
+def _covers(arrival: Arrival, samples: Array) -> bool:
+    """Say whether a start had taken none of the posterior for impossible."""
     some = samples[:: max(len(samples) // 2000, 1)]
-    parts = []
-    for arrival in arrivals:
-        lnp = arrival.emulated.ln_density(some)
-        best = np.quantile(arrival.emulated.ln_density(arrival.places), 0.9)
-        parts.append(float(np.mean(lnp < best - IMPOSSIBLE - len(some.T))))
-    if min(parts) > MISSED:
-        return "every start had missed some of the posterior: there may be modes that none of them saw"
-    return ""
+    best = np.quantile(arrival.emulated.ln_density(arrival.places), 0.9)
+    lost = arrival.emulated.ln_density(some) < best - IMPOSSIBLE - samples.shape[1]
+    return bool(np.mean(lost) <= MISSED)
 
 
 def _missing(moved: float, doubt: float, certificate: Certificate | None) -> str:
