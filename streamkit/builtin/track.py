@@ -283,7 +283,7 @@ class Track(Observable):
         return total
 
     def scatter2(self, name: str, error: Array, spread: Array) -> Array:
-        """(..., k) Variances of one field's data about the lines: errors, extra dispersion, and the spread for stars."""
+        """(..., k) Variances of one field's data about the lines: errors, extra dispersion, for stars the spread."""
         variance = error**2
         if name != DEPTH:
             variance = variance + getattr(self, f"{name}_dispersion") ** 2

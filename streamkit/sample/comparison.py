@@ -9,13 +9,10 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from streamkit.components import Measurement
-from streamkit.observe import Data, parts_of
 from streamkit.model import Observation
+from streamkit.observe import Data, parts_of, read_data
 from streamkit.sample.posterior import Posterior
 from streamkit.stream import Array, BoolArray, Prediction
-
-# Relative difference up to which the likelihood of many points is that of one after the other.
-SAME = 1e-9
 
 
 @dataclass(frozen=True)
@@ -57,7 +54,8 @@ class Comparison:
     Attributes
     ----------
     undeclared
-        The measurements with a likelihood of their own that do not declare what it reads: nothing can be compared.
+        The measurements that cannot be compared at many points: those with a likelihood of their own that do not
+        declare what it reads, and those whose data depend on a parameter.
     """
 
     def __init__(self, posterior: Posterior, observation: Observation) -> None:
@@ -73,21 +71,21 @@ class Comparison:
 
     def _sections(self, observation: Observation) -> list[tuple[Any, Prediction, Data]]:
         """Return section, prediction and data of every measurement, in the order of the joint prediction."""
-        bound, parts = self._spec.bind_all(), self._spec.parts
-        sections = []
-        for name, setup in bound.streams.items():
-            predictions, data = parts_of(observation.predictions[name]), self._model.data(setup)
-            sections += [(s, predictions[key], data[key]) for key, s in parts.streams[name].observables.items()]
-        for name, section in parts.data.items():
-            data = self._model.known("data", name, bound.data[name])
-            sections.append((section, observation.predictions[f"data.{name}"], data))
+        bound, sections_of = self._spec.bind_all(), self._spec.sections
+        sections: list[tuple[Any, Prediction, Data]] = []
+        for name, inputs in bound.streams.items():
+            predictions, data = parts_of(observation.predictions[name]), self._model.data(inputs)
+            sections += [(s, predictions[key], data[key]) for key, s in sections_of.streams[name].observables.items()]
+        for name, section in sections_of.data.items():
+            prediction = observation.predictions[f"data.{name}"]
+            sections.append((section, prediction, self._model.known("data", name, bound.data[name])))
         return sections
 
     def _add(self, section: Any, prediction: Prediction, data: Data, start: int) -> int:
         """Add one measurement whose data begin at ``start``; return how many they are."""
         measurement, m = section.centre, len(data.values)
         own = type(measurement).ln_likelihood is not Measurement.ln_likelihood
-        if own and measurement.likelihood_details is None:
+        if (own and measurement.likelihood_details is None) or self._is_bent(section):
             self.undeclared.append(f"{measurement.role} {measurement.kind}")
         names = (measurement.likelihood_details or ()) if own else ()
         shapes = {name: np.shape(prediction.details[name]) for name in names}
@@ -100,6 +98,22 @@ class Comparison:
         self._parts.append(Part(measurement, data, slice(start, start + m), reads, shapes, free))
         self.details_size += size
         return m
+
+    def _is_bent(self, section: Any) -> bool:
+        """Say whether the data of a measurement depend on a parameter, or numbers in a list of its fields are free."""
+        if not section.priors:
+            return False
+        if any("." in field for field in section.priors):
+            return True
+        names, priors = self._spec.names, self._spec.priors
+        low, high = (
+            read_data(section.build({n: float(p.ppf(np.array(u))) for n, p in zip(names, priors, strict=True)}))
+            for u in (0.25, 0.75)
+        )
+        same = [np.array_equal(getattr(low, n), getattr(high, n), equal_nan=True) for n in ("values", "errors")]
+        if low.covariance is not None and high.covariance is not None:
+            same.append(np.array_equal(low.covariance, high.covariance, equal_nan=True))
+        return not all(same)
 
     @property
     def coordinates(self) -> BoolArray:

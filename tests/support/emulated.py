@@ -9,25 +9,11 @@ from streamkit.errors import OutOfDomain
 from streamkit.model import Model
 from streamkit.sample import Posterior
 from streamkit.sample.comparison import Comparison, gaussians
-from streamkit.spec import LogUniform, Normal, Uniform
 
 
 def ln_densities(priors, points):
     """(n,) ln density of independent priors at points (n, d)."""
-    total = np.zeros(len(points))
-    for prior, x in zip(priors, points.T, strict=True):
-        low, high = prior.support
-        inside = (x >= low) & (x <= high)
-        if isinstance(prior, LogUniform):
-            with np.errstate(invalid="ignore", divide="ignore"):
-                value = -np.log(x) - np.log(np.log(high / low))
-        elif isinstance(prior, Uniform):
-            value = np.full(len(x), -np.log(high - low))
-        else:
-            assert isinstance(prior, Normal)
-            value = prior.lnpdf(prior.mean) - 0.5 * ((x - prior.mean) / prior.sd) ** 2
-        total += np.where(inside, value, -np.inf)
-    return total
+    return sum(prior.lnpdf_of_many(x) for prior, x in zip(priors, points.T, strict=True))
 
 
 class Problem:

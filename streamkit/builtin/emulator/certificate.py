@@ -14,7 +14,7 @@ from scipy.linalg import LinAlgError
 
 from streamkit import Array
 from streamkit.builtin.emulator.emulated import Emulated
-from streamkit.builtin.emulator.emulator import Emulated as Predictions
+from streamkit.builtin.emulator.emulator import Predictions
 from streamkit.builtin.emulator.known import Known
 from streamkit.builtin.emulator.polynomial import regress
 
@@ -24,7 +24,8 @@ SIZE, ONE_SIZE = 1.5, 3.0
 MOVED = 0.25
 # Fraction of trends by chance alone that must be smaller for one to count, and how many are tried.
 CHANCE, TRIES = 0.95, 40
-# Differences of ln likelihood from what the noise makes of it: standard errors, and nats, of the median; ratio of spreads.
+# Differences of ln likelihood from what the noise makes of it: standard errors, and nats, of the median; ratio of their
+# spreads.
 OFF, NATS, WIDER = 4.0, 0.7, 2.0
 # Fraction of points of the posterior that may have no prediction.
 EMPTY = 0.1
@@ -123,7 +124,9 @@ def certify(emulated: Emulated, fresh: Known, samples: Array, seed: list[int]) -
     )  # fmt: skip
 
 
-def _differences(emulated: Emulated, fresh: Known, predicted: Predictions, rng: np.random.Generator) -> tuple[Array, Array]:
+def _differences(
+    emulated: Emulated, fresh: Known, predicted: Predictions, rng: np.random.Generator
+) -> tuple[Array, Array]:
     """Return true minus emulated ln likelihood (n,), and the same with the residuals of other points (n,)."""
     problem, answers = fresh.problem, fresh.answers
     at = emulated.emulator.ln_likelihood(fresh.y, fresh.theta, emulated.noise)
@@ -188,9 +191,8 @@ def _spread(values: Array) -> float:
 
 def _tail(ln_weight: Array) -> tuple[float, float]:
     """Return k-hat, and the fraction of the samples that the smoothed weights leave."""
-    import arviz_stats
-    from arviz_stats.base import array_stats
+    from arviz_stats.base.array import array_stats  # a second or more to load
 
-    smoothed, k = array_stats.psislw(-ln_weight)  # which takes minus their logs
+    smoothed, k = array_stats.psislw(-ln_weight)  # type: ignore[no-untyped-call]  # which takes minus their logs
     weight = np.exp(smoothed - smoothed.max())
     return float(k), float(weight.sum() ** 2 / np.sum(weight**2) / len(weight))

@@ -44,9 +44,7 @@ class Emulated:
             lnp[inside] += inverse_temperature * self.ln_likelihood(y[inside])
         return np.where(np.isnan(lnp), -np.inf, lnp)
 
-    def sample(
-        self, pool: Array, walkers: int, steps: int, seed: list[int], inverse_temperature: float = 1.0
-    ) -> Array:
+    def sample(self, pool: Array, walkers: int, steps: int, seed: list[int], inverse_temperature: float = 1.0) -> Array:
         """(steps, w, d) Walk from places of a pool (n, d), drawn by their density."""
 
         def density(y: Array) -> Array:

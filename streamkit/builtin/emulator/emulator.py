@@ -40,7 +40,7 @@ class Low(NamedTuple):
         return np.asarray(first if self.right is None else first @ self.right)
 
 
-class Emulated(NamedTuple):
+class Predictions(NamedTuple):
     """Predictions of the emulator at n points.
 
     Attributes
@@ -108,7 +108,7 @@ class Emulator:
     known_r2: float
     exists: Array
 
-    def predict(self, y: Array) -> Emulated:
+    def predict(self, y: Array) -> Predictions:
         """Return the predictions at coordinates y (n, d); NaN where there is no datum."""
         x = (y[:, self.problem.coordinates] - self.centre) @ self.whiten
         r2 = np.sum(x**2, axis=1)
@@ -125,7 +125,7 @@ class Emulator:
         own[:, used] = errors**2 * own2
         noise[:, used] = errors**2 * np.exp(rest[:, :m])
         ln_exists = log_expit(few @ self.exists)
-        return Emulated(mean, own, noise, details, ln_exists, np.maximum(r2 / self.known_r2, 1.0))
+        return Predictions(mean, own, noise, details, ln_exists, np.maximum(r2 / self.known_r2, 1.0))
 
     def ln_likelihood(self, y: Array, theta: Array, noise: bool = False, own: bool = True) -> Array:
         """(n,) ln likelihood at coordinates y (n, d), which are the parameters theta (n, d).

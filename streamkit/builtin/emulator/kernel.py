@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import minimize
 
-from streamkit import Array
+from streamkit import Array, IntArray
 
 # Points that represent the process, those that its lengths are learned from, and steps of learning.
 INDUCING, LEARNED_FROM, STEPS = 600, 400, 25
@@ -74,8 +74,8 @@ def learn_kernel(x: Array, target: Array, weight: Array, rng: np.random.Generato
 
     They maximise the marginal likelihood of what a linear fit leaves over at some of the points.
     """
-    n, c = x.shape
-    chosen = rng.choice(n, min(LEARNED_FROM, n), replace=False, p=weight / weight.sum()) if n > LEARNED_FROM else np.arange(n)
+    c = x.shape[1]
+    chosen = _some(weight, LEARNED_FROM, rng)
     some, scale = x[chosen], 1 / np.maximum(weight[chosen], 1e-3)
     line = np.concatenate([np.ones((len(some), 1)), some], axis=1)
     root = np.sqrt(weight[chosen])[:, None]
@@ -105,9 +105,15 @@ def learn_kernel(x: Array, target: Array, weight: Array, rng: np.random.Generato
     begin = np.concatenate([np.full(c, np.log(EXPECTED)), [0.0, np.log(0.1)]])
     bounds = [(np.log(0.3), np.log(100.0))] * c + [(-7.0, 6.0), (np.log(1e-7), 2.0)]
     p = minimize(cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": STEPS}).x
-    places = x if n <= INDUCING else x[rng.choice(n, INDUCING, replace=False, p=weight / weight.sum())]
+    places = x[_some(weight, INDUCING, rng)]
     gram = squared_exponential(places, places, np.exp(p[:c]))
     gram[np.diag_indices_from(gram)] += JITTER
     lower = cholesky(gram, lower=True)
     inverse = np.asarray(solve_triangular(lower, np.eye(len(lower)), lower=True).T)
     return Kernel(places, np.exp(p[:c]), typical * float(np.exp(p[c])), typical * float(np.exp(p[c + 1])), inverse)
+
+
+def _some(weight: Array, most: int, rng: np.random.Generator) -> IntArray:
+    """(k,) Indices of all points, or of so many drawn by their weights (n,)."""
+    n = len(weight)
+    return np.arange(n) if n <= most else rng.choice(n, most, replace=False, p=weight / weight.sum())

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from streamkit import Array
+from streamkit import Array, BoolArray
 from streamkit.builtin.emulator.coordinates import Space
 from streamkit.builtin.emulator.emulator import Emulator
 from streamkit.builtin.emulator.learn import learn
@@ -47,12 +47,13 @@ class Known:
 
     def take(self, rows: Array) -> Known:
         """Return some of them."""
-        return Known(self.problem, self.space, self.y[rows], self.theta[rows], Answers(*(a[rows] for a in self.answers)))
+        answers = Answers(*(each[rows] for each in self.answers))
+        return Known(self.problem, self.space, self.y[rows], self.theta[rows], answers)
 
     @property
-    def good(self) -> Array:
+    def good(self) -> BoolArray:
         """(n,) Whether a call gave a prediction."""
-        return np.isfinite(self.answers.ln_likelihood)
+        return np.asarray(np.isfinite(self.answers.ln_likelihood), dtype=bool)
 
     def learn(self) -> Emulator | None:
         """Return the emulator of all of them."""

@@ -81,9 +81,7 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
     errors = problem.errors[used]
     target = (answers.mean[there][:, used] - problem.values[used]) / errors
     noise = answers.variance[there][:, used] / errors**2
-    degrees = [
-        k for k in DEGREES if POINTS_PER_TERM * count(d, k) <= effective and count(d, k) <= MOST_TERMS
-    ]
+    degrees = [k for k in DEGREES if POINTS_PER_TERM * count(d, k) <= effective and count(d, k) <= MOST_TERMS]
     fits: list[tuple[float, Polynomial | Kernel, Regression]] = []
     for degree in degrees:
         terms = monomials(x, degree)
@@ -151,7 +149,7 @@ def weights(lnl: Array, d: int, wanted: float) -> Array:
 
 
 def nearest(lnl: Array, d: int) -> BoolArray:
-    """(n,) Whether a point with ln likelihood (n,) is near the data: errors are measured there, as farther ones err more."""
+    """(n,) Whether points with ln likelihood (n,) are near the data: errors are measured there, as others err more."""
     away = _best(lnl) - lnl
     least = np.sort(away)[min(LEAST_CLOSE + CLOSE * d, len(lnl)) - 1]
     return np.asarray(away <= max(NEAR + 0.5 * d, least), dtype=bool)
@@ -200,4 +198,3 @@ def _quantile(values: Array, weight: Array, part: float) -> float:
     order = np.argsort(values)
     steps = np.cumsum(weight[order])
     return float(values[order[np.searchsorted(steps, part * steps[-1])]])
-

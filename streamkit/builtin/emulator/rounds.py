@@ -20,6 +20,8 @@ from streamkit.builtin.emulator.start import ARRIVED, Arrival, arrive, doubt_of,
 COPIES = ((1.0, 0.5), (0.5, 0.25), (0.25, 0.25))
 # New points of a round for each parameter, and in any case.
 ROUND, LEAST_ROUND = 8, 80
+# Calls of the full model where the starts have arrived, for each parameter and in any case.
+FIRST, LEAST_FIRST = 16, 160
 # Steps of the walks of a round, of which the first are not used.
 STEPS, SETTLING = 120, 40
 # Standard deviations that a parameter may move between an emulator and the one two rounds before.
@@ -28,6 +30,8 @@ SETTLED = 0.1
 FRESH = 128
 # Walkers and steps of the samples that are the answer, of which the first are not used.
 LAST_STEPS, LAST_SETTLING = 800, 150
+# Samples of the last round that the walkers of the answer begin from.
+POOL = 4000
 # Fraction of the samples that a start may have taken for impossible, and what that is in ln density below its best.
 MISSED, IMPOSSIBLE = 0.02, 12.0
 # Starts that must have seen all of the posterior, and how many are made for that at most.
@@ -65,95 +69,114 @@ class Progress:
     missing: str
 
 
-def sample(
-    problem: Problem,
-    cheap: Problem,
-    noise: bool,
-    max_calls: int,
-    starts: int = 2,
-    note: Callable[[str], None] = lambda _: None,
-) -> Iterator[Progress]:
-    """Yield how far the sampling is, now and then; the last is the result.
+class Rounds:
+    """The sampling from its start to its certificate.
 
     Parameters
     ----------
     problem, cheap
-        With all particles, and with few of them, for the start.
+        The posterior with all particles, and with few of them for the start.
     noise
         Whether the variance of one call is part of the likelihood.
-    max_calls
-        Calls of the full model at most.
     starts
         Independent ones: a mode that one of them has missed is found by another.
+    note
+        Called with a line about the progress.
     """
-    space = Space(problem)
-    arrivals = [arrive(cheap, space, [problem.seed, 1, start], note) for start in range(starts)]
-    known = _first(problem, space, arrivals)
-    before: list[Emulated] = []
-    pools: dict[float, Array] = {beta: np.concatenate([each.places[-200:] for each in arrivals]) for beta, _ in COPIES}
-    rng = np.random.default_rng([problem.seed, 2])
-    d, turn = problem.size, 0
-    while True:
-        emulator = known.learn()
-        if emulator is None:
-            chosen = rng.permutation(np.concatenate([each.places for each in arrivals]))[: ROUND * d]
-            known += Known.at(problem, space, chosen)
-            continue
-        emulated = Emulated(space, emulator, noise)
-        new = []
-        for copy, (beta, share) in enumerate(COPIES):
-            pool = np.concatenate([known.y[known.good], pools[beta]])
-            chain = emulated.sample(pool, walkers_for(d), STEPS, [problem.seed, 3, turn, copy], beta)
-            places = chain[SETTLING:].reshape(-1, d)
-            pools[beta] = chain[-1]
-            if beta == 1.0:
-                samples = places
-            size = int(share * max(ROUND * d, LEAST_ROUND))
-            new.append(places[rng.choice(len(places), size, replace=False)])
-        moved = _moved(before, emulated, samples)
-        before = [*before[-1:], emulated]
-        doubt = doubt_of(emulated, samples)
-        note(f"{len(known)} calls, moved {moved:.2f} sd, the emulator doubts {doubt:.1f} in ln L")
-        certificate = None
-        if moved < SETTLED and doubt < ARRIVED:
-            fresh = Known.at(problem, space, samples[rng.choice(len(samples), FRESH, replace=False)])
-            certificate = certify(emulated, fresh, samples, [problem.seed, 4, turn])
-            known += fresh
-            seen = sum(_covers(arrival, samples) for arrival in arrivals)
-            if not certificate.faults and seen < min(AGREEING, starts) and len(arrivals) < MOST_STARTS:
-                note(f"{seen} of {len(arrivals)} starts saw all of the posterior: another one")
-                arrivals.append(arrive(cheap, space, [problem.seed, 1, len(arrivals)], note))
-                known += _first(problem, space, arrivals[-1:])
-                before = []
-            elif not certificate.faults:
-                chain = emulated.sample(
-                    np.concatenate([pools[1.0], samples[-2000:]]), 2 * walkers_for(d), LAST_STEPS,
-                    [problem.seed, 5, turn],
-                )  # fmt: skip
-                samples = chain[LAST_SETTLING:].reshape(-1, d)
-                missed = "" if seen >= min(AGREEING, starts) else (
-                    f"only {seen} of {len(arrivals)} starts saw all of the posterior: there may be modes that none of "
-                    "them saw"
-                )
-                yield Progress(known, _cheap(arrivals), emulated, samples, moved, certificate, missed)
+
+    def __init__(
+        self,
+        problem: Problem,
+        cheap: Problem,
+        noise: bool,
+        starts: int = AGREEING,
+        note: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self._problem, self._cheap, self._noise, self._note = problem, cheap, noise, note
+        self._space, self._rng = Space(problem), np.random.default_rng([problem.seed, 2])
+        self._arrivals = [self._start(i) for i in range(starts)]
+        self._agreeing = min(AGREEING, starts)
+        self._known = self._called(self._arrivals)
+        places = np.concatenate([each.places[-walkers_for(problem.size) :] for each in self._arrivals])
+        self._pools = {beta: places for beta, _ in COPIES}
+        self._before: list[Emulated] = []
+
+    def run(self, max_calls: int) -> Iterator[Progress]:
+        """Yield how far the sampling is after every round; the last is the result."""
+        turn = 0
+        while True:
+            emulator = self._known.learn()
+            if emulator is None:  # too few of the points have a prediction
+                self._known += self._called(self._arrivals)
+                continue
+            emulated = Emulated(self._space, emulator, self._noise)
+            copies = [self._walk(emulated, beta, turn, i) for i, (beta, _) in enumerate(COPIES)]
+            samples = copies[0]
+            moved, doubt = _moved(self._before, emulated, samples), doubt_of(emulated, samples)
+            self._before = [*self._before[-1:], emulated]
+            self._note(f"{len(self._known)} calls, moved {moved:.2f} sd, the emulator doubts {doubt:.1f} in ln L")
+            certificate, missing = None, _missing(moved, doubt)
+            if not missing:
+                certificate = self._certify(emulated, samples, turn)
+                missing = "; ".join(certificate.faults) or self._unseen(samples)
+                self._note(missing or "certified")
+            over = len(self._known) >= max_calls or self._problem.time_left() <= 0
+            if not missing or over:
+                samples = self._last(emulated, samples, turn)
+            cheap = sum(len(arrival.known) for arrival in self._arrivals)
+            yield Progress(self._known, cheap, emulated, samples, moved, certificate, missing)
+            if not missing or over:
                 return
-            else:
-                note("; ".join(certificate.faults))
-        missing = _missing(moved, doubt, certificate)
-        yield Progress(known, _cheap(arrivals), emulated, samples, moved, certificate, missing)
-        if len(known) >= max_calls or problem.time_left() <= 0:
-            return
-        known += Known.at(problem, space, np.concatenate(new))
-        turn += 1
+            new = [self._some(places, share) for places, (_, share) in zip(copies, COPIES, strict=True)]
+            self._known += Known.at(self._problem, self._space, np.concatenate(new))
+            turn += 1
 
+    def _start(self, number: int) -> Arrival:
+        return arrive(self._cheap, self._space, [self._problem.seed, 1, number], self._note)
 
-def _first(problem: Problem, space: Space, arrivals: list[Arrival]) -> Known:
-    """Call the full model where the starts have arrived."""
-    rng = np.random.default_rng([problem.seed, 6])
-    size = max(2 * ROUND * problem.size, 2 * LEAST_ROUND) // len(arrivals)
-    return Known.at(
-        problem, space, np.concatenate([rng.permutation(each.places)[:size] for each in arrivals])
-    )
+    def _called(self, arrivals: list[Arrival]) -> Known:
+        """Call the full model where starts have arrived."""
+        size = max(FIRST * self._problem.size, LEAST_FIRST) // len(arrivals)
+        places = [self._rng.permutation(each.places)[:size] for each in arrivals]
+        return Known.at(self._problem, self._space, np.concatenate(places))
+
+    def _walk(self, emulated: Emulated, beta: float, turn: int, copy: int) -> Array:
+        """(n, d) Sample the emulated posterior at an inverse temperature."""
+        d, seed = self._problem.size, [self._problem.seed, 3, turn, copy]
+        pool = np.concatenate([self._known.y[self._known.good], self._pools[beta]])
+        chain = emulated.sample(pool, walkers_for(d), STEPS, seed, beta)
+        self._pools[beta] = chain[-1]
+        return chain[SETTLING:].reshape(-1, d)
+
+    def _last(self, emulated: Emulated, samples: Array, turn: int) -> Array:
+        """(n, d) Sample the emulated posterior for long."""
+        d, seed = self._problem.size, [self._problem.seed, 5, turn]
+        chain = emulated.sample(samples[-POOL:], 2 * walkers_for(d), LAST_STEPS, seed)
+        return chain[LAST_SETTLING:].reshape(-1, d)
+
+    def _some(self, places: Array, share: float) -> Array:
+        """Choose the share of a round's new points."""
+        size = int(share * max(ROUND * self._problem.size, LEAST_ROUND))
+        return places[self._rng.choice(len(places), size, replace=False)]
+
+    def _certify(self, emulated: Emulated, samples: Array, turn: int) -> Certificate:
+        """Compare the emulator with fresh calls, and keep these."""
+        chosen = samples[self._rng.choice(len(samples), FRESH, replace=False)]
+        fresh = Known.at(self._problem, self._space, chosen)
+        self._known += fresh
+        return certify(emulated, fresh, samples, [self._problem.seed, 4, turn])
+
+    def _unseen(self, samples: Array) -> str:
+        """Say whether too few starts saw all of the posterior, and make another one then; empty if enough did."""
+        seen, made = sum(_covers(each, samples) for each in self._arrivals), len(self._arrivals)
+        if seen >= self._agreeing:
+            return ""
+        if made < MOST_STARTS:
+            self._note(f"{seen} of {made} starts saw all of the posterior: another one")
+            self._arrivals.append(self._start(made))
+            self._known += self._called(self._arrivals[-1:])
+            self._before = []
+        return f"only {seen} of {made} starts saw all of the posterior: there may be modes that none of them saw"
 
 
 def _moved(before: list[Emulated], now: Emulated, samples: Array) -> float:
@@ -165,10 +188,6 @@ def _moved(before: list[Emulated], now: Emulated, samples: Array) -> float:
     return max(shift(some, each.ln_density(some) - here) for each in before)
 
 
-def _cheap(arrivals: list[Arrival]) -> int:
-    return sum(len(arrival.known) for arrival in arrivals)
-
-
 def _covers(arrival: Arrival, samples: Array) -> bool:
     """Say whether a start had taken none of the posterior for impossible."""
     some = samples[:: max(len(samples) // 2000, 1)]
@@ -177,9 +196,10 @@ def _covers(arrival: Arrival, samples: Array) -> bool:
     return bool(np.mean(lost) <= MISSED)
 
 
-def _missing(moved: float, doubt: float, certificate: Certificate | None) -> str:
-    if certificate is not None:
-        return "; ".join(certificate.faults)
+def _missing(moved: float, doubt: float) -> str:
+    """Say what is missing before fresh calls may test an emulator."""
     if doubt >= ARRIVED:
         return f"the emulator's own error still changes ln L by {doubt:.1f}"
-    return "the emulated posterior still moves" if not np.isfinite(moved) else f"it still moves by {moved:.2f} sd"
+    if moved < SETTLED:
+        return ""
+    return f"the posterior still moves by {moved:.2f} standard deviations" if np.isfinite(moved) else "too few rounds"

@@ -68,7 +68,7 @@ def arrive(problem: Problem, space: Space, seed: list[int], note: Callable[[str]
     for wave in range(WAVES):
         emulator = known.learn()
         if emulator is None:
-            known += _more(problem, space, known, rng)
+            known += _more(problem, space, rng)
             continue
         emulated = Emulated(space, emulator, problem.add_noise)
         pool = known.y if places is None else np.concatenate([known.y, places])
@@ -83,8 +83,8 @@ def arrive(problem: Problem, space: Space, seed: list[int], note: Callable[[str]
         places = chain[-1]
     if places is None:
         raise StreamkitError(
-            f"found no place to start: of {len(known)} draws only {int(known.good.sum())} give a stream with observables. "
-            "Check the priors with `streamkit check`."
+            f"found no place to start: of {len(known)} draws only {int(known.good.sum())} give a stream with "
+            "observables. Check the priors with `streamkit check`."
         )
     return Arrival(known, places, emulated, doubt)
 
@@ -112,6 +112,6 @@ def _draws(problem: Problem, space: Space, seed: list[int]) -> Known:
     return known
 
 
-def _more(problem: Problem, space: Space, known: Known, rng: np.random.Generator) -> Known:
+def _more(problem: Problem, space: Space, rng: np.random.Generator) -> Known:
     """Draw more of the prior."""
     return Known.at(problem, space, space.to(problem.from_unit(rng.random((4 * problem.size, problem.size)))))

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import emcee
 import numpy as np
 
-from streamkit import Array
+from streamkit import Array, IntArray
 
 
 def walk(ln_density: Callable[[Array], Array], start: Array, steps: int, seed: list[int]) -> tuple[Array, Array]:
@@ -25,7 +25,7 @@ def walk(ln_density: Callable[[Array], Array], start: Array, steps: int, seed: l
     return np.asarray(sampler.get_chain()), np.asarray(sampler.get_log_prob())
 
 
-def choose(ln_weight: Array, n: int, rng: np.random.Generator) -> Array:
+def choose(ln_weight: Array, n: int, rng: np.random.Generator) -> IntArray:
     """(n,) Indices drawn without replacement with probabilities proportional to the weights (Gumbel's way)."""
     keys = ln_weight + rng.gumbel(size=len(ln_weight))
     return np.argsort(-keys)[:n]
