@@ -23,22 +23,31 @@ class Part:
     ----------
     measurement
         At the centre of the priors.
+    place
+        Where predictions have it: the stream and the observable, or "" and the name of the host's data.
     data
         What it is compared with.
-    rows, reads
-        Where its data are among all, and where the details that its likelihood reads are among all of those.
-    shapes
-        The shapes of these details, by name.
+    rows
+        Where its data are among all.
+    reads
+        The details that its likelihood reads.
     free
         The parameters that are fields of it, by field.
     """
 
     measurement: Measurement
+    place: tuple[str, str]
     data: Data
     rows: slice
-    reads: slice
-    shapes: dict[str, tuple[int, ...]]
+    reads: tuple[str, ...]
     free: dict[str, int]
+
+    def of(self, observation: Observation) -> Prediction:
+        """Return what an observation says of it."""
+        stream, name = self.place
+        if not stream:
+            return observation.predictions[f"data.{name}"]
+        return parts_of(observation.predictions[stream])[name]
 
 
 class Comparison:
@@ -48,8 +57,6 @@ class Comparison:
     ----------
     posterior
         Whose observables are meant.
-    observation
-        What was observed at any one point: it gives the shapes of the details.
 
     Attributes
     ----------
@@ -58,46 +65,35 @@ class Comparison:
         declare what it reads, and those whose data depend on a parameter.
     """
 
-    def __init__(self, posterior: Posterior, observation: Observation) -> None:
-        self._spec, self._model = posterior.spec, posterior.model
-        self.size = posterior.size
+    def __init__(self, posterior: Posterior) -> None:
+        spec, model = posterior.spec, posterior.model
+        self._spec = spec
         self._parts: list[Part] = []
+        self._shapes: list[tuple[int, ...]] = []
         self.undeclared: list[str] = []
-        self.details_size = 0
-        self._likelihood_only = np.zeros(len(self._spec.names), dtype=bool)
-        start = 0
-        for section, prediction, data in self._sections(observation):
-            start += self._add(section, prediction, data, start)
-
-    def _sections(self, observation: Observation) -> list[tuple[Any, Prediction, Data]]:
-        """Return section, prediction and data of every measurement, in the order of the joint prediction."""
-        bound, sections_of = self._spec.bind_all(), self._spec.sections
-        sections: list[tuple[Any, Prediction, Data]] = []
+        self._likelihood_only = np.zeros(len(spec.names), dtype=bool)
+        bound, sections = spec.bind_all(), spec.sections
         for name, inputs in bound.streams.items():
-            predictions, data = parts_of(observation.predictions[name]), self._model.data(inputs)
-            sections += [(s, predictions[key], data[key]) for key, s in sections_of.streams[name].observables.items()]
-        for name, section in sections_of.data.items():
-            prediction = observation.predictions[f"data.{name}"]
-            sections.append((section, prediction, self._model.known("data", name, bound.data[name])))
-        return sections
+            data = model.data(inputs)
+            for key, observable in sections.streams[name].observables.items():
+                self._add(observable, (name, key), data[key])
+        for name, host_data in sections.data.items():
+            self._add(host_data, ("", name), model.known("data", name, bound.data[name]))
 
-    def _add(self, section: Any, prediction: Prediction, data: Data, start: int) -> int:
-        """Add one measurement whose data begin at ``start``; return how many they are."""
-        measurement, m = section.centre, len(data.values)
+    def _add(self, section: Any, place: tuple[str, str], data: Data) -> None:
+        """Add one measurement behind those before it."""
+        measurement = section.centre
         own = type(measurement).ln_likelihood is not Measurement.ln_likelihood
         if (own and measurement.likelihood_details is None) or self._is_bent(section):
             self.undeclared.append(f"{measurement.role} {measurement.kind}")
-        names = (measurement.likelihood_details or ()) if own else ()
-        shapes = {name: np.shape(prediction.details[name]) for name in names}
-        size = sum(int(np.prod(shape)) for shape in shapes.values())
+        reads = tuple(measurement.likelihood_details or ()) if own else ()
         index = {name: i for i, name in enumerate(self._spec.names)}
         free = {field: index[f"{section.path}.{field}"] for field in section.priors}
         for field in set(measurement.likelihood_fields()) & free.keys():
             self._likelihood_only[free[field]] = True
-        reads = slice(self.details_size, self.details_size + size)
-        self._parts.append(Part(measurement, data, slice(start, start + m), reads, shapes, free))
-        self.details_size += size
-        return m
+        start = self._parts[-1].rows.stop if self._parts else 0
+        rows = slice(start, start + len(data.values))
+        self._parts.append(Part(measurement, place, data, rows, reads, free))
 
     def _is_bent(self, section: Any) -> bool:
         """Say whether the data of a measurement depend on a parameter, or numbers in a list of its fields are free."""
@@ -121,34 +117,36 @@ class Comparison:
         return ~self._likelihood_only
 
     def details(self, observation: Observation) -> Array:
-        """(k,) Return the details that the likelihoods read."""
-        found = [prediction for _, prediction, _ in self._sections(observation)]
-        arrays = [
-            np.ravel(prediction.details[name])
-            for part, prediction in zip(self._parts, found, strict=True)
-            for name in part.shapes
-        ]
-        return np.concatenate([np.empty(0), *arrays])
+        """(k,) Return the details that the likelihoods read. The first observation decides their shapes."""
+        arrays = [np.asarray(part.of(observation).details[name]) for part in self._parts for name in part.reads]
+        self._shapes = self._shapes or [array.shape for array in arrays]
+        return np.concatenate([np.empty(0), *(array.ravel() for array in arrays)])
 
     def ln_likelihood(self, points: Array, mean: Array, variance: Array, details: Array) -> Array:
         """(n,) Return ln likelihood at points (n, d) for predictions (n, m), their variances and details (n, k).
 
         The variances are added to those of the data, whatever the run file says of the model's own noise.
         """
-        return np.asarray(sum(self._compare(part, points, mean, variance, details) for part in self._parts))
+        total, start, shapes = np.zeros(len(points)), 0, iter(self._shapes)
+        for part in self._parts:
+            arrays = {}
+            for name in part.reads:
+                shape = next(shapes)
+                stop = start + int(np.prod(shape))
+                arrays[name], start = details[:, start:stop].reshape(len(points), *shape), stop
+            names = tuple(str(i) for i in range(len(part.data.values)))
+            prediction = Prediction(names, mean[:, part.rows], variance[:, part.rows], details=arrays)
+            total += _compare(part, points, prediction)
+        return total
 
-    def _compare(self, part: Part, points: Array, mean: Array, variance: Array, details: Array) -> Array:
-        names, measurement = tuple(str(i) for i in range(part.rows.stop - part.rows.start)), part.measurement
-        read, start = details[:, part.reads], 0
-        arrays = {}
-        for name, shape in part.shapes.items():
-            stop = start + int(np.prod(shape))
-            arrays[name], start = read[:, start:stop].reshape(len(points), *shape), stop
-        if part.free:
-            measurement = measurement.model_copy(update={name: points[:, [i]] for name, i in part.free.items()})
-        prediction = Prediction(names, mean[:, part.rows], variance[:, part.rows], details=arrays)
-        own = measurement.ln_likelihood(prediction, True)
-        return gaussians(prediction.mean, prediction.variance, part.data) if own is None else np.asarray(own)
+
+def _compare(part: Part, points: Array, prediction: Prediction) -> Array:
+    """(n,) Return the ln likelihood of one measurement."""
+    measurement = part.measurement
+    if part.free:
+        measurement = measurement.model_copy(update={name: points[:, [i]] for name, i in part.free.items()})
+    own = measurement.ln_likelihood(prediction, True)
+    return gaussians(prediction.mean, prediction.variance, part.data) if own is None else np.asarray(own)
 
 
 def gaussians(mean: Array, variance: Array, data: Data) -> Array:

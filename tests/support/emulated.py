@@ -45,23 +45,15 @@ class OfRun(Problem):
         self.posterior = Posterior(spec)
         self.posterior.model = Model(self.posterior.spec, fresh=fresh)
         super().__init__(self.posterior.spec.priors, seed)
-        rng = np.random.default_rng(0)
-        for _ in range(1000):
-            try:
-                found = self.posterior.observe(self.from_unit(rng.random(self.size)))
-                if not found.prediction.why_not:
-                    break
-            except OutOfDomain:
-                continue
-        self.comparison = Comparison(self.posterior, found)
+        self.comparison = Comparison(self.posterior)
         self.coordinates = self.comparison.coordinates
         self.values, self.errors = self.posterior.data.values, self.posterior.data.errors
         self.add_noise = self.posterior.data.add_noise
         self.undeclared = self.comparison.undeclared
 
     def evaluate(self, points):
-        m, k = self.posterior.size, self.comparison.details_size
-        mean, variance, details = (np.full((len(points), size), np.nan) for size in (m, m, k))
+        mean, variance = (np.full((len(points), self.posterior.size), np.nan) for _ in range(2))
+        details = {}
         lnl = np.full(len(points), -np.inf)
         self.calls += len(points)
         for i, theta in enumerate(points):
@@ -75,10 +67,12 @@ class OfRun(Problem):
                 continue
             mean[i], variance[i] = prediction.mean, prediction.variance
             details[i] = self.comparison.details(found)
-        good = np.isfinite(mean[:, np.isfinite(self.values)]).all(axis=1)
+        k = max((len(each) for each in details.values()), default=0)
+        filled = np.array([details.get(i, np.full(k, np.nan)) for i in range(len(points))]).reshape(len(points), k)
+        good = np.array([i in details for i in range(len(points))])
         if good.any():
-            lnl[good] = self.compare(points[good], mean[good], variance[good] * self.add_noise, details[good])
-        return Answers(mean, variance, details, lnl)
+            lnl[good] = self.compare(points[good], mean[good], variance[good] * self.add_noise, filled[good])
+        return Answers(mean, variance, filled, lnl)
 
     def compare(self, points, mean, variance, details):
         return self.comparison.ln_likelihood(points, mean, variance, details)
