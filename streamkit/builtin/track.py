@@ -63,6 +63,7 @@ class Track(Observable):
     """
 
     kind = "track"
+    likelihood_details = ("spread", "ln_coverage")
     reference = "Erkal et al. 2019, MNRAS 487, 2685: local lines, here with a kernel for their window"
     example: ClassVar[dict[str, Any]] = {
         "frame": {"pole": [192.86, 27.13], "origin": [266.4, -28.94]},
@@ -262,22 +263,27 @@ class Track(Observable):
         wanted = {column_of(name) for name in self.given}
         return longitude, {name: column.of(seen) for name, column in COLUMNS.items() if name in wanted}
 
-    def ln_likelihood(self, prediction: Prediction, add_noise: bool) -> float:
-        """Return the sum over columns of `ln_mixture`: Gaussians about the lines, extra dispersions, outliers."""
-        total, start = 0.0, 0
+    def likelihood_fields(self) -> tuple[str, ...]:
+        """Return the dispersions and the fractions of outliers; a datum of depth predicts with that of the distance."""
+        dispersions = (f"{name}_dispersion" for name in COLUMNS if name != "distance" or DEPTH not in self.given)
+        return (*dispersions, *(f"{name}_outliers" for name in COLUMNS))
+
+    def ln_likelihood(self, prediction: Prediction, add_noise: bool) -> Array:
+        """(...) Return the sum over columns of `ln_mixture`: Gaussians about the lines, extra dispersions, outliers."""
+        total, start = np.zeros(np.shape(prediction.mean)[:-1]), 0
         for name, (phi1, value, error) in self.given.items():
-            part = slice(start, start := start + len(phi1))
+            part = np.s_[..., start : (start := start + len(phi1))]
             variance = self.scatter2(name, error, prediction.details["spread"][part])
             if add_noise:
                 variance = variance + prediction.variance[part]
             outliers = 0.0 if name == DEPTH else getattr(self, f"{name}_outliers")
             coverage = prediction.details["ln_coverage"][part]
             background = scatter_of(value, error)
-            total += ln_mixture(value, variance, prediction.mean[part], coverage, outliers, background)
+            total = total + ln_mixture(value, variance, prediction.mean[part], coverage, outliers, background)
         return total
 
     def scatter2(self, name: str, error: Array, spread: Array) -> Array:
-        """(k,) Variances of one field's data about the lines: errors, extra dispersion, and the spread for stars."""
+        """(..., k) Variances of one field's data about the lines: errors, extra dispersion, for stars the spread."""
         variance = error**2
         if name != DEPTH:
             variance = variance + getattr(self, f"{name}_dispersion") ** 2

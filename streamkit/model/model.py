@@ -16,7 +16,7 @@ from streamkit.model.host import Host
 from streamkit.model.integrate import integrate
 from streamkit.model.observation import Observation
 from streamkit.model.progenitor import next_apocentre, progenitor_track
-from streamkit.model.release import release_particles, standard_normals
+from streamkit.model.release import release_particles, shifted_normals, standard_normals
 from streamkit.observe import measure_host, measure_stream, read_data
 from streamkit.runfile import ModelInputs, Source, StreamInputs, as_spec
 from streamkit.stream import Array, Data, Prediction, Stream
@@ -34,11 +34,15 @@ class Model:
         A spec, the path of a run file, or a mapping of the same form.
     threads
         How many of them integrate one stream: of use for 10^5 particles and more. The stream does not depend on it.
+    fresh
+        Whether the random numbers differ between parameters: seed and parameters together decide them, so that the
+        noise of two streams is independent, and the same parameters give the same stream.
     """
 
-    def __init__(self, spec: Source, threads: int = 1) -> None:
+    def __init__(self, spec: Source, threads: int = 1, fresh: bool = False) -> None:
         self.spec = as_spec(spec)
         self.threads = threads
+        self.fresh = fresh
         self._asked: dict[tuple[str, str], tuple[Measurement, Data]] = {}
 
     def data(self, inputs: StreamInputs) -> dict[str, Data]:
@@ -68,6 +72,17 @@ class Model:
                 drawn[name] = standard_normals(stripping, self.spec.sections.seed_of(name))
         return drawn
 
+    def _draws_at(self, inputs: StreamInputs) -> Array:
+        """(draws, n) The standard normals of a stream's particles at these parameters."""
+        normals = self._draws[inputs.name]
+        if not self.fresh:
+            return normals
+        place = np.array(list(inputs.values.values())).view(np.uint32).tolist()
+        rng = np.random.default_rng([inputs.seed, *place])
+        if inputs.stripping.quasi_random:
+            return shifted_normals(normals, rng)
+        return rng.standard_normal(normals.T.shape).T
+
     def stream(self, parameters: Array | Mapping[str, float] | None = None, name: str | None = None) -> Stream:
         """Return the stream at parameters (d,), or a mapping of some of them; the rest at the prior's centre.
 
@@ -86,7 +101,7 @@ class Model:
         """Return the stream of a bound spec; OutOfDomain begins with its name where there are several."""
         try:
             with self.naming_parameters(inputs.values):
-                return simulate(inputs, self._draws[inputs.name], host, self.threads)
+                return simulate(inputs, self._draws_at(inputs), host, self.threads)
         except OutOfDomain as error:
             raise OutOfDomain(
                 error.reason if len(self.spec.streams) == 1 else f"{inputs.name}: {error.reason}"

@@ -12,6 +12,9 @@ from streamkit.model.satellite import Satellite
 from streamkit.runfile import StreamInputs
 from streamkit.stream import LEADING, TRAILING, Array, IntArray, Orbit, read_only
 
+# Least probability of a shifted draw: it then has a normal.
+EDGE = 1e-12
+
 
 @dataclass(frozen=True)
 class Start:
@@ -109,3 +112,14 @@ def standard_normals(stripping: Stripping, seed: int) -> Array:
         points = qmc.Sobol(draws, scramble=True, rng=stream).random_base2(max(count - 1, 1).bit_length())
         out[:, tail::2] = ndtri(points[:count].T)
     return out
+
+
+def shifted_normals(normals: Array, rng: np.random.Generator) -> Array:
+    """(draws, n) Return other standard normals from quasi-random ones, as evenly spread and independent of them.
+
+    Each coordinate of each tail is shifted, modulo 1, by one random number (Cranley & Patterson 1976).
+    """
+    from scipy.special import ndtr, ndtri
+
+    shifts = np.tile(rng.random((len(normals), 2)), (normals.shape[1] + 1) // 2)[:, : normals.shape[1]]
+    return np.asarray(ndtri(np.clip((ndtr(normals) + shifts) % 1.0, EDGE, 1.0 - EDGE)))
