@@ -30,7 +30,7 @@ OFF, NATS, WIDER = 4.0, 0.7, 2.0
 # Fraction of points of the posterior that may have no prediction.
 EMPTY = 0.1
 # What the emulator's own error may change: the standard deviation of a parameter by this fraction.
-BLURRED = 0.2
+BLURRED = 0.1
 # Largest shape of the tail of the importance weights (Vehtari et al. 2024), tested where noise in ln L is below this.
 K_HAT, QUIET = 0.7, 1.0
 

@@ -30,8 +30,8 @@ REACH = 1.5
 WILD = 25.0
 # The best points by ln likelihood, which is noisy: the best one is this one from the top, a fraction.
 BEST = 0.01
-# Ridge and iterations of the fit of the probability that there is a prediction.
-EXISTS_RIDGE, ITERATIONS = 1e-4, 15
+# Ridge penalty of the fit of the probability that there is a prediction; its steps, halvings of a step, and least gain.
+EXISTS_RIDGE, ITERATIONS, HALVINGS, SETTLED = 1e-3, 40, 20, 1e-6
 # A Gaussian process is tried where the error of the best polynomial exceeds the noise by this factor, and this many
 # squared errors for each datum.
 WORTH, EXACT = 1.15, 1e-3
@@ -172,18 +172,35 @@ def error_of(squares: Array) -> Array:
     return np.asarray(np.clip(squares, -top, top).mean(axis=0))
 
 
-def log_odds(terms: Array, there: Array, ridge: float) -> Array:
-    """(terms,) Coefficients of the log odds of 1 against 0 in there (n,): logistic regression by reweighting."""
-    odds = np.zeros(len(there))
+def log_odds(terms: Array, there: Array, penalty: float) -> Array:
+    """(terms,) Coefficients of the log odds of 1 against 0 in there (n,): logistic regression with a ridge penalty.
+
+    Newton steps, halved until they lead uphill: the penalised likelihood has one maximum.
+    """
     coefficients = np.zeros(terms.shape[1])
     if there.all():
         coefficients[0] = 20.0
         return coefficients
+
+    def value(trial: Array) -> float:
+        odds = terms @ trial
+        return float(np.sum(there * odds - np.logaddexp(0.0, odds)) - 0.5 * penalty * trial @ trial)
+
+    reached = value(coefficients)
     for _ in range(ITERATIONS):
-        p = expit(odds)
-        weight = np.maximum(p * (1 - p), 1e-4)
-        coefficients = regress(terms, (odds + (there - p) / weight)[:, None], weight, ridge).coefficients[:, 0]
-        odds = np.clip(terms @ coefficients, -20.0, 20.0)
+        p = expit(terms @ coefficients)
+        curvature = (terms * (p * (1 - p))[:, None]).T @ terms
+        curvature[np.diag_indices_from(curvature)] += penalty
+        step = np.linalg.solve(curvature, terms.T @ (there - p) - penalty * coefficients)
+        gained = 0.0
+        for _ in range(HALVINGS):
+            gained = value(coefficients + step) - reached
+            if gained > 0:
+                break
+            step = 0.5 * step
+        if gained <= SETTLED:
+            break
+        coefficients, reached = coefficients + step, reached + gained
     return coefficients
 
 
