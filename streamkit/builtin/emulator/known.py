@@ -45,7 +45,7 @@ class Known:
         y, theta = (np.concatenate([getattr(each, name) for each in (self, other)]) for name in ("y", "theta"))
         return Known(self.problem, self.space, y, theta, answers)
 
-    def take(self, rows: Array) -> Known:
+    def take(self, rows: BoolArray) -> Known:
         """Return some of them."""
         answers = Answers(*(each[rows] for each in self.answers))
         return Known(self.problem, self.space, self.y[rows], self.theta[rows], answers)
