@@ -18,6 +18,7 @@ from streamkit.builtin import (
     stripping,
     track,
 )
+from streamkit.builtin.emulator.sampler import PredictionEmulator
 from streamkit.builtin.ensemble import sampler
 
 STREAMKIT_CONTRACT = CONTRACT
@@ -57,6 +58,7 @@ def streamkit_components() -> list[type[Component] | Preset]:
         apocentres.Apocentres,
         track.Track,
         sampler.Emcee,
+        PredictionEmulator,
         host_data.RotationCurve,
         host_data.CircularVelocity,
         host_data.EnclosedMass,

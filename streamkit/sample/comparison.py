@@ -9,10 +9,9 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from streamkit.components import Measurement
-from streamkit.model import Observation
-from streamkit.observe import Data, parts_of, read_data
-from streamkit.sample.posterior import Posterior
-from streamkit.stream import Array, BoolArray, Prediction
+from streamkit.model import Model, Observation
+from streamkit.observe import parts_of, read_data
+from streamkit.stream import Array, BoolArray, Data, Prediction
 
 
 @dataclass(frozen=True)
@@ -55,8 +54,8 @@ class Comparison:
 
     Parameters
     ----------
-    posterior
-        Whose observables are meant.
+    model
+        Whose observables are meant, and their data.
 
     Attributes
     ----------
@@ -65,9 +64,8 @@ class Comparison:
         declare what it reads, and those whose data depend on a parameter.
     """
 
-    def __init__(self, posterior: Posterior) -> None:
-        spec, model = posterior.spec, posterior.model
-        self._spec = spec
+    def __init__(self, model: Model) -> None:
+        self._spec = spec = model.spec
         self._parts: list[Part] = []
         self._shapes: list[tuple[int, ...]] = []
         self.undeclared: list[str] = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from time import monotonic
 
@@ -13,7 +14,7 @@ from streamkit.sample.journal import Journal
 from streamkit.sample.posterior import Evaluation
 from streamkit.stream import Array
 
-CALLS = "calls.journal"
+CALLS, SMALL_CALLS = "calls.journal", "small_calls.journal"
 PERIOD = 1.0  # seconds between two writes: a kill loses at most this much work, any other interruption loses none
 
 
@@ -39,9 +40,11 @@ class EvaluationCache:
         for record in self._journal.read() if self._journal is not None else ():
             if str(record["digest"]) != digest:
                 raise ChainError(f"{path}: holds the calls of another run. Nothing was changed.")
-            rows = zip(*(record[name] for name in ("points", "ln", "mean", "variance", "reason")), strict=True)
-            for point, (lnp, lnl), mean, variance, reason in rows:
-                self._evaluations[point.tobytes()] = Evaluation(float(lnp), float(lnl), mean, variance, str(reason))
+            names = ("points", "ln", "mean", "variance", "reason")
+            details = record.get("details", np.empty((len(record["points"]), 0)))
+            for point, (lnp, lnl), mean, variance, reason, more in zip(*map(record.get, names), details, strict=True):
+                why, kept = str(reason), np.empty(0) if str(reason) else more
+                self._evaluations[point.tobytes()] = Evaluation(float(lnp), float(lnl), mean, variance, why, kept)
 
     def __len__(self) -> int:
         return len(self._evaluations)
@@ -50,6 +53,11 @@ class EvaluationCache:
     def reasons(self) -> dict[str, int]:
         """Evaluations without a likelihood, by reason."""
         return dict(Counter(each.reason for each in self._evaluations.values() if each.reason))
+
+    def any_good(self) -> Array | None:
+        """Return the first point (d,) with a likelihood; None without one."""
+        good = (np.frombuffer(key) for key, each in self._evaluations.items() if not each.reason)
+        return next(good, None)
 
     def missing(self, points: Array) -> list[Array]:
         """Return those of the points (n, d) that are not held, each once."""
@@ -78,6 +86,7 @@ class EvaluationCache:
             return
         if self._unwritten and self._journal is not None:
             points, evaluations = zip(*self._unwritten, strict=True)
+            details = details_of(evaluations)
             self._journal.append(
                 {
                     "digest": np.array(self._digest),
@@ -86,6 +95,15 @@ class EvaluationCache:
                     "mean": np.array([each.mean for each in evaluations]),
                     "variance": np.array([each.variance for each in evaluations]),
                     "reason": np.array([each.reason for each in evaluations]),
+                    **({"details": details} if details.size else {}),
                 }
             )
         self._unwritten, self._written = [], monotonic()
+
+
+def details_of(evaluations: Sequence[Evaluation]) -> Array:
+    """(n, k) Return the details of evaluations; NaN where there is no prediction."""
+    k = max((len(each.details) for each in evaluations), default=0)
+    nothing = np.full(k, np.nan)
+    rows = [each.details if len(each.details) else nothing for each in evaluations]
+    return np.array(rows, dtype=float).reshape(len(rows), k)

@@ -40,7 +40,7 @@ def test_many_points_at_once_are_one_after_the_other(name):
     file, values = RUNS[name]
     posterior = Posterior(sk.load(EXAMPLES / file).with_particles(400).with_values(values))
     points, observations, lnl = observed(posterior, 3)
-    comparison = Comparison(posterior)
+    comparison = Comparison(posterior.model)
     mean, variance = (np.array([getattr(each.prediction, n) for each in observations]) for n in ("mean", "variance"))
     details = np.array([comparison.details(each) for each in observations])
     assert comparison.undeclared == []
@@ -50,14 +50,14 @@ def test_many_points_at_once_are_one_after_the_other(name):
 
 def test_dispersions_and_outliers_are_no_coordinates_of_the_prediction():
     posterior = Posterior(sk.load(EXAMPLES / "gd1/gd1.toml").with_particles(400))
-    alone = {n for n, used in zip(posterior.spec.names, Comparison(posterior).coordinates, strict=True)
+    alone = {n for n, used in zip(posterior.spec.names, Comparison(posterior.model).coordinates, strict=True)
              if not used}  # fmt: skip
     assert alone == {"observable.radial_velocity_dispersion", "observable.radial_velocity_outliers"}
 
 
 def test_the_dispersion_of_distances_is_one_where_a_depth_is_predicted_with_it():
     posterior = Posterior(sk.load(EXAMPLES / "sagittarius_track/sagittarius_track.toml").with_particles(400))
-    assert Comparison(posterior).coordinates.all()
+    assert Comparison(posterior.model).coordinates.all()
 
 
 class Rate(sk.HostData):
@@ -101,7 +101,7 @@ def with_rate(kind, **fields):
 def test_a_likelihood_of_somebody_else_works_after_one_declaration():
     posterior = with_rate("declared_rate", scale={"uniform": [0.5, 5.0]})
     points, observations, lnl = observed(posterior, 3)
-    comparison = Comparison(posterior)
+    comparison = Comparison(posterior.model)
     mean, variance = (np.array([getattr(each.prediction, n) for each in observations]) for n in ("mean", "variance"))
     details = np.array([comparison.details(each) for each in observations])
     np.testing.assert_allclose(comparison.ln_likelihood(points, mean, variance, details), lnl, rtol=1e-9)
@@ -114,4 +114,4 @@ def test_a_likelihood_of_somebody_else_works_after_one_declaration():
 )
 def test_a_likelihood_that_declares_nothing_and_data_with_a_prior_are_named(kind, fields):
     posterior = with_rate(kind, **fields)
-    assert Comparison(posterior).undeclared == [f"data {kind}"]
+    assert Comparison(posterior.model).undeclared == [f"data {kind}"]

@@ -45,7 +45,7 @@ class OfRun(Problem):
         self.posterior = Posterior(spec)
         self.posterior.model = Model(self.posterior.spec, fresh=fresh)
         super().__init__(self.posterior.spec.priors, seed)
-        self.comparison = Comparison(self.posterior)
+        self.comparison = Comparison(self.posterior.model)
         self.coordinates = self.comparison.coordinates
         self.values, self.errors = self.posterior.data.values, self.posterior.data.errors
         self.add_noise = self.posterior.data.add_noise
