@@ -1,7 +1,7 @@
 """streamkit: weigh a galaxy with a tidal stream.
 
-The one door: every public name, and nothing else. Each is loaded on first use, so that what needs numba, emcee or
-astropy costs nothing to those who do not ask for it.
+Every public name, and nothing else. Each is imported on first use, so that importing streamkit does not import numba,
+emcee or astropy.
 """
 
 import lazy_loader

@@ -13,6 +13,7 @@ from .components import Preset as Preset
 from .components import PriorDensity as PriorDensity
 from .components import Sampler as Sampler
 from .components import Samples as Samples
+from .components import Spherical as Spherical
 from .components import Stripping as Stripping
 from .components import Target as Target
 from .components import Verdict as Verdict
@@ -82,6 +83,7 @@ from .study.fit import run as run
 from .units import GYR as GYR
 from .units import Angle as Angle
 from .units import AngleDatum as AngleDatum
+from .units import AxisRatio as AxisRatio
 from .units import Coordinate as Coordinate
 from .units import Duration as Duration
 from .units import G as G
@@ -93,8 +95,10 @@ from .units import Number as Number
 from .units import NumberDatum as NumberDatum
 from .units import PositiveNumber as PositiveNumber
 from .units import ProperMotion as ProperMotion
+from .units import ScaleRadius as ScaleRadius
 from .units import Speed as Speed
 from .units import Symbol as Symbol
+from .units import TotalMass as TotalMass
 from .units import Unit as Unit
 from .units import Velocity as Velocity
 from .units import VelocityDatum as VelocityDatum

@@ -45,12 +45,12 @@ class OutOfDomain(StreamkitError):  # noqa: N818  a statement about the paramete
 
 
 class Interrupted(StreamkitError):  # noqa: N818  a request, not a fault
-    """The run was asked to stop (Ctrl-C or SIGTERM) and did. Its message says where the finished part is.
+    """The run was stopped by Ctrl-C or SIGTERM. The message says where the finished part is.
 
     Attributes
     ----------
     exit_status
-        What a command should exit with: 130 after Ctrl-C, 143 after SIGTERM.
+        Exit status of a command: 130 after Ctrl-C, 143 after SIGTERM.
     """
 
     def __init__(self, message: str, signum: int = signal.SIGINT) -> None:
@@ -60,39 +60,57 @@ class Interrupted(StreamkitError):  # noqa: N818  a request, not a fault
 
 def nearest(name: str, allowed: Iterable[str]) -> str:
     """Return ``" Did you mean 'x'?"`` for the closest allowed name, or an empty string."""
-    folded = {known.lower(): known for known in allowed}
-    close = [folded[found] for found in difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)]
+    folded = {each.lower(): each for each in allowed}
+    close = [folded[match] for match in difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)]
     return f" Did you mean {close[0]!r}?" if close else ""
 
 
 def expect_file(path: Path) -> None:
-    """Raise OSError, with what it is, for a directory, a pipe (it waits for ever) or a device (it may have no end)."""
+    """Raise OSError for a directory, a pipe (reading it would block) or a device (it may have no end)."""
     if path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, f"it is a {'directory' if path.is_dir() else 'device or pipe'}")
 
 
+def printable(text: str) -> str:
+    """Return a text without control characters, which a terminal would obey: a ``?`` in the place of each."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
+
+
+def message_of(error: BaseException) -> str:
+    """Return what an exception says; a plugin's own class of exceptions may fail at that."""
+    try:
+        return str(error)
+    except Exception:
+        return "its message cannot be shown"
+
+
 def brief(error: BaseException) -> str:
-    """Return what an exception of a library says in one short line: some of them quote the file."""
-    return " ".join(str(error).split())[:200] or type(error).__name__
+    """Return the message of a library's exception as one short line; some of them quote the whole file."""
+    return printable(" ".join(message_of(error).split()))[:200] or type(error).__name__
 
 
 @contextmanager
 def blamed(component: str) -> Iterator[None]:
-    """Turn whatever a component raises into a `ComponentError`; Ctrl-C and what streamkit raises on purpose pass.
+    """Turn any exception of a component into a `ComponentError`; KeyboardInterrupt and streamkit's own errors pass.
 
     Parameters
     ----------
     component
         Role and kind, for the message: ``stripping mlcs``.
 
+    The component may change how numpy handles floating-point errors: that ends with the context.
+
     Raises ComponentError with the component, the exception, and the function it came from; the exception is its cause.
     """
+    from numpy import errstate  # here, for commands that compute nothing
+
     try:
-        yield
+        with errstate():
+            yield
     except (StreamkitError, KeyboardInterrupt):
         raise
     except BaseException as error:
-        text = f"{type(error).__name__} in {_culprit(error)}: {error}".rstrip(": \n")
+        text = f"{type(error).__name__} in {_culprit(error)}: {message_of(error)}".rstrip(": \n")
         raise ComponentError(f"{component} failed: {text}") from error
 
 

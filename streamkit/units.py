@@ -21,6 +21,8 @@ GYR = 3.15576e16 / 3.0856775814913673e16  # one Gyr in kpc/(km/s)
 
 KMS_PER_MASYR_KPC = 4.740470463533349  # tangential velocity in km/s of 1 mas/yr at 1 kpc
 
+CENTRE = 1e-30  # kpc^2, added to squared radii: a force at the very centre is zero and not 0/0
+
 
 # The largest size of a number in a run file, and one over the smallest: powers and products of some stay floats.
 LARGEST = 1e60
@@ -42,7 +44,7 @@ class Unit:
     """The unit of a field in the run file, and the factor that takes it to the engine's units.
 
     As the mark of a field, ``Annotated[float, Unit("Msun / kpc3")]``, it makes a physical number of it: a quantity in
-    any unit of that dimension is read, and a prior. The types below are such numbers.
+    any unit of that dimension is read, and so is a prior. The types below are such numbers.
 
     Attributes
     ----------
@@ -72,7 +74,7 @@ class Unit:
 
         target = u.dimensionless_unscaled if not self.name else u.Unit(self.name)
         try:
-            with np.errstate(all="ignore"):  # what is too large is refused below
+            with np.errstate(all="ignore"):  # numbers that are too large are refused below
                 quantity = u.Quantity(value)
         except (TypeError, ValueError):
             raise ValueError(
@@ -84,10 +86,10 @@ class Unit:
             return _sized(float(quantity.value))
         try:
             with np.errstate(all="ignore"):
-                found = float(quantity.to_value(target))
+                number = float(quantity.to_value(target))
         except u.UnitConversionError:
             raise ValueError(f"expected a quantity in {self.label} or a unit like it, found {str(value)!r}") from None
-        return _sized(found)
+        return _sized(number)
 
     @property
     def label(self) -> str:
@@ -133,6 +135,19 @@ PositiveNumber = Annotated[float, _NUMBER, Field(gt=0)]  # a positive dimensionl
 
 
 @dataclass(frozen=True)
+class Symbol:
+    r"""The symbol of a field in pictures, as TeX: ``Annotated[Length, Symbol(r"$r_{\rm s}$")]``."""
+
+    tex: str
+
+
+# Fields that many potentials have, with their symbols and descriptions: ``mass: TotalMass``.
+TotalMass = Annotated[Mass, Symbol("$M$"), Field(description="Total mass.")]
+ScaleRadius = Annotated[Length, Symbol(r"$r_{\rm s}$"), Field(description="Scale radius.")]
+AxisRatio = Annotated[PositiveNumber, Symbol("$q$"), Field(description="Axis ratio z/x.")]
+
+
+@dataclass(frozen=True)
 class Datum:
     """Marks a field that holds a datum and its error, with their unit."""
 
@@ -173,16 +188,9 @@ def unit_of(field: FieldInfo) -> Unit | None:
     return None
 
 
-@dataclass(frozen=True)
-class Symbol:
-    r"""The symbol of a field in pictures, as TeX: ``Annotated[Length, Symbol(r"$r_{\rm s}$")]``."""
-
-    tex: str
-
-
 def symbol_of(field: FieldInfo, owner: str = "") -> str:
-    """Return the symbol of a field, marked with whose it is (``sat``, ``halo``); '' if it has none."""
-    tex = next((item.tex for item in field.metadata if isinstance(item, Symbol)), "")
+    """Return the symbol of a field with the name of its owner as an index (``sat``, ``halo``); '' if it has none."""
+    tex = next((item.tex for item in reversed(field.metadata) if isinstance(item, Symbol)), "")  # the outermost
     if not tex or not owner:
         return tex
     mark, name = "^" if "_" in tex else "_", owner.replace("_", r"\_")

@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
+import os
+import signal
+from collections.abc import Iterator
+from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import pytest
 from commands import RUN
+from filelock import FileLock
+from matplotlib.figure import Figure
+from PIL import Image
+from toys import FIT, PUBLISHED
+
+import streamkit as sk
 
 collect_ignore = ["third_party"]  # a package of its own: test_third_party.py installs it and runs its test
 
@@ -16,6 +27,40 @@ def hundred_columns(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "100")
 
 
+@pytest.fixture(autouse=True)
+def unrendered_pictures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every picture is made and its file written, but with one pixel: rendering takes most of the time of a report.
+
+    A test that looks at pictures is marked ``rendered``, with parts of their file names if it does not look at all.
+    """
+    marker = request.node.get_closest_marker("rendered")
+    if marker is not None and not marker.args:
+        return
+    names, render, pixel = marker.args if marker else (), Figure.savefig, BytesIO()
+    Image.new("RGB", (1, 1), "white").save(pixel, format="png")
+
+    def write(self: Figure, file: Any, **options: Any) -> None:
+        if not isinstance(file, str | Path):
+            file.write(pixel.getvalue())
+        elif any(name in Path(file).name for name in names):
+            render(self, file, **options)
+        else:
+            Path(file).write_bytes(pixel.getvalue())
+
+    monkeypatch.setattr(Figure, "savefig", write)
+
+
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """Ctrl-C raises KeyboardInterrupt here and in new processes, where pytest was started with SIGINT ignored too.
+
+    The background of a shell script is such a place.
+    """
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.fixture
 def run_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A small run file, alone in the working directory."""
@@ -23,3 +68,22 @@ def run_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     path = tmp_path / "small.toml"
     path.write_text(RUN)
     return path
+
+
+@pytest.fixture(scope="session")
+def finished_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The directory of a run of `toys.FIT` with 30 steps, all products and published values: to be read, or copied.
+
+    The first worker of xdist that asks for it makes it for all.
+    """
+    place = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        place = place.parent
+    out, made = place / "finished", place / "finished.made"
+    with FileLock(place / "finished.lock"):
+        if not made.exists():
+            (place / "published.csv").write_text(PUBLISHED)
+            results = sk.run(sk.load(FIT), out=out, steps=30, progress=False, products=False)
+            sk.study.fit.write_products(results, literature=place / "published.csv")
+            made.touch()
+    return out

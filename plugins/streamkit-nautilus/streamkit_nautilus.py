@@ -92,11 +92,11 @@ class Nautilus(Sampler):
             missing = "" if done else _missing(sampler, self.effective_samples)
             yield Samples(points, ln_weights, float(sampler.log_z), 1 / math.sqrt(sampler.n_eff), missing)
 
-    def unfit(self, d: int) -> str:
+    def reject_dimension(self, d: int) -> str:
         """Ask for two parameters: nautilus cannot do with one."""
         return "" if d > 1 else "kind: nautilus needs 2 free parameters, found 1"
 
-    def quick(self, d: int) -> dict[str, int | float]:
+    def quick_settings(self, d: int) -> dict[str, int | float]:
         """Take few live points and few samples."""
         return {"live_points": min(self.live_points, 400), "effective_samples": min(self.effective_samples, 500)}
 

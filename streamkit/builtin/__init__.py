@@ -1,4 +1,4 @@
-"""The default plugins. They use only what a stranger may use: the names of `streamkit` and `streamkit.engine`."""
+"""The default plugins. They use only the public names of `streamkit` and `streamkit.engine`, as any plugin."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What both fits of an apocentre share: the grid of angles, the soft window, the Gaussian, the result."""
+"""The common parts of both fits of an apocentre: grid of angles, soft window, Gaussian, result."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from streamkit import Array
 CELL = 1.0  # grid of angles, degrees
 KERNEL = 4.0  # standard deviation of the smoothing kernel of the track, degrees
 WINDOW, EDGE = 40.0, 5.0  # half width of the fitted window (Gibbons+ 2014) and the scale of its soft edges, degrees
-REACH = 45.0  # how far from the progenitor's own apocentre the first guess of the maximum is looked for, degrees
+REACH = 45.0  # limit of the search for the first guess, from the progenitor's own apocentre, degrees
 # Particles farther than this from the progenitor's own apocentre cannot matter, degrees.
-NEAR = 2 * REACH + WINDOW + 3 * EDGE
+FARTHEST = 2 * REACH + WINDOW + 3 * EDGE
 FEWEST = 30  # fewest particles in the window (sum of weights)
 # Least share of the particles in the window on either side of the maximum: a Gaussian through debris that only rises,
 # or only falls, says where it ends.
@@ -91,7 +91,7 @@ def gaussian(x: Array, q: Array) -> tuple[Array, Array]:
 
 
 def one_sided(angle: Array, share: Array, centre: float, coverage: float) -> str:
-    """Say if too little of the shares (n,) at angles (n,) is beyond the maximum, or short of it."""
+    """Return a reason if too little of the weights (n,) at angles (n,) is beyond the maximum, or before it."""
     beyond = share[np.abs(angle) > abs(centre)].sum() / share.sum()
     return NOT_YET if beyond < coverage else NO_RISE if beyond > 1 - coverage else ""
 

@@ -62,7 +62,7 @@ class Apocentres(Observable):
     )
     phase: Literal["winding", "chi"] = Field(
         default="winding",
-        description="How arms and wraps are told apart: by the angle swept, or by the paper's phase chi.",
+        description="How arms and wraps are distinguished: by the angle swept, or by the paper's phase chi.",
     )
 
     def data(self) -> tuple[Array, Array]:
@@ -101,10 +101,10 @@ class Apocentres(Observable):
         The data fix only the sum of the two angles, 360 deg - precession: the trailing one is set against the model's
         leading one, with the error of the precession.
         """
-        found, peaks, details = [], {}, prediction.details
+        marks, peaks, details = [], {}, prediction.details
         for arm in (arm for arm in ARMS if f"{arm}_peak" in details):
             peaks[arm] = details[f"{arm}_peak"]
-            found += [
+            marks += [
                 Mark("track", details[f"{arm}_angle"], details[f"{arm}_track"], "smoothed track"),
                 Mark("fit", details[f"{arm}_fit_angle"], details[f"{arm}_fit"], "Gaussian fit"),
                 Mark("peak", peaks[arm][:1], peaks[arm][1:], "fitted apocentre"),
@@ -113,22 +113,22 @@ class Apocentres(Observable):
             (value, error), angle, spread = getattr(self, arm), peaks[arm][:1], 0.0
             if arm == "trailing" and self.precession is not None and "leading" in peaks:
                 angle, spread = peaks["leading"][:1] - (360.0 - self.precession[0]), self.precession[1]
-            found.append(Mark("datum", angle, np.array([value]), "data", spread, error))
-        return tuple(found)
+            marks.append(Mark("datum", angle, np.array([value]), "data", spread, error))
+        return tuple(marks)
 
     def remarks(self, prediction: Prediction) -> tuple[str, ...]:
-        """Say where an arm does not reach across the window in which its apocentre is fitted."""
-        found = []
+        """Warn of an arm that ends inside the window in which its apocentre is fitted."""
+        warnings = []
         for arm in (arm for arm in ARMS if f"{arm}_peak" in prediction.details):
             angles = np.abs(prediction.details[f"{arm}_angle"])
             peak = abs(float(prediction.details[f"{arm}_peak"][0]))
             for reach, side in ((peak - angles.min(), "before"), (angles.max() - peak, "beyond")):
                 if reach < WINDOW:
-                    found.append(
+                    warnings.append(
                         f"The {arm} arm ends {max(reach, 0):.0f} deg {side} its apocentre, inside the window of "
                         f"{WINDOW:g} deg that is fitted: the apocentre is in part extrapolated."
                     )
-        return tuple(found)
+        return tuple(warnings)
 
     def radii(self) -> dict[str, float]:
         """Return the measured apocentres."""
@@ -179,9 +179,9 @@ class Apocentres(Observable):
 
 
 def _why_few(angle: Array, member: BoolArray, chosen: BoolArray, guide: float) -> str:
-    """Say why there are too few particles near the apocentre, and what to change."""
-    near = np.abs(angle - guide) < WINDOW
-    if (member & near).sum() >= FEWEST > (chosen & near).sum():
+    """Return why there are too few particles near the apocentre, and what to change."""
+    in_window = np.abs(angle - guide) < WINDOW
+    if (member & in_window).sum() >= FEWEST > (chosen & in_window).sum():
         return ", the rest is too recent for the rule of observable.recent_debris"
     if member.sum() >= FEWEST and (np.abs(angle[member]) > abs(guide)).mean() < COVERAGE:
         return ", which the arm does not reach: raise progenitor.lookback, or let the progenitor lose more"

@@ -7,14 +7,14 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from streamkit import Angle, Coordinate, G, Length, Mass, Number, Potential, Symbol, sqrt
+from streamkit import Angle, Coordinate, G, Length, Number, Potential, Symbol, TotalMass, sqrt
 
 
 class Bar(Potential):
     """Rotating bar: a needle of half-length a, softened by b and c as a Miyamoto-Nagai disc is (Long & Murali 1992).
 
     ``Phi = (G M / 2a) ln[(s - 2a) / (s + 2a)]``, s the sum of the distances from the needle's ends, each with
-    ``b + sqrt(z^2 + c^2)`` in place of z. It is prolate with b = 0. It turns for ever at its pattern speed.
+    ``b + sqrt(z^2 + c^2)`` in place of z. It is prolate with b = 0. Its pattern speed is constant.
     Where the Sun is at x < 0 and moves towards y > 0 the Galaxy turns clockwise: the pattern speed is then negative,
     and the angle of a bar whose near end is 27 deg away from the Sun, at positive longitudes, is -27 deg.
     """
@@ -23,7 +23,7 @@ class Bar(Potential):
     example = {"mass": 1.0e10, "a": 3.5, "b": 0.5, "c": 0.6, "pattern_speed": -39.0, "angle": -27.0}
     reference = "Long & Murali 1992, ApJ 397, 44"
 
-    mass: Annotated[Mass, Symbol("$M$")] = Field(description="Total mass.")
+    mass: TotalMass
     a: Annotated[Length, Symbol("$a$")] = Field(description="Half-length.")
     b: Annotated[Coordinate, Symbol("$b$")] = Field(
         default=0.0, ge=0, description="Softening within the plane: the bar's thickness there."

@@ -1,9 +1,9 @@
 """Built-in exponential discs, each as three Miyamoto-Nagai discs (Smith et al. 2015, MNRAS 448, 2934).
 
-Smith et al. give one set whose density is positive everywhere (their table 2), and one that is nearer to the
-exponential from five scale lengths on and negative further out. This is the former, as in gala: the force in the plane
-is that of the exponential disc to 1 per cent up to five scale lengths; far out the three discs are 10 to 15 per cent
-heavier than it.
+Smith et al. give one set with a density that is positive everywhere (their table 2), and one that is closer to the
+exponential beyond five scale lengths and negative further out. This is the former, as in gala. The force in the plane
+is that of the exponential disc to 1 per cent up to five scale lengths. Far out the three discs are 10 to 15 per cent
+heavier.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from pydantic import Field
 
-from streamkit import G, Length, Mass, Potential, Symbol, sqrt
+from streamkit import G, Length, Potential, Symbol, TotalMass, sqrt
 
 # Smith et al., table 2: masses over that of the disc, as polynomials of b/rd, the highest power first.
 MASSES = (
@@ -27,6 +27,11 @@ LENGTHS = (
     (-0.0319, 0.1514, -0.1279, -0.9325, 2.6836),
     (-0.0326, 0.1816, -0.2943, -0.6329, 2.3193),
 )
+
+DiscMass = Annotated[
+    TotalMass, Field(description="Mass of the exponential disc: 2 pi rd^2 times its central surface density.")
+]
+ScaleLength = Annotated[Length, Symbol(r"$R_{\rm d}$"), Field(description="Scale length.")]
 
 
 def _three_discs(c3: float, c2: float, c1: float) -> tuple[Any, Any]:
@@ -76,10 +81,8 @@ class ExponentialDisc(Potential):
     example = {"mass": 4.0e10, "rd": 2.6, "height": 0.3}
     reference = "Smith et al. 2015, MNRAS 448, 2934"
 
-    mass: Annotated[Mass, Symbol("$M$")] = Field(
-        description="Mass of the exponential disc: 2 pi rd^2 times its central surface density."
-    )
-    rd: Annotated[Length, Symbol(r"$R_{\rm d}$")] = Field(description="Scale length.")
+    mass: DiscMass
+    rd: ScaleLength
     height: Annotated[Length, Symbol("$h_z$")] = Field(description="Scale height of the vertical exponential.")
 
     acceleration: ClassVar[Any] = staticmethod(_EXPONENTIAL[0])
@@ -96,10 +99,8 @@ class Sech2Disc(Potential):
     example = {"mass": 4.7717e10, "rd": 2.6, "height": 0.3}
     reference = "Smith et al. 2015, MNRAS 448, 2934"
 
-    mass: Annotated[Mass, Symbol("$M$")] = Field(
-        description="Mass of the exponential disc: 2 pi rd^2 times its central surface density."
-    )
-    rd: Annotated[Length, Symbol(r"$R_{\rm d}$")] = Field(description="Scale length.")
+    mass: DiscMass
+    rd: ScaleLength
     height: Annotated[Length, Symbol("$h_z$")] = Field(
         description="Scale height: the density falls as sech^2(z/height)."
     )

@@ -11,9 +11,13 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from streamkit import Angle, Coordinate, G, Length, Mass, PositiveNumber, Potential, Speed, Symbol, log, sqrt
+from streamkit import Angle, AxisRatio, Coordinate, G, Mass, Potential, ScaleRadius, Speed, Symbol, log, sqrt
 
-TINY = 1e-30  # kpc^2, added to squared radii: a force at the very centre is zero and not 0/0
+CENTRE = 1e-30  # kpc^2, added to squared radii: the force at the very centre is zero and not 0/0
+
+AxisRatioYX = Annotated[AxisRatio, Symbol("$p$"), Field(description="Axis ratio y/x of the potential.")]
+AxisRatioZX = Annotated[AxisRatio, Field(description="Axis ratio z/x of the potential.")]
+Direction = Annotated[Angle, Symbol(r"$\phi$"), Field(description="Direction of the first axis, from x towards y.")]
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(20)
 SHELLS = tuple(float(v * v) for v in 0.5 + 0.5 * _NODES)
@@ -34,19 +38,17 @@ class NFWTriaxial(Potential):
     mass: Annotated[Mass, Symbol("$M$")] = Field(
         description="Scale mass: without flattening M(r) = mass [ln(1 + r/rs) - r/(r + rs)]."
     )
-    rs: Annotated[Length, Symbol(r"$r_{\rm s}$")] = Field(description="Scale radius along the first axis.")
-    p: Annotated[PositiveNumber, Symbol("$p$")] = Field(default=1.0, description="Axis ratio y/x of the potential.")
-    q: Annotated[PositiveNumber, Symbol("$q$")] = Field(default=1.0, description="Axis ratio z/x of the potential.")
-    phi: Annotated[Angle, Symbol(r"$\phi$")] = Field(
-        default=0.0, description="Direction of the first axis, from x towards y."
-    )
+    rs: ScaleRadius = Field(description="Scale radius along the first axis.")
+    p: AxisRatioYX = 1.0
+    q: AxisRatioZX = 1.0
+    phi: Direction = 0.0
 
     @staticmethod
     def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any, rs: Any, p: Any, q: Any, phi: Any) -> Any:
         """Return minus the gradient of the potential."""
         c, s = np.cos(phi), np.sin(phi)
         u, v, w = c * x + s * y, (c * y - s * x) / (p * p), z / (q * q)
-        r2 = u * u + v * v * (p * p) + w * z + TINY
+        r2 = u * u + v * v * (p * p) + w * z + CENTRE
         r = sqrt(r2)
         k = G * mass * (r / (r + rs) - log(1.0 + r / rs)) / (r2 * r)
         return k * (c * u - s * v), k * (s * u + c * v), k * w
@@ -55,7 +57,7 @@ class NFWTriaxial(Potential):
     def potential(x: Any, y: Any, z: Any, t: Any, mass: Any, rs: Any, p: Any, q: Any, phi: Any) -> Any:
         """Return -G m ln(1 + r/rs) / r."""
         c, s = np.cos(phi), np.sin(phi)
-        r = np.sqrt((c * x + s * y) ** 2 + ((c * y - s * x) / p) ** 2 + (z / q) ** 2 + TINY)
+        r = np.sqrt((c * x + s * y) ** 2 + ((c * y - s * x) / p) ** 2 + (z / q) ** 2 + CENTRE)
         return -G * mass * np.log1p(r / rs) / r
 
 
@@ -73,23 +75,17 @@ class NFWEllipsoidal(Potential):
     mass: Annotated[Mass, Symbol("$M$")] = Field(
         description="Scale mass: 4 pi rs^3 times the scale density, as in `nfw` if p = q = 1."
     )
-    rs: Annotated[Length, Symbol(r"$r_{\rm s}$")] = Field(description="Scale radius along the first axis.")
-    p: Annotated[PositiveNumber, Symbol("$p$")] = Field(
-        default=1.0, ge=0.4, le=2.5, description="Axis ratio y/x of the density."
-    )
-    q: Annotated[PositiveNumber, Symbol("$q$")] = Field(
-        default=1.0, ge=0.4, le=2.5, description="Axis ratio z/x of the density."
-    )
-    phi: Annotated[Angle, Symbol(r"$\phi$")] = Field(
-        default=0.0, description="Direction of the first axis, from x towards y."
-    )
+    rs: ScaleRadius = Field(description="Scale radius along the first axis.")
+    p: AxisRatioYX = Field(default=1.0, ge=0.4, le=2.5, description="Axis ratio y/x of the density.")
+    q: AxisRatioZX = Field(default=1.0, ge=0.4, le=2.5, description="Axis ratio z/x of the density.")
+    phi: Direction = 0.0
 
     @staticmethod
     def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any, rs: Any, p: Any, q: Any, phi: Any) -> Any:
         """Return the sum of the homoeoids' forces."""
 
         def shells(u2: Any, v2: Any, w2: Any, total: Any, across: Any, up: Any, first: Any) -> Any:
-            """Add five shells: the compiler unrolls so many, and only then runs the particles on all lanes."""
+            """Add five shells: the compiler unrolls five, and vectorises the loop over particles only if it does."""
             for i in range(5):
                 s = SHELLS[first + i]
                 b, c = 1.0 / (1.0 + (p * p - 1.0) * s * s), 1.0 / (1.0 + (q * q - 1.0) * s * s)
@@ -103,7 +99,7 @@ class NFWEllipsoidal(Potential):
 
         cos, sin = np.cos(phi), np.sin(phi)
         u, v = cos * x + sin * y, cos * y - sin * x
-        u2, v2, w2 = u * u + TINY, v * v, z * z
+        u2, v2, w2 = u * u + CENTRE, v * v, z * z
         zero = 0.0 * u2
         total, across, up = shells(u2, v2, w2, zero, zero, zero, 0)
         total, across, up = shells(u2, v2, w2, total, across, up, 5)
@@ -137,17 +133,17 @@ class LogarithmicHalo(Potential):
 
     v0: Annotated[Speed, Symbol("$v_0$")] = Field(gt=0, description="Circular speed in the plane at large radii.")
     rc: Annotated[Coordinate, Symbol(r"$r_{\rm c}$")] = Field(default=0.0, ge=0, description="Core radius.")
-    p: Annotated[PositiveNumber, Symbol("$p$")] = Field(default=1.0, description="Axis ratio y/x of the potential.")
-    q: Annotated[PositiveNumber, Symbol("$q$")] = Field(default=1.0, description="Axis ratio z/x of the potential.")
+    p: AxisRatioYX = 1.0
+    q: AxisRatioZX = 1.0
 
     @staticmethod
     def acceleration(x: Any, y: Any, z: Any, t: Any, v0: Any, rc: Any, p: Any, q: Any) -> Any:
         """Return minus the gradient of the potential."""
         v, w = y / (p * p), z / (q * q)
-        k = -v0 * v0 / (x * x + v * y + w * z + rc * rc + TINY)
+        k = -v0 * v0 / (x * x + v * y + w * z + rc * rc + CENTRE)
         return k * x, k * v, k * w
 
     @staticmethod
     def potential(x: Any, y: Any, z: Any, t: Any, v0: Any, rc: Any, p: Any, q: Any) -> Any:
         """Return (v0^2/2) ln(x^2 + (y/p)^2 + (z/q)^2 + rc^2)."""
-        return 0.5 * v0**2 * np.log(x * x + (y / p) ** 2 + (z / q) ** 2 + rc**2 + TINY)
+        return 0.5 * v0**2 * np.log(x * x + (y / p) ** 2 + (z / q) ** 2 + rc**2 + CENTRE)

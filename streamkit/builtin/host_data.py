@@ -7,20 +7,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from pydantic import Field, field_validator
 
-from streamkit import (
-    Array,
-    Columns,
-    Coordinate,
-    HostData,
-    HostView,
-    Length,
-    MassDatum,
-    Number,
-    NumberDatum,
-    Prediction,
-    Table,
-    VelocityDatum,
-)
+import streamkit as sk
 
 
 def _positive(datum: tuple[float, float]) -> tuple[float, float]:
@@ -30,7 +17,7 @@ def _positive(datum: tuple[float, float]) -> tuple[float, float]:
     return datum
 
 
-class RotationCurve(HostData):
+class RotationCurve(sk.HostData):
     """Circular velocities in the plane at several radii, with an error common to all of them."""
 
     kind = "rotation_curve"
@@ -38,24 +25,24 @@ class RotationCurve(HostData):
         "table": {"R": [6.0, 10.0, 20.0], "v_c": [231.0, 228.0, 204.0], "error": [1.5, 1.0, 5.0]}
     }
 
-    table: Annotated[Table, Columns(R="kpc", v_c="km / s", error="km / s").positive("R", "v_c", "error")] = Field(
+    table: Annotated[sk.Table, sk.Columns(R="kpc", v_c="km / s", error="km / s").positive("R", "v_c", "error")] = Field(
         description="Cylindrical radii, circular velocities and their independent errors."
     )
-    systematic: Number = Field(
+    systematic: sk.Number = Field(
         default=0.0, ge=0, lt=1, description="Error of the scale of all velocities together, a fraction of them."
     )
 
-    def data(self) -> tuple[Array, Array]:
+    def data(self) -> tuple[sk.Array, sk.Array]:
         """Return the velocities and their whole errors in km/s."""
         v_c = self.table["v_c"]
         return v_c, np.hypot(self.table["error"], self.systematic * v_c)
 
-    def covariance(self) -> Array | None:
+    def covariance(self) -> sk.Array | None:
         """Return that of independent errors and a common one; None without the latter."""
         common = self.systematic * self.table["v_c"]
         return np.diag(self.table["error"] ** 2) + np.outer(common, common) if self.systematic else None
 
-    def predict(self, host: HostView) -> Prediction:
+    def predict(self, host: sk.HostView) -> sk.Prediction:
         """Return the host's circular velocities."""
         radii = self.table["R"]
         return _exact([f"v_c({r:g} kpc)" for r in radii], host.circular_velocity(radii))
@@ -66,22 +53,22 @@ class RotationCurve(HostData):
         return {"rotation curve, first": float(radii.min()), "rotation curve, last": float(radii.max())}
 
 
-class CircularVelocity(HostData):
+class CircularVelocity(sk.HostData):
     """A circular velocity in the plane at one radius, such as that at the Sun."""
 
     kind = "circular_velocity"
     example: ClassVar[dict[str, Any]] = {"radius": 8.0, "v_c": ("229 km/s", "7 km/s")}
 
-    radius: Length = Field(description="Cylindrical radius.")
-    v_c: VelocityDatum = Field(description="Circular velocity and its error.")
+    radius: sk.Length = Field(description="Cylindrical radius.")
+    v_c: sk.VelocityDatum = Field(description="Circular velocity and its error.")
 
     _positive = field_validator("v_c")(_positive)
 
-    def data(self) -> tuple[Array, Array]:
+    def data(self) -> tuple[sk.Array, sk.Array]:
         """Return the velocity and its error in km/s."""
         return _pair(self.v_c)
 
-    def predict(self, host: HostView) -> Prediction:
+    def predict(self, host: sk.HostView) -> sk.Prediction:
         """Return the host's."""
         return _exact(["v_c"], host.circular_velocity(np.array([self.radius])))
 
@@ -90,22 +77,22 @@ class CircularVelocity(HostData):
         return {"circular velocity": self.radius}
 
 
-class EnclosedMass(HostData):
+class EnclosedMass(sk.HostData):
     """A mass inside one radius."""
 
     kind = "enclosed_mass"
     example: ClassVar[dict[str, Any]] = {"radius": 20.0, "mass": (2.5e11, 0.2e11)}
 
-    radius: Length = Field(description="Spherical radius.")
-    mass: MassDatum = Field(description="Mass inside it and its error.")
+    radius: sk.Length = Field(description="Spherical radius.")
+    mass: sk.MassDatum = Field(description="Mass inside it and its error.")
 
     _positive = field_validator("mass")(_positive)
 
-    def data(self) -> tuple[Array, Array]:
+    def data(self) -> tuple[sk.Array, sk.Array]:
         """Return the mass and its error in Msun."""
         return _pair(self.mass)
 
-    def predict(self, host: HostView) -> Prediction:
+    def predict(self, host: sk.HostView) -> sk.Prediction:
         """Return the host's."""
         return _exact(["mass"], host.mass_inside(np.array([self.radius])))
 
@@ -114,16 +101,16 @@ class EnclosedMass(HostData):
         return {"enclosed mass": self.radius}
 
 
-class Flattening(HostData):
+class Flattening(sk.HostData):
     """The flattening of the potential at one place, sqrt(z a_R / (R a_z)): its axis ratio, 1 for a sphere."""
 
     kind = "flattening"
     reference = "Bovy, Bahmanyar, Fritz & Kallivayalil 2016, ApJ 833, 31"
     example: ClassVar[dict[str, Any]] = {"radius": 12.5, "z": 6.7, "q": (0.95, 0.04)}
 
-    radius: Length = Field(description="Cylindrical radius of the place.")
-    z: Coordinate = Field(description="Height of the place above the plane; not 0.")
-    q: NumberDatum = Field(description="Flattening and its error.")
+    radius: sk.Length = Field(description="Cylindrical radius of the place.")
+    z: sk.Coordinate = Field(description="Height of the place above the plane; not 0.")
+    q: sk.NumberDatum = Field(description="Flattening and its error.")
 
     _positive = field_validator("q")(_positive)
 
@@ -134,11 +121,11 @@ class Flattening(HostData):
             raise ValueError("in the plane the potential has no flattening; expected a height other than 0")
         return value
 
-    def data(self) -> tuple[Array, Array]:
+    def data(self) -> tuple[sk.Array, sk.Array]:
         """Return the flattening and its error."""
         return _pair(self.q)
 
-    def predict(self, host: HostView) -> Prediction:
+    def predict(self, host: sk.HostView) -> sk.Prediction:
         """Return the host's; none where a force points outwards."""
         return _exact(["q"], host.flattening(np.array([self.radius]), np.array([self.z])))
 
@@ -147,12 +134,12 @@ class Flattening(HostData):
         return {"flattening": float(np.hypot(self.radius, self.z))}
 
 
-def _pair(datum: tuple[float, float]) -> tuple[Array, Array]:
+def _pair(datum: tuple[float, float]) -> tuple[sk.Array, sk.Array]:
     value, error = datum
     return np.array([value]), np.array([error])
 
 
-def _exact(names: list[str], values: Array) -> Prediction:
+def _exact(names: list[str], values: sk.Array) -> sk.Prediction:
     """Return a prediction without noise; a reason where the host has no such number."""
     why_not = "" if np.isfinite(values).all() else "the host has no such number there"
-    return Prediction(tuple(names), np.where(np.isfinite(values), values, np.nan), np.zeros(len(values)), why_not)
+    return sk.Prediction(tuple(names), np.where(np.isfinite(values), values, np.nan), np.zeros(len(values)), why_not)

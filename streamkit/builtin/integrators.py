@@ -62,11 +62,10 @@ class ForestRuth(Integrator):
 class Adaptive(Integrator):
     """Splitting whose step follows each particle's own dynamical time, by powers of two per block.
 
-    Particles deep in the progenitor take many steps, escaped ones few: the adaptive stepping that Gibbons+ 2014
-    ask for, in batches of equal steps. Where one step would do for the whole block, Nystrom's fifth-order method
-    takes it in one or two of half the length: 4 forces each. Between blocks the step changes, so nothing is
-    strictly symplectic. A thin disc is crossed in much less than a dynamical time: near its plane steps are short
-    enough to see it.
+    Particles deep in the progenitor take many steps, escaped ones few, in batches of equal steps (Gibbons+ 2014 use
+    adaptive steps too). Where one step is enough for the whole block, Nystrom's fifth-order method takes one or two
+    steps of 4 forces each. The step changes between blocks, so the method is not strictly symplectic. Near the plane of
+    a thin disc, which is crossed in much less than a dynamical time, steps are short enough to resolve it.
     """
 
     kind = "adaptive"

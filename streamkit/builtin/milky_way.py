@@ -14,8 +14,8 @@ BOVY2014 = Preset(
         "halo": {"kind": "nfw", "mass": 436833248499.6, "rs": 16.0},
     },
 )
-# The halo and the mass of every part as published. Not of closed form there, so approximated: the discs of stars
-# by three Miyamoto-Nagai discs each, the gas with its central holes, by one each, the flattened bulge, by a sphere.
+# The halo and the mass of every part as published. The other parts have no closed form and are approximated: each disc
+# of stars by three Miyamoto-Nagai discs, each disc of gas, which has a central hole, by one, the bulge by a sphere.
 # Against galpy's expansion of the model: v_c within 1.7 km/s from 3 to 200 kpc, the force within 3 per cent at
 # r > 4 kpc, 2 per cent at r > 8 kpc and 0.8 per cent at r > 15 kpc.
 MCMILLAN2017 = Preset(

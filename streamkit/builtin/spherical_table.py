@@ -1,4 +1,4 @@
-"""A built-in spherical host from a table: what holds between the knots is a spline, beyond them a power law."""
+"""A built-in spherical host from a table: a spline between the knots, power laws beyond them."""
 
 from __future__ import annotations
 
@@ -7,24 +7,11 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from pydantic import Field, model_validator
 
-from streamkit import (
-    Array,
-    G,
-    Increasing,
-    LengthArray,
-    MassArray,
-    OutOfDomain,
-    Potential,
-    SpeedArray,
-    cubic,
-    cubic_pieces,
-    exp,
-    log,
-)  # fmt: skip
+import streamkit as sk
+from streamkit import Array, G, cubic, cubic_pieces, exp, log
 
-TINY = 1e-30  # kpc^2, added to squared radii: a force at the very centre is zero and not 0/0
 CELLS = 1024  # cells of the even grid, about: the force is that of the spline to 1e-9 for ten knots a decade
-FLAT = 1e-6  # a slope of v_c^2 that is taken for zero beyond the last knot: there the potential is a logarithm
+FLAT = 1e-6  # slopes of v_c^2 below this count as zero beyond the last knot: the potential is a logarithm there
 
 
 class Spline(NamedTuple):
@@ -42,22 +29,22 @@ class Spline(NamedTuple):
     depth: Array
 
 
-class SphericalTable(Potential):
+class SphericalTable(sk.Spherical):
     """Spherical host from a table of circular speeds, or of masses inside radii, each of which may have a prior.
 
     ``ln v_c`` (or ``ln M``) is a natural cubic spline in ``ln r``: twice differentiable, and exact for a power law.
-    Inside the first and beyond the last knot its slope there goes on as a power law. Parameters for which the mass
-    falls with radius somewhere are rejected. The potential vanishes at infinity where that exists (v_c falls beyond the
-    last knot), otherwise at the last knot.
+    Inside the first and beyond the last knot it is a power law with the slope of that knot. Parameters are rejected if
+    the mass falls with radius somewhere. The potential is zero at infinity if v_c falls beyond the last knot, else at
+    that knot.
     """
 
     kind = "spherical_table"
     example = {"r": [2.0, 8.0, 30.0, 100.0, 300.0], "v_c": [220.0, 237.0, 205.0, 155.0, 115.0]}
     reference = "Gibbons, Belokurov & Evans 2014, MNRAS 445, 3788, who fit M(r) instead by a closed form"
 
-    r: Annotated[LengthArray, Increasing(least=2)] = Field(description="Radii of the knots.")
-    v_c: SpeedArray | None = Field(default=None, description="Circular speeds at the knots; or give the masses.")
-    mass: MassArray | None = Field(default=None, description="Masses inside the knots; or give the circular speeds.")
+    r: Annotated[sk.LengthArray, sk.Increasing(least=2)] = Field(description="Radii of the knots.")
+    v_c: sk.SpeedArray | None = Field(default=None, description="Circular speeds at the knots; or give the masses.")
+    mass: sk.MassArray | None = Field(default=None, description="Masses inside the knots; or give the circular speeds.")
 
     @model_validator(mode="after")
     def _one_of_two(self) -> SphericalTable:
@@ -83,7 +70,7 @@ class SphericalTable(Potential):
         nodes = np.linspace(u[0], u[-1], count + 1)
         v2, slope = np.exp(spline(nodes)), spline(nodes, 1)
         if slope.min() < -1 - 1e-9:
-            raise OutOfDomain("the mass of the spherical_table falls with radius somewhere")
+            raise sk.OutOfDomain("the mass of the spherical_table falls with radius somewhere")
         h = (u[-1] - u[0]) / count
         pieces = cubic_pieces(v2, v2 * slope * h)
         risen = np.concatenate([[0.0], np.cumsum(h * pieces @ [1, 1 / 2, 1 / 3, 1 / 4])])
@@ -92,20 +79,16 @@ class SphericalTable(Potential):
         return Spline(u[0], u[-1], float(slope[0]), outer, pieces, at_last + risen - risen[-1])
 
     @staticmethod
-    def acceleration(x: Any, y: Any, z: Any, t: Any, low: Any, high: Any, inner: Any, outer: Any, pieces: Any,
-                     depth: Any) -> Any:  # fmt: skip
-        """Return -v_c^2 / r along the radius."""
-        r2 = x * x + y * y + z * z + TINY
+    def pull(r2: Any, low: Any, high: Any, inner: Any, outer: Any, pieces: Any, depth: Any) -> Any:
+        """Return -v_c^2 / r^2."""
         u = 0.5 * log(r2)
         beyond = inner * np.minimum(u - low, 0.0) + outer * np.maximum(u - high, 0.0)
-        k = -cubic(u, (low, high), pieces) * exp(beyond) / r2
-        return k * x, k * y, k * z
+        return -cubic(u, (low, high), pieces) * exp(beyond) / r2
 
     @staticmethod
-    def potential(x: Any, y: Any, z: Any, t: Any, low: Any, high: Any, inner: Any, outer: Any, pieces: Any,
-                  depth: Any) -> Any:  # fmt: skip
+    def well(r2: Any, low: Any, high: Any, inner: Any, outer: Any, pieces: Any, depth: Any) -> Any:
         """Return the integral of v_c^2 over ln r, exact for the pieces."""
-        u = 0.5 * np.log(x * x + y * y + z * z + TINY)
+        u = 0.5 * np.log(r2)
         h = (high - low) / len(pieces)
         s = np.clip((u - low) / h, 0, len(pieces))
         k = np.minimum(s.astype(int), len(pieces) - 1)

@@ -9,56 +9,37 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from streamkit import (
-    Angle,
-    Array,
-    BoolArray,
-    Columns,
-    Coordinate,
-    Frame,
-    IntArray,
-    Number,
-    Observable,
-    Panel,
-    Prediction,
-    ProperMotion,
-    Stream,
-    Table,
-    Velocity,
-    VelocityArray,
-    place_on_sky,
-    sky_matrix,
-)  # fmt: skip
+import streamkit as sk
 from streamkit.builtin.track_columns import COLUMNS, DEPTH, column_of, within
 from streamkit.builtin.track_likelihood import ln_mixture, scatter_of
 from streamkit.builtin.track_lines import ENOUGH, REACH, Lines, gather, lines_at
-from streamkit.builtin.track_panels import column_panels
+from streamkit.builtin.track_panels import column_label, column_panel, fine_grid, longitude_label
 
 FEWEST = 10  # particles that have left the progenitor below which there is no stream
-# Degrees from the nearest debris beyond which it does not matter that there is more on the other side of the sky.
-FAR = 90.0
+# Degrees from the nearest debris beyond which debris on the other side of the sky does not matter.
+SEAM = 90.0
 ARMS = {"leading": 1, "trailing": -1}
-# What keeps drawn data where data may be.
-LIMITS: dict[str, Callable[[Array], Array]] = {"phi2": lambda angle: np.clip(angle, -90, 90), "distance": np.abs}
-BROADEST = 45.0  # degrees that a kernel may have at most: two straight lines of that width are a whole turn
+# Functions that move drawn data into the allowed range.
+LIMITS: dict[str, Callable[[sk.Array], sk.Array]] = {"phi2": lambda angle: np.clip(angle, -90, 90), "distance": np.abs}
+BROADEST = 45.0  # largest kernel in degrees: two straight lines of that width are a whole turn
 
+Outliers = Annotated[sk.Number, Field(ge=0, lt=1, description="Fraction of its data that are no members.")]
 Name = Literal["phi2", "distance", "distance_modulus", "pm_phi1_cosphi2", "pm_phi2", "radial_velocity"]
-FrameField = str | dict[str, tuple[float, float]] | tuple[tuple[float, float, float], ...]
 
 
-def _columns(**value: str) -> Columns:
+def _columns(**value: str) -> sk.Columns:
     """Declare a table of longitudes, one value and its errors in the value's unit."""
     (unit,) = value.values()
-    return Columns(phi1="deg", **value, error=unit).positive("error")
+    return sk.Columns(phi1="deg", **value, error=unit).positive("error")
 
 
-class Track(Observable):
+class Track(sk.Observable):
     """A stream's track on the sky: latitude, distance, proper motions and velocity at longitudes phi1.
 
-    Each column has its own longitudes; one that is left out is not compared. At a datum's longitude a local line is
-    fitted to the debris with a Gaussian kernel in phi1. Means are compared with the line; member stars (`stars`) with
-    the line and the spread of the debris about it. Where the stream has no debris ln p falls by the distance to the
-    nearest, in units of the kernel. Bound particles do not count. With `unwrapped` the longitudes count on through
+    Each column has its own longitudes; a column that is left out is not compared. At a datum's longitude a local line
+    is fitted to the debris with a Gaussian kernel in phi1. Means are compared with the line; member stars (`stars`)
+    with the line and the spread of the debris about it. Where the stream has no debris ln p falls by the distance to
+    the nearest, in units of the kernel. Bound particles are left out. With `unwrapped` the longitudes do not jump at
     whole turns. Several data at one longitude are independent.
     """
 
@@ -71,35 +52,35 @@ class Track(Observable):
         "radial_velocity": {"phi1": [-10.0], "radial_velocity": [10.0], "error": [2.0]},
     }
 
-    frame: FrameField = Field(
+    frame: sk.Frame = Field(
         description='Frame of phi1, phi2: a name such as "GD1Koposov10", { pole = [ra, dec], origin = [ra, dec] } in '
         "degrees, or the three rows of a matrix from ICRS."
     )
-    phi2: Annotated[Table, _columns(phi2="deg").between("phi2", -90, 90)] | None = Field(
+    phi2: Annotated[sk.Table, _columns(phi2="deg").between("phi2", -90, 90)] | None = Field(
         default=None, description="Latitudes."
     )
-    distance: Annotated[Table, _columns(distance="kpc").positive("distance")] | None = Field(
+    distance: Annotated[sk.Table, _columns(distance="kpc").positive("distance")] | None = Field(
         default=None, description="Heliocentric distances."
     )
-    distance_modulus: Annotated[Table, _columns(distance_modulus="mag")] | None = Field(
+    distance_modulus: Annotated[sk.Table, _columns(distance_modulus="mag")] | None = Field(
         default=None, description="Distance moduli."
     )
-    distance_depth: Annotated[Table, _columns(depth="kpc")] | None = Field(
+    distance_depth: Annotated[sk.Table, _columns(depth="kpc")] | None = Field(
         default=None, description="Standard deviations of the distance of the debris at a longitude."
     )
-    pm_phi1_cosphi2: Annotated[Table, _columns(pm_phi1_cosphi2="mas/yr")] | None = Field(
+    pm_phi1_cosphi2: Annotated[sk.Table, _columns(pm_phi1_cosphi2="mas/yr")] | None = Field(
         default=None, description="Proper motions in phi1, times cos phi2; not corrected for the Sun's."
     )
-    pm_phi2: Annotated[Table, _columns(pm_phi2="mas/yr")] | None = Field(
+    pm_phi2: Annotated[sk.Table, _columns(pm_phi2="mas/yr")] | None = Field(
         default=None, description="Proper motions in phi2; not corrected for the Sun's."
     )
-    radial_velocity: Annotated[Table, _columns(radial_velocity="km/s")] | None = Field(
+    radial_velocity: Annotated[sk.Table, _columns(radial_velocity="km/s")] | None = Field(
         default=None, description="Line-of-sight velocities."
     )
     velocity_frame: Literal["heliocentric", "gsr"] = Field(
         default="heliocentric", description="Whether the velocities are heliocentric, or corrected for the Sun's."
     )
-    gsr_sun: VelocityArray | None = Field(
+    gsr_sun: sk.VelocityArray | None = Field(
         default=None,
         description="With 'gsr': the Sun's velocity (towards the centre, along the rotation, to the north pole) that "
         "the table was corrected with. Left out: that of [sun].",
@@ -107,37 +88,25 @@ class Track(Observable):
     stars: tuple[Name, ...] = Field(
         default=(), description="The columns whose data are single member stars; the others hold means."
     )
-    kernel: Angle = Field(default=2.0, gt=0, le=BROADEST, description="Standard deviation of the kernel in phi1.")
+    kernel: sk.Angle = Field(default=2.0, gt=0, le=BROADEST, description="Standard deviation of the kernel in phi1.")
     unwrapped: bool = Field(
         default=False,
-        description="Whether phi1 counts on through whole turns along the stream, from the progenitor in (-180, 180]: "
-        "the wraps of a long stream are then told apart by the angle that their debris has swept.",
+        description="Whether phi1 continues beyond whole turns along the stream, from the progenitor in (-180, 180]. "
+        "The wraps of a long stream are then distinguished by the angle that their debris has swept.",
     )
     arm: Literal["leading", "trailing", "both"] = Field(default="both", description="Which debris is compared.")
-    phi2_dispersion: Angle = Field(default=0.0, ge=0, description="Extra dispersion of phi2, added to its errors.")
-    distance_dispersion: Coordinate = Field(default=0.0, ge=0, description="Extra dispersion of the distance.")
-    distance_modulus_dispersion: Number = Field(default=0.0, ge=0, description="Extra dispersion of the modulus.")
-    pm_phi1_cosphi2_dispersion: ProperMotion = Field(default=0.0, ge=0, description="Extra dispersion of this column.")
-    pm_phi2_dispersion: ProperMotion = Field(default=0.0, ge=0, description="Extra dispersion of this column.")
-    radial_velocity_dispersion: Velocity = Field(default=0.0, ge=0, description="Extra dispersion of the velocity.")
-    phi2_outliers: Number = Field(default=0.0, ge=0, lt=1, description="Fraction of its data that are no members.")
-    distance_outliers: Number = Field(default=0.0, ge=0, lt=1, description="Fraction of its data that are no members.")
-    distance_modulus_outliers: Number = Field(
-        default=0.0, ge=0, lt=1, description="Fraction of its data that are no members."
-    )
-    pm_phi1_cosphi2_outliers: Number = Field(
-        default=0.0, ge=0, lt=1, description="Fraction of its data that are no members."
-    )
-    pm_phi2_outliers: Number = Field(default=0.0, ge=0, lt=1, description="Fraction of its data that are no members.")
-    radial_velocity_outliers: Number = Field(
-        default=0.0, ge=0, lt=1, description="Fraction of its data that are no members."
-    )
-
-    @field_validator("frame")
-    @classmethod
-    def _known(cls, value: Any) -> Any:
-        sky_matrix(value)
-        return value
+    phi2_dispersion: sk.Angle = Field(default=0.0, ge=0, description="Extra dispersion of phi2, added to its errors.")
+    distance_dispersion: sk.Coordinate = Field(default=0.0, ge=0, description="Extra dispersion of the distance.")
+    distance_modulus_dispersion: sk.Number = Field(default=0.0, ge=0, description="Extra dispersion of the modulus.")
+    pm_phi1_cosphi2_dispersion: sk.ProperMotion = Field(default=0.0, ge=0, description="Extra dispersion of its data.")
+    pm_phi2_dispersion: sk.ProperMotion = Field(default=0.0, ge=0, description="Extra dispersion of its data.")
+    radial_velocity_dispersion: sk.Velocity = Field(default=0.0, ge=0, description="Extra dispersion of the velocity.")
+    phi2_outliers: Outliers = 0.0
+    distance_outliers: Outliers = 0.0
+    distance_modulus_outliers: Outliers = 0.0
+    pm_phi1_cosphi2_outliers: Outliers = 0.0
+    pm_phi2_outliers: Outliers = 0.0
+    radial_velocity_outliers: Outliers = 0.0
 
     @field_validator("stars")
     @classmethod
@@ -154,14 +123,14 @@ class Track(Observable):
         for name, (phi1, _, _) in self.given.items():
             if not self.unwrapped and np.ptp(phi1) > 360:
                 raise ValueError(
-                    f"{name}: phi1 runs over {np.ptp(phi1):g} deg, more than a turn; with unwrapped = true it counts on"
+                    f"{name}: phi1 runs over {np.ptp(phi1):g} deg, more than a turn; expected unwrapped = true"
                 )
         if self.gsr_sun is not None and (len(self.gsr_sun) != 3 or self.velocity_frame != "gsr"):
             raise ValueError('gsr_sun takes three velocities, and velocity_frame = "gsr"')
         return self
 
     @cached_property
-    def given(self) -> dict[str, tuple[Array, Array, Array]]:
+    def given(self) -> dict[str, tuple[sk.Array, sk.Array, sk.Array]]:
         """The data by field: longitudes, values and errors, (k,) each."""
         tables = {name: getattr(self, name) for name in (*COLUMNS, DEPTH)}
         key = {DEPTH: "depth"}
@@ -173,33 +142,33 @@ class Track(Observable):
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """One for every datum: the column and the longitude, and a count where several have the same."""
+        """A name for every datum: the column and the longitude, and a count where several have the same."""
         seen: dict[str, int] = {}
-        found = []
+        names = []
         for column, (phi1, _, _) in self.given.items():
             for angle in phi1.tolist():
                 name = f"{column} at {angle:g}"
                 seen[name] = seen.get(name, 0) + 1
-                found.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
-        return tuple(found)
+                names.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+        return tuple(names)
 
     @cached_property
-    def _places(self) -> tuple[Array, dict[str, IntArray]]:
+    def _places(self) -> tuple[sk.Array, dict[str, sk.IntArray]]:
         """The different longitudes (u,) of all data, and for each field which of them its data have."""
         parts = [phi1 for phi1, _, _ in self.given.values()]
         different, which = np.unique(np.concatenate(parts), return_inverse=True)
         ends = np.cumsum([len(part) for part in parts])[:-1]
         return different, dict(zip(self.given, np.split(which, ends), strict=True))
 
-    def sky_frame(self) -> Frame:
+    def sky_frame(self) -> sk.Frame:
         """Return the frame of phi1 and phi2."""
         return self.frame
 
-    def data(self) -> tuple[Array, Array]:
+    def data(self) -> tuple[sk.Array, sk.Array]:
         """Return the values and errors of all data, column after column; extra dispersions are not in the errors."""
         return tuple(np.concatenate([part[i] for part in self.given.values()]) for i in (1, 2))  # type: ignore[return-value]
 
-    def predict(self, stream: Stream) -> Prediction:
+    def predict(self, stream: sk.Stream) -> sk.Prediction:
         """Fit the line at every longitude.
 
         The details hold, for every datum, the spread (m,) of the debris about it, and ln_coverage (m,), the ln of the
@@ -208,20 +177,20 @@ class Track(Observable):
         different, which = self._places
         if not self.shows(stream):
             none = np.full(len(self.names), np.nan)
-            return Prediction(self.names, none, none, why_not="too few particles have left the progenitor")
+            return sk.Prediction(self.names, none, none, why_not="too few particles have left the progenitor")
         lines, of = self.lines(stream, different)
         parts = [self.part_of(name, lines, of.index(column_of(name)), which[name]) for name in self.given]
         mean, variance, spread, count = (np.concatenate(part) for part in zip(*parts, strict=True))
         coverage = -np.logaddexp(0.0, np.log(ENOUGH) - count)
         details = {"spread": spread, "ln_coverage": coverage}
-        return Prediction(self.names, mean, variance, details=details)
+        return sk.Prediction(self.names, mean, variance, details=details)
 
-    def shows(self, stream: Stream) -> bool:
+    def shows(self, stream: sk.Stream) -> bool:
         """Say whether the stream has enough debris for lines."""
         chosen = self._chosen(stream)
         return bool(chosen.sum() >= FEWEST and stream.weight[chosen].sum() > 0)
 
-    def lines(self, stream: Stream, at: Array) -> tuple[Lines, list[str]]:
+    def lines(self, stream: sk.Stream, at: sk.Array) -> tuple[Lines, list[str]]:
         """Fit the lines at longitudes (m,) in degrees, of all columns that data are compared with; and their names."""
         chosen = self._chosen(stream)
         longitude, columns = self.of_particles(stream)
@@ -231,7 +200,7 @@ class Track(Observable):
             middle = float(np.degrees(np.angle(np.exp(1j * np.radians(different)).sum())))
             longitude, at = (within(angle, middle) for angle in (longitude, at))
             farthest = np.abs(at - middle).max() + REACH * self.kernel
-            margin = float(np.clip(farthest - FAR, 0.0, 360.0))
+            margin = float(np.clip(farthest - SEAM, 0.0, 360.0))
         away = np.flatnonzero(chosen)
         of_debris = [column[away] for column in columns.values()]
         debris = gather(longitude[away], of_debris, stream.weight[away], margin)
@@ -239,11 +208,11 @@ class Track(Observable):
         depth = of.index("distance") if DEPTH in self.given else -1
         return lines_at(debris, at, self.kernel, depth), of
 
-    def _chosen(self, stream: Stream) -> BoolArray:
+    def _chosen(self, stream: sk.Stream) -> sk.BoolArray:
         """(n,) The debris that is compared."""
         return ~stream.bound if self.arm == "both" else stream.arm == ARMS[self.arm]
 
-    def part_of(self, name: str, lines: Lines, row: int, which: IntArray) -> tuple[Array, Array, Array, Array]:
+    def part_of(self, name: str, lines: Lines, row: int, which: sk.IntArray) -> tuple[sk.Array, ...]:
         """Mean, variance, spread and ln of the count of one field, at some of the lines."""
         count = lines.ln_count[which]
         if name != DEPTH:
@@ -251,7 +220,7 @@ class Track(Observable):
         spread = np.hypot(lines.spread[row, which], self.distance_dispersion)
         return spread, lines.depth_variance[which], np.zeros(len(which)), count
 
-    def of_particles(self, stream: Stream) -> tuple[Array, dict[str, Array]]:
+    def of_particles(self, stream: sk.Stream) -> tuple[sk.Array, dict[str, sk.Array]]:
         """Return the longitude (n,) of the particles, and the columns (n,) that data are compared with, by name."""
         seen = stream.seen(self.frame)
         if self.velocity_frame == "gsr":
@@ -259,7 +228,7 @@ class Track(Observable):
             if self.gsr_sun is not None:
                 velocity = seen.radial_velocity + stream.toward(self.gsr_sun)
             seen = seen._replace(radial_velocity=velocity)
-        longitude = stream.unwrapped_longitude(self.frame) if self.unwrapped else seen.phi1
+        longitude = stream.unwrapped_longitude(self.frame) if self.unwrapped else seen.lon
         wanted = {column_of(name) for name in self.given}
         return longitude, {name: column.of(seen) for name, column in COLUMNS.items() if name in wanted}
 
@@ -268,7 +237,7 @@ class Track(Observable):
         dispersions = (f"{name}_dispersion" for name in COLUMNS if name != "distance" or DEPTH not in self.given)
         return (*dispersions, *(f"{name}_outliers" for name in COLUMNS))
 
-    def ln_likelihood(self, prediction: Prediction, add_noise: bool) -> Array:
+    def ln_likelihood(self, prediction: sk.Prediction, add_noise: bool) -> sk.Array:
         """(...) Return the sum over columns of `ln_mixture`: Gaussians about the lines, extra dispersions, outliers."""
         total, start = np.zeros(np.shape(prediction.mean)[:-1]), 0
         for name, (phi1, value, error) in self.given.items():
@@ -282,16 +251,16 @@ class Track(Observable):
             total = total + ln_mixture(value, variance, prediction.mean[part], coverage, outliers, background)
         return total
 
-    def scatter2(self, name: str, error: Array, spread: Array) -> Array:
+    def scatter2(self, name: str, error: sk.Array, spread: sk.Array) -> sk.Array:
         """(..., k) Variances of one field's data about the lines: errors, extra dispersion, for stars the spread."""
         variance = error**2
         if name != DEPTH:
             variance = variance + getattr(self, f"{name}_dispersion") ** 2
         return variance + spread**2 if name in self.stars else variance
 
-    def mock(self, prediction: Prediction, rng: np.random.Generator) -> dict[str, Any]:
+    def mock(self, prediction: sk.Prediction, rng: np.random.Generator) -> dict[str, Any]:
         """Return tables with Gaussian noise: errors, extra dispersion, for stars the spread; a fraction of outliers."""
-        found, start = {}, 0
+        tables, start = {}, 0
         for name, (phi1, value, error) in self.given.items():
             part = slice(start, start := start + len(phi1))
             variance = self.scatter2(name, error, prediction.details["spread"][part])
@@ -301,16 +270,41 @@ class Track(Observable):
                 drawn = np.where(rng.random(len(phi1)) < getattr(self, f"{name}_outliers"), other, drawn)
             drawn = LIMITS.get(name, np.asarray)(drawn)
             table = {"phi1": phi1, "depth" if name == DEPTH else name: drawn, "error": error}
-            found[name] = {key: column.tolist() for key, column in table.items()}
-        return found
+            tables[name] = {key: column.tolist() for key, column in table.items()}
+        return tables
 
-    def panels(self, stream: Stream, prediction: Prediction) -> tuple[Panel, ...]:
+    def panels(self, stream: sk.Stream, prediction: sk.Prediction) -> tuple[sk.Panel, ...]:
         """Return a picture for every column: debris, fitted lines, data and residuals against longitude."""
-        return column_panels(self, stream, prediction)
+        longitude, columns = self.of_particles(stream)
+        curves = self._curves(stream)
+        panels, start = [], 0
+        for name, (phi1, value, error) in self.given.items():
+            part = slice(start, start := start + len(phi1))
+            pull = np.full(len(phi1), np.nan)
+            if not prediction.why_not:
+                scatter = np.sqrt(self.scatter2(name, error, prediction.details["spread"][part]))
+                pull = (value - prediction.mean[part]) / scatter
+            x = longitude if self.unwrapped else within(longitude, float(phi1.mean()))
+            y = np.full(len(longitude), np.nan) if name == DEPTH else columns[name]
+            labels = longitude_label(self.frame, self.unwrapped), column_label(name, self.velocity_frame == "gsr")
+            data = sk.PanelData(np.arange(part.start, part.stop), phi1, value, error, pull)
+            panels.append(column_panel(*labels, (x, y), data, curves.get(name)))
+        return tuple(panels)
 
-    def remarks(self, prediction: Prediction) -> tuple[str, ...]:
-        """Say which data lie where the stream has no debris."""
-        found, start = [], 0
+    def _curves(self, stream: sk.Stream) -> dict[str, tuple[sk.Array, sk.Array]]:
+        """Return the line of each field on a fine grid, NaN off the debris; no lines without enough debris."""
+        if not self.shows(stream):
+            return {}
+        grid = fine_grid(np.concatenate([phi1 for phi1, _, _ in self.given.values()]))
+        lines, of = self.lines(stream, grid)
+        there = lines.ln_count > np.log(ENOUGH)
+        every = np.arange(len(grid))
+        parts = {name: self.part_of(name, lines, of.index(column_of(name)), every)[0] for name in self.given}
+        return {name: (grid, np.where(there, part, np.nan)) for name, part in parts.items()}
+
+    def remarks(self, prediction: sk.Prediction) -> tuple[str, ...]:
+        """Warn of data at longitudes where the stream has no debris."""
+        warnings, start = [], 0
         for name, (phi1, _, _) in self.given.items():
             part = slice(start, start := start + len(phi1))
             if prediction.why_not:
@@ -318,12 +312,12 @@ class Track(Observable):
             empty = np.unique(phi1[prediction.details["ln_coverage"][part] < np.log(0.5)])
             if len(empty):
                 where = ", ".join(f"{angle:g}" for angle in empty[:8]) + (", ..." if len(empty) > 8 else "")
-                found.append(
+                warnings.append(
                     f"{name}: {len(empty)} of its longitudes lie where the stream has no debris, fewer than "
                     f"{ENOUGH:g} particles within a kernel of {self.kernel:g} deg (phi1 = {where}). Raise "
                     "progenitor.lookback or stripping.particles, or place the progenitor nearer."
                 )
-        return tuple(found)
+        return tuple(warnings)
 
     def radii(self) -> dict[str, float]:
         """Return the least and the greatest Galactocentric radius of the distances, seen from 8 kpc at phi2 = 0."""
@@ -333,6 +327,6 @@ class Track(Observable):
         if not parts:
             return {}
         phi1, distance = (np.concatenate(part) for part in zip(*parts, strict=True))
-        q = place_on_sky(phi1, np.zeros(len(phi1)), distance, sky_matrix(self.frame))
+        q = sk.place_on_sky(phi1, np.zeros(len(phi1)), distance, sk.sky_matrix(self.frame))
         r = np.sqrt((q**2).sum(axis=0))
         return {"innermost distance": float(r.min()), "outermost distance": float(r.max())}

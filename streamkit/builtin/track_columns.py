@@ -1,4 +1,4 @@
-"""The columns of a track: what each is called, its unit, and how particles have it."""
+"""The columns of a track: name, unit, label, and the values of particles."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from streamkit import Array, Seen
 
 
 class Column(NamedTuple):
-    """One column: its unit, what a picture calls it, and the particles' values (n,)."""
+    """One column: its unit, its label in figures, and a function for the particles' values (n,)."""
 
     unit: str
     label: str
@@ -20,11 +20,11 @@ class Column(NamedTuple):
 
 # By the names of the fields and of the tables' columns.
 COLUMNS: dict[str, Column] = {
-    "phi2": Column("deg", r"$\phi_2$", lambda seen: seen.phi2),
+    "phi2": Column("deg", r"$\phi_2$", lambda seen: seen.lat),
     "distance": Column("kpc", "distance", lambda seen: seen.distance),
     "distance_modulus": Column("mag", "distance modulus", lambda seen: np.asarray(5 * np.log10(seen.distance) + 10)),
-    "pm_phi1_cosphi2": Column("mas/yr", r"$\mu_{\phi_1} \cos \phi_2$", lambda seen: seen.pm_phi1_cosphi2),
-    "pm_phi2": Column("mas/yr", r"$\mu_{\phi_2}$", lambda seen: seen.pm_phi2),
+    "pm_phi1_cosphi2": Column("mas/yr", r"$\mu_{\phi_1} \cos \phi_2$", lambda seen: seen.pm_lon_coslat),
+    "pm_phi2": Column("mas/yr", r"$\mu_{\phi_2}$", lambda seen: seen.pm_lat),
     "radial_velocity": Column("km/s", r"$v_r$", lambda seen: seen.radial_velocity),
 }
 

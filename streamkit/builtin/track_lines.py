@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 
 from streamkit import Array
 
-WING = 1e-3  # height of the exponential wings: the Gaussian is all that counts within three kernels of debris
+WING = 1e-3  # height of the exponential wings: within three kernels of debris only the Gaussian matters
 LN_WING = math.log(WING)
 # Kernels beyond the nearest particle after which the wings are cut, where both are 4e-4 of the peak among debris.
 REACH = 4.0
@@ -24,7 +24,7 @@ REACH = 4.0
 ENOUGH = 5.0
 
 TURN = 360.0  # degrees
-MOST = 300.0  # greatest ln of a number of particles, so that it has an exponential
+LN_MOST = 300.0  # greatest ln of a number of particles, so that it has an exponential
 FINE, MANY = 0.125, 200  # kernels between the nodes where lines are splined, and longitudes below which none are
 TILE, BLOCK = 12, 512  # lines that are fitted together, and particles that are summed together
 
@@ -37,9 +37,9 @@ class Debris(NamedTuple):
     longitude
         (n,) degrees, increasing.
     columns
-        (c, n) what was measured of them, less its mean over all.
+        (c, n) measured values, less their mean over all particles.
     weight
-        (n,) how many particles each one stands for.
+        (n,) statistical weight of each.
     centre, slope
         (c,) that mean, and the ratio of the standard deviations of the column and the longitude: how steep a line
         may be.
@@ -80,8 +80,8 @@ class Lines(NamedTuple):
 def gather(longitude: Array, columns: Sequence[Array], weight: Array, margin: float = 0.0) -> Debris:
     """Sort particles by longitude (n,), for c columns (n,) and weights (n,).
 
-    With a margin, those so many degrees from either end of the turn are repeated beyond the other one, so that a kernel
-    may reach over the seam.
+    Particles within a margin (degrees) of either end of the turn are repeated beyond the other end: a kernel may reach
+    over the seam.
     """
     order = np.argsort(longitude)
     longitude, weight = longitude[order], weight[order]
@@ -115,18 +115,18 @@ def local_lines(debris: Debris, at: Array, kernel: float, enough: float = ENOUGH
         Particles under a kernel below which the slope shrinks towards zero, by a ridge of kernel^2 enough / count. The
         spread shrinks towards its mean over all longitudes. 0 for plain weighted least squares.
     depth
-        The column whose spread is wanted with its variance; -1 for none.
+        The column for whose spread the variance is computed; -1 for none.
     """
     order = np.argsort(at)
     powers = _powers(debris, kernel)
     tiles = [order[i : i + TILE] for i in range(0, len(at), TILE)]
-    found = [_tile(debris, powers, at[tile], kernel, enough, depth) for tile in tiles]
+    fits = [_tile(debris, powers, at[tile], kernel, enough, depth) for tile in tiles]
     parts = [np.empty((len(debris.columns), len(at))) for _ in range(3)] + [np.empty(len(at)) for _ in range(4)]
-    for tile, fit in zip(tiles, found, strict=True):
+    for tile, fit in zip(tiles, fits, strict=True):
         for part, piece in zip(parts, fit, strict=True):
             part[..., tile] = piece
     value, noise, square, leverage, drift, fourth, count = parts
-    number = np.exp(np.minimum(count, MOST))
+    number = np.exp(np.minimum(count, LN_MOST))
     few = enough / (number + enough)
     sure = number + 1e-9
     pool = square @ sure / sure.sum()
@@ -208,18 +208,18 @@ def _tile(
     x, x2 = x / total, x2 / total
     mean, mean2, xy = (np.array(of[j * c : (j + 1) * c]) / total for j in range(3))
     width = np.maximum(x2 - x * x, 0.0)
-    ridge = enough / (np.exp(np.minimum(count, MOST)) + enough)
+    ridge = enough / (np.exp(np.minimum(count, LN_MOST)) + enough)
     stiff = np.maximum(width + ridge, 1e-12)
     middle = x - centre
     tilt = middle / stiff
-    own = np.multiply.outer(-tilt / total, here)
-    own += ((1.0 + tilt * x) / total)[:, None]
-    own *= k
-    own *= own  # b is the sum of the columns times the root of this
+    root = np.multiply.outer(-tilt / total, here)
+    root += ((1.0 + tilt * x) / total)[:, None]
+    root *= k
+    root *= root  # b is the sum of the columns times the root of this
     cross = xy - mean * x
     slope = cross / stiff
     square = np.maximum(mean2 - mean**2 - slope * (2 * cross - slope * width), 0.0)
-    leverage, o, o2, *of = _sums(own, powers).T
+    leverage, o, o2, *of = _sums(root, powers).T
     first, second, mixed = (np.array(of[j * c : (j + 1) * c]) for j in range(3))
     start = mean - slope * x  # the line is start + slope x
     noise = second - 2 * (start * first + slope * mixed) + start**2 * leverage + 2 * start * slope * o + slope**2 * o2

@@ -10,33 +10,27 @@ import click
 
 from streamkit import report, runfile
 from streamkit.cli.completion import settings as complete_settings
-from streamkit.cli.options import FORCE, JSON, PDF, QUIET, RUN_FILE, SEEDS, SET, WORKERS, directory, load_spec
-from streamkit.cli.study import conduct
+from streamkit.cli.options import SEEDS, SET, load_spec
+from streamkit.cli.study import StudyOptions, conduct, study_options
 from streamkit.study import ablation as study
 from streamkit.study import grid
 
 
 @click.command()
-@RUN_FILE
 @click.option("--vary", "variations", multiple=True, required=True, metavar="PATH=V1,V2,...",
               shell_complete=complete_settings,
               help="A field and its values, such as stripping.kind=mlcs,streakline. "
-              "Repeated: every combination.")  # fmt: skip
+              "Several --vary: every combination of their values.")  # fmt: skip
 @SET
-@click.option("--stream", metavar="NAME", help="The stream to look at, where the run file has several.")
+@click.option("--stream", metavar="NAME", help="The stream to compare, if the run file has several.")
 @click.option("--reference", metavar="SNAPSHOT",
               help="N-body snapshot to compare with: HDF5 in the Gadget layout (FILE.hdf5, or "
-              "FILE.hdf5:PartType2) or a plain table (FILE.npz). Left out: the first variant.")  # fmt: skip
+              "FILE.hdf5:PartType2) or a plain table (FILE.npz). Default: the first variant.")  # fmt: skip
 @click.option("--match-rate", is_flag=True,
-              help="Weigh the particles so that as many are stripped at each time as in the snapshot: where a scheme "
+              help="Weigh the particles so that the stripping rate is the snapshot's: this compares where a scheme "
               "puts the debris, whatever its rate.")  # fmt: skip
 @SEEDS
-@WORKERS
-@directory("-ablation")
-@FORCE
-@PDF
-@JSON
-@QUIET
+@study_options("-ablation")
 def ablate(
     run_file: Path,
     variations: tuple[str, ...],
@@ -45,43 +39,39 @@ def ablate(
     reference: str | None,
     match_rate: bool,
     seeds: int,
-    workers: int,
-    output: Path | None,
-    force: bool,
-    pdf: bool,
-    as_json: bool,
-    quiet: bool,
+    options: StudyOptions,
 ) -> None:
     """Compare variants of a model with each other and with an N-body snapshot.
 
     Every combination of the values is run on the same seeds. Free parameters are at the prior's centre unless --set or
-    --vary says otherwise. Printed and written to DIR: the length of each tail, the distance of its mean track from the
-    reference's, widths, density, observables, energies and angular momenta; and the pictures.
+    --vary gives them a value. The tables, printed and written to DIR, hold for every variant the length of each tail,
+    the distance of its mean track from the reference's, widths, density, observables, energies and angular momenta.
+    The pictures are written to DIR.
 
-    A kind that is not the run file's starts from its own defaults: what is particular to the run file's kind (the
-    sigma of mlcs) stays with it, and what all kinds have (particles, progenitor_gravity) is kept. What --vary sets
-    holds for every kind in the grid.
+    A kind other than the run file's starts from its own defaults. Fields that only the run file's kind has (sigma of
+    mlcs) are not passed on; fields that all kinds have (particles, progenitor_gravity) are. A value of --vary holds
+    for every kind in the grid.
 
-    A variant without a stream is listed with its reason, and the others are kept. Ctrl-C keeps what is finished.
+    A variant without a stream is listed with the reason, and the other variants are finished. Ctrl-C ends the command;
+    the finished streams are written.
     """
     if match_rate and reference is None:
         raise click.UsageError("--match-rate needs a --reference, whose stripping rate is taken")
-    out = output if output is not None else Path(f"{run_file.stem}-ablation")
-    report.check_directory(out, study.PRODUCTS, "an ablation", force)
+    report.check_directory(options.out, study.PRODUCTS, "an ablation", options.force)
     spec = load_spec(run_file, settings)
     variants = study.variants_of(spec, read_variations(variations))
     name = spec.stream_name(stream)
     beside = None if reference is None else study.read_reference(reference, spec, name)
 
     def run(done: Callable[[], object]) -> grid.Products:
-        found = study.run_ablation(
-            spec, variants, beside, stream=name, seeds=seeds, workers=workers, match=match_rate, done=done
+        ablation = study.run_ablation(
+            spec, variants, beside, stream=name, seeds=seeds, workers=options.workers, match=match_rate, done=done
         )
-        said = {"reference": reference or found.beside, "match_rate": match_rate, "seeds": seeds}
-        said |= {"stream": name} if len(spec.streams) > 1 else {}
-        return study.ablation_products(found, said)
+        header = {"reference": reference or ablation.beside, "match_rate": match_rate, "seeds": seeds}
+        header |= {"stream": name} if len(spec.streams) > 1 else {}
+        return study.ablation_products(ablation, header)
 
-    conduct(out, seeds * len(variants), run, quiet=quiet, as_json=as_json, pdf=pdf)
+    conduct(options, seeds * len(variants), run)
 
 
 def read_variations(variations: Sequence[str]) -> dict[str, list[Any]]:
@@ -89,7 +79,7 @@ def read_variations(variations: Sequence[str]) -> dict[str, list[Any]]:
 
     A comma inside quotes, brackets or braces does not separate values.
     """
-    found: dict[str, list[Any]] = {}
+    fields: dict[str, list[Any]] = {}
     for variation in variations:
         path, equals, text = (part.strip() for part in variation.partition("="))
         values = [runfile.literal(value.strip()) for value in _split(text)]
@@ -97,10 +87,10 @@ def read_variations(variations: Sequence[str]) -> dict[str, list[Any]]:
             raise click.UsageError(
                 f"--vary {variation!r}: expected PATH=V1,V2,..., such as stripping.kind=mlcs,streakline"
             )
-        if path in found:
+        if path in fields:
             raise click.UsageError(f"--vary {path}: given twice; give all its values at once")
-        found[path] = values
-    return found
+        fields[path] = values
+    return fields
 
 
 def _split(text: str) -> list[str]:

@@ -20,23 +20,23 @@ from streamkit.study import preflight
 @JSON
 @click.option("-q", "--quiet", is_flag=True, help="No progress; print the warnings only.")
 def check(run_file: Path, settings: tuple[str, ...], draws: int, as_json: bool, quiet: bool) -> None:
-    """Validate a run file and look at its physics.
+    """Validate a run file and check its physics.
 
-    Prints the components and who supplies them, the free parameters with their priors, the progenitor's
-    orbit at the prior's centre, and what a call and the run will cost in CPU time. Warns of what makes a
-    fit fail. Exit status 0: valid; 2: not.
+    Printed are the components with their suppliers, the free parameters with their priors, the progenitor's orbit at
+    the prior's centre, the CPU time of a call and of the run, and warnings about causes of failing fits. The exit
+    status is 0 for a valid run file and 2 for another.
     """
     spec = load_spec(run_file, settings)
     if not (as_json or quiet):
         click.echo(f"{preflight.describe_spec(spec)}\n")
     try:
-        found = preflight.run_preflight(spec, draws=draws, progress=not quiet)
+        result = preflight.run_preflight(spec, draws=draws, progress=not quiet)
     except OutOfDomain as error:  # an orbit that cannot be followed at all
         where = "the prior's centre" if spec.names else "the given parameters"
         raise StreamkitError(f"{run_file}: there is no stream at {where}: {error}") from None
     if as_json:
-        click.echo(report.as_json(preflight.preflight_record(spec, found)))
+        click.echo(report.as_json(preflight.preflight_record(spec, result)))
     elif not quiet:
-        click.echo(preflight.describe_preflight(spec, found))
-    elif found.warnings:
-        click.echo(report.warning_list(found.warnings))
+        click.echo(preflight.describe_preflight(spec, result))
+    elif result.warnings:
+        click.echo(report.warning_list(result.warnings))

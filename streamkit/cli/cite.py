@@ -18,7 +18,8 @@ from streamkit.study import fit
 def cite(path: Path, trust: bool) -> None:
     """Print what to cite, as BibTeX.
 
-    It is exactly what the run file, or the run in DIR, uses: the components, the sampler, the packages that do the
-    work. The sources of your data are yours to add.
+    The list holds what the run file, or the run in DIR, uses: components, sampler and packages. Add the sources of
+    your data.
     """
-    click.echo(report.cited(sk.load(fit.run_file(path, trust) if path.is_dir() else path)), nl=False)
+    spec = fit.load_spec(path, trust=trust) if path.is_dir() else sk.load(path)
+    click.echo(report.cited(spec), nl=False)

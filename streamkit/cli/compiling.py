@@ -1,4 +1,4 @@
-"""One sentence while machine code is compiled: on a new machine that takes a minute or two, without another sign."""
+"""A message while machine code is compiled, which takes a minute or two on a new machine."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ SENTENCE = (
 
 
 def tell_of_compiling() -> None:
-    """Have the rest of this command, in the processes that it forks too, say once that something is compiled."""
+    """Announce compilation once in the rest of this command, including the processes that it forks."""
     from numba.core import event  # heavy, and wanted by commands that compute only
 
-    told = mmap.mmap(-1, 1)  # forked processes share it
+    announced = mmap.mmap(-1, 1)  # forked processes share it
 
     class Listener(event.Listener):  # type: ignore[misc]  # numba is untyped here
-        """Says it at the first compilation: what is read from the disk is none."""
+        """Announces the first compilation; machine code that is read from the cache is not compiled."""
 
         def on_start(self, event: Any) -> None:
-            if not told[0]:
-                told[0] = 1
+            if not announced[0]:
+                announced[0] = 1
                 click.echo(f"streamkit: {SENTENCE}", err=True)
 
         def on_end(self, event: Any) -> None:

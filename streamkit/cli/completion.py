@@ -1,6 +1,6 @@
-"""What the shell completes besides commands and files: components, sections, and the paths of a run file's fields.
+"""Shell completion of components, sections, and the paths of a run file's fields.
 
-Nothing here fails: a shell that asks gets what is known.
+Nothing here raises: without a valid run file there are fewer completions.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Complete = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
 
 def roles(_context: click.Context, _parameter: click.Parameter, typed: str) -> list[CompletionItem]:
-    """Complete what a component is: potential, stripping ..."""
+    """Complete the role of a component: potential, stripping ..."""
     return _beginning(typed, components.ROLES)
 
 
@@ -32,14 +32,14 @@ def sections(_context: click.Context, _parameter: click.Parameter, typed: str) -
 
 
 def kinds_of(argument: str) -> Complete:
-    """Return what completes the kinds of the component, or section, that another argument names."""
+    """Return the completion of the kinds of the role, or section, that another argument names."""
 
     def complete(context: click.Context, _parameter: click.Parameter, typed: str) -> list[CompletionItem]:
         section = context.params.get(argument) or ""
-        found = components.load_registry().entries.get(PLACED.get(section, section), {})
+        kinds = components.load_registry().entries.get(PLACED.get(section, section), {})
         return [
             CompletionItem(kind, help=(entry.cls.__doc__ or "").strip().partition("\n")[0])
-            for kind, entry in sorted(found.items())
+            for kind, entry in sorted(kinds.items())
             if kind.startswith(typed)
         ]
 

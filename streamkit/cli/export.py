@@ -14,16 +14,19 @@ from streamkit.study import fit
 @click.command()
 @click.argument("directory", metavar="DIR", type=click.Path(path_type=Path))
 @click.option("-o", "--output", required=True, type=click.Path(path_type=Path), metavar="FILE",
-              help="Where to: FILE.nc, .csv, .ecsv or .txt.")  # fmt: skip
+              help="File to write: FILE.nc, .csv, .ecsv or .txt.")  # fmt: skip
 @TRUST
 @FORCE_FILE
 def export(directory: Path, output: Path, trust: bool, force: bool) -> None:
-    """Write a run's samples for other programs.
+    """Write a run's samples, without burn-in, in the format of another program.
 
-    The suffix of FILE says the format. .nc: netCDF for ArviZ, each walker a chain, with the predictions and the data
-    (arviz.from_netcdf reads it). .txt: GetDist's, with .paramnames and .ranges beside it (getdist.loadMCSamples of
-    FILE without .txt). .csv and .ecsv: one row per sample, in ECSV with units. Burn-in is left out.
-    """
+    The suffix of FILE selects the format:
+
+    \b
+    .nc          netCDF for ArviZ (arviz.from_netcdf), each walker a chain, with predictions and data
+    .txt         GetDist (getdist.loadMCSamples), with .paramnames and .ranges in the same directory
+    .csv, .ecsv  one row per sample; ECSV has units
+    """  # noqa: D301  click reads the backspace: a paragraph that is not wrapped
     report.check_target(output, fit.EXPORTS, "--output", force)
     if output.suffix == ".txt":
         for suffix in (".paramnames", ".ranges"):

@@ -1,4 +1,4 @@
-"""The group of commands, our own and those of other packages, and how each of them fails: by one paragraph.
+"""The group of commands, streamkit's and those of other packages. Each reports an error as one paragraph.
 
 A package brings a command by an entry point of the group ``streamkit.commands``: its name, and a click command::
 
@@ -19,7 +19,7 @@ import click
 from streamkit import components
 from streamkit.cli.options import INTERRUPTED, INVALID
 from streamkit.cli.process import keep_streams, leave
-from streamkit.errors import PluginError, StreamkitError, nearest
+from streamkit.errors import PluginError, StreamkitError, message_of, nearest, printable
 
 GROUP = "streamkit.commands"
 
@@ -32,14 +32,14 @@ class PluginCommand(click.Command):
         self._points = points
 
     def get_short_help_str(self, limit: int = 45) -> str:
-        """Return what the package says of itself, in place of the command: nothing is imported for a list."""
+        """Return the summary of the package: a list of commands imports none of them."""
         dist = self._points[0].dist
         return f"{dist.metadata['Summary']} ({dist.name})" if dist else ""
 
     def make_context(
         self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
     ) -> click.Context:
-        """Let the command itself take over."""
+        """Make the context of the command itself."""
         return self._load().make_context(info_name, args, parent, **extra)
 
     def _load(self) -> click.Command:
@@ -52,7 +52,7 @@ class PluginCommand(click.Command):
         try:
             command = self._points[0].load()
         except (Exception, SystemExit) as error:
-            reason = f"{type(error).__name__}: {error}"
+            reason = f"{type(error).__name__}: {message_of(error)}"
             raise PluginError(f"the command {self.name!r} of {suppliers[0]} cannot be imported ({reason})") from error
         if not isinstance(command, click.Command):
             raise PluginError(f"the command {self.name!r} of {suppliers[0]} is no click command: {command!r}")
@@ -105,9 +105,9 @@ class Commands(click.Group):
         if command is None and (points := [point for point in _points() if point.name == name]):
             command = PluginCommand(name, points)
         if command is None and not ctx.resilient_parsing:
-            known = self.list_commands(ctx)
-            told = components.where_to_find("command", name) or nearest(name, known)
-            raise click.UsageError(f"no command is called {name!r}.{told} Known: {', '.join(known)}", ctx)
+            names = self.list_commands(ctx)
+            hint = components.where_to_find("command", name) or nearest(name, names)
+            raise click.UsageError(f"no command is called {name!r}.{hint} Known: {', '.join(names)}", ctx)
         return command
 
 
@@ -118,8 +118,9 @@ def _points() -> list[EntryPoint]:
 
 
 def _failed(message: str, status: int) -> int:
-    with suppress(OSError, ValueError):  # nobody reads it any more: the status tells as well
-        click.echo(f"streamkit: {message}", err=True)
+    with suppress(OSError, ValueError):  # standard error is closed: the exit status remains
+        lines = [printable(line) for line in message.split("\n")]  # it may quote a file that came from elsewhere
+        click.echo("streamkit: " + "\n".join(lines), err=True)
     return status
 
 

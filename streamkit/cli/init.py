@@ -6,6 +6,7 @@ import re
 import shutil
 from functools import partial
 from importlib.resources import files
+from itertools import takewhile
 from pathlib import Path
 
 import click
@@ -19,8 +20,8 @@ def examples() -> dict[str, Path]:
     """Return the run files that streamkit brings, by name: in the package, or in the repository it runs from."""
     package = Path(str(files("streamkit")))
     packed, repository = package / "examples", package.parent / "examples"
-    found = (packed if packed.is_dir() else repository).glob("*/*.toml")
-    return {path.stem: path for path in sorted(found) if not path.stem.startswith("truth")}
+    paths = (packed if packed.is_dir() else repository).glob("*/*.toml")
+    return {path.stem: path for path in sorted(paths) if not path.stem.startswith("truth")}
 
 
 def tables_of(example: Path) -> dict[str, Path]:
@@ -39,25 +40,25 @@ def new_name(name: str) -> str:
     name for name in examples() if name.startswith(typed)
 ])  # fmt: skip
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FILE",
-              help="Where to; default: the example's name with .toml, in this directory.")  # fmt: skip
+              help="File to write; default: the example's name with .toml, in this directory.")  # fmt: skip
 @FORCE_FILE
 def init(example: str | None, output: Path | None, force: bool) -> None:
-    """Write a run file to begin with.
+    """Write an example run file to start from.
 
-    Without EXAMPLE, list those there are. The file has comments, and runs as it is: change it to your stream. Tables
-    that it reads are written beside it.
+    Without EXAMPLE, list the examples. The file has comments and runs as it is: change it to your stream. Tables that
+    it reads are written to the same directory.
     """
-    known = examples()
+    run_files = examples()
     if example is None:
-        rows = [(name, _title(path)) for name, path in known.items()]
+        rows = [(name, _title(path)) for name, path in run_files.items()]
         click.echo(f"examples\n{report.columns(rows)}\n\nstreamkit init NAME writes one to NAME.toml")
         return
-    if example not in known:
-        near = nearest(example, known)
-        raise StreamkitError(f"init: no example is called {example!r}.{near} Known: {', '.join(known)}.")
+    if example not in run_files:
+        hint = nearest(example, run_files)
+        raise StreamkitError(f"init: no example is called {example!r}.{hint} Known: {', '.join(run_files)}.")
     target = Path(f"{example}.toml") if output is None else output
     report.check_target(target, (".toml",), "init", force)
-    text, tables = known[example].read_text(encoding="utf-8"), tables_of(known[example])
+    text, tables = run_files[example].read_text(encoding="utf-8"), tables_of(run_files[example])
     for name in tables:
         text = text.replace(f'"{name}"', f'"{new_name(name)}"')
     copies = {table: target.with_name(new_name(name)) for name, table in tables.items()}
@@ -70,10 +71,6 @@ def init(example: str | None, output: Path | None, force: bool) -> None:
 
 
 def _title(path: Path) -> str:
-    """Return the first paragraph of a run file's comment."""
-    lines = []
-    for line in path.read_text(encoding="utf-8").splitlines():
-        if not line.strip("# "):
-            break
-        lines.append(line.strip("# "))
-    return " ".join(lines)
+    """Return the first paragraph of the comment that a run file begins with."""
+    comment = takewhile(lambda line: re.match("# *[^# ]", line), path.read_text(encoding="utf-8").splitlines())
+    return " ".join(line.strip("# ") for line in comment)

@@ -25,7 +25,10 @@ from streamkit.cli.stream import stream
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(package_name="streamkit", message="streamkit %(version)s")
 def main() -> None:
-    """Weigh a galaxy with a tidal stream."""
+    """Weigh a galaxy with a tidal stream.
+
+    Start with 'streamkit init', which lists example run files; then 'streamkit check', 'stream' and 'run'.
+    """
 
 
 for command in (

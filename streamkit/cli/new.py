@@ -15,7 +15,7 @@ from streamkit import components
 from streamkit.errors import StreamkitError
 
 TEMPLATES = Path(__file__).parent / "templates"
-# There is a template of a module for each.
+# A role has a template of a module, ROLE.py.txt: a new file there is a new role of this command.
 ROLES = sorted(file.name.removesuffix(".py.txt") for file in TEMPLATES.glob("*.py.txt"))
 ALLOWED = "lower-case letters, digits and underscores, a letter first"
 
@@ -28,12 +28,13 @@ ALLOWED = "lower-case letters, digits and underscores, a letter first"
 def new(role: str, name: str, output: Path | None) -> None:
     """Write the package of a new component: module, test, pyproject.toml and README.
 
-    ROLE is what it is, NAME its kind in run files. It installs and passes its test as it is: change one line at a time.
+    ROLE is the component's role, NAME its kind in run files. The package can be installed and passes its test as it
+    is: change one line at a time.
     """
     texts = package_files(role, name)
     directory = Path(f"streamkit-{name.replace('_', '-')}") if output is None else output
     if directory.exists():
-        raise StreamkitError(f"{directory}: is there already, and nothing was changed. Choose another name, or -o DIR.")
+        raise StreamkitError(f"{directory}: exists already; nothing was changed. Choose another name, or -o DIR.")
     directory.mkdir(parents=True)
     for file, text in texts.items():
         (directory / file).write_text(text)
@@ -52,11 +53,11 @@ def package_files(role: str, name: str) -> dict[str, str]:
         raise StreamkitError(f"{name!r} cannot be the name of a component: allowed are {ALLOWED}.{hint}")
     called = "".join(part.capitalize() for part in name.split("_"))
     if called in dir(streamkit) or called == "Field" or keyword.iskeyword(called) or called in vars(builtins):
-        raise StreamkitError(f"{name!r}: its class would be called {called}, which means something else already")
+        raise StreamkitError(f"{name!r}: its class would be called {called}, which is the name of something else")
     registry = components.load_registry()
     if name in registry.entries[role]:
         supplier = registry.entries[role][name].supplier
-        raise StreamkitError(f"{name!r}: there is a {role} of this name already, from {supplier}. Choose another name.")
+        raise StreamkitError(f"{name!r}: {supplier} has a {role} of this name. Choose another name.")
     package = f"streamkit-{name.replace('_', '-')}"
     words = {"role": role, "kind": name, "name": called, "package": package, "module": package.replace("-", "_")}
     files = {

@@ -1,4 +1,4 @@
-"""What several commands share: the run file, fields set on the command line, seeds, workers; exit statuses."""
+"""Arguments and options that several commands have, how their values are read, and the exit statuses."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ SET = click.option(
 )  # fmt: skip
 
 SEEDS = click.option("--seeds", default=1, show_default=True, type=click.IntRange(1), metavar="N",
-                     help="Streams of each kind, from the run file's seed on.")  # fmt: skip
+                     help="Number of seeds, from the run file's on; each makes every stream again.")  # fmt: skip
 WORKERS = click.option("--workers", default=1, show_default=True, type=click.IntRange(1), metavar="N",
                        help="Processes that make the streams.")  # fmt: skip
 FORCE = click.option("-f", "--force", is_flag=True, help="Replace the products in DIR.")
 FORCE_FILE = click.option("-f", "--force", is_flag=True, help="Replace the files if they exist.")
-TRUST = click.option("--trust", is_flag=True, help="Run the plugin files in DIR: Python code that came with it.")
-JSON = click.option("--json", "as_json", is_flag=True, help="Print it as JSON.")
+TRUST = click.option("--trust", is_flag=True, help="Run the plugin files in DIR, which are Python code.")
+JSON = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 PDF = click.option("--pdf", is_flag=True, help="Write each picture as PDF too.")
 LITERATURE = click.option(
     "--literature", metavar="FILE", type=click.Path(path_type=Path),
-    help="A table of published masses, circular velocities or flattenings to show beside the run's own.",
+    help="A table of published masses, circular velocities or flattenings to compare with the run's.",
 )  # fmt: skip
 QUIET = click.option("-q", "--quiet", is_flag=True, help="No progress and no tables printed.")
 
@@ -46,7 +46,7 @@ def directory(suffix: str) -> Callable[[Any], Any]:
 
 
 def load_spec(run_file: Path, settings: Sequence[str] = ()) -> sk.Spec:
-    """Read the run file and apply the settings; from now on the command tells if it compiles, unless it is quiet."""
+    """Read the run file and apply the settings; a command that is not quiet will announce compilation."""
     if not click.get_current_context().params.get("quiet"):
         tell_of_compiling()
     spec = sk.load(run_file)

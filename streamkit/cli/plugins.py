@@ -14,10 +14,10 @@ from streamkit.cli.options import JSON
 @click.argument("name", required=False, shell_complete=kinds_of("kind"))
 @JSON
 def plugins(kind: str | None, name: str | None, as_json: bool) -> None:
-    """List the installed components and who supplies them.
+    """List the installed components and the packages that supply them.
 
-    With KIND (potential, stripping, integrator or observable), those of one kind; with NAME as well, one
-    component in full: its parameters with units, defaults and bounds.
+    KIND (potential, stripping, integrator, observable, data or sampler) lists the components of one kind. KIND and
+    NAME describe one component in full: its parameters with units, defaults and bounds.
     """
     registry = components.load_registry()
     if as_json:

@@ -11,17 +11,17 @@ from streamkit import components, report, runfile
 from streamkit.cli.completion import kinds_of, sections
 from streamkit.errors import StreamkitError
 
-KEYS = ("version", "seed", "plugins")  # what stands above the sections
+KEYS = ("version", "seed", "plugins")  # the keys above the sections
 
 
 @click.command()
 @click.argument("section", required=False, shell_complete=sections)
 @click.argument("kind", required=False, shell_complete=kinds_of("section"))
 def reference(section: str | None, kind: str | None) -> None:
-    """Describe every field of a run file: its unit, its default, what is allowed.
+    """Describe the fields of a run file: unit, default, allowed values.
 
-    Without SECTION, the keys and sections; with KIND as well, what one component adds, such as
-    'potential nfw' or 'progenitor plummer'. The components are those installed.
+    Without SECTION, list the keys and sections. SECTION lists its fields and kinds; SECTION KIND describes one
+    installed component, such as 'potential nfw' or 'progenitor plummer'.
     """
     registry, fields = components.load_registry(), runfile.RunFile.model_fields
     if section is None or section in KEYS:
@@ -65,11 +65,11 @@ def _placed(registry: components.Registry, kind: str | None, ways: Sequence[Any]
     able = [k for k, entry in sorted(registry.entries["potential"].items()) if "mass" in entry.cls.parameters()]
     if kind is None:
         kinds = report.paragraph(", ".join(able), "  ")
-        parts = [f"kind: one of the potentials with a mass, or another whose force tells a total mass\n{kinds}"]
+        parts = [f"kind: one of the potentials with a mass, or another whose force gives a total mass\n{kinds}"]
     else:
         parts = [report.listing(registry, "potential", kind, "reference")]
         if kind not in able:
-            parts.append("It has no field 'mass' in Msun: its force must tell a total mass.")
+            parts.append("It has no field 'mass' in Msun: its force must give a total mass.")
     taken = registry.entries["potential"][kind].cls.model_fields.keys() if kind else set()
     for way in ways:
         if not taken & way.model_fields.keys():

@@ -15,7 +15,7 @@ from streamkit.study import fit
 @click.command()
 @click.argument("directory", metavar="DIR", type=click.Path(path_type=Path))
 @click.option("--truth", metavar="TRUE.toml", type=click.Path(path_type=Path),
-              help="A run file whose [potential] is the true host of a mock: compare with it.")  # fmt: skip
+              help="Compare with the true host of a mock: the [potential] of this run file.")  # fmt: skip
 @LITERATURE
 @PDF
 @TRUST
@@ -32,15 +32,15 @@ def report(
 ) -> None:
     """Write a run's tables, pictures and page again.
 
-    The page, report.html, says what was found, whether to believe it, and what was run.
+    The page, report.html, shows the results, the verdict on convergence, and the run file.
 
-    With --truth also the recovery of a mock: the mass profile and rotation curve over the true ones, with the relative
+    --truth adds the recovery of a mock: the mass profile and rotation curve with the true ones, the relative
     difference, and recovered minus true in sigma by radius. The [potential] of TRUE.toml needs numbers, no priors;
-    other sections are not looked at.
+    its other sections are not read.
 
-    With --literature also published values: a table (ECSV, CSV, FITS, VOTable) with the columns quantity (M, v_c,
+    --literature adds published values: a table (ECSV, CSV, FITS, VOTable) with the columns quantity (M, v_c,
     q_Phi for the flattening of the potential, q_rho for that of the halo's density), radius (kpc), for q_Phi z (kpc),
-    value, error_minus, error_plus (Msun or km/s) and reference. It is kept in DIR for later reports.
+    value, error_minus, error_plus (Msun or km/s) and reference. A copy in DIR serves later reports.
     """
     if not quiet:
         tell_of_compiling()

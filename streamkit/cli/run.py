@@ -19,13 +19,14 @@ from streamkit.study import fit
 @click.option("--workers", type=click.IntRange(1), metavar="N",
               help="Processes that evaluate the posterior; default: engine.workers of the run file, 1.")  # fmt: skip
 @click.option("--engine", type=click.Choice(["processes", "serial", "mpi", "dask"]),
-              help="Where it is evaluated, in place of the run file's. The samples do not depend on it.")  # fmt: skip
+              help="Where the posterior is evaluated; default: engine.kind of the run file. The samples do not "
+              "depend on it.")  # fmt: skip
 @click.option("--scheduler", metavar="ADDRESS",
-              help="Running Dask scheduler; else dask starts N workers here.")  # fmt: skip
+              help="Running Dask scheduler; without it --engine dask starts N workers here.")  # fmt: skip
 @click.option("--steps", type=click.IntRange(1), metavar="N",
               help="Longest chain in steps per walker, in place of the run file's.")  # fmt: skip
-@click.option("--quick", is_flag=True, help="A coarse look within minutes; says so on every product.")
-@click.option("--resume", is_flag=True, help="Continue the chain in DIR.")
+@click.option("--quick", is_flag=True, help="A coarse look within minutes; every product is marked as such.")
+@click.option("--resume", is_flag=True, help="Continue the run in DIR.")
 @click.option("-f", "--force", is_flag=True, help="Replace the run in DIR.")
 @LITERATURE
 @PDF
@@ -47,9 +48,9 @@ def run(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Fit: write the chain, tables and pictures.
+    """Fit the data: write the samples, tables, pictures and a page.
 
-    Ctrl-C and kill lose no finished step: continue with --resume.
+    Ctrl-C and kill lose no finished step: --resume continues the run.
     """
     if resume and force:
         raise click.UsageError("--resume continues the run in DIR and --force replaces it: give one of them")

@@ -13,6 +13,6 @@ from streamkit import components, runfile
 def schema() -> None:
     """Print the JSON Schema of the run file.
 
-    It covers the installed plugins; editors use it to complete and check run files.
+    It includes the installed plugins. Editors use it to complete and check run files.
     """
     click.echo(json.dumps(runfile.json_schema(components.load_registry()), indent=2))

@@ -16,10 +16,10 @@ from streamkit.study import fit
 @TRUST
 @JSON
 def status(directory: Path, trust: bool, as_json: bool) -> None:
-    """Say how far a run has come.
+    """Show the progress of a run.
 
-    Whether it is running, its steps, when it was last alive, when it may end, the least number of effective samples,
-    the largest R-hat, whether to believe it, and the command that goes on with it.
+    Printed are whether the run is active, its steps, the time when it was last active, the expected end, the smallest
+    number of effective samples, the largest R-hat, the verdict on convergence, and the command that resumes the run.
     """
-    known = fit.read_status(directory, trust)
-    click.echo(json.dumps(known, indent=2) if as_json else fit.describe_status(directory, known))
+    state = fit.read_status(directory, trust)
+    click.echo(json.dumps(state, indent=2) if as_json else fit.describe_status(directory, state))

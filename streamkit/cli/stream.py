@@ -36,10 +36,10 @@ def stream(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Make one stream, print it beside the data, and the host beside data that are no stream.
+    """Make one stream and compare it with the data.
 
-    Of a run file with several, make each: its files have its name, FILE-gd1.ecsv. Free parameters are at the prior's
-    centre unless --set says otherwise.
+    If the run file has several streams, each is made, and its files have its name: FILE-gd1.ecsv. Data that are no
+    stream are compared with the host. Free parameters are at the prior's centre unless --set gives them a value.
     """
     spec = load_spec(run_file, settings)
     particles, pictures = ({name: _file(path, name, spec) for name in spec.streams} for path in (output, plot))
@@ -48,7 +48,7 @@ def stream(
             report.check_target(path, suffixes, option, force)
     model = sk.Model(spec, threads)
     records: list[dict[str, Any]] = []
-    tell = (lambda _: None) if as_json or quiet else click.echo
+    show = (lambda _: None) if as_json or quiet else click.echo
     for name in spec.streams:
         begin = time.process_time()
         inputs = spec.bind(stream=name)
@@ -58,19 +58,20 @@ def stream(
             which = "no stream" if len(spec.streams) == 1 else f"no stream {name!r}"
             raise StreamkitError(f"{run_file}: there is {which} at these parameters: {error}") from None
         spent = time.process_time() - begin
-        text = report.describe_stream(spec, inputs, made, prediction, spent, read_settings(settings))
-        tell(f"\n{text}" if records else text)
-        records.append(report.stream_record(spec, inputs, made, prediction, spent))
+        record = report.stream_record(spec, inputs, made, prediction, spent)
+        text = report.describe_stream(spec, inputs, record, prediction, read_settings(settings))
+        show(f"\n{text}" if records else text)
+        records.append(record)
         if file := particles[name]:
             report.write_stream(made, spec, file, frame=observe.frame_of(inputs.observables), force=force)
-            tell(f"particles: {file}")
+            show(f"particles: {file}")
         if file := pictures[name]:
             report.save_picture(file, report.draw_stream(made, prediction, inputs))
-            tell(f"picture: {file}")
+            show(f"picture: {file}")
     bound = spec.bind_all()
-    for name, found in model.observe_host(bound).items():
-        tell("\n" + report.describe_measured(f"data {name}", [bound.data[name]], found))
-        records.append({"data": name, "observables": report.prediction_record([bound.data[name]], found)})
+    for name, measured in model.observe_host(bound).items():
+        show("\n" + report.describe_measured(f"data {name}", [bound.data[name]], measured))
+        records.append({"data": name, "observables": report.prediction_record([bound.data[name]], measured)})
     if as_json:
         click.echo(report.as_json(records))
 

@@ -1,42 +1,79 @@
-"""What the commands over a grid share: run the study in its directory, write it, print it, leave with its status."""
+"""The frame of the commands over a grid: shared options, then the study in its directory, files, text, exit status."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
+from typing import Any
 
 import click
 
 from streamkit import report
-from streamkit.cli.options import INTERRUPTED, INVALID
+from streamkit.cli.options import FORCE, INTERRUPTED, INVALID, JSON, PDF, QUIET, RUN_FILE, WORKERS, directory
 from streamkit.study import grid
 
 
+@dataclass(frozen=True)
+class StudyOptions:
+    """The values of the options that every study has: its directory, its processes, and the form of its output."""
+
+    out: Path
+    workers: int
+    force: bool
+    pdf: bool
+    as_json: bool
+    quiet: bool
+
+
+def study_options(suffix: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Add the run file and the options that every study has; the command gets them as one argument ``options``.
+
+    The directory is by default the run file's name and the suffix.
+    """
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @wraps(command)
+        def with_options(run_file: Path, output: Path | None, **values: Any) -> None:
+            shared = {name: values.pop(name) for name in ("workers", "force", "pdf", "as_json", "quiet")}
+            out = output if output is not None else Path(f"{run_file.stem}{suffix}")
+            command(run_file=run_file, options=StudyOptions(out, **shared), **values)
+
+        for option in (QUIET, JSON, PDF, FORCE, directory(suffix), WORKERS, RUN_FILE):  # the last is the first in help
+            with_options = option(with_options)
+        return with_options
+
+    return decorate
+
+
 def conduct(
-    out: Path,
-    count: int,
-    study: Callable[[Callable[[], object]], grid.Products],
-    *,
-    quiet: bool,
-    as_json: bool = False,
-    pdf: bool = False,
-    unit: str = "stream",
+    options: StudyOptions, count: int, study: Callable[[Callable[[], object]], grid.Products], unit: str = "stream"
 ) -> None:
-    """Run a study, which calls its argument after each of so many streams, and show what it found."""
+    """Run a study, write its files, print its tables, and leave the process with its status.
+
+    Parameters
+    ----------
+    count, unit
+        The number of streams, or of another ``unit``, that the study makes.
+    study
+        Makes them; it calls its argument after each.
+    """
+    out, silent = options.out, options.quiet or options.as_json
     with report.locked(out):
-        with report.Progress(out.name, count, unit, shown=not quiet) as bar:
+        with report.Progress(out.name, count, unit, shown=not options.quiet) as bar:
             products = study(bar.update)
         grid.write_tables(products, out)
-        if as_json:
+        if options.as_json:
             tables = {name: report.table_record(table) for name, table in products.tables.items()}
             click.echo(report.as_json({"directory": str(out), "stopped": products.stopped, "tables": tables}))
-        elif not quiet:
+        elif not silent:
             click.echo(f"{products.text}\n")
-        failed = grid.draw_pictures(products, out, pdf)
-    if not (quiet or as_json):
+        failed = grid.draw_pictures(products, out, options.pdf)
+    if not silent:
         click.echo(f"tables and picture{'s' * (len(products.pictures) > 1)}: {out}")
     if failed:
         click.echo(f"streamkit: not drawn: {failed}; everything else is written", err=True)
     if products.stopped:
-        click.echo(f"streamkit: {products.stopped}; the tables hold what was finished", err=True)
+        click.echo(f"streamkit: {products.stopped}; the tables hold the finished part", err=True)
         click.get_current_context().exit(INTERRUPTED if products.stopped == grid.INTERRUPTED else INVALID)

@@ -1,3 +1,5 @@
+from .available import switched_off as switched_off
+from .available import where_to_find as where_to_find
 from .bases import Component as Component
 from .bases import HostData as HostData
 from .bases import HostView as HostView
@@ -5,12 +7,9 @@ from .bases import Integrator as Integrator
 from .bases import Measurement as Measurement
 from .bases import Observable as Observable
 from .bases import Stripping as Stripping
-from .disabled import switched_off as switched_off
-from .given import GIVEN as GIVEN
+from .given import IN_PYTHON as IN_PYTHON
 from .hookspecs import CONTRACT as CONTRACT
 from .hookspecs import hookimpl as hookimpl
-from .known import where_to_find as where_to_find
-from .mass import total_mass as total_mass
 from .plugin import ROLES as ROLES
 from .plugin import Plugin as Plugin
 from .plugin import is_loaded as is_loaded
@@ -26,10 +25,12 @@ from .sampler import PriorDensity as PriorDensity
 from .sampler import Sampler as Sampler
 from .sampler import Samples as Samples
 from .sampler import Target as Target
+from .spherical import Spherical as Spherical
 from .total import Total as Total
 from .total import add_up as add_up
 from .total import circular_speed as circular_speed
 from .total import sphere as sphere
+from .total import total_mass as total_mass
 from .verdict import DO_NOT as DO_NOT
 from .verdict import FINE as FINE
 from .verdict import LEVELS as LEVELS

@@ -36,7 +36,7 @@ class Component(BaseModel, ABC):
 
     @classmethod
     def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:
-        """Enforce 'abstract or final', and check the author's signature where the class is written."""
+        """Refuse a class that derives from a component: components are final."""
         super().__pydantic_init_subclass__(**kwargs)
         for base in cls.__mro__[1:]:
             if issubclass(base, Component) and base.__dict__.get("kind"):
@@ -49,20 +49,20 @@ class Component(BaseModel, ABC):
     def for_section(cls, section: Mapping[str, Any]) -> type[Self]:
         """Return the class that reads a section of the run file: this one, or one of its kind with other fields.
 
-        For components whose parameters depend on what the section says, such as the name of another package's
-        potential: they return a class made for it, with the same kind. The same section gives the same class.
+        For components whose fields depend on the section, such as on the name of a potential of another package. They
+        return a class made for the section, with the same kind. The same section gives the same class.
 
         Parameters
         ----------
         section
-            What the run file gives, without the kind.
+            The keys and values in the run file, without the kind.
 
         Raises ValueError: With a sentence, for a section that no class can read.
         """
         return cls
 
     def __eq__(self, other: object) -> bool:
-        """Say whether the other is of the same class and has the same values: arrays are compared by their numbers."""
+        """Say whether two components have the same class and the same values; arrays are compared by their numbers."""
         if type(self) is not type(other):
             return NotImplemented
         pairs = ((getattr(self, name), getattr(other, name)) for name in type(self).model_fields)
@@ -90,14 +90,14 @@ class Component(BaseModel, ABC):
 
 
 class Stripping(Component):
-    """When, where and how fast particles leave the progenitor.
+    """Time, place and velocity at which particles leave the progenitor.
 
     The fields below belong to every scheme.
     """
 
     role: ClassVar[str] = "stripping"
     draws: ClassVar[int]
-    """Standard normals wanted per particle."""
+    """Number of standard normals per particle."""
 
     particles: int = Field(default=10000, ge=2, description="Number of particles, both tails together.")
     progenitor_gravity: bool = Field(
@@ -136,7 +136,7 @@ class Stripping(Component):
         mass
             Mass of the progenitor in Msun, a number or (n,) at the release times.
         normals
-            (draws, n) standard normals that belong to the particles: the only source of chance.
+            (draws, n) standard normals that belong to the particles: the only random numbers of the scheme.
 
         All arrays are read-only.
         """
@@ -168,13 +168,13 @@ class Stripping(Component):
 
 
 class Integrator(Component):
-    """Carries particles over one block of time, nothing else: the model releases them and keeps their records."""
+    """Advances particles over one block of time. The model releases them and keeps their records."""
 
     role: ClassVar[str] = "integrator"
     order: ClassVar[int]
     """Order of convergence: measured by the conformance tests."""
     longest_block: ClassVar[float] = 0.05
-    """No block is longer, in Gyr."""
+    """Upper limit of a block in Gyr."""
     drag: ClassVar[bool] = False
     """Whether it honours forces that depend on velocity (`Potential.drag`): `split_step` and `adaptive_step` do, and
     `field.acceleration(t, q, v)` has them."""
@@ -183,14 +183,14 @@ class Integrator(Component):
     def advance(self, field: ForceField, q: Array, v: Array, t0: Array, t1: float) -> None:
         """Advance q, v (3, n), in place, from their own times t0 (n,), never decreasing, to t1.
 
-        Particles are independent: what one does must not depend on the others.
+        Particles are independent: the path of one must not depend on the others.
         """
 
     def steps(self, duration: float) -> dict[str, float]:
-        """Return how many steps a particle takes over so many Gyr, by the field that decides it.
+        """Return the number of steps of a particle over a duration in Gyr, by the field that decides it.
 
-        A run file that asks for more than 10 million is refused. Here it is a field called ``step``,
-        in Gyr, if there is one.
+        A run file with more than 10 million steps is refused. By default the deciding field is ``step``, in Gyr, if
+        there is one.
         """
         step = getattr(self, "step", None)
         return {"step": duration / step} if isinstance(step, float) and step > 0 else {}
@@ -211,8 +211,8 @@ class Measurement(Component):
     def data(self) -> tuple[Array, Array]:
         """Return the observed values and their standard errors, (m,) each, NaN where there is no datum.
 
-        A prediction may be NaN where there is no datum, and nowhere else. Asked once where no field has a prior, else
-        at every parameter.
+        A prediction may be NaN where there is no datum, and nowhere else. Called once if no field has a prior, else
+        for every set of parameters.
         """
 
     def covariance(self) -> Array | None:
@@ -228,7 +228,7 @@ class Measurement(Component):
         Parameters
         ----------
         prediction
-            What `predict` said; it has a value.
+            The result of `predict`; it has a value.
         add_noise
             Whether to add the prediction's own variance to that of the data.
         """
@@ -239,28 +239,28 @@ class Measurement(Component):
         return ()
 
     def mock(self, prediction: Prediction, rng: np.random.Generator) -> dict[str, Any]:
-        """Return the fields, as a run file writes them, of data that this prediction might have given. Optional.
+        """Draw mock data about the prediction; return their fields as a run file writes them. Optional.
 
         The noise is that of the data, drawn from ``rng``; `streamkit calibrate` needs it.
         """
         raise StreamkitError(f"the {self.role} {self.kind} makes no mock data: define `mock`")
 
     def radii(self) -> dict[str, float]:
-        """Return the Galactocentric radii in kpc that the data speak of, by name: profiles mark them. Optional."""
+        """Return the Galactocentric radii in kpc of the data, by name; figures of profiles mark them. Optional."""
         return {}
 
 
 class Observable(Measurement):
-    """What a survey would report about a stream, and the data it is compared with."""
+    """A measurement of a stream as a survey would make it, and the data it is compared with."""
 
     role: ClassVar[str] = "observable"
 
     @abstractmethod
     def predict(self, stream: Stream) -> Prediction:
-        """Measure the stream. Never raises for a stream without the feature: says why_not instead."""
+        """Measure the stream. A stream without the feature raises nothing: its prediction has a ``why_not``."""
 
     def marks(self, prediction: Prediction) -> tuple[Mark, ...]:
-        """Return what a picture of the unwrapped stream shows of the measurement and of the data. Optional."""
+        """Return the marks of the measurement and of the data in a picture of the unwrapped stream. Optional."""
         return ()
 
     def panels(self, stream: Stream, prediction: Prediction) -> tuple[Panel, ...]:
@@ -272,12 +272,12 @@ class Observable(Measurement):
         return None
 
     def remarks(self, prediction: Prediction) -> tuple[str, ...]:
-        """Return a sentence for every doubt about the measurement, for `check` and `stream`. Optional."""
+        """Return warnings about the measurement, one sentence each; `check` and `stream` print them. Optional."""
         return ()
 
 
 class HostView(Protocol):
-    """What `HostData` may ask of the host today, without the galaxies that move beside it."""
+    """The host today as `HostData` sees it, without the galaxies that move beside it."""
 
     def circular_velocity(self, radii: Array) -> Array:
         """(n,) Circular velocity in km/s at radii (n,) in kpc in the plane."""
@@ -296,10 +296,10 @@ class HostView(Protocol):
 
 
 class HostData(Measurement):
-    """Data that are no stream, and speak of the host alone: a rotation curve, a mass, the prior of a derived number."""
+    """Data on the host alone, without a stream: a rotation curve, a mass, the prior of a derived number."""
 
     role: ClassVar[str] = "data"
 
     @abstractmethod
     def predict(self, host: HostView) -> Prediction:
-        """Return what the host says, with zero variances where it is exact; a why_not where there is no value."""
+        """Return the numbers of the host, with zero variances if they are exact; a ``why_not`` if there is no value."""

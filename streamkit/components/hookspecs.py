@@ -7,8 +7,8 @@ from pluggy import HookimplMarker, HookspecMarker
 from streamkit.components.bases import Component
 from streamkit.components.preset import Preset
 
-CONTRACT = 1  # number of the contract: raised when what a component must do changes so that older ones need an edit
-STATED = "STREAMKIT_CONTRACT"  # the module attribute in which a plugin states the contract it was written for
+CONTRACT = 1  # raised when a change of the contract makes older components need an edit
+CONTRACT_ATTRIBUTE = "STREAMKIT_CONTRACT"  # attribute of a plugin's module: the contract it was written for
 
 hookspec = HookspecMarker("streamkit")
 hookimpl = HookimplMarker("streamkit")

@@ -1,4 +1,4 @@
-"""One plugin: its module imported, asked by the hook, its components looked at; and what identifies its code."""
+"""One plugin: import its module, call its hook, check its components, identify its code."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 import pluggy
 
 from streamkit.components import hookspecs
@@ -24,9 +25,9 @@ from streamkit.components.bases import Component, HostData, Integrator, Observab
 from streamkit.components.potential import Potential
 from streamkit.components.preset import Preset
 from streamkit.components.sampler import Sampler
-from streamkit.errors import PluginError, SpecError, expect_file
+from streamkit.errors import PluginError, SpecError, expect_file, message_of
 
-OURS = "streamkit."
+PACKAGE_PREFIX = "streamkit."
 ROLES: dict[str, type[Component]] = {
     base.role: base for base in (Potential, Stripping, Integrator, Observable, HostData, Sampler)
 }
@@ -34,16 +35,17 @@ ROLES: dict[str, type[Component]] = {
 
 @dataclass(frozen=True)
 class Plugin:
-    """What one plugin brings.
+    """The components and presets of one plugin, and their supplier.
 
     Attributes
     ----------
     supplier
-        Distribution and version, or file, and what else identifies the code; it is in the digest of a run.
+        Distribution and version, or file; with a hash of the code if these do not identify it. It is in the digest of
+        a run.
     name
         Of the entry point; empty for a file, and for classes given in Python.
     contract
-        The number of the contract that it says it was written for; None if it says nothing.
+        The contract that the plugin states it was written for; None if it states none.
     classes
         Its components.
     presets
@@ -58,19 +60,21 @@ class Plugin:
 
     @classmethod
     def of(cls, supplier: str, name: str, module: ModuleType) -> Plugin:
-        """Ask the hook of a module."""
-        found = _components(module)
-        presets = tuple(item for item in found if isinstance(item, Preset))
-        classes = tuple(item for item in found if not isinstance(item, Preset))
+        """Make a plugin of the result of a module's hook."""
+        items = _components(module)
+        presets = tuple(item for item in items if isinstance(item, Preset))
+        classes = tuple(item for item in items if not isinstance(item, Preset))
         return cls(supplier, name, _contract(module), classes, presets)
 
 
+@np.errstate()  # np.seterr of a plugin ends with its import
 def load_installed(point: EntryPoint) -> Plugin:
-    """Import the module that an entry point names, and ask it for its components."""
+    """Import the module that an entry point names, and call its hook."""
     module = point.load()
     return Plugin.of(_identity(point, module), point.name, module)
 
 
+@np.errstate()
 def load_file(path: Path) -> Plugin:
     """Import a one-off plugin file. Raises PluginError if it is broken."""
     supplier, module = _load_file(path)
@@ -87,16 +91,16 @@ def supplier_of(point: EntryPoint) -> str:
 
 def is_ours(point: EntryPoint) -> bool:
     """Say whether an entry point is that of the built-in components."""
-    return point.value.startswith(OURS)
+    return point.value.startswith(PACKAGE_PREFIX)
 
 
 def _contract(module: ModuleType) -> int | None:
     """Return the contract that a plugin states; PluginError if this streamkit has another."""
-    stated = getattr(module, hookspecs.STATED, None)
+    stated = getattr(module, hookspecs.CONTRACT_ATTRIBUTE, None)
     if stated is None or stated == hookspecs.CONTRACT:
         return stated
     if not isinstance(stated, int):
-        raise PluginError(f"{hookspecs.STATED} must be a whole number, found {stated!r}")
+        raise PluginError(f"{hookspecs.CONTRACT_ATTRIBUTE} must be a whole number, found {stated!r}")
     remedy = "upgrade streamkit" if stated > hookspecs.CONTRACT else "upgrade the plugin, or take an older streamkit"
     raise PluginError(
         f"it was written for contract {stated} of streamkit, and this streamkit has contract {hookspecs.CONTRACT}: "
@@ -105,7 +109,7 @@ def _contract(module: ModuleType) -> int | None:
 
 
 def _identity(point: EntryPoint, module: ModuleType) -> str:
-    """Return the supplier with what a version number does not tell: an editable install, the packages it wraps."""
+    """Return the supplier; with a hash for an editable install, and with the versions of the packages it wraps."""
     name = supplier_of(point)
     if point.dist is None or is_ours(point):
         return name
@@ -125,7 +129,7 @@ def _is_editable(dist: Distribution) -> bool:
 
 
 def _wraps(dist: Distribution) -> list[str]:
-    """Return what a distribution requires, optional extras and what streamkit requires itself left out."""
+    """Return the requirements of a distribution, without optional extras and without those of streamkit."""
     return sorted(name for name in _requires(dist) - _required_by_streamkit() if _is_installed(name))
 
 
@@ -156,10 +160,10 @@ def _digest(files: Iterable[Path]) -> str:
 
 
 def _components(module: ModuleType) -> list[type[Component] | Preset]:
-    """Return what the hook of a plugin gives, in a list of its own.
+    """Call the hook of a plugin; return a list of its components and presets.
 
-    Raises PluginError: If there is no hook, a misspelled one, one with arguments or one that fails, and for what is no
-    whole component.
+    Raises PluginError: If there is no hook, a misspelled one, one with arguments or one that fails, and for an
+    incomplete component.
     """
     manager = pluggy.PluginManager("streamkit")
     manager.add_hookspecs(hookspecs)
@@ -171,20 +175,20 @@ def _components(module: ModuleType) -> list[type[Component] | Preset]:
     if not manager.get_hookcallers(module):
         raise PluginError(f"the module {module.__name__} has no hook 'streamkit_components'")
     try:
-        found = list(module.streamkit_components())
+        items = list(module.streamkit_components())
     except KeyboardInterrupt:
         raise
     except BaseException as error:
-        what = f"{type(error).__name__}: {error}"
+        what = f"{type(error).__name__}: {message_of(error)}"
         raise PluginError(f"the hook streamkit_components gives no list ({what})") from error
-    for item in found:
+    for item in items:
         if not isinstance(item, Preset):
             check_class(item)
-    return found
+    return items
 
 
 def check_class(cls: Any) -> None:
-    """Refuse what is no whole component: a PluginError."""
+    """Raise PluginError for an object that is no complete component class."""
     if not (inspect.isclass(cls) and issubclass(cls, Component) and issubclass(cls, tuple(ROLES.values()))):
         raise PluginError(f"{cls!r} is no component class: {', '.join(ROLES)}")
     if "kind" in cls.model_fields:
@@ -203,17 +207,17 @@ def check_class(cls: Any) -> None:
 
 
 def _has(cls: type[Component], name: str) -> bool:
-    """Say whether a class has what its base annotates: a field, or a constant that it must define."""
+    """Say whether a class has a field, or defines a constant, that its base annotates."""
     return name in cls.model_fields or hasattr(cls, name)
 
 
 def with_neighbours(path: Path) -> list[Path]:
     """Return a Python file and the files of its folder that it imports, directly or through each other."""
-    found = [path]
-    for file in found:
+    files = [path]
+    for file in files:
         try:
             tree = ast.parse(file.read_bytes())
-        except (SyntaxError, ValueError):  # importing it says so
+        except (SyntaxError, ValueError):  # the import reports it
             continue
         names: set[str] = set()
         for node in ast.walk(tree):
@@ -223,8 +227,8 @@ def with_neighbours(path: Path) -> list[Path]:
                 names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
         for parts in (name.split(".") for name in sorted(names)):
             inside = path.parent.joinpath(*parts)
-            found += [f for f in (inside.with_suffix(".py"), inside / "__init__.py") if f.is_file() and f not in found]
-    return found
+            files += [f for f in (inside.with_suffix(".py"), inside / "__init__.py") if f.is_file() and f not in files]
+    return files
 
 
 def _module_name(path: Path, digest: str) -> str:
@@ -234,13 +238,14 @@ def _module_name(path: Path, digest: str) -> str:
 def is_loaded(path: Path) -> bool:
     """Say whether a plugin file with this name and content was imported by this process already."""
     try:
+        expect_file(path)
         return _module_name(path, _digest(with_neighbours(path))) in sys.modules
     except (OSError, ValueError):
         return False
 
 
 def _load_file(path: Path) -> tuple[str, ModuleType]:
-    """Import a one-off plugin file; its supplier carries the hash of its text and of what it imports beside it."""
+    """Import a one-off plugin file; its supplier has the hash of the file and of the neighbours that it imports."""
     try:
         expect_file(path)
         digest = _digest(with_neighbours(path))
@@ -253,7 +258,7 @@ def _load_file(path: Path) -> tuple[str, ModuleType]:
     if spec is None or spec.loader is None:
         raise SpecError(f"plugins: {str(path)!r} is not a Python file")
     module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # pickle, and machine code from the disk, look for it there
+    sys.modules[name] = module  # needed to unpickle its classes, and to load its cached machine code
     try:
         spec.loader.exec_module(module)
     except (PluginError, KeyboardInterrupt):
@@ -261,5 +266,7 @@ def _load_file(path: Path) -> tuple[str, ModuleType]:
         raise
     except BaseException as error:
         del sys.modules[name]
-        raise PluginError(f"plugin file {path.name} failed to load ({type(error).__name__}: {error})") from error
+        raise PluginError(
+            f"plugin file {path.name} failed to load ({type(error).__name__}: {message_of(error)})"
+        ) from error
     return f"{path.name} sha256:{digest}", module

@@ -1,4 +1,4 @@
-"""The base of potentials: what a force is given, what is prepared for it once, and how it may change with time."""
+"""The base of potentials: the arguments of a force, its preparation, its growth with time, its expansion."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from streamkit.fields import Columns, Table
 from streamkit.stream import Array, read_only
 from streamkit.units import GYR
 
-DEEPEST = 3  # most dimensions of an array that compiled code gets
+MOST_DIMENSIONS = 3  # most dimensions of an array that compiled code gets
 
 
 HOST = "host"  # what `prepare` calls the rest of the host
@@ -32,59 +32,56 @@ def _check_signature(cls: type[Potential]) -> None:
     where = f"{cls.__module__}.{cls.__name__}"
     if "growth" in inspect.get_annotations(cls):
         raise PluginError(f"{where}: the field 'growth' belongs to every potential: call yours something else")
-    found = tuple(inspect.signature(cls.acceleration).parameters)
-    own = [name for name in cls.model_fields if name != "growth"]
-    fields = ["x", "y", "z", "t", *cls.measured()]
+    force, head = cls._force_method, cls._place_arguments
+    arguments = cls.force_arguments()
+    fields = [name for name in cls.model_fields if name != "growth"]
+    measured = [*cls.measured()]
     if cls.prepare is Potential.prepare:
-        if found != tuple(fields):
+        if arguments != (*head, *measured):
             raise PluginError(
-                f"{where}.acceleration: the arguments must be ({', '.join(fields)}), "
-                f"that is x, y, z, t and then the fields by name; found ({', '.join(found)})"
+                f"{where}.{force}: the arguments must be ({', '.join((*head, *measured))}), that is {', '.join(head)} "
+                f"and then the fields by name; found ({', '.join(arguments)})"
             )
-        if odd := [name for name in own if name not in fields]:
+        if odd := [name for name in fields if name not in measured]:
             raise PluginError(
                 f"{where}: every field of a potential must be a number with a unit or an array of them (Mass, Length, "
                 f"LengthArray, ...), unless the class defines `prepare`, which gets all fields; {', '.join(odd)} is not"
             )
     else:
         for name in inspect.signature(cls.prepare).parameters:
-            if name not in own and name != HOST:
+            if name not in fields and name != HOST:
                 raise PluginError(
-                    f"{where}.prepare: the arguments are fields by name; found {name!r}.{nearest(name, own)} "
-                    f"Fields: {', '.join(own)}"
+                    f"{where}.prepare: the arguments are fields by name; found {name!r}.{nearest(name, fields)} "
+                    f"Fields: {', '.join(fields)}"
                 )
-        for method in (cls.acceleration, cls.potential) if cls.has_energy() else (cls.acceleration,):
-            given = tuple(inspect.signature(method).parameters)
-            if given[:4] != ("x", "y", "z", "t") or given != found:
+        for method in (force, cls._energy_method) if cls.has_energy() else (force,):
+            given = tuple(inspect.signature(getattr(cls, method)).parameters)
+            if given[: len(head)] != head or given != arguments:
                 raise PluginError(
-                    f"{where}: acceleration and potential must have the same arguments: x, y, z, t and then what "
-                    f"`prepare` gives, or fields, by name; found ({', '.join(given)})"
+                    f"{where}: {force} and {cls._energy_method} must have the same arguments: {', '.join(head)} and "
+                    f"then what `prepare` gives, or fields, by name; found ({', '.join(given)})"
                 )
     if cls.has_drag():
-        given, wanted = tuple(inspect.signature(cls.drag).parameters), (*MOVING, *found[4:])
-        if given != wanted:
+        given, expected = tuple(inspect.signature(cls.drag).parameters), (*MOVING, *arguments[len(head) :])
+        if given != expected:
             raise PluginError(
-                f"{where}.drag: the arguments must be ({', '.join(wanted)}), that is position, velocity, time and then "
-                f"those of `acceleration`; found ({', '.join(given)})"
+                f"{where}.drag: the arguments must be ({', '.join(expected)}), that is position, velocity, time and "
+                f"then those of `{force}`; found ({', '.join(given)})"
             )
-    written: tuple[Any, ...] = (cls.acceleration, cls.drag)
-    for method in written:
-        if cls.compiled and any(step.opname == "RAISE_VARARGS" for step in dis.get_instructions(method)):
+    for name in (force, "drag"):
+        if cls.compiled and any(step.opname == "RAISE_VARARGS" for step in dis.get_instructions(getattr(cls, name))):
             raise PluginError(
-                f"{where}.{method.__name__}: compiled code cannot raise or assert, the exception "
+                f"{where}.{name}: compiled code cannot raise or assert, the exception "
                 "would be lost: return NaN where there is no force, bound the fields, or set `compiled = False`"
             )
-
-
-EVALUATION = "expansion", "tolerance"  # fields that every potential has that is not compiled
 
 
 def _add_evaluation(cls: type[Potential]) -> None:
     """Give a potential that is not compiled the fields of its evaluation, after the author's."""
     chosen = "auto" if cls.evaluation == "expansion" else "none"
     said = (
-        "What the stream is made with: an expansion of the potential, spherical, axisymmetric, general, or auto, the "
-        "simplest that its symmetries allow; none asks the potential itself, slowly."
+        "Form of the expansion that replaces the potential: spherical, axisymmetric, general, or auto, the simplest "
+        "that its symmetries allow; none calls the potential itself, slowly."
     )
     limit = "Largest relative error of the acceleration by the expansion, from 0.1 to 500 kpc."
     fields: dict[str, tuple[Any, Any]] = {
@@ -114,9 +111,14 @@ class Potential(Component):
                 _add_evaluation(cls)
 
     compiled: ClassVar[bool] = True
-    """False: `acceleration` is called with whole arrays through NumPy, for bodies that numba cannot take."""
+    """False: `acceleration` is called with whole arrays through NumPy, for code that numba cannot compile."""
     evaluation: ClassVar[Literal["exact", "expansion"]] = "exact"
-    """What is made of a potential that is not compiled, unless the run file says otherwise with ``expansion``."""
+    """Default of the field ``expansion`` of a potential that is not compiled: an expansion, or the potential itself."""
+
+    # The methods that an author writes, and their arguments before the parameters: `Spherical` has others.
+    _force_method: ClassVar[str] = "acceleration"
+    _energy_method: ClassVar[str] = "potential"
+    _place_arguments: ClassVar[tuple[str, ...]] = ("x", "y", "z", "t")
 
     _expanded: expansion.Expanded | None = PrivateAttr(None)
     _like: Potential | None = PrivateAttr(None)
@@ -128,8 +130,8 @@ class Potential(Component):
     def acceleration(x: Any, y: Any, z: Any, t: Any, *parameters: Any) -> Any:
         """Return ``(ax, ay, az)`` in (km/s)^2/kpc at position (kpc) and time t (kpc/(km/s)).
 
-        The arguments after t are the fields, by name and in order, in engine units (kpc, km/s, Msun, radians); with a
-        `prepare`, what it gives and fields, by name.
+        The arguments after t are the fields, by name and in order, in engine units (kpc, km/s, Msun, radians). With a
+        `prepare` they are its results and fields, by name.
         Elementwise: floats in, floats out; arrays of one shape in, arrays of that shape out. Write ``log``,
         ``exp`` and ``power`` with the functions that streamkit exports: they compile to vector code.
         """
@@ -143,25 +145,25 @@ class Potential(Component):
     def drag(x: Any, y: Any, z: Any, vx: Any, vy: Any, vz: Any, t: Any, *parameters: Any) -> Any:
         """Return ``(ax, ay, az)`` in (km/s)^2/kpc that depends on the velocity (km/s) too: friction. Optional.
 
-        Added to `acceleration`, with the same arguments after t, and written and compiled as it is. Particles, the
-        progenitor and bodies feel it at their velocity from the host's centre; ``growth`` multiplies it too. It does
-        not count in energies, masses and tidal radii. A host may have it, a body or a progenitor may not; and not every
-        integrator knows it (`Integrator.drag`).
+        It is added to `acceleration`, has the same arguments after t, and is written and compiled in the same way. It
+        acts on particles, the progenitor and bodies, with their velocity relative to the host's centre; ``growth``
+        multiplies it too. It does not enter energies, masses and tidal radii. A host may have it; a body or a
+        progenitor may not. Not every integrator supports it (`Integrator.drag`).
         """
         return 0.0, 0.0, 0.0
 
     @staticmethod
     def prepare(*fields: Any) -> Any:
-        """Return what `acceleration` needs and is computed once for all positions: splines, expansions. Optional.
+        """Compute once, for all positions, arguments of `acceleration` such as splines and expansions. Optional.
 
-        The arguments are fields by name, those that are needed: numbers and arrays in engine units, others as they
-        are. The result is a mapping or a named tuple of numbers and arrays of up to three dimensions; `acceleration`
-        gets those that it names, beside the fields that it names. With ``compiled = False`` it may hold any object.
-        Called once per instance, so once for every set of parameters. May raise `OutOfDomain`.
+        The arguments are fields by name, only those that are needed: numbers and arrays in engine units, others as they
+        are. The result is a mapping or a named tuple of numbers and arrays of up to three dimensions. `acceleration`
+        gets those results, and those fields, that its arguments name. With ``compiled = False`` results may be any
+        objects. Called once per instance, which is once for every set of parameters. May raise `OutOfDomain`.
 
-        The argument ``host``, unless a field has this name, is a `HostView` of the other parts of the host today: of
-        those that do not ask for it themselves, so that two that ask see the same. A part that asks may be no
-        progenitor and no body. Alone, as in the conformance tests, it finds a host without mass.
+        The argument ``host``, unless a field has this name, is a `HostView` of the other parts of the host today. Parts
+        with this argument are not in the view, so that two such parts see the same host. Such a part cannot be a
+        progenitor or a body. By itself, as in the conformance tests, it gets a host without mass.
         """
         raise NotImplementedError
 
@@ -188,7 +190,7 @@ class Potential(Component):
         return None if self.growth is None else (self.growth["t"] * GYR, self.growth["factor"])
 
     def in_engine_units(self) -> tuple[Any, ...]:
-        """Return the arguments of `acceleration` after t: the fields, or what `prepare` makes of them."""
+        """Return the arguments of `acceleration` after t: the fields, or the results of `prepare` and fields."""
         if type(self).prepare is Potential.prepare:
             return super().in_engine_units()
         owner, values = self._prepared
@@ -198,9 +200,14 @@ class Potential(Component):
         return values
 
     def __getstate__(self) -> dict[Any, Any]:
-        """Leave out what was prepared or expanded: it may be large, and need not pickle."""
+        """Leave out prepared values and expansions: they may be large, and may not pickle."""
         state, made = super().__getstate__(), {"_prepared": (0, ()), "_expanded": None, "_like": None}
         return state | {"__pydantic_private__": (state["__pydantic_private__"] or {}) | made}
+
+    @classmethod
+    def force_arguments(cls) -> tuple[str, ...]:
+        """Return the names of the arguments of the force that the author has written."""
+        return tuple(inspect.signature(getattr(cls, cls._force_method)).parameters)
 
     @classmethod
     def has_energy(cls) -> bool:
@@ -214,11 +221,11 @@ class Potential(Component):
 
     @property
     def place(self) -> str:
-        """Where it stands in the run file: ``potential.halo``; empty if it comes from none."""
+        """Its path in the run file: ``potential.halo``; empty without a run file."""
         return self._place
 
     def share_grid_of(self, other: Potential, place: str) -> None:
-        """Take the nodes of an expansion from another instance of the class, so that ln p has no steps.
+        """Use the nodes of another instance's expansion: other nodes for other parameters would put steps into ln p.
 
         ``place`` is the path in the run file, for messages.
         """
@@ -227,7 +234,7 @@ class Potential(Component):
     @classmethod
     @cache
     def asks_for_host(cls) -> bool:
-        """Say whether `prepare` wants the other parts of the host."""
+        """Say whether `prepare` has the argument ``host``."""
         return HOST in inspect.signature(cls.prepare).parameters and HOST not in cls.model_fields
 
     def beside(self, others: tuple[Potential, ...]) -> Potential:
@@ -237,15 +244,15 @@ class Potential(Component):
         return copy
 
     def in_loop(self) -> engine.Force:
-        """Return what stands for the potential in the compiled loop: itself, or an expansion."""
-        found = self.expanded()
-        return self if found is None else found.force
+        """Return the force in the compiled loop: the potential itself, or its expansion."""
+        expanded = self.expanded()
+        return self if expanded is None else expanded.force
 
     def expanded(self) -> expansion.Expanded | None:
-        """Return the expansion that the stream is made with, made on first use; None if there is none.
+        """Return the expansion that replaces the potential, made on first use; None if there is none.
 
-        Raises StreamkitError if it cannot be made, or misses its tolerance; OutOfDomain if it was made for other
-        parameters and misses the tolerance at these.
+        Raises StreamkitError if it cannot be made, or misses its tolerance. Raises OutOfDomain if its nodes were chosen
+        for other parameters, and miss the tolerance at these.
         """
         if self.compiled or self.expansion == "none":  # type: ignore[attr-defined]  # see `_add_evaluation`
             return None
@@ -273,31 +280,31 @@ def _prepare(potential: Potential) -> tuple[Any, ...]:
     if cls.asks_for_host():
         fields[HOST] = Total(potential._others)
     with blamed(f"potential {cls.kind}"):
-        found = cls.prepare(**{name: fields[name] for name in inspect.signature(cls.prepare).parameters})
-    prepared = found._asdict() if hasattr(found, "_asdict") else found
+        result = cls.prepare(**{name: fields[name] for name in inspect.signature(cls.prepare).parameters})
+    prepared = result._asdict() if hasattr(result, "_asdict") else result
     where = f"{cls.__module__}.{cls.__name__}"
     if not isinstance(prepared, Mapping):
         raise PluginError(f"{where}.prepare: found {prepared!r}, expected a mapping or a named tuple")
-    known = fields | dict(prepared)
+    arguments = fields | dict(prepared)
     values = []
-    for name in list(inspect.signature(cls.acceleration).parameters)[4:]:
-        if name not in known:
+    for name in cls.force_arguments()[len(cls._place_arguments) :]:
+        if name not in arguments:
             raise PluginError(
-                f"{where}.acceleration: the argument {name!r} is no field, and `prepare` does not give it."
-                f"{nearest(name, known)} It gives {', '.join(prepared) or 'nothing'}."
+                f"{where}.{cls._force_method}: the argument {name!r} is no field, and `prepare` does not give it."
+                f"{nearest(name, arguments)} It gives {', '.join(prepared) or 'nothing'}."
             )
-        values.append(_plain(known[name], f"{where}.prepare: {name!r}") if cls.compiled else known[name])
+        values.append(_plain(arguments[name], f"{where}.prepare: {name!r}") if cls.compiled else arguments[name])
     return tuple(values)
 
 
 def _plain(value: Any, what: str) -> float | Array:
-    """Return a number, or an array that nobody changes."""
+    """Return a float, or a read-only array of floats in C order."""
     try:
         array = np.ascontiguousarray(value, dtype=float) if np.ndim(value) else float(value)
     except (TypeError, ValueError):
         raise PluginError(
             f"{what}: found {value!r}, expected a number or an array; or set `compiled = False`"
         ) from None
-    if np.ndim(array) > DEEPEST:
-        raise PluginError(f"{what}: found an array of {np.ndim(array)} dimensions, at most {DEEPEST} are possible")
+    if np.ndim(array) > MOST_DIMENSIONS:
+        raise PluginError(f"{what}: found an array of {np.ndim(array)} dimensions, expected at most {MOST_DIMENSIONS}")
     return read_only(array) if np.ndim(array) else array

@@ -10,9 +10,10 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Preset:
-    """A published model of a galaxy: ``preset = NAME`` in ``[potential]`` stands for its named potentials.
+    """A published model of a galaxy: ``preset = NAME`` in ``[potential]`` adds its named potentials to the host.
 
-    It is no potential: the resolved run file holds its sections, so that each number may be changed or given a prior.
+    It is no component: the resolved run file has the name and all sections, so that each number can be changed or given
+    a prior.
 
     Attributes
     ----------
@@ -28,15 +29,15 @@ class Preset:
     reference: str
     sections: Mapping[str, Mapping[str, Any]]
 
-    def with_own(self, own: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the sections with a run file's own on top.
+    def merged_with(self, sections: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the sections of the preset, changed and extended by those of a run file.
 
-        One of a name that is there changes the fields it gives, or all of them if it names another kind; one of a
-        new name is added.
+        A section with the name of one of the preset replaces the fields that it gives, or the whole section if its
+        kind is another one. A section with a new name is added.
         """
         merged: dict[str, Any] = copy.deepcopy({name: dict(section) for name, section in self.sections.items()})
-        for name, section in own.items():
-            known = merged.get(name, {})
-            same = isinstance(section, Mapping) and section.get("kind", known.get("kind")) == known.get("kind")
-            merged[name] = known | dict(section) if same else section
+        for name, section in sections.items():
+            published = merged.get(name, {})
+            same = isinstance(section, Mapping) and section.get("kind", published.get("kind")) == published.get("kind")
+            merged[name] = published | dict(section) if same else section
         return merged

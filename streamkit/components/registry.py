@@ -1,4 +1,4 @@
-"""The registry: which component classes are there, who supplies each, and what failed to load."""
+"""The registry: the component classes, their suppliers, and the plugins that failed to load."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
+from streamkit.components.available import DISABLE, switched_off, where_to_find
 from streamkit.components.bases import Component
-from streamkit.components.disabled import DISABLE, switched_off
 from streamkit.components.given import load_given
-from streamkit.components.known import where_to_find
 from streamkit.components.plugin import ROLES, Plugin, is_ours, load_file, load_installed, supplier_of
 from streamkit.components.preset import Preset
-from streamkit.errors import PluginError, SpecError, nearest
+from streamkit.errors import PluginError, SpecError, message_of, nearest
 
 GROUP = "streamkit"
 
@@ -31,50 +30,50 @@ class Entry:
 
 @dataclass(frozen=True)
 class Registry:
-    """The components by role and kind, and a sentence for every plugin or kind that could not be had.
+    """The components by role and kind, and a sentence for every plugin or kind that is not available.
 
     Attributes
     ----------
     entries
-        What is loaded.
+        The loaded components, by role and kind.
     failed
-        A sentence for every plugin that cannot be used, and for every kind that several packages bring.
+        A sentence for every plugin that cannot be used, and for every kind that several packages provide.
     presets
         Published galaxies by name.
     plugins
-        What was loaded, the built-in one first.
-    own
-        Files of a run file and classes given in Python: they come before what is installed.
+        The loaded plugins, the built-in one first.
+    local
+        Plugin files of a run file, and classes given in Python: they take precedence over installed plugins.
     waiting
-        Entry points that were not needed so far.
+        Entry points that are not loaded yet.
     broken
-        The part of ``failed`` that is about whole plugins.
+        The sentences of ``failed`` about whole plugins.
     """
 
     entries: Mapping[str, Mapping[str, Entry]]
     failed: tuple[str, ...] = ()
     presets: Mapping[str, Preset] = field(default_factory=dict)
     plugins: tuple[Plugin, ...] = ()
-    own: tuple[Plugin, ...] = ()
+    local: tuple[Plugin, ...] = ()
     waiting: tuple[EntryPoint, ...] = field(default=(), repr=False)
     broken: tuple[str, ...] = ()
 
     def having(self, role: str, kind: Any) -> Registry:
-        """Return a registry in which a kind has been looked for: at the entry points of its name, then at all."""
+        """Return a registry that has searched for a kind: in the entry points of that name, then in all."""
         if not self.waiting or (isinstance(kind, str) and kind in self.entries[role]):
             return self
         called = self.loading([point for point in self.waiting if point.name == kind])
-        found = isinstance(kind, str) and kind in called.entries[role]
-        return called if found else called.loading(called.waiting)
+        is_loaded = isinstance(kind, str) and kind in called.entries[role]
+        return called if is_loaded else called.loading(called.waiting)
 
     def having_preset(self, name: Any) -> Registry:
-        """Return a registry in which a preset has been looked for, at last in every plugin."""
+        """Return a registry that has searched for a preset, if need be in every plugin."""
         return self if isinstance(name, str) and name in self.presets else self.loading(self.waiting)
 
     def loading(self, points: Sequence[EntryPoint]) -> Registry:
-        """Return a registry that has the plugins of some of the entry points that wait.
+        """Return a registry with the plugins of some waiting entry points.
 
-        What plugins print goes to stderr: stdout is the command's own.
+        Output of plugins goes to stderr: stdout belongs to the command.
         """
         plugins, broken = list(self.plugins), list(self.broken)
         with redirect_stdout(sys.stderr):
@@ -84,30 +83,30 @@ class Registry:
                 except KeyboardInterrupt:
                     raise
                 except BaseException as error:
-                    what = f"{type(error).__name__}: {error}"
+                    what = f"{type(error).__name__}: {message_of(error)}"
                     broken.append(f"{supplier_of(point)}, entry point {point.name!r} ({what})")
-        entries, clashes = _entries(plugins, self.own)
-        presets, taken = _presets(plugins, self.own)
+        entries, clashes = _entries(plugins, self.local)
+        presets, taken = _presets(plugins, self.local)
         rest = tuple(point for point in self.waiting if point not in points)
         failed = (*broken, *clashes, *taken)
-        return Registry(entries, failed, presets, tuple(plugins), self.own, rest, tuple(broken))
+        return Registry(entries, failed, presets, tuple(plugins), self.local, rest, tuple(broken))
 
     def find(self, role: str, kind: Any, where: str) -> type[Component]:
         """Return the class called ``kind``.
 
-        Raises SpecError: At ``where`` in the run file, if there is none; names the installed ones, the nearest, the
-        package that is known to have it, and every plugin that failed to load.
+        Raises SpecError: If there is none. The message has the path ``where`` in the run file, the installed kinds, the
+        nearest of them or the package that provides this kind, and every plugin that failed to load.
         """
-        found = self.having(role, kind)
-        known = found.entries[role]
-        if isinstance(kind, str) and kind in known:
-            return known[kind].cls
-        hint = where_to_find(role, str(kind)) or nearest(str(kind), known)
-        lost = "".join(f"\n  A plugin failed to load: {line}" for line in found.failed)
-        raise SpecError(f"{where}: no {role} is called {kind!r}.{hint} Installed: {', '.join(sorted(known))}.{lost}")
+        registry = self.having(role, kind)
+        entries = registry.entries[role]
+        if isinstance(kind, str) and kind in entries:
+            return entries[kind].cls
+        hint = where_to_find(role, str(kind)) or nearest(str(kind), entries)
+        lost = "".join(f"\n  A plugin failed to load: {line}" for line in registry.failed)
+        raise SpecError(f"{where}: no {role} is called {kind!r}.{hint} Installed: {', '.join(sorted(entries))}.{lost}")
 
     def supplier(self, cls: type[Component]) -> str:
-        """Return who supplies a class."""
+        """Return the supplier of a class."""
         return self.entries[cls.role][cls.kind].supplier
 
 
@@ -120,8 +119,8 @@ def load_registry(
 ) -> Registry:
     """Load the plugins of the entry-point group ``streamkit``, one-off plugin files, and classes given in Python.
 
-    An installed plugin that is broken, or clashes with another, is kept as a record, and named when a run file asks
-    for something missing: runs that do without it go on. What `DISABLE` names is not loaded.
+    An installed plugin that is broken, or clashes with another, stops no run that does without it: it is recorded, and
+    named when a run file has a kind that is missing. Plugins that `DISABLE` names are not loaded.
 
     Parameters
     ----------
@@ -134,18 +133,19 @@ def load_registry(
     lazy
         Import the installed plugins when `Registry.having` or `Registry.find` needs them.
 
-    Raises PluginError for a file or a class that is broken, or has a kind of a built-in component or of each other.
+    Raises PluginError for a file or a class that is broken, or whose kind is that of a built-in component or of another
+    file or class.
     """
     waiting, broken = _usable(entry_points(group=GROUP) if points is None else points)
     with redirect_stdout(sys.stderr):
-        own = (*map(load_file, map(Path, files)), *load_given(classes))
-    empty = Registry({role: {} for role in ROLES}, own=own, waiting=waiting, broken=broken)
+        local = (*map(load_file, map(Path, files)), *load_given(classes))
+    empty = Registry({role: {} for role in ROLES}, local=local, waiting=waiting, broken=broken)
     built_in = empty.loading([point for point in waiting if is_ours(point)])
     return built_in if lazy else built_in.loading(built_in.waiting)
 
 
 def _usable(points: Iterable[EntryPoint]) -> tuple[tuple[EntryPoint, ...], tuple[str, ...]]:
-    """Return the entry points that may be loaded, in an order of their own, and a record for each of the others."""
+    """Return the entry points that may be loaded, sorted, and a record for each of the others."""
     groups: dict[tuple[bool, str], list[EntryPoint]] = {}
     for point in sorted(points, key=_order):
         groups.setdefault(_order(point)[:2], []).append(point)
@@ -165,64 +165,64 @@ def _usable(points: Iterable[EntryPoint]) -> tuple[tuple[EntryPoint, ...], tuple
 
 
 def _order(point: EntryPoint) -> tuple[bool, str, str]:
-    """Built-ins first, then by names: the order in which a file system lists them must not matter."""
+    """Sort built-ins first, then by names: the order of a file system's listing must not matter."""
     return not is_ours(point), point.name, supplier_of(point)
 
 
-def _entries(plugins: Iterable[Plugin], own: Iterable[Plugin]) -> tuple[dict[str, dict[str, Entry]], list[str]]:
+def _entries(plugins: Iterable[Plugin], local: Iterable[Plugin]) -> tuple[dict[str, dict[str, Entry]], list[str]]:
     """Return the components, and a record for each kind that several installed packages have.
 
-    The built-in one, which comes first, is then the one, or else that whose entry point has the name of the kind; of
-    several others, none. A run's own files and classes come before installed packages, and may not have the kind of
-    a built-in one.
+    Of several, the built-in component is used, or else the one whose entry point has the name of the kind, or else
+    none. Local files and classes take precedence over installed packages, and may not have the kind of a built-in
+    component.
     """
     offers: dict[tuple[str, str], list[tuple[Plugin, type[Component]]]] = {}
     for plugin in plugins:
         for cls in plugin.classes:
-            found = offers.setdefault((cls.role, cls.kind), [])
-            if all(other is not cls for _, other in found):  # several entry points may name one module
-                found.append((plugin, cls))
+            offered = offers.setdefault((cls.role, cls.kind), [])
+            if all(other is not cls for _, other in offered):  # several entry points may name one module
+                offered.append((plugin, cls))
     entries: dict[str, dict[str, Entry]] = {role: {} for role in ROLES}
     clashes = []
-    for (role, kind), found in offers.items():
-        chosen, end = _choose(kind, found)
+    for (role, kind), offered in offers.items():
+        chosen, end = _choose(kind, offered)
         if chosen is not None:
             entries[role][kind] = Entry(chosen[1], chosen[0].supplier)
-        if len(found) > 1:
-            clashes.append(f"{_clash(found)}. {end}, or switch one off with {DISABLE}.")
-    _add_own(entries, own)
+        if len(offered) > 1:
+            clashes.append(f"{_clash(offered)}. {end}, or switch one off with {DISABLE}.")
+    _add_local(entries, local)
     return entries, clashes
 
 
-def _presets(plugins: Iterable[Plugin], own: Iterable[Plugin]) -> tuple[dict[str, Preset], list[str]]:
-    """Return the presets, those of a run's own files before the others, and a record for each name that was taken."""
+def _presets(plugins: Iterable[Plugin], local: Iterable[Plugin]) -> tuple[dict[str, Preset], list[str]]:
+    """Return the presets, local ones first, and a record for each preset whose name is taken already."""
     presets: dict[str, Preset] = {}
     taken = []
     for plugin in plugins:
         for preset in plugin.presets:
             if presets.setdefault(preset.name, preset) is not preset:
-                told = f"a preset is called {preset.name!r} already, so this one is not available"
-                taken.append(f"{plugin.supplier}: {told}")
-    return presets | {preset.name: preset for plugin in own for preset in plugin.presets}, taken
+                sentence = f"a preset is called {preset.name!r} already, so this one is not available"
+                taken.append(f"{plugin.supplier}: {sentence}")
+    return presets | {preset.name: preset for plugin in local for preset in plugin.presets}, taken
 
 
 Offer = tuple[Plugin, type[Component]]
 
 
-def _choose(kind: str, found: list[Offer]) -> tuple[Offer | None, str]:
-    """Return the one of several components of a kind that is used, and how to say so."""
-    named = [offer for offer in found if offer[0].name == kind]
-    if _is_built_in(found[0][1]):
-        return found[0], "The built-in one is used"
-    if len(found) == 1 or len(named) == 1:
-        chosen = found[0] if len(found) == 1 else named[0]
+def _choose(kind: str, offered: list[Offer]) -> tuple[Offer | None, str]:
+    """Return the component that is used among several of a kind, and a sentence that says so."""
+    named = [offer for offer in offered if offer[0].name == kind]
+    if _is_built_in(offered[0][1]):
+        return offered[0], "The built-in one is used"
+    if len(offered) == 1 or len(named) == 1:
+        chosen = offered[0] if len(offered) == 1 else named[0]
         return chosen, f"That of {chosen[0].supplier}, whose entry point has this name, is used: uninstall all but one"
     return None, "None of them is available: uninstall all but one package"
 
 
-def _add_own(entries: dict[str, dict[str, Entry]], own: Iterable[Plugin]) -> None:
+def _add_local(entries: dict[str, dict[str, Entry]], local: Iterable[Plugin]) -> None:
     seen: dict[tuple[str, str], Offer] = {}
-    for plugin in own:
+    for plugin in local:
         for cls in plugin.classes:
             there = entries[cls.role].get(cls.kind)
             clash = seen.setdefault((cls.role, cls.kind), (plugin, cls))
@@ -237,7 +237,7 @@ def _is_built_in(cls: type[Component]) -> bool:
     return cls.__module__.startswith("streamkit.builtin")
 
 
-def _clash(found: Sequence[Offer]) -> str:
-    first = found[0][1]
-    suppliers = ", one from ".join(plugin.supplier for plugin, _ in found)
+def _clash(offered: Sequence[Offer]) -> str:
+    first = offered[0][1]
+    suppliers = ", one from ".join(plugin.supplier for plugin, _ in offered)
     return f"two {first.role} components are called {first.kind!r}: one from {suppliers}"

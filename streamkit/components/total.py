@@ -1,4 +1,4 @@
-"""Potentials added up through NumPy, and what is asked of their sum: masses, circular velocities, flattening."""
+"""The sum of potentials through NumPy: its force, masses, circular velocities, flattening."""
 
 from __future__ import annotations
 
@@ -11,16 +11,22 @@ import numpy as np
 
 from streamkit.errors import blamed
 from streamkit.stream import Array, read_only
-from streamkit.units import G
+from streamkit.units import G, Unit
 
+DISTANT = 1e5, 1e6  # radii in kpc beyond every galaxy: the missing part of a finite mass falls there at least as 1/r
+ENDS = 3e-3  # the largest relative growth between them of a mass that is finite
 AZIMUTH = 16  # equal angles: exact for every harmonic below this order
 POLAR = 20  # Gauss-Legendre nodes per hemisphere
 
 
 class Part(Protocol):
-    """A potential, as far as it is asked here."""
+    """The parts of a potential that this module uses."""
 
     kind: ClassVar[str]
+
+    @classmethod
+    def parameters(cls) -> dict[str, Unit]:
+        """Return the fields that are physical numbers, with their units."""
 
     def in_engine_units(self) -> tuple[Any, ...]:
         """Return the arguments of its `acceleration` after t."""
@@ -32,7 +38,7 @@ class Part(Protocol):
 
 @dataclass(frozen=True)
 class Total:
-    """The sum of potentials today, called through NumPy: what is asked of a host, without what moves beside it."""
+    """The sum of potentials today, called through NumPy: a host without the galaxies that move beside it."""
 
     potentials: tuple[Part, ...]
 
@@ -110,6 +116,22 @@ def circular_speed(potentials: Iterable[Part], radius: float) -> float:
     with np.errstate(all="ignore"):
         outward = (add_up("acceleration", potentials, radius * around) * around).sum(axis=0).mean()
     return float(np.sqrt(np.maximum(-radius * outward, 0.0)))
+
+
+def total_mass(potential: Part) -> float:
+    """Return the total mass of one potential in Msun: its field ``mass``, else from its force at great distances.
+
+    NaN where the mass is infinite. A field ``mass`` may be a scale mass, as that of an NFW halo.
+    """
+    unit = potential.parameters().get("mass")
+    if unit is not None and unit.name == "Msun":
+        return float(getattr(potential, "mass"))  # noqa: B009  a field of this class, not of all
+    axes = np.concatenate([np.eye(3), -np.eye(3)], axis=1)
+    with np.errstate(all="ignore"):
+        inner, outer = (-(r**2) / G * (add_up("acceleration", [potential], r * axes) * axes).sum() / 6 for r in DISTANT)
+        share = DISTANT[0] / (DISTANT[1] - DISTANT[0])  # mass missing at the outer radius over that between the two
+        finite = outer > 0 and abs(outer - inner) <= ENDS * outer
+    return float(outer + share * (outer - inner)) if finite else float("nan")
 
 
 @cache

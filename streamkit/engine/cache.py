@@ -1,8 +1,8 @@
 """Machine code on disk, keyed by content.
 
-Numba's own disk cache stamps a function with the date of its file alone: it misses a change in a file that the
-function's helpers come from, and a stale force is the worst bug there is. Closures it does not serve at all, as their
-key holds a random identifier. So the key here is a digest of all that determines the machine code.
+Numba's own disk cache identifies a function by the date of its file. It misses a change in another file from which the
+function has its helpers, and would then run the old force. It does not work for closures, whose key has a random
+identifier. The key here is therefore a digest of all that determines the machine code.
 """
 
 from __future__ import annotations
@@ -49,13 +49,13 @@ class ContentCache(FunctionCache):  # type: ignore[misc]  # numba is untyped her
         self._digest = digest
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep the machine code, if there is room: a full disk costs the next process a compilation, and no run."""
+        """Save the machine code, if there is room: on a full disk the next process compiles again."""
         with suppress(OSError):
             super().save_overload(sig, data)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the machine code, None if it is not there or damaged."""
-        with suppress(Exception):  # whatever pickle makes of it
+        with suppress(Exception):  # pickle may raise anything for a damaged file
             return super().load_overload(sig, target_context)
         return None
 
@@ -64,19 +64,19 @@ class ContentCache(FunctionCache):  # type: ignore[misc]  # numba is untyped her
 
 
 def disk_cache(function: Callable[..., Any], digest: str) -> Any:
-    """Return where numba keeps a function's machine code: nowhere, if no place can be written, or others may write it.
+    """Return the disk cache of a function; none if no folder can be written, or if other users may write to it.
 
-    What is read from there is run, as machine code and by pickle. The place is a folder beside the function's file, in
-    ``NUMBA_CACHE_DIR`` or in the user's own cache.
+    The content of the cache is executed, as machine code and by pickle. It is in a folder beside the function's file,
+    in ``NUMBA_CACHE_DIR`` or in the user's own cache.
     """
     try:
-        found = ContentCache(function, digest)
+        place = ContentCache(function, digest)
     except RuntimeError:  # there is no place
         return NullCache()
-    folder = Path(found.cache_path)
+    folder = Path(place.cache_path)
     reason = _strange(folder, Path(function.__code__.co_filename))
     if not reason:
-        return found
+        return place
     if not _refused():
         logging.getLogger("streamkit").warning(
             "Compiled code in %s is not used, as %s: set NUMBA_CACHE_DIR to a folder of your own, or each command "
@@ -88,13 +88,13 @@ def disk_cache(function: Callable[..., Any], digest: str) -> Any:
 
 @cache
 def _refused() -> list[Path]:
-    """Folders that were refused in this process: the first of them is told."""
+    """Folders that were refused in this process; there is a warning for the first."""
     return []
 
 
 @cache
 def _strange(folder: Path, source: Path) -> str:
-    """Say why somebody else might have put something into a folder; empty if nobody could.
+    """Return why other users might have written to a folder; empty if none could.
 
     Its owner may be root, or that of the source file, who could change that as well. Its group may be the user's own.
     """
@@ -115,7 +115,7 @@ def _strange(folder: Path, source: Path) -> str:
 
 
 def _is_private(group: int) -> bool:
-    """Say whether nobody but the user and root is in a group."""
+    """Say whether a group has no members but the user and root."""
     import grp  # not everywhere
     import pwd
 
@@ -143,7 +143,7 @@ ENGINE = _engine_digest()  # digest of the whole engine's text: a change anywher
 def cached(signature: Any, nogil: bool = False) -> Callable[[Callable[..., Any]], Any]:
     """Compile a loop for one signature, whatever layout a caller's arrays have; once per machine.
 
-    With ``nogil`` it lets other threads of Python go on meanwhile.
+    With ``nogil`` other Python threads run at the same time.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
@@ -265,10 +265,10 @@ class _Content:
 
 def _overloaded_names() -> set[str]:
     """Names of functions, methods and attributes that overloads from outside numba and the engine replace."""
-    found: set[str] = set()
+    names: set[str] = set()
     for template in (*builtin_registry.functions, *builtin_registry.attributes):
         overload = getattr(template, "_overload_func", None)
         place = getattr(overload, "__globals__", {}).get("__name__", "")
         if overload is not None and not place.startswith(("numba.", "streamkit.engine.")):
-            found.add(getattr(template, "_attr", "") or getattr(template.key, "__name__", ""))
-    return found
+            names.add(getattr(template, "_attr", "") or getattr(template.key, "__name__", ""))
+    return names

@@ -127,8 +127,8 @@ class NumpyDrag(NumpyKernel):
         total[:] = (a0 + 2 * (a1 + a2) + a3) / 6
 
     def _drag(self, x: Array, v: Array, t: Array) -> Array:
-        found = np.zeros_like(v)
+        total = np.zeros_like(v)
         for drag, arguments, growth in self._parts:
             part = np.stack(np.broadcast_arrays(*drag(*x, *v, t, *arguments)))
-            found += part if growth is None else part * np.interp(t, *growth)
-        return found
+            total += part if growth is None else part * np.interp(t, *growth)
+        return total

@@ -21,7 +21,7 @@ from streamkit.engine.methods import RKN4, Splitting
 from streamkit.engine.single_orbit import orbit_states
 from streamkit.engine.steps import Method
 from streamkit.engine.velocity_forces import DraggedForces, drag_loop, with_drag
-from streamkit.errors import ComponentError, OutOfDomain
+from streamkit.errors import ComponentError, OutOfDomain, message_of
 from streamkit.stream import Array, Orbit
 
 
@@ -36,7 +36,7 @@ NO_DRAG_OF_BODIES = "the force of what moves may not depend on velocity"
 
 
 class Drag(NamedTuple):
-    """What depends on velocity: the address of a kernel, and its packed parameters."""
+    """The forces that depend on velocity: the address of a kernel, and its packed parameters."""
 
     address: int
     parameters: Array
@@ -44,24 +44,24 @@ class Drag(NamedTuple):
 
 @dataclass(frozen=True)
 class Field:
-    """The total acceleration: what an integrator needs and nothing more. Local to its process, never pickled.
+    """The total acceleration, for integrators. It is local to its process and cannot be pickled.
 
     Attributes
     ----------
     forces
         Addresses, parameters and trajectories, as the loops take them.
     kernels
-        (c,) keep the machine code alive.
+        (c,) the kernels; they keep the machine code alive.
     names
         (c,) names of the components, for messages.
     scratch
-        Room for the loops to work in: a field advances one set of particles at a time.
+        Work space of the loops: a field advances one set of particles at a time.
     heights
         (n,) heights in kpc of the disc of what is fixed at the origin (`disc_heights`); empty if it has none.
     threads
-        How many of them `adaptive_step` and `split_step` may use for many particles. The result does not depend on it.
+        Most threads of `adaptive_step` and `split_step` for many particles. The result does not depend on it.
     drag
-        What depends on velocity: None where nothing does.
+        The forces that depend on velocity; None without any.
     """
 
     forces: Forces
@@ -91,7 +91,7 @@ class Field:
 
     @cached_property
     def whole(self) -> Forces | DraggedForces:
-        """The forces as the loops take them that carry particles."""
+        """All forces, in the form for the loops that advance particles."""
         if self.drag is None:
             return self.forces
         loops.compile_with_drag()
@@ -170,8 +170,8 @@ class Field:
         """First time and step of an orbit's grid; ValueError if it is not that of the moving components."""
         first, here, count = float(orbit.t[0]), self.forces, len(orbit.t) - 1
         step = float((orbit.t[-1] - first) / count)
-        known = here.tracks.shape[1] if len(here.tracks) else len(here.frame)
-        if known and (first, step, count) != (here.first, here.step, known):
+        count_here = here.tracks.shape[1] if len(here.tracks) else len(here.frame)
+        if count_here and (first, step, count) != (here.first, here.step, count_here):
             raise ValueError("orbits of moving components must share one grid of times")
         return first, step
 
@@ -191,7 +191,7 @@ class Field:
         return tuple(kernel for kernel in self.kernels if isinstance(kernel, NumpyKernel))
 
     def run(self, loop: Callable[..., None], *arguments: Any) -> None:
-        """Call one of the compiled loops that carry particles with these forces; then `check` whether it went well."""
+        """Call one of the compiled loops that advance particles, with these forces; then `check` for exceptions."""
         self._listen(lambda: loop(self.whole, *arguments))
 
     def _listen(self, call: Callable[[], None]) -> None:
@@ -205,30 +205,32 @@ class Field:
         self.check()
 
     def check(self) -> None:
-        """Raise what a force in Python raised inside a loop.
+        """Raise an exception that a force in Python raised inside a loop.
 
-        As it is if it asks for an end (KeyboardInterrupt, SystemExit) or says that there is no stream (OutOfDomain);
-        else as a `ComponentError` with the name and the parameters of the force.
+        KeyboardInterrupt and OutOfDomain are raised as they are; others become a `ComponentError` with the name and the
+        parameters of the force. So does SystemExit: it would end the process without a word, and with the exit status
+        that the force chose.
         """
         errors = [(i, getattr(kernel, "error", None)) for i, kernel in enumerate(self.kernels)]
         failed = [(i, error) for i, error in errors if error is not None]
         for kernel in self._in_python:
             kernel.error = None
         for _, error in failed:
-            if isinstance(error, KeyboardInterrupt | SystemExit):
+            if isinstance(error, KeyboardInterrupt):
                 raise error
         for i, error in failed:
             if isinstance(error, OutOfDomain):
                 raise error
             raise ComponentError(
-                f"potential {self.names[i]} raised {type(error).__name__}: {error} (parameters {self.kernels[i].told})"
+                f"potential {self.names[i]} raised {type(error).__name__}: {message_of(error)} "
+                f"(parameters {self.kernels[i].shown})"
             ) from error
 
 
 def build_field(potentials: Sequence[Force], *, exact: bool = False) -> Field:
     """Compile (or load from the disk cache) the forces of the potentials, which add up, fixed at the origin.
 
-    Each by what stands for it in a loop; ``exact`` takes the potentials themselves, as large as they are today.
+    Potentials with an expansion are replaced by it. With ``exact`` they are not, and have the mass of today.
     """
     built: list[Any] = []
     packed: list[Array] = []

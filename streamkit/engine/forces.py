@@ -55,7 +55,7 @@ class Forces(NamedTuple):
 
 
 _I1, _F1, _F = types.int64[::1], types.float64[::1], types.float64
-# What numba calls them.
+# The type of `Forces` in numba.
 FORCES = types.NamedTuple([_I1, _I1, _I1, _F1, _F, _F, types.float64[:, :, ::1], types.float64[:, ::1]], Forces)
 NO_TRACKS, NO_FRAME = np.zeros((0, 1, 20)), np.zeros((0, 12))
 

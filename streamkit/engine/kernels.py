@@ -29,13 +29,14 @@ from streamkit.engine.forces import ROW
 from streamkit.engine.patches import sweep_of
 from streamkit.errors import PluginError
 from streamkit.stream import Array
+from streamkit.units import CENTRE
 
 _POINTER = types.CPointer(types.float64)
 SIGNATURE = types.void(types.intp, *[_POINTER] * 5, types.intp)
 
 
 class Force(Protocol):
-    """What the engine needs of a potential: `streamkit.Potential` has it."""
+    """The parts of a potential that the engine needs; `streamkit.Potential` has them."""
 
     kind: ClassVar[str]
     compiled: ClassVar[bool]
@@ -46,7 +47,7 @@ class Force(Protocol):
 
     @staticmethod
     def drag(x: Any, y: Any, z: Any, vx: Any, vy: Any, vz: Any, t: Any, *parameters: Any) -> Any:
-        """Return the part that depends on velocity, elementwise; asked for if it `has_drag`."""
+        """Return the part that depends on velocity, elementwise; used if it `has_drag`."""
 
     @classmethod
     def has_drag(cls) -> bool:
@@ -59,11 +60,11 @@ class Force(Protocol):
         """Return times (n,), increasing, and the factors (n,) on the force; None if it does not change."""
 
     def in_loop(self) -> Force:
-        """Return what stands for it in a loop: itself, or an expansion of it."""
+        """Return the force in a loop: the potential itself, or an expansion of it."""
 
 
 class _Apart(Compiler):  # type: ignore[misc]  # numba is untyped here
-    """Tells LLVM that the arguments of a kernel do not overlap: what is read from a table may then be vectorised."""
+    """Declares to LLVM that the arguments of a kernel do not overlap, so that loops that read tables vectorise."""
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
@@ -85,8 +86,9 @@ def compiled_kernel(cls: type[Force], layout: tuple[int, ...], growing: bool = F
 
     Raises `PluginError` if numba cannot compile the author's function.
     """
-    unpack, patches = unpacker(layout), getattr(cls, "patches", None)
-    sweep = _elementwise(cls.acceleration) if patches is None else sweep_of(patches)
+    unpack, patches, pull = unpacker(layout), getattr(cls, "patches", None), getattr(cls, "pull", None)
+    written = patches or pull or cls.acceleration
+    sweep = sweep_of(patches) if patches else _elementwise(_radial(pull) if pull else cls.acceleration)
 
     def kernel(n, t, p, centre, q, a, fresh):
         parameters = unpack(carray(p, (ENDLESS,)))
@@ -108,7 +110,6 @@ def compiled_kernel(cls: type[Force], layout: tuple[int, ...], growing: bool = F
             for i in range(n):
                 sweep(i, i + 1, times, place, total, c, fresh, parameters[:-2], interp(times[i], knots, factors))
 
-    written = cls.acceleration if patches is None else patches
     return machine_code(growing_kernel if growing else kernel, [(cls, written)], [layout])
 
 
@@ -144,6 +145,17 @@ def machine_code(kernel: Any, written: Sequence[tuple[type[Force], Any]], layout
     return cfunc
 
 
+def _radial(pull: Any) -> Any:
+    """Return the acceleration of a sphere, from the `pull` that its author has written (`streamkit.Spherical`)."""
+    inlined = njit(forceinline=True, **OPTIONS)(pull)
+
+    def acceleration(x, y, z, t, *parameters):
+        k = inlined(x * x + y * y + z * z + CENTRE, *parameters)
+        return k * x, k * y, k * z
+
+    return acceleration
+
+
 def _elementwise(author: Any) -> Any:
     """Return the loop over particles with the author's `acceleration`."""
     inlined = njit(forceinline=True, **OPTIONS)
@@ -173,12 +185,12 @@ def _rows(count: int) -> Any:
 
 
 def _view(kind: Any, address: int) -> Array:
-    """View of what is at an address: quicker than numpy.ctypeslib, and many a call is for one particle."""
+    """View of memory at an address: faster than numpy.ctypeslib, which matters in calls for one particle."""
     return np.frombuffer(memoryview(kind.from_address(address)))
 
 
 def _look(kind: Any, address: int) -> Array:
-    """Read-only view of what is at an address."""
+    """Read-only view of memory at an address."""
     return np.frombuffer(memoryview(kind.from_address(address)).toreadonly())
 
 
@@ -197,7 +209,7 @@ class NumpyKernel:
         self.address = ctypes.cast(self._callback, ctypes.c_void_p).value
 
     @property
-    def told(self) -> str:
+    def shown(self) -> str:
         """The arguments after t, for messages; arrays and objects by their type."""
         shown = (f"{v!r}" if isinstance(v, float) else f"{type(v).__name__} {np.shape(v)}" for v in self._arguments)
         return f"[{', '.join(shown)}]"
@@ -206,13 +218,14 @@ class NumpyKernel:
         total = _view(_rows(3), a).reshape(3, ROW)[:, :n]
         try:
             if self.error is None:
-                self._fill(
-                    lambda rows: _look(_rows(rows), q).reshape(rows, ROW)[:, :n],
-                    _look(_TIMES, t)[:n],
-                    _PLACE.from_address(centre)[:],
-                    total,
-                    fresh,
-                )
+                with np.errstate():  # the author's np.seterr ends with the call
+                    self._fill(
+                        lambda rows: _look(_rows(rows), q).reshape(rows, ROW)[:, :n],
+                        _look(_TIMES, t)[:n],
+                        _PLACE.from_address(centre)[:],
+                        total,
+                        fresh,
+                    )
                 return
         except BaseException as error:
             self.error = error
@@ -225,20 +238,20 @@ class NumpyKernel:
             place = place - np.array(about)[:, None]
             place.flags.writeable = False
         x, y, z = place
-        found = self._acceleration(x, y, z, times, *self._arguments)
+        acceleration = self._acceleration(x, y, z, times, *self._arguments)
         if self._growth is not None:
-            found = np.stack(found) * np.interp(times, *self._growth)
+            acceleration = np.stack(acceleration) * np.interp(times, *self._growth)
         if fresh:
-            total[:] = found
+            total[:] = acceleration
         else:
-            total += found
+            total += acceleration
 
     @contextmanager
     def listening(self) -> Iterator[None]:
-        """Keep also what is raised before `_call` can catch anything.
+        """Catch exceptions that are raised before the ``try`` of `_call`.
 
-        A Ctrl-C that arrives in compiled code is answered at the first instruction of the next callback, outside its
-        ``try``, and ctypes would print the KeyboardInterrupt and go on.
+        Python handles a Ctrl-C that arrives in compiled code at the first instruction of the next callback, before its
+        ``try``; ctypes would print the KeyboardInterrupt and continue.
         """
         before = sys.unraisablehook
 

@@ -1,4 +1,4 @@
-"""Sorting a batch of particles by the number of steps that each one's dynamical time asks for."""
+"""Sorting a batch of particles by the number of steps that their dynamical times need."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from streamkit.engine.forces import BATCH, LANES, ROW, call_kernel, centre_at
 from streamkit.engine.steps import ROWS, A, H, T, V
 
 CROSSING = 1.25  # longest step near a disc's plane, in units of the time in which its height is crossed
-NEAR_PLANE = 2.0  # what is near, in units of that height
+NEAR_PLANE = 2.0  # largest distance from a disc's plane that counts as near, in units of that height
 
 
 @njit(**INLINE)
-def alike(t0, index, begin):
+def next_batch(t0, index, begin):
     """Number of particles from begin on that make a batch: those of one time, or if these are few, of any times."""
     most = min(BATCH, index.shape[0] - begin)
     first, low, high = t0[index[begin]], 1, most
@@ -26,7 +26,7 @@ def alike(t0, index, begin):
 
 
 @njit(**INLINE)
-def take(source, index, begin, m, out):
+def gather(source, index, begin, m, out):
     """Copy the values of m particles into a row of a batch, padded to whole vectors with the last."""
     first = index[begin]
     if index[begin + m - 1] - first == m - 1:  # neighbours, as index increases: a vector copy
@@ -183,7 +183,7 @@ def crossings(heights, m, lanes, rate):
 
 
 @njit(**INLINE)
-def choose(m, rate, span, deepest, level, size):
+def choose_levels(m, rate, span, deepest, level, size):
     """Level of m lanes: the power of two of half steps so that no step exceeds eta dynamical times, rate^(-1/4).
 
     On entry all levels are zero and size (levels,), the number of lanes of each level, is m, 0, 0 ...
@@ -205,7 +205,7 @@ def choose(m, rate, span, deepest, level, size):
 
 
 @njit(**INLINE)
-def place(m, level, limit, start, size, slot):
+def assign_slots(m, level, limit, start, size, slot):
     """Give each of m lanes up to the level limit a slot, grouped by level, stable, groups in multiples of LANES.
 
     start (levels,) receives each level's first slot, from its lanes in size; lanes of higher levels get slot -1.

@@ -29,7 +29,7 @@ from numba import types
 
 from streamkit.engine.cache import also_for, cached
 from streamkit.engine.forces import BATCH, FORCES, LANES, LEVELS, ROW, add_forces
-from streamkit.engine.levels import alike, choose, give_back, place, rates, scatter, take
+from streamkit.engine.levels import assign_slots, choose_levels, gather, give_back, next_batch, rates, scatter
 from streamkit.engine.steps import METHOD, ROWS, A, H, Method, T, compose, nystrom
 from streamkit.engine.velocity_forces import DRAGGED, is_dragged, renew
 from streamkit.stream import Array, IntArray
@@ -93,10 +93,10 @@ def sweep(forces, method, scratch, particles, index, t0, t1, limit, later):
     begin, m = 0, 0
     while begin + m < index.shape[0]:
         begin += m
-        m = alike(t0, index, begin)
+        m = next_batch(t0, index, begin)
         whole = (m + LANES - 1) // LANES * LANES
         for row, source in enumerate((*particles, t0, t1)):
-            take(source, index, begin, m, lanes[row * ROW :])
+            gather(source, index, begin, m, lanes[row * ROW :])
         uniform = t[0] == t[m - 1]  # times never decrease
         for i in range(whole):
             span[i] -= t[i]
@@ -104,8 +104,8 @@ def sweep(forces, method, scratch, particles, index, t0, t1, limit, later):
         if adapts:
             add_forces(forces, uniform, 0, whole, t, lanes, relative, centre, lanes[A:])
             rates(forces, method.eta, method.heights, uniform, whole, lanes, relative, slots, centre, path, rate)
-            choose(m, rate, span, method.most + 1, level, size)
-        place(m, level, limit, start, size, slot)
+            choose_levels(m, rate, span, method.most + 1, level, size)
+        assign_slots(m, level, limit, start, size, slot)
         for i in range(m):
             if slot[i] < 0:
                 later[kept] = index[begin + i]

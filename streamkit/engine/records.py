@@ -1,4 +1,4 @@
-"""The compiled bookkeeping of the march; independent of every force and integrator."""
+"""The compiled records of particles during an integration; independent of forces and integrators."""
 
 from __future__ import annotations
 

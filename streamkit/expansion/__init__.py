@@ -1,4 +1,4 @@
-"""Expansions of forces, spherical, axisymmetric or general: what cannot be compiled at compiled speed."""
+"""Expansions of forces, spherical, axisymmetric or general: for potentials that cannot be compiled."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Expand a force: choose the form and the nodes by what they reach at held-out points, and keep them."""
+"""Expand a force: choose the form and the nodes by the error at held-out points."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ from streamkit.stream import Array
 # Forms of an expansion, as a run file names them.
 Form: TypeAlias = Literal["auto", "spherical", "axisymmetric", "general", "none"]
 
-# Points at which an expansion is compared with the force: when its nodes are chosen, and ever after.
+# Points at which an expansion is compared with the force: when its nodes are chosen, and for other parameters.
 HELD_OUT, AGAIN = 512, 64
-# Nodes are added until the error is this part of the tolerance: other parameters may ask for a little more.
+# Nodes are added until the error is this fraction of the tolerance: at other parameters it may be larger.
 MARGIN = 0.5
-MOST = 100_000  # most nodes
-SLOWEST = 0.05  # least power of the number of nodes with which an error must fall to go on
-ROUND = 1e-5  # symmetries hold to this part of the tolerance
+MOST_NODES = 100_000  # most nodes
+SLOWEST = 0.05  # refinement ends if the error falls with a lower power of the number of nodes
+ROUND = 1e-5  # symmetries hold to this fraction of the tolerance
 THICKNESS = (np.inf, 3.0, 0.3)  # scale heights in kpc to try; infinite without a disc
 CORE = 1.0  # inside this radius in kpc errors are relative to the typical acceleration there: at a centre it may vanish
 
 
-class NoExpansion(Exception):  # noqa: N818  a statement about a potential; who asks for it names that
-    """A force has no expansion: why, and what to do."""
+class NoExpansion(Exception):  # noqa: N818  a statement about a potential, whose name the caller adds
+    """A force has no expansion; the message has the reason and a remedy."""
 
 
 @dataclass(frozen=True)
 class Expanded:
-    """An expansion and what is known of it.
+    """An expansion, and its error.
 
     Attributes
     ----------
     force
-        What the compiled loop takes.
+        The force in the compiled loop.
     grid
         Its nodes.
     error, points
@@ -67,7 +67,7 @@ class Expanded:
 
 
 def expand(force: ForceAt, form: Form, tolerance: float) -> Expanded:
-    """Expand a force in a form, with as few nodes as meet the tolerance at held-out points.
+    """Expand a force in a form, with the fewest nodes that meet the tolerance at held-out points.
 
     Parameters
     ----------
@@ -78,11 +78,11 @@ def expand(force: ForceAt, form: Form, tolerance: float) -> Expanded:
     tolerance
         Largest relative error |da| / |a| from 0.1 to 500 kpc.
 
-    Raises NoExpansion if the force depends on time, is not finite somewhere, or no grid of `MOST` nodes will do.
+    Raises NoExpansion if the force depends on time, is not finite somewhere, or `MOST_NODES` nodes miss the tolerance.
     """
     symmetry = symmetry_of(force, max(tolerance * ROUND, 1e-11))
     if not symmetry.static:
-        raise NoExpansion('it changes in time, and an expansion stands still: set expansion = "none"')
+        raise NoExpansion('it changes in time, and an expansion does not: set expansion = "none"')
     check = _Check(force, HELD_OUT)
     if not np.isfinite(check.exact).all():
         raise NoExpansion('its force is not finite everywhere from 0.1 to 500 kpc: set expansion = "none"')
@@ -91,7 +91,7 @@ def expand(force: ForceAt, form: Form, tolerance: float) -> Expanded:
     tried = [_try(force, grid, check) for grid in starts]
     best = min(tried, key=lambda found: found.error)
     while best.error > MARGIN * tolerance:
-        finer = [grid for grid in _finer(best.grid) if grid.nodes <= MOST]
+        finer = [grid for grid in _finer(best.grid) if grid.nodes <= MOST_NODES]
         gains = [(_gain(best, found), found) for found in (_try(force, grid, check) for grid in finer)]
         gain, better = max(gains, key=lambda pair: pair[0], default=(0.0, best))
         if gain < SLOWEST:
@@ -102,27 +102,27 @@ def expand(force: ForceAt, form: Form, tolerance: float) -> Expanded:
             f"its {form} expansion misses the tolerance {tolerance:g}: with {best.grid.nodes} nodes the largest "
             f"error is {best.error:.1g}, at {check.place(best.force)}. Raise the tolerance, "
             + ('take expansion = "auto", ' if form != _form(symmetry) else "")
-            + 'or set expansion = "none", which asks the potential itself'
+            + 'or set expansion = "none", which calls the potential itself'
         )
     return best
 
 
 def expand_like(model: Expanded, force: ForceAt, tolerance: float, missed: str) -> Expanded:
-    """Expand a force at the nodes of another one, so that it is a smooth function of the force's parameters.
+    """Expand a force at the nodes of another expansion: it is then a smooth function of the parameters.
 
     Raises OutOfDomain with the sentence ``missed`` where that misses the tolerance.
     """
     try:
-        found = _try(force, model.grid, _Check(force, AGAIN))
+        expanded = _try(force, model.grid, _Check(force, AGAIN))
     except NoExpansion:
         raise OutOfDomain(missed) from None
-    if not found.error <= tolerance:
+    if not expanded.error <= tolerance:
         raise OutOfDomain(missed)
-    return found
+    return expanded
 
 
 class _Check:
-    """Compares expansions with the force at points that are no nodes."""
+    """Compares expansions with the force at points between the nodes."""
 
     def __init__(self, force: ForceAt, count: int) -> None:
         self.q = random_positions(count, np.random.default_rng(count))
@@ -131,7 +131,7 @@ class _Check:
 
     @cached_property
     def size(self) -> Array:
-        """(n,) What an error is relative to."""
+        """(n,) The acceleration to which an error is relative."""
         size = np.sqrt((self.exact**2).sum(axis=0))
         inside = self.r < CORE
         typical = np.median(size[inside]) if inside.any() else 0.0
@@ -139,8 +139,8 @@ class _Check:
 
     def errors(self, expansion: Expansion) -> Array:
         """(n,) Relative errors."""
-        found = engine.build_field([expansion]).acceleration(0.0, self.q)
-        return np.asarray(np.sqrt(((found - self.exact) ** 2).sum(axis=0)) / self.size)
+        acceleration = engine.build_field([expansion]).acceleration(0.0, self.q)
+        return np.asarray(np.sqrt(((acceleration - self.exact) ** 2).sum(axis=0)) / self.size)
 
     def place(self, expansion: Expansion) -> str:
         """Return where the error is largest."""

@@ -1,4 +1,4 @@
-"""Expansions as forces: what the engine takes in place of a potential that it cannot compile."""
+"""Expansions as forces: the engine takes them in place of potentials that it cannot compile."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ class Expansion:
 
     @staticmethod
     def drag(x: Any, y: Any, z: Any, vx: Any, vy: Any, vz: Any, t: Any, *parameters: Any) -> Any:
-        """Nothing depends on velocity; in what it stands for it may."""
+        """Not called: an expansion has no part that depends on velocity."""
         raise NotImplementedError
 
     @classmethod
     def has_drag(cls) -> bool:
-        """Say that there is none."""
+        """Return False."""
         return False
 
     def in_engine_units(self) -> tuple[Array]:
@@ -44,7 +44,7 @@ class Expansion:
         return (self.table,)
 
     def growth_table(self) -> None:
-        """Return that the force does not change; what it stands for may."""
+        """Return None: an expansion is constant in time, and the growth is that of its potential."""
 
     def in_loop(self) -> Expansion:
         """Return the expansion itself."""

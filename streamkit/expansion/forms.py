@@ -3,7 +3,7 @@
 A table is one array: a head of `HEAD` numbers, then the coefficients of polynomials. They hold the
 potential as cubic splines in s = ln r and w, a coordinate that runs from the plane to the pole, with a power of
 e^(i phi) sin(theta) for each harmonic of the angle about the z axis. The force is the gradient of that, so an orbit
-keeps its energy. Inside the innermost and outside the outermost node it goes on in a power of r.
+keeps its energy. Inside the innermost and outside the outermost node it is a power law in r.
 
     mu = z / r,    w^4 = mu^4 (r^2 + h^2) / (mu^2 r^2 + h^2)
 
@@ -20,13 +20,13 @@ from numba import njit
 
 from streamkit.elementary import log, sqrt
 from streamkit.engine import Patches
+from streamkit.units import CENTRE
 
 # Numbers in front of the coefficients: first s, intervals of s per unit and their number (0-2), the innermost and the
 # outermost radius (3, 4), coefficients of r, 1, 1/r and 1/r^2 outside the one, and inside the other what is to be added
 # to them (9-12, 5-8), h^2 (13), first w, intervals of w per unit and their number (14-16), -1 if the plane is a mirror,
 # else 1 (17), the inverse of the outermost and of the innermost radius (18, 19).
 HEAD = 20
-TINY = 1e-30  # kpc^2, added to squared radii: a force at the very centre is finite
 
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"arcp", "contract"}, "forceinline": True}
 
@@ -34,7 +34,7 @@ OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"arcp", "contrac
 @njit(**OPTIONS)
 def _radial(x, y, z, p):
     """Inverse radius, radius of the spline, interval and place in it, the factor beyond its ends over that radius."""
-    r2 = x * x + y * y + z * z + TINY
+    r2 = x * x + y * y + z * z + CENTRE
     u = min(max((0.5 * log(r2) - p[0]) * p[1], 0.0), p[2])
     i = np.int32(min(u, p[2] - 1.0))
     r = sqrt(r2)
@@ -68,12 +68,12 @@ def _polar(bent: bool) -> Any:
         c2, h2 = c * c, p[13]
         far, close = c2 + h2, m * m * c2 + h2
         both = 1.0 / (far * close)
-        near = 1.0 - h2 * far * both
+        nearness = 1.0 - h2 * far * both
         root = sqrt(sqrt(far * far * both))
         w = m * root
         j, g = place(w, p)
-        slope = root * (1.0 - 0.5 * near)
-        return j, g, slope if m == mu else -slope, 0.5 * w * (c2 * close * both - near)
+        slope = root * (1.0 - 0.5 * nearness)
+        return j, g, slope if m == mu else -slope, 0.5 * w * (c2 * close * both - nearness)
 
     return polar if bent else straight
 

@@ -9,12 +9,12 @@ import numpy as np
 from streamkit.stream import Array
 
 INNER, OUTER = 0.01, 2000.0  # radii in kpc of the first and the last node
-POLE = 1.0 - 5e-7  # cos(theta) of what stands for the pole: on it the direction of increasing theta is not defined
+POLE = 1.0 - 5e-7  # cos(theta) of the node at the pole, where the direction of increasing theta is not defined
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Nodes of an expansion: its shape, which stays the same in all of a fit.
+    """The nodes of an expansion; they stay the same throughout a fit.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Grid:
 
     @property
     def nodes(self) -> int:
-        """Number of positions at which the force is asked for."""
+        """Number of positions at which the force is computed."""
         return self.radii * self.heights * self.angles
 
     @property
@@ -64,7 +64,7 @@ class Grid:
 
     @property
     def phi(self) -> Array:
-        """(angles,) azimuths in radians: over a whole turn, a half, or a quarter that has all there is to know."""
+        """(angles,) azimuths in radians: over a whole turn, or the part of it that the symmetries leave."""
         if not self.sines:
             return np.pi / self.step * np.arange(self.angles) / max(self.angles - 1, 1)
         return 2 * np.pi / self.step * np.arange(self.angles) / self.angles
@@ -89,12 +89,12 @@ class Grid:
         if np.isinf(self.thickness):
             return np.ones_like(mu), np.zeros_like(mu)
         r2, h2 = np.exp(2 * self.s)[:, None], self.thickness**2
-        near = mu**2 * r2 / (mu**2 * r2 + h2)
+        nearness = mu**2 * r2 / (mu**2 * r2 + h2)
         root = ((r2 + h2) / (mu**2 * r2 + h2)) ** 0.25
-        return np.asarray(root * (1 - 0.5 * near)), np.asarray(0.5 * mu * root * (r2 / (r2 + h2) - near))
+        return np.asarray(root * (1 - 0.5 * nearness)), np.asarray(0.5 * mu * root * (r2 / (r2 + h2) - nearness))
 
     def positions(self) -> Array:
-        """(3, nodes) Where the force is asked for: s, w, phi in the order of an array (radii, heights, angles)."""
+        """(3, nodes) Positions of the nodes: s, w, phi in the order of an array (radii, heights, angles)."""
         r = np.exp(self.s)
         if self.heights == 1:
             return np.asarray(r * np.array([[0.48], [0.6], [0.64]]))

@@ -14,7 +14,7 @@ def legendre(l_max: int, m_max: int, mu: Array) -> dict[tuple[int, int], tuple[A
 
     Normalised so that the mean square over the sphere of P_lm cos(m phi), and of P_lm sin(m phi), is 1.
     """
-    found: dict[tuple[int, int], tuple[Array, Array]] = {}
+    polynomials: dict[tuple[int, int], tuple[Array, Array]] = {}
     sectoral = np.ones_like(mu)
     for m in range(m_max + 1):
         if m:
@@ -22,14 +22,14 @@ def legendre(l_max: int, m_max: int, mu: Array) -> dict[tuple[int, int], tuple[A
         before: tuple[Array, Array] = np.zeros_like(mu), np.zeros_like(mu)
         here: tuple[Array, Array] = sectoral, np.zeros_like(mu)
         for degree in range(m, l_max + 1):
-            found[degree, m] = here
+            polynomials[degree, m] = here
             n = degree + 1
             a = np.sqrt((4 * n * n - 1) / (n * n - m * m))
             b = np.sqrt(((n - 1) ** 2 - m * m) / (4 * (n - 1) ** 2 - 1)) if n > 1 else 0.0
             value = a * (mu * here[0] - b * before[0])
             slope = a * (here[0] + mu * here[1] - b * before[1])
             before, here = here, (value, slope)
-    return found
+    return polynomials
 
 
 def names(l_max: int, m_max: int, even: bool = False) -> list[tuple[int, int]]:

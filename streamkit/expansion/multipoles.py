@@ -9,17 +9,15 @@ import numpy as np
 
 from streamkit.expansion.harmonics import at_directions, legendre, names, quadrature
 from streamkit.stream import Array
-from streamkit.units import G
-
-TINY = 1e-30
+from streamkit.units import CENTRE, G
 
 
 class Multipoles:
     """``Phi = sum over l, m of Phi_lm(r) P_lm(cos theta) cos(m phi)``, with ``sin(|m| phi)`` for m < 0.
 
     The mean square of every harmonic over the sphere is 1: Phi_00 is the mean potential. Phi_lm are cubic splines in
-    ln r. Inside the first radius they go on in the power of r that Phi_00 has there; outside the last one they fall as
-    r^-(l+1), as without mass.
+    ln r. Inside the first radius they are power laws, with the power of r of Phi_00 there; outside the last they fall
+    as r^-(l+1), as without mass.
 
     Parameters
     ----------
@@ -76,7 +74,7 @@ class Multipoles:
         """Return the potential in (km/s)^2 at positions in kpc, floats or arrays of one shape."""
         q = np.stack(np.broadcast_arrays(x, y, z)).astype(float)
         flat = q.reshape(3, -1)
-        r = np.sqrt((flat**2).sum(axis=0) + TINY)
+        r = np.sqrt((flat**2).sum(axis=0) + CENTRE)
         value, _ = self.radial(r)
         return (value * at_directions(self.harmonics, flat / r)).sum(axis=0).reshape(q.shape[1:])[()]
 
@@ -84,7 +82,7 @@ class Multipoles:
         """Return minus its gradient in (km/s)^2/kpc."""
         q = np.stack(np.broadcast_arrays(x, y, z)).astype(float)
         flat = q.reshape(3, -1)
-        r = np.sqrt((flat**2).sum(axis=0) + TINY)
+        r = np.sqrt((flat**2).sum(axis=0) + CENTRE)
         value, slope = self.radial(r)
         ex, ey, mu = flat / r
         m_max = max(abs(m) for _, m in self.harmonics)
@@ -106,8 +104,8 @@ class Multipoles:
             gx += phi * part * bx
             gy += phi * part * by
         out = -(ds - dmu * mu - radial) / r
-        found = np.stack([out * ex - gx / r, out * ey - gy / r, out * mu - dmu / r])
-        ax, ay, az = found.reshape(q.shape)
+        acceleration = np.stack([out * ex - gx / r, out * ey - gy / r, out * mu - dmu / r])
+        ax, ay, az = acceleration.reshape(q.shape)
         return ax[()], ay[()], az[()]
 
 

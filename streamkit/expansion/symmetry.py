@@ -14,7 +14,7 @@ from streamkit.units import GYR
 ForceAt: TypeAlias = Callable[[float, Array], Array]  # acceleration (3, n) at one time and positions (3, n)
 
 POINTS, SEED = 48, 14
-# Other times than today at which a force is asked for, in kpc/(km/s).
+# Times other than today at which a force is compared with that of today, in kpc/(km/s).
 TIMES = tuple(t * GYR for t in (-6.0, -2.3, -0.7, -0.1, 0.3))
 
 

@@ -112,12 +112,12 @@ def _harmonics(grid: Grid, values: Array, parity: float) -> list[Array]:
     if not grid.sines:
         values = np.concatenate([values, parity * values[..., -2:0:-1]], axis=-1)
     spectrum = np.fft.rfft(values, axis=-1) / values.shape[-1]
-    found = [spectrum[..., 0].real]
+    parts = [spectrum[..., 0].real]
     for k, m in enumerate(grid.orders):
         if k:
             amplitude = 2.0 * (spectrum[..., k] if parity > 0 else spectrum[..., k] / (1j * m))
-            found += [amplitude.real, -amplitude.imag] if grid.sines else [amplitude.real]
-    return found
+            parts += [amplitude.real, -amplitude.imag] if grid.sines else [amplitude.real]
+    return parts
 
 
 def _fill_pole(values: Array, sine: Array) -> None:

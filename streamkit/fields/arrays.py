@@ -30,11 +30,11 @@ class ArrayOf:
     unit
         That of the field.
     sign
-        What every number must be: positive, zero or more, or anything.
+        Condition on every number: positive, zero or more, or none.
     increasing
         Whether each number must be larger than the one before.
     least
-        How many there must be at least.
+        Fewest numbers.
     ndim
         Number of dimensions; None for any.
     between
@@ -60,16 +60,16 @@ class ArrayOf:
         return array_schema(self.unit)
 
     def read(self, value: Any, files: Files | None = None) -> Array:
-        """Return the array that a run file gives, in the unit; ValueError says what is wrong with it."""
+        """Return the array of a run file in the unit; ValueError with a reason for anything else."""
         if isinstance(value, np.ndarray) and not hasattr(value, "unit"):
-            found = np.array(value, dtype=float) if value.flags.writeable else np.asarray(value, dtype=float)
+            array = np.array(value, dtype=float) if value.flags.writeable else np.asarray(value, dtype=float)
         elif isinstance(value, Mapping):
-            found = self._from_file(value, files or Files())
+            array = self._from_file(value, files or Files())
         elif isinstance(value, str) and not value.lstrip().startswith("["):
-            found = self._from_file({"file": value}, files or Files())
+            array = self._from_file({"file": value}, files or Files())
         else:
-            found = self._from_list(value)
-        return self.checked(found)
+            array = self._from_list(value)
+        return self.checked(array)
 
     def _from_file(self, table: Mapping[str, Any], files: Files) -> Array:
         for key in table:
@@ -81,8 +81,8 @@ class ArrayOf:
         if name.endswith(".npy"):
             if column is not None:
                 raise ValueError(f"{name!r} holds one array without columns, found column = {column!r}")
-            found = files.array(name)
-            return found if "unit" not in table else found * float(self.unit.parse(f"1 {table['unit']}"))
+            array = files.array(name)
+            return array if "unit" not in table else array * float(self.unit.parse(f"1 {table['unit']}"))
         if column is None:
             raise ValueError(f'which column of {name!r}? Expected {{ file = "{name}", column = "NAME" }}')
         return files.column(name, column, self.unit, table.get("unit"))
@@ -112,34 +112,34 @@ class ArrayOf:
             return [self._numbers(item) for item in value]
         return float(self.unit.parse(value))
 
-    def checked(self, found: Array, entry: Callable[[tuple[int, ...]], str] | None = None) -> Array:
-        """Return a read-only array in C order; ValueError where it is not as it should be.
+    def checked(self, array: Array, entry: Callable[[tuple[int, ...]], str] | None = None) -> Array:
+        """Return a read-only array in C order; ValueError if it breaks a condition.
 
         ``entry`` names the number at an index, in place of ``entry [1]``.
         """
-        if self.ndim is not None and found.ndim != self.ndim:
-            raise ValueError(f"found an array of shape {found.shape}, expected {self.ndim} dimension(s)")
-        if found.size < self.least:
-            raise ValueError(f"found {found.size} number(s), expected at least {self.least}")
-        require = partial(self._require, found=found, entry=entry or _entry)
-        require(np.isfinite(found), wanted="a finite number")
-        require(np.abs(found) <= LARGEST, wanted=f"a number below {LARGEST:g}")
+        if self.ndim is not None and array.ndim != self.ndim:
+            raise ValueError(f"found an array of shape {array.shape}, expected {self.ndim} dimension(s)")
+        if array.size < self.least:
+            raise ValueError(f"found {array.size} number(s), expected at least {self.least}")
+        require = partial(self._require, array=array, entry=entry or _entry)
+        require(np.isfinite(array), wanted="a finite number")
+        require(np.abs(array) <= LARGEST, wanted=f"a number below {LARGEST:g}")
         if self.sign:
-            require(found >= (1 / LARGEST if self.sign == POSITIVE else 0.0), wanted=self.sign)
+            require(array >= (1 / LARGEST if self.sign == POSITIVE else 0.0), wanted=self.sign)
         low, high = self.between
         if not (low == -np.inf and high == np.inf):
-            require((found >= low) & (found <= high), wanted=f"{low:g} to {high:g}")
+            require((array >= low) & (array <= high), wanted=f"{low:g} to {high:g}")
         if self.increasing:
-            rises = np.concatenate([[True], np.diff(found) > 0])
+            rises = np.concatenate([[True], np.diff(array) > 0])
             require(rises, wanted="larger than the one before: sort them")
-        found = np.ascontiguousarray(found)
-        found.flags.writeable = False
-        return found
+        array = np.ascontiguousarray(array)
+        array.flags.writeable = False
+        return array
 
-    def _require(self, good: Any, found: Array, wanted: str, entry: Callable[[tuple[int, ...]], str]) -> None:
+    def _require(self, good: Any, array: Array, wanted: str, entry: Callable[[tuple[int, ...]], str]) -> None:
         if not np.all(good):
-            place = tuple(int(i) for i in np.unravel_index(int(np.argmin(good)), found.shape))
-            raise ValueError(f"{entry(place)} is {found[place]:g} {self.unit.name}".rstrip() + f", expected {wanted}")
+            place = tuple(int(i) for i in np.unravel_index(int(np.argmin(good)), array.shape))
+            raise ValueError(f"{entry(place)} is {array[place]:g} {self.unit.name}".rstrip() + f", expected {wanted}")
 
 
 def _entry(place: tuple[int, ...]) -> str:
@@ -148,13 +148,13 @@ def _entry(place: tuple[int, ...]) -> str:
 
 @dataclass(frozen=True)
 class Increasing:
-    """Demands of an array field that its numbers increase: ``Annotated[LengthArray, Increasing(least=4)]``."""
+    """Requires increasing numbers in an array field: ``Annotated[LengthArray, Increasing(least=4)]``."""
 
     least: int = 2
-    """How many there must be at least."""
+    """Fewest numbers."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Check what the array type before it has read."""
+        """Check the result of the array type before it."""
         check = ArrayOf(UNITS["Number"], increasing=True, least=self.least)
         return core_schema.no_info_after_validator_function(check.checked, handler(source))
 
@@ -162,8 +162,8 @@ class Increasing:
 def array_schema(unit: Unit) -> dict[str, Any]:
     """Return the JSON Schema of an array as a run file writes it."""
     entry = {"anyOf": [{"type": "number"}, {"type": "string"}, {"type": "array"}, {"type": "object"}]}
-    told = f"[8, 12] {unit.name}".rstrip()
-    text = {"type": "string", "examples": [told, "table.npy"]}
+    example = f"[8, 12] {unit.name}".rstrip()
+    text = {"type": "string", "examples": [example, "table.npy"]}
     properties = {key: {"type": "string"} for key in KEYS}
     table = {"type": "object", "properties": properties, "required": ["file"], "additionalProperties": False}
     return {"anyOf": [{"type": "array", "items": entry}, text, table]}

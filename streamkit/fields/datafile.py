@@ -1,4 +1,4 @@
-"""A data file of an author's own format as a field: its path, and the digest of what is in it."""
+"""A data file of any format as a field: its path, and the digest of its content."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from streamkit.fields.files import Files
 
 @dataclass(frozen=True)
 class DataFile:
-    """A file that a run file names, relative to itself. Two are equal if what is in them is."""
+    """A file that a run file names, relative to itself. Two are equal if their contents are."""
 
     path: Path = field(compare=False)
-    """Where it is."""
+    """Its absolute path."""
     sha256: str
-    """The digest of what was in it when the run file was read."""
+    """The digest of its content when the run file was read."""
 
     def read_bytes(self) -> bytes:
-        """Return what is in it; a SpecError if it is gone, or has changed since the run file was read."""
+        """Return its content; SpecError if the file is gone, or has changed since the run file was read."""
         try:
-            found = self.path.read_bytes()
+            content = self.path.read_bytes()
         except OSError as error:
             raise SpecError(f"cannot read the data file {str(self.path)!r}: {error.strerror}") from None
-        if hashlib.sha256(found).hexdigest() != self.sha256:
+        if hashlib.sha256(content).hexdigest() != self.sha256:
             raise SpecError(f"the data file {str(self.path)!r} has changed since the run file was read")
-        return found
+        return content
 
     def read_text(self) -> str:
-        """Return what is in it as text in UTF-8; raises as `read_bytes`, and for other bytes."""
+        """Return its content as text in UTF-8; raises as `read_bytes`, and for other bytes."""
         try:
             return self.read_bytes().decode()
         except UnicodeDecodeError as error:

@@ -1,4 +1,4 @@
-"""The data files of a run file: where their paths begin, what is in them, and the digest of it."""
+"""The data files of a run file: their folder, contents and digests."""
 
 from __future__ import annotations
 
@@ -36,42 +36,42 @@ class Files:
     Attributes
     ----------
     folder
-        What paths are relative to.
-    known
+        The folder that paths are relative to.
+    expected
         SHA-256 that files had before, by their names in the run file: another content is then an error.
     read
         SHA-256 of those that have been read.
     """
 
     folder: Path = field(default_factory=Path.cwd)
-    known: Mapping[str, str] = field(default_factory=dict)
+    expected: Mapping[str, str] = field(default_factory=dict)
     read: dict[str, str] = field(default_factory=dict)
     _contents: dict[str, bytes] = field(default_factory=dict, repr=False)
     _tables: dict[str, Table] = field(default_factory=dict, repr=False)
     _plain: dict[str, Table] = field(default_factory=dict, repr=False)
 
     def content(self, name: str) -> bytes:
-        """Return what is in a file; ValueError if it cannot be read, or is not what it was."""
+        """Return the content of a file; ValueError if it cannot be read, or has changed."""
         if name not in self._contents:
             path = self.folder / name
             try:
                 expect_file(path)
-                found = path.read_bytes()
+                content = path.read_bytes()
             except OSError as error:
                 raise ValueError(f"cannot read the file {name!r} ({error.strerror}) in {self.folder}") from None
-            digest = hashlib.sha256(found).hexdigest()
-            if self.known.get(name, digest) != digest:
+            digest = hashlib.sha256(content).hexdigest()
+            if self.expected.get(name, digest) != digest:
                 raise ValueError(f"the file {name!r} has changed since it was read first")
-            self._contents[name], self.read[name] = found, digest
+            self._contents[name], self.read[name] = content, digest
         return self._contents[name]
 
     def array(self, name: str) -> Array:
         """Return the array in a `.npy` file; ValueError if there is none, or one of objects."""
         with np.errstate(all="ignore"):
             try:
-                found = np.load(io.BytesIO(self.content(name)), allow_pickle=False)
-                if isinstance(found, np.ndarray) and found.dtype.kind in "iuf":
-                    return np.asarray(found, dtype=float)
+                array = np.load(io.BytesIO(self.content(name)), allow_pickle=False)
+                if isinstance(array, np.ndarray) and array.dtype.kind in "iuf":
+                    return np.asarray(array, dtype=float)
             except (ValueError, OSError, EOFError) as error:
                 if name not in self._contents:
                     raise
@@ -82,7 +82,7 @@ class Files:
         """Return the names of the columns of a table; ValueError if the file holds none."""
         return list(self._table(name).colnames)
 
-    def column(self, name: str, column: str, unit: Unit, told: Any = None, key: str = "unit") -> Array:
+    def column(self, name: str, column: str, unit: Unit, given_unit: Any = None, key: str = "unit") -> Array:
         """Return a column of a table, (n,) in a unit.
 
         Parameters
@@ -93,10 +93,10 @@ class Files:
             Name of the column.
         unit
             What its values are converted to.
-        told
-            Unit of a column for which the file gives none.
+        given_unit
+            Unit in the run file of a column for which the file gives none.
         key
-            How the run file tells it, for messages: what stands before `` = "deg"``.
+            The key of that unit in the run file, for messages: what stands before `` = "deg"``.
 
         Raises ValueError for a file that holds no table, a column that is missing (names the nearest), has no unit or
         one of another dimension, has no numbers, or lacks some.
@@ -105,35 +105,35 @@ class Files:
         if column not in table.colnames:
             names = ", ".join(table.colnames)
             raise ValueError(f"{name!r} has no column {column!r}.{nearest(column, table.colnames)} It has: {names}.")
-        found, where = table[column], f"column {column!r} of {name!r}"
+        values, where = table[column], f"column {column!r} of {name!r}"
         hole = next((int(np.argmax(mask)) for mask in self._masks(name, column) if np.any(mask)), None)
         if hole is not None:
             raise ValueError(f"{where}: the value of row {hole + 1} is missing; expected a number in each row")
-        if found.dtype.kind not in "iuf":
-            raise ValueError(f"{where}: found {str(found[0]) if len(found) else 'nothing'!r}, expected numbers")
+        if values.dtype.kind not in "iuf":
+            raise ValueError(f"{where}: found {str(values[0]) if len(values) else 'nothing'!r}, expected numbers")
         with np.errstate(over="ignore"):  # the field says what is too large
-            return np.asarray(found, dtype=float) * self._factor(where, found.unit, unit, told, key)
+            return np.asarray(values, dtype=float) * self._factor(where, values.unit, unit, given_unit, key)
 
     def _masks(self, name: str, column: str) -> list[Any]:
-        """Return where a column has no value: of a quantity written by astropy, it would read such a one as zero."""
+        """Return masks of missing values. astropy reads a missing value of a quantity that it has written as zero."""
         tables = [self._tables[name], *([self._plain[name]] if name in self._plain else [])]
         columns = [table[column] for table in tables if column in table.colnames]
-        return [np.atleast_1d(found.mask) for found in columns if getattr(found, "mask", None) is not None]
+        return [np.atleast_1d(each.mask) for each in columns if getattr(each, "mask", None) is not None]
 
     @staticmethod
-    def _factor(where: str, found: Any, unit: Unit, told: Any, key: str) -> float:
+    def _factor(where: str, file_unit: Any, unit: Unit, given_unit: Any, key: str) -> float:
         from astropy import units as u  # slow to import, and only tables need it
 
-        if found is None and told is None and unit.name:
+        if file_unit is None and given_unit is None and unit.name:
             raise ValueError(
                 f"{where}: the file gives no unit, expected one like {unit.name}. Write it into the file, or beside "
                 f'it in the run file: {key} = "{unit.name}"{" }" if "{" in key else ""}'
             )
         try:
-            given = u.Unit(str(told or "")) if found is None else found
+            given = u.Unit(str(given_unit or "")) if file_unit is None else file_unit
             return float((given or u.dimensionless_unscaled).to(unit.name or u.dimensionless_unscaled))
         except (ValueError, u.UnitConversionError):
-            text = told if found is None else found
+            text = given_unit if file_unit is None else file_unit
             raise ValueError(f"{where}: found the unit {str(text)!r}, expected {unit.label} or one like it") from None
 
     def _table(self, name: str) -> Table:
@@ -145,11 +145,11 @@ class Files:
                 )
             from astropy.table import Table  # slow to import, and only tables need it
 
-            found = self.content(name)
-            if not found.strip():
+            raw = self.content(name)
+            if not raw.strip():
                 raise ValueError(f"{name!r} is empty; expected a table in the format {suffix[1:].upper()}")
             try:  # astropy takes a text without the end of a line for the name of a file
-                content: Any = io.BytesIO(found) if suffix.startswith(".fit") else found.decode() + "\n"
+                content: Any = io.BytesIO(raw) if suffix.startswith(".fit") else raw.decode() + "\n"
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore")
                     table = Table.read(content, format=FORMATS[suffix])
@@ -165,7 +165,7 @@ class Files:
 
 
 def _require_different(name: str, text: str) -> None:
-    """Refuse a table two of whose columns have one name: astropy would give the second another."""
+    """Refuse a table with two columns of one name: astropy would rename the second."""
     header = next((line for line in text.splitlines() if line.strip() and not line.startswith("#")), "")
     delimiter = " " if name.lower().endswith(".ecsv") and not _COMMAS.search(text) else ","
     names = next(csv.reader([header.strip()], delimiter=delimiter, skipinitialspace=True))

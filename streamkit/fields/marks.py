@@ -1,4 +1,4 @@
-"""What a pydantic field was declared with: the mark of an array, or of a table."""
+"""The mark with which a pydantic field was declared: that of an array, or of a table."""
 
 from __future__ import annotations
 

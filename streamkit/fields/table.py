@@ -66,7 +66,7 @@ class Columns:
 
     `optional` adds columns that may be missing. Units are those of astropy; '' is a plain number.
 
-    Raises ValueError: If a unit is none that streamkit or astropy knows.
+    Raises ValueError: If neither streamkit nor astropy knows a unit.
     """
 
     def __init__(self, /, **units: str) -> None:
@@ -82,15 +82,15 @@ class Columns:
         return self._changed(units=self.units | {name: unit_called(unit) for name, unit in units.items()})
 
     def increasing(self, column: str, least: int = 2) -> Columns:
-        """Return the declaration of a table of at least so many rows, in increasing order of a column."""
+        """Return the declaration of a table in increasing order of a column, with at least ``least`` rows."""
         return self._changed(sorted_by=column, least=least)
 
     def positive(self, *columns: str) -> Columns:
-        """Return the declaration of a table some of whose columns hold positive numbers: errors, distances."""
+        """Return the declaration of a table with positive numbers in some columns, such as errors and distances."""
         return self._changed(signs=self.signs | dict.fromkeys(columns, POSITIVE))
 
     def between(self, column: str, low: float, high: float) -> Columns:
-        """Return the declaration of a table whose numbers in a column lie in an interval, in its unit."""
+        """Return the declaration of a table with the numbers of one column in an interval, in its unit."""
         return self._changed(ranges=self.ranges | {column: (low, high)})
 
     def _changed(self, **values: Any) -> Columns:
@@ -119,21 +119,21 @@ class Columns:
         return {"anyOf": [{"type": "string", "examples": ["table.ecsv"]}, file, lists]}
 
     def read(self, value: Any, files: Files | None = None) -> Table:
-        """Return the table that a run file gives; ValueError says what is wrong with it."""
+        """Return the table of a run file; ValueError with a reason for anything else."""
         if isinstance(value, Table):
             value = {name: value[name] for name in value.names}
         if isinstance(value, str | Path):
             value = {"file": str(value)}
         if not isinstance(value, Mapping):
             raise ValueError(f'found {value!r}, expected a file such as "table.ecsv", or columns as lists')
-        found = self._from_file(value, files or Files()) if "file" in value else self._from_lists(value, files)
-        if missing := sorted(self.needed - found.keys()):
+        columns = self._from_file(value, files or Files()) if "file" in value else self._from_lists(value, files)
+        if missing := sorted(self.needed - columns.keys()):
             raise ValueError(f"the column {missing[0]!r} is missing; expected {', '.join(self.units)}")
-        lengths = {name: len(column) for name, column in found.items()}
+        lengths = {name: len(column) for name, column in columns.items()}
         if len(set(lengths.values())) > 1:
             shown = ", ".join(f"{name} {length}" for name, length in lengths.items())
             raise ValueError(f"the columns differ in length: {shown}")
-        return Table(found)
+        return Table(columns)
 
     def _mark(self, name: str) -> ArrayOf:
         between = self.ranges.get(name, (-np.inf, np.inf))
@@ -173,13 +173,13 @@ class Columns:
                 self._check_name(name)
         there = files.names(file)
         wanted = [name for name in self.units if name in self.needed or name in renamed or name in there]
-        found = {}
+        columns = {}
         for name in wanted:
             column = files.column(
                 file, renamed.get(name, name), self.units[name], units.get(name), f"units = {{ {name}"
             )
             try:
-                found[name] = self._mark(name).checked(column, lambda place: f"row {place[0] + 1}")
+                columns[name] = self._mark(name).checked(column, lambda place: f"row {place[0] + 1}")
             except ValueError as error:
                 raise ValueError(f"column {renamed.get(name, name)!r} of {file!r}: {error}") from None
-        return found
+        return columns

@@ -1,4 +1,4 @@
-"""Dynamical friction in the host: its density and velocity dispersion at each time, as if it were a sphere."""
+"""Dynamical friction in the host, approximated as a sphere: density and velocity dispersion at each time."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from streamkit.stream import Array
 from streamkit.units import GYR, G
 
 RADII = np.geomspace(0.1, 3000.0, 64)  # where the host is measured, kpc
-# Longest time between two looks at a host that changes; between them it is linear in time, as a growth is.
+# Longest interval between two measurements of a host that changes; it is interpolated linearly, as a growth is.
 APART = 0.25 * GYR
-# Fractions of a span of time at which a host that changes differs from that of today.
+# Fractions of the time span at which the host is compared with that of today, to see if it changes.
 LOOKS = np.array([0.137, 0.41, 0.73, 1.0])
 
 
 def friction_times(field: Field, growths: Sequence[Array], t1: float) -> Array:
-    """(T,) Increasing times from today to t1 at which to measure the host: one, if it does not change.
+    """(T,) Increasing times from today to t1 at which the host is measured; one time if it does not change.
 
     ``growths`` are the times at which its rate of growth changes.
     """
@@ -33,7 +33,7 @@ def friction_times(field: Field, growths: Sequence[Array], t1: float) -> Array:
 
 
 def friction_table(field: Field, directions: Array, weights: Array, times: Array) -> Friction:
-    """Return the host as a body feels it that is slowed down: from its mean pull over directions (3, k) at times (T,).
+    """Return the table for friction on bodies, from the host's mean pull over directions (3, k) at times (T,).
 
     The density is that of the mean mass inside a radius; the dispersion follows from it by Jeans's equation for
     isotropic velocities (Binney & Tremaine 2008, eq. 4.216), as if the host were in equilibrium at each time.

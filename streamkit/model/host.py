@@ -24,20 +24,20 @@ NODE = 0.002 * GYR
 SHARPEST = 1.5
 
 COARSE = 8, 4  # nodes of a mean over the sphere for friction, which acts far from any disc
-FAR = 1e100  # a distance in kpc that stands for infinity: far enough for a logarithm to hold any speed
+INFINITY = 1e100  # kpc, in place of infinity: so far that even a logarithmic potential holds any speed
 
 
 class Paths(NamedTuple):
-    """The orbits of what moves.
+    """The orbits of all that moves.
 
     Attributes
     ----------
     centre
         The host's, in the inertial frame in which it rests today.
     bodies
-        Those of the bodies by name, about the host.
+        The orbits of the bodies about the host, by name.
     progenitor
-        The progenitor's about the host, where it is one of those that move.
+        The orbit of the progenitor about the host, if it is a body with friction or reflex.
     """
 
     centre: Orbit
@@ -49,23 +49,23 @@ class Paths(NamedTuple):
 class Host:
     """The galaxy in which everything moves, today at t = 0, and those beside it.
 
-    Everything is seen from its centre. A particle feels the host, the bodies, and that the centre itself is pulled by
-    them: host(x) + sum_k body_k(x - x_k(t)) - a_host(t).
+    The origin is its centre. The acceleration of a particle is that by the host and by the bodies, less that of the
+    centre itself: host(x) + sum_k body_k(x - x_k(t)) - a_host(t).
 
     Attributes
     ----------
     potentials
         Name -> component, as in the run file; they add up, centred on the origin.
     bodies
-        Name -> galaxy that moves about it.
+        The galaxies that move about it, by name.
     progenitor
-        That of a stream, where it is slowed down or moves the host; its own pull on particles is not the host's.
+        The progenitor, if it has friction or reflex; its pull on particles is not part of the host.
     """
 
     potentials: Mapping[str, Potential]
     bodies: Mapping[str, Body] = field(default_factory=dict)
     progenitor: Body | None = None
-    _known: dict[float, Field] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _fields: dict[float, Field] = field(default_factory=dict, init=False, repr=False, compare=False)
     _paths: dict[float, Paths] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
@@ -85,14 +85,14 @@ class Host:
         """
         if not self.bodies and not (self.progenitor and self.progenitor.reflex):
             return self.alone
-        if t1 not in self._known:
-            self._known[t1] = self._with_bodies(t1 or -NODE)
-        return self._known[t1]
+        if t1 not in self._fields:
+            self._fields[t1] = self._with_bodies(t1 or -NODE)
+        return self._fields[t1]
 
     def _at(self, times: Array) -> Field:
-        """Return a field that is valid at all times on one side of today: one that is known, if it reaches so far."""
+        """Return a field that is valid at all times on one side of today; a field made before is used again."""
         farthest = float(times[np.argmax(np.abs(times))])
-        reach = [t1 for t1 in self._known if t1 * farthest >= farthest**2]
+        reach = [t1 for t1 in self._fields if t1 * farthest >= farthest**2]
         return self.until(reach[0] if reach else farthest)
 
     def _with_bodies(self, t1: float) -> Field:
@@ -114,7 +114,7 @@ class Host:
             Centre(b.potential, b.q, b.v, b.reflex, b.mass if b.friction else 0.0, b.extent) for b in moving
         ]  # fmt: skip
         friction = self._friction(t1) if any(body.friction for body in moving) else NO_FRICTION
-        with np.errstate(all="ignore"):  # what is not finite has a reason of its own
+        with np.errstate(all="ignore"):  # orbits that are not finite are refused below
             centre, orbits = follow_bodies(list(self.potentials.values()), centres, friction, t1, NODE)
             for name, orbit in zip(names, orbits, strict=True):
                 if not (np.isfinite(orbit.q).all() and np.isfinite(orbit.v).all()):
@@ -125,7 +125,7 @@ class Host:
         return Paths(centre, dict(zip(self.bodies, orbits, strict=True)), last)
 
     def _friction(self, t1: float) -> Friction:
-        """Return what slows bodies down from today to t1."""
+        """Return the table of dynamical friction from today to t1."""
         growths = [grows[0] for p in self.potentials.values() if (grows := p.growth_table()) is not None]
         times = friction_times(self.alone, growths, t1)
         if len(times) > 1:
@@ -158,7 +158,7 @@ class Host:
     def unbinds(self, q: Array, v: Array) -> bool | None:
         """Say whether the energy at q, v (3,) exceeds the potential at infinity; None if that is unknown."""
         here = self.energy(q[:, None], v[:, None])
-        there = self.potential((q * (FAR / np.sqrt(q @ q)))[:, None])
+        there = self.potential((q * (INFINITY / np.sqrt(q @ q)))[:, None])
         return None if here is None or there is None else bool(here[0] > there[0])
 
     def mass_inside(self, radii: Array) -> Array:

@@ -1,6 +1,6 @@
 """Integrate particles from their release to today, block by block, and keep their records in one place.
 
-An integrator only carries particles over a block; release, winding, phase chi and stripping time are kept here.
+An integrator only advances particles over a block; release, winding, phase chi and stripping time are kept here.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from streamkit.model.release import Start
 from streamkit.stream import Array, BoolArray, angle_in_plane, orbital_plane
 from streamkit.units import GYR
 
-# Most that the progenitor turns in a block, radians: a particle of the same angular momentum at half its pericentre
+# Largest turn of the progenitor in a block, radians: a particle of the same angular momentum at half its pericentre
 # turns less than four times as much, three quarters of a revolution, and its revolutions are counted right.
 TURN = 1.2
 
 
 @dataclass(frozen=True)
 class Records:
-    """What happened to n particles; see `streamkit.Stream` for the meaning of each."""
+    """The results of n particles; `streamkit.Stream` describes each."""
 
     q: Array
     v: Array
@@ -36,7 +36,7 @@ class Records:
 
 
 def integrate(field: Field, integrator: Integrator, start: Start) -> Records:
-    """Carry particles from their release, at times that increase, to the end of the progenitor's track."""
+    """Advance particles from their release, at increasing times, to the end of the progenitor's track."""
     orbit, released = start.orbit, start.at_release
     t_release = released.t
     n = len(t_release)

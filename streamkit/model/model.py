@@ -1,4 +1,4 @@
-"""The model: parameters to a stream, in one way through. Track, release, integration."""
+"""The model, from parameters to a stream: track, release, integration."""
 
 from __future__ import annotations
 
@@ -33,28 +33,31 @@ class Model:
     spec
         A spec, the path of a run file, or a mapping of the same form.
     threads
-        How many of them integrate one stream: of use for 10^5 particles and more. The stream does not depend on it.
+        Number of threads for one stream; useful from 10^5 particles on. The stream does not depend on it.
     fresh
-        Whether the random numbers differ between parameters: seed and parameters together decide them, so that the
-        noise of two streams is independent, and the same parameters give the same stream.
+        Whether every point of parameters has random numbers of its own, decided by the seed and the parameters. The
+        noise of two streams is then independent, and the same parameters give the same stream.
     """
 
     def __init__(self, spec: Source, threads: int = 1, fresh: bool = False) -> None:
         self.spec = as_spec(spec)
         self.threads = threads
         self.fresh = fresh
-        self._asked: dict[tuple[str, str], tuple[Measurement, Data]] = {}
+        self._data: dict[tuple[str, str], tuple[Measurement, Data]] = {}
+
+    def __repr__(self) -> str:
+        return f"<Model of {self.spec!r}>"
 
     def data(self, inputs: StreamInputs) -> dict[str, Data]:
-        """Return the data of a stream's observables by name; asked for once where no field of one has a prior."""
+        """Return the data of a stream's observables by name; read once if no field of one has a prior."""
         return {name: self.known(f"stream.{inputs.name}", name, one) for name, one in inputs.observables.items()}
 
     def known(self, place: str, name: str, measurement: Measurement) -> Data:
-        """Return the data of one measurement; asked for once where no field of it has a prior."""
-        asked, data = self._asked.get((place, name), (None, None))
-        if data is None or asked is not measurement:  # one with free fields is a new one at every call
+        """Return the data of one measurement; read once if no field of it has a prior."""
+        measured, data = self._data.get((place, name), (None, None))
+        if data is None or measured is not measurement:  # a measurement with free fields is a new instance in each call
             data = read_data(measurement, self.spec.likelihood.noise == "add")
-            self._asked[place, name] = measurement, data
+            self._data[place, name] = measurement, data
         return data
 
     @property
@@ -93,9 +96,9 @@ class Model:
 
     def streams(self, parameters: Array | Mapping[str, float] | None = None) -> dict[str, Stream]:
         """Return all streams by name, as `stream` does; a single one without a name is called ``stream``."""
-        bound = self.spec.bind_all(parameters)
-        host = Host(bound.potentials, bound.bodies)
-        return {name: self._made(inputs, host) for name, inputs in bound.streams.items()}
+        inputs = self.spec.bind_all(parameters)
+        host = Host(inputs.potentials, inputs.bodies)
+        return {name: self._made(inputs, host) for name, inputs in inputs.streams.items()}
 
     def _made(self, inputs: StreamInputs, host: Host | None = None) -> Stream:
         """Return the stream of a bound spec; OutOfDomain begins with its name where there are several."""
@@ -116,23 +119,24 @@ class Model:
         with self.naming_parameters(inputs.values):
             return stream, measure_stream(inputs.observables, stream, self.data(inputs))
 
-    def observe_all(self, bound: ModelInputs) -> Observation:
+    def observe_all(self, model_inputs: ModelInputs) -> Observation:
         """Return all streams of a bound spec, in one host, and what their observables say; raises as `observe`."""
-        host = Host(bound.potentials, bound.bodies)
+        host = Host(model_inputs.potentials, model_inputs.bodies)
         streams: dict[str, Stream] = {}
         predictions: dict[str, Prediction] = {}
-        for name, inputs in bound.streams.items():
+        for name, inputs in model_inputs.streams.items():
             streams[name], prediction = self.observe(inputs, host)
             if prediction is not None:
                 predictions[name] = prediction
-        predictions |= {f"data.{name}": found for name, found in self.observe_host(bound, host).items()}
+        predictions |= {f"data.{name}": one for name, one in self.observe_host(model_inputs, host).items()}
         return Observation(streams, predictions)
 
-    def observe_host(self, bound: ModelInputs, host: Host | None = None) -> dict[str, Prediction]:
+    def observe_host(self, model_inputs: ModelInputs, host: Host | None = None) -> dict[str, Prediction]:
         """Return what the host says of the data that are no stream, by their names; raises as `observe`."""
-        host = host or Host(bound.potentials, bound.bodies)
-        with self.naming_parameters(bound.values):
-            return {name: measure_host(data, host, self.known("data", name, data)) for name, data in bound.data.items()}
+        host = host or Host(model_inputs.potentials, model_inputs.bodies)
+        with self.naming_parameters(model_inputs.values):
+            data = model_inputs.data
+            return {name: measure_host(one, host, self.known("data", name, one)) for name, one in data.items()}
 
     @contextmanager
     def naming_parameters(self, values: Mapping[str, float]) -> Iterator[None]:

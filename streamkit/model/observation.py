@@ -1,4 +1,4 @@
-"""What one call of the model finds: its streams, and what the observables say of them."""
+"""The result of one call of the model: streams and predictions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from streamkit.stream import Prediction, Stream, join_predictions
 
 @dataclass(frozen=True)
 class Observation:
-    """The streams by name, and what is predicted: of each that has an observable, and of ``data.NAME``."""
+    """The streams by name, and the predictions: of each stream with an observable, and of ``data.NAME``."""
 
     streams: dict[str, Stream]
     predictions: dict[str, Prediction]

@@ -14,7 +14,7 @@ from streamkit.runfile import StreamInputs
 from streamkit.stream import Orbit
 from streamkit.units import GYR
 
-FUTURE = 6.0 * GYR  # how far ahead the progenitor's next apocentre is looked for
+FUTURE = 6.0 * GYR  # limit of the search for the progenitor's next apocentre
 
 
 def progenitor_track(host: Host, inputs: StreamInputs) -> Orbit:
@@ -22,7 +22,7 @@ def progenitor_track(host: Host, inputs: StreamInputs) -> Orbit:
 
     OutOfDomain if there is no such orbit, no such radius, or no orbital plane.
     """
-    with np.errstate(all="ignore"):  # what is not finite is found below, and has a reason of its own
+    with np.errstate(all="ignore"):  # orbits that are not finite are refused below
         orbit = _orbit(host, inputs, -inputs.lookback * GYR)
         if not (np.isfinite(orbit.q).all() and np.isfinite(orbit.v).all()):
             raise OutOfDomain(_not_finite(inputs))
@@ -37,13 +37,13 @@ def progenitor_track(host: Host, inputs: StreamInputs) -> Orbit:
 
 
 def _orbit(host: Host, inputs: StreamInputs, t1: float) -> Orbit:
-    """Follow the progenitor from today to t1: as a test particle, or together with what else moves."""
+    """Integrate the progenitor from today to t1: as a test particle, or together with the bodies."""
     together = host.paths(t1).progenitor if host.progenitor else None
     return together or host.until(t1).orbit(inputs.q, inputs.v, 0.0, t1, NODE)
 
 
 def _not_finite(inputs: StreamInputs) -> str:
-    """Return the reason for an orbit that is not finite: by name the potential without a force, if one has none."""
+    """Return the reason for an orbit that is not finite: the potential whose force is not finite, if there is one."""
     for potential in inputs.potentials.values():
         if not np.isfinite(build_field([potential]).acceleration(0.0, inputs.q[:, None])).all():
             return f"the acceleration of the potential {potential.kind} is not finite where the progenitor is today"

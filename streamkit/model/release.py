@@ -1,4 +1,4 @@
-"""The release: when the particles leave the progenitor, where, and what that costs it."""
+"""The release: times, positions and velocities of the particles, and the mass loss of the progenitor."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ EDGE = 1e-12
 
 @dataclass(frozen=True)
 class Start:
-    """Where n particles begin.
+    """The initial state of n particles.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Start:
 def release_particles(inputs: StreamInputs, track: Orbit, normals: Array) -> Start:
     """Return the particles at their release from the progenitor's track, with normals (draws, n).
 
-    ComponentError if the stripping scheme fails, or returns other shapes or numbers than it should.
+    Raises ComponentError if the stripping scheme fails, or returns wrong shapes or numbers.
     """
     scheme, n = inputs.stripping, inputs.stripping.particles
     name = f"stripping {scheme.kind}"
@@ -53,23 +53,23 @@ def release_particles(inputs: StreamInputs, track: Orbit, normals: Array) -> Sta
         release = scheme.release(at_release, tail, inputs.mass * at_release.mass_left, read_only(normals))
         for what, values in (("q", release.q), ("v", release.v)):
             if np.shape(values) != (3, n):
-                found = np.shape(values)
-                raise ComponentError(f"{name}: released `{what}` has the shape {found}, expected (3, {n})")
+                shape = np.shape(values)
+                raise ComponentError(f"{name}: released `{what}` has the shape {shape}, expected (3, {n})")
             if not np.isfinite(values).all():
                 raise ComponentError(f"{name}: released `{what}` holds numbers that are not finite")
     return Start(orbit, at_release, tail, release.q, release.v)
 
 
 def stripped(inputs: StreamInputs, track: Orbit) -> tuple[Orbit, Array]:
-    """Return the progenitor's track with the mass that it has left, and when it releases its particles (n,)."""
+    """Return the progenitor's track with its remaining mass, and the release times (n,) of its particles."""
     times = release_times(inputs.stripping, track)
     return losing_mass(track, Satellite(inputs.satellite, inputs.mass), inputs.stripping.mass_loss, times), times
 
 
 def release_times(scheme: Stripping, orbit: Orbit) -> Array:
-    """(n,) When the scheme releases its particles.
+    """(n,) The release times of the scheme.
 
-    ComponentError if it does not say so for all particles, within the orbit and in order.
+    Raises ComponentError if they are not one for each particle, in increasing order and within the orbit.
     """
     name, n = f"stripping {scheme.kind}", scheme.particles
     with blamed(name):
@@ -82,9 +82,9 @@ def release_times(scheme: Stripping, orbit: Orbit) -> Array:
 
 
 def losing_mass(orbit: Orbit, satellite: Satellite, loss: float, times: Array) -> Orbit:
-    """Return the orbit with the mass that the progenitor has left, and the tidal radius of that mass.
+    """Return the orbit with the remaining mass of the progenitor, and the tidal radius of that mass.
 
-    It goes with the particles, released at ``times`` (n,): all of them together carry the fraction ``loss``.
+    The mass is lost with the particles, released at ``times`` (n,): all of them together carry the fraction ``loss``.
     """
     if loss == 0:
         return orbit

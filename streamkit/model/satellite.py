@@ -12,19 +12,19 @@ from streamkit.model.host import Host
 from streamkit.stream import Array
 from streamkit.units import G
 
-FAR = 1e6  # a radius in kpc beyond every satellite: a finite mass is all inside
-TOTAL = 1e-3  # a field called ``mass`` is the total mass if no more than so much of it is missing at `FAR`
+OUTSIDE = 1e6  # a radius in kpc that contains every satellite of finite mass
+TOTAL = 1e-3  # a field ``mass`` is the total mass if at most this fraction of it is missing at `OUTSIDE`
 # (3, 6) Directions over which the pull of a satellite is averaged.
 AXES = np.concatenate([np.eye(3), -np.eye(3)], axis=1)
-SETTLED, STEPS = 1e-12, 200  # relative change at which a tidal radius is found, and most steps towards it
+SETTLED, STEPS = 1e-12, 200  # relative change at which the tidal radius has converged, and most steps
 
 
 @dataclass(frozen=True)
 class Satellite:
     """The progenitor as a mass.
 
-    Its ``mass`` is the total one (Plummer, Hernquist ...), and then the tidal radius is that of a point mass, as in
-    Gibbons+ 2014; or it is a scale mass (NFW), and then what counts is the mass inside the tidal radius.
+    If ``mass`` is the total mass (Plummer, Hernquist), the tidal radius is that of a point mass, as in Gibbons+ 2014.
+    If it is a scale mass (NFW), the tidal radius is that of the mass inside it.
     """
 
     potential: Potential
@@ -38,8 +38,8 @@ class Satellite:
 
     @cached_property
     def is_finite(self) -> bool:
-        """Whether ``mass`` is all the mass there is."""
-        return bool(abs(self.mass_inside(np.array([FAR]))[0] - self.mass) <= TOTAL * self.mass)
+        """Whether ``mass`` is the total mass."""
+        return bool(abs(self.mass_inside(np.array([OUTSIDE]))[0] - self.mass) <= TOTAL * self.mass)
 
     def tidal_radius(self, bracket: Array) -> Array:
         """(n,) ``[G M / bracket]^(1/3)`` in kpc for `Host.tidal_bracket` (n,); NaN where that is NaN.

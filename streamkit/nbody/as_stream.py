@@ -1,7 +1,7 @@
-"""From an N-body snapshot to a `Stream`, by the conventions of the model: what measures one measures the other.
+"""From an N-body snapshot to a `Stream` with the conventions of the model: the same code measures both.
 
-What the file does not say is found by following the particles back in the host with the run file's progenitor: the
-stripping time, the number of turns of the winding, and the phase chi.
+The stripping time, the number of turns of the winding, and the phase chi, if the file lacks them, come from orbits:
+the particles are followed back in the host with the run file's progenitor.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ BEYOND = 10.0
 def as_stream(snapshot: Snapshot, inputs: StreamInputs) -> Stream:
     """Return the snapshot's particles as a stream in the host, and about the progenitor, of a bound run file.
 
-    The track of the core is the snapshot's own, if it has one, else the progenitor's orbit. Bound is who the file says,
-    else who is inside the tidal radius today. Of the file's windings the whole turns are used: codes differ in where
-    they begin to count, by the size of the satellite.
+    The track of the core is that of the snapshot, if it has one, else the progenitor's orbit. Bound particles are those
+    of the file, else those inside the tidal radius today. Only the whole turns of the file's windings are used: codes
+    differ in the zero point of the winding by the size of the satellite.
 
     Raises StreamkitError if the snapshot cannot be this progenitor's: other units, another place, another velocity.
     """
@@ -94,26 +94,29 @@ def _track(snapshot: Snapshot, host: Host, inputs: StreamInputs, model_track: Or
 def _same_scale(snapshot: Snapshot, track: Orbit) -> None:
     """Refuse particles whose distances or speeds are far from any of the progenitor's: their units are not as said."""
     speed = np.sqrt((track.v**2).sum(axis=0))
-    for what, values, known, unit in (("distance", snapshot.q, track.r, "kpc"), ("speed", snapshot.v, speed, "km/s")):
-        found = float(np.median(np.sqrt((values**2).sum(axis=0))))
-        if not known.min() / BEYOND < found < known.max() * BEYOND:
+    for what, values, expected, unit in (
+        ("distance", snapshot.q, track.r, "kpc"),
+        ("speed", snapshot.v, speed, "km/s"),
+    ):
+        median = float(np.median(np.sqrt((values**2).sum(axis=0))))
+        if not expected.min() / BEYOND < median < expected.max() * BEYOND:
             raise StreamkitError(
-                f"{snapshot.source}: the median {what} is {found:.3g} {unit} in the units that the file states; the "
-                f"progenitor of the run file has {known.min():.3g} to {known.max():.3g} {unit}. Are the units right, "
-                "the host's centre at the origin, and the snapshot of this satellite?"
+                f"{snapshot.source}: the median {what} is {median:.3g} {unit} in the units that the file states; the "
+                f"progenitor of the run file has {expected.min():.3g} to {expected.max():.3g} {unit}. Are the units "
+                "right, the host's centre at the origin, and the snapshot of this satellite?"
             )
 
 
 def _same_place(snapshot: Snapshot, track: Orbit, inputs: StreamInputs) -> None:
     """Refuse a snapshot whose remnant is elsewhere: angles along the stream are counted from it."""
-    found = snapshot.core[1:, -1] if snapshot.core is not None else remnant(snapshot.q, snapshot.v, track.r_tidal[-1])
-    if found is None:
+    state = snapshot.core[1:, -1] if snapshot.core is not None else remnant(snapshot.q, snapshot.v, track.r_tidal[-1])
+    if state is None:
         return  # dissolved: nothing to compare with
-    away = float(distances(found[:3, None], inputs.q)[0])
-    faster = float(distances(found[3:, None], inputs.v)[0])
+    away = float(distances(state[:3, None], inputs.q)[0])
+    faster = float(distances(state[3:, None], inputs.v)[0])
     if away > OFFSET * track.r_tidal[-1] or faster > SPEED_OFFSET * np.sqrt(inputs.v @ inputs.v):
         names = ("x", "y", "z", "vx", "vy", "vz")
-        numbers = ", ".join(f"{name} = {value:.8g}" for name, value in zip(names, found, strict=True))
+        numbers = ", ".join(f"{name} = {value:.8g}" for name, value in zip(names, state, strict=True))
         raise StreamkitError(
             f"{snapshot.source}: its remnant is {away:.3g} kpc and {faster:.3g} km/s away from the run file's "
             f"progenitor, whose tidal radius is {track.r_tidal[-1]:.3g} kpc. To start the model from it, put into "
@@ -136,8 +139,8 @@ def remnant(q: Array, v: Array, r_tidal: float) -> Array | None:
         centre = q[:, inside].mean(axis=1)
         radius *= 0.9
     away = distances(q, centre)
-    near, around = int((away < r_tidal).sum()), int((away < 2 * r_tidal).sum())
-    if near < FEWEST or near < 2 * (around - near):
+    within, within_twice = int((away < r_tidal).sum()), int((away < 2 * r_tidal).sum())
+    if within < FEWEST or within < 2 * (within_twice - within):
         return None
     core = away < 0.5 * r_tidal
     return np.concatenate([q[:, core].mean(axis=1), v[:, core].mean(axis=1)])

@@ -27,9 +27,9 @@ def _gadget(file: Path, data: Any, group: str) -> Snapshot:
     kinds = sorted(name for name in data if name.startswith("PartType"))
     chosen = f"PartType{group}" if group else (kinds[0] if len(kinds) == 1 else "")
     if chosen not in kinds:
-        found = ", ".join(kinds) or f"no PartType, but {', '.join(data) or 'nothing'}"
+        groups = ", ".join(kinds) or f"no PartType, but {', '.join(data) or 'nothing'}"
         raise SnapshotError(
-            f"{file}: found {found}; expected one group of particles in the Gadget layout, those of the satellite: "
+            f"{file}: found {groups}; expected one group of particles in the Gadget layout, those of the satellite: "
             f"name it as {file.name}:PartType1"
         )
     attributes: dict[str, Any] = {}
@@ -79,35 +79,35 @@ def _group(file: Path, data: Any, name: str) -> Any:
     """Return a group of the file."""
     import h5py
 
-    found = data[name]
-    if not isinstance(found, h5py.Group) or found.file.filename != data.file.filename:
+    group = data[name]
+    if not isinstance(group, h5py.Group) or group.file.filename != data.file.filename:
         raise SnapshotError(f"{file}: {name}: expected a group of this file, found something else")
-    return found
+    return group
 
 
 def _numbers(file: Path, group: Any, name: str) -> Any:
     """Return a data set of numbers; one that lies elsewhere, or is larger than what the file can hold, is refused."""
     import h5py
 
-    where, found = f"{file}: {group.name.strip('/')}/{name}", group[name]
-    if not isinstance(found, h5py.Dataset) or found.dtype.kind not in "iuf":
+    where, data = f"{file}: {group.name.strip('/')}/{name}", group[name]
+    if not isinstance(data, h5py.Dataset) or data.dtype.kind not in "iuf":
         raise SnapshotError(f"{where}: holds no numbers, expected an array of them")
-    if found.file.filename != group.file.filename or found.external or found.is_virtual:
+    if data.file.filename != group.file.filename or data.external or data.is_virtual:
         raise SnapshotError(f"{where}: is in another file; expected all of a snapshot in one")
-    if found.nbytes > DENSEST * file.stat().st_size:
-        raise SnapshotError(f"{where}: claims the shape {found.shape}, and the file is too small for it")
-    return np.array(found, dtype=float)
+    if data.nbytes > DENSEST * file.stat().st_size:
+        raise SnapshotError(f"{where}: claims the shape {data.shape}, and the file is too small for it")
+    return np.array(data, dtype=float)
 
 
 def _number(file: Path, name: str, value: Any) -> float:
     """Return a number of an attribute, or the first of several."""
     try:
-        found = float(np.ravel(value)[0])
+        number = float(np.ravel(value)[0])
     except (TypeError, ValueError, IndexError):
-        found = np.nan
-    if not np.isfinite(found):
+        number = np.nan
+    if not np.isfinite(number):
         raise SnapshotError(f"{file}: {name}: expected a number, found {str(value)[:60]!r}")
-    return found
+    return number
 
 
 def _gadget_units(file: Path, attributes: Mapping[str, Any]) -> tuple[float, float]:
@@ -118,8 +118,8 @@ def _gadget_units(file: Path, attributes: Mapping[str, Any]) -> tuple[float, flo
         ("speed", ("UnitVelocity_in_cm_per_s",)),
         ("time", ("UnitTime_in_s", "Unit time in cgs (U_t)")),
     ):
-        found = [attributes[key] for key in keys if key in attributes]
-        cgs[name] = _number(file, f"the unit of {name}", found[0]) if found else np.nan
+        values = [attributes[key] for key in keys if key in attributes]
+        cgs[name] = _number(file, f"the unit of {name}", values[0]) if values else np.nan
     if np.isnan(cgs["speed"]):
         cgs["speed"] = cgs["length"] / cgs["time"]
     if absent := [name for name in ("length", "speed") if not cgs[name] > 0]:

@@ -22,7 +22,7 @@ def distances(a: Array, b: Array) -> Array:
 
 @dataclass(frozen=True)
 class Past:
-    """What particles have done, found by following them back: see `streamkit.Stream`.
+    """The past of particles, from their orbits followed back: see `streamkit.Stream`.
 
     Attributes
     ----------

@@ -82,11 +82,11 @@ def core_track(file: Path, name: str, track: Array, now: float) -> Array:
     return track
 
 
-def insist_on(where: str | Path, names: tuple[str, ...], found: Mapping[str, Any]) -> None:
+def insist_on(where: str | Path, names: tuple[str, ...], content: Mapping[str, Any]) -> None:
     """Refuse a file in which some of the names are missing."""
-    absent = [name for name in names if name not in found]
+    absent = [name for name in names if name not in content]
     if absent:
         raise SnapshotError(
             f"{where}: {', '.join(absent)} missing; a snapshot needs positions and velocities ({', '.join(names)}). "
-            f"Found {', '.join(sorted(found)) or 'nothing'}.{nearest(absent[0], found)}"
+            f"Found {', '.join(sorted(content)) or 'nothing'}.{nearest(absent[0], content)}"
         )

@@ -26,11 +26,11 @@ def read_table(file: Path) -> Snapshot:
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise SnapshotError(f"{file}: cannot be read as a plain table (.npz): {brief(error)}") from None
     insist_on(file, COLUMNS, table)
-    for name, values in table.items():
-        if name != "meta" and getattr(values, "dtype", np.dtype("V")).kind not in "iuf":
-            raise SnapshotError(f"{file}: {name}: holds no numbers, expected an array of them")
     n = np.size(table["x"])
     per_particle = (*COLUMNS, "t_strip", "Lam_unwrapped_deg", "chi")
+    for name in (*per_particle, "orbit_txv", "prog_xv"):  # other columns are not read, and may hold anything
+        if name in table and getattr(table[name], "dtype", np.dtype("V")).kind not in "iuf":
+            raise SnapshotError(f"{file}: {name}: holds no numbers, expected an array of numbers")
     wrong = [name for name in per_particle if name in table and table[name].shape != (n,)]
     if table["x"].ndim != 1 or wrong:
         raise SnapshotError(f"{file}: {', '.join(wrong or ['x'])}: expected one number per particle, as x has ({n})")

@@ -1,4 +1,4 @@
-"""What observables say beside their numbers: marks for pictures, remarks, and the radii that they speak of."""
+"""Annotations of observables: marks and panels for figures, warnings, and the radii of the data."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from streamkit.stream import Frame, Mark, Panel, Prediction, Stream
 
 
 def marks_of(observables: Mapping[str, Observable], prediction: Prediction) -> tuple[Mark, ...]:
-    """Return what a picture of the unwrapped stream shows of all measurements."""
+    """Return the marks of all measurements for a picture of the unwrapped stream."""
     parts = parts_of(prediction)
     return tuple(mark for name, each in observables.items() for mark in each.marks(parts[name]))
 
 
 def panels_of(observables: Mapping[str, Observable], stream: Stream, prediction: Prediction) -> tuple[Panel, ...]:
     """Return the pictures on the sky of all observables; the rows of their data are those of the whole prediction."""
-    parts, found, start = parts_of(prediction), [], 0
+    parts, panels, start = parts_of(prediction), [], 0
     for name, each in observables.items():
         for panel in each.panels(stream, parts[name]):
             data = panel.data
-            found.append(panel if data is None else replace(panel, data=replace(data, rows=data.rows + start)))
+            panels.append(panel if data is None else replace(panel, data=replace(data, rows=data.rows + start)))
         start += len(parts[name].names)
-    return tuple(found)
+    return tuple(panels)
 
 
 def frame_of(observables: Mapping[str, Observable]) -> Frame:
@@ -33,13 +33,13 @@ def frame_of(observables: Mapping[str, Observable]) -> Frame:
 
 
 def remarks_of(observables: Mapping[str, Observable], prediction: Prediction) -> tuple[str, ...]:
-    """Return every doubt about the measurements, with the name of the observable if it has one."""
+    """Return the warnings of all observables, each with the name of its observable if it has one."""
     parts = parts_of(prediction)
     return tuple(f"{_before(name)}{text}" for name, each in observables.items() for text in each.remarks(parts[name]))
 
 
 def radii_of(observables: Mapping[str, Measurement]) -> dict[str, float]:
-    """Return the Galactocentric radii in kpc that the data speak of, by name."""
+    """Return the Galactocentric radii in kpc of the data, by name."""
     return {
         f"{_before(name)}{label}": radius
         for name, each in observables.items()

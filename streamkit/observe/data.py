@@ -1,4 +1,4 @@
-"""The data: what predictions are compared with, asked for and checked in one place."""
+"""The data that predictions are compared with, read from observables and checked in one place."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SAME = 1e-6  # relative difference up to which a covariance is symmetric, and it
 
 
 def read_data(observable: Measurement, add_noise: bool = False) -> Data:
-    """Return the data of an observable. ComponentError if it fails, or gives other shapes or numbers than it should."""
+    """Return the data of an observable. Raises ComponentError if it fails, or if its covariance is not valid."""
     name = f"{observable.role} {observable.kind}"
     with blamed(name):
         values, errors = (np.asarray(each, dtype=float) for each in observable.data())
@@ -26,7 +26,7 @@ def read_data(observable: Measurement, add_noise: bool = False) -> Data:
 
 
 def _fault(values: Array, errors: Array, covariance: Array) -> str:
-    """Say what is wrong with a covariance; nothing if it is one of these data."""
+    """Return what is wrong with a covariance; an empty text if it fits the data."""
     m = len(values)
     if covariance.shape != (m, m):
         return f"the covariance has the shape {covariance.shape}, expected ({m}, {m})"

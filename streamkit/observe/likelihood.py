@@ -10,21 +10,21 @@ from streamkit.stream import Data, Prediction
 
 
 def compare_with_data(observable: Measurement, prediction: Prediction, data: Data) -> float:
-    """Return the ln likelihood of the data: what the observable itself says, or that of `Data.gaussian`.
+    """Return the ln likelihood of the data, by the observable's own method or by `Data.gaussian`.
 
-    ComponentError if it fails, or is no finite number.
+    Raises ComponentError if the method fails, or its result is not finite.
     """
     name = f"{observable.role} {observable.kind}"
     with blamed(name):
-        own = observable.ln_likelihood(prediction, data.add_noise)
-        value = data.gaussian(prediction.mean, prediction.variance) if own is None else float(own)
+        given = observable.ln_likelihood(prediction, data.add_noise)
+        value = data.gaussian(prediction.mean, prediction.variance) if given is None else float(given)
     if not np.isfinite(value):
         raise ComponentError(f"{name}: the likelihood is no finite number; {_farthest(prediction, data)}")
     return value
 
 
 def _farthest(prediction: Prediction, data: Data) -> str:
-    """Say which datum is the farthest from what is predicted, in its errors."""
+    """Return a sentence with the datum that is farthest from its prediction, in units of its error."""
     with np.errstate(all="ignore"):
         away = np.abs((prediction.mean - data.values) / data.errors)
     worst = int(np.argmax(np.where(np.isfinite(data.values), np.nan_to_num(away, nan=np.inf), -1.0)))

@@ -1,4 +1,4 @@
-"""Stream to prediction: the observable is asked, and its contract checked, in this one place."""
+"""Stream to prediction: observables are called, and their results checked, in this one place."""
 
 from __future__ import annotations
 
@@ -11,53 +11,56 @@ from streamkit.components import HostData, HostView, Observable
 from streamkit.errors import ComponentError, blamed
 from streamkit.stream import Data, Prediction, Stream, join_predictions
 
-UNNAMED = "observable"  # what the only observable of a stream is called, if the run file does not name it
+UNNAMED = "observable"  # the name of a stream's only observable where the run file gives none
 
 
 def measure_stream(
-    observables: Mapping[str, Observable], stream: Stream, known: Mapping[str, Data] | None = None
+    observables: Mapping[str, Observable], stream: Stream, data: Mapping[str, Data] | None = None
 ) -> Prediction | None:
-    """Return what the observables say of the stream, as one prediction; None without observables.
+    """Return the predictions of all observables of a stream as one; None without observables.
 
     Parameters
     ----------
     observables
-        By name. The names of the predicted numbers begin with it, but for a single observable called ``observable``.
-    known
-        Their data; else they are asked for.
+        By name. It precedes the names of the predicted numbers, except those of a single observable called
+        ``observable``.
+    data
+        Their data; where they are not given, the observables are called for them.
 
-    ComponentError if one fails, predicts other shapes than its data have, or for a datum no number without a reason.
+    Raises ComponentError if one fails, predicts other shapes than its data have, or no number for a datum without a
+    reason.
     """
-    found = {name: _measure(observable, stream, (known or {}).get(name)) for name, observable in observables.items()}
-    return found.get(UNNAMED) if found.keys() <= {UNNAMED} else join_predictions(found)
+    data = data or {}
+    predictions = {name: _measure(observable, stream, data.get(name)) for name, observable in observables.items()}
+    return predictions.get(UNNAMED) if predictions.keys() <= {UNNAMED} else join_predictions(predictions)
 
 
 def parts_of(prediction: Prediction) -> dict[str, Prediction]:
-    """Return what each observable of a stream said, by its name, from what `measure_stream` returned."""
+    """Return the prediction of each observable by its name, from the result of `measure_stream`."""
     return prediction.parts or {UNNAMED: prediction}
 
 
-def measure_host(data: HostData, host: HostView, known: Data | None = None) -> Prediction:
-    """Return what the host says of data that are no stream; ComponentError as `measure_stream`."""
-    return _measure(data, host, known)
+def measure_host(measurement: HostData, host: HostView, data: Data | None = None) -> Prediction:
+    """Return the prediction of the host for data without a stream; raises as `measure_stream`."""
+    return _measure(measurement, host, data)
 
 
-def _measure(observable: Any, source: Any, known: Data | None) -> Prediction:
+def _measure(observable: Any, source: Any, data: Data | None) -> Prediction:
     name = f"{observable.role} {observable.kind}"
     with blamed(name):
         prediction: Prediction = observable.predict(source)
-        data = observable.data()[0] if known is None else known.values
+        values = observable.data()[0] if data is None else data.values
         mean, variance = np.shape(prediction.mean), np.shape(prediction.variance)
         if prediction.why_not:
             return prediction
-        if not len(prediction.names) == len(data) or not mean == variance == np.shape(data):
+        if not len(prediction.names) == len(values) or not mean == variance == np.shape(values):
             raise ComponentError(
                 f"{name}: predicted {mean} values with {variance} variances and {len(prediction.names)} names "
-                f"for {np.shape(data)} data"
+                f"for {np.shape(values)} data"
             )
         if np.iscomplexobj(prediction.mean) or np.iscomplexobj(prediction.variance):
             raise ComponentError(f"{name}: predicted complex numbers: {np.asarray(prediction.mean).tolist()}")
-        used = np.isfinite(data)
+        used = np.isfinite(values)
         usable = (
             np.isfinite(prediction.mean) & np.isfinite(prediction.variance) & (np.asarray(prediction.variance) >= 0)
         )

@@ -12,7 +12,7 @@ from streamkit.stream import Array, Stream, orbital_plane
 
 CELL, KERNEL = 1.0, 3.0  # grid of angles and standard deviation of the smoothing kernel of the mean track, degrees
 ENOUGH = 10.0  # effective particles under the kernel below which a track has no value
-LARGEST = 7200.0  # longest arm in degrees: twenty turns
+LONGEST_ARM = 7200.0  # longest arm in degrees: twenty turns
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def mean_track(stream: Stream, arm: int) -> Track:
     wing = int(4 * KERNEL / CELL)
     kernel = np.exp(-0.5 * (np.arange(-wing, wing + 1) * CELL / KERNEL) ** 2)
     kernel /= kernel.sum()
-    cells = int(min(angle.max(initial=0.0), LARGEST) / CELL) + len(kernel)
+    cells = int(min(angle.max(initial=0.0), LONGEST_ARM) / CELL) + len(kernel)
     cell = np.minimum(np.rint(angle / CELL).astype(np.int64), cells - 1)
 
     def smooth(values: Array, by: Array = kernel) -> Array:

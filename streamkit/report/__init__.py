@@ -1,4 +1,4 @@
-"""What reports are made of: files, text, style, one stream."""
+"""Parts of reports: files, text, style, one stream."""
 
 import lazy_loader
 

@@ -1,10 +1,11 @@
 from .bibliography import bibliography as bibliography
 from .bibliography import cited as cited
+from .component_record import check_name as check_name
 from .component_record import component_records as component_records
-from .component_text import check_name as check_name
 from .component_text import field_table as field_table
 from .component_text import listing as listing
 from .files import PICTURES as PICTURES
+from .files import UnwritableError as UnwritableError
 from .files import check_directory as check_directory
 from .files import check_target as check_target
 from .files import contents as contents

@@ -1,16 +1,14 @@
-"""What to cite for a run file, as BibTeX: its components, its sampler and the packages that do the work."""
+"""The citations of a run file as BibTeX: its components, its sampler and the packages it uses."""
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import cache
 from importlib.metadata import version
 from importlib.resources import files
-from typing import Any
 
-from streamkit.components import Component, Preset
+from streamkit.components import Component
 from streamkit.runfile import Spec
 
 ALWAYS = {
@@ -41,8 +39,8 @@ def key_of(entry: str) -> str:
 def cited(spec: Spec) -> str:
     """Return BibTeX of exactly what a run file uses, each entry below a comment that says what for.
 
-    A component's `bibtex` is taken as it stands; without one its `reference` is looked up among the entries that
-    streamkit brings, and what is not there becomes a note. A run file without free parameters has no sampler.
+    A component's `bibtex` is used unchanged. Without one, its `reference` is looked up among streamkit's entries; a
+    reference that they lack becomes a note. A run file without free parameters has no sampler.
     """
     uses: dict[str, list[str]] = {}
     entries = dict(bibliography())
@@ -50,7 +48,7 @@ def cited(spec: Spec) -> str:
         for key, entry in _of_component(cls):
             entries.setdefault(key, entry)
             uses.setdefault(key, []).append(f"{path} = {cls.kind} ({supplier})")
-    for preset in presets_in(spec):
+    if (preset := spec.registry.presets.get(spec.document["potential"].get("preset", ""))) is not None:
         for key, entry in _named(preset.reference, f"preset-{preset.name}"):
             entries.setdefault(key, entry)
             uses.setdefault(key, []).append(f"the potentials of the preset {preset.name!r}: {preset.reference}")
@@ -85,43 +83,12 @@ def _of_component(cls: type[Component]) -> Iterator[tuple[str, str]]:
 def _named(reference: str, other: str) -> list[tuple[str, str]]:
     """Return keys and entries of the papers in a reference; a note of the key ``other`` if none of them is known."""
     key = other.replace("_", "-")
-    found = [(key, entry) for key, entry in bibliography().items() if _is_named(entry, reference)]
-    return found or [(key, f"@misc{{{key},\n  note = {{{escaped(reference)}}},\n}}")]
-
-
-def presets_in(spec: Spec) -> list[Preset]:
-    """Return the published models that a run file's potentials come from, known by their names and numbers.
-
-    A resolved run file holds the sections of a preset, not its name. It is recognised by all its sections, of its
-    kinds, where most of the numbers are its own: some may have been changed or given a prior.
-    """
-    potentials = spec.document.get("potential", {})
-    shares = [(_share(preset, potentials), preset) for preset in spec.registry.presets.values()]
-    most = max((share for share, _ in shares), default=0.0)
-    return [preset for share, preset in shares if share == most > 0.5]
-
-
-def _share(preset: Preset, potentials: Mapping[str, Any]) -> float:
-    """Return the share of a preset's numbers that stand in the potentials; 0 if they have other sections or kinds."""
-    numbers = []
-    for name, section in preset.sections.items():
-        here = potentials.get(name)
-        if not isinstance(here, Mapping) or here.get("kind") != section["kind"]:
-            return 0.0
-        numbers += [(value, here.get(field)) for field, value in section.items() if field != "kind"]
-    return sum(_is_number(found, value) for value, found in numbers) / max(len(numbers), 1)
-
-
-def _is_number(found: object, value: float) -> bool:
-    """Say whether a field of a resolved run file, a number or a text with a unit, is this number."""
-    try:
-        return math.isclose(float(str(found).partition(" ")[0]), value, rel_tol=1e-9)
-    except ValueError:
-        return False
+    papers = [(key, entry) for key, entry in bibliography().items() if _is_named(entry, reference)]
+    return papers or [(key, f"@misc{{{key},\n  note = {{{escaped(reference)}}},\n}}")]
 
 
 def _is_named(entry: str, reference: str) -> bool:
-    """Say whether a reference names an entry: by journal, volume and page, or a book by its title or authors."""
+    """Return whether a reference names an entry: by journal, volume and page, or a book by its title or authors."""
     field = dict(re.findall(r"^\s*(\w+) = \{+(.*?)\}+,$", entry, flags=re.MULTILINE))
     if "journal" in field:
         place = re.escape(f"{field['journal']} {field['volume']}, {field['pages']}")

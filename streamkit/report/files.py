@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 PICTURES = (".png", ".pdf", ".svg")  # suffixes a picture can be written to
 LOCK = ".streamkit.lock"  # hidden file in a directory that a run writes into
+WAIT = 2.0  # seconds for which a lock is tried: `is_locked` in another process has it for a moment
 
 
 def check_target(path: Path, suffixes: Collection[str], option: str, force: bool) -> None:
@@ -66,16 +67,20 @@ def check_directory(directory: Path, products: Collection[str], what: str, force
         )
 
 
+class UnwritableError(StreamkitError):
+    """A file cannot be written: no room, no permission."""
+
+
 def save(path: Path, writer: Callable[[Path], object]) -> None:
     """Let ``writer`` write the file: the whole of it comes into place, or nothing.
 
-    Raises StreamkitError if the file cannot be written.
+    Raises UnwritableError if the file cannot be written.
     """
     try:
         replace_whole(path, writer)
     except OSError as error:
         reason = error.strerror or str(error)
-        raise StreamkitError(f"output {str(path)!r}: cannot be written ({reason})") from error
+        raise UnwritableError(f"output {str(path)!r}: cannot be written ({reason})") from error
 
 
 def save_table(path: Path, table: QTable) -> None:
@@ -112,10 +117,14 @@ def origin(spec: Spec) -> dict[str, Any]:
 def replace_whole(path: Path, writer: Callable[[Path], object]) -> None:
     """Let ``writer`` write a temporary file beside ``path``, then put it in place in one step.
 
-    It is on the disk before it takes the place of an older one: a power cut leaves one of the two.
+    It is on the disk before it takes the place of an older one: a power cut leaves one of the two. What lies at the
+    place of the temporary file is removed first: a kill leaves a part there, and anybody may have put a link there,
+    through which another file would be written.
     """
     part = path.with_name(f".{path.stem}.part{path.suffix}")
     try:
+        part.unlink(missing_ok=True)
+        os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))  # fails where there is a link
         writer(part)
         to_disk(part)
         os.replace(part, path)  # noqa: PTH105  the one call that is atomic by contract
@@ -202,7 +211,7 @@ def _take(lock: BaseFileLock, directory: Path) -> None:
     except OSError as error:
         raise ChainError(f"{directory}: cannot be made: {error.strerror or error}") from None
     try:
-        lock.acquire(blocking=False)
+        lock.acquire(timeout=WAIT)
     except Timeout:
         raise ChainError(f"{directory}: another run is writing here right now") from None
     except OSError as error:

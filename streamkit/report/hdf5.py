@@ -1,4 +1,4 @@
-"""HDF5 files that may be damaged: told by a checksum before HDF5 opens them, or read on trial in another process.
+"""HDF5 files that may be damaged: a checksum shows it before HDF5 opens them, or another process reads them first.
 
 A damaged file can keep HDF5 busy for ever, and no exception or signal of Python's reaches it there.
 """
@@ -16,13 +16,12 @@ from typing import Any, TypeVar
 
 import h5py
 
-from streamkit.errors import StreamkitError, brief
+from streamkit.errors import StreamkitError, brief, expect_file
 
 T = TypeVar("T")
 # Bytes in front of the HDF5 in a file with a checksum: a user block, which HDF5 and all that read it pass over.
 BLOCK = 512
 MARK = b"streamkit sha256 "
-SIGNATURE = b"\x89HDF\r\n\x1a\n"
 # CPU time that it may take to read a file without a checksum: so much, and the time for its bytes.
 SECONDS, BYTES_PER_SECOND = 2.0, 2e6
 
@@ -32,9 +31,8 @@ class DamagedError(StreamkitError):
 
 
 def with_checksum(content: bytes) -> bytes:
-    """Return a file of HDF5, with a user block of `BLOCK` bytes or none, with its checksum in that block."""
-    body = content[BLOCK:] if content[: len(SIGNATURE)] != SIGNATURE else content
-    return _block(body) + body
+    """Return a file of HDF5 that has a user block of `BLOCK` bytes, with its checksum in that block."""
+    return _block(content[BLOCK:]) + content[BLOCK:]
 
 
 def _block(body: bytes) -> bytes:
@@ -42,12 +40,13 @@ def _block(body: bytes) -> bytes:
 
 
 def verified(path: Path) -> bytes:
-    """Return the content of a file that was written `with_checksum`, or by an older streamkit without.
+    """Return the content of a file that was written `with_checksum`.
 
-    Raises DamagedError if the checksum differs, OSError if it cannot be read.
+    Raises DamagedError if the checksum differs or there is none, OSError if the file cannot be read.
     """
+    expect_file(path)
     content = path.read_bytes()
-    if content[: len(SIGNATURE)] != SIGNATURE and content[:BLOCK] != _block(content[BLOCK:]):
+    if content[:BLOCK] != _block(content[BLOCK:]):
         raise DamagedError("its checksum is not the one it was written with")
     return content
 
@@ -61,8 +60,6 @@ def read_own(path: Path, read: Callable[[h5py.File], T]) -> T:
         content = verified(path)
     except OSError as error:
         raise DamagedError(error.strerror or str(error)) from None
-    if content[: len(SIGNATURE)] == SIGNATURE:
-        return read_foreign(path, read)
     return _read(io.BytesIO(content), read)
 
 

@@ -23,7 +23,7 @@ class Bar(auto.tqdm):  # type: ignore[misc]  # tqdm has no types
     monitor_interval = 0
 
     def aim(self, total: float) -> None:
-        """Set what the whole is, if it is known; a notebook's bar must be told."""
+        """Set the total, if it is finite; a notebook's bar has a copy of it."""
         self.total = _or_none(total)
         if hasattr(self, "container") and np.isfinite(total):
             self.container.children[1].max = total
@@ -33,7 +33,7 @@ NOTEBOOK = any(base.__module__ == "tqdm.notebook" for base in Bar.__mro__)
 
 
 class Progress:
-    """How far a work has come, when it may end, and a note; on standard error.
+    """The progress of a work, its expected end, and a note; on standard error.
 
     Parameters
     ----------
@@ -87,11 +87,11 @@ class Progress:
                 self._bar.update(more)
             elif self._lines:
                 self._log()
-        except (OSError, ValueError):  # the terminal is gone, or closed: the work goes on without
+        except (OSError, ValueError):  # the terminal is gone, or closed: the work continues without
             self._bar, self._lines = None, False
 
     def expect(self, total: float) -> None:
-        """Say how much there will have been in all, from what is known by now."""
+        """Replace the estimate of the total."""
         self._total = total
 
     def note(self, text: str) -> None:
@@ -102,7 +102,7 @@ class Progress:
 
     @property
     def total(self) -> float:
-        """How much there will have been at the end, or at the deadline if that is sooner."""
+        """The estimate of the total at the end, or at the deadline if that is sooner."""
         now, new = time.monotonic(), self.done - self._first
         total = max(self._total, self.done)
         if not np.isfinite(self._deadline) or new <= 0:

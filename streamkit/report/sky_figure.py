@@ -16,7 +16,7 @@ from streamkit.report.style import BAND_68, BAND_95, VERMILION, NotebookFigure, 
 from streamkit.runfile import StreamInputs
 from streamkit.stream import Array, Panel, PanelData, Prediction, Stream
 
-# Inches across: panels, the numbers left of them, the room beside, what stands there, and the edge.
+# Widths in inches: panels, numbers left of them, gap, the pictures right of them, and the edge.
 WIDE, LEFT, GAP, SIDE, RIGHT = 5.8, 0.95, 0.85, 3.0, 0.15
 TALL, BELOW, BETWEEN = 1.2, 0.55, 0.1  # inches down: a panel, its residuals, and from one pair to the next
 FOOT, NAMES = 0.5, 2.4  # inches for the name of a horizontal axis, and for the legend
@@ -125,10 +125,10 @@ def draw_residuals(data: PanelData | None, axes: Axes) -> None:
     axes.axhspan(-1, 1, color="#E6E6E6", lw=0)
     axes.axhline(0, color="black", lw=0.8)
     largest = 2.0
-    if data is not None and (known := np.isfinite(data.pull)).any():
+    if data is not None and (measured := np.isfinite(data.pull)).any():
         look = {"marker": "s", "ms": 3.5, "color": DATUM["color"], "mec": "black", "ls": "none", "zorder": 7}
-        axes.plot(data.x[known], data.pull[known], **look)
-        largest = max(largest, float(np.abs(data.pull[known]).max()))
+        axes.plot(data.x[measured], data.pull[measured], **look)
+        largest = max(largest, float(np.abs(data.pull[measured]).max()))
     axes.set_ylim(-1.4 * largest, 1.4 * largest)
     finish(axes)
     step = max(n * 10**k for k in range(9) for n in (1, 2, 3, 4, 5, 6, 8, 15) if n * 10**k <= largest)

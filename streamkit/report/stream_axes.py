@@ -13,7 +13,7 @@ from streamkit.runfile import StreamInputs
 from streamkit.stream import Mark, Prediction, Stream, orbital_plane
 from streamkit.units import GYR
 
-BEYOND = 180.0  # how far the picture goes on beyond the apocentres, degrees
+BEYOND = 180.0  # margin of the picture beyond the apocentres, degrees
 # The radii begin at zero where the innermost debris is nearer to the centre than this share of the outermost.
 FROM_ZERO = 1 / 3
 SHOWN = 8000  # most particles drawn
@@ -79,7 +79,7 @@ def radial_limits(inner: float, outer: float) -> tuple[float, float]:
 
 
 def draw_mark(axes: Axes, mark: Mark, wide: float = 2.2) -> None:
-    """Draw what an observable wants to show."""
+    """Draw a mark of an observable."""
     if mark.look == "datum":
         axes.errorbar(
             mark.x, mark.y, xerr=mark.x_error or None, yerr=mark.y_error or None, label=mark.label, capsize=3,

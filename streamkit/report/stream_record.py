@@ -1,4 +1,4 @@
-"""One stream as plain values, for programs: what `describe_stream` says."""
+"""One stream as plain values: programs read them, and `describe_stream` makes its text of them."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ def stream_record(
         "digest": spec.digest(),
         "parameters": {name: {"value": inputs.values[name], "unit": unit} for name, unit in units},
         "particles": len(stream),
-        "leading": (stream.arm == 1).sum(),
-        "trailing": (stream.arm == -1).sum(),
-        "bound": stream.bound.sum(),
+        "leading": int((stream.arm == 1).sum()),
+        "trailing": int((stream.arm == -1).sum()),
+        "bound": int(stream.bound.sum()),
         "cpu_seconds": spent,
         "observables": prediction_record(list(inputs.observables.values()), prediction),
         "warnings": remarks,

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from streamkit.components import Measurement
-from streamkit.observe import remarks_of
 from streamkit.report.text import columns, number, paragraph, seconds
 from streamkit.runfile import Spec, StreamInputs, as_written
-from streamkit.stream import Prediction, Stream
+from streamkit.stream import Prediction
 
 MOST_ROWS, FARTHEST = 200, 20  # data above which a text shows only some of them, and how many
 
@@ -22,14 +21,14 @@ def warning_list(texts: Sequence[str]) -> str:
 
 
 def describe_expansions(inputs: StreamInputs) -> str:
-    """Say by what expansions potentials are made that are not compiled; nothing without any."""
-    found = inputs.expansions()
-    return f"expansions\n{columns(found.items())}" if found else ""
+    """List the expansions of potentials that are not compiled; nothing without any."""
+    expansions = inputs.expansions()
+    return f"expansions\n{columns(expansions.items())}" if expansions else ""
 
 
-def describe_prediction(inputs: StreamInputs, prediction: Prediction) -> str:
+def describe_prediction(inputs: StreamInputs, prediction: Prediction | None) -> str:
     """Show the observables beside the data, and the difference in standard errors of the data."""
-    if not inputs.observables:
+    if not inputs.observables or prediction is None:
         return "observables: the run file has none"
     return describe_measured("observables", list(inputs.observables.values()), prediction)
 
@@ -40,30 +39,29 @@ def describe_measured(called: str, measured: Sequence[Measurement], prediction: 
     if prediction.why_not:
         return f"{called} ({kinds}): no value, {prediction.why_not}"
     data, errors = np.concatenate([each.data() for each in measured], axis=1)
-    rows, told = [("", "model", "own noise", "data", "model - data")], ""
-    shown_ones = np.arange(len(data))
+    rows, note = [("", "model", "own noise", "data", "model - data")], ""
+    selected = np.arange(len(data))
     if len(data) > MOST_ROWS:
         away = np.nan_to_num(np.abs(prediction.mean - data) / errors, nan=-1.0)
-        shown_ones = np.sort(np.argsort(-away, kind="stable")[:FARTHEST])
-        told = f", the {FARTHEST} of {len(data)} that are farthest from the data"
-    for i in shown_ones.tolist():
+        selected = np.sort(np.argsort(-away, kind="stable")[:FARTHEST])
+        note = f", the {FARTHEST} of {len(data)} that are farthest from the data"
+    for i in selected.tolist():
         name, mean, variance = prediction.names[i], prediction.mean[i], prediction.variance[i]
         datum, error = data[i], errors[i]
-        known = np.isfinite(datum)
+        has_datum = np.isfinite(datum)
         shown = (f"{mean:.2f}", f"{np.sqrt(variance):.2f}") if np.isfinite(mean) else ("-", "-")
         rows.append((
-            name, *shown, f"{datum:g} +- {error:g}" if known else "-",
-            f"{(mean - datum) / error:+.1f} sigma" if known else "-",
+            name, *shown, f"{datum:g} +- {error:g}" if has_datum else "-",
+            f"{(mean - datum) / error:+.1f} sigma" if has_datum else "-",
         ))  # fmt: skip
-    return "\n".join([f"{called} ({kinds}){told}", columns(rows)])
+    return "\n".join([f"{called} ({kinds}){note}", columns(rows)])
 
 
 def describe_stream(
     spec: Spec,
     inputs: StreamInputs,
-    stream: Stream,
+    record: Mapping[str, Any],
     prediction: Prediction | None,
-    spent: float,
     changed: Collection[str],
 ) -> str:
     """Show one stream: its parameters, the counts per arm, the observables and the CPU time.
@@ -71,38 +69,32 @@ def describe_stream(
     Parameters
     ----------
     spec, inputs
-        What the stream was made from; free parameters stand at the prior's centre.
-    stream, prediction
-        The stream, and what the observable says of it.
-    spent
-        CPU seconds, machine code loaded included.
+        The run file, and the stream's inputs; free parameters stand at the prior's centre.
+    record, prediction
+        The stream's `stream_record`, and the prediction that it holds.
     changed
         Fields set by hand.
     """
-    units = dict(zip(spec.names, spec.units, strict=True))
+    free = record["parameters"]
     rows = []
     for path, value in fields(spec.document):
-        if path in units:
-            rows.append((path, number(inputs.values[path], units[path].replace(" ", "")), "prior's centre"))
+        if path in free:
+            rows.append((path, number(free[path]["value"], free[path]["unit"].replace(" ", "")), "prior's centre"))
         elif path in changed:
             rows.append((path, value, "set"))
-    bound = int(stream.bound.sum())
     counts = [
-        ("particles", str(len(stream))),
-        ("leading arm", str(int((stream.arm == 1).sum()))),
-        ("trailing arm", str(int((stream.arm == -1).sum()))),
-        ("bound", f"{bound} ({bound / len(stream):.1%})"),
-        ("CPU time", f"{seconds(spent)}, machine code loaded included"),
+        ("particles", str(record["particles"])),
+        ("leading arm", str(record["leading"])),
+        ("trailing arm", str(record["trailing"])),
+        ("bound", f"{record['bound']} ({record['bound'] / record['particles']:.1%})"),
+        ("CPU time", f"{seconds(record['cpu_seconds'])}, machine code loaded included"),
     ]
-    named = "one stream" if len(spec.streams) == 1 else f"stream {inputs.name}"
-    parts = [f"{spec.source}: {named} (seed {spec.seed})"]
+    title = "one stream" if len(spec.streams) == 1 else f"stream {inputs.name}"
+    parts = [f"{spec.source}: {title} (seed {spec.seed})"]
     parts += [f"parameters\n{columns(rows)}"] if rows else []
-    parts.append(f"stream\n{columns(counts)}")
-    parts.append(describe_expansions(inputs))
-    if not inputs.observables:
-        parts.append("observables: the run file has none")
-    elif prediction is not None:
-        parts += [describe_prediction(inputs, prediction), warning_list(remarks_of(inputs.observables, prediction))]
+    parts += [f"stream\n{columns(counts)}", describe_expansions(inputs)]
+    if prediction is not None or not inputs.observables:
+        parts += [describe_prediction(inputs, prediction), warning_list(record["warnings"])]
     return "\n\n".join(part for part in parts if part)
 
 

@@ -1,4 +1,4 @@
-"""What all pictures share: colours, symbols, ticks, panels."""
+"""The style of all pictures: colours, symbols, ticks, panels."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ def panel_grid(n: int, width: float, height: float, *, across: int = ACROSS, sha
 
 def typical_reach(reaches: Iterable[float]) -> float:
     """Return how far the axes must reach for most streams: one outlier must not shrink all the others."""
-    known = list(reaches)
-    return 1.15 * float(np.median(known)) if known else 1.0
+    lengths = list(reaches)
+    return 1.15 * float(np.median(lengths)) if lengths else 1.0
 
 
 def label_all(figure: Figure, x: str, y: str) -> None:
@@ -54,7 +54,7 @@ def label_all(figure: Figure, x: str, y: str) -> None:
     figure.supylabel(y, fontsize=11)
 
 
-# Okabe & Ito's colours, told apart by every eye.
+# Okabe & Ito's colours, which colour-blind readers can distinguish.
 BLUE, VERMILION, GREY = "#0072B2", "#D55E00", "#666666"
 # Tints of the blue for intervals: opaque, so that the legend shows the colour that the band has.
 BAND_68, BAND_95 = "#82B9D9", "#D1E6F1"
@@ -62,13 +62,12 @@ BAND_68, BAND_95 = "#82B9D9", "#D1E6F1"
 
 def ticks(axes: Axes) -> None:
     """Give the axes minor ticks, inwards, on every side, and few numbers."""
-    axes.minorticks_on()
-    axes.tick_params(which="both", direction="in", top=True, right=True, labelsize=10)
+    finish(axes)
     axes.yaxis.set_major_locator(MaxNLocator(5))
 
 
 def labels(names: Sequence[str], symbols: Sequence[str]) -> list[str]:
-    """Return what pictures call parameters, no two alike: their symbols, or the shortest clear ends of their paths.
+    """Return different labels for all parameters: their symbols, or the shortest unambiguous ends of their paths.
 
     Parameters
     ----------
@@ -77,15 +76,15 @@ def labels(names: Sequence[str], symbols: Sequence[str]) -> list[str]:
     symbols
         The symbol of each, or once more its path if it has none. Long names are broken after dots and underscores.
     """
-    found = []
+    texts = []
     for name, symbol in zip(names, symbols, strict=True):
         parts = name.split(".")
         if symbol == name:
             tails = [".".join(parts[-n:]) for n in range(1, len(parts) + 1)]
-            found.append(_folded(next(t for t in tails if sum(f".{other}".endswith(f".{t}") for other in names) == 1)))
+            texts.append(_folded(next(t for t in tails if sum(f".{other}".endswith(f".{t}") for other in names) == 1)))
         else:
-            found.append(symbol)
-    return found
+            texts.append(symbol)
+    return texts
 
 
 def _folded(name: str) -> str:
@@ -132,8 +131,8 @@ def with_unit(symbol: str, unit: str, between: str = " ") -> str:
     return f"{symbol}{between}[{unit}]" if unit else symbol
 
 
-# Name and colour of each arm: Okabe & Ito's blue and vermilion, told apart by every eye.
-ARM_STYLE = {1: ("leading", "#0072B2"), -1: ("trailing", "#D55E00"), 0: ("bound", "#666666")}
+# Name and colour of each arm.
+ARM_STYLE = {1: ("leading", BLUE), -1: ("trailing", VERMILION), 0: ("bound", GREY)}
 
 
 def finish(axes: Axes) -> None:

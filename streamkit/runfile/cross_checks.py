@@ -1,4 +1,4 @@
-"""What must fit between sections, or in one: drag and integrator, the mass of what moves, whose a key is."""
+"""Checks across sections: drag and integrator, number of steps, masses of the progenitor and of bodies."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ MOST_STEPS = 1e7
 def drag_unknown(
     potentials: Iterable[Section[Any]], integrator: type[Integrator], installed: Mapping[str, Any]
 ) -> list[str]:
-    """Return a sentence for each part of a host with a drag that the integrator does not know.
+    """Return a sentence for each part of a host with a drag that the integrator does not support.
 
     ``installed`` are the registry's entries of integrators.
     """
     if integrator.drag:
         return []
-    known = ", ".join(sorted(kind for kind, entry in installed.items() if getattr(entry.cls, "drag", False)))
+    able = ", ".join(sorted(kind for kind, entry in installed.items() if getattr(entry.cls, "drag", False)))
     return [
-        f"integrator: {integrator.kind!r} does not know forces that depend on velocity, and {section.path} "
-        f"({section.cls.kind!r}) has one; these do: {known}"
+        f"integrator: {integrator.kind!r} does not support forces that depend on velocity, and {section.path} "
+        f"({section.cls.kind!r}) has one; these support it: {able}"
         for section in potentials
         if section.cls.has_drag()
     ]
 
 
 def too_many_steps(integrator: Section[Integrator], streams: Iterable[StreamSections]) -> list[str]:
-    """Return a sentence for each field of the integrator with which a stream would not come to its end."""
+    """Return a sentence for each field of the integrator that makes too many steps."""
     path, longest = max((stream.lookback for stream in streams), key=lambda pair: pair[1])
     return [
         f"{integrator.path}.{name}: found {getattr(integrator.centre, name):g}, with which a particle would take about "
@@ -48,18 +48,18 @@ def too_many_steps(integrator: Section[Integrator], streams: Iterable[StreamSect
 
 
 def no_part_of_a_host(path: str, cls: type[Potential]) -> str:
-    """Return why a potential may be no progenitor and no body, if it is made for hosts alone; else nothing."""
+    """Return why a potential cannot be a progenitor or a body; an empty text if it can."""
     if cls.has_drag():
         return f"{path}.kind: {cls.kind!r} has a force that depends on velocity, which only the host may have"
     if cls.asks_for_host():
-        return f"{path}.kind: {cls.kind!r} is made of the other parts of the host, and only a part of it may be that"
+        return f"{path}.kind: {cls.kind!r} depends on the other parts of the host, so it can only be one of them"
     return ""
 
 
 def massless(path: str, cls: type[Potential], potential: Section[Potential] | None, progenitor: bool) -> str:
-    """Return why the potential of a progenitor or a body has no mass; nothing if it has one.
+    """Return why the potential of a progenitor or a body has no mass; an empty text if it has one.
 
-    ``potential`` is None where its fields could not be read: which these are may depend on the section.
+    ``potential`` is None where its fields could not be read; the section may decide which fields there are.
     """
     of_its_own = cls.parameters().get("mass", Unit("")).name == "Msun"
     varies = cls.for_section.__func__ is not Component.for_section.__func__  # type: ignore[attr-defined]
@@ -73,7 +73,7 @@ def massless(path: str, cls: type[Potential], potential: Section[Potential] | No
     except StreamkitError as error:
         return f"{path}: {error}"
     what = f"{path}.kind: the potential {cls.kind!r} has no field 'mass' in Msun"
-    what += ", and the mass that its force tells has no end" if potential else ", nor could its force be asked"
+    what += ", and its force " + ("gives an infinite mass" if potential else "could not be computed")
     return f"{what}; " + (
         "the tidal radius of a progenitor needs a mass, plummer has one"
         if progenitor
@@ -82,7 +82,7 @@ def massless(path: str, cls: type[Potential], potential: Section[Potential] | No
 
 
 def own_keys(table: Mapping[str, Any], ways: Sequence[type[Place]]) -> dict[str, Any]:
-    """Return what a section says of its potential: without the kind and the place, given in one of the ways."""
+    """Return the keys of a section that belong to its potential: without the kind and the coordinates."""
     whole = [way for way in ways if set(way.coordinates()) <= table.keys()] or ways
     taken = {"kind", *(name for way in whole for name in way.model_fields)}
     return {key: value for key, value in table.items() if key not in taken}

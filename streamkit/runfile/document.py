@@ -13,11 +13,11 @@ from tomlkit.items import Item, Table
 
 from streamkit.errors import SpecError, expect_file
 
-DEEPEST = 20  # most tables and lists inside each other: a run file needs a quarter of it
+DEEPEST_NESTING = 20  # levels of tables and lists; valid run files have five
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Read a TOML file; a `SpecError` says if it cannot be read, is not text, or is not TOML."""
+    """Read a TOML file; SpecError if it cannot be read, is not text, or is not TOML."""
     try:
         expect_file(path)
         return tomllib.loads(path.read_bytes().decode())
@@ -28,15 +28,15 @@ def read_toml(path: Path) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         raise SpecError(f"{path}: not valid TOML: {error}") from None
     except RecursionError:
-        raise SpecError(f"{path}: more than {DEEPEST} tables or lists lie inside each other") from None
+        raise SpecError(f"{path}: more than {DEEPEST_NESTING} tables or lists lie inside each other") from None
     except ValueError as error:  # an integer of thousands of digits, a date that does not exist
         raise SpecError(f"{path}: not a value that can be read: {error}") from None
 
 
 def depth(value: Any) -> int:
-    """Return how many tables and lists lie inside each other, counted up to `DEEPEST` + 1."""
+    """Return how many tables and lists lie inside each other, counted up to `DEEPEST_NESTING` + 1."""
     level, inside = 0, [value]
-    while inside and level <= DEEPEST:
+    while inside and level <= DEEPEST_NESTING:
         tables = [item for item in inside if isinstance(item, Mapping | list | tuple)]
         inside = [x for item in tables for x in (item.values() if isinstance(item, Mapping) else item)]
         level += bool(tables)
@@ -44,7 +44,7 @@ def depth(value: Any) -> int:
 
 
 def to_toml(document: Mapping[str, Any], header: str = "") -> str:
-    """Return the document as TOML, in its order: sections as tables, what lies deeper than their fields inline.
+    """Return the document as TOML, in its order: sections as tables, nested values of their fields inline.
 
     Parameters
     ----------
@@ -62,10 +62,11 @@ def to_toml(document: Mapping[str, Any], header: str = "") -> str:
 
 
 def _table(fields: Mapping[str, Any]) -> Table:
-    several = bool(fields) and all(map(_is_section, fields.values()))
-    table = tomlkit.table(is_super_table=several)
+    inner = [value for key, value in fields.items() if key != "preset"]
+    several = bool(inner) and all(map(_is_section, inner))
+    table = tomlkit.table(is_super_table=several and len(inner) == len(fields))
     for key, value in fields.items():
-        table.add(key, _table(value) if several else _inline(value))
+        table.add(key, _table(value) if several and key != "preset" else _inline(value))
     return table
 
 
@@ -112,11 +113,11 @@ def as_written(value: Any) -> str:
 def differences(old: Any, new: Any, path: str = "") -> list[str]:
     """List where two documents differ, as ``path: old -> new``."""
     if isinstance(old, dict) and isinstance(new, dict):
-        found: list[str] = []
+        lines: list[str] = []
         for key in [*old, *(key for key in new if key not in old)]:
             where = f"{path}.{key}" if path else str(key)
-            found += differences(old.get(key), new.get(key), where)
-        return found
+            lines += differences(old.get(key), new.get(key), where)
+        return lines
     return [] if old == new else [f"{path}: {_shown(old)} -> {_shown(new)}"]
 
 

@@ -1,4 +1,4 @@
-"""A run file bound to parameter values: what the model computes with."""
+"""A run file bound to parameter values: the inputs of the model."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from streamkit.errors import OutOfDomain, StreamkitError
 from streamkit.runfile.progenitor import Sun
 from streamkit.stream import Array
 
-ONLY = "stream"  # what the stream of a run file is called that has one, and does not name it
+ONLY = "stream"  # the name of the only stream of a run file that gives it none
 
 
 def mass_of(potential: Potential, owner: str) -> float:
-    """Return the mass in Msun of what is a progenitor or a body; OutOfDomain if it has no end."""
+    """Return the mass in Msun of a progenitor or a body; OutOfDomain if it is infinite."""
     mass = total_mass(potential)
     if np.isnan(mass):
-        raise OutOfDomain(f"the mass of {owner} has no end")
+        raise OutOfDomain(f"the mass of {owner} is infinite")
     return mass
 
 
 @dataclass(frozen=True)
 class Body:
-    """A galaxy beside the Milky Way, or a clump in it, that moves.
+    """A galaxy that moves beside the Milky Way, or a clump that moves in it.
 
     Attributes
     ----------
     potential
-        What it attracts with, centred on itself; it has a mass.
+        Its own potential, centred on itself; it has a mass.
     q, v
         (3,) Galactocentric position (kpc) and velocity (km/s) today.
     friction
-        Whether the Milky Way slows it down (Chandrasekhar's dynamical friction on its mass).
+        Whether Chandrasekhar's dynamical friction in the Milky Way acts on its mass.
     reflex
         Whether the Milky Way moves because of it.
     """
@@ -47,7 +47,7 @@ class Body:
 
     @cached_property
     def mass(self) -> float:
-        """Its mass in Msun, see `total_mass`. Raises OutOfDomain if it has no end."""
+        """Its mass in Msun, see `total_mass`. Raises OutOfDomain if it is infinite."""
         return mass_of(self.potential, "a body")
 
     @property
@@ -64,7 +64,7 @@ class Body:
 
 @dataclass(frozen=True)
 class StreamInputs:
-    """One stream of a run file bound to parameter values: what the model computes with.
+    """One stream of a run file bound to parameter values: the inputs of the model.
 
     Attributes
     ----------
@@ -83,13 +83,13 @@ class StreamInputs:
     seed
         That of its own random draws.
     sun
-        The Sun that the stream is seen from; its v_circ is a number.
+        The Sun as the observer; its v_circ is a number.
     values
         The free parameters by name, in the units of the run file.
     friction, reflex
         As those of a `Body`, for the progenitor.
     name
-        What the run file calls the stream.
+        The name of the stream in the run file.
     """
 
     potentials: dict[str, Potential]
@@ -120,28 +120,28 @@ class StreamInputs:
 
     @property
     def companion(self) -> Body | None:
-        """The progenitor as a body that is slowed down, or moves the Milky Way; None if it is a test particle."""
+        """The progenitor as a body with friction or reflex; None if it is a test particle."""
         moved = self.friction or self.reflex
         return Body(self.satellite, self.q, self.v, self.friction, self.reflex) if moved else None
 
     def expansions(self) -> dict[str, str]:
-        """Describe the expansions that stand for potentials which are not compiled, by their path in the run file."""
+        """Describe the expansions of potentials that are not compiled, by their path in the run file."""
         used = [*self.potentials.values(), *(body.potential for body in self.bodies.values()), self.satellite]
-        return {p.place or p.kind: found.text() for p in used if (found := p.expanded()) is not None}
+        return {p.place or p.kind: expanded.text() for p in used if (expanded := p.expanded()) is not None}
 
 
 @dataclass(frozen=True)
 class ModelInputs:
-    """A run file bound to parameter values: all its streams, and what they share.
+    """A run file bound to parameter values: all its streams, and their common host and Sun.
 
     Attributes
     ----------
     potentials, bodies, sun
         The host, the galaxies beside it and the Sun, as in every `StreamInputs`.
     streams
-        What each stream is computed with, by name; a single one is called ``stream``.
+        The inputs of each stream by name; a single one is called ``stream``.
     data
-        Those that are no stream, by name.
+        The data without a stream, by name.
     values
         The free parameters by name, in the units of the run file.
     """

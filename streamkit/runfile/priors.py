@@ -223,8 +223,8 @@ def parse(table: Mapping[str, Any], unit: Unit) -> Prior:
     """
     allowed = ", ".join(map(usage, PRIORS.values()))
     if len(table) != 1:
-        found = ", ".join(map(repr, table)) or "nothing"
-        raise ValueError(f"a prior has one name, found {found}; allowed: {allowed}")
+        names = ", ".join(map(repr, table)) or "nothing"
+        raise ValueError(f"a prior has one name, found {names}; allowed: {allowed}")
     ((name, numbers),) = table.items()
     if name not in PRIORS:
         raise ValueError(f"no prior is called {name!r}.{nearest(str(name), PRIORS)} Allowed: {allowed}")

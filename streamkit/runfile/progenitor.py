@@ -1,4 +1,4 @@
-"""The place today of the progenitor or of a body, given in one of several ways, and the Sun it was observed from."""
+"""Position and velocity today of the progenitor or a body in one of several sets of coordinates, and the Sun."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from functools import cache
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, create_model, model_validator
 
 from streamkit.components import Potential, circular_speed
 from streamkit.errors import OutOfDomain, StreamkitError
-from streamkit.stream import Array, Observer, sky_matrix, to_galactocentric
+from streamkit.stream import Array, Frame, Observer, sky_matrix, to_galactocentric
 from streamkit.units import Angle, Coordinate, Duration, Length, ProperMotion, Symbol, Unit, Velocity
 
 MOST_LOOKBACK = 100.0  # the longest look-back time in Gyr
@@ -72,7 +72,7 @@ class Sun(BaseModel):
 
     @property
     def observer(self) -> Observer:
-        """What a stream is seen from."""
+        """The Sun as an observer."""
         u, v, w = self.velocity.tolist()
         return Observer(self.r0, self.z, (u, v, w))
 
@@ -90,7 +90,7 @@ class Sun(BaseModel):
 
 
 class Place(BaseModel, ABC):
-    """Where something is today, and how it moves."""
+    """Position and velocity today."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -109,89 +109,98 @@ class Place(BaseModel, ABC):
     @classmethod
     @cache
     def fields(cls) -> tuple[str, ...]:
-        """Return the names of the fields that say where it is: the coordinates, and their frame if it has a field."""
+        """Return the names of the coordinates, and of their frame if that is a field."""
         return tuple(name for name in cls.model_fields if name not in ("lookback", "friction", "reflex"))
 
 
-class _OnSky(Place, ABC):
-    """Two angles, the distance, two proper motions and the line-of-sight velocity, in a frame of astropy's."""
+# The fields that several sets of coordinates have, each with its symbol and its description.
+_Distance = Annotated[Length, Symbol("$d$"), Field(description="Heliocentric distance.")]
+_LineOfSight = Annotated[
+    Velocity,
+    Symbol(r"$v_{\rm los}$"),
+    Field(description="Heliocentric line-of-sight velocity. It may be called radial_velocity too."),
+]
+_Latitude = Annotated[Angle, Field(ge=-90, le=90)]
 
-    frame: ClassVar[Literal["galactic", "icrs"]]
+
+class _OnSky(Place, ABC):
+    """Two angles, the distance, two proper motions and the line-of-sight velocity, in this order."""
+
+    @abstractmethod
+    def sky(self) -> Literal["icrs", "galactic"] | Array:
+        """Return the frame of the angles: its name, or the matrix (3, 3) that leads to it from ICRS."""
 
     def today(self, sun: Sun) -> tuple[Array, Array]:
         """Transform from the sky."""
         lon, lat, distance, pm_lon, pm_lat, v_los = (getattr(self, name) for name in self.coordinates())
-        return to_galactocentric(
-            self.frame, lon, lat, distance, pm_lon, pm_lat, v_los, sun.observer
-        )  # fmt: skip
+        return to_galactocentric(self.sky(), lon, lat, distance, pm_lon, pm_lat, v_los, sun.observer)
 
 
-class _Galactic(_OnSky):
+class _GalacticSky(_OnSky):
     """Galactic coordinates and proper motions."""
 
-    title: ClassVar[str] = "Galactic sky"
-    frame = "galactic"
+    title = "Galactic sky"
 
     l: Annotated[Angle, Symbol("$l$")] = Field(description="Galactic longitude.")  # noqa: E741  the field's own name
-    b: Annotated[Angle, Symbol("$b$")] = Field(ge=-90, le=90, description="Galactic latitude.")
-    distance: Annotated[Length, Symbol("$d$")] = Field(description="Heliocentric distance.")
+    b: Annotated[_Latitude, Symbol("$b$")] = Field(description="Galactic latitude.")
+    distance: _Distance
     pm_l_cosb: Annotated[ProperMotion, Symbol(r"$\mu_l \cos b$")] = Field(
         description="Proper motion in l, times cos b."
     )
     pm_b: Annotated[ProperMotion, Symbol(r"$\mu_b$")] = Field(description="Proper motion in b.")
-    v_los: Annotated[Velocity, Symbol(r"$v_{\rm los}$")] = Field(description="Heliocentric line-of-sight velocity.")
+    v_los: _LineOfSight
+
+    def sky(self) -> Literal["galactic"]:
+        """Return the name."""
+        return "galactic"
 
 
-class _Equatorial(_OnSky):
+class _EquatorialSky(_OnSky):
     """Equatorial (ICRS) coordinates and proper motions."""
 
-    title: ClassVar[str] = "equatorial sky (ICRS)"
-    frame = "icrs"
+    title = "equatorial sky (ICRS)"
 
     ra: Annotated[Angle, Symbol(r"${\rm RA}$")] = Field(description="Right ascension.")
-    dec: Annotated[Angle, Symbol(r"${\rm Dec}$")] = Field(ge=-90, le=90, description="Declination.")
-    distance: Annotated[Length, Symbol("$d$")] = Field(description="Heliocentric distance.")
+    dec: Annotated[_Latitude, Symbol(r"${\rm Dec}$")] = Field(description="Declination.")
+    distance: _Distance
     pm_ra_cosdec: Annotated[ProperMotion, Symbol(r"$\mu_\alpha \cos \delta$")] = Field(
         description="Proper motion in right ascension, times cos dec."
     )
     pm_dec: Annotated[ProperMotion, Symbol(r"$\mu_\delta$")] = Field(description="Proper motion in declination.")
-    v_los: Annotated[Velocity, Symbol(r"$v_{\rm los}$")] = Field(description="Heliocentric line-of-sight velocity.")
+    v_los: _LineOfSight
+
+    def sky(self) -> Literal["icrs"]:
+        """Return the name."""
+        return "icrs"
 
 
-class _OnStream(Place):
+class _StreamSky(_OnSky):
     """Coordinates and proper motions along and across a stream."""
 
-    title: ClassVar[str] = "stream's own sky"
+    title = "stream's own sky"
 
-    frame: str | dict[str, tuple[float, float]] | tuple[tuple[float, float, float], ...] = Field(
+    frame: Frame = Field(
         description='Frame of phi1, phi2: a name such as "GD1Koposov10", { pole = [ra, dec], origin = [ra, dec] } in '
         "degrees, or the three rows of a matrix from ICRS."
     )
     phi1: Annotated[Angle, Symbol(r"$\phi_1$")] = Field(description="Longitude along the stream.")
-    phi2: Annotated[Angle, Symbol(r"$\phi_2$")] = Field(ge=-90, le=90, description="Latitude across the stream.")
-    distance: Annotated[Length, Symbol("$d$")] = Field(description="Heliocentric distance.")
+    phi2: Annotated[_Latitude, Symbol(r"$\phi_2$")] = Field(description="Latitude across the stream.")
+    distance: _Distance
     pm_phi1_cosphi2: Annotated[ProperMotion, Symbol(r"$\mu_{\phi_1} \cos \phi_2$")] = Field(
         description="Proper motion in phi1, times cos phi2."
     )
     pm_phi2: Annotated[ProperMotion, Symbol(r"$\mu_{\phi_2}$")] = Field(description="Proper motion in phi2.")
-    v_los: Annotated[Velocity, Symbol(r"$v_{\rm los}$")] = Field(description="Heliocentric line-of-sight velocity.")
+    v_los: _LineOfSight
 
-    @field_validator("frame")
-    @classmethod
-    def _known(cls, value: Any) -> Any:
-        sky_matrix(value)
-        return value
-
-    def today(self, sun: Sun) -> tuple[Array, Array]:
-        """Transform from the stream's frame."""
-        lon, lat, distance, pm_lon, pm_lat, v_los = (getattr(self, name) for name in self.coordinates())
-        return to_galactocentric(sky_matrix(self.frame), lon, lat, distance, pm_lon, pm_lat, v_los, sun.observer)
+    def sky(self) -> Array:
+        """Return the matrix."""
+        return sky_matrix(self.frame)
 
 
-class _Cartesian(Place):
+class _Galactocentric(Place):
     """Galactocentric Cartesian coordinates; the Sun does not enter."""
 
-    title: ClassVar[str] = "Galactocentric"
+    title = "Galactocentric"
 
     x: Annotated[Coordinate, Symbol("$x$")] = Field(
         description="Position away from the Sun, through the Galactic centre."
@@ -207,8 +216,11 @@ class _Cartesian(Place):
         return np.array([self.x, self.y, self.z]), np.array([self.vx, self.vy, self.vz])
 
 
+SETS: tuple[type[Place], ...] = (_GalacticSky, _EquatorialSky, _StreamSky, _Galactocentric)
+
+
 class PhaseSpace(Place, ABC):
-    """Where the progenitor is today, and how far its orbit is followed back."""
+    """The progenitor today, in one of the sets of coordinates, and the time over which its orbit is followed back."""
 
     lookback: Annotated[Duration, Symbol(r"$t_{\rm back}$")] = Field(
         le=MOST_LOOKBACK, description="Time over which the progenitor has been stripped."
@@ -217,28 +229,12 @@ class PhaseSpace(Place, ABC):
         default=None, description="Dynamical friction of the Milky Way on the whole mass of the progenitor. Or none."
     )
     reflex: bool | None = Field(
-        default=None, description="Whether the Milky Way moves because of the progenitor. It does not unless told."
+        default=None, description="Whether the Milky Way moves because of the progenitor. Left out: it does not."
     )
 
 
-class GalacticSky(_Galactic, PhaseSpace):
-    """Galactic coordinates and proper motions."""
-
-
-class EquatorialSky(_Equatorial, PhaseSpace):
-    """Equatorial (ICRS) coordinates and proper motions."""
-
-
-class StreamSky(_OnStream, PhaseSpace):
-    """Coordinates and proper motions along and across a stream."""
-
-
-class Galactocentric(_Cartesian, PhaseSpace):
-    """Galactocentric Cartesian coordinates; the Sun does not enter."""
-
-
 class BodyPlace(Place, ABC):
-    """Where a body is today, and how it and the Milky Way act on each other."""
+    """A body today, in one of the sets of coordinates, and the forces between it and the Milky Way."""
 
     friction: Literal["chandrasekhar", "none"] = Field(
         default="chandrasekhar", description="Dynamical friction of the Milky Way on the mass of the body."
@@ -246,37 +242,34 @@ class BodyPlace(Place, ABC):
     reflex: bool = Field(default=True, description="Whether the Milky Way moves because of the body.")
 
 
-class BodyGalacticSky(_Galactic, BodyPlace):
-    """Galactic coordinates and proper motions."""
-
-
-class BodyEquatorialSky(_Equatorial, BodyPlace):
-    """Equatorial (ICRS) coordinates and proper motions."""
-
-
-class BodyGalactocentric(_Cartesian, BodyPlace):
-    """Galactocentric Cartesian coordinates; the Sun does not enter."""
-
-
-WAYS: tuple[type[PhaseSpace], ...] = (GalacticSky, EquatorialSky, StreamSky, Galactocentric)
-BODY_WAYS: tuple[type[BodyPlace], ...] = (BodyGalacticSky, BodyEquatorialSky, BodyGalactocentric)
-
 P = TypeVar("P", bound=Place)
+
+
+def _ways(prefix: str, owner: Any) -> Any:
+    """Return, for each set of coordinates, the class of a place with the fields of an owner as well."""
+    return tuple(
+        create_model(f"{prefix}{one.__name__.lstrip('_')}", __base__=(one, owner), __doc__=one.__doc__) for one in SETS
+    )
+
+
+WAYS: tuple[type[PhaseSpace], ...] = _ways("", PhaseSpace)
+BODY_WAYS: tuple[type[BodyPlace], ...] = _ways("Body", BodyPlace)
+
 
 
 def choose_coordinates(
     given: Iterable[str],
     taken: Iterable[str] = (),
-    ways: tuple[type[P], ...] = WAYS,  # type: ignore[assignment]  # what P is by default
+    ways: tuple[type[P], ...] = WAYS,  # type: ignore[assignment]  # the default of P
 ) -> type[P]:
-    """Return the way in which a place is given; a `ValueError` if none of the ``ways``, or several.
+    """Return the set of coordinates that a section gives; ValueError if it gives none or several of the ``ways``.
 
     Parameters
     ----------
     given
         The keys of the section, without the fields of its potential.
     taken
-        The fields of its potential: a way that uses one of these names is not available.
+        The fields of its potential: a set of coordinates with one of these names is not available.
     ways
         Those of the progenitor, or of a body.
     """
@@ -294,6 +287,7 @@ def choose_coordinates(
         for way in ways
         if way not in free
     )
-    found = "coordinates of several sets" if fits else "no phase-space coordinates"
+    problem = "coordinates of several sets" if fits else "no phase-space coordinates"
     names = ", ".join(sorted(given & {name for way in free for name in way.coordinates()}))
-    raise ValueError(f"found {found}{f' ({names})' if names else ''}, expected exactly one of the sets {sets}.{clash}")
+    listed = f" ({names})" if names else ""
+    raise ValueError(f"found {problem}{listed}, expected exactly one of the sets {sets}.{clash}")

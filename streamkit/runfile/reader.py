@@ -1,8 +1,8 @@
-"""From the mapping in a run file to validated sections: the class of each, and every error collected."""
+"""From the mapping of a run file to validated sections; all errors are collected."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import reduce
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from streamkit.components import Component, Registry, Sampler, load_registry
 from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.fields import Files
 from streamkit.runfile.cross_checks import drag_unknown, massless, no_part_of_a_host, own_keys, too_many_steps
-from streamkit.runfile.document import DEEPEST, depth
+from streamkit.runfile.document import DEEPEST_NESTING, depth
 from streamkit.runfile.inputs import ONLY
 from streamkit.runfile.priors import PRIORS
 from streamkit.runfile.progenitor import BODY_WAYS, WAYS, Sun, choose_coordinates
@@ -46,11 +46,11 @@ def resolve(
     """Validate the mapping of a run file; return the resolved document, its name, registry and sections.
 
     The paths of plugin files and data files are relative to the folder of ``files``, and stay as they are written.
-    Without a registry, what is installed is loaded as it is needed, beside the plugin files and the classes in
-    ``components``. Every error is told, on a line of its own.
+    Without a registry, installed plugins are loaded when they are needed, beside the plugin files and the classes in
+    ``components``. Raises SpecError with all errors, one per line.
     """
-    if depth(source) > DEEPEST:
-        raise SpecError(f"{name}: more than {DEEPEST} tables or lists lie inside each other")
+    if depth(source) > DEEPEST_NESTING:
+        raise SpecError(f"{name}: more than {DEEPEST_NESTING} tables or lists lie inside each other")
     reader = _Reader(name, _plain_values(source), files)
     reader.head()
     plugins = reader.raw.get("plugins", [])
@@ -65,30 +65,31 @@ def resolve(
         except PluginError as error:
             raise PluginError(f"{name}: {error}") from error.__cause__
     sections = reader.sections(registry)
-    return _document(reader.raw, plugins, sections), name, reader.registry, sections
+    return _document(reader.raw, plugins, sections, reader.preset), name, reader.registry, sections
 
 
 class _Reader:
-    """Collects the errors of one run file, so that all of them are told at once.
+    """Collects the errors of one run file, to report all of them together.
 
-    What could not be read is None; `stop` raises before anybody uses it.
+    A section that could not be read is None; `stop` raises before it is used.
     """
 
     def __init__(self, name: str, raw: dict[str, Any], files: Files) -> None:
         self.name, self.raw, self.files = name, raw, files
         self.errors: list[str] = []
+        self.preset: dict[str, str] = {}  # the name of a published model, where the run file has one
 
     def refuse(self, error: str) -> Any:
-        """Collect an error; return None in place of what could not be read."""
+        """Collect an error; return None in place of the section."""
         self.errors.append(error)
 
     def stop(self) -> None:
-        """Raise what was collected."""
+        """Raise SpecError if there are errors."""
         if self.errors:
             raise SpecError("\n".join(f"{self.name}: {_shortened(error)}" for error in self.errors))
 
     def head(self) -> None:
-        """Check the keys, and what stands outside the sections."""
+        """Check the top-level keys and values."""
         version = self.raw.get("version", VERSION)
         if not self.raw:
             self.refuse("the run file is empty; it needs at least the sections potential, progenitor and stripping")
@@ -103,9 +104,9 @@ class _Reader:
         self.stop()
 
     def _head_error(self, key: str, item: Any) -> str:
-        known = list(RunFile.model_fields)
-        if key not in known:
-            return f"{key}: no section or key of a run file.{nearest(key, known)} Allowed: {', '.join(known)}."
+        keys = list(RunFile.model_fields)
+        if key not in keys:
+            return f"{key}: no section or key of a run file.{nearest(key, keys)} Allowed: {', '.join(keys)}."
         if item["type"] == "value_error":
             return f"{key}: {should(item['msg'])}"
         return f"{key}: found {self.raw[key]!r}, expected {_EXPECTED.get(key, f'a section, [{key}]')}"
@@ -116,8 +117,9 @@ class _Reader:
         self.expand_preset()
         sun = self.plain("sun", Sun)
         potentials = self.potentials()
-        bodies = self.bodies()
-        streams, data = self.streams(), self.data()
+        bodies = self.each("body", "body", lambda path, table: self.placed(path, table, BODY_WAYS))
+        streams = self.streams()
+        data = self.each("data", "datum", lambda path, table: self.component(path, "data", table))
         integrator = self.component("integrator", "integrator", self.raw.get("integrator", {}))
         likelihood = self.plain("likelihood", Likelihood)
         sampler, engine = self.sampler(self.raw.get("sampler", {})), self.plain("engine", Engine)
@@ -144,15 +146,15 @@ class _Reader:
         kind = table.get("kind", DEFAULT_KIND.get(role))
         self.registry = self.registry.having(role, kind)
         if kind is None:
-            known = ", ".join(sorted(self.registry.entries[role]))
-            return self.refuse(f"{path}: 'kind' is missing; it names the {role}. Installed: {known}.")
+            kinds = ", ".join(sorted(self.registry.entries[role]))
+            return self.refuse(f"{path}: 'kind' is missing; it names the {role}. Installed: {kinds}.")
         try:
             return self.registry.find(role, kind, f"{path}.kind")
         except SpecError as error:
             return self.refuse(str(error))
 
     def component(self, path: str, role: str, table: Any) -> Any:
-        """Validate a section whose class its kind names."""
+        """Validate the section of a component."""
         if table is None:
             return self.refuse(f"the section [{path}] is missing")
         if not isinstance(table, dict):
@@ -168,7 +170,7 @@ class _Reader:
         return read_section(path, cls, fields, self.errors, f"the {role} {cls.kind!r}", files=self.files)
 
     def sampler(self, table: dict[str, Any]) -> Any:
-        """Validate the sampler; a field that belongs to another one is told with that one's name."""
+        """Validate the sampler; an error for a field of another sampler names that sampler."""
         before = len(self.errors)
         section = self.component("sampler", "sampler", table)
         for i in range(before, len(self.errors)):
@@ -181,29 +183,30 @@ class _Reader:
         return section
 
     def expand_preset(self) -> None:
-        """Put the named potentials of a published model in the place of its name."""
+        """Replace the name of a published model by its named potentials."""
         table = self.raw.get("potential", {})
         if "preset" not in table:
             return
-        name, own = table["preset"], {k: v for k, v in table.items() if k != "preset"}
+        name, sections = table["preset"], {k: v for k, v in table.items() if k != "preset"}
         self.registry = self.registry.having_preset(name)
-        known = self.registry.presets
-        loose = [key for key, value in own.items() if not isinstance(value, dict)]
-        if not isinstance(name, str) or name not in known:
+        presets = self.registry.presets
+        loose = [key for key, value in sections.items() if not isinstance(value, dict)]
+        if not isinstance(name, str) or name not in presets:
             self.refuse(
-                f"potential.preset: no model is called {name!r}.{nearest(str(name), known)} "
-                f"Installed: {', '.join(known)}."
+                f"potential.preset: no model is called {name!r}.{nearest(str(name), presets)} "
+                f"Installed: {', '.join(presets)}."
             )
-            own = {}
+            sections = {}
         elif loose:
             self.refuse(
-                f"potential.{loose[0]}: found {own[loose[0]]!r} beside a preset, expected a section "
-                f"[potential.NAME]: {name} has {', '.join(known[name].sections)}"
+                f"potential.{loose[0]}: found {sections[loose[0]]!r} beside a preset, expected a section "
+                f"[potential.NAME]: {name} has {', '.join(presets[name].sections)}"
             )
         else:
-            own = known[name].with_own(own)
+            sections = presets[name].merged_with(sections)
         self.stop()
-        self.raw["potential"] = own
+        self.preset = {"preset": name}
+        self.raw["potential"] = sections
 
     def potentials(self) -> Any:
         """Validate the host: one potential, or several by name."""
@@ -263,7 +266,7 @@ class _Reader:
             elif not isinstance(value, dict):
                 self.refuse(f"{path}: found {value!r}, expected sections such as [{path}.progenitor]")
             elif key == ONLY:
-                self.refuse(f"{path}: a stream may not be called {ONLY!r}, as that without a name is")
+                self.refuse(f"{path}: a stream may not be called {ONLY!r}, the name of a stream without one")
             elif not self.dotted(path, key, "stream"):
                 for other in value.keys() - set(OF_A_STREAM):
                     self.refuse(
@@ -293,36 +296,25 @@ class _Reader:
             return self.named(path, "observable", given, named)
         return {"observable": self.component(path, "observable", given)}
 
-    def data(self) -> Any:
-        """Validate the data that are no stream, each by its name."""
-        table, out = self.raw.get("data", {}), {}
+    def each(self, section: str, what: str, read: Callable[[str, Any], Any]) -> Any:
+        """Validate the data or the bodies: each has a section with its name, which ``read`` validates by its path."""
+        table = self.raw.get(section, {})
         if "kind" in table:
-            return self.refuse("data: found a kind of its own; expected a section [data.NAME] for each")
-        for key, value in table.items():
-            if not self.dotted(f"data.{key}", key, "datum"):
-                out[key] = self.component(f"data.{key}", "data", value)
-        return out
-
-    def bodies(self) -> Any:
-        """Validate the bodies, each by its name."""
-        out: dict[str, tuple[Any, Any]] = {}
-        table = self.raw.get("body", {})
-        if "kind" in table:
-            return self.refuse("body: found a kind of its own; expected a section [body.NAME] for every body")
-        for key, value in table.items():
-            path = f"body.{key}"
-            if not isinstance(value, dict):
-                self.refuse(f"{path}: found {value!r}, expected a section [{path}] with a kind")
-            elif not self.dotted(path, key, "body"):
-                out[key] = self.placed(path, value, BODY_WAYS)
-        return out
+            return self.refuse(f"{section}: found a kind of its own; expected a section [{section}.NAME] for each")
+        names = [name for name in table if not self.dotted(f"{section}.{name}", name, what)]
+        return {name: read(f"{section}.{name}", table[name]) for name in names}
 
     def placed(self, path: str, table: Any, ways: Any) -> tuple[Any, Any]:
-        """Validate the progenitor or a body: its own potential, and its place today in one of the ways."""
+        """Validate the progenitor or a body: its own potential, and its place today."""
         if table is None:
             return self.refuse(f"the section [{path}] is missing"), None
         if not isinstance(table, dict):
-            return self.refuse(f"{path}: found {table!r}, expected a section, [{path}]"), None
+            return self.refuse(f"{path}: found {table!r}, expected a section [{path}] with a kind"), None
+        if {"radial_velocity", "v_los"} <= table.keys():
+            return self.refuse(f"{path}: found v_los and radial_velocity, two names of one number: give one"), None
+        renamed = {"v_los" if key == "radial_velocity" else key: value for key, value in table.items()}
+        table.clear()  # in place: the resolved run file keeps the order of the keys
+        table.update(renamed)
         cls = self.kind("potential", path, table)
         if cls is None:
             return None, None
@@ -334,10 +326,10 @@ class _Reader:
         if reason := no_part_of_a_host(path, cls):
             return self.refuse(reason), None
         names = tuple(name for name in cls.model_fields if name not in HOST_ALONE)
-        own = {key: value for key, value in table.items() if key in names}
+        fields = {key: value for key, value in table.items() if key in names}
         rest = {key: value for key, value in table.items() if key not in ("kind", *names)}
         before = len(self.errors)
-        potential = read_section(path, cls, own, self.errors, f"the potential {cls.kind!r}", files=self.files)
+        potential = read_section(path, cls, fields, self.errors, f"the potential {cls.kind!r}", files=self.files)
         if reason := massless(path, cls, potential, progenitor):
             self.errors[before:] = [reason]  # its fields do not matter then
             return None, None
@@ -350,7 +342,7 @@ class _Reader:
 
 
 def _shortened(error: str) -> str:
-    """Leave out the middle of a sentence that repeats a very long value."""
+    """Leave out the middle of a message that quotes a very long value."""
     return error if len(error) <= LONGEST else f"{error[: LONGEST // 2]} ... {error[-LONGEST // 2 :]}"
 
 
@@ -367,8 +359,8 @@ def _plain_values(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
-def _document(raw: dict[str, Any], plugins: list[str], sections: Sections) -> dict[str, Any]:
-    """Fill in every default; what the run file gave keeps its order and comes first."""
+def _document(raw: dict[str, Any], plugins: list[str], sections: Sections, preset: dict[str, str]) -> dict[str, Any]:
+    """Fill in every default; keys of the run file keep their order and come first."""
     tables: dict[str, dict[str, Any]] = {}
     for section in sections.all:
         table = tables.setdefault(section.path, {})
@@ -383,7 +375,8 @@ def _document(raw: dict[str, Any], plugins: list[str], sections: Sections) -> di
         given = reduce(lambda inner, key: inner.get(key, {}), (*above, name), raw)
         place = reduce(lambda inner, key: inner.setdefault(key, {}), above, filled)
         place[name] = {key: table[key] for key in dict.fromkeys(("kind", *given, *table)) if key in table}
+    filled["potential"] = preset | filled["potential"]
     document: dict[str, Any] = {"version": VERSION, "seed": sections.seed} | ({"plugins": plugins} if plugins else {})
-    if "engine" not in raw:  # of which the samples know nothing
+    if "engine" not in raw:  # the samples do not depend on it
         del filled["engine"]
     return document | {key: filled[key] for key in dict.fromkeys((*raw, *filled)) if key in filled}

@@ -25,7 +25,7 @@ from streamkit.components import Potential
 from streamkit.errors import OutOfDomain
 from streamkit.fields import DataFile, Files, Table, array_of
 from streamkit.runfile.priors import PRIORS, Prior, PriorTable, parse, quantity
-from streamkit.runfile.sentences import sentence, should
+from streamkit.runfile.sentences import alternatives_joined, sentence, should
 from streamkit.units import Unit, unit_of
 
 M = TypeVar("M", bound=BaseModel)
@@ -37,7 +37,7 @@ class Section(Generic[M]):
     """A validated section."""
 
     path: str
-    """Where it stands in the run file: ``potential.halo``."""
+    """Its path in the run file: ``potential.halo``."""
     cls: type[M]
     given: dict[str, Any]
     """The values from the run file of the fields without a prior."""
@@ -46,7 +46,7 @@ class Section(Generic[M]):
     centre: M
     """The instance with every free field at the centre of its prior."""
     written: dict[str, Any] = dataclass_field(default_factory=dict)
-    """What the run file writes for the fields with an array, a table or a file: it stays as it is."""
+    """The values of fields with an array, a table or a file as the run file has them; they stay as they are."""
 
     def build(self, values: Mapping[str, float]) -> M:
         """Return the instance at ``values``, by the full name of each free field; `OutOfDomain` if one breaks it."""
@@ -87,10 +87,10 @@ class Section(Generic[M]):
 
 @cache
 def section_model(cls: type[BaseModel], without: tuple[str, ...] = ()) -> type[BaseModel]:
-    """Derive the model of a section as the run file writes it: physical numbers may be text or priors.
+    """Derive the model of a section in a run file: its physical numbers may be text or priors.
 
-    The class itself, whose fields are numbers, stays what the engine sees. Other validators than those of its
-    fields' types are its own. Fields may be left out: a section ``without`` them refuses them.
+    The fields of the class itself, which the engine sees, are numbers. The model has the validators of the fields'
+    types, and not those of the class. A section ``without`` some fields refuses them.
     """
     fields: dict[str, Any] = {}
     for name, field in cls.model_fields.items():
@@ -99,7 +99,7 @@ def section_model(cls: type[BaseModel], without: tuple[str, ...] = ()) -> type[B
         unit, description = unit_of(field), field.description
         parts = [field.annotation, *field.metadata]
         if unit is None:
-            parts.append(BeforeValidator(partial(_unbent, field.annotation)))
+            parts.append(BeforeValidator(partial(_not_converted, field.annotation)))
         else:
             description = f"{description or ''} Unit: {unit.label}.".lstrip()
             bounds = (float, *(item for item in field.metadata if isinstance(item, BaseMetadata)), Field())
@@ -123,8 +123,8 @@ def _written(unit: Unit, value: Any) -> Any:
     return value.document(unit) if isinstance(value, Prior) else quantity(float(value), unit)
 
 
-def _unbent(kind: Any, value: Any) -> Any:
-    """Refuse values that pydantic would bend: ``"10"`` for a number, 1 for true."""
+def _not_converted(kind: Any, value: Any) -> Any:
+    """Refuse values that pydantic would convert: ``"10"`` to a number, 1 to true."""
     wanted = {bool: "true or false", int: "a whole number", float: "a number"}.get(kind)
     if isinstance(value, Mapping) and len(value) == 1 and next(iter(value)) in PRIORS:
         raise ValueError("takes no prior: only physical numbers do. Give a plain value.")
@@ -144,14 +144,14 @@ def read_section(
 ) -> Section[M] | None:
     """Validate the table of a section, without its ``kind``; on failure add a sentence per error and return None.
 
-    Messages call the class ``called``, as in ``the potential 'tf'``, and know of ``more`` fields at this place.
+    In messages the class is ``called`` such as ``the potential 'tf'``, and ``more`` names other fields of the section.
     Data files are read through ``files``.
     """
     plain, pulled = _without_priors(path, cls, table, errors)
     try:
         read = section_model(cls).model_validate(plain, context=files)
     except ValidationError as error:
-        errors.extend(sentence(path, cls, item, called, more) for item in error.errors())
+        errors.extend(sentence(path, cls, item, called, more) for item in alternatives_joined(cls, error.errors()))
         return None
     values = ((name, getattr(read, name)) for name in table)
     priors = {name: value for name, value in values if isinstance(value, Prior)}
@@ -164,7 +164,7 @@ def read_section(
         centre = cls.model_validate(trial)
     except ValidationError as error:
         new = (item for item in error.errors() if item["loc"][:1] not in {(name,) for name in outside})
-        errors.extend(sentence(path, cls, item, called) for item in new)
+        errors.extend(sentence(path, cls, item, called) for item in alternatives_joined(cls, new))
         return None
     given = {  # numbers as read, so that build() does not parse text again
         name: trial[name] if unit_of(cls.model_fields[name]) is None else getattr(centre, name)
@@ -199,7 +199,7 @@ def _without_priors(
 
 
 def _list_written(cls: type[BaseModel], name: str, value: Any, pulled: Mapping[str, Prior]) -> Any:
-    """Return what the resolved run file writes for an array: as it was given, priors in the field's unit."""
+    """Return an array as the resolved run file has it: as it was given, with priors in the field's unit."""
     mark = array_of(cls.model_fields[name])
     if mark is None or not isinstance(value, list):
         return value
@@ -223,9 +223,9 @@ def _filled(given: Mapping[str, Any], values: Mapping[str, float]) -> dict[str, 
 
 
 def _outside(cls: type[BaseModel], trial: dict[str, Any], priors: dict[str, Prior]) -> dict[str, str]:
-    """Return a sentence for every prior of whose range some breaks the field's own constraint."""
+    """Return a sentence for every prior with a range that breaks the constraint of its field."""
     ends = {name: _ends(prior) for name, prior in priors.items()}
-    found: dict[str, str] = {}
+    problems: dict[str, str] = {}
     for side in (0, 1):
         try:
             cls.model_validate(_filled(trial, {name: both[side] for name, both in ends.items()}))
@@ -235,10 +235,10 @@ def _outside(cls: type[BaseModel], trial: dict[str, Any], priors: dict[str, Prio
                 if name in priors:
                     shown = priors[name].text((unit_of(cls.model_fields[name]) or Unit("")).name)
                     problem = f"the prior {shown} reaches outside the field's range: a value {should(item['msg'])}"
-                    found.setdefault(name, problem)
+                    problems.setdefault(name, problem)
                 elif any(key.startswith(f"{name}.") for key in priors if name):
-                    found.setdefault(name, f"a prior reaches outside the field's range: {should(item['msg'])}")
-    return found
+                    problems.setdefault(name, f"a prior reaches outside the field's range: {should(item['msg'])}")
+    return problems
 
 
 def _ends(prior: Prior) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""The validated sections of a run file, and what they are at parameter values."""
+"""The validated sections of a run file, and their values at parameters."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from streamkit.runfile.settings import Engine, Likelihood
 
 @dataclass(frozen=True)
 class StreamSections:
-    """The validated sections of one stream, the observables by their names: ``observable`` if there is but one."""
+    """The validated sections of one stream, the observables by name; a single one may be called ``observable``."""
 
     satellite: Section[Potential]
     phase: Section[PhaseSpace]
@@ -52,18 +52,18 @@ class Sections:
     def all(self) -> list[Section[Any]]:
         """All of them, in the default order."""
         bodies = [section for pair in self.bodies.values() for section in pair]
-        found: list[Section[Any]] = [self.sun, *self.potentials.values(), *bodies]
+        first: list[Section[Any]] = [self.sun, *self.potentials.values(), *bodies]
         for stream in self.streams.values():
-            found += [stream.satellite, stream.phase, stream.stripping]
+            first += [stream.satellite, stream.phase, stream.stripping]
         observables = [section for stream in self.streams.values() for section in stream.observables.values()]
-        return [*found, self.integrator, *observables, *self.data.values(), self.likelihood, self.sampler, self.engine]
+        return [*first, self.integrator, *observables, *self.data.values(), self.likelihood, self.sampler, self.engine]
 
     def seed_of(self, stream: str) -> int:
         """Return the seed of a stream's own random draws."""
         return stream_seed(self.seed, "" if stream == ONLY else stream)
 
     def host(self, values: Mapping[str, float]) -> dict[str, Potential]:
-        """Return the potentials of the host; those that ask for it see the others; OutOfDomain as `bound`."""
+        """Return the potentials of the host; those that depend on it see the others; raises as `bound`."""
         if not any(section.cls.asks_for_host() for section in self.potentials.values()):
             return {name: section.build(values) for name, section in self.potentials.items()}
         if not any(section.priors for section in self.potentials.values()):
@@ -76,7 +76,7 @@ class Sections:
 
     @cached_property
     def _centre_of_host(self) -> dict[str, Potential]:
-        """Made once, so that what is prepared and expanded is kept."""
+        """Made once: prepared values and expansions are kept."""
         made = beside_each_other({name: section.centre for name, section in self.potentials.items()})
         for name, section in self.potentials.items():
             if section.cls.asks_for_host():
@@ -118,7 +118,7 @@ class Sections:
 
 
 def beside_each_other(potentials: Mapping[str, Potential]) -> dict[str, Potential]:
-    """Return the parts of a host, so that those which ask for it know those which do not."""
+    """Return the parts of a host; those that depend on the host see those that do not."""
     others = tuple(p for p in potentials.values() if not p.asks_for_host())
     return {name: p.beside(others) if p.asks_for_host() else p for name, p in potentials.items()}
 

@@ -1,11 +1,13 @@
-"""Errors of validation as sentences: where, what was found, what is allowed, the nearest name."""
+"""Errors of validation as sentences: the path, the value found, the values allowed, the nearest name."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterable, Mapping
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin
 
 from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 
 from streamkit.errors import nearest
 from streamkit.fields import array_of, columns_of
@@ -18,12 +20,37 @@ def should(message: str) -> str:
     return message.replace("Input should", "should", 1).replace("a valid tuple", "a list")
 
 
-def sentence(path: str, cls: type[BaseModel], item: Any, called: str, more: tuple[str, ...] = ()) -> str:
-    """Turn one pydantic error into: where, what was found, what is allowed.
+def alternatives_joined(cls: type[BaseModel], items: Iterable[Any]) -> list[Any]:
+    """Return pydantic's errors with one for a field that may have several types.
 
-    ``called`` is what the sentence calls the class, ``more`` names what else may stand at this place.
+    Pydantic gives an error for each of the types, at a path that ends with its own name of the type.
     """
-    loc, kind, found, message = item["loc"], item["type"], item["input"], should(item["msg"])
+    single, joined = [], dict[Any, Any]()
+    for item in items:
+        loc = item["loc"]
+        field = cls.model_fields.get(str(loc[0])) if loc else None
+        if field is None or len(loc) == 1 or not isinstance(loc[1], str) or not _has_several_types(field):
+            single.append(item)
+            continue
+        place = (loc[0], *loc[2:])
+        if before := joined.get(place):
+            before["msg"] += f", or {item['msg'].removeprefix('Input should be ')}"
+        else:
+            joined[place] = {**item, "loc": place}
+    return [*single, *joined.values()]
+
+
+def _has_several_types(field: FieldInfo) -> bool:
+    types = get_args(field.annotation) if get_origin(field.annotation) in (Union, UnionType) else ()
+    return len([each for each in types if each is not NoneType]) > 1
+
+
+def sentence(path: str, cls: type[BaseModel], item: Any, called: str, more: tuple[str, ...] = ()) -> str:
+    """Turn one pydantic error into a sentence: the path, the value found, the values allowed.
+
+    ``called`` is the name of the class in the sentence; ``more`` are further keys of the section.
+    """
+    loc, kind, value, message = item["loc"], item["type"], item["input"], should(item["msg"])
     where = path + "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in loc)
     field = cls.model_fields.get(str(loc[0])) if loc else None
     if loc and field is None:
@@ -39,10 +66,10 @@ def sentence(path: str, cls: type[BaseModel], item: Any, called: str, more: tupl
         data = f"numbers in {array.unit.label} as a list or from a file" if array else "a table" if table else ""
         return f"{where}: missing{about}; expected {number or data or 'a value'}"
     if kind in ("value_error", "assertion_error"):
-        if isinstance(found, Mapping) or (field is not None and (array_of(field) or columns_of(field))):
-            return f"{where}: {message}{'' if isinstance(found, Mapping) else about}"  # the message says what was found
-        told = not loc or repr(found) in message
-        return f"{where}: {message if told else f'found {found!r}: {message}'}{about}"
-    choices = item["ctx"]["expected"].split("'")[1::2] if kind == "literal_error" and isinstance(found, str) else []
-    measure = f" {unit.name}" if unit and unit.name and isinstance(found, int | float) else ""
-    return f"{where}: found {found!r}{measure}, {message}{about}.{nearest(str(found), choices)}"
+        if isinstance(value, Mapping) or (field is not None and (array_of(field) or columns_of(field))):
+            return f"{where}: {message}{'' if isinstance(value, Mapping) else about}"  # the message says what was found
+        says_value = not loc or repr(value) in message
+        return f"{where}: {message if says_value else f'found {value!r}: {message}'}{about}"
+    choices = item["ctx"]["expected"].split("'")[1::2] if kind == "literal_error" and isinstance(value, str) else []
+    measure = f" {unit.name}" if unit and unit.name and isinstance(value, int | float) else ""
+    return f"{where}: found {value!r}{measure}, {message}{about}.{nearest(str(value), choices)}"

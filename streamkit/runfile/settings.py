@@ -1,4 +1,4 @@
-"""What a run file holds besides components: its keys and sections, how to sample, how to compare."""
+"""The parts of a run file that are no components: its keys, the likelihood, the engine."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class RunFile(BaseModel):
         description="What is measured of the stream, and the data: one, or several that add up, as [observable.NAME].",
     )
     data: dict[str, Any] = Field(
-        default={}, description="Data that are no stream and speak of the host, each as [data.NAME]."
+        default={}, description="Data on the host without a stream, each as [data.NAME]."
     )
     stream: dict[str, Any] = Field(
         default={},
@@ -45,8 +45,8 @@ class RunFile(BaseModel):
     sampler: dict[str, Any] = Field(default={}, description="How the posterior is sampled.")
     engine: dict[str, Any] = Field(
         default={},
-        description="Where the posterior is evaluated. The samples do not depend on it, and options of the "
-        "command line come before it.",
+        description="Where the posterior is evaluated. The samples do not depend on it; options of the command "
+        "line override it.",
     )
 
     @field_validator("plugins")
@@ -70,7 +70,7 @@ class Likelihood(BaseModel):
 
 
 class Engine(BaseModel):
-    """Where a run makes its calls. It is no part of what determines the run."""
+    """Where a run makes its calls. The digest of the run does not depend on it."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 

@@ -29,17 +29,17 @@ from streamkit.stream import Array
 from streamkit.units import Unit, symbol_of, unit_of
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Spec:
     """A validated run file.
 
-    It pickles as its document, and the components are found again on unpickling; classes given in Python pickle by
+    It pickles as its document, and unpickling looks up the components again; classes given in Python pickle by
     reference.
 
     Attributes
     ----------
     document
-        The run file with every default filled in and quantities as text: what TOML and JSON can hold.
+        The run file with every default filled in and quantities as text, for TOML and JSON.
     source
         Name of the file, for messages.
     registry
@@ -47,9 +47,9 @@ class Spec:
     sections
         The validated sections.
     folder
-        What the paths of its plugin files and data files are relative to.
+        The folder that the paths of its plugin files and data files are relative to.
     files
-        The data files by their names in the run file, with the SHA-256 of what was in them.
+        The data files by their names in the run file, with the SHA-256 of their contents.
     given
         Component classes that were given in Python.
     """
@@ -61,6 +61,10 @@ class Spec:
     folder: Path
     files: Mapping[str, str]
     given: tuple[type[Component], ...] = ()
+
+    def __repr__(self) -> str:
+        streams = "" if self.streams == (ONLY,) else f" with the streams {', '.join(self.streams)}"
+        return f"<Spec of {Path(self.source).name}{streams}; free: {', '.join(self.names) or 'none'}>"
 
     def __reduce__(self) -> tuple[Any, ...]:
         hidden = [cls.__qualname__ for cls in self.given if "<locals>" in cls.__qualname__]
@@ -97,25 +101,25 @@ class Spec:
 
     @property
     def engine(self) -> Engine:
-        """Where the run file has its calls made."""
+        """Where a run makes its calls."""
         return self.sections.engine.centre
 
     @cached_property
     def _fields(self) -> dict[str, tuple[Unit, Prior | None, str]]:
         """Unit, prior and symbol of every physical number by its path, in the order of the run file."""
-        known = {}
+        fields = {}
         for section in self.sections.all:
             owner = self._owner(section)
             for name, field in section.cls.model_fields.items():
                 if (unit := unit_of(field)) is not None:
                     path = f"{section.path}.{name}"
-                    known[path] = unit, section.priors.get(name), symbol_of(field, owner) or path
+                    fields[path] = unit, section.priors.get(name), symbol_of(field, owner) or path
             for name, unit in section.entries().items():
-                known[f"{section.path}.{name}"] = unit, section.priors.get(name), f"{section.path}.{name}"
-        return {path: known[path] for path in _paths(self.document) if path in known}
+                fields[f"{section.path}.{name}"] = unit, section.priors.get(name), f"{section.path}.{name}"
+        return {path: fields[path] for path in _paths(self.document) if path in fields}
 
     def _owner(self, section: Section[Any]) -> str:
-        """Return what marks the symbols of a section's fields: whose they are."""
+        """Return the index that the symbols of a section's fields get: the name of their owner."""
         top, _, name = section.path.partition(".")
         stream = name.partition(".")[0] if top == "stream" else ""
         satellite = any(section is stream.satellite for stream in self.sections.streams.values())
@@ -172,9 +176,9 @@ class Spec:
         if given is None and len(self.streams) == 1:
             return self.streams[0]
         if given not in self.streams:
-            found = "no name of a stream" if given is None else f"no stream is called {given!r}"
+            problem = "no name of a stream" if given is None else f"no stream is called {given!r}"
             guess = "" if given is None else nearest(given, self.streams)
-            raise SpecError(f"{self.source}: {found}.{guess} Streams: {', '.join(self.streams)}.")
+            raise SpecError(f"{self.source}: {problem}.{guess} Streams: {', '.join(self.streams)}.")
         return given
 
     def bind_all(self, theta: Array | Mapping[str, Any] | None = None) -> ModelInputs:
@@ -206,12 +210,12 @@ class Spec:
         return values
 
     def prefix(self, stream: str | None = None) -> str:
-        """Return what the paths of a stream's sections begin with: ``stream.gd1.``; nothing for one without a name."""
+        """Return the prefix of the paths of a stream's sections: ``stream.gd1.``; empty for a stream without a name."""
         name = self.stream_name(stream)
         return f"stream.{name}." if name != ONLY else ""
 
     def with_particles(self, most: int) -> Spec:
-        """Return the spec with no more particles in each stream than so many."""
+        """Return the spec with at most so many particles in each stream."""
         now = {name: stream.stripping.centre.particles for name, stream in self.sections.streams.items()}
         return self.with_values(
             {f"{self.prefix(name)}stripping.particles": min(count, most) for name, count in now.items()}
@@ -224,7 +228,8 @@ class Spec:
         ----------
         values
             Path -> number, quantity, prior or other value: ``{"progenitor.mass": "6.4e8 Msun"}``. A new
-            ``kind`` keeps the fields that differ from the old one's defaults. What is not allowed is a `SpecError`.
+            ``kind`` keeps the fields that differ from the old one's defaults. Raises SpecError for a value that is not
+            allowed.
         """
         document = copy.deepcopy(self.document)
         for path, value in sorted(values.items(), key=lambda item: not item[0].endswith(".kind")):
@@ -244,12 +249,12 @@ class Spec:
             self.prefix(name) + "observable" for name, stream in self.sections.streams.items() if not stream.observables
         ]
         tables = [section.path for section in self.sections.all] + without
-        known = [f"{s.path}.{name}" for s in self.sections.all for name in s.cls.model_fields]
-        known += [f"{s.path}.{name}" for s in self.sections.all for name in s.entries()]
-        known += ["seed", *(f"{table}.kind" for table in tables)]
+        paths = [f"{s.path}.{name}" for s in self.sections.all for name in s.cls.model_fields]
+        paths += [f"{s.path}.{name}" for s in self.sections.all for name in s.entries()]
+        paths += ["seed", *(f"{table}.kind" for table in tables)]
         renewed = f"{parent}.kind" in values or parent in without
-        if path not in known and not (renewed and parent in tables):
-            raise SpecError(f"{self.source}: there is no field {path!r}.{nearest(path, known)}")
+        if path not in paths and not (renewed and parent in tables):
+            raise SpecError(f"{self.source}: there is no field {path!r}.{nearest(path, paths)}")
 
     def _drop_defaults(self, document: dict[str, Any], path: str) -> None:
         for section in (section for section in self.sections.all if section.path == path):
@@ -262,20 +267,23 @@ class Spec:
         used = [s for s in self.sections.all if issubclass(s.cls, Component)]
         return [(section.path, section.cls, self.registry.supplier(section.cls)) for section in used]
 
-    def digest(self) -> str:
-        """Return the SHA-256 of what determines a run: all but the chain's length and the engine, and who supplies it.
+    def digest(self, suppliers: Mapping[str, str] | None = None) -> str:
+        """Return the SHA-256 of all that determines a run: the document without limits and engine, and the suppliers.
 
-        Data files count by what is in them.
+        Data files count by their contents. Components at the paths in ``suppliers`` count as supplied by these: so a
+        later version finds the digest that an earlier one noted.
         """
         document = self.with_files_at({name: f"sha256:{digest}" for name, digest in self.files.items()})
         physics = {k: v for k, v in document.items() if k not in ("plugins", "engine")}
+        physics["potential"] = {k: v for k, v in physics["potential"].items() if k != "preset"}  # all numbers are there
         physics["sampler"] = {k: v for k, v in physics["sampler"].items() if k not in self.sampler.resumable_fields()}
-        suppliers = [[path, cls.kind, supplier] for path, cls, supplier in self.components()]
+        noted = suppliers or {}
+        components = [[path, cls.kind, noted.get(path, supplier)] for path, cls, supplier in self.components()]
         if self.sampler.kind == DEFAULT_KIND["sampler"]:
             # Run directories from before there were other samplers do not name this one: their digests stay valid.
             del physics["sampler"]["kind"]
-            suppliers = [each for each in suppliers if each[0] != "sampler"]
-        text = json.dumps([physics, self.names, suppliers], sort_keys=True)
+            components = [each for each in components if each[0] != "sampler"]
+        text = json.dumps([physics, self.names, components], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
     def with_files_at(self, places: Mapping[str, str]) -> dict[str, Any]:
@@ -318,7 +326,7 @@ def load(
     return _make(read_toml(path), str(path), registry, path.parent.absolute(), components)
 
 
-# What stands for a spec: itself, the path of a run file, or a mapping of the same form.
+# A spec, or its source: itself, the path of a run file, or a mapping of the same form.
 Source: TypeAlias = Spec | str | Path | Mapping[str, Any]
 
 
@@ -336,12 +344,12 @@ def _make(
     registry: Registry | None,
     folder: Path,
     components: Iterable[type[Component]] = (),
-    known: Mapping[str, str] | None = None,
+    digests: Mapping[str, str] | None = None,
 ) -> Spec:
-    """Read a mapping; a data file that is no longer what is ``known`` of it is a SpecError."""
+    """Read a mapping; SpecError for a data file with another digest than in ``digests``."""
     if inspect.isclass(components) or not isinstance(components, Iterable):
         raise PluginError(f"components: found {components!r}, expected a list of classes, such as [MyPotential]")
-    given, files = tuple(components), Files(folder, known or {})
+    given, files = tuple(components), Files(folder, digests or {})
     document, name, registry, sections = resolve(source, name, registry, files, given)
     return Spec(document, name, registry, sections, folder, files.read, given)
 

@@ -19,9 +19,11 @@ from .processes import WorkerDied as WorkerDied
 from .search import expected_calls as expected_calls
 from .target import PosteriorTarget as PosteriorTarget
 from .threads import one_thread as one_thread
+from .timeout import call_with_timeout as call_with_timeout
 from .weighted import SAMPLES as SAMPLES
 from .weighted import Weighted as Weighted
 from .weighted import read_weighted as read_weighted
+from .workers import COMPILING as COMPILING
 from .workers import Signals as Signals
 from .workers import Stopped as Stopped
 from .workers import Workers as Workers

@@ -4,18 +4,30 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import h5py
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
 
 from streamkit.errors import ChainError
 from streamkit.report import DamagedError, read_own
 from streamkit.sample.journal import journal_of
-from streamkit.sample.step import HISTORY, MEMORY, Step, extend_checksum, step_of
+from streamkit.sample.step import (
+    HISTORY,
+    MEMORY,
+    MOST,
+    Count,
+    Counts,
+    Step,
+    check_array,
+    check_random_state,
+    extend_checksum,
+    step_of,
+)  # fmt: skip
 from streamkit.stream import Array
 
 CHAIN = "chain.h5"
@@ -53,6 +65,8 @@ class Chain:
         The ensemble before the first step, if the journal holds it.
     checksum
         Of all samples.
+    torn
+        Bytes at the end of the journal that are a part of the step after the last: `Journal.torn`.
     """
 
     chain: Array
@@ -66,6 +80,7 @@ class Chain:
     journal: list[Step] = field(default_factory=list)
     start: Step | None = None
     checksum: str = ""
+    torn: int = 0
 
 
 def read_chain_file(path: Path) -> Chain:
@@ -73,15 +88,17 @@ def read_chain_file(path: Path) -> Chain:
 
     Raises ChainError if there is neither, if one is truncated or no chain, or if it was changed after it was written.
     """
-    steps = [step_of(record) for record in journal_of(path).read()]  # first: it may be cleared
+    journal = journal_of(path)
+    steps = [step_of(record) for record in journal.read()]  # first: it may be cleared
     if not path.exists() and not steps:
         raise ChainError(f"{path}: there is no chain file: the run did not get as far as its first step")
     try:
-        return _continued(read_own(path, partial(_read, path)), steps, path)
+        stored = read_own(path, partial(_read, path))
     except DamagedError as error:
-        if steps and steps[0].number <= 1:
-            return _continued(_nothing(steps[0]), steps, path)
-        raise damaged(path, str(error)) from None
+        if not steps or steps[0].number > 1:
+            raise damaged(path, str(error)) from None
+        stored = _nothing(steps[0])
+    return replace(_continued(stored, steps, path), torn=journal.torn)
 
 
 def _nothing(first: Step) -> Chain:
@@ -102,6 +119,7 @@ def _continued(stored: Chain, steps: list[Step], path: Path) -> Chain:
     for step in steps:
         if step.number <= done:
             continue
+        _check_form(stored, tail[0] if tail else step, step, path)
         checksum = extend_checksum(checksum, step.coords, step.log_prob, step.blobs)
         if step.number != done + len(tail) + 1 or step.checksum != checksum:
             raise ChainError(
@@ -134,6 +152,35 @@ def _continued(stored: Chain, steps: list[Step], path: Path) -> Chain:
     )
 
 
+def _check_form(stored: Chain, first: Step, step: Step, path: Path) -> None:
+    """Check that a step has the walkers, parameters and records of the chain, and of the journal's first step."""
+    same = step.coords.shape == stored.chain.shape[1:] and step.blobs.dtype == first.blobs.dtype
+    if len(stored.chain):
+        same = same and step.blobs.dtype == stored.blobs.dtype
+    shapes = {name: values.shape for name, values in first.history.items()}
+    shapes |= {name: values.shape[1:] for name, values in stored.history.items()}
+    same = same and all(values.shape == shapes.get(name, values.shape) for name, values in step.history.items())
+    if not same:
+        raise ChainError(
+            f"{journal_of(path).path}: does not continue {path.name}: step {step.number} has other walkers, parameters "
+            f"or records. {RESTORE}"
+        )
+
+
+class _Attributes(BaseModel):
+    """The attributes of a chain file that are used; others are left alone."""
+
+    model_config = ConfigDict(strict=True)
+
+    digest: str = ""
+    checksum: str = ""
+    quick: bool = False
+    status: Literal["converged", "few", "steps", "time", "unfinished"] = "unfinished"
+    since: float = Field(default=0.0, ge=0, le=MOST)
+    first: Count = 0
+    counts: Counts = Counts()
+
+
 def _read(path: Path, file: h5py.File) -> Chain:
     """Read the chain file alone."""
     for name in (GROUP, *(f"{GROUP}/{item}" for item in DATA), *FORMER_SETS, MEMORY, HISTORY):
@@ -145,8 +192,9 @@ def _read(path: Path, file: h5py.File) -> Chain:
     blobs = group["blobs"][:steps] if "blobs" in group else np.empty((0, len(accepted)))
     if len(chain) != steps or len(log_prob) != steps:
         raise ValueError(f"{steps} steps announced, {len(chain)} found")
-    if not isinstance(attributes.get("counts", {}), dict):
-        raise ValueError("its counts are none")
+    about = _Attributes.model_validate(attributes)
+    if "counts" in attributes:
+        attributes["counts"] = about.counts.model_dump(exclude_defaults=True)
     random = [value for key, value in sorted(group.attrs.items()) if key.startswith("random_state_")]
     arrays: dict[str, dict[str, Array]] = {MEMORY: {}, HISTORY: {}}
     for name, (kind, key) in FORMER_SETS.items():
@@ -156,16 +204,34 @@ def _read(path: Path, file: h5py.File) -> Chain:
         for name in file.get(kind, ()):
             _no_link(path, file, f"{kind}/{name}")
             values[name] = file[kind][name][...]
+    _check_shapes(chain, log_prob, accepted, blobs, arrays)
+    if random:
+        check_random_state(tuple(random))
     if not (np.isfinite(chain).all() and np.isfinite(log_prob).all()):
         raise damaged(path, "it holds samples that are no numbers")
     checksum = attributes.get("digest", "")
     for row in range(steps):
         checksum = extend_checksum(checksum, chain[row], log_prob[row], blobs[row])
-    if attributes.get("checksum", checksum) != checksum:
+    if about.checksum != checksum:
         raise damaged(path, "its samples have another checksum")
     random_state = attributes.pop(RANDOM, None) or tuple(random) or None
     return Chain(chain, log_prob, blobs, accepted, attributes, random_state, arrays[MEMORY], arrays[HISTORY],
                  checksum=checksum)  # fmt: skip
+
+
+def _check_shapes(
+    chain: Array, log_prob: Array, accepted: Array, blobs: Any, arrays: Mapping[str, Mapping[str, Array]]
+) -> None:
+    """Check the arrays of a chain file against each other; ValueError if one has another shape, or holds no numbers."""
+    steps, walkers, d = chain.shape
+    check_array("chain", chain, (steps, walkers, d), finite=False)  # what is no number is named by its path
+    check_array("log_prob", log_prob, (steps, walkers), finite=False)
+    check_array("accepted", accepted, (walkers,))
+    if steps and (blobs.shape != (steps, walkers) or blobs.dtype.names is None):
+        raise ValueError("blobs holds no record for each sample")
+    for values in arrays.values():
+        for name, array in values.items():
+            check_array(name, array, array.shape, finite=False)
 
 
 def damaged(path: Path, what: str) -> ChainError:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import logging
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
@@ -137,7 +138,10 @@ class ChainFile(ChainMemory):
         self._write(image)
 
     def load(self) -> None:
-        """Read a chain, to continue it. ChainError if it cannot be read, or was changed."""
+        """Read a chain, to continue it. ChainError if it cannot be read, or was changed.
+
+        A warning in the log names a step that is lost because it was just being written.
+        """
         stored = read_chain_file(self.path)
         steps, (walkers, d) = len(stored.chain), stored.chain.shape[1:]
         self._attributes = stored.attributes | self._attributes
@@ -151,6 +155,12 @@ class ChainFile(ChainMemory):
             self.last = Step(
                 steps, stored.chain[-1], stored.log_prob[-1], stored.blobs[-1], np.zeros(walkers, dtype=bool),
                 stored.random_state, counts, stored.memory, checksum=stored.checksum, digest=self._digest,
+            )  # fmt: skip
+        if stored.torn:
+            logging.getLogger("streamkit").warning(
+                "%s: ends with a part of step %d (%d bytes), which was being written when the run ended. The part is "
+                "dropped, and the run continues after step %d.",
+                self._journal.path, steps + 1, stored.torn, steps,
             )  # fmt: skip
 
     def append(self, step: Step) -> None:

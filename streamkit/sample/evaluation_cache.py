@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from time import monotonic
 
 import numpy as np
 
-from streamkit.errors import ChainError
+from streamkit.errors import ChainError, brief, printable
 from streamkit.sample.journal import Journal
 from streamkit.sample.posterior import Evaluation
+from streamkit.sample.step import check_array
 from streamkit.stream import Array
 
 CALLS, SMALL_CALLS = "calls.journal", "small_calls.journal"
@@ -38,15 +40,20 @@ class EvaluationCache:
         self._written = monotonic()
         self._journal = None if path is None else Journal(path)
         for record in self._journal.read() if self._journal is not None else ():
-            if str(record["digest"]) != digest:
+            if str(record.get("digest")) != digest:
                 raise ChainError(f"{path}: holds the calls of another run. Nothing was changed.")
-            names = ("points", "ln", "mean", "variance", "reason")
-            details = record.get("details", np.empty((len(record["points"]), 0)))
-            for point, (lnp, lnl), mean, variance, reason, more in zip(*map(record.get, names), details, strict=True):
-                why, kept = str(reason), np.empty(0) if str(reason) else more
-                self._evaluations[point.tobytes()] = Evaluation(float(lnp), float(lnl), mean, variance, why, kept)
+            try:
+                self._evaluations |= _evaluations_of(record)
+            except (KeyError, ValueError, TypeError) as error:
+                raise ChainError(f"{path}: holds a record that is none of calls ({brief(error)})") from None
+        if self._journal is not None and self._journal.torn:
+            logging.getLogger("streamkit").warning(
+                "%s: ends with a part of a record (%d bytes), which was being written when the run ended. The part is "
+                "dropped, and the run continues after %d calls.", path, self._journal.torn, len(self._evaluations),
+            )  # fmt: skip
 
     def __len__(self) -> int:
+        """The number of points."""
         return len(self._evaluations)
 
     @property
@@ -107,3 +114,24 @@ def details_of(evaluations: Sequence[Evaluation]) -> Array:
     nothing = np.full(k, np.nan)
     rows = [each.details if len(each.details) else nothing for each in evaluations]
     return np.array(rows, dtype=float).reshape(len(rows), k)
+
+
+def _evaluations_of(record: Mapping[str, Array]) -> dict[bytes, Evaluation]:
+    """Return the evaluations of a record by the bytes of their points; ValueError, TypeError or KeyError if none."""
+    points, ln, mean, variance, reason = (record[name] for name in ("points", "ln", "mean", "variance", "reason"))
+    n, d = points.shape
+    details = record.get("details", np.empty((n, 0)))
+    check_array("points", points, (n, d))
+    check_array("ln", ln, (n, 2), finite=False)
+    check_array("mean", mean, (n, *mean.shape[1:2]), finite=False)
+    check_array("variance", variance, mean.shape, finite=False)
+    check_array("details", details, (n, *details.shape[1:2]), finite=False)
+    if reason.shape != (n,) or reason.dtype.kind != "U":
+        raise ValueError("reason holds no text for each point")
+    texts = [printable(text) for text in reason.tolist()]
+    return {
+        point.tobytes(): Evaluation(*ln_of_one, *prediction, text, np.empty(0) if text else more)
+        for point, ln_of_one, prediction, text, more in zip(
+            points, ln.tolist(), zip(mean, variance, strict=True), texts, details, strict=True
+        )
+    }

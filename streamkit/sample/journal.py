@@ -5,36 +5,43 @@ from __future__ import annotations
 import hashlib
 import io
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
-from streamkit.errors import ChainError, brief
+from streamkit.errors import ChainError, brief, expect_file
 from streamkit.report import safely, to_disk
 from streamkit.stream import Array
 
 JOURNAL = "chain.journal"
 MAGIC = b"streamkit journal 1\n"
 LENGTH, CHECKSUM = 8, 16  # bytes in front of a record: its length, and its BLAKE2b checksum
+HEAD = LENGTH + CHECKSUM
+BODY = b"PK\x03\x04"  # first bytes of a record: numpy writes arrays as a zip file
 
 
 class Journal:
     """Records of arrays in a file that only grows, until it is cleared.
 
-    A record is on the disk, as far as the disk keeps what ``fsync`` asks for, when `append` returns. What a death or a
-    full disk leaves of one that was just being written is known by its length or its checksum, and dropped. The file
-    is open only while something is written, so that nothing that closes descriptors hurts it.
+    A record is on the disk, as far as the disk keeps what ``fsync`` asks for, when `append` returns. A death or a full
+    disk leaves a part of at most one record, the last: it is dropped. The file is open only while something is written,
+    so that nothing that closes descriptors hurts it.
 
     Parameters
     ----------
     path
         The file; it need not exist.
+
+    Attributes
+    ----------
+    torn
+        Bytes behind the last whole record, when the file was read: the part of a record that was being written.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.torn = 0
         self._end: int | None = None
 
     def read(self) -> list[dict[str, Array]]:
@@ -43,39 +50,26 @@ class Journal:
         Raises ChainError if the file is no journal, or damaged in other places than its end.
         """
         try:
+            expect_file(self.path)
             data = self.path.read_bytes()
         except FileNotFoundError:
-            self._end = 0
+            self._end, self.torn = 0, 0
             return []
         except OSError as error:
             raise ChainError(f"{self.path}: cannot be read ({error.strerror or error})") from None
         if not MAGIC.startswith(data[: len(MAGIC)]):
             raise ChainError(f"{self.path}: not a journal of streamkit")
-        found, self._end = [], len(MAGIC) if len(data) >= len(MAGIC) else 0
-        for record, end in self._records(data):
-            found.append(record)
-            self._end = end
-        return found
-
-    def _records(self, data: bytes) -> Iterator[tuple[dict[str, Array], int]]:
-        """Yield the whole records, and where each of them ends."""
-        at = len(MAGIC)
-        while at + LENGTH + CHECKSUM <= len(data):
-            begin = at + LENGTH + CHECKSUM
-            length = int.from_bytes(data[at : at + LENGTH], "little")
-            end = begin + length
-            if not length or end > len(data):
-                return
-            body = data[begin:end]
-            if _checksum(body) != data[at + LENGTH : begin]:
-                if end < len(data):
-                    raise ChainError(
-                        f"{self.path}: is damaged at byte {at}. Nothing was changed: restore it from a copy, or start "
-                        "again with --force."
-                    )
-                return
-            yield _unpacked(self.path, body), end
-            at = end
+        records, self._end = [], len(MAGIC) if len(data) >= len(MAGIC) else 0
+        while (body := _record_at(data, self._end)) is not None:
+            records.append(_unpacked(self.path, body))
+            self._end += HEAD + len(body)
+        self.torn = len(data) - self._end
+        if _is_damaged(data, self._end):
+            raise ChainError(
+                f"{self.path}: is damaged at byte {self._end}, and not only torn at its end. Nothing was changed: "
+                "restore it from a copy, or start again with --force."
+            )
+        return records
 
     def append(self, record: Mapping[str, Array]) -> None:
         """Add a record.
@@ -90,6 +84,8 @@ class Journal:
         frame = b"" if end else MAGIC
         frame += len(body).to_bytes(LENGTH, "little") + _checksum(body) + body
         new = not self.path.exists()
+        if self.path.is_symlink():
+            raise ChainError(f"{self.path}: is a link to another file, into which nothing is written")
         if end and (new or self.path.stat().st_size < end):
             raise ChainError(f"{self.path}: was removed or cut by somebody else while it was written")
         with safely(self.path), self.path.open("xb" if new else "r+b", buffering=0) as file:
@@ -119,6 +115,31 @@ def journal_of(chain: Path) -> Journal:
     return Journal(chain.with_suffix(Path(JOURNAL).suffix))
 
 
+def _record_at(data: bytes, at: int) -> bytes | None:
+    """Return the record that begins at a byte, None if there is no whole one."""
+    begin, length = at + HEAD, int.from_bytes(data[at : at + LENGTH], "little")
+    body = data[begin : begin + length]
+    return body if 0 < length == len(body) and _checksum(body) == data[at + LENGTH : begin] else None
+
+
+def _is_damaged(data: bytes, at: int) -> bool:
+    """Say whether the data from a byte on, where no whole record begins, are more than the torn part of one record.
+
+    A record is written when all before it are whole. So no part of the data behind a torn one is a whole record, and
+    its own body is not whole: either of them shows that the length or the checksum in front of it is wrong.
+    """
+    begin = at + HEAD
+    if begin < len(data) and _checksum(data[begin:]) == data[at + LENGTH : begin]:
+        return True
+    length = int.from_bytes(data[at : at + LENGTH], "little")
+    if 0 < length < len(data) - begin:
+        return True
+    while (begin := data.find(BODY, begin + 1)) >= 0:
+        if _record_at(data, begin - HEAD) is not None:
+            return True
+    return False
+
+
 def _checksum(body: bytes) -> bytes:
     return hashlib.blake2b(body, digest_size=CHECKSUM).digest()
 
@@ -133,5 +154,5 @@ def _unpacked(path: Path, body: bytes) -> dict[str, Array]:
     try:
         with np.load(io.BytesIO(body), allow_pickle=False) as arrays:
             return dict(arrays)
-    except (ValueError, OSError, BadZipFile) as error:
+    except Exception as error:  # numpy and zipfile raise whatever a forged file leads them to
         raise ChainError(f"{path}: holds a record that is not readable ({brief(error)})") from None

@@ -19,7 +19,7 @@ from multiprocessing.util import Finalize
 from time import monotonic
 from typing import Any
 
-from streamkit.errors import StreamkitError
+from streamkit.errors import StreamkitError, message_of
 from streamkit.sample.threads import one_thread
 
 TRIES = 3  # workers that may die in one call before it is given up
@@ -301,6 +301,6 @@ def _sendable(error: BaseException) -> Exception:
         try:
             pickle.loads(pickle.dumps(error))  # noqa: S301
         except Exception:
-            return StreamkitError(f"{type(error).__name__}: {error}")
+            return StreamkitError(f"{type(error).__name__}: {message_of(error)}")
         return error
-    return StreamkitError(f"a component raised {type(error).__name__}: {error}".rstrip(": "))
+    return StreamkitError(f"a component raised {type(error).__name__}: {message_of(error)}".rstrip(": "))

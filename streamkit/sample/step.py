@@ -6,16 +6,44 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from streamkit.errors import ChainError
+from streamkit.errors import ChainError, brief, printable
 from streamkit.stream import Array
 
 MEMORY, HISTORY = "memory", "history"  # groups of arrays in a record, and in the chain file
 # Arrays that runs of version 0.1.0 stored under keys of their own: name here, and key there.
 FORMER = {MEMORY: ("replicas", "replicas"), HISTORY: ("trials", "tried")}
+MOST = 10**15  # no run counts further: it keeps forged numbers out of arithmetic
+Count = Annotated[int, Field(ge=0, le=MOST)]
+Text = Annotated[str, AfterValidator(printable)]
+
+
+class Counts(BaseModel):
+    """Calls, rejections and facts, as they are stored beside a chain; ``surrogate`` is a fact of version 0.1.0."""
+
+    model_config = ConfigDict(strict=True)
+
+    calls: Count = 0
+    search_calls: Count = 0
+    reasons: dict[Text, Count] = {}
+    facts: dict[Text, Text] = {}
+    surrogate: Text = ""
+
+
+class _About(BaseModel):
+    """What the record of a step holds beside its arrays."""
+
+    model_config = ConfigDict(strict=True)
+
+    number: Count
+    counts: Counts
+    random: tuple[str, int, int, float] | dict[str, Any]
+    checksum: str
+    digest: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,26 +102,63 @@ class Step:
 def step_of(record: Mapping[str, Any]) -> Step:
     """Return the step of a record; ChainError if it is none."""
     try:
-        about = json.loads(record["about"].tobytes())
-        random = about["random"]
+        about = _About.model_validate_json(record["about"].tobytes())
+        random: Any = about.random
         if not isinstance(random, dict):
             kind, *rest = random
             random = (kind, record["keys"], *rest)
-        return Step(
-            about["number"],
+        step = Step(
+            about.number,
             record["coords"],
             record["log_prob"],
             record["blobs"],
             record["accepted"],
             random,
-            about["counts"],
+            about.counts.model_dump(exclude_defaults=True),
             _named(record, MEMORY),
             _named(record, HISTORY),
-            about["checksum"],
-            about["digest"],
+            about.checksum,
+            about.digest,
         )
+        _check_arrays(step)
     except (KeyError, ValueError, TypeError) as error:
-        raise ChainError(f"a record of the journal is no step of a chain ({error})") from None
+        raise ChainError(f"a record of the journal is no step of a chain ({brief(error)})") from None
+    return step
+
+
+def _check_arrays(step: Step) -> None:
+    """Check the shapes and types of a step's arrays, and its random state; ValueError or TypeError if one is wrong."""
+    walkers, d = step.coords.shape
+    check_array("coords", step.coords, (walkers, d))
+    check_array("log_prob", step.log_prob, (walkers,))
+    if step.accepted.shape != (walkers,) or step.accepted.dtype != bool:
+        raise ValueError("accepted holds no truth value for each walker")
+    if step.blobs.shape != (walkers,) or step.blobs.dtype.names is None:
+        raise ValueError("blobs holds no record for each walker")
+    for arrays in (step.memory, step.history):
+        for name, values in arrays.items():
+            check_array(name, values, values.shape, finite=False)
+    check_random_state(step.random_state)
+
+
+def check_random_state(state: Any) -> None:
+    """Check a state of numpy's Mersenne twister, ValueError if it is none: numpy itself looks at no number of it.
+
+    The states of other generators, which are mappings, numpy checks itself.
+    """
+    if isinstance(state, Mapping):
+        return
+    kind, keys, position, *rest = state
+    keys = np.asarray(keys)
+    is_state = kind == "MT19937" and keys.shape == (624,) and keys.dtype.kind in "ui" and 0 <= position <= len(keys)
+    if not is_state or len(rest) != 2 or not np.isfinite(rest).all():
+        raise ValueError("there is no state of a random generator")
+
+
+def check_array(name: str, array: Array, shape: tuple[int, ...], finite: bool = True) -> None:
+    """Check that an array is one of numbers, of this shape and not empty; ValueError if not."""
+    if array.shape != shape or array.dtype != float or (finite and not np.isfinite(array).all()):
+        raise ValueError(f"{name} is no array of numbers of shape {shape}")
 
 
 def _named(record: Mapping[str, Any], kept: str) -> dict[str, Array]:

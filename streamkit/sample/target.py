@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from time import monotonic
 from typing import Any
 
 import numpy as np
 
 from streamkit.components import Ensemble, Evaluations, Sampler, Samples
-from streamkit.errors import ComponentError
+from streamkit.errors import ChainError, ComponentError
 from streamkit.report import Progress
 from streamkit.runfile import Prior
 from streamkit.sample.chain_file import ChainMemory
@@ -229,12 +230,18 @@ class PosteriorTarget:
                 self._bar.close()
             self._small_cache.write()
             self._cache.write()
+            if self._chain.last is not None:
+                with suppress(ChainError):  # the journal holds all steps; the runner tries again, and raises
+                    self._chain.consolidate()
 
     def _evaluate(self, points: Array, small: bool = False) -> list[Evaluation]:
-        """Evaluate at points (n, d), in order, each once; an interruption keeps the evaluations before it."""
+        """Evaluate at points (n, d), in order; an interruption keeps the evaluations before it.
+
+        Points that were evaluated before cost nothing, but for a chain: there each proposal is a call, and is counted.
+        """
         points = np.ascontiguousarray(np.atleast_2d(points), dtype=float)
         cache, which = (self._small_cache, "cheap") if small else (self._cache, "full")
-        missing = cache.missing(points)
+        missing = cache.missing(points) if self._chain.last is None else list(points)
         if not missing and self._pool.stop:
             raise Stopped(self._pool.stop)
         for begin in range(0, len(missing), PART):

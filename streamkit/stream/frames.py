@@ -92,15 +92,15 @@ def place_on_sky(phi1: Array, phi2: Array, distance: Array, matrix: Array, sun: 
 
 
 class Seen(NamedTuple):
-    """Particles on the sky, heliocentric, in the frame they were asked for; (n,) each.
+    """Particles on the sky, heliocentric, in one frame; (n,) each.
 
     Attributes
     ----------
-    phi1, phi2
-        Longitude in (-180, 180] and latitude in degrees: RA and Dec in ICRS itself.
+    lon, lat
+        Longitude in (-180, 180] and latitude in degrees: RA and Dec in ICRS, phi1 and phi2 in a stream's own frame.
     distance
         kpc.
-    pm_phi1_cosphi2, pm_phi2
+    pm_lon_coslat, pm_lat
         Proper motions, mas/yr.
     radial_velocity
         Heliocentric, km/s.
@@ -108,13 +108,35 @@ class Seen(NamedTuple):
         The same in the Galactic standard of rest: the Galactocentric velocity along the line of sight from the Sun.
     """
 
-    phi1: Array
-    phi2: Array
+    lon: Array
+    lat: Array
     distance: Array
-    pm_phi1_cosphi2: Array
-    pm_phi2: Array
+    pm_lon_coslat: Array
+    pm_lat: Array
     radial_velocity: Array
     radial_velocity_gsr: Array
+
+    # Older names, from the frame of a stream: plugins of contract 1 use them.
+
+    @property
+    def phi1(self) -> Array:
+        """The same as `lon`."""
+        return self.lon
+
+    @property
+    def phi2(self) -> Array:
+        """The same as `lat`."""
+        return self.lat
+
+    @property
+    def pm_phi1_cosphi2(self) -> Array:
+        """The same as `pm_lon_coslat`."""
+        return self.pm_lon_coslat
+
+    @property
+    def pm_phi2(self) -> Array:
+        """The same as `pm_lat`."""
+        return self.pm_lat
 
 
 def seen_from(sun: Observer, q: Array, v: Array, matrix: Array) -> Seen:

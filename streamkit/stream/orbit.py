@@ -25,9 +25,9 @@ class Orbit:
     a
         (3, n) accelerations by the host.
     r_tidal
-        (n,) tidal radius; NaN where there is none (and where it was not asked for).
+        (n,) tidal radius; NaN where there is none, or where it was not computed.
     mass_left
-        (n,) fraction of its mass at first that the progenitor still has; all of it unless given.
+        (n,) remaining fraction of the progenitor's initial mass; 1 unless given.
     """
 
     t: Array
@@ -82,8 +82,8 @@ class Orbit:
         d = q1 - q0 - v0 - 0.5 * a0
         dv = v1 - v0 - a0
         da = a1 - a0
-        found = [q0, v0, 0.5 * a0, 10 * d - 4 * dv + 0.5 * da, -15 * d + 7 * dv - da, 6 * d - 3 * dv + 0.5 * da]
-        return np.asarray(read_only(np.array(found)))
+        coefficients = [q0, v0, 0.5 * a0, 10 * d - 4 * dv + 0.5 * da, -15 * d + 7 * dv - da, 6 * d - 3 * dv + 0.5 * da]
+        return np.asarray(read_only(np.array(coefficients)))
 
     def apocentres(self) -> Array:
         """(k,) times at which r has a maximum inside the track."""

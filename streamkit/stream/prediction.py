@@ -1,4 +1,4 @@
-"""The prediction: what an observable says of a stream."""
+"""The prediction of an observable, and the elements of its figures."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from streamkit.stream.arrays import Array, IntArray
 
 @dataclass(frozen=True)
 class Mark:
-    """Something that a picture shows of a measurement, on the unwrapped stream.
+    """A line or a point of a measurement in a picture of the unwrapped stream.
 
     Attributes
     ----------
@@ -23,7 +23,7 @@ class Mark:
     x, y
         (k,) angles along the stream in degrees, leading positive, and Galactocentric radii in kpc.
     label
-        What a legend calls it.
+        Its text in a legend.
     x_error, y_error
         Standard errors of a datum, 0 for none.
     """
@@ -38,12 +38,12 @@ class Mark:
 
 @dataclass(frozen=True)
 class PanelData:
-    """The data that a panel shows, and how far the model is from them.
+    """The data in a panel, and their residuals.
 
     Attributes
     ----------
     rows
-        (k,) which of the observable's numbers they are.
+        (k,) indices of the data among the observable's numbers.
     x, y, error
         (k,) longitudes, values and standard errors, in the units of the panel.
     pull
@@ -70,7 +70,7 @@ class Panel:
     marks
         Lines over them, in the same units; a "fit" is the model, and NaN where it has no debris.
     data
-        What is compared; a panel of residuals is drawn below.
+        The data; a panel of residuals is drawn below.
     """
 
     x_label: str
@@ -83,7 +83,7 @@ class Panel:
 
 @dataclass(frozen=True, repr=False)
 class Prediction:
-    """What an observable says of a stream.
+    """The prediction of an observable for a stream.
 
     Attributes
     ----------
@@ -96,9 +96,9 @@ class Prediction:
     why_not
         Empty, or the reason (a short constant sentence) why there is no value; mean is then NaN.
     details
-        What the observable itself wants to show of the measurement (tracks, fits); free-form.
+        Further results of the measurement, such as tracks and fits, in a form of the observable's own.
     parts
-        The predictions that it is made of, by name, in order; none for one observable's own.
+        The predictions of several observables that were joined, by name; empty for that of one observable.
     """
 
     names: tuple[str, ...]
@@ -128,9 +128,9 @@ class Prediction:
 
 
 def join_predictions(parts: Mapping[str, Prediction], unnamed: str = "") -> Prediction:
-    """Return several predictions as one, the names of each after that of its part and a dot, but for an ``unnamed``.
+    """Join predictions. Names become ``part.name``, except for the part called ``unnamed``.
 
-    The reason why there is no value is that of the first part without one.
+    ``why_not`` is that of the first part without a value.
     """
     mean, variance = (np.concatenate([getattr(p, name) for p in parts.values()]) for name in ("mean", "variance"))
     names = tuple(own if name == unnamed else f"{name}.{own}" for name, part in parts.items() for own in part.names)

@@ -20,7 +20,7 @@ def to_sky_coord(seen: Seen, matrix: Array | None) -> SkyCoord:
     Parameters
     ----------
     seen
-        What the Sun sees in the frame of the matrix.
+        Particles as the Sun sees them, in the frame of the matrix.
     matrix
         (3, 3) From ICRS to that frame, or None for ICRS. Its coordinates are then called phi1 and phi2, and astropy
         transforms them to any other frame.
@@ -47,7 +47,7 @@ def to_sky_coord(seen: Seen, matrix: Array | None) -> SkyCoord:
 
 @functools.cache
 def stream_frame() -> Any:
-    """Return the class `StreamFrame` of astropy frames by their matrix from ICRS; made when first asked for."""
+    """Return the class `StreamFrame` of astropy frames by their matrix from ICRS; made on first use."""
     from astropy import coordinates as c
     from astropy import units as u
     from astropy.coordinates.transformations import DynamicMatrixTransform
@@ -73,10 +73,10 @@ def stream_frame() -> Any:
 
         def represent_as(self, base: Any, s: Any = "base", in_frame_units: bool = False) -> Any:
             """Represent as the base class does, with phi1 in (-180, 180]."""
-            found = super().represent_as(base, s=s, in_frame_units=in_frame_units)
-            if hasattr(found, "lon"):
-                found.lon.wrap_angle = 180 * u.deg
-            return found
+            represented = super().represent_as(base, s=s, in_frame_units=in_frame_units)
+            if hasattr(represented, "lon"):
+                represented.lon.wrap_angle = 180 * u.deg
+            return represented
 
     @c.frame_transform_graph.transform(DynamicMatrixTransform, c.ICRS, StreamFrame)  # type: ignore[untyped-decorator]
     def _from_icrs(_: Any, to: Any) -> Array:
@@ -92,7 +92,7 @@ def stream_frame() -> Any:
     def _between(of: Any, to: Any) -> Any:
         return of.transform_to(c.ICRS()).transform_to(to)
 
-    StreamFrame.__module__, StreamFrame.__qualname__ = __name__, "StreamFrame"  # where pickle looks for it
+    StreamFrame.__module__, StreamFrame.__qualname__ = __name__, "StreamFrame"  # needed for pickle
     return StreamFrame
 
 

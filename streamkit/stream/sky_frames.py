@@ -4,17 +4,38 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import GetCoreSchemaHandler
+from pydantic_core import CoreSchema, core_schema
 
 from streamkit.errors import nearest
 from streamkit.stream.arrays import Array, read_only
 from streamkit.stream.frames import axes
 
-# A name, ``{"pole": [ra, dec], "origin": [ra, dec]}``, a (3, 3) matrix from ICRS, or None for ICRS itself.
-Frame = str | Mapping[str, Any] | Sequence[Sequence[float]] | Array | None
+
+class _FrameField:
+    """Reads a frame where `Frame` is the type of a component's field: as a run file writes it, and checked."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Read a name, a pole and an origin, or three rows; None is left alone, as the default of a field."""
+        written = str | dict[str, tuple[float, float]] | tuple[tuple[float, float, float], ...]
+        return core_schema.no_info_wrap_validator_function(self._read, handler.generate_schema(written))
+
+    @staticmethod
+    def _read(value: Any, read: Callable[[Any], Any]) -> Any:
+        if value is None:
+            return None
+        frame = read(value.tolist() if isinstance(value, np.ndarray) else value)
+        sky_matrix(frame)
+        return frame
+
+
+# A name, ``{"pole": [ra, dec], "origin": [ra, dec]}``, a (3, 3) matrix from ICRS, or None for ICRS itself. It may be
+# the type of a component's field.
+Frame = Annotated[str | Mapping[str, Any] | Sequence[Sequence[float]] | Array | None, _FrameField()]
 
 # Rows are the axes of the frame in ICRS.
 FROM_ICRS: dict[str, list[list[float]]] = {
@@ -79,21 +100,21 @@ WORST = 1e-3  # how far a matrix may be from orthonormal: papers print few digit
 def named_matrices() -> dict[str, Array]:
     """Return the (3, 3) matrix of every named frame; the names are gala's where it has the frame."""
     galactic = axes("galactic").T @ axes("icrs")
-    known = {name: np.array(rows) for name, rows in FROM_ICRS.items()}
-    known["icrs"], known["galactic"] = np.eye(3), galactic
-    known["Pal5PriceWhelan18"] = np.array(PAL5[0]) @ np.array(PAL5[1])
-    known["OphiuchusPriceWhelan16"] = np.array(OPHIUCHUS) @ galactic
+    matrices = {name: np.array(rows) for name, rows in FROM_ICRS.items()}
+    matrices["icrs"], matrices["galactic"] = np.eye(3), galactic
+    matrices["Pal5PriceWhelan18"] = np.array(PAL5[0]) @ np.array(PAL5[1])
+    matrices["OphiuchusPriceWhelan16"] = np.array(OPHIUCHUS) @ galactic
     # Newberg+ 2010, ApJ 711, 32
-    known["OrphanNewberg10"] = _euler(128.79, 54.39, 90.70) @ galactic
+    matrices["OrphanNewberg10"] = _euler(128.79, 54.39, 90.70) @ galactic
     # Law & Majewski 2010, ApJ 714, 229: left-handed, trailing positive
     law = _euler(183.75, 76.54, 194.111534)
-    known["SagittariusLaw10"] = np.diag([1.0, 1.0, -1.0]) @ law @ galactic
+    matrices["SagittariusLaw10"] = np.diag([1.0, 1.0, -1.0]) @ law @ galactic
     # Vasiliev, Belokurov & Erkal 2021, MNRAS 501, 2279: right-handed, leading positive
-    known["SagittariusVasiliev21"] = np.diag([1.0, -1.0, -1.0]) @ law @ galactic
+    matrices["SagittariusVasiliev21"] = np.diag([1.0, -1.0, -1.0]) @ law @ galactic
     # Nidever, Majewski & Burton 2008, ApJ 679, 432: pole at (l, b) = (188.5, -7.5) deg
     nidever = _about("z", 57.275785782128686) @ _about("y", 97.5) @ _about("z", 188.5)
-    known["MagellanicStreamNidever08"] = nidever @ galactic
-    return {name: read_only(_nearest_rotation(matrix)) for name, matrix in known.items()}
+    matrices["MagellanicStreamNidever08"] = nidever @ galactic
+    return {name: read_only(_nearest_rotation(matrix)) for name, matrix in matrices.items()}
 
 
 def sky_matrix(frame: Frame = None) -> Array:
@@ -110,10 +131,10 @@ def sky_matrix(frame: Frame = None) -> Array:
     if frame is None:
         return named_matrices()["icrs"]
     if isinstance(frame, str):
-        if frame not in (known := named_matrices()):
-            close = nearest(frame, known)
-            raise ValueError(f"there is no frame {frame!r}.{close} Known: {', '.join(sorted(known))}")
-        return known[frame]
+        if frame not in (matrices := named_matrices()):
+            close = nearest(frame, matrices)
+            raise ValueError(f"there is no frame {frame!r}.{close} Known: {', '.join(sorted(matrices))}")
+        return matrices[frame]
     if isinstance(frame, Mapping):
         return _great_circle(frame)
     try:

@@ -28,22 +28,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Release:
-    """Where the particles start: q, v (3, n), at the release times they were asked for."""
+    """Positions and velocities q, v (3, n) of the particles at their release."""
 
     q: Array
     v: Array
 
 
-def _known(orbit: Orbit | None) -> Orbit | None:
+def _return(orbit: Orbit | None) -> Orbit | None:
     return orbit
 
 
-no_future = partial(_known, None)  # for streams whose progenitor is not followed beyond today
+no_future = partial(_return, None)  # for streams whose progenitor is not followed beyond today
 
 
 @dataclass(frozen=True, repr=False)
 class Stream:
-    """The particles today, and what happened to each. The arrays are read-only.
+    """The particles today, with the history of each. The arrays are read-only.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Stream:
     bound
         (n,) True for particles that are inside the tidal radius today.
     weight
-        (n,) how many particles of the scheme's own release rate each one stands for; their mean is 1.
+        (n,) statistical weight of each particle relative to the scheme's release rate; the mean is 1.
     orbit
         The progenitor's track from the look-back time to today.
     parameters
@@ -74,7 +74,7 @@ class Stream:
     sun
         The Sun it is seen from; that of Gibbons+ 2014 unless given.
     ahead
-        Finds `future`, when somebody asks for it.
+        Computes `future` on first use.
     """
 
     q: Array
@@ -107,7 +107,7 @@ class Stream:
         return f"<p>{escape(repr(self))}</p>{self.table()[:5]._repr_html_()}"
 
     def __getstate__(self) -> dict[str, object]:
-        return {**self.__dict__, "ahead": partial(_known, self.future)}  # what finds it holds machine code
+        return {**self.__dict__, "ahead": partial(_return, self.future)}  # the function holds machine code
 
     @cached_property
     def future(self) -> Orbit | None:
@@ -136,7 +136,7 @@ class Stream:
         return self._turned(self.dv_galactocentric)
 
     def _turned(self, x: Array) -> Array:
-        frame = np.stack(self.orbit.at(self.t_strip).frame)  # when asked for: no likelihood call needs it
+        frame = np.stack(self.orbit.at(self.t_strip).frame)  # on first use: no likelihood call needs it
         return np.asarray(read_only(np.einsum("fcn,cn->fn", frame, x)))
 
     def seen(self, frame: Frame = None) -> Seen:
@@ -145,7 +145,7 @@ class Stream:
         Parameters
         ----------
         frame
-            None for ICRS (phi1 and phi2 are then RA and Dec); a name such as "GD1Koposov10"; a pole and an origin,
+            None for ICRS (lon and lat are then RA and Dec); a name such as "GD1Koposov10"; a pole and an origin,
             ``{"pole": [ra, dec], "origin": [ra, dec]}``; or a (3, 3) matrix from ICRS.
 
         Raises ValueError for a frame that does not exist.
@@ -153,20 +153,20 @@ class Stream:
         return seen_from(self.sun, self.q, self.v, sky_matrix(frame))
 
     def unwrapped_longitude(self, frame: Frame = None) -> Array:
-        """(n,) Longitude in degrees in a frame, as in `seen`, that counts on along the stream through whole turns.
+        """(n,) Longitude in degrees in a frame, as in `seen`, without jumps at whole turns along the stream.
 
-        The progenitor's is in (-180, 180]. Whole turns are those of the angle that a particle is ahead of the
-        progenitor at the Galactic centre, so the frame should lie along the stream, and debris farther from the
-        centre than the Sun.
+        That of the progenitor is in (-180, 180]. Whole turns are counted by the angle between particle and progenitor
+        at the Galactic centre. The frame should therefore lie along the stream, and the debris farther from the centre
+        than the Sun.
         """
         matrix = sky_matrix(frame)
         core = self.orbit.q[:, -1:], self.orbit.v[:, -1:]
-        own = float(seen_from(self.sun, *core, matrix).phi1[0])
+        longitude_of_core = float(seen_from(self.sun, *core, matrix).lon[0])
         turn = matrix @ (self.sun.tilt @ axes("icrs")).T
         (x, y, _), (u, v, _) = ((turn @ each[:, 0]).tolist() for each in core)
         centred = np.degrees(np.arctan2(y, x)) + np.sign(x * v - y * u) * np.degrees(self.winding)
-        shift = np.round((np.degrees(np.arctan2(y, x)) - own) / 360.0)
-        longitude = self.seen(frame).phi1
+        shift = np.round((np.degrees(np.arctan2(y, x)) - longitude_of_core) / 360.0)
+        longitude = self.seen(frame).lon
         return np.asarray(longitude + 360.0 * (np.round((centred - longitude) / 360.0) - shift))
 
     def toward(self, velocity: Array) -> Array:
@@ -207,14 +207,14 @@ class Stream:
         table["bound"] = self.bound
         deg, pm = u.deg, u.mas / u.yr
         sky = self.seen()
-        table["ra"], table["dec"] = sky.phi1 % 360.0 * deg, sky.phi2 * deg
+        table["ra"], table["dec"] = sky.lon % 360.0 * deg, sky.lat * deg
         table["distance"] = sky.distance * kpc
-        table["pm_ra_cosdec"], table["pm_dec"] = sky.pm_phi1_cosphi2 * pm, sky.pm_phi2 * pm
+        table["pm_ra_cosdec"], table["pm_dec"] = sky.pm_lon_coslat * pm, sky.pm_lat * pm
         table["radial_velocity"] = sky.radial_velocity * kms
         table["radial_velocity_gsr"] = sky.radial_velocity_gsr * kms
         if frame is not None:
             sky = self.seen(frame)
-            table["phi1"], table["phi2"] = sky.phi1 * deg, sky.phi2 * deg
-            table["pm_phi1_cosphi2"], table["pm_phi2"] = sky.pm_phi1_cosphi2 * pm, sky.pm_phi2 * pm
+            table["phi1"], table["phi2"] = sky.lon * deg, sky.lat * deg
+            table["pm_phi1_cosphi2"], table["pm_phi2"] = sky.pm_lon_coslat * pm, sky.pm_lat * pm
         table.meta["parameters"] = dict(self.parameters)
         return table

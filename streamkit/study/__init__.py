@@ -1,1 +1,1 @@
-"""Four studies of a run file. None imports another."""
+"""Five studies of a run file: fit, preflight, ablation, sensitivity, and calibration, which runs fits."""

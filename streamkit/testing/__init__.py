@@ -44,7 +44,7 @@ def check(cls: type[Component], **options: Any) -> None:
     **options
         ``negative_density=True`` for a potential that is meant to have one somewhere;
         ``accuracy=1e-8`` for an integrator without a field ``step``: the relative error it may make over a
-        good part of a radial period (1e-5 unless told);
+        good part of a radial period (default 1e-5);
         ``slow=True`` for what is meant for single streams, not for fits.
 
     Raises AssertionError: One error with a line for each check that failed.
@@ -67,23 +67,17 @@ def checks(
     cls: type[Component], *, negative_density: bool = False, accuracy: float = 1e-5, slow: bool = False
 ) -> tuple[Check, ...]:
     """Return the checks that `check` runs on a class. Each takes the example component."""
-    found = _checks(cls, negative_density, accuracy)
-    return tuple(one for one in found if not (slow and title(one).endswith("is fast")))
-
-
-def _checks(cls: type[Component], negative_density: bool, accuracy: float) -> tuple[Check, ...]:
-    if issubclass(cls, Potential):
-        return COMMON + potentials.checks(negative_density)
-    if issubclass(cls, Stripping):
-        return COMMON + stripping.CHECKS
-    if issubclass(cls, Integrator):
-        return COMMON + integrators.checks(accuracy)
-    if issubclass(cls, Observable):
-        return COMMON + observables.CHECKS
-    if issubclass(cls, HostData):
-        return COMMON + host_data.CHECKS
-    if issubclass(cls, Sampler):
-        return samplers.CHECKS
+    by_role: dict[type[Component], tuple[Check, ...]] = {
+        Potential: COMMON + potentials.checks(negative_density),
+        Stripping: COMMON + stripping.CHECKS,
+        Integrator: COMMON + integrators.checks(accuracy),
+        Observable: COMMON + observables.CHECKS,
+        HostData: COMMON + host_data.CHECKS,
+        Sampler: samplers.CHECKS,
+    }
+    for role, of_role in by_role.items():
+        if issubclass(cls, role):
+            return tuple(check for check in of_role if not (slow and title(check).endswith("is fast")))
     raise AssertionError(
         f"{cls!r} is no potential, stripping scheme, integrator, observable, host data or sampler class"
     )

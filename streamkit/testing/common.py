@@ -1,4 +1,4 @@
-"""What every component must do, and how a check says that it does not."""
+"""Checks of every component, and the form in which a check reports a failure."""
 
 from __future__ import annotations
 
@@ -61,8 +61,8 @@ def fields_are_described(component: Component) -> None:
     cls = type(component)
     silent = [name for name, field in cls.model_fields.items() if not field.description]
     require(not silent, f"no description: {', '.join(silent)} (write Field(description=...))")
-    known = {*cls.parameters(), "tolerance"}  # of an expansion: every potential has it that is not compiled
-    bare = [n for n, f in cls.model_fields.items() if f.annotation is float and n not in known]
+    numbers = {*cls.parameters(), "tolerance"}  # of an expansion: every potential has it that is not compiled
+    bare = [n for n, f in cls.model_fields.items() if f.annotation is float and n not in numbers]
     require(not bare, f"plain float: {', '.join(bare)} (declare it as Mass, Length, Speed, Number, ...)")
 
 

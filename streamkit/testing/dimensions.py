@@ -1,4 +1,4 @@
-"""Checks of a potential's units: the mass that its force tells, dimensional analysis, the conversion of time."""
+"""Checks of a potential's units: the mass by Gauss's law, dimensional analysis, the conversion of time."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LIKELY = {
     4 * math.pi: "a factor 4 pi is too many",
     0.25 / math.pi: "a factor 4 pi is missing",
 }
-FAR = 1e5  # kpc: there every total mass is reached, and an NFW halo has ten times its scale mass
+OUTER = 1e5  # kpc: there every total mass is reached, and an NFW halo has ten times its scale mass
 
 
 def enclosed_mass(potential: Potential, r: Array, t: float = 0.0) -> Array:
@@ -56,12 +56,12 @@ def mass_agrees_with_force(potential: Potential) -> None:
     if unit is None or unit.name != "Msun":
         return
     mass = float(getattr(potential, "mass"))  # noqa: B009  a field of this class, not of all
-    near, far = enclosed_mass(potential, np.array([1e3, FAR])) / mass
-    wrong = next((why for factor, why in LIKELY.items() if abs(far / factor - 1) < 2e-3), "")
-    told = f"M(<1000 kpc) from the force is {near:.4g} times the mass, and M(<{FAR:g} kpc) {far:.4g} times"
+    inside, outside = enclosed_mass(potential, np.array([1e3, OUTER])) / mass
+    wrong = next((why for factor, why in LIKELY.items() if abs(outside / factor - 1) < 2e-3), "")
+    finding = f"M(<1000 kpc) from the force is {inside:.4g} times the mass, and M(<{OUTER:g} kpc) {outside:.4g} times"
     require(
-        not wrong and 0.02 < near < 50,
-        f"{told}: the force must be in (km/s)^2/kpc for kpc, Msun and streamkit.G"
+        not wrong and 0.02 < inside < 50,
+        f"{finding}: the force must be in (km/s)^2/kpc for kpc, Msun and streamkit.G"
         + (f". Perhaps {wrong}" if wrong else ". If mass is no total mass, call the field something else"),
     )
 
@@ -113,7 +113,7 @@ def has_dimensions(potential: Potential) -> None:
 
 
 def _homogeneous(potential: Potential, assumed: dict[str, tuple[float, float]]) -> bool:
-    """Say whether the force in other units is the same force, with the dimensions of some numbers assumed."""
+    """Return whether the force in other units is the same force, with the dimensions of some numbers assumed."""
     fields: dict[str, Any] = potential.model_dump()
     for name, unit in type(potential).parameters().items():
         length, mass = assumed.get(name, powers_of(unit.name))

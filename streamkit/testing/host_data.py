@@ -40,23 +40,26 @@ class FlattenedHost:
 
 def has_a_value(data: HostData) -> None:
     """Check that names, mean, variance and data have one length, and that the numbers can be used."""
-    found, (values, errors) = data.predict(FlattenedHost()), data.data()
-    m = len(found.names)
-    shapes = [np.shape(each) for each in (found.mean, found.variance, values, errors)]
+    prediction, (values, errors) = data.predict(FlattenedHost()), data.data()
+    m = len(prediction.names)
+    shapes = [np.shape(each) for each in (prediction.mean, prediction.variance, values, errors)]
     require(shapes == [(m,)] * 4, f"{m} names, but mean, variance and data have shapes {shapes}")
-    require(not found.why_not, f"says {found.why_not!r} of a flattened isothermal sphere")
+    require(not prediction.why_not, f"says {prediction.why_not!r} of a flattened isothermal sphere")
     used = np.isfinite(values)
-    require(np.isfinite(found.mean[used]).all(), f"the mean is {found.mean} and why_not is empty")
-    require((found.variance[used] >= 0).all(), f"the variance is {found.variance}")
+    require(np.isfinite(prediction.mean[used]).all(), f"the mean is {prediction.mean} and why_not is empty")
+    require((prediction.variance[used] >= 0).all(), f"the variance is {prediction.variance}")
     require((errors[used] > 0).all(), f"data() gives standard errors that are not positive: {errors}")
 
 
 def has_a_likelihood(data: HostData) -> None:
     """Check that an ``ln_likelihood`` of its own is one finite number; None is a Gaussian."""
-    found = data.predict(FlattenedHost())
+    prediction = data.predict(FlattenedHost())
     for add_noise in (False, True):
-        own = data.ln_likelihood(found, add_noise)
-        require(own is None or (np.ndim(own) == 0 and np.isfinite(own)), f"ln_likelihood gives {own}")
+        likelihood = data.ln_likelihood(prediction, add_noise)
+        require(
+            likelihood is None or (np.ndim(likelihood) == 0 and np.isfinite(likelihood)),
+            f"ln_likelihood gives {likelihood}",
+        )
 
 
 CHECKS: tuple[Check, ...] = (has_a_value, has_a_covariance_of_its_data, has_a_likelihood)

@@ -60,7 +60,7 @@ def _error(state: Array, q: Array, v: Array) -> float:
 
 
 def has_step(cls: type[Integrator]) -> bool:
-    """Say whether an integrator has a longest step that the checks can vary: a field called ``step``."""
+    """Return whether an integrator has a longest step that the checks can vary: a field called ``step``."""
     return "step" in cls.parameters()
 
 

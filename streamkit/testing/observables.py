@@ -94,8 +94,8 @@ def variance_is_that_of_the_scatter(observable: Observable) -> None:
     if len(some) < 4:
         return
     scatter = np.var([one.mean for one in some], axis=0, ddof=1)
-    told = np.median([one.variance for one in some], axis=0)
-    for name, true, said in zip(some[0].names, scatter, told, strict=True):
+    variances = np.median([one.variance for one in some], axis=0)
+    for name, true, said in zip(some[0].names, scatter, variances, strict=True):
         require(
             0.1 * true <= said <= 30 * true or said == true == 0,
             f"{name}: the variance is {said:.3g}, and the scatter over {len(some)} streams {true:.3g}: return the "

@@ -77,8 +77,8 @@ def is_finite(potential: Potential) -> None:
 
 def is_finite_at_the_centre(potential: Potential) -> None:
     """Check that a force which vanishes towards the centre is finite there, where a satellite has its own centre."""
-    near, nearer = (_size(acceleration([potential], 0.0, np.full((3, 1), r)))[0] for r in (1e-3, 1e-6))
-    if nearer < 0.1 * near:
+    outer, inner = (_size(acceleration([potential], 0.0, np.full((3, 1), r)))[0] for r in (1e-3, 1e-6))
+    if inner < 0.1 * outer:
         centre = acceleration([potential], 0.0, np.zeros((3, 1))).ravel()
         require(
             np.isfinite(centre).all(),
@@ -162,21 +162,23 @@ def drag_is_a_drag(potential: Potential) -> None:
     values = potential.in_engine_units()
     result = type(potential).drag(*q.copy(), *v.copy(), t.copy(), *values)
     require(isinstance(result, tuple) and len(result) == 3, "drag must return a tuple (ax, ay, az)")
-    found, still = drag([potential], t, q, v), drag([potential], t, q, 0 * v)
-    for moving, what in ((found, "at 150 km/s"), (still, "at rest: do not divide by the speed alone")):
+    numpy_drag, at_rest = drag([potential], t, q, v), drag([potential], t, q, 0 * v)
+    for moving, what in ((numpy_drag, "at 150 km/s"), (at_rest, "at rest: do not divide by the speed alone")):
         require(np.isfinite(moving).all(), f"drag is not finite {what}")
-    require((found != still).any(), "drag does not depend on the velocity: it belongs into acceleration")
-    scale = _size(found) + _size(acceleration([potential], t, q))
+    require((numpy_drag != at_rest).any(), "drag does not depend on the velocity: it belongs into acceleration")
+    scale = _size(numpy_drag) + _size(acceleration([potential], t, q))
     field = build_field([potential])
     engine = field.acceleration(t, q, v) - field.acceleration(t, q)
     require(
-        (_size(engine - found) <= 1e-12 * scale).all(), "in the loop, drag: " + _worst(engine - found, scale[None], q)
+        (_size(engine - numpy_drag) <= 1e-12 * scale).all(),
+        "in the loop, drag: " + _worst(engine - numpy_drag, scale[None], q),
     )
     if potential.compiled:
         points = zip(*q, *v, t, strict=True)
         single = np.array([type(potential).drag(*map(float, point), *values) for point in points]).T
         require(
-            (_size(single - found) <= 1e-12 * scale).all(), "floats, drag: " + _worst(single - found, scale[None], q)
+            (_size(single - numpy_drag) <= 1e-12 * scale).all(),
+            "floats, drag: " + _worst(single - numpy_drag, scale[None], q),
         )
 
 

@@ -47,8 +47,8 @@ def _slopes(f: Callable[[Array], Array], q: Array, h: Array) -> Array:
     rows = []
     for axis in np.eye(3):
         step = axis[:, None] * h
-        near, far = f(q + step) - f(q - step), f(q + 2 * step) - f(q - 2 * step)
-        rows.append((8 * near - far) / (12 * h))
+        one_step, two_steps = f(q + step) - f(q - step), f(q + 2 * step) - f(q - 2 * step)
+        rows.append((8 * one_step - two_steps) / (12 * h))
     return np.stack(rows)
 
 

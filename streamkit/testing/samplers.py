@@ -9,7 +9,18 @@ from itertools import islice
 
 import numpy as np
 
-from streamkit import Array, ChainSampler, Data, Ensemble, Evaluations, Sampler, Samples, Uniform, autocorrelation_times
+from streamkit import (
+    Array,
+    BoolArray,
+    ChainSampler,
+    Data,
+    Ensemble,
+    Evaluations,
+    Sampler,
+    Samples,
+    Uniform,
+    autocorrelation_times,
+)
 from streamkit.testing import common
 from streamkit.testing.common import Check, require
 
@@ -30,6 +41,8 @@ class Gaussian:
         self.size, self.seed, self.workers, self.progress = 2, seed, 4, False
         self.priors = (Uniform(-5.0, 5.0), Uniform(-5.0, 5.0))
         self.data = Data(np.zeros(2), np.full(2, SD), covariance=np.linalg.inv(INVERSE))
+        self.coordinates: BoolArray = np.ones(2, dtype=bool)
+        self.undeclared: Sequence[str] = ()
         self.calls: Counter[bytes] = Counter()
         self.steps = list(steps)
         self._last = last
@@ -49,12 +62,19 @@ class Gaussian:
         lnl = LN_NORM - 0.5 * np.einsum("ni,ij,nj->n", points, INVERSE, points)
         return np.where((points[:, 0] > 4) | ~np.isfinite(self.ln_prior(points)), -np.inf, lnl)
 
-    def predictions(self, points: Array) -> Evaluations:
+    def predictions(self, points: Array, small: bool = False) -> Evaluations:
         """Return the parameters as predictions without noise."""
         lnl = self.evaluate(points)
         mean = np.where(np.isfinite(lnl)[:, None], points, np.nan)
         reasons = tuple("" if there else "no stream" for there in np.isfinite(lnl))
-        return Evaluations(self.ln_prior(points) + lnl, lnl, mean, 0.0 * mean, reasons)
+        details = np.empty((len(points), 0))
+        return Evaluations(self.ln_prior(points) + lnl, lnl, mean, 0.0 * mean, reasons, details)
+
+    def compare(self, points: Array, mean: Array, variance: Array, details: Array) -> Array:
+        """Return the ln density of predictions, with their variances added to those of the data."""
+        covariance = np.linalg.inv(INVERSE) + variance[:, :, None] * np.eye(2)
+        away = np.einsum("ni,nij,nj->n", mean, np.linalg.inv(covariance), mean)
+        return np.asarray(-0.5 * away - 0.5 * np.log(np.linalg.det(2 * math.pi * covariance)))
 
     def start(self, count: int, particles: int) -> Ensemble:
         """Return points near the maximum."""
@@ -89,9 +109,10 @@ class Gaussian:
 def sampled(component: Sampler, seed: int = 1) -> tuple[Gaussian, Samples]:
     """Return the target after its use and the last samples: of a chain those of its second half, of equal weight."""
     target, last = Gaussian(seed), None
-    for state in component.sample(target):
+    for number, state in enumerate(component.sample(target)):
         if isinstance(state, Ensemble):
-            walked(target, state)
+            check_step(target, state)
+            target.steps += [state] if number else []  # the first is the start
         else:
             last = state
     if target.steps:
@@ -102,16 +123,14 @@ def sampled(component: Sampler, seed: int = 1) -> tuple[Gaussian, Samples]:
     return target, last
 
 
-def walked(target: Gaussian, step: Ensemble) -> None:
-    """Check a step of a chain, and store it; the first is the start."""
+def check_step(target: Gaussian, step: Ensemble) -> None:
+    """Check the shapes of a step of a chain, and its ln posterior."""
     require(step.points.ndim == 2 and step.points.shape[1] == 2, "points of a step are (walkers, d)")
     walkers = len(step.points)
     shapes = np.shape(step.ln_probability), np.shape(step.accepted)
     require(shapes == ((walkers,), (walkers,)), "ln_probability and accepted of a step are (walkers,)")
     lnp = target.ln_prior(step.points) + target.evaluate(step.points)
     require(np.allclose(step.ln_probability, lnp), "ln_probability of a step is ln prior + ln likelihood of its points")
-    if step.number or target.steps:
-        target.steps.append(step)
 
 
 def samples_a_gaussian(component: Sampler) -> None:

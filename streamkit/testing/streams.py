@@ -55,8 +55,8 @@ def example_stream(count: int = 4000, seed: int = 3) -> Stream:
         after = angle(x) - angle(track.q[:, k + 1])
         winding[out] += (after - before + np.pi) % (2 * np.pi) - np.pi
         chi[out] += (edges[k + 1] - edges[k]) * (np.sqrt((x**2).sum(axis=0)) - track.r[k + 1])
-        near = np.sqrt(((x - track.q[:, k + 1 : k + 2]) ** 2).sum(axis=0)) < track.r_tidal[k + 1]
-        inside[out[near]] = edges[k + 1]
+        within = np.sqrt(((x - track.q[:, k + 1 : k + 2]) ** 2).sum(axis=0)) < track.r_tidal[k + 1]
+        inside[out[within]] = edges[k + 1]
         q[:, out], v[:, out] = x, u
     zero = np.zeros((3, count))
     return Stream(

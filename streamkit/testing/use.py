@@ -33,7 +33,7 @@ def use(component: Component, seed: int = 1) -> Array:
         return np.concatenate([q, v])
     if isinstance(component, HostData):
         return component.predict(FlattenedHost()).mean
-    assert isinstance(component, Observable)  # noqa: S101  there are five roles
+    assert isinstance(component, Observable)  # noqa: S101  of the six roles, a sampler has checks of its own
     stream = example_stream()
     return component.predict(select(stream, slice(seed - 1, None))).mean
 

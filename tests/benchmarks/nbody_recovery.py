@@ -117,7 +117,7 @@ def main() -> None:
     fields = dict(setting.split("=", 1) for setting in given.sampler)
     spec = sk.load(given.run_file)
     if fields:
-        spec = spec.with_values({f"sampler.{name}": sk.spec.literal(value) for name, value in fields.items()})
+        spec = spec.with_values({f"sampler.{name}": sk.runfile.literal(value) for name, value in fields.items()})
     given.output.mkdir(parents=True, exist_ok=True)
     file = given.output / "draws.jsonl"
     known = [Draw.of_line(line) for line in file.read_text().splitlines()] if file.exists() else []

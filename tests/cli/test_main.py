@@ -105,6 +105,7 @@ def test_stream_files_hold_the_particles_and_how_to_make_them_again(run_file: Pa
     np.testing.assert_array_equal(sk.Model(again).stream().q[0], table["x"].to_value("kpc"))
 
 
+@pytest.mark.rendered
 def test_plot_writes_a_picture(run_file: Path) -> None:
     assert call("stream", run_file, "--plot", "s.png").exit_code == 0
     assert (run_file.parent / "s.png").read_bytes()[:4] == b"\x89PNG"
@@ -112,8 +113,10 @@ def test_plot_writes_a_picture(run_file: Path) -> None:
 
 def test_plugins_lists_everything_and_describes_one() -> None:
     listing = call("plugins").stdout
-    for role in ("potential", "stripping", "integrator", "observable"):
+    text = call("plugins", "--help").stdout
+    for role in ("potential", "stripping", "integrator", "observable", "data", "sampler"):
         assert f"{role}\n" in listing
+        assert role in text
     assert max(map(len, listing.splitlines())) <= 100
     one = call("plugins", "potential", "tf").stdout
     assert "Gibbons, Belokurov & Evans 2014, MNRAS 445, 3788" in one

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -26,12 +27,24 @@ def test_there_is_one_for_every_role() -> None:
 
 @pytest.mark.parametrize("role", ROLES)
 def test_it_passes_its_own_test(role: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In this process, whose imports are made."""
     monkeypatch.chdir(tmp_path)
-    out = call("new", role, "my_first").stdout
-    package = tmp_path / "streamkit-my-first"
-    names = {"pyproject.toml", "streamkit_my_first.py", "test_my_first.py", "README.md"}
+    out = call("new", role, f"my_{role}").stdout
+    package = tmp_path / f"streamkit-my-{role}"
+    names = {"pyproject.toml", f"streamkit_my_{role}.py", f"test_my_{role}.py", "README.md"}
     assert {file.name for file in package.iterdir()} == names
-    assert "pip install -e streamkit-my-first pytest" in out
+    assert f"pip install -e streamkit-my-{role} pytest" in out
+    monkeypatch.syspath_prepend(package)
+    (test,) = (
+        value for name, value in runpy.run_path(str(package / f"test_my_{role}.py")).items() if name.startswith("test_")
+    )
+    test()
+
+
+def test_pytest_finds_its_own_test(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    call("new", "stripping", "my_first")
+    package = tmp_path / "streamkit-my-first"
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([HERE, str(package)])}
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", package]
     done = subprocess.run(command, cwd=package, env=environment, capture_output=True, text=True)
@@ -72,9 +85,9 @@ def test_pip_installs_it_and_a_run_file_finds_it(tmp_path: Path) -> None:
         ("2halos", "a letter first. Perhaps 'halos'?"),
         ("../halo", "Perhaps 'halo'?"),
         ("é", "cannot be the name"),
-        ("potential", "its class would be called Potential, which means something else already"),
+        ("potential", "its class would be called Potential, which is the name of something else"),
         ("true", "its class would be called True"),
-        ("plummer", f"there is a potential of this name already, from streamkit {streamkit.__version__}"),
+        ("plummer", f"streamkit {streamkit.__version__} has a potential of this name"),
     ],
 )
 def test_names_that_cannot_be(name: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -85,5 +98,5 @@ def test_names_that_cannot_be(name: str, told: str, tmp_path: Path, monkeypatch:
 
 def test_a_directory_that_exists_is_left_alone(tmp_path: Path) -> None:
     told = refused("new", "potential", "mine", "-o", tmp_path)
-    assert f"{tmp_path}: is there already, and nothing was changed" in told
+    assert f"{tmp_path}: exists already; nothing was changed" in told
     assert not list(tmp_path.iterdir())

@@ -59,7 +59,7 @@ def test_a_body_has_its_potential_three_ways_friction_and_reflex() -> None:
     for name in ("mass", "a", "friction", "reflex", *(name for way in BODY_WAYS for name in way.coordinates())):
         assert name in found
     assert "lookback" not in found
-    assert "its force must tell a total mass" in call("reference", "body", "tf").stdout
+    assert "its force must give a total mass" in call("reference", "body", "tf").stdout
 
 
 def test_tables_wrap_the_last_column_and_take_brackets_as_they_are() -> None:

@@ -161,7 +161,7 @@ def test_a_stream_a_rejection_and_pickles() -> None:
 def test_who_may_ask() -> None:
     place = {"x": 30, "y": 1, "z": 2, "vx": 1, "vy": 2, "vz": 3}
     body = {"kind": "test_contracted", "mass": 1e10, "rs": 3, **place}
-    with pytest.raises(sk.SpecError, match=r"body.a.kind: 'test_contracted' is made of the other parts of the host"):
+    with pytest.raises(sk.SpecError, match=r"body.a.kind: 'test_contracted' depends on the other parts of the host"):
         sk.load(BASE | {"body": {"a": body}}, components=[Contracted])
     with pytest.raises(sk.PluginError, match=r"prepare: the arguments are fields by name; found 'hots'"):
 

@@ -16,8 +16,18 @@ def spec(table):
 def test_a_preset_is_its_named_potentials():
     named, short = spec(dict(GALA_V2.sections)), spec({"preset": "gala_v2"})
     assert short.digest() == named.digest()
-    assert short.document["potential"].keys() == GALA_V2.sections.keys()
-    assert "preset" not in short.toml()
+    assert list(short.document["potential"]) == ["preset", *GALA_V2.sections]
+    assert 'preset = "gala_v2"' in short.toml()
+
+
+def test_a_resolved_run_file_reads_back(tmp_path):
+    ours = spec({"preset": "gala_v2", "halo": {"mass": {"uniform": [4e11, 7e11]}}})
+    (tmp_path / "run.toml").write_text(ours.toml())
+    again = sk.load(tmp_path / "run.toml")
+    assert again.document == ours.document
+    assert again.digest() == ours.digest()
+    other = ours.with_values({"potential.halo.kind": "nfw_triaxial", "potential.halo.q": 0.9})
+    assert other.document["potential"]["halo"]["kind"] == "nfw_triaxial"
 
 
 def test_own_sections_change_a_field_a_kind_or_add_a_potential():
@@ -31,7 +41,7 @@ def test_own_sections_change_a_field_a_kind_or_add_a_potential():
     assert ours.names[:1] == ("potential.halo.mass",)
     assert document["halo"]["rs"] == "15.626 kpc"
     assert document["disc"] == {"kind": "miyamoto_nagai", "mass": "68000000000.0 Msun", "a": "3.0 kpc", "b": "0.28 kpc"}
-    assert list(document) == ["bulge", "nucleus", "disc", "halo", "bar"]
+    assert list(document) == ["preset", "bulge", "nucleus", "disc", "halo", "bar"]
     assert np.isfinite(sk.Model(ours).stream().q).all()
 
 

@@ -9,11 +9,18 @@ from streamkit.components import load_registry
 from streamkit.testing import check, checks
 from streamkit.testing.common import example_of, title
 
-COMPONENTS = [entry.cls for kinds in load_registry().entries.values() for entry in kinds.values()]
-CASES = [(cls, check) for cls in COMPONENTS for check in checks(cls, slow=cls.kind == "dop853")]
+COMPONENTS = [entry for kinds in load_registry().entries.values() for entry in kinds.values()]
+CASES = [
+    pytest.param(
+        entry.cls, check, id=f"{entry.cls.role}-{entry.cls.kind}-{title(check)}",
+        marks=() if entry.supplier.startswith("streamkit ") else pytest.mark.slow,  # its own tests check it, too
+    )
+    for entry in COMPONENTS
+    for check in checks(entry.cls, slow=entry.cls.kind == "dop853")
+]  # fmt: skip
 
 
-@pytest.mark.parametrize(("cls", "check"), CASES, ids=[f"{cls.role}-{cls.kind}-{title(check)}" for cls, check in CASES])
+@pytest.mark.parametrize(("cls", "check"), CASES)
 def test_conforms(cls, check):
     check(example_of(cls))
 

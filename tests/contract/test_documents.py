@@ -9,7 +9,6 @@ import shlex
 import subprocess
 import sys
 import tomllib
-from collections.abc import Callable
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, distribution
 from itertools import pairwise
@@ -22,8 +21,11 @@ from commands import call
 from documents import (
     CONTRIBUTING,
     DOCUMENTS,
+    EXAMPLES,
+    MANUAL,
     PLUGINS,
     README,
+    RESULTS,
     ROOT,
     STUDIES,
     Block,
@@ -33,7 +35,6 @@ from documents import (
     lay_desk,
     lines,
 )
-from matplotlib.figure import Figure
 from runfiles import BASE
 from snapshots import model_stream, nbody_stream
 
@@ -46,8 +47,10 @@ from streamkit.runfile import to_toml
 from streamkit.study.fit.products import PRODUCTS
 
 SHELL = ("sh", "console", "")
-PLUGIN_BLOCKS = [block for block in blocks("python") if "@hookimpl" in block.text]
-PLAIN_BLOCKS = [block for block in blocks("python") if "@hookimpl" not in block.text]
+JAFFE = ROOT / "tests" / "third_party" / "streamkit_jaffe.py"
+EXAMPLE_TEXTS = {path: path.read_text(encoding="utf-8") for path in EXAMPLES}
+MANUAL_BLOCKS = [block for block in blocks("python", MANUAL) if "import check" not in block.text]  # parts of examples
+PLAIN_BLOCKS = [block for block in blocks("python") if block not in MANUAL_BLOCKS]
 each_document = pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
 CALLS = [
     pytest.param(command.arguments, id=f"{command.block} {shlex.join(command.arguments[:2])}")
@@ -66,14 +69,7 @@ def laid(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def desk(laid: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The desk as working directory, and pictures of few pixels that are not laid out: others test how they look."""
-    save = Figure.savefig
-
-    def roughly(figure: Figure, *args: Any, **options: Any) -> None:
-        figure.set_layout_engine("none")
-        save(figure, *args, **(options | {"dpi": 40}))
-
-    monkeypatch.setattr(Figure, "savefig", roughly)
+    """The desk as working directory."""
     monkeypatch.chdir(laid)
     return laid
 
@@ -99,7 +95,7 @@ def carry_out(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(sys, "argv", command.script)
         runpy.run_path(command.script[0], run_name="__main__")
     if command.arguments:
-        short = ["6" if option == "--steps" else word for option, word in pairwise(["", *command.arguments])]
+        short = ["3" if option == "--steps" else word for option, word in pairwise(["", *command.arguments])]
         result = call(*short)
         assert result.exit_code == 0, f"{command.words}\n{result.output}"
         assert result.stdout
@@ -117,11 +113,11 @@ def test_every_command_line_parses(arguments: list[str]) -> None:
     known.make_context(name, rest)
 
 
-@pytest.mark.parametrize("document", [README, *STUDIES], ids=lambda path: path.parent.name)
+@pytest.mark.parametrize("document", [README, *STUDIES, *RESULTS], ids=lambda path: str(path.relative_to(ROOT)))
 def test_the_commands_of_a_document_run_in_their_order(
     document: Path, desk: Path, carried_out: set[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert commands(document, "console")
+    assert commands(document, "console") or document in RESULTS
     for command in commands(document, "console"):
         if shlex.join(command.words) not in carried_out:
             carry_out(command, monkeypatch)
@@ -136,16 +132,18 @@ def test_every_command_is_shown_where_it_is_run() -> None:
     """Those of a plugin in the plugin's own README, whose tests run them."""
     shown, plugins = (
         {command.arguments[0] for path in paths for command in commands(path, *SHELL) if command.arguments}
-        for paths in ([README, *STUDIES], PLUGINS)
+        for paths in ([README, *STUDIES, *RESULTS], PLUGINS)
     )
-    authors = {command.arguments[0] for command in commands(CONTRIBUTING, *SHELL) if command.arguments}
+    authors = {command.arguments[0] for command in commands(MANUAL, *SHELL) if command.arguments}
     known = set(main.list_commands(click.Context(main)))
-    run = {c.arguments[0] for path in [README, *STUDIES] for c in commands(path, "console") if c.arguments}
+    run = {c.arguments[0] for path in [README, *STUDIES, *RESULTS] for c in commands(path, "console") if c.arguments}
     assert shown <= known
     assert known - run <= plugins | authors
 
 
-@pytest.mark.parametrize("document", [README, *STUDIES, *PLUGINS], ids=lambda path: path.parent.name)
+@pytest.mark.parametrize(
+    "document", [README, *STUDIES, *RESULTS, *PLUGINS], ids=lambda path: str(path.relative_to(ROOT))
+)
 def test_what_a_command_needs_exists_or_was_made_by_an_earlier_one(document: Path) -> None:
     made: set[str] = set()
     for command in commands(document, *SHELL):
@@ -154,10 +152,6 @@ def test_what_a_command_needs_exists_or_was_made_by_an_earlier_one(document: Pat
                 earlier = {str(path) for path in (Path(name), *Path(name).parents)} & made
                 assert earlier or (ROOT / name).exists(), f"{command.block}: {name}"
             made |= command.makes()
-
-
-def test_the_readme_is_short() -> None:
-    assert len(README.read_text(encoding="utf-8").splitlines()) <= 200
 
 
 def test_the_program_of_the_readme_runs(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -176,34 +170,25 @@ def test_a_python_block_runs(block: Block, desk: Path) -> None:
     exec(compile(block.text, str(block), "exec"), {})
 
 
-@pytest.fixture
-def shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Block], list[type[Component]]]:
-    """Write a block to a module, load it as a plugin file, and return its components."""
-    monkeypatch.syspath_prepend(tmp_path)
-
-    def load(block: Block) -> list[type[Component]]:
-        path = tmp_path / f"shown_{block.line}.py"
-        path.write_text(block.text)
-        known = load_registry([path])
-        suppliers = [entry.supplier for kinds in known.entries.values() for entry in kinds.values()]
-        classes: list[type[Component]] = import_module(path.stem).streamkit_components()
-        assert len([name for name in suppliers if path.name in name]) == len(classes) == 1
-        return classes
-
-    return load
+def components_of(path: Path, monkeypatch: pytest.MonkeyPatch) -> list[type[Component]]:
+    """Load an example as a plugin file, and return its components."""
+    monkeypatch.syspath_prepend(path.parent)
+    registry = load_registry([path])
+    suppliers = [entry.supplier for kinds in registry.entries.values() for entry in kinds.values()]
+    classes: list[type[Component]] = import_module(path.stem).streamkit_components()
+    assert len([name for name in suppliers if path.name in name]) == len(classes) == 1
+    return classes
 
 
-@pytest.mark.parametrize("block", PLUGIN_BLOCKS, ids=str)
-def test_a_plugin_block_loads_as_a_file_and_conforms(
-    block: Block, shown: Callable[[Block], list[type[Component]]]
-) -> None:
-    for cls in shown(block):
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_plugin_loads_as_a_file_and_conforms(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for cls in components_of(path, monkeypatch):
         testing.check(cls)
 
 
 def test_a_plugin_file_works_in_a_second_process(tmp_path: Path) -> None:
     """Numba looks for a kernel's module by name when it reads the machine code back from the disk."""
-    (tmp_path / "my_potential.py").write_text(PLUGIN_BLOCKS[0].text + "# a file of its own")
+    (tmp_path / "my_potential.py").write_text(EXAMPLE_TEXTS[JAFFE] + "# a file of its own")
     host = {"kind": "jaffe", "mass": 1e12, "a": 80.0}
     document = {"plugins": ["my_potential.py"]} | BASE | {"potential": host}
     (tmp_path / "run.toml").write_text(to_toml(document))
@@ -211,17 +196,28 @@ def test_a_plugin_file_works_in_a_second_process(tmp_path: Path) -> None:
     assert first.split("CPU time")[0] == second.split("CPU time")[0]
 
 
-def test_contributing_shows_how_to_write_each_kind_of_component(
-    shown: Callable[[Block], list[type[Component]]],
-) -> None:
-    roles = {cls.role for block in PLUGIN_BLOCKS for cls in shown(block)}
-    assert roles >= {"potential", "stripping", "integrator", "observable", "sampler"}
+def test_the_manual_shows_how_to_write_each_kind_of_component(monkeypatch: pytest.MonkeyPatch) -> None:
+    roles = {cls.role for path in EXAMPLES for cls in components_of(path, monkeypatch)}
+    assert roles == {"potential", "stripping", "integrator", "observable", "data", "sampler"}
+
+
+@pytest.mark.parametrize("block", MANUAL_BLOCKS, ids=str)
+def test_the_code_of_the_manual_is_that_of_the_file_above_it(block: Block) -> None:
+    """A whole file, or a part of one."""
+    above = MANUAL.read_text(encoding="utf-8").splitlines()[block.line - 3]
+    linked = re.fullmatch(r"\[`(.*)`\]\(\.\./\1\):", above)
+    assert linked is not None, above
+    assert block.text in EXAMPLE_TEXTS[ROOT / linked[1]]
+
+
+def test_every_example_plugin_is_in_the_manual() -> None:
+    text = MANUAL.read_text(encoding="utf-8")
+    assert all(f"[`{path.relative_to(ROOT)}`](../{path.relative_to(ROOT)}):" in text for path in EXAMPLES)
 
 
 def test_the_package_shown_is_the_one_that_is_tested() -> None:
-    package = ROOT / "tests" / "third_party"
-    assert (package / "pyproject.toml").read_text() in [block.text for block in blocks("toml", CONTRIBUTING)]
-    assert (package / "streamkit_jaffe.py").read_text() in [block.text for block in PLUGIN_BLOCKS]
+    assert (JAFFE.parent / "pyproject.toml").read_text() in [block.text for block in blocks("toml", MANUAL)]
+    assert EXAMPLE_TEXTS[JAFFE] in [block.text for block in MANUAL_BLOCKS]
 
 
 def fragments(document: Path) -> list[tuple[Block, dict[str, Any]]]:
@@ -236,7 +232,9 @@ def test_every_part_of_a_run_file_is_valid(document: Path, tmp_path: Path, monke
             distribution(document.parent.name)
         except PackageNotFoundError:
             pytest.skip(f"{document.parent.name} is not installed")
-    (tmp_path / "my_potential.py").write_text(PLUGIN_BLOCKS[0].text)
+    (tmp_path / "my_potential.py").write_text(EXAMPLE_TEXTS[JAFFE])
+    for path, text in EXAMPLE_TEXTS.items():
+        (tmp_path / path.name).write_text(text)
     monkeypatch.chdir(tmp_path)
     for _, table in fragments(document):
         assert sk.load(BASE | table).names
@@ -265,7 +263,7 @@ def test_the_second_command_line_is_what_ci_runs() -> None:
 
 def test_the_set_up_names_what_exists() -> None:
     extras = {}
-    for project in [ROOT, *ROOT.glob("plugins/*")]:
+    for project in [ROOT, *(file.parent for file in ROOT.glob("plugins/*/pyproject.toml"))]:
         found = tomllib.loads((project / "pyproject.toml").read_text())["project"]
         extras[project.resolve()] = set(found.get("optional-dependencies", {}))
     for document in DOCUMENTS:
@@ -302,7 +300,7 @@ def test_links_lead_somewhere(document: Path) -> None:
 
 def test_the_table_of_the_two_rules_is_what_comes_out() -> None:
     """Within the noise of 10 000 particles (the document's are 20 000)."""
-    text = (ROOT / "examples" / "mocks" / "README.md").read_text(encoding="utf-8")
+    text = (ROOT / "examples" / "mocks" / "RESULTS.md").read_text(encoding="utf-8")
     streams = {
         "N-body": nbody_stream("B"),
         "mLCS": model_stream("B"),
@@ -319,21 +317,22 @@ def test_the_table_of_the_two_rules_is_what_comes_out() -> None:
         assert stated == pytest.approx(found, abs=0.06 if name == "N-body" else 1.0), name
 
 
-def test_every_component_is_in_a_readme() -> None:
-    text = "\n".join(document.read_text(encoding="utf-8") for document in DOCUMENTS)
+def test_every_component_is_in_the_list_that_the_readme_shows() -> None:
+    assert any(command.arguments == ["plugins"] for command in commands(README, "console"))
+    text = call("plugins").stdout
     for kinds in load_registry().entries.values():
         for kind in kinds:
-            assert f"`{kind}`" in text or f'"{kind}"' in text, kind
+            assert re.search(rf"^  {kind} ", text, re.MULTILINE), kind
 
 
-def test_contributing_names_the_hook_the_bases_and_the_number_types() -> None:
-    text = CONTRIBUTING.read_text(encoding="utf-8")
+def test_the_manual_names_the_hook_the_bases_and_the_number_types() -> None:
+    text = MANUAL.read_text(encoding="utf-8")
     assert "`streamkit_components`" in text
     public = {name: getattr(sk, name) for name in sk.__all__}
     components = [v for v in public.values() if inspect.isclass(v) and issubclass(v, Component)]
     bases = [cls.__name__ for cls in components if cls is not Component]
     numbers = [n for n, v in vars(import_module("streamkit.units")).items() if hasattr(v, "__metadata__")]
-    assert len(bases) == 6
+    assert len(bases) == 8  # one for each role, `Spherical` and `ChainSampler`
     assert len(numbers) > 10
     assert set(numbers) <= set(sk.__all__)
     for name in (*bases, *numbers, *testing.__all__[:1]):
@@ -351,14 +350,16 @@ def test_the_map_is_the_tree() -> None:
 
 
 def documented_constants(module: str) -> set[str]:
-    """Names that are assigned in a module with a docstring on the next line."""
-    body = ast.parse(inspect.getsource(import_module(module))).body
-    found = set()
-    for statement, following in pairwise(body):
-        text = following.value if isinstance(following, ast.Expr) else None
-        if isinstance(statement, ast.Assign) and isinstance(text, ast.Constant):
-            found |= {n.id for t in statement.targets for n in ast.walk(t) if isinstance(n, ast.Name)}
-    return found
+    """Names that are assigned in a module with a comment behind or above them; one may stand above several lines."""
+    source = inspect.getsource(import_module(module))
+    lines, names, above = source.splitlines(), set(), -1
+    for statement in ast.parse(source).body:
+        if isinstance(statement, ast.Assign):
+            first, last = statement.lineno - 1, statement.end_lineno - 1
+            if "  # " in lines[last] or lines[first - 1].startswith("# ") or first - 1 == above:
+                above = last
+                names |= {n.id for t in statement.targets for n in ast.walk(t) if isinstance(n, ast.Name)}
+    return names
 
 
 def test_every_public_name_has_a_docstring() -> None:

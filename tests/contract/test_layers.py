@@ -100,7 +100,8 @@ def test_imports_point_down_and_enter_by_the_door(module):
 
 
 def test_no_circles():
-    for module in INSIDE:
+    """Among all modules, and with the imports for types alone."""
+    for module in sorted(filter(None, GRAPH)):
         seen, todo = set(), {m for m in GRAPH[module] if m in GRAPH}
         while todo:
             name = todo.pop()
@@ -133,7 +134,7 @@ def test_a_door_opens_on_what_exists(package):
 @pytest.mark.parametrize("file", PLUGINS, ids=lambda file: file.name)
 def test_plugins_use_the_doors_only(file):
     """Components see `streamkit` and its engine; a command stands on top and sees every door, and nothing behind."""
-    strange = imports(file) - DOORS - ({"testing"} if file.name.startswith("test_") else set())
+    strange = imports(file) - DOORS - ({"testing", "cli.main"} if file.name.startswith("test_") else set())
     if "streamkit-nbody" in file.parts:
         strange = {module for module in strange if module != package_of(module)}
     assert not strange, f"{file.name} imports {strange}"

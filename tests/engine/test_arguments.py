@@ -218,7 +218,7 @@ GROWTH = {"t": [-4.0, -2.0, "-500 Myr", 0.0], "factor": [0.3, 0.5, 0.9, 1.0]}
 @pytest.mark.parametrize("compiled", [True, False])
 def test_a_growing_halo_is_that_of_scipy(compiled: bool) -> None:
     """One orbit over 5 Gyr, beyond the first row of the table, and together with a bulge that stands still."""
-    classes = (NFW, Hernquist) if compiled else (type("N", (sk.Potential,), _copied(NFW)), Hernquist)
+    classes = (NFW, Hernquist) if compiled else (type("N", (sk.Spherical,), _copied(NFW)), Hernquist)
     halo = classes[0](mass=1e12, rs=16, growth=GROWTH)
     bulge = classes[1](mass=1e10, a=0.5)
     field = build_field([bulge, halo])
@@ -238,7 +238,7 @@ def test_a_growing_halo_is_that_of_scipy(compiled: bool) -> None:
 
 def _copied(cls: Any) -> dict[str, Any]:
     fields = {"__annotations__": {"mass": sk.Mass, "rs": sk.Length}, "__module__": __name__, "__doc__": "Plain."}
-    return fields | {"kind": "plain", "compiled": False, "acceleration": staticmethod(cls.acceleration)}
+    return fields | {"kind": "plain", "compiled": False, "pull": staticmethod(cls.pull)}
 
 
 def test_particles_of_many_times_feel_the_factor_of_their_own() -> None:

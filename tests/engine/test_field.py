@@ -296,12 +296,13 @@ WAYS = {
 }
 
 
+@pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize(
     ("stop", "wanted"),
     [
         (lambda: signal.raise_signal(signal.SIGINT), KeyboardInterrupt),
-        (lambda: sys.exit(3), SystemExit),
+        (lambda: sys.exit(3), sk.ComponentError),
         (lambda: 1 / 0, sk.ComponentError),
     ],
 )

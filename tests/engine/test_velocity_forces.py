@@ -281,8 +281,8 @@ def test_a_run_file_may_not_combine_a_drag_with_what_does_not_know_it() -> None:
     host = {"potential": {"kind": "test_sticky", "omega": OMEGA, "rate": RATE}}
     deaf = {"integrator": {"kind": "test_deaf"}}
     sentence = (
-        r"integrator: 'test_deaf' does not know forces that depend on velocity, and potential \('test_sticky'\) has "
-        "one; these do: adaptive, dop853, leapfrog, pefrl"
+        r"integrator: 'test_deaf' does not support forces that depend on velocity, and potential \('test_sticky'\) has "
+        "one; these support it: adaptive, dop853, leapfrog, pefrl"
     )
     with pytest.raises(sk.SpecError, match=sentence):
         sk.load(BASE | host | deaf, components=[Sticky, Deaf])

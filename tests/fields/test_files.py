@@ -197,7 +197,7 @@ def run_file(folder: Path) -> Path:
             "v": ["1 km/s", 2],
         },
     }
-    (folder / "run.toml").write_text(sk.spec.to_toml(document))
+    (folder / "run.toml").write_text(sk.runfile.to_toml(document))
     return folder / "run.toml"
 
 
@@ -266,7 +266,7 @@ def test_a_run_copies_its_files_and_resumes_with_the_same_ones_alone(run_file: P
 
 def test_the_schema_and_the_reference_know_them(run_file: Path) -> None:
     registry = sk.components.load_registry([run_file.parent / "window.py"])
-    schema = sk.spec.json_schema(registry)
+    schema = sk.runfile.json_schema(registry)
     window = next(d for name, d in schema["$defs"].items() if "window" in name)
     assert window["properties"]["r"]["anyOf"][0]["type"] == "array"
     assert "file" in window["properties"]["track"]["anyOf"][1]["properties"]

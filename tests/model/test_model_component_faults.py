@@ -169,7 +169,7 @@ def test_out_of_domain_from_any_component_is_a_counted_reason(tmp_path: Path, me
 
 
 def test_the_times_that_a_force_is_asked_for(tmp_path: Path) -> None:
-    """As CONTRIBUTING says: from the look-back time to today, and 6 Gyr ahead for an apocentre that never comes."""
+    """As the manual for plugins says: from the look-back time to today, and 6 Gyr ahead if no apocentre comes."""
     model = model_with(tmp_path, "acceleration", "ASKED.update((t.min(), t.max())); return 1e3 * x, 1e3 * y, 1e3 * z")
     potential = model.spec.bind().potentials["push"]
     asked = vars(sys.modules[type(potential).__module__]).setdefault("ASKED", set())

@@ -32,6 +32,13 @@ def test_a_plain_table_is_read_in_the_units_of_the_engine(tmp_path: Path) -> Non
     assert snapshot.core[1:, -1] == pytest.approx(range(2, 8))
 
 
+def test_columns_that_are_not_read_may_hold_anything(tmp_path: Path) -> None:
+    """The published tables have a boolean column, and others might have names."""
+    plain = read_snapshot(write_table(tmp_path / "a.npz"))
+    more = read_snapshot(write_table(tmp_path / "b.npz", bound=[False, False, True], label=["a", "b", "c"]))
+    assert np.array_equal(plain.q, more.q)
+
+
 @pytest.mark.parametrize(("length", "speed"), [(1.0, 1.0), (1000.0, 1.0), (1e-3, 0.9)])
 def test_the_gadget_layout_in_any_units_holds_the_same(tmp_path: Path, length: float, speed: float) -> None:
     same, found = (

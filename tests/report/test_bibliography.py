@@ -5,9 +5,9 @@ import re
 import pytest
 from commands import call, refused
 from runfiles import BASE, PLUGIN, changed
-from streamkit.builtin.samplers import MOVES, Emcee
 
 import streamkit as sk
+from streamkit.builtin.ensemble.sampler import MOVES, Emcee
 from streamkit.components import load_registry
 from streamkit.report.bibliography import ALWAYS, FIT, _is_named, bibliography, cited
 from streamkit.runfile import to_toml
@@ -88,22 +88,19 @@ def test_a_strangers_reference_is_a_note_and_its_bibtex_is_taken_as_it_is(tmp_pa
 
 
 def test_a_directory_without_a_run_is_refused(tmp_path):
-    assert "run.toml" in refused("cite", tmp_path)
+    assert "manifest.json" in refused("cite", tmp_path)
 
 
-def test_the_model_behind_a_preset_is_cited_though_its_name_is_gone():
+def test_the_model_behind_a_preset_is_cited_by_its_name():
     host = {"preset": "gala_v2", "halo": {"mass": {"uniform": [4e11, 7e11]}}}
     document = changed("potential", host)
     spec = sk.load(document)
-    assert "preset" not in spec.document["potential"]
     again = sk.load(spec.document)
     for each in (spec, again):
         text = cited(each)
         assert {"PriceWhelan2017", "Eilers2019", "DarraghFord2023"} <= set(keys(text))
         assert "the potentials of the preset 'gala_v2'" in text
         assert "gala_v1" not in text
-    other = {name: dict(section) for name, section in spec.document["potential"].items()}
-    for section in other.values():
-        section |= {field: 1.1 for field in section if field != "kind"}
+    other = {name: section for name, section in spec.document["potential"].items() if name != "preset"}
     assert "preset" not in cited(sk.load(changed("potential", other)))
     assert again.digest() == spec.digest()

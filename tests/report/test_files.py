@@ -7,17 +7,19 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from streamkit import ChainError
-from streamkit.report import contents, locked
+from streamkit.report import contents, is_locked, locked, replace_whole
 from streamkit.sample import pool
 
 HOLD = """
 import sys
+import threading
 from pathlib import Path
 from streamkit.report import locked
 with locked(Path(sys.argv[1])):
@@ -131,3 +133,35 @@ def test_a_descriptor_that_a_plugin_closed_does_not_hide_the_end(tmp_path: Path)
         os.close(int(mine.name))
     with locked(tmp_path):
         pass
+
+
+def test_nothing_is_written_through_a_link_at_the_place_of_a_temporary_file(tmp_path: Path) -> None:
+    mine, out = tmp_path / "mine", tmp_path / "summary.ecsv"
+    mine.write_text("mine")
+    (tmp_path / ".summary.part.ecsv").symlink_to(mine)
+    replace_whole(out, lambda part: part.write_text("new"))
+    assert (mine.read_text(), out.read_text(), out.is_symlink()) == ("mine", "new", False)
+    (tmp_path / ".summary.part.ecsv").write_text("what a kill left")
+    replace_whole(out, lambda part: part.write_text("newer"))
+    assert out.read_text() == "newer"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["mine", "summary.ecsv"]
+
+
+def test_a_lock_that_is_a_link_leaves_the_other_file_alone(tmp_path: Path) -> None:
+    mine = tmp_path / "mine"
+    mine.write_text("mine")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / ".streamkit.lock").symlink_to(mine)
+    is_locked(tmp_path / "out")
+    with pytest.raises(ChainError, match="cannot be locked for writing"), locked(tmp_path / "out"):
+        pass
+    assert mine.read_text() == "mine"
+
+
+def test_a_lock_that_another_process_has_for_a_moment_is_waited_for(tmp_path: Path) -> None:
+    with held(tmp_path) as process:
+        end = threading.Timer(0.3, process.kill)
+        end.start()
+        with locked(tmp_path):
+            pass
+        process.communicate()

@@ -27,6 +27,7 @@ def test_angles_have_even_ticks_that_do_not_merge(low: float, high: float, step:
         assert 4 <= len(inside) <= 9
 
 
+@pytest.mark.rendered
 def test_a_pdf_has_no_type_3_fonts(tmp_path: Path) -> None:
     """Journals refuse them; Type 42 are TrueType."""
     figure = Figure()

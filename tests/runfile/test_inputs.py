@@ -8,8 +8,8 @@ from runfiles import BASE, changed, error_of
 
 import streamkit as sk
 from streamkit.components import load_registry
-from streamkit.runfile import json_schema
-from streamkit.stream import to_galactocentric
+from streamkit.runfile import Sun, json_schema
+from streamkit.stream import seen_from, sky_matrix, to_galactocentric
 
 LMC: dict[str, Any] = {
     "kind": "hernquist", "mass": {"log_uniform": ["3e10 Msun", "3e11 Msun"]}, "a": "16 kpc",
@@ -74,7 +74,7 @@ def test_a_run_file_without_bodies_stays_what_it_was():
         ),
         (
             {"clump": TF},
-            ["body.clump.kind: the potential 'tf' has no field 'mass' in Msun, and the mass that its force tells"],
+            ["body.clump.kind: the potential 'tf' has no field 'mass' in Msun, and its force gives an infinite mass"],
         ),
         (
             {"lmc": LMC | {"friction": "chandra"}},
@@ -110,3 +110,16 @@ def test_the_schema_knows_bodies():
     assert {"kind", "mass", "a", "ra", "friction", "reflex"} <= fields.keys()
     assert "lookback" not in fields
     assert not any("tf" in name for name in schema["$defs"] if name.startswith("body."))
+
+
+def test_a_body_may_be_placed_in_the_frame_of_a_stream():
+    """The six numbers are those of another set of coordinates in that frame."""
+    frame = {"pole": [78.8, 21.0], "origin": [80.0, -69.0]}
+    own = {"kind": "hernquist", "mass": 1e11, "a": 16.0}
+    body = sk.load(changed("body", {"lmc": LMC})).bind().bodies["lmc"]
+    seen = seen_from(Sun().observer, body.q[:, None], body.v[:, None], sky_matrix(frame))
+    names = ("phi1", "phi2", "distance", "pm_phi1_cosphi2", "pm_phi2", "v_los")
+    place = {name: float(value[0]) for name, value in zip(names, seen, strict=False)}
+    there = sk.load(changed("body", {"lmc": own | place | {"frame": frame}})).bind().bodies["lmc"]
+    np.testing.assert_allclose(there.q, body.q, rtol=1e-9)
+    np.testing.assert_allclose(there.v, body.v, rtol=1e-9)

@@ -7,12 +7,15 @@ import pytest
 from astropy import coordinates as c
 from astropy import units as u
 from pydantic import ValidationError
+from runfiles import changed
 
+import streamkit as sk
 from streamkit.runfile import Sun
-from streamkit.runfile.progenitor import WAYS, EquatorialSky, GalacticSky, Galactocentric, StreamSky, choose_coordinates
+from streamkit.runfile.progenitor import WAYS, choose_coordinates
 from streamkit.stream import seen_from, sky_matrix
 from streamkit.stream.frames import CENTRE_ICRS
 
+GalacticSky, EquatorialSky, StreamSky, Galactocentric = WAYS
 SGR = {"l": 5.5689, "b": -14.1669, "distance": 25.2, "pm_l_cosb": -2.44, "pm_b": 1.97, "v_los": 153.0}
 
 
@@ -150,3 +153,25 @@ def test_a_potential_with_a_field_of_the_same_name_takes_it() -> None:
     assert choose_coordinates(("x", "y"), taken=("mass", "b")) is Galactocentric
     with pytest.raises(ValueError, match=r"Galactic sky is not available here.* a field b of its own"):
         choose_coordinates(("l", "distance"), taken=("mass", "b"))
+
+
+@pytest.mark.parametrize("path", ["progenitor", "body.lmc"])
+def test_the_line_of_sight_velocity_may_be_called_radial_velocity(path):
+    """That is its name in the tables of a track."""
+    place = {"ra": 80.0, "dec": -69.0, "distance": 50.0, "pm_ra_cosdec": 1.9, "pm_dec": 0.4, "v_los": 262.0}
+    other = {"radial_velocity" if name == "v_los" else name: value for name, value in place.items()}
+    specs = []
+    for each in (place, other):
+        document = changed("seed", 1)
+        if path == "progenitor":
+            own = {"kind": "plummer", "mass": 1e8, "radius": 1.0, "lookback": 2.0}
+            document["progenitor"] = own | each
+        else:
+            document["body"] = {"lmc": {"kind": "hernquist", "mass": 1e11, "a": 10.0} | each}
+        specs.append(sk.load(document))
+    assert specs[0].document == specs[1].document
+    assert specs[0].digest() == specs[1].digest()
+    if path == "progenitor":
+        document["progenitor"]["v_los"] = 262.0
+        with pytest.raises(sk.SpecError, match="progenitor: found v_los and radial_velocity, two names of one number"):
+            sk.load(document)

@@ -66,29 +66,43 @@ def warm():
     sk.load(EXAMPLES[0]).bind()
 
 
-@settings(max_examples=150, deadline=None, database=None, derandomize=True, suppress_health_check=list(HealthCheck))
-@given(run_files())
-def test_mutated_run_files(text):
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "run.toml")
-        path.write_text(text)
-        refused_or_valid(lambda: sk.load(path).bind())
+def repeated(count, *strategies):
+    """Return a decorator: the function is called with so many examples, the same ones each time."""
+    often = settings(
+        max_examples=count, deadline=None, database=None, derandomize=True, suppress_health_check=list(HealthCheck)
+    )
+    return lambda test: often(given(*strategies)(test))
+
+
+@pytest.mark.parametrize("count", [40, pytest.param(150, marks=pytest.mark.slow)])
+def test_mutated_run_files(count):
+    @repeated(count, run_files())
+    def read(text):
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder, "run.toml")
+            path.write_text(text)
+            refused_or_valid(lambda: sk.load(path).bind())
+
+    read()
 
 
 PATHS = st.sampled_from(["potential.v0", "potential.kind", "progenitor.mass", "seed", "stripping", "observable.leading",
                          "sun.r0", "plugins", "x", "potential.v0.uniform", "", ".", "potential..v0"])  # fmt: skip
 
 
-@settings(max_examples=100, deadline=None, database=None, derandomize=True)
-@given(PATHS, st.one_of(st.sampled_from(VALUES), st.text(max_size=30)))
-def test_settings_of_the_command_line(path, value):
+@pytest.mark.parametrize("count", [40, pytest.param(100, marks=pytest.mark.slow)])
+def test_settings_of_the_command_line(count):
     spec = sk.load(EXAMPLES[-1])
 
-    def act():
-        try:
-            spec.with_values(read_settings([f"{path}={value}"])).bind()
-        except Exception as error:
-            if type(error).__name__ != "UsageError":  # which click turns into a sentence
-                raise
+    @repeated(count, PATHS, st.one_of(st.sampled_from(VALUES), st.text(max_size=30)))
+    def replace(path, value):
+        def act():
+            try:
+                spec.with_values(read_settings([f"{path}={value}"])).bind()
+            except Exception as error:
+                if type(error).__name__ != "UsageError":  # which click turns into a sentence
+                    raise
 
-    refused_or_valid(act)
+        refused_or_valid(act)
+
+    replace()

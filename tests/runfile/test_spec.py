@@ -309,3 +309,10 @@ def test_the_sagittarius_example_is_the_papers_setting() -> None:
         "w": "7.25 km/s", "z": "0.0 kpc",
     }  # fmt: skip
     assert spec.document["observable"]["recent_debris"] == "literal"
+
+
+def test_a_spec_and_a_model_print_as_one_short_line():
+    spec = sk.load(changed("potential", {"kind": "kepler", "mass": {"uniform": [1e11, 2e11]}}))
+    assert repr(spec) == f"<Spec of run mapping; free: {', '.join(spec.names)}>"
+    assert repr(sk.Model(spec)) == f"<Model of {spec!r}>"
+    assert len(repr(spec)) < 200

@@ -99,6 +99,14 @@ def test_every_error_is_told_at_once() -> None:
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize("value", [-5, "-5 km/s"])
+def test_a_field_of_several_types_is_named_as_in_the_run_file(value: Any) -> None:
+    message = error_of(changed("sun", "v_circ", value))
+    assert "sun.v_circ: found -5" in message
+    assert "should be greater than or equal to 0, or 'host'" in message
+    assert len(message.splitlines()) == 1
+
+
 def test_files_that_are_none(tmp_path: Path) -> None:
     assert "cannot read the run file: No such file" in error_of(tmp_path / "none.toml")
     assert "cannot read the run file" in error_of(tmp_path)
@@ -135,4 +143,4 @@ def test_steps_with_which_a_stream_would_never_end_are_refused(integrator, lookb
     "integrator", [{"kind": "leapfrog", "step": "1e-6 Gyr"}, {"kind": "adaptive", "eta": 0.01, "deepest": 20}]
 )
 def test_small_steps_are_taken(integrator):
-    assert sk.load(changed("integrator", integrator)).parts.integrator.centre.kind == integrator["kind"]
+    assert sk.load(changed("integrator", integrator)).sections.integrator.centre.kind == integrator["kind"]

@@ -253,8 +253,7 @@ def test_what_is_learned_from_is_all_that_was_tried(tmp_path):
     inside = file.last.counts["calls"] - file.last.counts["reasons"].get("outside the prior", 0)
     found = (np.abs(points) <= 3).all(axis=1)
     assert len(points) == 30 * 16
-    assert len(np.unique(points[found], axis=0)) <= inside <= found.sum()  # an exchange may propose a walker's place
-    assert inside > 1.2 * len(np.unique(file.samples().reshape(-1, 3), axis=0))
+    assert found.sum() == inside > 1.2 * len(np.unique(file.samples().reshape(-1, 3), axis=0))
     np.testing.assert_array_equal(mean[found], [Banana().mean(point) for point in points[found]])
     np.testing.assert_array_equal(lnl[found], [Banana().ln_likelihood(point) for point in points[found]])
     assert (lnl[~found] == -np.inf).all()

@@ -81,14 +81,15 @@ def test_linear_algebra_has_one_thread_in_a_worker_and_in_a_run(executor):
         assert blas_threads() == before
 
 
-def test_fifty_kills_at_random_moments_change_nothing(caplog, tmp_path):
+@pytest.mark.parametrize("count", [12, pytest.param(50, marks=pytest.mark.slow)])
+def test_kills_at_random_moments_change_nothing(caplog, tmp_path, count):
     """A thread kills workers, idle or busy, while a chain is made: it is that of one process."""
     caplog.set_level(logging.CRITICAL, "streamkit")
     chain, kills, rng, over = ChainFile(tmp_path / "chain.h5"), [], np.random.default_rng(5), threading.Event()
     with Workers({"full": Gaussian(), "cheap": Gaussian()}, 3) as pool:
 
         def kill():
-            while len(kills) < 50 and not over.is_set():
+            while len(kills) < count and not over.is_set():
                 time.sleep(rng.uniform(0.0, 0.06))
                 with suppress(ProcessLookupError):  # it is just being replaced
                     os.kill(rng.choice(pool._executor.pids), signal.SIGKILL)
@@ -105,7 +106,7 @@ def test_fifty_kills_at_random_moments_change_nothing(caplog, tmp_path):
     alone = ChainMemory()
     with Workers({"full": Gaussian(), "cheap": Gaussian()}) as pool:
         walk(Gaussian(), pool, alone, steps=chain.iteration)
-    assert len(kills) == 50
+    assert len(kills) == count
     np.testing.assert_array_equal(alone.samples(), chain.samples())
 
 

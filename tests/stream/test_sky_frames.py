@@ -191,3 +191,11 @@ def test_the_sky_costs_little() -> None:
     for _ in range(20):
         stream.seen("GD1Koposov10")
     assert (time.process_time() - begin) / 20 < 5e-3
+
+
+def test_the_names_of_a_stream_frame_are_those_of_the_angles(stream):
+    seen = stream.seen("GD1Koposov10")
+    assert seen.phi1 is seen.lon
+    assert seen.phi2 is seen.lat
+    assert seen.pm_phi1_cosphi2 is seen.pm_lon_coslat
+    assert seen.pm_phi2 is seen.pm_lat

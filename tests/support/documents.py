@@ -15,9 +15,17 @@ from streamkit.runfile import Spec
 
 ROOT = next(folder for folder in Path(__file__).parents if (folder / "pyproject.toml").exists())
 README, CONTRIBUTING = ROOT / "README.md", ROOT / "CONTRIBUTING.md"
-STUDIES = sorted(ROOT.glob("examples/*/README.md"))  # the results, beside the run files that make them
+MANUAL = ROOT / "plugins" / "README.md"  # for authors of plugins
+STUDIES = sorted(ROOT.glob("examples/*/README.md"))  # how to use an example
+RESULTS = sorted(ROOT.glob("examples/*/RESULTS.md"))  # the results, and the study of the method
 PLUGINS = sorted(ROOT.glob("plugins/*/README.md"))
-DOCUMENTS = [README, CONTRIBUTING, *STUDIES, *PLUGINS, ROOT / "tests" / "benchmarks" / "README.md"]
+BENCHMARKS = ROOT / "tests" / "benchmarks" / "README.md"
+DOCUMENTS = [README, CONTRIBUTING, MANUAL, *STUDIES, *RESULTS, *PLUGINS, BENCHMARKS]
+# The plugins of the manual: one component a file.
+EXAMPLES = [
+    ROOT / "tests" / "third_party" / "streamkit_jaffe.py",
+    *(path for path in sorted(ROOT.glob("tests/examples/*.py")) if not path.name.startswith("test_")),
+]
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 # Few steps.

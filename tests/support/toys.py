@@ -26,6 +26,12 @@ FIT: dict[str, Any] = {
     "sampler": {"walkers": 6, "steps": 4},
 }  # fmt: skip
 
+# Published values beside the run of `FIT`.
+PUBLISHED = """quantity,radius,value,error_minus,error_plus,reference
+M,100,4.1e11,0.7e11,0.8e11,Gibbons+ 2014
+v_c,8,237,3,4,a <b>bold</b> guess
+"""
+
 MEAN = np.array([1.0, -2.0, 0.5])
 COVARIANCE = np.array([[1.0, 0.6, 0.0], [0.6, 2.0, -0.3], [0.0, -0.3, 0.5]])
 PRIORS = (Uniform(-20, 20), Uniform(-20, 20), Uniform(-20, 20))

@@ -44,7 +44,9 @@ PARAMETERS: Mapping[str, Any] = {
     **dict.fromkeys(("lmax", "mmax", "gridSizeR", "gridSizeZ"), int),
     "density": str,
 }
-OWN = ("expansion", "tolerance", "growth")
+SHARED = ("expansion", "tolerance", "growth")
+# AGAMA's remark, in a file of its `export`, below a potential whose parameters it has left out.
+INCOMPLETE = "other parameters are not stored"
 # A line of an INI file that names another file.
 ELSEWHERE = re.compile(r"^\s*(file|center|scale|rotation)\s*=\s*\S*[A-Za-z_/]\S*\s*$", re.IGNORECASE | re.MULTILINE)
 
@@ -58,19 +60,21 @@ class _Agama(Potential):
     @classmethod
     def for_section(cls, section: Mapping[str, Any]) -> type[Potential]:
         """Return the class with those of AGAMA's parameters that the section gives."""
+        if section.get("type") and set(section) <= {"type", *SHARED}:
+            return Agama
         given = []
         for key in section:
-            if key in ("type", "file", *OWN):
+            if key in ("type", "file", *SHARED):
                 continue
             if key not in PARAMETERS:
-                near = get_close_matches(key, PARAMETERS, 1)
-                hint = f" Did you mean {near[0]!r}?" if near else ""
+                matches = get_close_matches(key, PARAMETERS, 1)
+                hint = f" Did you mean {matches[0]!r}?" if matches else ""
                 raise ValueError(f"{key}: AGAMA has no parameter {key!r}.{hint} It has {', '.join(PARAMETERS)}.")
             given.append(key)
         if ("type" in section) == ("file" in section):
             raise ValueError('expected either type = "NFW" or another of AGAMA\'s types, or file = "NAME.ini"')
         if "file" in section and given:
-            raise ValueError(f"{given[0]}: found beside a file, which has all parameters")
+            raise ValueError(f"{given[0]}: not allowed beside file, which holds all parameters")
         return _class_of("file" in section, tuple(given))
 
     @staticmethod
@@ -139,31 +143,45 @@ def _build(values: Mapping[str, Any]) -> Any:
     arguments = dict(values)
     if "file" in arguments:
         file = arguments["file"]
-        if named := ELSEWHERE.search(file.read_text()):
+        text = file.read_text()
+        if other := ELSEWHERE.search(text):
             raise StreamkitError(
-                f"{file.path}: {named[0].strip()!r} names another file, whose content would not belong to the run: "
-                "let AGAMA's Potential.export write one file with everything"
+                f"{file.path}: {other[0].strip()!r} names another file, whose content would not belong to the run: "
+                "put everything into this file"
+            )
+        if INCOMPLETE in text:
+            raise StreamkitError(
+                f"{file.path}: AGAMA's export has left out the parameters of a potential ({INCOMPLETE!r}), and AGAMA "
+                "would take its defaults, such as a mass of 1: write the parameters into the file, or into sections"
             )
         arguments["file"] = str(file.path)
     agama.setUnits(length=1, velocity=1, mass=1)
     try:
-        return agama.Potential(**arguments)
+        with agama.setNumThreads(1):  # see `_at_times`
+            return agama.Potential(**arguments)
     except (ValueError, RuntimeError, TypeError) as error:
         raise OutOfDomain(f"AGAMA refuses the parameters of the potential: {error}") from None
 
 
 def _at_times(function: Any, x: Any, y: Any, z: Any, t: Any) -> Any:
-    """Call AGAMA with positions (n, 3), once for each time."""
-    places = np.stack(np.broadcast_arrays(x, y, z), axis=-1).astype(float)
+    """Call AGAMA with positions (n, 3), once for each time.
+
+    AGAMA runs on one thread: the threads of OpenMP do not survive a fork, and a worker process would wait for them
+    for ever. A fit uses the cores by its workers.
+    """
+    import agama
+
+    positions = np.stack(np.broadcast_arrays(x, y, z), axis=-1).astype(float)
     times = np.unique(t)
-    if len(times) == 1:
-        return np.asarray(function(places, t=float(times[0])))
-    which = np.broadcast_to(t, np.shape(x))
-    first = np.asarray(function(places, t=float(times[0])))
-    found = np.empty_like(first)
-    for time in times:
-        found[which == time] = function(places[which == time], t=float(time))
-    return found
+    with agama.setNumThreads(1):
+        if len(times) == 1:
+            return np.asarray(function(positions, t=float(times[0])))
+        when = np.broadcast_to(t, np.shape(x))
+        first = np.asarray(function(positions, t=float(times[0])))
+        values = np.empty_like(first)
+        for time in times:
+            values[when == time] = function(positions[when == time], t=float(time))
+    return values
 
 
 def _again(values: Mapping[str, Any]) -> Potential:

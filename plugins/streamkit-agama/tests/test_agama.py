@@ -3,6 +3,9 @@
 import importlib.util
 import pickle
 import sys
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
+from multiprocessing import get_context
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,6 +15,7 @@ from streamkit_agama import Agama
 
 import streamkit as sk
 from streamkit.engine import build_field
+from streamkit.testing import check
 
 Q = np.random.default_rng(1).normal(size=(3, 100)) * 20  # kpc
 needs_agama = pytest.mark.skipif(importlib.util.find_spec("agama") is None, reason="AGAMA is not installed")
@@ -61,28 +65,91 @@ class StandIn:
 @pytest.fixture
 def stand_in(monkeypatch):
     units = {}
-    monkeypatch.setitem(sys.modules, "agama", SimpleNamespace(setUnits=units.update, Potential=StandIn))
+    one = SimpleNamespace(setUnits=units.update, setNumThreads=lambda n: nullcontext(), Potential=StandIn)
+    monkeypatch.setitem(sys.modules, "agama", one)
     return units
 
 
-def nfw(mass=5e11, rs=16.0):
+def nfw(mass=5e11, rs=16.0, gravity=sk.G):
     r = np.sqrt((Q**2).sum(axis=0))
-    return -sk.G * mass * (np.log1p(r / rs) - r / (r + rs)) / r**3 * Q
+    return -gravity * mass * (np.log1p(r / rs) - r / (r + rs)) / r**3 * Q
 
 
-def same_as_formula():
+def same_as_formula(gravity=sk.G):
     potential = made(type="NFW", mass="5e11 Msun", scaleRadius="16 kpc", expansion="none")
-    assert np.allclose(build_field([potential]).acceleration(0.0, Q), nfw(), rtol=1e-10)
+    assert np.allclose(build_field([potential]).acceleration(0.0, Q), nfw(gravity=gravity), rtol=1e-10)
     expanded = made(type="NFW", mass="5e11 Msun", scaleRadius="16 kpc")
     assert np.allclose(build_field([expanded.in_loop()]).acceleration(0.0, Q), nfw(), rtol=1e-3)
     depth = type(potential).potential(*Q, 0.0, *potential.in_engine_units())
     r = np.sqrt((Q**2).sum(axis=0))
-    assert np.allclose(depth, -sk.G * 5e11 * np.log1p(r / 16.0) / r, rtol=1e-10)
+    assert np.allclose(depth, -gravity * 5e11 * np.log1p(r / 16.0) / r, rtol=1e-10)
 
 
 @needs_agama
 def test_agamas_nfw_is_the_formula():
-    same_as_formula()
+    """With AGAMA's own constant of gravity, which has more digits than streamkit's."""
+    import agama
+
+    agama.setUnits(length=1, velocity=1, mass=1)
+    assert pytest.approx(sk.G, rel=2e-10) == agama.G
+    same_as_formula(agama.G)
+
+
+@needs_agama
+def test_agama_passes_the_conformance_tests():
+    check(Agama)
+
+
+SECTIONS = {
+    "Spheroid": {"mass": 1e12, "scaleRadius": 15.0, "outerCutoffRadius": 250.0, "gamma": 1.0, "beta": 3.0,
+                 "axisRatioZ": 0.8},
+    "MiyamotoNagai": {"mass": 6e10, "scaleRadius": 3.0, "scaleHeight": 0.3},
+    "Disk": {"surfaceDensity": 1e9, "scaleRadius": 3.0, "scaleHeight": -0.3},
+    "Logarithmic": {"v0": 220.0, "scaleRadius": 5.0, "axisRatioZ": 0.9},
+    "Multipole": {"density": "Spheroid", "mass": 1e12, "scaleRadius": 15.0, "gamma": 1.0, "beta": 4.0, "lmax": 8},
+}  # fmt: skip
+
+
+@needs_agama
+@pytest.mark.parametrize("name", SECTIONS)
+def test_a_section_has_the_force_of_agamas_own_potential(name):
+    import agama
+
+    potential = made(type=name, **SECTIONS[name], expansion="none")
+    force = build_field([potential]).acceleration(0.0, Q)
+    assert np.array_equal(force, agama.Potential(type=name, **SECTIONS[name]).force(Q.T).T)
+    assert pickle.loads(pickle.dumps(potential)) == potential
+
+
+@needs_agama
+def test_a_file_of_agamas_export(tmp_path):
+    import agama
+
+    agama.setUnits(length=1, velocity=1, mass=1)
+    whole, plain = tmp_path / "whole.ini", tmp_path / "plain.ini"
+    spheroid = agama.Potential(type="Spheroid", **SECTIONS["Spheroid"])
+    spheroid.export(str(whole))
+    force = build_field([made(file=str(whole), expansion="none")]).acceleration(0.0, Q)
+    assert np.allclose(force, spheroid.force(Q.T).T, rtol=1e-6)
+    agama.Potential(type="Plummer", mass=1e10, scaleRadius=1.0).export(str(plain))
+    with pytest.raises(sk.StreamkitError, match="left out the parameters"):
+        made(file=str(plain)).in_engine_units()
+
+
+@needs_agama
+def test_workers_do_not_wait_for_threads_of_their_parent():
+    """Threads of OpenMP that a process has started do not exist in its forks."""
+    potential = made(type="NFW", mass=5e11, scaleRadius=16, expansion="none")
+    field = build_field([potential])
+    q = np.repeat(Q, 50, axis=1)
+    there = field.acceleration(0.0, q)
+    with ProcessPoolExecutor(1, mp_context=get_context("fork")) as workers:
+        here = workers.submit(_force, potential).result(timeout=60)
+    assert np.array_equal(here, there)
+
+
+def _force(potential):
+    return build_field([potential]).acceleration(0.0, np.repeat(Q, 50, axis=1))
 
 
 def test_the_interface_is_used_as_documented(stand_in):

@@ -99,7 +99,7 @@ class Dynesty(Sampler):
             pass
         yield _samples(sampler, self.live_points, missing)
 
-    def quick(self, d: int) -> dict[str, int | float]:
+    def quick_settings(self, d: int) -> dict[str, int | float]:
         """Take few live points."""
         return {"live_points": min(self.live_points, max(100, 4 * d)), "evidence_left": max(self.evidence_left, 0.1)}
 

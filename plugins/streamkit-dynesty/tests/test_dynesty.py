@@ -119,7 +119,7 @@ def test_a_limit_of_calls_ends_it_and_says_so():
 def test_its_paper_is_cited():
     spec = sk.load(RUN, components=[Dynesty])
     assert Dynesty.reference.split()[0] in Dynesty.bibtex
-    assert spec.sampler.quick(11)["live_points"] <= spec.sampler.live_points
+    assert spec.sampler.quick_settings(11)["live_points"] <= spec.sampler.live_points
 
 
 def test_calls_of_walks_are_made_together():

@@ -1,4 +1,4 @@
-"""What gala has: its potentials by name, and their parameters as gala declares them."""
+"""The potentials of gala by name, and their parameters as gala declares them."""
 
 from __future__ import annotations
 
@@ -62,10 +62,10 @@ def classes() -> Mapping[str, Any]:
         from gala import potential
     except ImportError as error:
         raise ValueError(f"gala cannot be imported ({error}): pip install 'gala>=1.11'") from None
-    found = vars(potential).items()
+    items = vars(potential).items()
     return {
         name: item
-        for name, item in found
+        for name, item in items
         if inspect.isclass(item)
         and issubclass(item, potential.PotentialBase)
         and item.ndim == 3
@@ -75,16 +75,18 @@ def classes() -> Mapping[str, Any]:
 
 def class_called(name: Any) -> Any:
     """Return gala's class; ValueError with the nearest name if there is none."""
-    known = classes()
-    if isinstance(name, str) and name in known:
-        return known[name]
+    potentials = classes()
+    if isinstance(name, str) and name in potentials:
+        return potentials[name]
     import gala
 
-    lower = {item.lower(): item for item in known}
+    lower = {item.lower(): item for item in potentials}
     guess = str(name).lower()
-    near = get_close_matches(guess, lower, 1) or get_close_matches(guess + "potential", lower, 1)
-    hint = f" Did you mean {lower[near[0]]!r}?" if near else ""
-    raise ValueError(f"gala {gala.__version__} has no potential {name!r}.{hint} It has {', '.join(sorted(known))}.")
+    matches = get_close_matches(guess, lower, 1) or get_close_matches(guess + "potential", lower, 1)
+    hint = f" Did you mean {lower[matches[0]]!r}?" if matches else ""
+    raise ValueError(
+        f"gala {gala.__version__} has no potential {name!r}.{hint} It has {', '.join(sorted(potentials))}."
+    )
 
 
 def construct(cls: Any, values: Mapping[tuple[str, ...], Any]) -> Any:
@@ -137,7 +139,7 @@ def _of_class(name: str, cls: Any) -> Iterator[Parameter]:
 
 
 def _of_composite(cls: Any, signature: inspect.Signature, options: Mapping[str, Any]) -> Iterator[Parameter]:
-    """Those of the parts, and gala's values of them as defaults."""
+    """Yield the parameters of the parts, with gala's values as defaults."""
     given = {}
     if "version" in signature.parameters:
         yield Parameter("version", ("version",), None, "latest")
@@ -165,7 +167,7 @@ def _of_multipole(options: Mapping[str, Any]) -> Iterator[Parameter]:
 
 
 def _switches(signature: inspect.Signature) -> Iterator[Parameter]:
-    """What is true or false."""
+    """Yield the parameters that are true or false."""
     for key, parameter in signature.parameters.items():
         if isinstance(parameter.default, bool):
             yield Parameter(key, (key,), None, parameter.default)

@@ -45,16 +45,16 @@ class _Gala(Potential):
     def acceleration(x: Any, y: Any, z: Any, t: Any, model: Any) -> Any:
         """Return gala's acceleration.
 
-        gala wants a writable array of its own. It gets no times: what is offered here stands still, and gala 1.11
-        returns wrong gradients for an array of them.
+        gala needs a writable array. It gets no times: these potentials are static, and gala 1.11 returns wrong
+        gradients for an array of times.
         """
         return tuple(-model.gradient(np.array([x, y, z], dtype=float)).value)
 
     @staticmethod
     def potential(x: Any, y: Any, z: Any, t: Any, model: Any) -> Any:
         """Return gala's potential."""
-        found = model.energy(np.array([x, y, z], dtype=float)).value
-        return found if np.ndim(x) else found.reshape(())
+        energy = model.energy(np.array([x, y, z], dtype=float)).value
+        return energy if np.ndim(x) else energy.reshape(())
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the values: a class made for a section is made again."""

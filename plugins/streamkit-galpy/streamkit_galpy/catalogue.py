@@ -1,4 +1,4 @@
-"""What galpy has: its potentials and Milky Way models by name, and the units of their parameters."""
+"""The potentials and Milky Way models of galpy by name, and the units of their parameters."""
 
 from __future__ import annotations
 
@@ -58,19 +58,21 @@ def check_name(name: Any) -> None:
         from galpy import potential  # noqa: F401
     except ImportError as error:
         raise ValueError(f"galpy cannot be imported ({error}): pip install 'galpy>=1.10'") from None
-    known = sorted({*classes(), *models()})
-    if name not in known:
-        lower = {item.lower(): item for item in known}
+    names = sorted({*classes(), *models()})
+    if name not in names:
+        lower = {item.lower(): item for item in names}
         guess = str(name).lower()
-        near = get_close_matches(guess, lower, 1) or get_close_matches(guess + "potential", lower, 1)
-        hint = f" Did you mean {lower[near[0]]!r}?" if near else ""
-        raise ValueError(f"galpy {galpy.__version__} has no potential {name!r}.{hint} It has {', '.join(known)}.")
+        matches = get_close_matches(guess, lower, 1) or get_close_matches(guess + "potential", lower, 1)
+        hint = f" Did you mean {lower[matches[0]]!r}?" if matches else ""
+        raise ValueError(f"galpy {galpy.__version__} has no potential {name!r}.{hint} It has {', '.join(names)}.")
 
 
 def signature_of(name: str) -> Mapping[str, inspect.Parameter]:
     """Return the arguments of a class of galpy's by name, without ro and vo."""
-    found = inspect.signature(classes()[name]).parameters
-    return {key: item for key, item in found.items() if key not in SCALES and item.kind is item.POSITIONAL_OR_KEYWORD}
+    parameters = inspect.signature(classes()[name]).parameters
+    return {
+        key: item for key, item in parameters.items() if key not in SCALES and item.kind is item.POSITIONAL_OR_KEYWORD
+    }
 
 
 @cache
@@ -80,26 +82,26 @@ def units_of(name: str) -> Mapping[str, str]:
     galpy declares no units: its constructors send each such argument through a function of ``galpy.util.conversion``,
     and say in ``amp_units`` what the amplitude is. That is read from their source.
     """
-    found: dict[str, str] = {}
+    units: dict[str, str] = {}
     for cls in inspect.getmro(classes()[name]):
         if "__init__" in vars(cls) and cls is not object:
             tree = ast.parse(textwrap.dedent(inspect.getsource(cls.__init__)))
             for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
-                found = _units_in(call) | found
+                units = _units_in(call) | units
     chosen = signature_of(name).get("amp_units")
     if chosen is not None and chosen.default in AMPLITUDES:
-        found["amp"] = AMPLITUDES[chosen.default]
-    return {key: unit for key, unit in found.items() if key in signature_of(name)}
+        units["amp"] = AMPLITUDES[chosen.default]
+    return {key: unit for key, unit in units.items() if key in signature_of(name)}
 
 
 def _units_in(call: ast.Call) -> dict[str, str]:
     parser = call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
     unit = PARSED.get(parser.removeprefix("parse_")) if parser.startswith("parse_") else None
-    found = {call.args[0].id: unit} if unit and call.args and isinstance(call.args[0], ast.Name) else {}
+    units = {call.args[0].id: unit} if unit and call.args and isinstance(call.args[0], ast.Name) else {}
     for keyword in call.keywords:
         if keyword.arg == "amp_units" and isinstance(keyword.value, ast.Constant) and keyword.value.value:
-            found["amp"] = AMPLITUDES[keyword.value.value]
-    return found
+            units["amp"] = AMPLITUDES[keyword.value.value]
+    return units
 
 
 def model_scales(name: str) -> tuple[float, float]:

@@ -77,23 +77,23 @@ def _parameters(name: str, section: Mapping[str, Any]) -> list[tuple[str, str]]:
     Raises ValueError for one that galpy does not have.
     """
     if name in catalogue.models():
-        known: Mapping[str, inspect.Parameter] = {}
+        signature: Mapping[str, inspect.Parameter] = {}
     else:
-        known = catalogue.signature_of(name)
-    found = []
-    for key in dict.fromkeys([*(k for k, p in known.items() if p.default is p.empty), *section]):
-        if key in Galpy.model_fields or key in OWN:
+        signature = catalogue.signature_of(name)
+    parameters = []
+    for key in dict.fromkeys([*(k for k, p in signature.items() if p.default is p.empty), *section]):
+        if key in Galpy.model_fields or key in SHARED:
             continue
-        if key not in known:
-            near = get_close_matches(key, known, 1)
-            hint = f" Did you mean {near[0]!r}?" if near else ""
-            allowed = ", ".join(["ro", "vo", *known])
+        if key not in signature:
+            matches = get_close_matches(key, signature, 1)
+            hint = f" Did you mean {matches[0]!r}?" if matches else ""
+            allowed = ", ".join(["ro", "vo", *signature])
             raise ValueError(f"{key}: galpy's {name} has no parameter {key!r}.{hint} It has {allowed}.")
-        found.append((key, _type_of(name, key, section.get(key), known[key].default)))
-    return found
+        parameters.append((key, _type_of(name, key, section.get(key), signature[key].default)))
+    return parameters
 
 
-OWN = ("expansion", "tolerance", "growth")  # fields of every potential that is not compiled
+SHARED = ("expansion", "tolerance", "growth")  # fields of every potential that is not compiled
 
 
 def _type_of(name: str, key: str, value: Any, default: Any) -> str:
@@ -112,11 +112,11 @@ def _type_of(name: str, key: str, value: Any, default: Any) -> str:
 def _class_of(name: str, parameters: tuple[tuple[str, str], ...]) -> type[Potential]:
     """Make the class with these fields, and ro and vo."""
     ro, vo = catalogue.model_scales(name)
-    own = Galpy.model_fields
+    plain = Galpy.model_fields
     fields: dict[str, tuple[Any, Any]] = {
-        "name": (Literal[name], Field(description=own["name"].description)),
-        "ro": (Length, Field(default=ro, description=own["ro"].description)),
-        "vo": (Speed, Field(default=vo, gt=0, description=own["vo"].description)),
+        "name": (Literal[name], Field(description=plain["name"].description)),
+        "ro": (Length, Field(default=ro, description=plain["ro"].description)),
+        "vo": (Speed, Field(default=vo, gt=0, description=plain["vo"].description)),
     }
     kinds: dict[str, Any] = {"number": Number, "array": NumberTensor, "switch": bool, "text": str}
     for key, kind in parameters:
@@ -125,7 +125,7 @@ def _class_of(name: str, parameters: tuple[tuple[str, str], ...]) -> type[Potent
     units = {key: IN_ENGINE.get(kind, kind) for key, kind in parameters if kind not in kinds}
 
     def prepare(**values: Any) -> dict[str, Any]:
-        given = {key: value for key, value in values.items() if key not in own}
+        given = {key: value for key, value in values.items() if key not in plain}
         return {"model": _build(name, given, values["ro"], values["vo"], units)}
 
     prepare.__signature__ = Signature([Argument(key, Argument.KEYWORD_ONLY) for key in fields])  # type: ignore[attr-defined]

@@ -27,7 +27,7 @@ class Evaluator:
     arrays
         Whether it takes arrays of positions.
     static
-        Whether it stands still.
+        Whether it is static.
     """
 
     source: Any
@@ -84,8 +84,8 @@ class Evaluator:
         if not self.arrays:
             places = np.broadcast_arrays(radius, height, phi, 0.0 if self.static else t)
             return np.array([at(*(float(v) for v in place)) for place in zip(*places, strict=True)])
-        found = np.empty(np.shape(radius))
+        values = np.empty(np.shape(radius))
         for time in np.unique(t):
             now = t == time
-            found[now] = at(radius[now], height[now], phi[now], float(time))
-        return found
+            values[now] = at(radius[now], height[now], phi[now], float(time))
+        return values

@@ -2,11 +2,11 @@
 
 import copy
 import pickle
-import subprocess
 import sys
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from galpy.potential import SpiralArmsPotential, evaluateRforces
 from streamkit_galpy import Galpy
 from streamkit_galpy.catalogue import classes, models, signature_of, units_of
@@ -14,6 +14,7 @@ from streamkit_galpy.component import TO_ENGINE
 from streamkit_galpy.evaluate import Evaluator
 
 import streamkit as sk
+from streamkit.cli.main import main
 from streamkit.engine import build_field
 from streamkit.testing import check
 
@@ -209,12 +210,12 @@ def test_parameters_that_galpy_refuses_are_no_stream():
         made("TruncatedTwoPowerSphericalPotential", amp=1e11, a=2.0).in_engine_units()
 
 
-def test_a_command_ends_with_status_2(tmp_path):
+def test_a_command_ends_with_status_2(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "plugin.py").write_text("from streamkit_galpy import streamkit_components\n")
     (tmp_path / "run.toml").write_text('plugins = ["plugin.py"]\n' + loaded(**RUN["potential"]).toml())
-    command = [sys.executable, "-m", "streamkit", "check", "run.toml", "--set", "potential.name=NFWPotentail"]
-    done = subprocess.run(command, cwd=tmp_path, check=False, capture_output=True, text=True)
-    assert done.returncode == 2
+    done = CliRunner().invoke(main, ["check", "run.toml", "--set", "potential.name=NFWPotentail"])
+    assert done.exit_code == 2
     assert "Did you mean 'NFWPotential'?" in done.stderr
     assert "Traceback" not in done.stderr
 

@@ -45,20 +45,30 @@ def same(one, other):
     assert one.ln_evidence == other.ln_evidence
 
 
+def with_settings(document, **settings):
+    return document | {"sampler": document["sampler"] | settings}
+
+
+@pytest.fixture(scope="module", params=[0, pytest.param(1, marks=pytest.mark.slow)], ids=["", "with a network"])
+def document(request):
+    """The run file, without networks by day: training them is most of the time."""
+    return with_settings(RUN, networks=request.param)
+
+
 @pytest.fixture(scope="module")
-def whole():
-    return fit()
+def whole(document):
+    return fit(document=document)
 
 
 def test_it_samples_a_gaussian_and_finds_its_evidence():
     check(Nautilus)
 
 
-def test_workers_do_not_change_the_samples(whole, tmp_path):
-    same(fit(tmp_path / "run", workers=2), whole)
+def test_workers_do_not_change_the_samples(whole, document, tmp_path):
+    same(fit(tmp_path / "run", document, workers=2), whole)
 
 
-def test_a_run_that_fails_on_the_way_goes_on_as_if_it_had_not(whole, tmp_path, monkeypatch):
+def test_a_run_that_fails_on_the_way_goes_on_as_if_it_had_not(whole, document, tmp_path, monkeypatch):
     own, left = sk.Posterior.evaluate, iter(range(150))
 
     def evaluate(self, theta):
@@ -69,15 +79,15 @@ def test_a_run_that_fails_on_the_way_goes_on_as_if_it_had_not(whole, tmp_path, m
     with monkeypatch.context() as patch:
         patch.setattr(sk.Posterior, "evaluate", evaluate)
         with pytest.raises(sk.ComponentError, match="the toy fails"):
-            fit(tmp_path / "run")
-    same(fit(tmp_path / "run", resume=True), whole)
+            fit(tmp_path / "run", document)
+    same(fit(tmp_path / "run", document, resume=True), whole)
 
 
-def test_a_killed_run_goes_on_as_if_it_had_not(whole, tmp_path):
+def test_a_killed_run_goes_on_as_if_it_had_not(whole, document, tmp_path):
     out = tmp_path / "run"
     code = (
         f"import streamkit as sk; from streamkit_nautilus import Nautilus; "
-        f"sk.run({RUN!r}, out={str(out)!r}, progress=False, products=False, components=[Nautilus])"
+        f"sk.run({document!r}, out={str(out)!r}, progress=False, products=False, components=[Nautilus])"
     )
     with subprocess.Popen([sys.executable, "-c", code], env=os.environ | {"PYTHONPATH": ":".join(sys.path)}) as process:
         until = time.monotonic() + 120
@@ -85,20 +95,20 @@ def test_a_killed_run_goes_on_as_if_it_had_not(whole, tmp_path):
             time.sleep(0.02)
         process.send_signal(signal.SIGKILL)
     assert (out / "calls.journal").exists()
-    same(fit(out, resume=True), whole)
+    same(fit(out, document, resume=True), whole)
 
 
-def test_it_may_be_asked_for_more_when_it_goes_on(whole, tmp_path):
-    fit(tmp_path / "run")
-    longer = RUN | {"sampler": RUN["sampler"] | {"effective_samples": 300}}
+def test_it_may_be_asked_for_more_when_it_goes_on(whole, document, tmp_path):
+    fit(tmp_path / "run", document)
+    longer = with_settings(document, effective_samples=1500)
     more = fit(tmp_path / "run", longer, resume=True)
     assert more.attributes["counts"]["calls"] > whole.attributes["counts"]["calls"]
     same(more, fit(document=longer))
 
 
-def test_it_says_how_far_it_is_and_when_it_may_end(monkeypatch, capsys):
+def test_it_says_how_far_it_is_and_when_it_may_end(document, monkeypatch, capsys):
     monkeypatch.setattr("streamkit.report.progress.EVERY", 0.0)
-    longer = RUN | {"sampler": RUN["sampler"] | {"effective_samples": 900}}
+    longer = with_settings(document, effective_samples=900)
     sk.run(longer, progress=True, products=False, components=[Nautilus])
     found, told = capsys.readouterr(), "streamkit: sampling: "
     lines = [line for line in found.err.splitlines() if told in line]
@@ -109,7 +119,7 @@ def test_it_says_how_far_it_is_and_when_it_may_end(monkeypatch, capsys):
 
 
 def test_a_limit_of_calls_ends_it_and_says_so():
-    found = fit(document=RUN | {"sampler": RUN["sampler"] | {"max_calls": 100}})
+    found = fit(document=with_settings(RUN, max_calls=100))
     assert found.missing
     assert found.attributes["counts"]["calls"] < 200
 
@@ -117,7 +127,7 @@ def test_a_limit_of_calls_ends_it_and_says_so():
 def test_its_paper_is_cited():
     spec = sk.load(RUN, components=[Nautilus])
     assert Nautilus.reference.split()[0] in Nautilus.bibtex
-    assert spec.sampler.quick(11)["live_points"] <= spec.sampler.live_points
+    assert spec.sampler.quick_settings(11)["live_points"] <= spec.sampler.live_points
 
 
 def test_one_parameter_is_too_few():

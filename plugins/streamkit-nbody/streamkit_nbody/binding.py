@@ -11,12 +11,12 @@ from streamkit_nbody.gravity import Gravity
 
 FEWEST = 20  # a satellite of fewer bound particles is gone
 CORE = 0.5  # fraction of the bound particles, the most bound ones, whose mean is the satellite's place
-FRAMES = 3  # how often the core is found anew for the same potential
+FRAMES = 3  # iterations of the core for the same potential
 
 
 @dataclass(frozen=True)
 class Remnant:
-    """What is left of the satellite: who is bound (n,), and position and velocity (3,) of its core."""
+    """The remnant of the satellite: which particles are bound (n,), and position and velocity (3,) of its core."""
 
     bound: BoolArray
     q: Array

@@ -47,8 +47,8 @@ class Gravity:
 
     def forces_and_potential(self, q: Array) -> tuple[Array, Array]:
         """Return the accelerations (3, n) and the potentials (n,) in (km/s)^2, from one walk."""
-        found = self._evaluate(q, accel=True, potential=True)
-        return _without_net_force(found["accel"]), found["potential"]
+        values = self._evaluate(q, accel=True, potential=True)
+        return _without_net_force(values["accel"]), values["potential"]
 
     def potential(self, q: Array) -> Array:
         """(n,) Potentials in (km/s)^2 of particles at q (3, n)."""

@@ -1,4 +1,4 @@
-"""What a user may choose, and what follows from it: softening, step, and how many of them."""
+"""The options of a user, and the plan that follows: softening, step, and number of steps."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TURN = 0.02
 
 @dataclass(frozen=True)
 class Options:
-    """What the command's options say; None: chosen from the run.
+    """The command's options; None: chosen from the run.
 
     Attributes
     ----------

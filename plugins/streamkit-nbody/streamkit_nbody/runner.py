@@ -22,7 +22,7 @@ from streamkit_nbody.simulation import Simulation
 from streamkit_nbody.state import State
 
 CHECKPOINT, RUN_FILE, SNAPSHOT = "checkpoint.hdf5", "run.toml", "snapshot_{:03d}.hdf5"
-OURS = (CHECKPOINT, RUN_FILE, "snapshot_*.hdf5")
+PRODUCTS = (CHECKPOINT, RUN_FILE, "snapshot_*.hdf5")
 EVERY = 60.0  # seconds between checkpoints
 
 
@@ -119,7 +119,7 @@ class _Run:
         save(self.out / RUN_FILE, lambda part: part.write_text(text))
 
     def claim(self, resume: bool, force: bool) -> State | None:
-        """Make the directory this run's own; return the state to go on from, None to begin."""
+        """Claim the directory for this run; return the state to continue from, None to begin."""
         files, checkpoint = contents(self.out), self.out / CHECKPOINT
         if not files:
             return None
@@ -129,7 +129,7 @@ class _Run:
                 "Choose another directory."
             )
         if force:
-            for path in (path for pattern in OURS for path in self.out.glob(pattern)):
+            for path in (path for pattern in PRODUCTS for path in self.out.glob(pattern)):
                 path.unlink()
             return None
         if not resume:
@@ -137,12 +137,12 @@ class _Run:
                 f"{self.out}: holds a run already. --resume continues it (with the same run file and options), "
                 "--force overwrites it, or choose another directory."
             )
-        state, found = snapshot.read(checkpoint)
-        there, here = digest(found), digest(self.content)
+        state, earlier = snapshot.read(checkpoint)
+        there, here = digest(earlier), digest(self.content)
         if there != here:
             raise ChainError(
                 f"{checkpoint}: is of another run (digest {there[:12]}, this one has {here[:12]}). "
-                f"What differs (there -> here): {'; '.join(differences(found, self.content))}. "
+                f"What differs (there -> here): {'; '.join(differences(earlier, self.content))}. "
                 "Choose another directory, or --force to overwrite."
             )
         return state

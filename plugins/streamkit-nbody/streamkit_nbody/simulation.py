@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from streamkit import GYR, Array, BoolArray, G, IntArray, Orbit, OutOfDomain, SpecError
+from streamkit import GYR, Array, BoolArray, IntArray, Orbit, OutOfDomain, SpecError
 from streamkit.engine import Field
-from streamkit.model import NODE, Host
+from streamkit.model import NODE, Host, Satellite
 from streamkit.runfile import Spec, StreamInputs
 from streamkit.stream import angle_in_plane, orbital_plane
 from streamkit_nbody import plummer
@@ -21,7 +21,7 @@ from streamkit_nbody.state import State, Track
 
 @dataclass(frozen=True)
 class Simulation:
-    """What does not change during a run.
+    """The constants of a run.
 
     Attributes
     ----------
@@ -91,6 +91,11 @@ class Simulation:
     def field(self) -> Field:
         """The host's force over the run."""
         return self.host.until(-self.plan.span)
+
+    @cached_property
+    def satellite(self) -> Satellite:
+        """The progenitor before it loses mass: the source of the tidal radius, as of every stream model."""
+        return Satellite(self.inputs.satellite, self.inputs.mass)
 
     @property
     def without_energy(self) -> tuple[str, ...]:
@@ -178,7 +183,9 @@ class Simulation:
         now = np.array([self._epoch(t)])
         q, v = np.ascontiguousarray(left.q[:, None]), np.ascontiguousarray(left.v[:, None])
         here = Orbit(now, q, v, self.field.acceleration(now, q), np.full(1, np.nan))
-        r_tidal = float(np.cbrt(G * mass / self.host.tidal_bracket(here)[0])) if mass else 0.0
+        left_over = np.array([mass / self.inputs.mass])
+        whole = self.satellite.tidal_radius(self.host.tidal_bracket(here))
+        r_tidal = float(self.satellite.shrunk(whole, left_over)[0]) if mass else 0.0
         if np.isnan(r_tidal):
             r_tidal = float(track.r_tidal[-1] if len(track.t) else here.r[0])
         return track.and_then(t, left.q, left.v, mass, r_tidal, energy)
@@ -188,16 +195,16 @@ class Simulation:
         return t - self.plan.span
 
     def _forces_and_potential(self, t: float, q: Array) -> tuple[Array, Array]:
-        own, potential = self.gravity.forces_and_potential(q)
-        return own + self.field.acceleration(self._epoch(t), q), potential
+        self_gravity, potential = self.gravity.forces_and_potential(q)
+        return self_gravity + self.field.acceleration(self._epoch(t), q), potential
 
-    def _energy(self, t: float, q: Array, v: Array, own: Array) -> float:
+    def _energy(self, t: float, q: Array, v: Array, potentials: Array) -> float:
         """Return the total energy in Msun (km/s)^2, with the particles' own potential (n,); NaN if not known."""
         hosts = self.host.potentials.values()
         if self.without_energy or self.host.bodies or any(p.growth for p in hosts):
             return float("nan")
         host = sum(np.asarray(p.potential(*q, self._epoch(t), *p.in_engine_units())) for p in hosts)
-        return self.gravity.mass * float((0.5 * (v * v).sum(axis=0) + 0.5 * own + host).sum())
+        return self.gravity.mass * float((0.5 * (v * v).sum(axis=0) + 0.5 * potentials + host).sum())
 
 
 def _distance(q: Array, place: Array) -> Array:

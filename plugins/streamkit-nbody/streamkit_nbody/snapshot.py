@@ -1,4 +1,4 @@
-"""Snapshots in the Gadget-HDF5 layout. A checkpoint is one too: each holds all that a run needs to go on."""
+"""Snapshots in the Gadget-HDF5 layout. A checkpoint is a snapshot too: each holds all that a run needs to continue."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def _write_particles(group: Any, simulation: Simulation, state: State) -> None:
     _dataset(group, "StrippingTime", last, TIME, "last time inside the tidal radius; -1: bound or inside")
     winding = state.winding(simulation.plane)
     _dataset(group, "Winding", winding, "rad", "angle swept minus the satellite's; positive leads")
-    _dataset(group, "ModelInputs", state.bound.astype(np.int8), "", "1: bound to the satellite")
+    _dataset(group, "Bound", state.bound.astype(np.int8), "", "1: bound to the satellite")
     _dataset(group, "TidalGap", state.gap, LENGTH, "distance from the satellite minus the tidal radius")
     _dataset(group, "LastInside", state.t_strip, TIME, "as StrippingTime, of all particles")
     _dataset(group, "StrippingOffset", state.dq_strip.T, LENGTH, "from the satellite at the last record inside")
@@ -110,11 +110,11 @@ def read(path: Path) -> tuple[State, dict[str, Any]]:
         If the file cannot be read, or is no snapshot of this package.
     """
     try:
-        state, content, told = read_foreign(path, _read)
+        state, content, stated = read_foreign(path, _read)
     except DamagedError as error:
         raise ChainError(f"{path}: cannot be read as a checkpoint of streamkit-nbody: {error}") from None
-    if digest(content) != told:
-        raise ChainError(f"{path}: its content does not match its digest {str(told)[:12]}: the file was changed")
+    if digest(content) != stated:
+        raise ChainError(f"{path}: its content does not match its digest {str(stated)[:12]}: the file was changed")
     return state, content
 
 
@@ -124,7 +124,7 @@ def _read(file: Any) -> tuple[State, dict[str, Any], str]:
         q=_rows(p["Coordinates"]),
         v=_rows(p["Velocities"]),
         a=_rows(p["Accelerations"]),
-        bound=p["ModelInputs"][:].astype(bool),
+        bound=p["Bound"][:].astype(bool),
         gap=p["TidalGap"][:],
         t_strip=p["LastInside"][:],
         dq_strip=_rows(p["StrippingOffset"]),

@@ -1,4 +1,4 @@
-"""What a checkpoint holds: the particles and the satellite's track. Engine units; times since the start."""
+"""The content of a checkpoint: the particles and the satellite's track. Engine units; times since the start."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Track:
 
 @dataclass(frozen=True)
 class State:
-    """All there is at a record; the run goes on from it, bit for bit.
+    """The whole state at a record; the run continues from it bit for bit.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a run says when it is done, as text."""
+"""The plan and the result of a run as text."""
 
 from __future__ import annotations
 

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 from streamkit_nbody.binding import remnant
 from streamkit_nbody.gravity import DIRECT, Gravity, NotFinite
+from streamkit_nbody.plan import Options
 from streamkit_nbody.plummer import sample
+from streamkit_nbody.simulation import Simulation
 
-from streamkit import G
+from streamkit import G, load
 
 MASS, RADIUS = 6.4e8, 0.85
 
@@ -45,6 +47,24 @@ def test_against_a_direct_sum(n):
     assert np.sqrt((error**2).mean()) < (2e-3 if n > DIRECT else 1e-10)
     assert own == pytest.approx(potential, rel=5e-3 if n > DIRECT else 1e-10)
     assert np.abs(found.sum(axis=1)).max() < 1e-9 * size.sum()
+
+
+def test_energy_with_the_tree():
+    """Of a satellite in a host."""
+    document = {
+        "seed": 3,
+        "potential": {"kind": "tf", "v0": 210.0, "rs": 12.0, "alpha": 0.45},
+        "progenitor": {
+            "kind": "plummer", "mass": MASS, "radius": RADIUS, "lookback": 0.1,
+            "x": 20.0, "y": 0.0, "z": 5.0, "vx": 30.0, "vy": 200.0, "vz": 0.0,
+        },
+        "stripping": {"kind": "mlcs", "sigma": 10.0},
+    }  # fmt: skip
+    run = Simulation.of(load(document), Options(particles=DIRECT + 1))
+    state = run.start()
+    while state.record < run.plan.records:
+        state = run.advance(state)
+    assert state.energy_error < 1e-3
 
 
 def test_threads_do_not_change_a_bit():

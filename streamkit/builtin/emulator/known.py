@@ -41,7 +41,7 @@ class Known:
         return len(self.y)
 
     def __add__(self, other: Known) -> Known:
-        answers = Answers(*(np.concatenate(pair) for pair in zip(self.answers, other.answers, strict=True)))
+        answers = self.answers.joined(other.answers)
         y, theta = (np.concatenate([getattr(each, name) for each in (self, other)]) for name in ("y", "theta"))
         return Known(self.problem, self.space, y, theta, answers)
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
+import numpy as np
+
 from streamkit import Array, BoolArray
 
 
@@ -25,6 +27,17 @@ class Answers(NamedTuple):
     variance: Array
     details: Array
     ln_likelihood: Array
+
+    def joined(self, other: Answers) -> Answers:
+        """Return the answers of both; calls without any prediction may have no column of details."""
+        k = max(self.details.shape[1], other.details.shape[1])
+        pairs = zip(self._padded(k), other._padded(k), strict=True)
+        return Answers(*(np.concatenate(pair) for pair in pairs))
+
+    def _padded(self, k: int) -> Answers:
+        if self.details.shape[1] == k:
+            return self
+        return self._replace(details=np.full((len(self.mean), k), np.nan))
 
 
 class Problem(Protocol):

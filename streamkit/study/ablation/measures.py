@@ -1,4 +1,4 @@
-"""What is measured of a stream, and between a stream and a reference: another stream, or an N-body snapshot."""
+"""Measures of one stream, and of a stream against a reference: another stream, or an N-body snapshot."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def angular_momentum(q: Array, v: Array) -> Array:
 
 @dataclass(frozen=True)
 class Portrait:
-    """A stream with what is measured of it alone, and with what the observable says of it, if there is one.
+    """A stream, its own measures, and the prediction of the observables, if there are any.
 
     The run file that it was made from, or is compared with, has the host that gives the energies. No scheme of ours has
     released a ``snapshot``, the stream of an N-body simulation.
@@ -68,15 +68,15 @@ class Portrait:
         """Return what is measured of the stream alone: lengths, mean offsets of the tails, fraction bound."""
         stream = self.stream
         weight = stream.weight / stream.weight.sum()
-        found = {"length_leading": max(self.ends[1], 0.0), "length_trailing": max(-self.ends[0], 0.0)}
+        measures = {"length_leading": max(self.ends[1], 0.0), "length_trailing": max(-self.ends[0], 0.0)}
         for what, values in zip(("energy", "angular_momentum"), self.integrals, strict=True):
             for name, arm in ARMS.items():
                 chosen = stream.arm == arm
-                known = values is not None and chosen.any()
-                mean = float(np.average(values[chosen], weights=weight[chosen])) if known else np.nan  # type: ignore[index]
-                found[f"{what}_offset_{name}"] = mean
-        found["bound"] = float(weight[stream.bound].sum())
-        return found
+                measurable = values is not None and chosen.any()
+                mean = float(np.average(values[chosen], weights=weight[chosen])) if measurable else np.nan  # type: ignore[index]
+                measures[f"{what}_offset_{name}"] = mean
+        measures["bound"] = float(weight[stream.bound].sum())
+        return measures
 
 
 def portrait(spec: Spec, theta: Array | Mapping[str, Any] | None = None, stream: str | None = None) -> Portrait:
@@ -90,17 +90,17 @@ def portrait(spec: Spec, theta: Array | Mapping[str, Any] | None = None, stream:
 
 
 def portrait_of(stream: Stream, inputs: StreamInputs, *, snapshot: bool = False) -> Portrait:
-    """Return the portrait of a stream that is there already: what the run file's observables say of it is added."""
+    """Return the portrait of a given stream, with the prediction of the run file's observables."""
     return Portrait(stream, inputs, measure_stream(inputs.observables, stream), snapshot)
 
 
 def compare(this: Portrait, other: Portrait) -> dict[str, float]:
     """Return what is measured between a stream and a reference; NaN where there is nothing to measure."""
     lengths = [portrait.ends[1] - portrait.ends[0] for portrait in (this, other)]
-    found = {"length_ratio": lengths[0] / lengths[1]}
+    measures = {"length_ratio": lengths[0] / lengths[1]}
     for name in ARMS:
-        found |= {f"{what}_{name}": value for what, value in _tracks(this, other, name).items()}
-    return found | _distributions(this, other)
+        measures |= {f"{what}_{name}": value for what, value in _tracks(this, other, name).items()}
+    return measures | _distributions(this, other)
 
 
 def _tracks(this: Portrait, other: Portrait, name: str) -> dict[str, float]:
@@ -121,9 +121,9 @@ def _tracks(this: Portrait, other: Portrait, name: str) -> dict[str, float]:
         variance = (track.width[cut] * slant) ** 2 + track.thickness[cut] ** 2
         noise += variance / np.maximum(track.count[cut], 1.0)
     step = np.radians(CELL) * b.r[cut] / slant  # length of the reference's track in a cell
-    near = good & _near(b, other)[cut]
+    near_part = good & _near(b, other)[cut]
     return {
-        "track_near": _rms(square - noise, step, near),
+        "track_near": _rms(square - noise, step, near_part),
         "track": _rms(square - noise, step, good),
         "width_ratio": _ratio(a.width[cut], b.width[cut], good),
         "thickness_ratio": _ratio(a.thickness[cut], b.thickness[cut], good),
@@ -160,14 +160,16 @@ def _distributions(this: Portrait, other: Portrait) -> dict[str, float]:
         weights = (p.stream.weight[members] for p, members in zip((this, other), chosen, strict=True))
         return float(wasserstein_distance(u[chosen[0]], v[chosen[1]], *weights))
 
-    found = {}
+    distances = {}
     for i, what in enumerate(("energy", "angular_momentum")):
         free = [~portrait.stream.bound for portrait in (this, other)]
-        found[f"{what}_distance"] = distance(this.integrals[i], other.integrals[i], free)
+        distances[f"{what}_distance"] = distance(this.integrals[i], other.integrals[i], free)
     for name, arm in ARMS.items():
         u, v = (np.degrees(portrait.stream.winding) for portrait in (this, other))
-        found[f"density_distance_{name}"] = distance(u, v, [portrait.stream.arm == arm for portrait in (this, other)])
-    return found
+        distances[f"density_distance_{name}"] = distance(
+            u, v, [portrait.stream.arm == arm for portrait in (this, other)]
+        )
+    return distances
 
 
 def pulls(this: Portrait, other: Portrait) -> dict[str, float]:
@@ -175,12 +177,12 @@ def pulls(this: Portrait, other: Portrait) -> dict[str, float]:
 
     A `ComponentError` says that the observable fails on the reference.
     """
-    found = observables(this)
+    values = observables(this)
     reference = measure_stream(this.inputs.observables, other.stream)
-    if not found or reference is None:
+    if not values or reference is None:
         return {}
     errors = np.concatenate([observable.data()[1] for observable in this.inputs.observables.values()])
-    away = (np.array(list(found.values())) - reference.mean) / np.where(errors > 0, errors, np.nan)
+    away = (np.array(list(values.values())) - reference.mean) / np.where(errors > 0, errors, np.nan)
     return {f"pull_{name}": value for name, value in zip(reference.names, away.tolist(), strict=True)}
 
 
@@ -205,10 +207,10 @@ def match_rate(stream: Stream, reference: Stream) -> Stream:
         free = ~each.bound
         bins.append(np.clip(np.digitize(each.t_strip[free], edges) - 1, 0, len(edges) - 2))
         counts.append(np.bincount(bins[-1], each.weight[free], len(edges) - 1))
-    own, wanted = counts
-    factor = np.divide(wanted, own, out=np.zeros_like(own), where=own > 0)
-    if not (factor * own).sum() > 0:
+    present, wanted = counts
+    factor = np.divide(wanted, present, out=np.zeros_like(present), where=present > 0)
+    if not (factor * present).sum() > 0:
         return stream
     weight = stream.weight.copy()
-    weight[~stream.bound] *= factor[bins[0]] * own.sum() / (factor * own).sum()
+    weight[~stream.bound] *= factor[bins[0]] * present.sum() / (factor * present).sum()
     return replace(stream, weight=weight)

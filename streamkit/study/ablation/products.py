@@ -22,22 +22,22 @@ TABLE, TRACKS, RUN = "ablation.ecsv", "tracks.ecsv", "ablation.toml"
 PRODUCTS = (TABLE, TRACKS, RUN, *PICTURES, SKY)
 
 
-def ablation_products(found: Ablation, options: dict[str, Any]) -> Products:
+def ablation_products(ablation: Ablation, options: dict[str, Any]) -> Products:
     """Return the measures and mean tracks, their header with what was varied, and the pictures of all streams."""
     vary: dict[str, list[Any]] = {}
-    for outcome in found.outcomes:
+    for outcome in ablation.outcomes:
         for path, value in outcome.variant.values.items():
             vary.setdefault(path, []).extend([] if value in vary.get(path, []) else [value])
-    shown = {"N-body": found.reference} if found.reference.snapshot else {}
-    shown |= {o.variant.label: o.first for o in found.outcomes if o.first is not None}
+    shown = {"N-body": ablation.reference} if ablation.reference.snapshot else {}
+    shown |= {o.variant.label: o.first for o in ablation.outcomes if o.first is not None}
     portraits = {title: portrait for title, portrait in shown.items() if not portrait.stream.bound.all()}
     pictures = PICTURES | ({SKY: tracks_on_sky} if any(map(has_panels, portraits.values())) else {})
     return Products(
-        found.spec,
+        ablation.spec,
         RUN,
-        describe_ablation(found),
-        {TABLE: measures_table(found), TRACKS: tracks_table(found)},
+        describe_ablation(ablation),
+        {TABLE: measures_table(ablation), TRACKS: tracks_table(ablation)},
         {name: partial(draw, portraits) for name, draw in pictures.items()},
         {"vary": vary, **options},
-        found.stopped,
+        ablation.stopped,
     )

@@ -21,9 +21,9 @@ WARM = 64  # particles of the stream that loads the machine code before the cloc
 
 @dataclass
 class Outcome:
-    """What became of a variant: by seed, the portrait of each stream and its measures by name; why others have none.
+    """The result of a variant: by seed, portraits and measures of its streams; reasons of missing streams.
 
-    The reasons are there once each; one is also that a stream has no observables.
+    Each reason is listed once. A stream without observables has a reason too.
     """
 
     variant: Variant
@@ -44,7 +44,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Ablation:
-    """A finished ablation: the run file that the variants start from, and what became of each, in the grid's order.
+    """A finished ablation: the run file that the variants start from, and their outcomes in the grid's order.
 
     The reference is a snapshot, or the first variant's own stream. ``stopped`` says why it ended early.
     """
@@ -56,7 +56,7 @@ class Ablation:
 
     @property
     def beside(self) -> str:
-        """What the variants are compared with, in words."""
+        """The reference of the comparison, in words."""
         if self.reference.snapshot:
             return "the snapshot"
         return next(f"the variant {o.variant.label!r}" for o in self.outcomes if o.first)
@@ -69,7 +69,7 @@ def make_stream(job: tuple[Spec, str]) -> Made | str:
     """Return what a run file gives for the stream of this name at the centres of its priors, or why there is none."""
     spec, name = job
     small = spec.with_particles(WARM)
-    with suppress(OutOfDomain, ComponentError):  # the full stream says why, or does better
+    with suppress(OutOfDomain, ComponentError):  # the full stream gives the reason, or succeeds
         Model(small).observe(small.bind(stream=name))
     begin = time.process_time()
     try:
@@ -105,8 +105,8 @@ def run_ablation(
 ) -> Ablation:
     """Make every variant on the same seeds and measure it against the reference, or against the first variant.
 
-    Free parameters stand at the centres of their priors. An interruption ends the work and keeps what is finished. A
-    `StreamkitError` says why no variant has a stream.
+    Free parameters stand at the centres of their priors. After an interruption the finished
+    streams are returned. A `StreamkitError` gives the reasons if no variant has a stream.
 
     Parameters
     ----------
@@ -129,11 +129,11 @@ def run_ablation(
         for seed in range(seeds)
         for i, variant in enumerate(variants)
     }
-    found, stopped = run_jobs(make_stream, jobs, workers, done)
+    results, stopped = run_jobs(make_stream, jobs, workers, done)
     missing = INTERRUPTED if stopped == INTERRUPTED else "no stream: its processes died (killed, or out of memory)"
     cpu = {}
     for (seed, i), job in jobs.items():
-        made = found.get((seed, i), missing)
+        made = results.get((seed, i), missing)
         if isinstance(made, str):
             outcomes[i].blame(made)
         else:

@@ -19,7 +19,7 @@ MARKERS = "osD^vP"
 
 
 def has_panels(portrait: Portrait) -> bool:
-    """Say whether an observable shows the stream on the sky, with data."""
+    """Return whether an observable shows the stream on the sky, with data."""
     return bool(_panels(portrait))
 
 
@@ -43,8 +43,8 @@ def tracks_on_sky(portraits: Mapping[str, Portrait]) -> Figure:
         below.axhspan(-1, 1, color="#E6E6E6", lw=0)
         for i, (title, portrait) in enumerate(shown.items()):
             look: dict[str, Any] = {"color": CYCLE[i % len(CYCLE)], "lw": 1.4}
-            own = _panels(portrait)[row]
-            for mark in own.marks:
+            panel_of_stream = _panels(portrait)[row]
+            for mark in panel_of_stream.marks:
                 above.plot(mark.x, mark.y, ls=LINES[i % len(LINES)], label=title, **look)
             if portrait is not reference and portrait.prediction is not None and reference.prediction is not None:
                 away = (portrait.prediction.mean - reference.prediction.mean)[data.rows] / data.error
@@ -74,5 +74,5 @@ def _panels(portrait: Portrait) -> tuple[Panel, ...]:
     """Return the panels with data, where the observables have a value."""
     if portrait.prediction is None or portrait.prediction.why_not:
         return ()
-    found = panels_of(portrait.inputs.observables, portrait.stream, portrait.prediction)
-    return tuple(panel for panel in found if panel.data is not None)
+    panels = panels_of(portrait.inputs.observables, portrait.stream, portrait.prediction)
+    return tuple(panel for panel in panels if panel.data is not None)

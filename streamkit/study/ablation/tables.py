@@ -23,7 +23,7 @@ LABEL = 43  # longest label in a printed table
 
 
 class Measure(NamedTuple):
-    """How a measure is shown: whether there is one of each arm, its short head, its unit, and what it means."""
+    """The display of a measure: whether each arm has one, its short head, its unit, and its meaning."""
 
     of_arms: bool
     head: str
@@ -109,13 +109,13 @@ def _rows(ablation: Ablation) -> list[_Row]:
 
 
 def _mean(values: Sequence[float]) -> float:
-    known = [value for value in values if np.isfinite(value)]
-    return float(np.mean(known)) if known else np.nan
+    finite = [value for value in values if np.isfinite(value)]
+    return float(np.mean(finite)) if finite else np.nan
 
 
 def _scatter(values: Sequence[float]) -> float:
-    known = [value for value in values if np.isfinite(value)]
-    return float(np.std(known, ddof=1)) if len(known) > 1 else np.nan
+    finite = [value for value in values if np.isfinite(value)]
+    return float(np.std(finite, ddof=1)) if len(finite) > 1 else np.nan
 
 
 def _base(name: str) -> str:
@@ -207,9 +207,9 @@ def _columns(rows: Sequence[_Row], names: Sequence[str]) -> str:
     pulls = [np.array([_mean([one.get(f"pull_{name}", np.nan) for one in ms]) for name in names]) for _, _, ms in shown]
     for column, which in by_column(names).items():
         cells = []
-        for own in (each[which] for each in pulls):
-            far = own[np.argmax(np.nan_to_num(np.abs(own)))]
-            cells.append(f"{rms(own):.2f} ({far:+.1f})" if np.isfinite(far) else "-")
+        for pull in (each[which] for each in pulls):
+            farthest = pull[np.argmax(np.nan_to_num(np.abs(pull)))]
+            cells.append(f"{rms(pull):.2f} ({farthest:+.1f})" if np.isfinite(farthest) else "-")
         body.append([column, *cells])
     note = f"{PULL.meaning}: the root of the mean square of the data of each column, and the farthest of them"
     return "\n".join([columns(body), paragraph(note, "  ", "    ")])

@@ -24,9 +24,9 @@ class Variant:
 def variants_of(spec: Spec, vary: Mapping[str, Sequence[Any]]) -> list[Variant]:
     """Return every combination of the values, validated as in the file.
 
-    A kind that is not the run file's own starts from its own defaults: what is particular to the run file's kind does
-    not belong to it. What all kinds of a section share (particles, progenitor_gravity ...) is kept. A `SpecError` says
-    which field does not exist or which value is not allowed, in any of the variants.
+    A kind other than the run file's starts from its own defaults; fields that all kinds of a section share (particles,
+    progenitor_gravity ...) keep their values. A `SpecError` names a field that does not exist or a value that is not
+    allowed, in any of the variants.
     """
     if not vary:
         raise SpecError(f"{spec.source}: nothing is varied: name a field and its values")
@@ -43,7 +43,7 @@ def variants_of(spec: Spec, vary: Mapping[str, Sequence[Any]]) -> list[Variant]:
 
 
 def _without_own(spec: Spec, values: Mapping[str, Any]) -> Spec:
-    """Put the fields that only the present kinds have back to their defaults, where another kind is asked for."""
+    """Reset the fields that only the present kinds have, where a variant has another kind."""
     reset: dict[str, Any] = {}
     for path, cls, _ in spec.components():
         if not issubclass(cls, Component) or values.get(f"{path}.kind", cls.kind) == cls.kind:

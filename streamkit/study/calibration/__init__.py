@@ -1,4 +1,4 @@
-"""The calibration study: whether the intervals of a fit are as wide as they say."""
+"""The calibration study: whether the intervals of a fit hold the truth as often as they should."""
 
 import lazy_loader
 

@@ -23,7 +23,7 @@ TRIES = 1000  # truths that are tried until one has a stream that can be measure
 
 @dataclass(frozen=True)
 class Draw:
-    """What came of one draw.
+    """The result of one draw.
 
     Attributes
     ----------
@@ -75,8 +75,8 @@ def make_draw(spec: Spec, index: int, truth: Spec | None = None) -> Draw:
     index
         Number of the draw.
     truth
-        Another run file with the same free parameters, whose stream gives the data: what a fit by a model that is not
-        the true one is worth. The fit's own where left out.
+        Another run file with the same free parameters, whose stream gives the data: this tests a fit by a model
+        that is not the true one. Default: the run file of the fit.
 
     Raises StreamkitError if none of a thousand truths has a stream, or the observable makes no mock data.
     """
@@ -87,7 +87,7 @@ def make_draw(spec: Spec, index: int, truth: Spec | None = None) -> Draw:
 
 
 def fit_mock(mocked: Spec, index: int, theta: Array, truth: Spec) -> Draw:
-    """Fit mock data, and say where the truth falls among the posterior samples.
+    """Fit mock data, and return the rank of the truth among the posterior samples.
 
     Parameters
     ----------
@@ -103,13 +103,13 @@ def fit_mock(mocked: Spec, index: int, theta: Array, truth: Spec) -> Draw:
     results = run(mocked, engine="serial", progress=False)
     samples, radii = results.samples, np.array(MASS_RADII)
     masses = Host(truth.bind_all(theta).potentials).mass_inside(radii)
-    found = results.profiles(radii)[0]
+    fitted = results.profiles(radii)[0]
     return Draw(
         index,
         tuple(theta.tolist()),
         tuple((samples < theta).mean(axis=0).tolist()),
         tuple(masses.tolist()),
-        tuple((found < masses).mean(axis=0).tolist()),
+        tuple((fitted < masses).mean(axis=0).tolist()),
         float(np.max(results.r_hat)),
         float(np.nan_to_num(results.ess).min()),
         results.calls + results.search_calls,
@@ -124,20 +124,20 @@ def measurable_truths(
     for attempt in range(tries):
         theta = np.array([float(prior.sample(rng, 1)[0]) for prior in spec.priors])
         try:
-            found = posterior.observe(theta)
+            observation = posterior.observe(theta)
         except OutOfDomain:
             continue
-        if not any(prediction.why_not for prediction in found.predictions.values()):
-            yield attempt, theta, found
+        if not any(prediction.why_not for prediction in observation.predictions.values()):
+            yield attempt, theta, observation
 
 
 def _mock(spec: Spec, truth: Spec, rng: np.random.Generator, index: int) -> tuple[Array, Spec]:
     """Return a truth, and the run file of the fit with data that it might have given."""
     posterior = Posterior(truth.with_values({"seed": int(rng.integers(1 << 31))}))
-    for _, theta, found in measurable_truths(spec, posterior, rng, TRIES):
+    for _, theta, observation in measurable_truths(spec, posterior, rng, TRIES):
         fields: dict[str, Any] = {}
         for stream, inputs in truth.bind_all(theta).streams.items():
-            sections, parts = truth.sections.streams[stream].observables, parts_of(found.predictions[stream])
+            sections, parts = truth.sections.streams[stream].observables, parts_of(observation.predictions[stream])
             for name, observable in inputs.observables.items():
                 mock = observable.mock(parts[name], rng)
                 fields |= {f"{sections[name].path}.{field}": value for field, value in mock.items()}

@@ -15,15 +15,18 @@ from streamkit.study.calibration.runner import Calibration
 SIMULATIONS = 2000  # sets of uniform ranks that the band is made of
 
 
-def calibration_figure(found: Calibration) -> Figure:
+def calibration_figure(calibration: Calibration) -> Figure:
     """Draw the empirical distribution of the ranks less the uniform one, with its simultaneous 95 % band.
 
     Inside the band the intervals are as wide as they say. A hump to the left and a dip to the right is a posterior
     that is too narrow, the reverse one too wide; a hump alone is a bias (Saeilynoja, Buerkner & Vehtari 2022).
     Masses that have the ranks of what was drawn before, as where one parameter is the mass everywhere, are left out.
     """
-    names = [*labels(found.spec.names, found.spec.symbols), *(rf"$M({r:g}\,{{\rm kpc}})$" for r in MASS_RADII)]
-    ranks = found.every_rank
+    names = [
+        *labels(calibration.spec.names, calibration.spec.symbols),
+        *(rf"$M({r:g}\,{{\rm kpc}})$" for r in MASS_RADII),
+    ]
+    ranks = calibration.every_rank
     shown = [i for i in range(len(names)) if not any(np.array_equal(ranks[:, i], ranks[:, j]) for j in range(i))]
     figure, panels = panel_grid(len(shown), 2.3, 1.9, share=True)
     rng = np.random.default_rng(0)
@@ -38,5 +41,7 @@ def calibration_figure(found: Calibration) -> Figure:
         axes.set_title(names[i], fontsize=11)
         axes.set_xlim(0.0, 1.0)
         finish(axes)
-    label_all(figure, f"rank of the truth among the posterior samples, {len(found.draws)} draws", "ECDF - uniform")
+    label_all(
+        figure, f"rank of the truth among the posterior samples, {len(calibration.draws)} draws", "ECDF - uniform"
+    )
     return figure

@@ -14,12 +14,15 @@ TABLE, COVERAGE, PICTURE, RUN = "calibration.ecsv", "coverage.ecsv", "calibratio
 PRODUCTS = (DRAWS, TABLE, COVERAGE, PICTURE, RUN)
 
 
-def calibration_products(found: Calibration) -> Products:
+def calibration_products(calibration: Calibration) -> Products:
     """Return the draws, the coverage of the masses, and the picture of the ranks."""
-    tables = {TABLE: draws_table(found), COVERAGE: coverage_table(found)}
-    pictures = {PICTURE: partial(calibration_figure, found)}
-    text = describe_calibration(found)
-    header: dict[str, Any] = {"draws": len(found.draws), "converged": sum(draw.converged for draw in found.draws)}
-    if found.truth is not None:
-        header["truth"] = found.truth.document
-    return Products(found.spec, RUN, text, tables, pictures, header, found.stopped)
+    tables = {TABLE: draws_table(calibration), COVERAGE: coverage_table(calibration)}
+    pictures = {PICTURE: partial(calibration_figure, calibration)}
+    text = describe_calibration(calibration)
+    header: dict[str, Any] = {
+        "draws": len(calibration.draws),
+        "converged": sum(draw.converged for draw in calibration.draws),
+    }
+    if calibration.truth is not None:
+        header["truth"] = calibration.truth.document
+    return Products(calibration.spec, RUN, text, tables, pictures, header, calibration.stopped)

@@ -1,4 +1,4 @@
-"""The calibration: many draws, finished ones kept in a file as they come."""
+"""The calibration: many draws; each is appended to a file when it is finished."""
 
 from __future__ import annotations
 
@@ -75,37 +75,37 @@ def calibrate(
     if truth is not None and (truth.names, truth.priors) != (spec.names, spec.priors):
         raise StreamkitError(f"{spec.source}: {_difference(spec, truth)}")
     file = out / DRAWS
-    known = read_draws(file, spec, truth) if resume else {}
+    earlier = read_draws(file, spec, truth) if resume else {}
     if not resume or not file.exists():
         out.mkdir(parents=True, exist_ok=True)
         file.write_text(json.dumps({"digest": _digest(spec, truth)}) + "\n")
     packed = pickle.dumps((spec, truth))
-    for _ in known:
+    for _ in earlier:
         done()
-    jobs = {index: (packed, index, file) for index in range(draws) if index not in known}
-    found, stopped = run_jobs(_work, jobs, workers, done)
-    every = {**known, **found}
+    jobs = {index: (packed, index, file) for index in range(draws) if index not in earlier}
+    new, stopped = run_jobs(_work, jobs, workers, done)
+    every = {**earlier, **new}
     if not every:
         raise StreamkitError(f"{spec.source}: {stopped} before the first draw was finished")
     return Calibration(spec, tuple(every[index] for index in sorted(every)), stopped, truth)
 
 
 def read_draws(file: Path, spec: Spec, truth: Spec | None = None) -> dict[int, Draw]:
-    """Return the draws in a file by number; what an untimely end left of a line is passed over."""
+    """Return the draws in a file by number; incomplete lines, which a kill may leave, are skipped."""
     if not file.exists():
         return {}
     first, *lines = file.read_text(errors="replace").splitlines() or [""]
     if json.dumps(_digest(spec, truth)) not in first:
         raise StreamkitError(f"{file}: these draws belong to another run file, or to other settings of it")
-    found = {}
+    draws = {}
     for line in lines:
         try:
             draw = Draw.of_line(line)
         except (ValueError, TypeError, KeyError, AttributeError):
             continue
         if len(draw.ranks) == len(spec.names):
-            found[draw.index] = draw
-    return found
+            draws[draw.index] = draw
+    return draws
 
 
 def _digest(spec: Spec, truth: Spec | None) -> str:
@@ -113,12 +113,12 @@ def _digest(spec: Spec, truth: Spec | None) -> str:
 
 
 def _difference(spec: Spec, truth: Spec) -> str:
-    """Say which free parameter one of them has alone, or with a prior of its own."""
+    """Name a free parameter that only one of them has, or that has different priors."""
     priors, others = (dict(zip(each.names, each.priors, strict=True)) for each in (spec, truth))
     name = next(name for name in (*priors, *others) if priors.get(name) != others.get(name))
-    found = "none" if name not in others else "another prior" if name in priors else "one"
+    what = "none" if name not in others else "another prior" if name in priors else "one"
     return (
-        f"the streams of the truth must have the free parameters of the fit: for {name} they have {found}. Give both "
+        f"the streams of the truth must have the free parameters of the fit: for {name} they have {what}. Give both "
         "the same number, with --set or in the run file"
     )
 
@@ -127,7 +127,7 @@ def _work(job: tuple[bytes, int, Path]) -> Draw:
     packed, index, file = job
     spec, truth = pickle.loads(packed)  # noqa: S301  our own, from the process that started this one
     draw = make_draw(spec, index, truth)
-    line = f"\n{draw.line()}\n".encode()  # one write, and a line of its own whatever stands before
+    line = f"\n{draw.line()}\n".encode()  # one write; the newline in front ends a line that a kill has cut
     handle = os.open(file, os.O_WRONLY | os.O_APPEND)
     try:
         os.write(handle, line)

@@ -13,23 +13,23 @@ from streamkit.study.calibration.runner import Calibration
 if TYPE_CHECKING:
     from astropy.table import QTable
 
-PROBABILITIES = (0.5, 0.68, 0.95)  # of the intervals whose coverage is told
+PROBABILITIES = (0.5, 0.68, 0.95)  # of the intervals in the table of coverage
 
 
-def draws_table(found: Calibration) -> QTable:
+def draws_table(calibration: Calibration) -> QTable:
     """Return one row per draw: truth and rank of every parameter and mass, and how far its fit had converged."""
     from astropy import units as u
     from astropy.table import Column, QTable
 
-    out, draws = QTable(), found.draws
+    out, draws = QTable(), calibration.draws
     out["draw"] = [draw.index for draw in draws]
-    for i, (name, unit) in enumerate(zip(found.spec.names, found.spec.units, strict=True)):
+    for i, (name, unit) in enumerate(zip(calibration.spec.names, calibration.spec.units, strict=True)):
         out[name] = np.array([draw.truth[i] for draw in draws]) * u.Unit(unit)
         share = "share of the posterior samples below the truth"
-        out[f"{name}_rank"] = Column(found.ranks[:, i], description=share)
+        out[f"{name}_rank"] = Column(calibration.ranks[:, i], description=share)
     for i, radius in enumerate(MASS_RADII):
         out[f"mass_{radius:g}"] = np.array([draw.masses[i] for draw in draws]) * u.Msun
-        out[f"mass_{radius:g}_rank"] = found.mass_ranks[:, i]
+        out[f"mass_{radius:g}_rank"] = calibration.mass_ranks[:, i]
     out["r_hat"] = [draw.r_hat for draw in draws]
     out["effective_samples"] = [draw.ess for draw in draws]
     out["calls"] = [draw.calls for draw in draws]
@@ -37,39 +37,39 @@ def draws_table(found: Calibration) -> QTable:
     return out
 
 
-def coverage_table(found: Calibration) -> QTable:
+def coverage_table(calibration: Calibration) -> QTable:
     """Return one row per interval: how often it holds each true parameter and enclosed mass, with its error."""
     from astropy.table import QTable
 
-    out, n = QTable(), len(found.draws)
+    out, n = QTable(), len(calibration.draws)
     out["probability"] = PROBABILITIES
-    shares = np.array([found.coverage(p) for p in PROBABILITIES])
-    for i, name in enumerate((*found.spec.names, *(f"mass_{radius:g}" for radius in MASS_RADII))):
+    shares = np.array([calibration.coverage(p) for p in PROBABILITIES])
+    for i, name in enumerate((*calibration.spec.names, *(f"mass_{radius:g}" for radius in MASS_RADII))):
         out[name] = shares[:, i]
     out["error"] = np.sqrt(np.multiply(PROBABILITIES, 1 - np.array(PROBABILITIES)) / n)
     out["error"].description = "of a share of so many draws, if the intervals are right"
     return out
 
 
-def describe_calibration(found: Calibration) -> str:
+def describe_calibration(calibration: Calibration) -> str:
     """Show the coverage for a terminal, and how many fits had converged."""
-    n, converged = len(found.draws), sum(draw.converged for draw in found.draws)
+    n, converged = len(calibration.draws), sum(draw.converged for draw in calibration.draws)
     rows = [("interval", *(f"{p:.0%}" for p in PROBABILITIES), "mean rank")]
     errors = [f"{p:.0%} +- {np.sqrt(p * (1 - p) / n):.0%}" for p in PROBABILITIES]
     rows.append(("expected", *errors, f"0.50 +- {np.sqrt(1 / 12 / n):.2f}"))
-    shares = np.array([found.coverage(p) for p in PROBABILITIES]).T
-    names = (*found.spec.names, *(f"M(<{r:g} kpc)" for r in MASS_RADII))
-    for name, share, rank in zip(names, shares, found.every_rank.mean(axis=0), strict=True):
+    shares = np.array([calibration.coverage(p) for p in PROBABILITIES]).T
+    names = (*calibration.spec.names, *(f"M(<{r:g} kpc)" for r in MASS_RADII))
+    for name, share, rank in zip(names, shares, calibration.every_rank.mean(axis=0), strict=True):
         rows.append((name, *(f"{each:.0%}" for each in share), f"{rank:.2f}"))
     shown = f"share of {n} draws whose truth lies in the central interval\n{columns(rows)}"
-    kind = found.spec.sampler.kind
+    kind = calibration.spec.sampler.kind
     if converged == n:
-        told = f"All {n} fits have converged by the rule of {kind}."
+        note = f"All {n} fits have converged by the rule of {kind}."
     else:
-        told = (
+        note = (
             f"{converged} of {n} fits have converged by the rule of {kind}. The intervals of the others are not "
-            "settled: let them go on for longer."
+            "settled: run them for longer."
         )
-    samples, calls = (np.median([getattr(draw, name) for draw in found.draws]) for name in ("ess", "calls"))
-    told += f" In the median {samples:.0f} effective samples of {calls:.0f} streams."
-    return f"{shown}\n\n{paragraph(told)}"
+    samples, calls = (np.median([getattr(draw, name) for draw in calibration.draws]) for name in ("ess", "calls"))
+    note += f" In the median {samples:.0f} effective samples of {calls:.0f} streams."
+    return f"{shown}\n\n{paragraph(note)}"

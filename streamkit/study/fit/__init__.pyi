@@ -1,7 +1,7 @@
 from .directory import RECOVERY as RECOVERY
-from .directory import run_file as run_file
 from .export import EXPORTS as EXPORTS
 from .export import write_samples as write_samples
+from .integrity import load_spec as load_spec
 from .literature import read_literature as read_literature
 from .products import write_products as write_products
 from .record import results_record as results_record

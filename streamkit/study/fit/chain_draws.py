@@ -14,7 +14,7 @@ from streamkit.report import BLUE, GREY
 from streamkit.sample import Chain
 from streamkit.stream import Array, IntArray
 from streamkit.study.fit import chain_verdicts as checks
-from streamkit.study.fit.diagnostics import drift, rank_scores
+from streamkit.study.fit.chain_statistics import drift, rank_scores
 from streamkit.study.fit.draws import Draws, Row
 from streamkit.study.fit.rank_figure import rank_plots
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from streamkit.components import DO_NOT, FINE, LOOK, Check, Verdict
 from streamkit.stream import Array
-from streamkit.study.fit.diagnostics import chance
+from streamkit.study.fit.chain_statistics import chance
 from streamkit.study.fit.sentences import listed, number
 
 # 50 autocorrelation times as emcee's documentation asks for; with fewer than 10 their estimate means nothing.

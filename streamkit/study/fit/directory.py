@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 import json
-import platform
 import shlex
 import shutil
-import tomllib
 from collections import Counter
 from collections.abc import Collection
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from streamkit.components import is_loaded, with_neighbours
-from streamkit.errors import ChainError
+from streamkit.components import with_neighbours
+from streamkit.errors import ChainError, SpecError, expect_file
 from streamkit.report import contents, replace_whole, safely
-from streamkit.runfile import DEFAULT_KIND, ONLY, Spec, differences, to_toml
-from streamkit.sample import CALLS, CHAIN, JOURNAL, SAMPLES, Chain, Weighted, read_chain_file, read_weighted
+from streamkit.runfile import DEFAULT_KIND, ONLY, Spec, differences, read_toml, to_toml
+from streamkit.sample import CALLS, CHAIN, JOURNAL, SAMPLES
+from streamkit.study.fit.integrity import RESTORE, RUN_FILE, changed_plugins, load_spec, read_chain
+from streamkit.study.fit.manifest import MANIFEST, manifest, manifest_of
 
-RUN_FILE = "run.toml"
-MANIFEST = "manifest.json"
 # Folder with copies of the run's plugin files, and of the files that these import from beside them.
 PLUGIN_COPIES = "plugins"
 DATA_COPIES = "data"  # folder with copies of the run's data files
@@ -62,35 +59,51 @@ def claim(
                 (directory / name).unlink(missing_ok=True)
     elif files:
         raise ChainError(_occupied(directory, files))
-    manifest = json.dumps(_manifest(spec, options), indent=2) + "\n"
+    run_file = (directory / RUN_FILE).read_bytes() if going_on else _run_file_text(spec, options).encode()
+    about = json.dumps(manifest_of(spec, options, run_file), indent=2) + "\n"
     with safely(directory / MANIFEST):
-        replace_whole(directory / MANIFEST, lambda part: part.write_text(manifest))
+        replace_whole(directory / MANIFEST, lambda part: part.write_text(about))
     if not going_on:
-        _write_run_file(directory, spec, options)
+        for place, file in _all_copies(spec).items():
+            with safely(directory / place):
+                _make_folder(directory, place.parent)
+                replace_whole(directory / place, partial(shutil.copyfile, file))
+        with safely(directory / RUN_FILE):
+            replace_whole(directory / RUN_FILE, lambda part: part.write_bytes(run_file))
     return going_on
 
 
-def _write_run_file(directory: Path, spec: Spec, options: dict[str, Any]) -> None:
-    """Write the resolved run file, with copies of its plugins and data files: the directory can be read anywhere."""
-    places = _copies(spec)
-    document = spec.with_files_at(places)
-    sources = [spec.folder / name for name in spec.document.get("plugins", [])]
-    copies = {Path(place): spec.folder / name for name, place in places.items()}
-    for source in sources:
-        copies |= {PLUGIN_COPIES / file.relative_to(source.parent): file for file in with_neighbours(source)}
-    for place, file in copies.items():
-        with safely(directory / place):
-            (directory / place).parent.mkdir(parents=True, exist_ok=True)
-            replace_whole(directory / place, partial(shutil.copyfile, file))
-    if sources:
-        document["plugins"] = [f"{PLUGIN_COPIES}/{source.name}" for source in sources]
+def _make_folder(directory: Path, folder: Path) -> None:
+    """Make a folder of copies; ChainError if it, or one above it, is a link that leads out of the directory."""
+    for each in [*reversed(folder.parents), folder]:
+        if each != Path() and (directory / each).is_symlink():
+            raise ChainError(f"{directory / each}: is a link to another folder, into which nothing is written")
+    (directory / folder).mkdir(parents=True, exist_ok=True)
+
+
+def _run_file_text(spec: Spec, options: dict[str, Any]) -> str:
+    """Return the resolved run file, which names the copies of its plugins and data files beside it."""
+    document = spec.with_files_at(_data_copies(spec))
+    if plugins := spec.document.get("plugins", []):
+        document["plugins"] = [f"{PLUGIN_COPIES}/{Path(name).name}" for name in plugins]
     components = [f"{path}: {cls.kind} ({supplier})" for path, cls, supplier in spec.components()]
-    text = to_toml(document, "\n".join([header(options), *components]))
-    with safely(directory / RUN_FILE):
-        replace_whole(directory / RUN_FILE, lambda part: part.write_text(text))
+    return to_toml(document, "\n".join([header(options), *components]))
 
 
-def _copies(spec: Spec) -> dict[str, str]:
+def _all_copies(spec: Spec) -> dict[Path, Path]:
+    """Return the originals of all copies by their places: with these the directory can be read anywhere."""
+    return {Path(place): spec.folder / name for name, place in _data_copies(spec).items()} | _plugin_copies(spec)
+
+
+def _plugin_copies(spec: Spec) -> dict[Path, Path]:
+    """Return the plugin files, and the files that they import from beside them, by the places of their copies."""
+    sources = [spec.folder / name for name in spec.document.get("plugins", [])]
+    return {
+        PLUGIN_COPIES / file.relative_to(source.parent): file for source in sources for file in with_neighbours(source)
+    }
+
+
+def _data_copies(spec: Spec) -> dict[str, str]:
     """Return the places of the copies of data files, by the names in the run file; each has a name of its own."""
     names = Counter(Path(name).name for name in spec.files)
     return {
@@ -122,35 +135,59 @@ def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
             f"{directory}: holds no run to resume ({MANIFEST} or {RUN_FILE} is missing, found "
             f"{_some(files)}). Choose another directory."
         )
-    known = manifest(directory)
-    digest = known["digest"]
-    try:
-        document = tomllib.loads((directory / RUN_FILE).read_text())
-    except (OSError, ValueError) as error:
-        raise ChainError(f"{directory / RUN_FILE}: not readable ({error})") from None
-    if digest != spec.digest():
-        document, here = (
-            {key: value for key, value in found.items() if key not in ("plugins", "engine")}
-            for found in (document, spec.with_files_at(_copies(spec)))
-        )
-        data = known.get("files", {})
-        changed = differences(document, here)
-        changed += [f"the data file {name}" for name, sha in spec.files.items() if data.get(name, sha) != sha]
-        changed = changed or ["a plugin or streamkit itself"]
-        if (was := document.get("sampler", {}).get("kind", DEFAULT_KIND["sampler"])) != spec.sampler.kind:
-            told = f"the sampler: {was} there, {spec.sampler.kind} here, which cannot go on with the other's samples"
-            changed = [told, *(one for one in changed if not one.startswith("sampler"))]
+    about = manifest(directory)
+    if about["digest"] != spec.digest():
         raise ChainError(
             f"{directory}: holds another run, and its chain cannot be continued with this run file. "
-            f"What differs (there -> here): {'; '.join(changed)}. "
+            f"What differs (there -> here): {'; '.join(_differences(directory, spec, about))}. "
             "Choose another directory, or --force to overwrite."
         )
     if not begun:
         return False
+    _check_copies(directory, spec)
     if CALLS in files or SAMPLES in files:
         return True
-    found = read_chain(directory)
-    return len(found.chain) > 0 or found.start is not None
+    chain = read_chain(directory)
+    if chain.chain.shape[2] != len(spec.names):
+        raise ChainError(f"{directory}: the chain has {chain.chain.shape[2]} parameters, and the run {len(spec.names)}")
+    return len(chain.chain) > 0 or chain.start is not None
+
+
+def _differences(directory: Path, spec: Spec, about: dict[str, Any]) -> list[str]:
+    """Say how the run in a directory differs from that of a spec."""
+    try:
+        there = read_toml(directory / RUN_FILE)
+    except SpecError as error:
+        raise ChainError(str(error)) from None
+    document, here = (
+        {key: value for key, value in each.items() if key not in ("plugins", "engine")}
+        for each in (there, spec.with_files_at(_data_copies(spec)))
+    )
+    changed = differences(document, here)
+    changed += [f"the data file {name}" for name, sha in spec.files.items() if about["files"].get(name, sha) != sha]
+    changed += [f"the plugin file {name}" for name in changed_plugins(spec, about)]
+    sampler = document.get("sampler")
+    kind = sampler.get("kind", DEFAULT_KIND["sampler"]) if isinstance(sampler, dict) else DEFAULT_KIND["sampler"]
+    if kind != spec.sampler.kind:
+        told = f"the sampler: {kind} there, {spec.sampler.kind} here, which cannot go on with the other's samples"
+        changed = [told, *(one for one in changed if not one.startswith("sampler"))]
+    return changed or ["a plugin or streamkit itself"]
+
+
+def _check_copies(directory: Path, spec: Spec) -> None:
+    """Check the run file in the directory and its copies, from which the samples are reported at the end."""
+    for place, source in _plugin_copies(spec).items():
+        try:
+            expect_file(directory / place)
+            is_same = (directory / place).read_bytes() == source.read_bytes()
+        except OSError as error:
+            raise ChainError(f"{directory / place}: cannot be read ({error.strerror}). {RESTORE}") from None
+        if not is_same:
+            raise ChainError(f"{directory / place}: has changed since the run began. {RESTORE}")
+    try:
+        load_spec(directory, spec.given)
+    except SpecError as error:
+        raise ChainError(f"{error}\n{RESTORE}") from None
 
 
 def _only_ours(directory: Path, files: list[str], products: Collection[str]) -> None:
@@ -178,18 +215,6 @@ def _some(files: list[str]) -> str:
     return ", ".join(files[:4]) + (f" and {len(files) - 4} more" if len(files) > 4 else "")
 
 
-def _manifest(spec: Spec, options: dict[str, Any]) -> dict[str, Any]:
-    packages = ("streamkit", "numpy", "scipy", "numba", "emcee", "astropy")
-    return {
-        "digest": spec.digest(),
-        "seed": spec.seed,
-        "versions": {"python": platform.python_version()} | {name: version(name) for name in packages},
-        "files": dict(spec.files),
-        "components": {path: f"{cls.kind} from {supplier}" for path, cls, supplier in spec.components()},
-        "options": options,
-    }
-
-
 def resume_command(directory: Path, options: dict[str, Any]) -> str:
     """Return the command that goes on with the run in a directory, with the options that it was begun with.
 
@@ -200,75 +225,5 @@ def resume_command(directory: Path, options: dict[str, Any]) -> str:
         more = [f"components=[{', '.join(map(str, given))}]", *(["quick=True"] if options.get("quick") else [])]
         words = [repr(str(directory / RUN_FILE)), f"out={str(directory)!r}", *more, "resume=True"]
         return f"streamkit.run({', '.join(words)})"
-    arguments = [str(word) for word in options.get("arguments", ["--quick"] if options.get("quick") else [])]
-    words = [str(word) for word in options.get("launcher", ["streamkit"])]
-    return shlex.join([*words, "run", str(directory / RUN_FILE), "-o", str(directory), *arguments, "--resume"])
-
-
-def manifest(directory: Path) -> dict[str, Any]:
-    """Read the manifest of a run; ChainError if there is none, or it is not readable."""
-    try:
-        found = json.loads((directory / MANIFEST).read_text())
-    except (OSError, ValueError) as error:
-        raise ChainError(f"{directory}: no streamkit run: {MANIFEST} is not readable ({error})") from None
-    if not (
-        isinstance(found, dict) and isinstance(found.get("digest"), str) and isinstance(found.get("options", {}), dict)
-    ):
-        raise ChainError(f"{directory / MANIFEST}: not the manifest of a streamkit run")
-    return found
-
-
-def run_file(directory: Path, trust: bool = False) -> Path:
-    """Return the run file of a run's directory.
-
-    ChainError if it names plugin files: their code runs because a user asks for it, and not because it lies in a
-    directory. To ``trust`` them is to ask, and so was to read the same files earlier in this process.
-    """
-    path = directory / RUN_FILE
-    try:
-        named = [] if trust else tomllib.loads(path.read_text()).get("plugins", [])
-    except (OSError, ValueError, RecursionError):  # who reads it says what is wrong
-        return path
-    strange = [name for name in named if isinstance(name, str) and not is_loaded((directory / name).absolute())]
-    if strange:
-        raise ChainError(
-            f"{path}: names the plugin file {strange[0]!r}, Python code that came with the directory and would be run. "
-            "Look at it, and then add --trust (from Python, trust=True)."
-        )
-    return path
-
-
-def check_data(directory: Path, spec: Spec) -> None:
-    """Check that the copies of data files, which the spec in a directory read, are those of the run, or ChainError."""
-    known = manifest(directory).get("files", {})
-    for name, digest in spec.files.items():
-        if isinstance(known, dict) and known and digest not in known.values():
-            raise ChainError(
-                f"{directory / name}: has changed since the run began: put back the file of the run, or start again."
-            )
-
-
-def read_chain(directory: Path) -> Chain:
-    """Read the chain of a run; ChainError if it cannot be read, or is not that of this directory's run."""
-    found = read_chain_file(directory / CHAIN)
-    _is_own(directory, CHAIN, "chain", found.attributes)
-    return found
-
-
-def read_samples(directory: Path) -> Weighted | None:
-    """Read the weighted samples of a run, None for one that keeps a chain; errors as those of `read_chain`."""
-    if not any((directory / name).exists() for name in (SAMPLES, CALLS)):
-        return None
-    found = read_weighted(directory / SAMPLES)
-    _is_own(directory, SAMPLES, "file of samples", found.attributes)
-    return found
-
-
-def _is_own(directory: Path, file: str, called: str, attributes: dict[str, Any]) -> None:
-    wanted = manifest(directory)["digest"]
-    digest = attributes.get("digest", wanted)
-    if digest != wanted:
-        raise ChainError(
-            f"{directory / file}: is the {called} of another run, of digest {str(digest)[:12]}; that of "
-            f"{MANIFEST} is {wanted[:12]}. Nothing was changed: put the right file back, or start again with --force."
-        )
+    words = [*options["launcher"], "run", str(directory / RUN_FILE), "-o", str(directory), *options["arguments"]]
+    return shlex.join([*words, "--resume"])

@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from streamkit.components import LEVELS
+from streamkit.errors import message_of
 from streamkit.observe import frame_of
 from streamkit.report import cited, labels, number
 from streamkit.study.fit.diagnostics import contraction, predictive, prior_fractions
-from streamkit.study.fit.directory import manifest, stream_pictures
+from streamkit.study.fit.directory import stream_pictures
 from streamkit.study.fit.figures import reach, remark
 from streamkit.study.fit.literature import DENSITY, POTENTIAL, beside_literature
+from streamkit.study.fit.manifest import manifest
 from streamkit.study.fit.results import Results
 from streamkit.study.fit.verdicts import overall, verdicts
 
@@ -208,7 +210,7 @@ def _pictures(results: Results) -> dict[str, str]:
         try:
             make().savefig(buffer, format="png", dpi=170)
         except Exception as error:
-            results.failed[f"{PAGE}, {name}"] = f"{type(error).__name__}: {error}"
+            results.failed[f"{PAGE}, {name}"] = f"{type(error).__name__}: {message_of(error)}"
         else:
             found[name] = embedded(buffer.getvalue())
     return found

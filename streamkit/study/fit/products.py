@@ -11,15 +11,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from streamkit.components import ChainSampler
-from streamkit.errors import ChainError, OutOfDomain
-from streamkit.report import draw_stream, save, save_pictures, save_table
+from streamkit.errors import ChainError, OutOfDomain, message_of
+from streamkit.report import UnwritableError, draw_stream, save, save_pictures, save_table
 from streamkit.runfile import Spec
 from streamkit.sample import CALLS, CHAIN, SAMPLES
 from streamkit.study.fit.diagnostics import predicted_intervals, predictions_table, predictive
-from streamkit.study.fit.directory import LITERATURE, MANIFEST, RECOVERY, RUN_FILE, stream_pictures
+from streamkit.study.fit.directory import LITERATURE, RECOVERY, stream_pictures
 from streamkit.study.fit.figures import corner, mass_profile, radii, remark, rotation_curve, traces
 from streamkit.study.fit.flattening_figure import flattening, is_sphere
+from streamkit.study.fit.integrity import RUN_FILE
 from streamkit.study.fit.literature import read_literature
+from streamkit.study.fit.manifest import MANIFEST
 from streamkit.study.fit.page import PAGE, page_text
 from streamkit.study.fit.page import RADII as PAGE_RADII
 from streamkit.study.fit.predictive_figure import predictions
@@ -97,8 +99,8 @@ def write_products(
 ) -> Results:
     """Write every table and picture of a run and its page into its directory, and return its results.
 
-    A picture or page that fails is left out, with a warning in the log; `Results.failed` and the diagnostics hold the
-    reason.
+    A picture or page that cannot be made is left out, with a warning in the log; `Results.failed` and the diagnostics
+    hold the reason.
 
     Parameters
     ----------
@@ -115,7 +117,7 @@ def write_products(
         Whether the plugin files in the directory may be run.
 
     Raises ChainError if there is no readable run. Raises SpecError if the truth is not valid. Nothing has then been
-    written.
+    written. Raises ChainError if a product cannot be written, on a full disk, once all the others have been.
     """
     results = run if isinstance(run, Results) else load_results(run, trust=trust)
     where = results.directory
@@ -139,6 +141,7 @@ def write_products(
         wanted += [RADII, DRAWN]
     results.profiles(np.concatenate(wanted))  # in one go
     results.failed = {}
+    unwritten: list[str] = []
     writers: dict[str, Callable[[Path], None]] = {
         name: partial(_draw, draw=draw, results=results, pdf=pdf) for name, draw in figures.items()
     }
@@ -149,15 +152,26 @@ def write_products(
         except Exception as error:
             for old in (where / name, (where / name).with_suffix(".pdf")):
                 old.unlink(missing_ok=True)  # an older one would belong to other samples
-            results.failed[name] = f"{type(error).__name__}: {error}"
+            if isinstance(error, UnwritableError):
+                unwritten.append(str(error))
+            else:
+                results.failed[name] = f"{type(error).__name__}: {message_of(error)}"
     for name, make in tables.items():
         table = make(results)
         if results.failed:
             table.meta["products that failed"] = dict(results.failed)
-        save_table(where / name, printable(table, None))
+        try:
+            save_table(where / name, printable(table, None))
+        except UnwritableError as error:
+            unwritten.append(str(error))
     if results.failed:
         reasons = "; ".join(f"{name} ({reason})" for name, reason in results.failed.items())
         logging.getLogger("streamkit").warning("Some products could not be made, all else was: %s", reasons)
+    if unwritten:
+        raise ChainError(
+            f"{unwritten[0]}{f', and {len(unwritten) - 1} more' if len(unwritten) > 1 else ''}. The samples are whole: "
+            f"make room, and write the products with: streamkit report {where}"
+        )
     return results
 
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from streamkit.report import BAND_95, BLUE, GREY, finish, panel_grid
 from streamkit.stream import Array
-from streamkit.study.fit.diagnostics import ranks
+from streamkit.study.fit.chain_statistics import ranks
 
 
 def rank_plots(kept: Array, tau: Array, labels: Sequence[str]) -> Figure:

@@ -11,16 +11,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from streamkit.components import GIVEN, ChainSampler, Component
-from streamkit.errors import ChainError, SpecError, nearest
+from streamkit.components import ChainSampler, Component
+from streamkit.errors import ChainError, nearest
 from streamkit.model import Host, Observation
-from streamkit.runfile import Spec, load
+from streamkit.runfile import Spec
 from streamkit.sample import Chain, Posterior, Weighted
 from streamkit.stream import Array, IntArray, Prediction, Stream
 from streamkit.study.fit.chain_draws import ChainDraws
 from streamkit.study.fit.conversion import arviz_tree, sample_frame
-from streamkit.study.fit.directory import check_data, manifest, read_chain, read_samples, run_file
 from streamkit.study.fit.draws import Draws
+from streamkit.study.fit.integrity import load_spec, read_chain, read_samples
+from streamkit.study.fit.manifest import manifest
 from streamkit.study.fit.tables import diagnostics_table, profile_table, summary_table
 from streamkit.study.fit.weighted_draws import WeightedDraws
 
@@ -277,13 +278,5 @@ def load_results(directory: str | Path, components: Iterable[type[Component]] = 
         raise ChainError(f"{where}: there is no such directory")
     notes = manifest(where)
     stored = read_samples(where) or read_chain(where)
-    try:
-        spec = load(run_file(where, trust), components=components)
-    except SpecError as error:
-        lost = sorted(text for text in notes.get("components", {}).values() if GIVEN in text)
-        if not lost or components:
-            raise
-        given = f"{where}: the run had components given in Python ({'; '.join(lost)})"
-        raise ChainError(f"{given}: read it in Python, with load_results(directory, components=[...])") from error
-    check_data(where, spec)
+    spec = load_spec(where, components, trust)
     return Results(spec, draws_of(stored, spec, bool(notes.get("options", {}).get("quick", False))), where)

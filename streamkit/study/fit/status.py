@@ -11,7 +11,9 @@ import numpy as np
 from streamkit.errors import ChainError
 from streamkit.report import columns, is_locked, paragraph, seconds
 from streamkit.sample import CALLS, CHAIN, JOURNAL, SAMPLES
-from streamkit.study.fit.directory import manifest, read_chain, resume_command, run_file
+from streamkit.study.fit.directory import resume_command
+from streamkit.study.fit.integrity import RUN_FILE, load_spec, read_chain, run_file
+from streamkit.study.fit.manifest import manifest
 from streamkit.study.fit.results import Results, load_results
 from streamkit.study.fit.verdicts import overall, verdicts
 
@@ -37,6 +39,8 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
         "last_alive": max((path.stat().st_mtime for path in files), default=None),
         "go_on": resume_command(directory, options),
     }
+    if (directory / RUN_FILE).exists() and not options["given"]:  # Python alone can read a run with given classes
+        load_spec(directory, trust=trust)
     try:
         results = load_results(directory, trust=trust)
     except ChainError:
@@ -110,4 +114,7 @@ def describe_status(directory: Path, known: dict[str, Any], now: float | None = 
 
 
 def _clock(when: float) -> str:
-    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(when))
+    try:
+        return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(when))
+    except (OverflowError, ValueError, OSError):  # a time that no clock shows: of a file that came from elsewhere
+        return "an unknown time"

@@ -1,4 +1,4 @@
-"""What the studies over a grid of values and seeds share: streams interrupted safely, and the files of the result."""
+"""Shared parts of the studies over a grid: jobs that can be interrupted, and the files of the results."""
 
 import lazy_loader
 

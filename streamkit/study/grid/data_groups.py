@@ -13,15 +13,15 @@ MANY = 8  # data beyond which tables and pictures show columns
 
 def by_column(names: Sequence[str]) -> dict[str, IntArray]:
     """Return the numbers (k,) of the data of each column, by its name: "phi2" of "phi2 at -60"."""
-    found: dict[str, list[int]] = {}
+    rows: dict[str, list[int]] = {}
     for i, name in enumerate(names):
-        found.setdefault(name.partition(" at ")[0], []).append(i)
-    return {name: np.array(which) for name, which in found.items()}
+        rows.setdefault(name.partition(" at ")[0], []).append(i)
+    return {name: np.array(which) for name, which in rows.items()}
 
 
 def rms(values: Array) -> Array:
     """(...) Root of the mean square over the last axis, of those that are known; NaN without any."""
-    known = np.isfinite(values)
-    square = np.where(known, values, 0.0) ** 2
-    count = known.sum(axis=-1)
+    finite = np.isfinite(values)
+    square = np.where(finite, values, 0.0) ** 2
+    count = finite.sum(axis=-1)
     return np.asarray(np.sqrt(np.where(count > 0, square.sum(axis=-1) / np.maximum(count, 1), np.nan)))

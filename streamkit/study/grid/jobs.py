@@ -1,4 +1,4 @@
-"""Run the jobs of a grid, in this process or in others; whatever ends them early, what is finished is kept."""
+"""Run the jobs of a grid, in this process or in others; an early end loses no finished job."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ def run_jobs(
 ) -> tuple[dict[Key, Result], str]:
     """Return what ``work`` makes of each job, and why some are missing: `INTERRUPTED`, `DIED`, or empty.
 
-    Every job stands for itself, in any process: with several workers ``work`` and the jobs are pickled. ``done`` is
+    Jobs are independent of each other: with several workers ``work`` and the jobs are pickled. ``done`` is
     called after each. Ctrl-C and SIGTERM end the work; an exception of ``work`` comes through.
     """
-    found: dict[Key, Result] = {}
+    results: dict[Key, Result] = {}
     stopped = ""
     try:
         with _terminable():
             if workers == 1:
                 for key, job in jobs.items():
-                    found[key] = work(job)
+                    results[key] = work(job)
                     done()
-                return found, ""
+                return results, ""
             executor = pool(workers)
             try:
                 left = {key: executor.submit(work, job) for key, job in jobs.items()}
@@ -43,7 +43,7 @@ def run_jobs(
                     executor.work(lambda: any(future.done() for future in left.values()), LOOK)
                     for key in [key for key, future in left.items() if future.done()]:
                         try:
-                            found[key] = left.pop(key).result()
+                            results[key] = left.pop(key).result()
                         except WorkerDied:  # which costs no other job
                             stopped = DIED
                         done()
@@ -51,12 +51,12 @@ def run_jobs(
                 executor.shutdown(cancel_futures=True)
     except KeyboardInterrupt:
         stopped = INTERRUPTED
-    return found, stopped
+    return results, stopped
 
 
 @contextmanager
 def _terminable() -> Iterator[None]:
-    """Let SIGTERM end the work as Ctrl-C does; Python allows handlers in the main thread only."""
+    """Make SIGTERM raise KeyboardInterrupt, as Ctrl-C does; Python allows handlers in the main thread only."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

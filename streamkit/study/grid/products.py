@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Products:
-    """What a study has to show: the run file and the name to write it by, text for a terminal, tables and pictures.
+    """The products of a study: its run file and the file name of that, text for a terminal, tables and pictures.
 
     Tables and pictures go by file name; a picture is drawn when its turn comes. The header is what the tables say
     beyond where they come from. ``stopped`` says why the study ended early; empty if it did not.

@@ -1,4 +1,4 @@
-"""The preflight: look before the run."""
+"""The preflight: checks of a run file before the run."""
 
 import lazy_loader
 

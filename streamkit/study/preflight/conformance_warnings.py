@@ -1,4 +1,4 @@
-"""What the quick half of the conformance tests finds wrong with the components of a run that are not built in."""
+"""Failures of the quick half of the conformance tests, for the components of a run that are not built in."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from streamkit.runfile import StreamInputs
 from streamkit.testing import quick_failures
 
 
-def component_doubts(inputs: StreamInputs) -> list[str]:
+def conformance_warnings(inputs: StreamInputs) -> list[str]:
     """Return a paragraph for each failure; what the components print meanwhile is dropped."""
     used: dict[str, Component] = {f"potential {name}": one for name, one in inputs.potentials.items()}
     used |= {f"body {name}": body.potential for name, body in inputs.bodies.items()}
     used |= {"progenitor": inputs.satellite, "stripping": inputs.stripping}
-    found = []
+    failures = []
     for where, component in used.items():
         if not type(component).__module__.startswith("streamkit."):
             with contextlib.redirect_stdout(io.StringIO()), np.errstate(all="ignore"):
                 lines = quick_failures(component)
-            found += [f"{where.removeprefix('potential ')} ({component.kind}): {line}" for line in lines]
-    told = "A component of this run fails a conformance test, and its streams may be wrong. "
-    return [f"{told}{line}. All tests: streamkit.testing.check." for line in found]
+            failures += [f"{where.removeprefix('potential ')} ({component.kind}): {line}" for line in lines]
+    head = "A component of this run fails a conformance test, and its streams may be wrong. "
+    return [f"{head}{line}. All tests: streamkit.testing.check." for line in failures]

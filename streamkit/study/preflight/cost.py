@@ -1,4 +1,4 @@
-"""What a run costs: the first call of a process, a later one, and the search for a start."""
+"""The cost of a run: the first call of a process, a later one, and the search for a start."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from streamkit.runfile import Spec
 from streamkit.sample import Posterior, expected_calls
 from streamkit.stream import Array
 from streamkit.study.preflight.draws import TRIAL_PARTICLES, PriorDraws, observe
+from streamkit.study.preflight.limit import within_limit
 
 SLOW = 5.0  # a first call of so many CPU seconds is not repeated: loading the machine code is a small part of it
 
@@ -67,7 +68,7 @@ def time_call(spec: Spec, theta: Array, first: float) -> tuple[float, str]:
 
     if first > SLOW:
         return first, unfit
-    call(theta)  # draws the random numbers of a new process
+    within_limit(spec, call, theta)  # draws the random numbers of a new process
     seconds: list[float] = []
     while len(seconds) < 3 and sum(seconds) < 3.0:
         begin = time.process_time()

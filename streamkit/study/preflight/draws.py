@@ -1,4 +1,4 @@
-"""Trial streams over the prior: how often is there one that the observable can measure, and what do they cost."""
+"""Trial streams over the prior: the share that the observables can measure, and their cost."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from streamkit.model import Model
 from streamkit.report import Progress
 from streamkit.runfile import Spec
 from streamkit.stream import Array, Prediction
+from streamkit.study.preflight.limit import within_limit
 
-TRIAL_PARTICLES = 1000  # particles of the trial streams over the prior: enough to say whether there is a stream
+TRIAL_PARTICLES = 1000  # particles of the trial streams over the prior: enough to decide whether there is a stream
 BUDGET = 15.0  # CPU seconds after which no further trial stream is started
 
 
@@ -31,7 +32,7 @@ class PriorDraws:
     seconds
         (good,) CPU seconds of each of them.
     reasons
-        Why the others have none, and how many.
+        Reasons of the other draws, with their numbers.
     total
         CPU seconds of all of them.
     """
@@ -44,12 +45,15 @@ class PriorDraws:
 
 
 def observe(model: Model, theta: Array) -> tuple[dict[str, Prediction], str]:
-    """Return what is predicted of each stream at theta (d,), and the reason if something has no value."""
+    """Return the prediction of each stream at theta (d,), and the reason if a value is missing.
+
+    Raises CallTimeout if that takes too long.
+    """
     try:
-        found = model.observe_all(model.spec.bind_all(theta))
+        observation = within_limit(model.spec, model.observe_all, model.spec.bind_all(theta))
     except OutOfDomain as error:
         return {}, error.reason
-    return found.predictions, "" if found.prediction is None else found.prediction.why_not
+    return observation.predictions, "" if observation.prediction is None else observation.prediction.why_not
 
 
 def try_prior_draws(spec: Spec, draws: int, progress: bool = False) -> PriorDraws:

@@ -1,4 +1,4 @@
-"""The progenitor's orbit in the host, as far as a preflight needs to know it."""
+"""The summary of the progenitor's orbit in the host."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Look before the run: does the progenitor move as a tidal stream needs it to, and what will a fit cost."""
+"""The preflight: whether the progenitor's orbit can make a stream, and the cost of a fit."""
 
 from __future__ import annotations
 
@@ -11,24 +11,19 @@ from streamkit.model import Model
 from streamkit.observe import remarks_of
 from streamkit.runfile import Spec, StreamInputs
 from streamkit.stream import Prediction
-from streamkit.study.preflight.conformance_warnings import component_doubts
+from streamkit.study.preflight.conformance_warnings import conformance_warnings
 from streamkit.study.preflight.cost import Cost, search_cost, time_call
 from streamkit.study.preflight.draws import PriorDraws, observe, try_prior_draws
+from streamkit.study.preflight.limit import within_limit
 from streamkit.study.preflight.orbit import OrbitSummary, summarise_orbit
-from streamkit.study.preflight.warnings import (
-    orbit_warnings,
-    prior_warnings,
-    sampler_warnings,
-    short_lookback,
-    sun_warnings,
-)
+from streamkit.study.preflight.warnings import orbit_warnings, prior_warnings, short_lookback, sun_warnings
 
 
 @dataclass(frozen=True)
 class Look:
-    """One stream at the prior's centre: its components, the summary of its progenitor's orbit, and what is predicted.
+    """One stream at the prior's centre: its inputs, the summary of its progenitor's orbit, and the prediction.
 
-    There is no prediction without a stream or an observable.
+    The prediction is None without a stream or an observable.
     """
 
     inputs: StreamInputs
@@ -38,16 +33,16 @@ class Look:
 
 @dataclass(frozen=True)
 class Preflight:
-    """What is known of a run before it starts.
+    """The results of the preflight of a run.
 
     Attributes
     ----------
     streams
         Each stream at the prior's centre, by name.
     data
-        Those that are no stream, each with what the host there predicts, by name.
+        Data that are no stream, each with the prediction by the host at the prior's centre, by name.
     reason
-        Why there is no prediction there; empty if there is one.
+        Why there is no prediction at the prior's centre; empty if there is one.
     cost
         Of one posterior call, or of one stream where there is nothing to fit.
     prior_draws
@@ -65,36 +60,42 @@ class Preflight:
 
 
 def run_preflight(spec: Spec, *, draws: int = 64, progress: bool = False) -> Preflight:
-    """Look at the run file's physics at the prior's centre, try up to so many draws from the prior and time one call.
+    """Check the run file's physics at the prior's centre, make streams at draws from the prior, and time one call.
 
-    What it does, and how long that will take, is shown if ``progress``.
-    A `ComponentError` says that a component fails.
+    Parameters
+    ----------
+    draws
+        The most draws from the prior.
+    progress
+        Whether to show the progress of the draws.
+
+    Raises ComponentError if a component fails, CallTimeout if one does not return within the sampler's limit.
     """
     centre = spec.centre()
     bound = spec.bind_all(centre)
-    orbits = {name: summarise_orbit(inputs) for name, inputs in bound.streams.items()}
+    orbits = {name: within_limit(spec, summarise_orbit, inputs) for name, inputs in bound.streams.items()}
     begin = time.process_time()
     predictions, reason = observe(Model(spec), centre)
     first = time.process_time() - begin
     tried = try_prior_draws(spec, draws, progress) if draws and spec.names else None
-    asked = "the prior's centre" if spec.names else "the given parameters"
-    where, theta = asked, centre
+    centre_name = "the prior's centre" if spec.names else "the given parameters"
+    where, theta = centre_name, centre
     if reason and tried is not None and len(tried.good):
         where, theta = "a draw from the prior that has a stream", tried.good[0]
     call, unfit = time_call(spec, theta, first)
     looks = {name: Look(inputs, orbits[name], predictions.get(name)) for name, inputs in bound.streams.items()}
     places = {name: f"data.{name}" for name in bound.data if f"data.{name}" in predictions}
     data = {name: (bound.data[name], predictions[place]) for name, place in places.items()}
-    doubts = [text for look in looks.values() for text in component_doubts(look.inputs)]
-    warnings = [*dict.fromkeys(doubts), *_of_streams(spec, looks)]
+    failures = [text for look in looks.values() for text in conformance_warnings(look.inputs)]
+    warnings = [*dict.fromkeys(failures), *_of_streams(spec, looks)]  # two streams share the components of the host
     if reason and (any(len(orbit.apocentres) for orbit in orbits.values()) or not predictions):
         shortest = min(orbits.values(), key=lambda orbit: orbit.completed)
-        warnings.append(f"There is no prediction at {asked}: {reason}.{short_lookback(shortest)}")
+        warnings.append(f"There is no prediction at {centre_name}: {reason}.{short_lookback(shortest)}")
     for look in looks.values():
         if look.prediction is not None:
             warnings += remarks_of(look.inputs.observables, look.prediction)
     warnings += prior_warnings(tried)
-    warnings += [f"This run file cannot be fitted: {unfit}."] if unfit else sampler_warnings(spec)
+    warnings += [f"This run file cannot be fitted: {unfit}."] if unfit else spec.sampler.advice(len(spec.names))
     warnings += sun_warnings(bound.sun)
     return Preflight(
         looks, data, reason, Cost(first, call, where, *search_cost(spec, tried, call)), tried, tuple(warnings)
@@ -103,8 +104,8 @@ def run_preflight(spec: Spec, *, draws: int = 64, progress: bool = False) -> Pre
 
 def _of_streams(spec: Spec, looks: Mapping[str, Look]) -> list[str]:
     """Return the warnings of each orbit, with the stream's name where there are several."""
-    found = []
+    warnings = []
     for name, look in looks.items():
         before = f"{name}: " if len(looks) > 1 else ""
-        found += [before + text for text in orbit_warnings(spec, look.inputs, look.orbit)]
-    return found
+        warnings += [before + text for text in orbit_warnings(spec, look.inputs, look.orbit)]
+    return warnings

@@ -37,23 +37,23 @@ def describe_spec(spec: Spec) -> str:
     return "\n\n".join([*parts, f"free parameters ({len(spec.names)})\n{columns(rows)}"])
 
 
-def describe_preflight(spec: Spec, found: Preflight) -> str:
-    """Say what the preflight found: the orbit, the streams over the prior, the cost and the warnings."""
+def describe_preflight(spec: Spec, preflight: Preflight) -> str:
+    """Return the text of a preflight: the orbit, the streams over the prior, the cost and the warnings."""
     place = "the prior's centre" if spec.names else "the given parameters"
     parts = []
-    for name, look in found.streams.items():
+    for name, look in preflight.streams.items():
         head = f"at {place}" if name == ONLY else f"stream {name}, at {place}"
         parts.append(f"{head}\n" + columns(_orbit_rows(look.inputs, look.orbit)))
-        if name == next(iter(found.streams)) and (expansions := describe_expansions(look.inputs)):
+        if name == next(iter(preflight.streams)) and (expansions := describe_expansions(look.inputs)):
             parts.append(expansions)
         if look.inputs.observables and look.prediction is not None:
             parts.append(describe_prediction(look.inputs, look.prediction))
-    for name, (data, prediction) in found.data.items():
+    for name, (data, prediction) in preflight.data.items():
         parts.append(describe_measured(f"data {name}", [data], prediction))
-    if found.prior_draws is not None:
-        parts.append(_prior_draws(found.prior_draws))
-    parts.append(_cost(spec, found.cost))
-    parts.append(warning_list(found.warnings) or "no warnings")
+    if preflight.prior_draws is not None:
+        parts.append(_prior_draws(preflight.prior_draws))
+    parts.append(_cost(spec, preflight.cost))
+    parts.append(warning_list(preflight.warnings) or "no warnings")
     return "\n\n".join(parts)
 
 

@@ -1,4 +1,4 @@
-"""The warnings of a preflight: what makes a fit fail, and what to do about it."""
+"""The warnings of a preflight: each names a cause of failing fits and its remedy."""
 
 from __future__ import annotations
 
@@ -16,32 +16,34 @@ USUAL_SUN = {"r0": (7.0, 9.0, "kpc"), "z": (-0.1, 0.1, "kpc"), "v_circ": (180.0,
 
 
 def orbit_warnings(spec: Spec, inputs: StreamInputs, orbit: OrbitSummary) -> list[str]:
-    """Say what is wrong with the progenitor's orbit as the source of a stream."""
+    """Return the warnings about the progenitor's orbit as the source of a stream."""
     if len(orbit.apocentres) == 0:
         why = f"has no apocentre within the last {HORIZON:g} Gyr"
         if orbit.escapes:
             why = "is unbound: its energy is above the host's potential at infinity"
         return [f"The progenitor {why}, so there is no stream with apocentres.{_swapped(spec, inputs.name)}"]
-    found = []
-    if not orbit.returns:
-        found.append("The progenitor has no apocentre in the next 6 Gyr: the leading arm cannot be measured.")
-    if inputs.lookback < orbit.period:
-        found.append(
+    checks = [
+        (not orbit.returns, "The progenitor has no apocentre in the next 6 Gyr: the leading arm cannot be measured."),
+        (
+            inputs.lookback < orbit.period,
             f"The look-back time, {inputs.lookback:.3g} Gyr, is shorter than the radial period, "
-            f"{orbit.period:.3g} Gyr: the arms have not grown. Raise progenitor.lookback."
-        )
-    if inputs.lookback > HORIZON:
-        found.append(
+            f"{orbit.period:.3g} Gyr: the arms have not grown. Raise progenitor.lookback.",
+        ),
+        (
+            inputs.lookback > HORIZON,
             f"The look-back time, {inputs.lookback:.3g} Gyr, exceeds the age of the Universe, {HORIZON:g} Gyr. "
-            "Lower progenitor.lookback."
-        )
-    if np.isnan(orbit.r_tidal[0]):
-        found.append("The progenitor has no tidal radius somewhere on its track (Omega^2 <= d2Phi/dr2).")
-    return found
+            "Lower progenitor.lookback.",
+        ),
+        (
+            np.isnan(orbit.r_tidal[0]),
+            "The progenitor has no tidal radius somewhere on its track (Omega^2 <= d2Phi/dr2).",
+        ),
+    ]
+    return [text for applies, text in checks if applies]
 
 
 def short_lookback(orbit: OrbitSummary) -> str:
-    """Ask for a longer look-back time, if it holds fewer apocentres than observables refer to and there are more."""
+    """Advise a longer look-back time if it covers fewer than two apocentres of an orbit that has more."""
     if orbit.completed >= min(2, len(orbit.apocentres)):
         return ""
     covered = f"{orbit.completed} apocentre{'s' * (orbit.completed != 1)}"
@@ -49,7 +51,7 @@ def short_lookback(orbit: OrbitSummary) -> str:
 
 
 def _swapped(spec: Spec, stream: str) -> str:
-    """Ask whether the two proper motions are swapped, if exchanging them binds the orbit."""
+    """Advise to exchange the two proper motions if that makes the orbit bound."""
     path = f"{spec.prefix(stream)}progenitor"
     section = reduce(dict.__getitem__, path.split("."), spec.document)
     names = [name for name in section if name.startswith("pm_")]
@@ -72,36 +74,31 @@ def _swapped(spec: Spec, stream: str) -> str:
 
 
 def prior_warnings(tried: PriorDraws | None) -> list[str]:
-    """Say when streams are rare over the prior, and when some cost far more than most."""
+    """Return the warnings about a prior where streams are rare, or where some cost far more than most."""
     if tried is None:
         return []
-    found = []
+    warnings = []
     good = len(tried.good)
     if good < 0.1 * tried.draws:
-        found.append(
+        warnings.append(
             f"Only {good} of {tried.draws} points drawn from the prior have a stream that can be measured: "
             "the walkers will be hard to start. Narrow the priors."
         )
     if good >= 8:
         middle, dear = np.percentile(tried.seconds, [50, 95])
         if dear > 5 * middle:
-            found.append(
+            warnings.append(
                 f"Some points of the prior cost {dear / middle:.0f} times the usual call, and all walkers "
                 "wait for the slowest."
             )
-    return found
-
-
-def sampler_warnings(spec: Spec) -> list[str]:
-    """Return what the sampler says of its settings."""
-    return list(spec.sampler.advice(len(spec.names)))
+    return warnings
 
 
 def sun_warnings(sun: Sun) -> list[str]:
-    """Say when the Sun's place or motion is far from anything measured."""
-    found = []
-    for name, (low, high, unit) in USUAL_SUN.items():
-        value = getattr(sun, name)
-        if not low <= value <= high:
-            found.append(f"sun.{name} = {value:g} {unit}: measurements lie between {low:g} and {high:g} {unit}.")
-    return found
+    """Return the warnings about a position or motion of the Sun that no measurement supports."""
+    values = {name: getattr(sun, name) for name in USUAL_SUN}
+    return [
+        f"sun.{name} = {values[name]:g} {unit}: measurements lie between {low:g} and {high:g} {unit}."
+        for name, (low, high, unit) in USUAL_SUN.items()
+        if not low <= values[name] <= high
+    ]

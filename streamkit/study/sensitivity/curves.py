@@ -41,7 +41,7 @@ class Curve:
     """The observables against one parameter, which is at ``fixed`` while others are varied.
 
     At each of its values x (n,), in order, the fixed one among them: (n, m) mean over the seeds that have a value, NaN
-    where none has; their standard deviation, NaN below two; the mean of what the observable says of its own noise. And
+    where none has; their standard deviation, NaN below two; the mean of the observable's own noise. And
     (n,) the number of seeds that have a value, and why the others have none.
     """
 
@@ -68,17 +68,17 @@ class Curve:
         x, fixed = (np.log(self.x), np.log(self.fixed)) if logarithmic else (self.x, self.fixed)
         low, high = self.prior.ppf(ndtr(np.array([-1.0, 1.0])))
         sd = float(0.5 * (np.log(high / low) if logarithmic else high - low))
-        near = (np.abs(x - fixed) <= (1 + SAME) * sd) & (self.streams > 0)
-        z, degree = (x[near] - fixed) / sd, min(int(near.sum()) - 2, 2)
+        inside = (np.abs(x - fixed) <= (1 + SAME) * sd) & (self.streams > 0)
+        z, degree = (x[inside] - fixed) / sd, min(int(inside.sum()) - 2, 2)
         if degree < 1:
             nothing = np.full(self.mean.shape[1], np.nan)
             return Slope(sd, nothing, nothing, nothing, nothing)
         powers = np.stack([z**k for k in range(degree + 1)], axis=1)
         solve = np.linalg.inv(powers.T @ powers)
-        found = solve @ powers.T @ self.mean[near]
-        scatter = ((self.mean[near] - powers @ found) ** 2).sum(axis=0) / (len(z) - degree - 1)
-        per_unit = found[1] / sd / (self.fixed if logarithmic else 1.0)
-        return Slope(sd, found[0], found[1], np.sqrt(solve[1, 1] * scatter), per_unit)
+        parabola = solve @ powers.T @ self.mean[inside]
+        scatter = ((self.mean[inside] - powers @ parabola) ** 2).sum(axis=0) / (len(z) - degree - 1)
+        per_unit = parabola[1] / sd / (self.fixed if logarithmic else 1.0)
+        return Slope(sd, parabola[0], parabola[1], np.sqrt(solve[1, 1] * scatter), per_unit)
 
 
 def prior_grid(prior: Prior, points: int) -> Array:
@@ -92,15 +92,17 @@ def with_fixed(x: Array, fixed: float) -> Array:
     return np.sort(np.append(x[np.abs(x - fixed) > SAME * (x[-1] - x[0])], fixed))
 
 
-def curve_of(name: str, unit: str, prior: Prior, fixed: float, x: Array, found: Sequence[list[Evaluation]]) -> Curve:
-    """Return the curve of what was found at x (n,), of all seeds at each point."""
-    good = [[one for one in some if not one.reason] for some in found]
-    nothing = np.full(len(found[0][0].mean), np.nan)
+def curve_of(
+    name: str, unit: str, prior: Prior, fixed: float, x: Array, evaluations: Sequence[list[Evaluation]]
+) -> Curve:
+    """Return the curve of the evaluations at x (n,), of all seeds at each point."""
+    good = [[one for one in some if not one.reason] for some in evaluations]
+    nothing = np.full(len(evaluations[0][0].mean), np.nan)
     return Curve(
         name, unit, prior, fixed, x,
         np.array([np.mean([e.mean for e in some], axis=0) if some else nothing for some in good]),
         np.array([np.std([e.mean for e in some], axis=0, ddof=1) if len(some) > 1 else nothing for some in good]),
         np.array([np.sqrt(np.mean([e.variance for e in some], axis=0)) if some else nothing for some in good]),
         np.array([len(some) for some in good]),
-        tuple(Counter(one.reason for one in some if one.reason) for some in found),
+        tuple(Counter(one.reason for one in some if one.reason) for some in evaluations),
     )  # fmt: skip

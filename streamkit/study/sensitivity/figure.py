@@ -18,7 +18,7 @@ from streamkit.study.grid import MANY, by_column, rms
 from streamkit.study.sensitivity.curves import Curve
 from streamkit.study.sensitivity.runner import Sensitivity
 
-ACROSS = 6  # most columns beside each other; more parameters go on below
+ACROSS = 6  # most columns in a row; more parameters are drawn below
 COLOURS = (BLUE, VERMILION, "black", "#009E73", "#CC79A7")
 # How many times the middle 80 % of all values an axis reaches at most: a few wild ones must not shrink the others.
 REACH = 4.0

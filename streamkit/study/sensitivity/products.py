@@ -14,15 +14,17 @@ TABLE, SLOPES, PICTURE, RUN = "sensitivity.ecsv", "slopes.ecsv", "sensitivity.pn
 PRODUCTS = (TABLE, SLOPES, PICTURE, RUN)
 
 
-def sensitivity_products(found: Sensitivity) -> Products:
+def sensitivity_products(sensitivity: Sensitivity) -> Products:
     """Return the observables at every point and their slopes, the header with the fixed point, and the picture."""
-    data = zip(found.data.values.tolist(), found.data.errors.tolist(), strict=True)
+    data = zip(sensitivity.data.values.tolist(), sensitivity.data.errors.tolist(), strict=True)
     header = {
-        "seeds": found.seeds,
+        "seeds": sensitivity.seeds,
         "central": CENTRAL,
-        "fixed": found.point,
-        "data": dict(zip(found.names, map(list, data), strict=True)),
+        "fixed": sensitivity.point,
+        "data": dict(zip(sensitivity.names, map(list, data), strict=True)),
     }
-    tables = {TABLE: points_table(found), SLOPES: slopes_table(found)}
-    pictures = {PICTURE: partial(sensitivity_figure, found)}
-    return Products(found.spec, RUN, describe_sensitivity(found), tables, pictures, header, found.stopped)
+    tables = {TABLE: points_table(sensitivity), SLOPES: slopes_table(sensitivity)}
+    pictures = {PICTURE: partial(sensitivity_figure, sensitivity)}
+    return Products(
+        sensitivity.spec, RUN, describe_sensitivity(sensitivity), tables, pictures, header, sensitivity.stopped
+    )

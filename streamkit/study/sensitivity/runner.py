@@ -1,4 +1,4 @@
-"""How the observables respond to each parameter, the others fixed: every one varied over its prior."""
+"""The response of the observables to each parameter, which is varied over its prior while the others are fixed."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from streamkit.units import datum_unit
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """All curves, in the order asked for; those that were finished, and why there are no others.
+    """The finished curves in the requested order, and the reason if others are missing.
 
     With the run file, the point where the parameters are fixed, by name, the m observables with their units, the data
     that they are compared with, and the number of streams per point.
@@ -40,7 +40,7 @@ class Sensitivity:
 
     @cached_property
     def reasons(self) -> Counter[str]:
-        """Why there was no value, over all streams."""
+        """The reasons of missing values, over all streams."""
         return sum((reason for curve in self.curves for reason in curve.reasons), Counter())
 
 
@@ -85,7 +85,7 @@ def run_sensitivity(
 ) -> Sensitivity:
     """Vary every parameter over its prior with the others fixed, on the same seeds, and measure the streams.
 
-    An interruption, or a worker that dies, ends the work and keeps the parameters that are finished.
+    After an interruption, or the death of a worker, the finished parameters are returned.
 
     Parameters
     ----------
@@ -116,18 +116,21 @@ def run_sensitivity(
         ) from None
     assert prediction is not None  # noqa: S101  a posterior has observables
     observables = prediction.names
-    grids = {}  # by parameter: where it stands among all, its values, and all parameters at each of them
+    grids = {}  # by parameter: its index, its values, and all parameters at each of them
     for name in names:
         i = spec.names.index(name)
         x = with_fixed(prior_grid(spec.priors[i], points), values[name])
         grids[name] = i, x, [(*fixed[:i], value, *fixed[i + 1 :]) for value in x.tolist()]
     places = [fixed, *(theta for _, _, thetas in grids.values() for theta in thetas)]
     jobs = {(theta, seed): (packed, seed, theta) for theta in places for seed in range(seeds)}  # the fixed one once
-    found, stopped = run_jobs(evaluate, jobs, workers, done)
+    evaluations, stopped = run_jobs(evaluate, jobs, workers, done)
     curves = []
     for name, (i, x, thetas) in grids.items():
-        if all((theta, seed) in found for theta in thetas for seed in range(seeds)):
-            unit, by_point = spec.units[i].replace(" ", ""), [[found[at, k] for k in range(seeds)] for at in thetas]
+        if all((theta, seed) in evaluations for theta in thetas for seed in range(seeds)):
+            unit, by_point = (
+                spec.units[i].replace(" ", ""),
+                [[evaluations[at, k] for k in range(seeds)] for at in thetas],
+            )
             curves.append(curve_of(name, unit, spec.priors[i], values[name], x, by_point))
     if not curves:
         raise StreamkitError(f"{spec.source}: {stopped} before the first parameter was finished")
@@ -153,11 +156,11 @@ def evaluate(job: tuple[bytes, int, tuple[float, ...]]) -> Evaluation:
 
 def _units(spec: Spec, names: Sequence[str]) -> tuple[str, ...]:
     """Return the units of the observables that are called as the run file's data are; '' for others."""
-    known: dict[str, str] = {}
+    units: dict[str, str] = {}
     for stream, parts in spec.sections.streams.items():
         for key, section in parts.observables.items():
             before = [part for part, unnamed in ((stream, ONLY), (key, UNNAMED)) if part != unnamed]
-            known |= {".".join([*before, n]): datum_unit(field) for n, field in section.cls.model_fields.items()}
+            units |= {".".join([*before, n]): datum_unit(field) for n, field in section.cls.model_fields.items()}
     for key, data in spec.sections.data.items():
-        known |= {f"data.{key}.{n}": datum_unit(field) for n, field in data.cls.model_fields.items()}
-    return tuple(known.get(name, "") for name in names)
+        units |= {f"data.{key}.{n}": datum_unit(field) for n, field in data.cls.model_fields.items()}
+    return tuple(units.get(name, "") for name in names)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def points_table(response: Sensitivity) -> QTable:
     """Return one row per parameter and value: the observables' means over the seeds, scatter and own noise.
 
-    Parameters have different units, so their values stand in a plain column beside the column ``unit``.
+    Parameters have different units, so a plain column has the values, and the column ``unit`` their units.
     """
     from astropy import units as u
     from astropy.table import Column, QTable

@@ -1,5 +1,7 @@
 """The calibration study: ranks against closed forms, draws that survive, products."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from astropy.table import QTable
@@ -42,10 +44,11 @@ def streamkit_components():
 MEAN, SD, ERROR = 200.0, 20.0, 20.0
 
 
-@pytest.fixture
-def spec(tmp_path):
-    (tmp_path / "itself.py").write_text(PLUGIN)
-    document = changed("plugins", [str(tmp_path / "itself.py")])
+@pytest.fixture(scope="module")
+def spec(tmp_path_factory):
+    plugin = tmp_path_factory.mktemp("plugin") / "itself.py"
+    plugin.write_text(PLUGIN)
+    document = changed("plugins", [str(plugin)])
     document["potential"] |= {"v0": {"normal": [MEAN, SD]}}
     document["progenitor"] |= {"mass": 5e8, "lookback": 0.2}
     document["stripping"] |= {"particles": 2, "sigma": 10.0}
@@ -54,18 +57,24 @@ def spec(tmp_path):
     return sk.load(document)
 
 
-def test_the_rank_is_that_of_the_exact_posterior(spec):
+@pytest.fixture(scope="module")
+def drawn(spec):
+    """Return the draws by their number, each made once."""
+    return cache(lambda index: make_draw(spec, index))
+
+
+@pytest.mark.parametrize("index", [0, *(pytest.param(index, marks=pytest.mark.slow) for index in (1, 2))])
+def test_the_rank_is_that_of_the_exact_posterior(spec, drawn, index):
     """Prior and datum are Gaussian with one width, so the posterior's mean is halfway, its width 1/sqrt2 of theirs."""
-    for index in range(3):
-        draw = make_draw(spec, index)
-        rng = np.random.default_rng([spec.seed, 7, index])
-        rng.integers(1 << 31)
-        truth = float(spec.priors[0].sample(rng, 1)[0])
-        datum = rng.normal(truth, ERROR)
-        assert draw.truth == (pytest.approx(truth),)
-        exact = norm.cdf((truth - 0.5 * (datum + MEAN)) / (SD / np.sqrt(2)))
-        assert draw.ranks[0] == pytest.approx(exact, abs=0.15)
-        assert draw.mass_ranks[1] == pytest.approx(draw.ranks[0], abs=1e-12)  # the mass rises with v0
+    draw = drawn(index)
+    rng = np.random.default_rng([spec.seed, 7, index])
+    rng.integers(1 << 31)
+    truth = float(spec.priors[0].sample(rng, 1)[0])
+    datum = rng.normal(truth, ERROR)
+    assert draw.truth == (pytest.approx(truth),)
+    exact = norm.cdf((truth - 0.5 * (datum + MEAN)) / (SD / np.sqrt(2)))
+    assert draw.ranks[0] == pytest.approx(exact, abs=0.15)
+    assert draw.mass_ranks[1] == pytest.approx(draw.ranks[0], abs=1e-12)  # the mass rises with v0
 
 
 def test_a_sampler_with_weighted_samples_is_calibrated_too(spec):
@@ -150,15 +159,15 @@ def test_a_draw_tells_whether_its_fit_converged(spec):
     assert Draw.of_line(draw.line()).converged is True
 
 
-def test_data_of_another_truth_show_its_bias(spec):
+@pytest.mark.parametrize("index", [0, pytest.param(1, marks=pytest.mark.slow)])
+def test_data_of_another_truth_show_its_bias(spec, drawn, index):
     """The truth's speed is read 1.5 errors too high, so the exact posterior is 0.75 errors too high."""
     high = spec.with_values({"observable.bias": 1.5 * ERROR})
-    draws = [(make_draw(spec, index), make_draw(spec, index, high)) for index in range(2)]
-    for own, other in draws:
-        assert own.truth == other.truth
-        assert own.masses == other.masses
-        moved = norm.ppf(own.ranks[0]) - norm.ppf(other.ranks[0])
-        assert moved == pytest.approx(0.75 * ERROR / (SD / np.sqrt(2)), abs=0.4)
+    own, other = drawn(index), make_draw(spec, index, high)
+    assert own.truth == other.truth
+    assert own.masses == other.masses
+    moved = norm.ppf(own.ranks[0]) - norm.ppf(other.ranks[0])
+    assert moved == pytest.approx(0.75 * ERROR / (SD / np.sqrt(2)), abs=0.4)
 
 
 def test_draws_of_another_truth_are_refused(short, tmp_path):
@@ -185,7 +194,13 @@ def test_the_truth_has_the_free_parameters_of_the_fit(short, tmp_path, change, t
 
 def test_an_observable_without_mock_data_says_so(spec, tmp_path):
     (tmp_path / "itself.py").write_text(PLUGIN.replace("def mock", "def mocked").replace('"itself"', '"other"'))
-    other = sk.load({**spec.document, "observable": {"kind": "other", "speed": [200.0, 20.0]}})
+    other = sk.load(
+        {
+            **spec.document,
+            "plugins": [str(tmp_path / "itself.py")],
+            "observable": {"kind": "other", "speed": [200.0, 20.0]},
+        }
+    )
     with pytest.raises(sk.StreamkitError, match="makes no mock data"):
         make_draw(other, 0)
 
@@ -200,6 +215,7 @@ def test_apocentres_draw_around_what_they_predict():
     assert values[:, 0].std() == pytest.approx(0.5, rel=0.15)
 
 
+@pytest.mark.rendered
 def test_the_command(spec, tmp_path):
     (tmp_path / "run.toml").write_text(spec.toml())
     options = ["calibrate", str(tmp_path / "run.toml"), "-o", str(tmp_path / "out"), "--draws", "2"]

@@ -47,7 +47,7 @@ def directory(kept: Path, tmp_path: Path) -> Path:
 
 
 def test_code_in_a_directory_runs_only_when_it_is_asked_for(directory: Path) -> None:
-    plugin = directory / "plugins" / "mine.py"
+    plugin = directory / "plugins" / "mine.py"  # it has no component in the run, so that it is not in its digest
     plugin.write_text(PLUGIN + TRAP)
     for args in (["report"], ["status"], ["export", "-o", directory / "s.csv"], ["cite"]):
         message = refused(args[0], directory, *args[1:])

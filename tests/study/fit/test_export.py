@@ -9,16 +9,14 @@ from astropy import units as u
 from astropy.table import QTable
 from commands import call, refused
 from getdist import loadMCSamples
-from toys import FIT
 
 import streamkit as sk
 from streamkit.study.fit import write_samples
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    where = tmp_path_factory.mktemp("runs") / "run"
-    return sk.run(sk.load(FIT), out=where, steps=30, progress=False, products=False)
+def run(finished_run):
+    return sk.load_results(finished_run)
 
 
 def test_samples_by_name(run):

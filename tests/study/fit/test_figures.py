@@ -158,6 +158,7 @@ def test_the_legend_has_the_colours_of_the_bands():
         assert np.abs(pixels[pixels.shape[0] - 1 - row, column].astype(int) - found).max() <= 2, name
 
 
+@pytest.mark.rendered
 def test_figures_show_themselves_in_a_notebook():
     results = synthetic(freed())
     for draw in (corner, traces, mass_profile, rotation_curve):

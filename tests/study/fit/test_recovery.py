@@ -20,6 +20,7 @@ from streamkit.model import Host
 from streamkit.runfile import to_toml
 from streamkit.sample import Chain
 from streamkit.study.fit import RECOVERY
+from streamkit.study.fit.directory import LITERATURE
 from streamkit.study.fit.products import PRODUCTS
 from streamkit.study.fit.recovery import RADII, largest, recovery_figure, recovery_table, true_host
 from streamkit.study.fit.results import Results, draws_of, load_results
@@ -90,20 +91,14 @@ def test_the_true_host_is_the_sum_of_its_parts(tmp_path: Path) -> None:
     assert table.meta["truth"]["halo"] == {"kind": "nfw", "mass": 5e11, "rs": 20.0}
 
 
-@pytest.fixture(scope="module")
-def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("runs") / "run"
-    sk.run(sk.load(FIT), out=out, steps=4, progress=False)
-    return out
-
-
 @pytest.fixture
-def run(fitted: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def run(finished_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A run, alone in the working directory."""
     monkeypatch.chdir(tmp_path)
-    return Path(shutil.copytree(fitted, tmp_path / "run"))
+    return Path(shutil.copytree(finished_run, tmp_path / "run", ignore=shutil.ignore_patterns(LITERATURE)))
 
 
+@pytest.mark.rendered("recovery")
 def test_the_report_writes_and_prints_the_recovery(run: Path) -> None:
     Path("true.toml").write_text(TRUE)
     result = call("report", run, "--truth", "true.toml")

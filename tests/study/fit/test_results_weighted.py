@@ -193,10 +193,10 @@ def test_steps_belong_to_the_sampler_that_has_them():
         sk.run(RUN, steps=3, progress=False)
 
 
-def test_the_default_is_emcee_and_is_not_written(tmp_path):
+def test_the_default_is_emcee_and_no_part_of_the_digest(tmp_path):
     plain, named = sk.load(FIT), sk.load(FIT | {"sampler": {"kind": "emcee", **FIT["sampler"]}})
     assert plain.document == named.document
-    assert "kind" not in plain.document["sampler"]
+    assert plain.document["sampler"]["kind"] == "emcee"
     assert plain.digest() == named.digest()
     other = sk.load(RUN)
     assert other.document["sampler"]["kind"] == "importance"

@@ -18,7 +18,8 @@ from toys import FIT
 import streamkit as sk
 from streamkit.report import locked
 from streamkit.sample import CHAIN, Chain, ChainFile, read_chain_file
-from streamkit.study.fit.directory import MANIFEST, RUN_FILE
+from streamkit.study.fit.integrity import RUN_FILE
+from streamkit.study.fit.manifest import MANIFEST
 from streamkit.study.fit.results import draws_of
 from streamkit.study.fit.runner import cheap_spec
 
@@ -160,6 +161,7 @@ def start(out, document=FIT):
     raise AssertionError(f"no third step: {process.communicate(timeout=60)[0]}")
 
 
+@pytest.mark.usefixtures("interruptible")
 @pytest.mark.parametrize(("signum", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_stopped_run_keeps_its_samples_and_can_be_resumed(tmp_path, signum, status):
     out = tmp_path / "run"

@@ -28,7 +28,7 @@ def run_file(tmp_path):
     written(tmp_path)
     document = FIT | {"data": {"curve": {"kind": "rotation_curve", "table": "curve.ecsv"}}}
     path = tmp_path / "run.toml"
-    path.write_text(sk.spec.to_toml(document))
+    path.write_text(sk.runfile.to_toml(document))
     return path
 
 

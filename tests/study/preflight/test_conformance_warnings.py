@@ -12,7 +12,7 @@ from toys import FIT
 
 import streamkit as sk
 from streamkit.study.preflight import describe_preflight, run_preflight
-from streamkit.study.preflight.conformance_warnings import component_doubts
+from streamkit.study.preflight.conformance_warnings import conformance_warnings
 
 
 def halo(sign: float = -1.0, twist: float = 0.0, chance: float = 0.0) -> type[sk.Potential]:
@@ -38,7 +38,7 @@ RUN: dict[str, Any] = FIT | {"potential": {"kind": "doubtful"}}
 
 def doubts(cls: type[sk.Potential], document: dict[str, Any] = RUN) -> str:
     begin = time.process_time()
-    found = " ".join(component_doubts(sk.load(document, components=[cls]).bind()))
+    found = " ".join(conformance_warnings(sk.load(document, components=[cls]).bind()))
     assert time.process_time() - begin < 2.0
     return found
 
@@ -60,7 +60,7 @@ def test_a_mistake_in_a_force_of_a_run_is_told(mistake: dict[str, float], told: 
 
 def test_what_is_right_or_built_in_is_passed_over() -> None:
     assert doubts(halo()) == ""
-    assert component_doubts(sk.load(FIT).bind()) == []
+    assert conformance_warnings(sk.load(FIT).bind()) == []
 
 
 def test_a_force_without_a_value_somewhere_is_no_mistake() -> None:

@@ -17,7 +17,7 @@ from streamkit.runfile import Sun
 from streamkit.study.preflight import describe_preflight, run_preflight
 from streamkit.study.preflight.draws import PriorDraws, try_prior_draws
 from streamkit.study.preflight.orbit import summarise_orbit
-from streamkit.study.preflight.warnings import orbit_warnings, prior_warnings, sampler_warnings, sun_warnings
+from streamkit.study.preflight.warnings import orbit_warnings, prior_warnings, sun_warnings
 
 SAGITTARIUS = Path(__file__).parents[3] / "examples" / "sagittarius" / "sagittarius.toml"
 SATELLITE = 1.0e8
@@ -215,8 +215,9 @@ def test_a_longer_lookback_is_advised_by_the_orbit_whatever_the_observable(
     [(22, "too few for 11"), (23, "too few"), (24, "is few"), (27, "33 or more mix"), (28, "")],
 )
 def test_walkers(walkers: int, text: str) -> None:
-    found = sampler_warnings(paper().with_values({"sampler.walkers": walkers}))
-    assert (text in found[0]) if text else found == []
+    spec = paper().with_values({"sampler.walkers": walkers})
+    advice = list(spec.sampler.advice(len(spec.names)))
+    assert (text in advice[0]) if text else advice == []
 
 
 def test_odd_suns() -> None:

@@ -189,7 +189,6 @@ def test_it_writes_tables_and_a_picture(run_file: Path, tmp_path: Path) -> None:
     assert all(len(line) <= 100 for line in result.stdout.splitlines())
 
 
-@pytest.mark.usefixtures("unrendered_pictures")
 def test_fields_are_chosen_and_workers_do_not_change_the_numbers(run_file: Path, tmp_path: Path) -> None:
     made = []
     for workers in ("1", "2"):
@@ -212,7 +211,6 @@ def test_a_number_moves_a_free_parameter_and_anything_else_changes_the_file(smal
     assert fixed_point(spec, point)["potential.v0"] == pytest.approx(200)
 
 
-@pytest.mark.usefixtures("unrendered_pictures")
 def test_an_interruption_keeps_the_parameters_that_are_finished(
     run_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -227,7 +225,7 @@ def test_an_interruption_keeps_the_parameters_that_are_finished(
     monkeypatch.setattr("streamkit.study.sensitivity.runner.evaluate", stopping)
     result = call("sensitivity", run_file, *HERE, *FEW, "-o", tmp_path / "out")
     assert result.exit_code == 130
-    assert "interrupted; the tables hold what was finished" in result.stderr
+    assert "interrupted; the tables hold the finished part" in result.stderr
     assert QTable.read(tmp_path / "out" / "slopes.ecsv")["parameter"].tolist() == ["potential.v0"]
     calls[:] = 6 * [None]
     message = refused("sensitivity", run_file, *HERE, *FEW, "-o", tmp_path / "none")

@@ -1,0 +1,89 @@
+"""The manifest of a run: the record in its directory of which run it is, and of what it was made with."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+from streamkit.errors import ChainError, expect_file, printable
+from streamkit.runfile import Spec
+
+MANIFEST = "manifest.json"
+PACKAGES = "streamkit", "numpy", "scipy", "numba", "emcee", "astropy"
+MOST_STEPS = 10**12  # a longer chain is no chain: keeps the arithmetic of times within floating-point numbers
+
+# A manifest may come from elsewhere, and its texts are shown on terminals.
+Text = Annotated[str, AfterValidator(printable)]
+
+
+class _Options(BaseModel):
+    """The options of the command, or the call, that began or resumed the run."""
+
+    model_config = ConfigDict(strict=True)
+
+    quick: bool = False
+    steps: int | None = Field(default=None, ge=1, le=MOST_STEPS)
+    arguments: list[Text] = []
+    launcher: list[Text] = ["streamkit"]
+    given: list[Text] = []
+
+
+class _Manifest(BaseModel):
+    """All that is read of a manifest; an entry that is not named here is left alone."""
+
+    model_config = ConfigDict(strict=True)
+
+    digest: Text
+    run_file: Text = ""
+    seed: int = Field(default=0, ge=0)
+    versions: dict[Text, Text] = {}
+    files: dict[Text, Text] = {}
+    components: dict[Text, Text] = {}
+    options: _Options = _Options()
+
+
+def manifest_of(spec: Spec, options: dict[str, Any], run_file: bytes) -> dict[str, Any]:
+    """Return the manifest of a run.
+
+    Parameters
+    ----------
+    spec
+        The run.
+    options
+        Those of the command or the call.
+    run_file
+        The content of the run file in the directory.
+    """
+    return {
+        "digest": spec.digest(),
+        "run_file": hashlib.sha256(run_file).hexdigest(),
+        "seed": spec.seed,
+        "versions": {"python": platform.python_version()} | {name: version(name) for name in PACKAGES},
+        "files": dict(spec.files),
+        "components": {path: f"{cls.kind} from {supplier}" for path, cls, supplier in spec.components()},
+        "options": options,
+    }
+
+
+def manifest(directory: Path) -> dict[str, Any]:
+    """Read the manifest of a run, without control characters; ChainError if there is none, or it is not readable."""
+    path = directory / MANIFEST
+    try:
+        expect_file(path)
+        content = json.loads(path.read_text())
+    except (OSError, ValueError, RecursionError) as error:
+        raise ChainError(f"{directory}: no streamkit run: {MANIFEST} is not readable ({error})") from None
+    try:
+        return _Manifest.model_validate(content).model_dump()
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(map(str, first["loc"]))
+        raise ChainError(
+            f"{path}: not the manifest of a streamkit run ({printable(f'{where}: ' if where else '')}{first['msg']})"
+        ) from None

@@ -1,0 +1,114 @@
+"""Every file that a run's directory holds of its run is checked wherever it is read."""
+
+from __future__ import annotations
+
+import json
+import logging
+import shutil
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from commands import call, refused
+
+import streamkit as sk
+
+ARCHIVE = Path(__file__).parents[2] / "data" / "runs_0.1.0.zip"
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of streamkit 0.1.0, and in ``new`` the same one as today's code leaves it."""
+    folder = tmp_path_factory.mktemp("integrity")
+    with zipfile.ZipFile(ARCHIVE) as archive:
+        archive.extractall(folder)
+    run_file = folder / "chain" / "run.toml"
+    sk.run(run_file, folder / "new", steps=4, progress=False, products=False)
+    return folder
+
+
+@pytest.fixture(params=["chain", "new"])
+def directory(whole: Path, tmp_path: Path, request: pytest.FixtureRequest) -> Path:
+    shutil.copytree(whole / "chain", tmp_path / "original")  # with the right run file
+    return Path(shutil.copytree(whole / request.param, tmp_path / "out"))
+
+
+def edit(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert text.count(old) == 1, text
+    path.write_text(text.replace(old, new))
+
+
+def readers(directory: Path) -> dict[str, Callable[[], str]]:
+    """Return the commands that read a directory, each as a call that returns why it is refused."""
+    return {
+        "report": lambda: refused("report", directory, "--trust"),
+        "status": lambda: refused("status", directory, "--trust"),
+        "export": lambda: refused("export", directory, "--trust", "-o", directory / "samples.csv"),
+        "cite": lambda: refused("cite", directory, "--trust"),
+        "resume": lambda: refused("run", directory.parent / "original" / "run.toml", "-o", directory, "--resume", "-q",
+                                  "--steps", "30"),
+    }  # fmt: skip
+
+
+def check_all_refuse(directory: Path, *words: str) -> None:
+    """Check that all commands and the call in Python refuse the directory, with these words, and change nothing."""
+    before = {path: path.read_bytes() for path in directory.rglob("*") if path.is_file()}
+    for name, reader in readers(directory).items():
+        message = reader()
+        assert all(word in message for word in words), f"{name}: {message}"
+    with pytest.raises(sk.StreamkitError) as caught:
+        sk.load_results(directory, trust=True)
+    assert all(word in str(caught.value) for word in words)
+    assert {path: path.read_bytes() for path in directory.rglob("*") if path.is_file()} == before
+
+
+def test_an_edited_run_file_is_refused(directory: Path) -> None:
+    edit(directory / "run.toml", 'rs = "12', 'rs = "13')
+    check_all_refuse(directory, "run.toml: has changed since the run began", "manifest.json")
+
+
+def test_an_emptied_run_file_is_refused(directory: Path) -> None:
+    (directory / "run.toml").write_text("")
+    check_all_refuse(directory, "run.toml")
+
+
+def test_an_edited_copy_of_a_plugin_is_refused(directory: Path) -> None:
+    edit(directory / "plugins" / "distance.py", "np.array([0.0, 0.1])", "np.array([0.0, 0.2])")
+    check_all_refuse(directory, "distance.py", "has changed since the run began")
+
+
+def test_an_edited_copy_of_a_data_file_is_refused(directory: Path) -> None:
+    path = directory / "data" / "table.npy"
+    content = bytearray(path.read_bytes())
+    content[-1] ^= 1
+    path.write_bytes(content)
+    check_all_refuse(directory, "data/table.npy", "has changed since the run began")
+
+
+def test_the_length_of_the_chain_and_comments_may_be_edited(directory: Path) -> None:
+    edit(directory / "run.toml", "steps = 8", "steps = 90  # more")
+    assert call("status", directory, "--trust").exit_code == 0
+    assert sk.load_results(directory, trust=True).spec.document["sampler"]["steps"] == 90
+
+
+def test_a_later_version_reads_the_run_file_that_has_not_changed(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """It may have a default that the run did not have: the digest is another one, and the file is the same."""
+    directory = Path(shutil.copytree(whole / "new", tmp_path / "out"))
+    about = json.loads((directory / "manifest.json").read_text())
+    digest = sk.Spec.digest
+    monkeypatch.setattr(sk.Spec, "digest", lambda spec, suppliers=None: f"later {digest(spec, suppliers)}")
+    results = sk.load_results(directory, trust=True)
+    assert len(results.chain) == 4
+    edit(directory / "run.toml", 'rs = "12', 'rs = "13')
+    with pytest.raises(sk.ChainError, match=r"run\.toml: has changed since the run began"):
+        sk.load_results(directory, trust=True)
+    about["components"]["potential"] = "tf from streamkit 0.0.9"
+    edit(directory / "run.toml", 'rs = "13', 'rs = "12')
+    (directory / "manifest.json").write_text(json.dumps(about))
+    with caplog.at_level(logging.WARNING, "streamkit"):
+        sk.load_results(directory, trust=True)
+    assert "the run was made with streamkit 0.0.9, and is read with streamkit" in caplog.text
