@@ -9,11 +9,12 @@ from emulated import OfToy
 from posteriors import Curved, Edges, TwoModes
 
 from streamkit.builtin.emulator import learn as learning
+from streamkit.builtin.emulator.calls import Calls
 from streamkit.builtin.emulator.certificate import certify
 from streamkit.builtin.emulator.coordinates import Space
 from streamkit.builtin.emulator.emulated import Emulated
 from streamkit.builtin.emulator.kernel import learn_kernel
-from streamkit.builtin.emulator.known import Known
+from streamkit.builtin.emulator.of_target import LikelihoodOnly
 from streamkit.builtin.emulator.polynomial import count, monomials, regress
 from streamkit.builtin.emulator.rounds import Rounds
 
@@ -55,33 +56,36 @@ def test_a_process_follows_what_no_cubic_does_and_knows_its_error():
     off = truth(new) - terms @ fit.coefficients
     off_cubic = truth(new) - monomials(new, 3) @ cubic.coefficients
     assert np.sqrt(np.mean(off**2)) < 0.03 < 0.1 < np.sqrt(np.mean(off_cubic**2))
-    own2 = kernel.noise * np.sum((terms @ fit.root) ** 2, axis=1) + kernel.unseen(terms)
-    assert 0.4 < np.sqrt(np.mean(off**2 / own2[:, None])) < 2.0
+    fit_variance2 = kernel.noise * np.sum((terms @ fit.root) ** 2, axis=1) + kernel.unseen(terms)
+    assert 0.4 < np.sqrt(np.mean(off**2 / fit_variance2[:, None])) < 2.0
     far = kernel.terms(np.array([[30.0, 30.0]]))
     assert kernel.unseen(far)[0] == pytest.approx(kernel.amplitude)  # beyond the points it knows nothing
 
 
-def known(problem, count, seed=1):
+def called(problem, count, seed=1):
     space = Space(problem)
     u = np.random.default_rng(seed).random((count, problem.size))
-    return Known.at(problem, space, space.to(problem.from_unit(u)))
+    return Calls.at(problem, space, space.to(problem.from_unit(u)))
 
 
 def test_noise_averages_out():
     """Predictions from calls with a noise of one error are right to a third of one, and the emulator says so."""
     problem = OfToy(Curved(), noise=1.0)
-    emulator = known(problem, 600).learn()
+    emulator = called(problem, 600).learn()
     y = np.random.default_rng(9).normal(scale=0.8, size=(300, 3))
     found, true = emulator.predict(y), problem.toy.mean(y.T).T
     off = (found.mean - true) / problem.errors
     assert np.sqrt(np.mean(off**2)) < 0.33
-    assert 0.5 < np.sqrt(np.mean((found.mean - true) ** 2 / found.own)) < 2.0
+    assert 0.5 < np.sqrt(np.mean((found.mean - true) ** 2 / found.fit_variance)) < 2.0
     np.testing.assert_allclose(found.noise, np.broadcast_to(problem.errors**2, found.noise.shape), rtol=1e-6)
 
 
-def sampled(toy, noise=0.0, seed=1, cheap=None, max_calls=2500):
-    problem = OfToy(toy, seed, noise)
-    rounds = Rounds(problem, cheap or OfToy(toy, seed + 50, noise), noise=False)
+def as_it_is(problem):
+    return problem
+
+
+def sampled(toy, noise=0.0, seed=1, cheap=None, max_calls=2500, problem=as_it_is):
+    rounds = Rounds(problem(OfToy(toy, seed, noise)), problem(cheap or OfToy(toy, seed + 50, noise)), noise=False)
     (last,) = deque(rounds.run(max_calls), maxlen=1)
     return last
 
@@ -93,7 +97,7 @@ def test_posteriors_are_right_after_some_hundred_calls(toy, noise):
     mean, sd = toy().moments
     assert last.missing == ""
     assert last.certificate.faults == ()
-    assert len(last.known) + last.cheap < 1800
+    assert len(last.calls) + last.cheap < 1800
     np.testing.assert_allclose((last.samples.mean(axis=0) - mean) / sd, 0.0, atol=0.15)
     np.testing.assert_allclose(last.samples.std(axis=0) / sd, 1.0, atol=0.12)
 
@@ -103,15 +107,15 @@ def test_an_emulator_that_is_too_simple_is_refused(monkeypatch):
     monkeypatch.setattr(learning, "DEGREES", (1,))
     monkeypatch.setattr(learning, "WORTH", np.inf)
     problem = OfToy(Curved())
-    calls = known(problem, 400)
+    calls = called(problem, 400)
     emulator = calls.learn()
     simple = Emulated(Space(problem), replace(emulator, lack2=np.zeros(2), spread2=np.zeros(2)), noise=False)
     samples = simple.sample(calls.y, 128, 100, [1])[50:].reshape(-1, 3)
-    fresh = Known.at(problem, simple.space, samples[:: len(samples) // 128][:128])
+    fresh = Calls.at(problem, simple.space, samples[:: len(samples) // 128][:128])
     assert any("times what noise makes" in fault for fault in certify(simple, fresh, samples, [2]).faults)
     honest = Emulated(Space(problem), emulator, noise=False)
     samples = honest.sample(calls.y, 128, 100, [1])[50:].reshape(-1, 3)
-    fresh = Known.at(problem, honest.space, samples[:: len(samples) // 128][:128])
+    fresh = Calls.at(problem, honest.space, samples[:: len(samples) // 128][:128])
     assert any("its own error" in fault for fault in certify(honest, fresh, samples, [2]).faults)
 
 
@@ -150,3 +154,12 @@ def test_modes_that_only_one_start_has_seen_are_not_certified():
 def test_the_same_seed_gives_the_same_samples():
     first, again = (sampled(Curved(), noise=0.5, max_calls=300) for _ in range(2))
     np.testing.assert_array_equal(first.samples, again.samples)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.7])
+def test_a_likelihood_that_cannot_be_called_is_learned_as_a_whole(noise):
+    last = sampled(Curved(), noise, problem=LikelihoodOnly)
+    mean, sd = Curved().moments
+    assert last.missing == ""
+    np.testing.assert_allclose((last.samples.mean(axis=0) - mean) / sd, 0.0, atol=0.15)
+    np.testing.assert_allclose(last.samples.std(axis=0) / sd, 1.0, atol=0.12)

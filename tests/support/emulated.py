@@ -19,8 +19,6 @@ def ln_densities(priors, points):
 class Problem:
     """Common to all."""
 
-    undeclared = ()
-
     def __init__(self, priors, seed):
         self.priors, self.seed, self.size = priors, seed, len(priors)
         self.calls = 0
@@ -49,7 +47,6 @@ class OfRun(Problem):
         self.coordinates = self.comparison.coordinates
         self.values, self.errors = self.posterior.data.values, self.posterior.data.errors
         self.add_noise = self.posterior.data.add_noise
-        self.undeclared = self.comparison.undeclared
 
     def evaluate(self, points):
         mean, variance = (np.full((len(points), self.posterior.size), np.nan) for _ in range(2))

@@ -13,9 +13,9 @@ import numpy as np
 from scipy.linalg import LinAlgError
 
 from streamkit import Array
+from streamkit.builtin.emulator.calls import Calls
 from streamkit.builtin.emulator.emulated import Emulated
 from streamkit.builtin.emulator.emulator import Predictions
-from streamkit.builtin.emulator.known import Known
 from streamkit.builtin.emulator.polynomial import regress
 
 # Largest mean square of a residual in units of its variance, over all data and of one of them.
@@ -77,7 +77,7 @@ class Certificate:
     faults: tuple[str, ...]
 
 
-def certify(emulated: Emulated, fresh: Known, samples: Array, seed: list[int]) -> Certificate:
+def certify(emulated: Emulated, fresh: Calls, samples: Array, seed: list[int]) -> Certificate:
     """Compare an emulator with fresh calls at samples of its posterior; samples (n, d) are more of these."""
     rng = np.random.default_rng(seed)
     empty = float(np.mean(~fresh.good))
@@ -92,7 +92,7 @@ def certify(emulated: Emulated, fresh: Known, samples: Array, seed: list[int]) -
     problem, predicted = fresh.problem, emulated.emulator.predict(fresh.y)
     used = np.isfinite(problem.values)
     residual = (fresh.answers.mean - predicted.mean)[:, used]
-    variance = (predicted.own + np.maximum(predicted.noise, fresh.answers.variance))[:, used]
+    variance = (predicted.fit_variance + np.maximum(predicted.noise, fresh.answers.variance))[:, used]
     floor = (1e-3 * problem.errors[used]) ** 2
     squares = np.minimum(residual**2 / (variance + floor), 100.0)
     size, worst = float(squares.mean()), float(squares.mean(axis=0).max())
@@ -125,7 +125,7 @@ def certify(emulated: Emulated, fresh: Known, samples: Array, seed: list[int]) -
 
 
 def _differences(
-    emulated: Emulated, fresh: Known, predicted: Predictions, rng: np.random.Generator
+    emulated: Emulated, fresh: Calls, predicted: Predictions, rng: np.random.Generator
 ) -> tuple[Array, Array]:
     """Return true minus emulated ln likelihood (n,), and the same with the residuals of other points (n,)."""
     problem, answers = fresh.problem, fresh.answers
@@ -138,14 +138,14 @@ def _differences(
     return true, noise
 
 
-def _trend(emulated: Emulated, fresh: Known, residual: Array, samples: Array, rng: np.random.Generator) -> float:
+def _trend(emulated: Emulated, fresh: Calls, residual: Array, samples: Array, rng: np.random.Generator) -> float:
     """Return how far a linear trend of residuals (n, m), in errors of the data, moves a parameter; NaN if chance."""
     space, problem = emulated.space, fresh.problem
     centre, scale = fresh.y.mean(axis=0), np.maximum(fresh.y.std(axis=0), 1e-300)
     terms = np.concatenate([np.ones((len(fresh), 1)), (fresh.y - centre) / scale], axis=1)
     some = samples[:: max(len(samples) // 1000, 1)]
     predicted, theta = emulated.emulator.predict(some), space.back(some)
-    variance = predicted.own + predicted.noise * emulated.noise
+    variance = predicted.fit_variance + predicted.noise * emulated.noise
     base = problem.compare(theta, predicted.mean, variance, predicted.details)
     there = np.concatenate([np.ones((len(some), 1)), np.clip((some - centre) / scale, -3.0, 3.0)], axis=1)
     used = np.isfinite(problem.values)
@@ -175,7 +175,7 @@ def shift(samples: Array, ln_weight: Array) -> float:
 def _blur(emulated: Emulated, samples: Array) -> float:
     """Return the fraction by which the emulator's own error changes the width of a parameter, or moves it, at most."""
     some = samples[:: max(len(samples) // 3000, 1)]
-    change = emulated.ln_likelihood(some, own=False) - emulated.ln_likelihood(some)
+    change = emulated.ln_likelihood(some, fit_error=False) - emulated.ln_likelihood(some)
     weight = np.exp(np.clip(change - np.median(change), -20.0, 5.0))
     weight /= weight.sum()
     mean = weight @ some

@@ -29,11 +29,11 @@ class Emulated:
     emulator: Emulator
     noise: bool
 
-    def ln_likelihood(self, y: Array, own: bool = True) -> Array:
+    def ln_likelihood(self, y: Array, fit_error: bool = True) -> Array:
         """(n,) ln likelihood at coordinates y (n, d), with or without the emulator's own error."""
         parts = [y[i : i + PART] for i in range(0, len(y), PART)]
         return np.concatenate(
-            [self.emulator.ln_likelihood(part, self.space.back(part), self.noise, own) for part in parts]
+            [self.emulator.ln_likelihood(part, self.space.back(part), self.noise, fit_error) for part in parts]
         )
 
     def ln_density(self, y: Array, inverse_temperature: float = 1.0) -> Array:

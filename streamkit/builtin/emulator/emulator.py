@@ -45,7 +45,7 @@ class Predictions(NamedTuple):
 
     Attributes
     ----------
-    mean, own, noise
+    mean, fit_variance, noise
         (n, m) the prediction of infinitely many particles, the variance of that estimate, and the variance of one call
         about it.
     details
@@ -57,7 +57,7 @@ class Predictions(NamedTuple):
     """
 
     mean: Array
-    own: Array
+    fit_variance: Array
     noise: Array
     details: Array
     ln_exists: Array
@@ -85,7 +85,7 @@ class Emulator:
     low, rest, positive, ends
         Polynomials of this degree for ln variance and the details, (terms, m + k); which details are logarithms; the
         range in which they stay.
-    typical_r2, known_r2
+    typical_r2, trusted_r2
         |x|^2 beyond which the lack of fit grows, and beyond which the fit is not trusted: a penalty brings walks back.
     exists
         (quadratic terms,) log odds that there is a prediction.
@@ -105,7 +105,7 @@ class Emulator:
     positive: BoolArray
     ends: tuple[Array, Array]
     typical_r2: float
-    known_r2: float
+    trusted_r2: float
     exists: Array
 
     def predict(self, y: Array) -> Predictions:
@@ -115,30 +115,32 @@ class Emulator:
         terms, few = self.basis.terms(x), monomials(x, self.low)
         leverage = np.sum((terms @ self.root) ** 2, axis=1)
         grown = np.maximum(r2 / self.typical_r2, 1.0) ** self.growth
-        own2 = self.spread2 * leverage[:, None] + self.lack2 * grown[:, None] + self.basis.unseen(terms)[:, None]
+        fit_variance2 = (
+            self.spread2 * leverage[:, None] + self.lack2 * grown[:, None] + self.basis.unseen(terms)[:, None]
+        )
         used = np.isfinite(self.problem.values)
         m, errors = int(used.sum()), self.problem.errors[used]
         rest = np.clip(self.rest.at(few), *self.ends)
         details = np.where(self.positive, np.exp(np.where(self.positive, rest[:, m:], 0.0)), rest[:, m:])
-        mean, own, noise = (np.full((len(y), len(used)), np.nan) for _ in range(3))
+        mean, fit_variance, noise = (np.full((len(y), len(used)), np.nan) for _ in range(3))
         mean[:, used] = self.problem.values[used] + errors * self.mean.at(terms)
-        own[:, used] = errors**2 * own2
+        fit_variance[:, used] = errors**2 * fit_variance2
         noise[:, used] = errors**2 * np.exp(rest[:, :m])
         ln_exists = log_expit(few @ self.exists)
-        return Predictions(mean, own, noise, details, ln_exists, np.maximum(r2 / self.known_r2, 1.0))
+        return Predictions(mean, fit_variance, noise, details, ln_exists, np.maximum(r2 / self.trusted_r2, 1.0))
 
-    def ln_likelihood(self, y: Array, theta: Array, noise: bool = False, own: bool = True) -> Array:
+    def ln_likelihood(self, y: Array, theta: Array, noise: bool = False, fit_error: bool = True) -> Array:
         """(n,) ln likelihood at coordinates y (n, d), which are the parameters theta (n, d).
 
         Parameters
         ----------
         noise
             Whether the variance of one call counts: the likelihood is then that of one realisation, averaged over many.
-        own
+        fit_error
             Whether the emulator's own error counts.
         """
-        found = self.predict(y)
-        variance = found.own * own + (found.noise if noise else 0.0)
-        lnl = self.problem.compare(theta, found.mean, variance, found.details)
-        outside = len(self.centre) * (found.beyond - 1.0)
-        return np.asarray(lnl + found.ln_exists - outside)
+        predicted = self.predict(y)
+        variance = predicted.fit_variance * fit_error + (predicted.noise if noise else 0.0)
+        lnl = self.problem.compare(theta, predicted.mean, variance, predicted.details)
+        outside = len(self.centre) * (predicted.beyond - 1.0)
+        return np.asarray(lnl + predicted.ln_exists - outside)

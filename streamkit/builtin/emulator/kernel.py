@@ -53,8 +53,8 @@ class Kernel:
 
     def terms(self, x: Array) -> Array:
         """(n, 1 + c + q) The terms at x (n, c)."""
-        near = squared_exponential(x, self.places, self.lengths) @ self.inverse
-        return np.concatenate([np.ones((len(x), 1)), x, near], axis=1)
+        process = squared_exponential(x, self.places, self.lengths) @ self.inverse
+        return np.concatenate([np.ones((len(x), 1)), x, process], axis=1)
 
     def unseen(self, terms: Array) -> Array:
         """(n,) Variance of the process that the places do not represent, from its terms (n, t)."""

@@ -20,7 +20,7 @@ RIDGES = (1e-8, 1e-6, 1e-4, 1e-2)
 NEAR = 10.0
 # Effective points that the weights leave at least, for each term of a quadratic.
 ENOUGH = 2.0
-# Points at least, and for each parameter, on which errors are measured if fewer are near.
+# Points at least, and for each parameter, on which errors are measured if fewer are close.
 LEAST_CLOSE, CLOSE = 40, 3
 # Points that count less than this are not used for the lengths of a Gaussian process.
 FAR = 0.02
@@ -55,12 +55,19 @@ def learn(problem: Problem, y: Array, answers: Answers, theta: Array) -> Emulato
     emulator = _fitted(problem, y, answers, lnl)
     if emulator is None:
         return None
-    smooth = emulator.ln_likelihood(y, theta, noise=problem.add_noise, own=False)
+    smooth = emulator.ln_likelihood(y, theta, noise=problem.add_noise, fit_error=False)
     best = _best(lnl[there])
-    near = there & (lnl > best - NEAR - 0.5 * y.shape[1])
-    if near.sum() < y.shape[1] or np.median(np.abs(smooth - lnl)[near]) > 0.3 * NEAR:
+    close = there & (lnl > best - NEAR - 0.5 * y.shape[1])
+    if close.sum() < y.shape[1] or np.median(np.abs(smooth - lnl)[close]) > 0.3 * NEAR:
         return emulator
     return _fitted(problem, y, answers, smooth)
+
+
+def learn_predictions(problem: Problem, y: Array, answers: Answers) -> Emulator | None:
+    """Fit an emulator for its predictions alone, without calling the likelihood; None where there are too few."""
+    if not np.isfinite(answers.ln_likelihood).any():
+        return None
+    return _fitted(problem, y, answers, answers.ln_likelihood)
 
 
 def _best(lnl: Array) -> float:
@@ -72,12 +79,12 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
     used = np.isfinite(problem.values)
     there: BoolArray = np.asarray(np.isfinite(answers.ln_likelihood), dtype=bool)
     z = y[:, problem.coordinates]
-    known, d = z[there], z.shape[1]
+    placed, d = z[there], z.shape[1]
     weight = weights(lnl[there], y.shape[1], ENOUGH * count(d, 2))
-    near = nearest(lnl[there], y.shape[1])
+    close = nearest(lnl[there], y.shape[1])
     effective = weight.sum() ** 2 / np.sum(weight**2)
-    centre, whiten = whitening(known, weight)
-    x = (known - centre) @ whiten
+    centre, whiten = whitening(placed, weight)
+    x = (placed - centre) @ whiten
     errors = problem.errors[used]
     target = (answers.mean[there][:, used] - problem.values[used]) / errors
     noise = answers.variance[there][:, used] / errors**2
@@ -90,23 +97,23 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
                 fit = regress(terms, target, weight, ridge)
             except LinAlgError:  # walkers that hardly moved
                 continue
-            fits.append((float(np.sum(error_of(fit.out[near] ** 2))), Polynomial(degree), fit))
+            fits.append((float(np.sum(error_of(fit.out[close] ** 2))), Polynomial(degree), fit))
     if not fits:
         return None
-    noisy = float(noise[near].mean(axis=0).sum())
+    noisy = float(noise[close].mean(axis=0).sum())
     if min(fits, key=_first)[0] > WORTH * noisy + EXACT * len(errors):
         try:
             counted = weight >= FAR
             kernel = learn_kernel(x[counted], target[counted], weight[counted], np.random.default_rng(len(x)))
             fit = regress(kernel.terms(x), target, weight, kernel.penalty)
-            fits.append((float(np.sum(error_of(fit.out[near] ** 2))), kernel, fit))
+            fits.append((float(np.sum(error_of(fit.out[close] ** 2))), kernel, fit))
         except LinAlgError:
             pass
     _, basis, fit = min(fits, key=_first)
     degree = basis.degree if isinstance(basis, Polynomial) else 1
-    spread2 = error_of((fit.left * fit.out)[near])
-    typical = noise[near].mean(axis=0)
-    lack2 = np.maximum(spread2 - typical * (1 + CHANCE * np.sqrt(2 / near.sum())), 0.0)
+    spread2 = error_of((fit.left * fit.out)[close])
+    typical = noise[close].mean(axis=0)
+    lack2 = np.maximum(spread2 - typical * (1 + CHANCE * np.sqrt(2 / close.sum())), 0.0)
     low = min(max(degrees), 2)
     others, positive = _forms(noise, answers.details[there])
     rest = regress(monomials(x, low), others, weight, RIDGES[-2])
@@ -127,7 +134,7 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
         positive=positive,
         ends=(others.min(axis=0), others.max(axis=0)),
         typical_r2=float(_quantile(r2, weight, 0.7)),
-        known_r2=float(REACH * r2[near].max()),
+        trusted_r2=float(REACH * r2[close].max()),
         exists=exists,
     )
 

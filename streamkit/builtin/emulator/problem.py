@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -53,8 +52,6 @@ class Problem(Protocol):
         (m,) the data and their standard errors, the units of the fit; NaN for no datum.
     add_noise
         Whether the run file adds the model's own variance to that of the data.
-    undeclared
-        The measurements whose likelihood cannot be called for given predictions: ln likelihood itself is emulated then.
     """
 
     size: int
@@ -63,7 +60,6 @@ class Problem(Protocol):
     values: Array
     errors: Array
     add_noise: bool
-    undeclared: Sequence[str]
 
     def from_unit(self, u: Array) -> Array:
         """Return the parameters (..., d) at fractions u (..., d) of their priors."""

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from streamkit import Array
+from streamkit.builtin.emulator.calls import Calls
 from streamkit.builtin.emulator.certificate import Certificate, certify, shift
 from streamkit.builtin.emulator.coordinates import Space
 from streamkit.builtin.emulator.emulated import Emulated
-from streamkit.builtin.emulator.known import Known
 from streamkit.builtin.emulator.problem import Problem
 from streamkit.builtin.emulator.start import ARRIVED, Arrival, arrive, doubt_of, walkers_for
 
@@ -44,7 +44,7 @@ class Progress:
 
     Attributes
     ----------
-    known
+    calls
         All calls with the full model.
     cheap
         How many were made with few particles.
@@ -60,7 +60,7 @@ class Progress:
         What is still asked for; empty if nothing is.
     """
 
-    known: Known
+    calls: Calls
     cheap: int
     emulated: Emulated
     samples: Array
@@ -96,7 +96,7 @@ class Rounds:
         self._space, self._rng = Space(problem), np.random.default_rng([problem.seed, 2])
         self._arrivals = [self._start(i) for i in range(starts)]
         self._agreeing = min(AGREEING, starts)
-        self._known = self._called(self._arrivals)
+        self._calls = self._evaluated(self._arrivals)
         places = np.concatenate([each.places[-walkers_for(problem.size) :] for each in self._arrivals])
         self._pools = {beta: places for beta, _ in COPIES}
         self._before: list[Emulated] = []
@@ -105,45 +105,45 @@ class Rounds:
         """Yield how far the sampling is after every round; the last is the result."""
         turn = 0
         while True:
-            emulator = self._known.learn()
+            emulator = self._calls.learn()
             if emulator is None:  # too few of the points have a prediction
-                self._known += self._called(self._arrivals)
+                self._calls += self._evaluated(self._arrivals)
                 continue
             emulated = Emulated(self._space, emulator, self._noise)
             copies = [self._walk(emulated, beta, turn, i) for i, (beta, _) in enumerate(COPIES)]
             samples = copies[0]
             moved, doubt = _moved(self._before, emulated, samples), doubt_of(emulated, samples)
             self._before = [*self._before[-1:], emulated]
-            self._note(f"{len(self._known)} calls, moved {moved:.2f} sd, the emulator doubts {doubt:.1f} in ln L")
+            self._note(f"{len(self._calls)} calls, moved {moved:.2f} sd, the emulator doubts {doubt:.1f} in ln L")
             certificate, missing = None, _missing(moved, doubt)
             if not missing:
                 certificate = self._certify(emulated, samples, turn)
                 missing = "; ".join(certificate.faults) or self._unseen(samples)
                 self._note(missing or "certified")
-            over = len(self._known) >= max_calls or self._problem.time_left() <= 0
+            over = len(self._calls) >= max_calls or self._problem.time_left() <= 0
             if not missing or over:
                 samples = self._last(emulated, samples, turn)
-            cheap = sum(len(arrival.known) for arrival in self._arrivals)
-            yield Progress(self._known, cheap, emulated, samples, moved, certificate, missing)
+            cheap = sum(len(arrival.calls) for arrival in self._arrivals)
+            yield Progress(self._calls, cheap, emulated, samples, moved, certificate, missing)
             if not missing or over:
                 return
             new = [self._some(places, share) for places, (_, share) in zip(copies, COPIES, strict=True)]
-            self._known += Known.at(self._problem, self._space, np.concatenate(new))
+            self._calls += Calls.at(self._problem, self._space, np.concatenate(new))
             turn += 1
 
     def _start(self, number: int) -> Arrival:
         return arrive(self._cheap, self._space, [self._problem.seed, 1, number], self._note)
 
-    def _called(self, arrivals: list[Arrival]) -> Known:
+    def _evaluated(self, arrivals: list[Arrival]) -> Calls:
         """Call the full model where starts have arrived."""
         size = max(FIRST * self._problem.size, LEAST_FIRST) // len(arrivals)
         places = [self._rng.permutation(each.places)[:size] for each in arrivals]
-        return Known.at(self._problem, self._space, np.concatenate(places))
+        return Calls.at(self._problem, self._space, np.concatenate(places))
 
     def _walk(self, emulated: Emulated, beta: float, turn: int, copy: int) -> Array:
         """(n, d) Sample the emulated posterior at an inverse temperature."""
         d, seed = self._problem.size, [self._problem.seed, 3, turn, copy]
-        pool = np.concatenate([self._known.y[self._known.good], self._pools[beta]])
+        pool = np.concatenate([self._calls.y[self._calls.good], self._pools[beta]])
         chain = emulated.sample(pool, walkers_for(d), STEPS, seed, beta)
         self._pools[beta] = chain[-1]
         return chain[SETTLING:].reshape(-1, d)
@@ -162,8 +162,8 @@ class Rounds:
     def _certify(self, emulated: Emulated, samples: Array, turn: int) -> Certificate:
         """Compare the emulator with fresh calls, and keep these."""
         chosen = samples[self._rng.choice(len(samples), FRESH, replace=False)]
-        fresh = Known.at(self._problem, self._space, chosen)
-        self._known += fresh
+        fresh = Calls.at(self._problem, self._space, chosen)
+        self._calls += fresh
         return certify(emulated, fresh, samples, [self._problem.seed, 4, turn])
 
     def _unseen(self, samples: Array) -> str:
@@ -174,7 +174,7 @@ class Rounds:
         if made < MOST_STARTS:
             self._note(f"{seen} of {made} starts saw all of the posterior: another one")
             self._arrivals.append(self._start(made))
-            self._known += self._called(self._arrivals[-1:])
+            self._calls += self._evaluated(self._arrivals[-1:])
             self._before = []
         return f"only {seen} of {made} starts saw all of the posterior: there may be modes that none of them saw"
 

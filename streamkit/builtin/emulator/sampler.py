@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from pydantic import Field
 
-from streamkit import Array, BoolArray, ComponentError, Evaluations, Sampler, Samples, Target, Verdict
-from streamkit.builtin.emulator.problem import Answers
+from streamkit import Array, Evaluations, Sampler, Samples, Target, Verdict
+from streamkit.builtin.emulator.of_target import LikelihoodOnly, OfTarget
+from streamkit.builtin.emulator.problem import Problem
 
 if TYPE_CHECKING:  # emcee and SciPy are slow to load
     from streamkit.builtin.emulator.certificate import Certificate
+    from streamkit.builtin.emulator.emulator import Predictions
     from streamkit.builtin.emulator.rounds import Progress
 
 MOST = 4000  # samples that are given
@@ -48,15 +50,17 @@ class PredictionEmulator(Sampler):
         """Make rounds of calls until they confirm the emulator; yield samples of the emulated posterior."""
         from streamkit.builtin.emulator.rounds import Rounds
 
+        full: Problem = OfTarget(target)
+        small: Problem = OfTarget(target, small=True)
         if target.undeclared:
-            raise ComponentError(
-                f"sampler emulator: {', '.join(target.undeclared)} has a likelihood of its own, or data that depend on "
-                "a parameter, and does not declare `likelihood_details`. Take the sampler emcee."
-            )
-        full, small = OfTarget(target), OfTarget(target, small=True)
+            full, small = LikelihoodOnly(full), LikelihoodOnly(small)
         rounds = Rounds(full, small, self.realisation == "one", self.starts, target.remark)
         for progress in rounds.run(self.max_calls):
             yield _samples(target, progress)
+
+    def calls(self, d: int) -> tuple[int, str]:
+        """Return the most calls with all particles."""
+        return self.max_calls, f"at most {self.max_calls} calls, a few hundred for an easy posterior"
 
     def search_size(self) -> tuple[int, int]:
         """Return no points, and the particles of the streams of a start."""
@@ -71,55 +75,41 @@ class PredictionEmulator(Sampler):
         return {"ForemanMackey2013": "emcee, which samples the emulated posterior", "terBraak2006": "its moves"}
 
 
-class OfTarget:
-    """The posterior of a run, with all particles or with few: a `streamkit.builtin.emulator.problem.Problem`."""
-
-    def __init__(self, target: Target, small: bool = False) -> None:
-        self._target, self._small = target, small
-        self.size, self.seed, self.undeclared = target.size, target.seed, target.undeclared
-        self.coordinates: BoolArray = target.coordinates
-        self.values, self.errors = target.data.values, target.data.errors
-        self.add_noise = target.data.add_noise or small
-
-    def from_unit(self, u: Array) -> Array:
-        """Return the parameters (..., d) at fractions u (..., d) of their priors."""
-        return self._target.from_unit(u)
-
-    def ln_prior(self, points: Array) -> Array:
-        """Return the ln prior density (n,) at points (n, d); -inf outside."""
-        return self._target.ln_prior(points)
-
-    def evaluate(self, points: Array) -> Answers:
-        """Call the model at points (n, d)."""
-        found = self._target.predictions(points, small=self._small)
-        return Answers(found.mean, found.variance, found.details, found.ln_likelihood)
-
-    def compare(self, points: Array, mean: Array, variance: Array, details: Array) -> Array:
-        """Return ln likelihood (n,) for given predictions."""
-        return self._target.compare(points, mean, variance, details)
-
-    def time_left(self) -> float:
-        """Return the seconds until the run's time limit."""
-        return self._target.time_left()
-
-    def expect(self, calls: float) -> None:
-        """Say how many calls there may have been at the end."""
-        self._target.expect(calls)
-
-
 def _samples(target: Target, progress: Progress) -> Samples:
     """Return samples of the emulated posterior, with what the emulator predicts there."""
     y = progress.samples[:: max(len(progress.samples) // MOST, 1)]
     points = np.ascontiguousarray(progress.emulated.space.back(y))
-    predicted, lnl = progress.emulated.emulator.predict(y), progress.emulated.ln_likelihood(y)
+    lnl = progress.emulated.ln_likelihood(y)
+    predicted = _predictions(target, progress, y)
     evaluations = Evaluations(
-        target.ln_prior(points) + lnl, lnl, predicted.mean, predicted.own, ("",) * len(y), predicted.details
+        target.ln_prior(points) + lnl, lnl, predicted.mean, predicted.fit_variance, ("",) * len(y), predicted.details
     )
-    facts = {"calls": f"{len(progress.known)} with all particles, {progress.cheap} with few"}
+    facts = {"calls": f"{len(progress.calls)} with all particles, {progress.cheap} with few"}
+    if target.undeclared:
+        which = ", ".join(target.undeclared)
+        facts["learned"] = (
+            f"ln L as a whole in place of the predictions, which takes more calls: {which} has a likelihood of its own "
+            "without `likelihood_details`, or data that depend on a parameter"
+        )
     verdicts = () if progress.certificate is None else tuple(_verdicts(progress.certificate))
     return Samples(
         points, np.zeros(len(y)), missing=progress.missing, verdicts=verdicts, facts=facts, evaluations=evaluations
     )
+
+
+def _predictions(target: Target, progress: Progress, y: Array) -> Predictions:
+    """Return the emulated predictions at samples y (n, d); NaN where too few calls have any."""
+    from streamkit.builtin.emulator.learn import learn_predictions
+
+    emulator = progress.emulated.emulator
+    if not target.undeclared:
+        return emulator.predict(y)
+    problem, calls = OfTarget(target), progress.calls
+    of_data = learn_predictions(problem, calls.y, problem.evaluate(calls.theta))  # calls that were made cost nothing
+    if of_data is not None:
+        return of_data.predict(y)
+    nothing = np.full((len(y), len(target.data.values)), np.nan)
+    return emulator.predict(y)._replace(mean=nothing, fit_variance=nothing)
 
 
 def _verdicts(certificate: Certificate) -> Sequence[Verdict]:

@@ -14,7 +14,7 @@ from streamkit.builtin.emulator.problem import Answers, Problem
 
 
 @dataclass(frozen=True)
-class Known:
+class Calls:
     """Points and what calls gave there.
 
     Attributes
@@ -32,7 +32,7 @@ class Known:
     answers: Answers
 
     @classmethod
-    def at(cls, problem: Problem, space: Space, y: Array) -> Known:
+    def at(cls, problem: Problem, space: Space, y: Array) -> Calls:
         """Call the model at coordinates y (n, d)."""
         theta = np.ascontiguousarray(space.back(y))
         return cls(problem, space, y, theta, problem.evaluate(theta))
@@ -40,15 +40,15 @@ class Known:
     def __len__(self) -> int:
         return len(self.y)
 
-    def __add__(self, other: Known) -> Known:
+    def __add__(self, other: Calls) -> Calls:
         answers = self.answers.joined(other.answers)
         y, theta = (np.concatenate([getattr(each, name) for each in (self, other)]) for name in ("y", "theta"))
-        return Known(self.problem, self.space, y, theta, answers)
+        return Calls(self.problem, self.space, y, theta, answers)
 
-    def take(self, rows: BoolArray) -> Known:
+    def take(self, rows: BoolArray) -> Calls:
         """Return some of them."""
         answers = Answers(*(each[rows] for each in self.answers))
-        return Known(self.problem, self.space, self.y[rows], self.theta[rows], answers)
+        return Calls(self.problem, self.space, self.y[rows], self.theta[rows], answers)
 
     @property
     def good(self) -> BoolArray:
