@@ -130,8 +130,8 @@ def _evaluations_of(record: Mapping[str, Array]) -> dict[bytes, Evaluation]:
         raise ValueError("reason holds no text for each point")
     texts = [printable(text) for text in reason.tolist()]
     return {
-        point.tobytes(): Evaluation(*ln_of_one, *prediction, text, np.empty(0) if text else more)
-        for point, ln_of_one, prediction, text, more in zip(
-            points, ln.tolist(), zip(mean, variance, strict=True), texts, details, strict=True
+        point.tobytes(): Evaluation(
+            float(ln[i, 0]), float(ln[i, 1]), mean[i], variance[i], texts[i], np.empty(0) if texts[i] else details[i]
         )
+        for i, point in enumerate(points)
     }

@@ -90,7 +90,15 @@ def sampled(toy, noise=0.0, seed=1, cheap=None, max_calls=2500, problem=as_it_is
     return last
 
 
-@pytest.mark.parametrize(("toy", "noise"), [(Curved, 0.0), (Curved, 1.0), (TwoModes, 1.0), (Edges, 0.0)])
+@pytest.mark.parametrize(
+    ("toy", "noise"),
+    [
+        (Curved, 1.0),
+        pytest.param(Curved, 0.0, marks=pytest.mark.slow),
+        pytest.param(TwoModes, 1.0, marks=pytest.mark.slow),
+        pytest.param(Edges, 0.0, marks=pytest.mark.slow),
+    ],
+)
 def test_posteriors_are_right_after_some_hundred_calls(toy, noise):
     """Also where a single call has the noise of a datum: true and emulated ln L then differ by 1.4 and 2.1, and may."""
     last = sampled(toy(), noise)
@@ -139,6 +147,7 @@ class Blind(OfToy):
         )
 
 
+@pytest.mark.slow
 def test_a_mode_that_a_start_has_missed_is_found_by_another():
     last = sampled(TwoModes(), cheap=Blind(TwoModes(), blind={0}))
     mean, sd = TwoModes().moments
@@ -156,7 +165,7 @@ def test_the_same_seed_gives_the_same_samples():
     np.testing.assert_array_equal(first.samples, again.samples)
 
 
-@pytest.mark.parametrize("noise", [0.0, 0.7])
+@pytest.mark.parametrize("noise", [0.0, pytest.param(0.7, marks=pytest.mark.slow)])
 def test_a_likelihood_that_cannot_be_called_is_learned_as_a_whole(noise):
     last = sampled(Curved(), noise, problem=LikelihoodOnly)
     mean, sd = Curved().moments

@@ -29,7 +29,7 @@ SETTLED = 0.1
 # Fresh calls of a certificate.
 FRESH = 128
 # Walkers and steps of the samples that are the answer, of which the first are not used.
-LAST_STEPS, LAST_SETTLING = 800, 150
+LAST_STEPS, LAST_SETTLING = 500, 100
 # Samples of the last round that the walkers of the answer begin from.
 POOL = 4000
 # Fraction of the samples that a start may have taken for impossible, and what that is in ln density below its best.
