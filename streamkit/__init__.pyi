@@ -1,4 +1,5 @@
 from .components import CONTRACT as CONTRACT
+from .components import BlockEdge as BlockEdge
 from .components import ChainSampler as ChainSampler
 from .components import Check as Check
 from .components import Component as Component
@@ -7,14 +8,20 @@ from .components import Evaluations as Evaluations
 from .components import HostData as HostData
 from .components import HostView as HostView
 from .components import Integrator as Integrator
+from .components import LiveStripping as LiveStripping
+from .components import Monopole as Monopole
 from .components import Observable as Observable
+from .components import Population as Population
 from .components import Potential as Potential
 from .components import Preset as Preset
 from .components import PriorDensity as PriorDensity
+from .components import Remnant as Remnant
 from .components import Sampler as Sampler
 from .components import Samples as Samples
+from .components import SatelliteView as SatelliteView
 from .components import Spherical as Spherical
 from .components import Stripping as Stripping
+from .components import StrippingScheme as StrippingScheme
 from .components import Target as Target
 from .components import Verdict as Verdict
 from .components import hookimpl as hookimpl

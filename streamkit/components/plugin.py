@@ -21,7 +21,7 @@ import numpy as np
 import pluggy
 
 from streamkit.components import hookspecs
-from streamkit.components.bases import Component, HostData, Integrator, Observable, Stripping
+from streamkit.components.bases import Component, HostData, Integrator, Observable, StrippingScheme
 from streamkit.components.potential import Potential
 from streamkit.components.preset import Preset
 from streamkit.components.sampler import Sampler
@@ -29,7 +29,7 @@ from streamkit.errors import PluginError, SpecError, expect_file, message_of
 
 PACKAGE_PREFIX = "streamkit."
 ROLES: dict[str, type[Component]] = {
-    base.role: base for base in (Potential, Stripping, Integrator, Observable, HostData, Sampler)
+    base.role: base for base in (Potential, StrippingScheme, Integrator, Observable, HostData, Sampler)
 }
 
 

@@ -5,6 +5,7 @@ from .model import simulate as simulate
 from .observation import Observation as Observation
 from .progenitor import next_apocentre as next_apocentre
 from .progenitor import progenitor_track as progenitor_track
+from .release import random_numbers as random_numbers
 from .release import standard_normals as standard_normals
 from .release import stripped as stripped
 from .satellite import Satellite as Satellite

@@ -75,6 +75,8 @@ class Stream:
         The Sun it is seen from; that of Gibbons+ 2014 unless given.
     ahead
         Computes `future` on first use.
+    mass
+        Mass of the progenitor at the look-back time in Msun; NaN if unknown.
     """
 
     q: Array
@@ -92,6 +94,7 @@ class Stream:
     parameters: dict[str, float] = field(default_factory=dict)
     sun: Observer = GIBBONS14
     ahead: Callable[[], Orbit | None] = no_future
+    mass: float = float("nan")
 
     def __post_init__(self) -> None:
         freeze(self)
