@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import reduce
+
 import numpy as np
 
 from streamkit import Array
@@ -39,6 +41,37 @@ def ln_mixture(
     with np.errstate(divide="ignore"):  # a fraction of zero among others: ln 0
         mixed = np.logaddexp(np.log1p(-outliers) + stream, np.log(outliers) + other)
     return np.asarray(mixed.sum(axis=-1))
+
+
+# Data, variances and means of the stream, ln coverage, the fraction of outliers, their mean and standard deviation.
+Side = tuple[Array, Array, Array, Array, float | Array, tuple[float, float]]
+
+
+def ln_mixture_of_pairs(one: Side, other: Side, covariance: Array) -> Array:
+    """(...) Return the sum over stars of the ln density of two data with correlated errors.
+
+    Either datum may be an outlier, and only where neither is do the errors correlate. Without a covariance it is the
+    product of two `ln_mixture`.
+
+    Parameters
+    ----------
+    one, other
+        The arguments of `ln_mixture` for each datum.
+    covariance
+        (m,) of the two.
+    """
+    (x, xx, x_mean, coverage, f, x_out), (y, yy, y_mean, y_coverage, g, y_out) = one, other
+    slope = covariance / xx
+    given = ln_gaussian(y - y_mean - slope * (x - x_mean), yy - slope * covariance)
+    first, second = (ln_gaussian(x - x_mean, xx) + coverage, ln_gaussian(y - y_mean, yy) + y_coverage)
+    strange, foreign = (ln_gaussian(v - out[0], np.full(len(v), out[1] ** 2)) for v, out in ((x, x_out), (y, y_out)))
+    with np.errstate(divide="ignore"):  # no outliers: the ln of zero
+        ln_f, ln_g, ln_in, ln_too = np.log(f), np.log(g), np.log1p(-f), np.log1p(-g)
+    terms = [
+        ln_in + ln_too + first + given + y_coverage, ln_in + ln_g + first + foreign,
+        ln_f + ln_too + strange + second, ln_f + ln_g + strange + foreign,
+    ]  # fmt: skip
+    return np.asarray(reduce(np.logaddexp, terms).sum(axis=-1))
 
 
 def ln_gaussian(difference: Array, variance: Array) -> Array:
