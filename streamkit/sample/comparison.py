@@ -76,7 +76,7 @@ class Comparison:
             for key, observable in sections.streams[name].observables.items():
                 self._add(observable, (name, key), data[key])
         for name, host_data in sections.data.items():
-            self._add(host_data, ("", name), model.known("data", name, bound.data[name]))
+            self._add(host_data, ("", name), model.data_of("data", name, bound.data[name]))
 
     def _add(self, section: Any, place: tuple[str, str], data: Data) -> None:
         """Add one measurement behind those before it."""
