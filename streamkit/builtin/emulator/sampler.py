@@ -118,8 +118,8 @@ def _verdict(progress: Progress) -> Verdict:
     subject, certificate = "fresh calls beside the emulator", progress.certificate
     if certificate is None:
         sentence = (
-            f"No fresh calls have tested the emulator: {progress.missing}. Raise sampler.max_calls and --resume, or run "
-            "again with more particles, or take the sampler emcee."
+            f"No fresh calls have tested the emulator: {progress.missing}. Raise sampler.max_calls and --resume, or "
+            "run again with more particles, or take the sampler emcee."
         )
         return Verdict(subject, "do not use", "none", sentence, RULE)
     value = f"true - emulated ln L = {certificate.offset:+.1f} ± {certificate.spread:.1f}"
