@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from toys import FIT
+from runfiles import FIT
 
 import streamkit as sk
 
-EMULATED = FIT | {"sampler": {"kind": "emulator", "start_particles": 300, "starts": 1, "max_calls": 600}}
+EMULATED = FIT | {"sampler": {"kind": "emulator", "start_particles": 50, "starts": 1, "max_calls": 600}}
 
 
 @pytest.fixture(scope="module")
