@@ -9,8 +9,9 @@ from scipy.special import expit
 from streamkit import Array, BoolArray
 from streamkit.builtin.emulator.emulator import Emulator, Low
 from streamkit.builtin.emulator.kernel import Kernel, learn_kernel
-from streamkit.builtin.emulator.polynomial import Polynomial, Regression, count, monomials, regress
+from streamkit.builtin.emulator.polynomial import Polynomial, Regression, regress
 from streamkit.builtin.emulator.problem import Answers, Problem
+from streamkit.builtin.monomials import count, monomials
 
 # Polynomials that are tried: degrees, most terms, effective points for each term, and ridge penalties in units of the
 # mean diagonal of the normal equations.
