@@ -178,9 +178,7 @@ class Field:
     def pieces(self, n: int) -> list[slice]:
         """Return the slices of n particles that go to a thread each; one, where they are few or Python has a force."""
         count = 1 if self._in_python else min(self.threads, n // BATCH)
-        if count <= 1:
-            return [slice(0, n)]
-        edges = np.linspace(0, n, count + 1).astype(int).tolist()
+        edges = np.linspace(0, n, max(count, 1) + 1).astype(int).tolist()
         return [slice(*ends) for ends in pairwise(edges)]
 
     @cached_property
