@@ -7,7 +7,19 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from streamkit import AngleDatum, Array, BoolArray, LengthDatum, Mark, Number, Observable, Orbit, Prediction, Stream
+from streamkit import (
+    AngleDatum,
+    Array,
+    BoolArray,
+    IntArray,
+    LengthDatum,
+    Mark,
+    Number,
+    Observable,
+    Orbit,
+    Prediction,
+    Stream,
+)
 from streamkit.builtin.apocentre_mean import fit_arm
 from streamkit.builtin.apocentre_ridge import fit_turning
 from streamkit.builtin.apocentre_track import COVERAGE, FEWEST, TOO_FEW, WINDOW, ArmFit
@@ -70,6 +82,10 @@ class Apocentres(Observable):
         pairs = [getattr(self, name) or (np.nan, np.nan) for name in NAMES]
         values, errors = np.array(pairs).T
         return values, errors
+
+    def quantities(self) -> dict[str, IntArray]:
+        """Return the row of each number."""
+        return {name: np.array([row]) for row, name in enumerate(NAMES)}
 
     def mock(self, prediction: Prediction, rng: np.random.Generator) -> dict[str, Any]:
         """Return the numbers in use with Gaussian noise of their errors."""

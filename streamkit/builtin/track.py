@@ -167,6 +167,12 @@ class Track(sk.Observable):
         """Return the values and errors of all data, column after column; extra dispersions are not in the errors."""
         return tuple(np.concatenate([part[i] for part in self.given.values()]) for i in (1, 2))  # type: ignore[return-value]
 
+    def quantities(self) -> dict[str, sk.IntArray]:
+        """Return the rows of each column, by the name of its field."""
+        ends = np.cumsum([len(phi1) for phi1, _, _ in self.given.values()])
+        rows = np.split(np.arange(ends[-1]), ends[:-1])
+        return dict(zip(self.given, rows, strict=True))
+
     def predict(self, stream: sk.Stream) -> sk.Prediction:
         """Fit the line at every longitude.
 

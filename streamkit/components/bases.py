@@ -216,6 +216,14 @@ class Measurement(Component):
         for every set of parameters.
         """
 
+    def quantities(self) -> dict[str, IntArray]:
+        """Return the rows of `data` that belong to each measured quantity, by its name. Optional.
+
+        A quantity has one unit, such as a column of a table. Each row belongs to one quantity. By default all data are
+        one quantity with the name of the kind. `check` and the tables of a fit judge each quantity by itself.
+        """
+        return {self.kind: np.arange(len(self.data()[0]))}
+
     def covariance(self) -> Array | None:
         """Return the covariance (m, m) of the data, or None where their errors are independent. Optional.
 

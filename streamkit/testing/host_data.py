@@ -6,7 +6,7 @@ import numpy as np
 
 from streamkit import Array, G, HostData
 from streamkit.testing.common import Check, require
-from streamkit.testing.observables import has_a_covariance_of_its_data
+from streamkit.testing.observables import gives_each_datum_one_quantity, has_a_covariance_of_its_data
 
 
 class FlattenedHost:
@@ -62,4 +62,9 @@ def has_a_likelihood(data: HostData) -> None:
         )
 
 
-CHECKS: tuple[Check, ...] = (has_a_value, has_a_covariance_of_its_data, has_a_likelihood)
+CHECKS: tuple[Check, ...] = (
+    has_a_value,
+    has_a_covariance_of_its_data,
+    gives_each_datum_one_quantity,
+    has_a_likelihood,
+)

@@ -137,6 +137,13 @@ def has_a_covariance_of_its_data(observable: Observable | HostData) -> None:
     require(np.linalg.eigvalsh(some).min() > 0, "the covariance is not positive definite")
 
 
+def gives_each_datum_one_quantity(observable: Observable | HostData) -> None:
+    """Check that the rows of ``quantities()`` are those of the data, each once."""
+    rows = [int(row) for part in observable.quantities().values() for row in part]
+    m = len(observable.data()[0])
+    require(sorted(rows) == list(range(m)), f"quantities() gives the rows {sorted(rows)} for {m} data: each once")
+
+
 def has_a_likelihood(observable: Observable) -> None:
     """Check that an ``ln_likelihood`` of its own is one finite number, and the same again; None is a Gaussian."""
     full = _predict(observable, example_stream())
@@ -154,6 +161,7 @@ CHECKS: tuple[Check, ...] = (
     variance_is_that_of_the_scatter,
     says_why_not,
     has_a_covariance_of_its_data,
+    gives_each_datum_one_quantity,
     has_a_likelihood,
     observable_is_fast,
 )

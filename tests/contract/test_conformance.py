@@ -201,6 +201,9 @@ class Hasty(sk.Observable):
     def covariance(self):
         return np.array([[1.0, 2.0], [2.0, 1.0]])
 
+    def quantities(self):
+        return {"first": np.array([0])}
+
     def ln_likelihood(self, prediction, add_noise):
         return -np.inf
 
@@ -209,8 +212,8 @@ def test_an_observable_in_a_hurry():
     found = report(Hasty)
     assert set(found) == {
         "has a fixed length", "measures a stream", "does not care for the order", "leaves the stream alone",
-        "says why not", "has a covariance of its data", "has a likelihood", "keeps no state", "prints nothing",
-        "variance is that of the scatter", "observable is fast",
+        "says why not", "has a covariance of its data", "gives each datum one quantity", "has a likelihood",
+        "keeps no state", "prints nothing", "variance is that of the scatter", "observable is fast",
     }  # fmt: skip
     assert "for a stream with no particles" in found["says why not"]
 

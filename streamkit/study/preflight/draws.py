@@ -9,14 +9,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from streamkit.errors import OutOfDomain
-from streamkit.model import Model
+from streamkit.model import Model, Observation
 from streamkit.report import Progress
-from streamkit.runfile import Spec
-from streamkit.stream import Array, Prediction
+from streamkit.runfile import ModelInputs, Spec
+from streamkit.stream import Array
 from streamkit.study.preflight.limit import within_limit
 
 TRIAL_PARTICLES = 1000  # particles of the trial streams over the prior: enough to decide whether there is a stream
 BUDGET = 15.0  # CPU seconds after which no further trial stream is started
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One set of parameters with a stream that the observables can measure, and what they measure."""
+
+    bound: ModelInputs
+    observation: Observation
 
 
 @dataclass(frozen=True)
@@ -35,6 +43,8 @@ class PriorDraws:
         Reasons of the other draws, with their numbers.
     total
         CPU seconds of all of them.
+    trials
+        The streams of the draws in ``good``, and their predictions.
     """
 
     draws: int
@@ -42,18 +52,20 @@ class PriorDraws:
     seconds: Array
     reasons: Counter[str]
     total: float = 0.0
+    trials: tuple[Trial, ...] = ()
 
 
-def observe(model: Model, theta: Array) -> tuple[dict[str, Prediction], str]:
-    """Return the prediction of each stream at theta (d,), and the reason if a value is missing.
+def observe(model: Model, theta: Array) -> tuple[Trial | None, str]:
+    """Return the streams at theta (d,) with their predictions, and the reason if a value is missing.
 
     Raises CallTimeout if that takes too long.
     """
     try:
-        observation = within_limit(model.spec, model.observe_all, model.spec.bind_all(theta))
+        bound = model.spec.bind_all(theta)
+        observation = within_limit(model.spec, model.observe_all, bound)
     except OutOfDomain as error:
-        return {}, error.reason
-    return observation.predictions, "" if observation.prediction is None else observation.prediction.why_not
+        return None, error.reason
+    return Trial(bound, observation), "" if observation.prediction is None else observation.prediction.why_not
 
 
 def try_prior_draws(spec: Spec, draws: int, progress: bool = False) -> PriorDraws:
@@ -67,6 +79,7 @@ def try_prior_draws(spec: Spec, draws: int, progress: bool = False) -> PriorDraw
     reasons: Counter[str] = Counter()
     good: list[Array] = []
     seconds: list[float] = []
+    trials: list[Trial] = []
     done, start = 0, time.process_time()
     with Progress("trial streams over the prior", draws, "stream", shown=progress) as bar:
         for theta in points:
@@ -74,15 +87,15 @@ def try_prior_draws(spec: Spec, draws: int, progress: bool = False) -> PriorDraw
             if begin - start > BUDGET:
                 break
             done += 1
-            _, reason = observe(model, theta)
+            trial, reason = observe(model, theta)
             end = time.process_time()
-            if reason:
+            if trial is None or reason:
                 reasons[reason] += 1
             else:
                 good.append(theta)
+                trials.append(trial)
                 seconds.append(end - begin)
             bar.expect(min(draws, int(done * BUDGET / max(end - start, 1e-9)) + 1))
             bar.update()
-    return PriorDraws(
-        done, np.array(good).reshape(-1, len(spec.names)), np.array(seconds), reasons, time.process_time() - start
-    )
+    points = np.array(good).reshape(-1, len(spec.names))
+    return PriorDraws(done, points, np.array(seconds), reasons, time.process_time() - start, tuple(trials))

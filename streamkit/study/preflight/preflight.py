@@ -13,9 +13,11 @@ from streamkit.runfile import Spec, StreamInputs
 from streamkit.stream import Prediction
 from streamkit.study.preflight.conformance_warnings import conformance_warnings
 from streamkit.study.preflight.cost import Cost, search_cost, time_call
+from streamkit.study.preflight.data_warnings import data_warnings
 from streamkit.study.preflight.draws import PriorDraws, observe, try_prior_draws
 from streamkit.study.preflight.limit import within_limit
 from streamkit.study.preflight.orbit import OrbitSummary, summarise_orbit
+from streamkit.study.preflight.progenitor_warnings import frame_warnings, progenitor_warnings
 from streamkit.study.preflight.warnings import orbit_warnings, prior_warnings, short_lookback, sun_warnings
 
 
@@ -75,7 +77,8 @@ def run_preflight(spec: Spec, *, draws: int = 64, progress: bool = False) -> Pre
     bound = spec.bind_all(centre)
     orbits = {name: within_limit(spec, summarise_orbit, inputs) for name, inputs in bound.streams.items()}
     begin = time.process_time()
-    predictions, reason = observe(Model(spec), centre)
+    trial, reason = observe(Model(spec), centre)
+    predictions = trial.observation.predictions if trial is not None else {}
     first = time.process_time() - begin
     tried = try_prior_draws(spec, draws, progress) if draws and spec.names else None
     centre_name = "the prior's centre" if spec.names else "the given parameters"
@@ -94,7 +97,9 @@ def run_preflight(spec: Spec, *, draws: int = 64, progress: bool = False) -> Pre
     for look in looks.values():
         if look.prediction is not None:
             warnings += remarks_of(look.inputs.observables, look.prediction)
-    warnings += prior_warnings(tried)
+    trials = [trial] if trial is not None and not reason else []
+    warnings += data_warnings(spec, [*trials, *(tried.trials if tried is not None else ())])
+    warnings += prior_warnings(spec, bound, tried)
     warnings += [f"This run file cannot be fitted: {unfit}."] if unfit else spec.sampler.advice(len(spec.names))
     warnings += sun_warnings(bound.sun)
     return Preflight(
@@ -107,5 +112,6 @@ def _of_streams(spec: Spec, looks: Mapping[str, Look]) -> list[str]:
     warnings = []
     for name, look in looks.items():
         before = f"{name}: " if len(looks) > 1 else ""
-        warnings += [before + text for text in orbit_warnings(spec, look.inputs, look.orbit)]
+        texts = [*orbit_warnings(spec, look.inputs, look.orbit), *progenitor_warnings(look.inputs, look.orbit)]
+        warnings += [before + text for text in [*texts, *frame_warnings(spec, look.inputs)]]
     return warnings

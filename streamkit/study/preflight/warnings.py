@@ -7,12 +7,18 @@ from functools import reduce
 import numpy as np
 
 from streamkit.errors import OutOfDomain
-from streamkit.runfile import Spec, StreamInputs, Sun
+from streamkit.model import Host
+from streamkit.runfile import ModelInputs, Spec, StreamInputs, Sun
 from streamkit.study.preflight.draws import PriorDraws
 from streamkit.study.preflight.orbit import HORIZON, OrbitSummary, summarise_orbit
 
 # Ranges that hold every recent measurement of the Sun's place and of the rotation there.
 USUAL_SUN = {"r0": (7.0, 9.0, "kpc"), "z": (-0.1, 0.1, "kpc"), "v_circ": (180.0, 280.0, "km/s")}
+
+FEWEST_PARTICLES = 100  # particles below which the remedy for rare streams is more of them
+# A progenitor is not bound to a host whose circular speed is so many times smaller than its own speed; no galaxy has a
+# circular speed above the limit in km/s.
+SLOW_HOST, SPEED_LIMIT = 10.0, 2000.0
 
 
 def orbit_warnings(spec: Spec, inputs: StreamInputs, orbit: OrbitSummary) -> list[str]:
@@ -21,7 +27,8 @@ def orbit_warnings(spec: Spec, inputs: StreamInputs, orbit: OrbitSummary) -> lis
         why = f"has no apocentre within the last {HORIZON:g} Gyr"
         if orbit.escapes:
             why = "is unbound: its energy is above the host's potential at infinity"
-        return [f"The progenitor {why}, so there is no stream with apocentres.{_swapped(spec, inputs.name)}"]
+        hint = _swapped(spec, inputs.name) or _odd_host(inputs)
+        return [f"The progenitor {why}, so there is no stream with apocentres.{hint}"]
     checks = [
         (not orbit.returns, "The progenitor has no apocentre in the next 6 Gyr: the leading arm cannot be measured."),
         (
@@ -73,8 +80,11 @@ def _swapped(spec: Spec, stream: str) -> str:
     )
 
 
-def prior_warnings(tried: PriorDraws | None) -> list[str]:
-    """Return the warnings about a prior where streams are rare, or where some cost far more than most."""
+def prior_warnings(spec: Spec, bound: ModelInputs, tried: PriorDraws | None) -> list[str]:
+    """Return the warnings about a prior where streams are rare, or where some cost far more than most.
+
+    ``bound`` is the run file at the prior's centre.
+    """
     if tried is None:
         return []
     warnings = []
@@ -82,7 +92,7 @@ def prior_warnings(tried: PriorDraws | None) -> list[str]:
     if good < 0.1 * tried.draws:
         warnings.append(
             f"Only {good} of {tried.draws} points drawn from the prior have a stream that can be measured: "
-            "the walkers will be hard to start. Narrow the priors."
+            f"the walkers will be hard to start. {_remedy(spec, bound, tried)}"
         )
     if good >= 8:
         middle, dear = np.percentile(tried.seconds, [50, 95])
@@ -92,6 +102,33 @@ def prior_warnings(tried: PriorDraws | None) -> list[str]:
                 "wait for the slowest."
             )
     return warnings
+
+
+def _remedy(spec: Spec, bound: ModelInputs, tried: PriorDraws) -> str:
+    """Return the likely reason why streams are rare, and the change that helps."""
+    for name, inputs in bound.streams.items():
+        if inputs.stripping.particles < FEWEST_PARTICLES:
+            path = f"{spec.prefix(name)}stripping.particles"
+            return f"{path} = {inputs.stripping.particles} is too few for any measurement: take some thousand."
+    for inputs in bound.streams.values():
+        if hint := _odd_host(inputs):
+            return hint.strip()
+    most, count = next(iter(tried.reasons.most_common(1)), ("", 0))
+    why = f"Most often ({count} of {tried.draws}): {most}. " if most else ""
+    return f"{why}Narrow the priors about streams that can be measured."
+
+
+def _odd_host(inputs: StreamInputs) -> str:
+    """Name the likely mistake in the units of a host that is far too light or too heavy; empty for another host."""
+    radius, speed = (float(np.sqrt(x @ x)) for x in (inputs.q, inputs.v))
+    circular = float(Host(inputs.potentials).circular_velocity(np.array([radius]))[0])
+    if speed / SLOW_HOST < circular < max(SPEED_LIMIT, speed):
+        return ""
+    return (
+        f" The host's circular speed is {circular:.3g} km/s at the progenitor's {radius:.3g} kpc, and the progenitor's "
+        f"speed {speed:.3g} km/s. Is a speed in m/s, or the exponent of a mass wrong? Speeds are in km/s, masses in "
+        "Msun, unless they have a unit."
+    )
 
 
 def sun_warnings(sun: Sun) -> list[str]:

@@ -237,11 +237,12 @@ def test_the_prior_draws_count_every_draw_once_and_repeats_itself() -> None:
 
 def test_rare_and_dear_streams_are_named() -> None:
     rare = PriorDraws(64, np.zeros((2, 11)), np.ones(2), reasons=try_prior_draws(paper(), 0).reasons)
-    assert "Only 2 of 64" in prior_warnings(rare)[0]
+    spec = paper()
+    assert "Only 2 of 64" in prior_warnings(spec, spec.bind_all(), rare)[0]
     dear = PriorDraws(64, np.zeros((20, 11)), np.r_[np.ones(18), 40.0, 40.0], reasons=rare.reasons)
-    assert "40 times the usual" in prior_warnings(dear)[0]
+    assert "40 times the usual" in prior_warnings(spec, spec.bind_all(), dear)[0]
     even = PriorDraws(64, np.zeros((20, 11)), np.ones(20), reasons=rare.reasons)
-    assert prior_warnings(even) == []
+    assert prior_warnings(spec, spec.bind_all(), even) == []
 
 
 def test_the_cost_is_that_of_a_call_of_this_process() -> None:

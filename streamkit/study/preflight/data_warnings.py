@@ -1,0 +1,162 @@
+"""Warnings about data that no trial stream comes near, with the likely mistake in them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from streamkit.components import HostData, Measurement, Observable
+from streamkit.errors import StreamkitError
+from streamkit.model import Host
+from streamkit.observe import UNNAMED, measure_host, measure_stream, parts_of
+from streamkit.runfile import Spec
+from streamkit.stream import IntArray, Prediction
+from streamkit.study.preflight.corrections import corrected
+from streamkit.study.preflight.draws import Trial
+
+# Data are near a trial stream whose median distance from them is within so many errors, or within the spread of all
+# trial streams there: few draws from a broad prior come no nearer.
+NEAR_ERRORS = 3.0
+# Distances of the nearest trial stream, in errors or in spreads, from which on data are doubted: with and without a
+# correction that brings them near.
+FAR, VERY_FAR = 5.0, 30.0
+FEW_TRIALS = 8  # trials below which their spread is not known
+MOST_TRIALS = 16  # trial streams that corrected data are compared with
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """One measurement in all trials: its path in the run file, its predictions, and a function for others."""
+
+    path: str
+    measurement: Measurement
+    predictions: list[Prediction]
+    predict: Callable[[Measurement], list[Prediction]]
+
+
+class _Distance(NamedTuple):
+    """The distance of data from the nearest trial stream: that of the median datum.
+
+    Attributes
+    ----------
+    errors
+        In errors of the data, the noise of the trial stream included.
+    spreads
+        In standard deviations of the predictions of all trials; 0 where they are few.
+    nearness
+        In the larger of `NEAR_ERRORS` errors and one spread.
+    rank
+        In spreads, or in predicted values where trials are few: no error of the data enters.
+    """
+
+    errors: float
+    spreads: float
+    nearness: float
+    rank: float
+
+    def beyond(self, limit: float) -> bool:
+        """Say whether the data are farther than a limit in errors or in spreads, and not near."""
+        return self.nearness > 1 and max(self.errors, self.spreads) > limit
+
+
+NOWHERE = _Distance(np.nan, np.nan, np.nan, np.nan)  # without a datum or a prediction
+
+
+def data_warnings(spec: Spec, trials: Sequence[Trial]) -> list[str]:
+    """Return a warning for each measured quantity that no trial stream comes near."""
+    if not trials:
+        return []
+    warnings = []
+    for measured in [*_of_streams(spec, trials), *_of_host(trials)]:
+        for name, rows in measured.measurement.quantities().items():
+            distance = _distance(measured.measurement, measured.predictions, rows)
+            if not distance.beyond(FAR):
+                continue
+            if (correction := _correction(measured, name)) or distance.beyond(VERY_FAR):
+                warnings.append(_warning(measured, name, distance, correction, len(trials)))
+    return warnings
+
+
+def _of_streams(spec: Spec, trials: Sequence[Trial]) -> list[_Measured]:
+    measured = []
+    for stream, inputs in trials[0].bound.streams.items():
+        for name, observable in inputs.observables.items():
+            parts = [parts_of(trial.observation.predictions[stream])[name] for trial in trials]
+
+            def predict(other: Measurement, stream: str = stream, name: str = name) -> list[Prediction]:
+                assert isinstance(other, Observable)  # noqa: S101  a corrected observable is one
+                made = [measure_stream({name: other}, trial.observation.streams[stream]) for trial in _some(trials)]
+                return [parts_of(one)[name] for one in made if one is not None]
+
+            path = f"{spec.prefix(stream)}observable" + (f".{name}" if name != UNNAMED else "")
+            measured.append(_Measured(path, observable, parts, predict))
+    return measured
+
+
+def _of_host(trials: Sequence[Trial]) -> list[_Measured]:
+    measured = []
+    for name, data in trials[0].bound.data.items():
+
+        def predict(other: Measurement) -> list[Prediction]:
+            assert isinstance(other, HostData)  # noqa: S101  corrected data on the host are such
+            bound = [trial.bound for trial in _some(trials)]
+            return [measure_host(other, Host(one.potentials, one.bodies)) for one in bound]
+
+        parts = [trial.observation.predictions[f"data.{name}"] for trial in trials]
+        measured.append(_Measured(f"data.{name}", data, parts, predict))
+    return measured
+
+
+def _some(trials: Sequence[Trial]) -> list[Trial]:
+    return [trials[i] for i in np.unique(np.linspace(0, len(trials) - 1, MOST_TRIALS).astype(int))]
+
+
+def _distance(measurement: Measurement, predictions: Sequence[Prediction], rows: IntArray) -> _Distance:
+    """Return the distance of some rows of the data from the nearest prediction."""
+    values, errors = (np.asarray(each, dtype=float)[rows] for each in measurement.data())
+    usable = [prediction for prediction in predictions if not prediction.why_not]
+    there = np.isfinite(values)
+    if not usable or not there.any():
+        return NOWHERE
+    mean, variance = (np.array([getattr(one, name)[rows[there]] for one in usable]) for name in ("mean", "variance"))
+    away = np.abs(mean - values[there])
+    scatter = np.hypot(errors[there], np.sqrt(variance))
+    spread = mean.std(axis=0) if len(usable) >= FEW_TRIALS else np.zeros(there.sum())
+    near = np.maximum(NEAR_ERRORS * scatter, spread)
+    spreads = np.where(spread > 0, spread, np.inf)
+    units = (scatter, spreads, near, np.where(spread > 0, spread, np.abs(mean)))
+    return _Distance(*(float(np.median(away / unit, axis=1).min()) for unit in units))
+
+
+def _warning(measured: _Measured, name: str, distance: _Distance, correction: str, trials: int) -> str:
+    single = len(measured.measurement.quantities()) == 1
+    path = measured.path if single else f"{measured.path}.{name}"
+    streams = f"none of {trials} trial streams comes" if trials > 1 else "the trial stream does not come"
+    text = f"{path}: {streams} near these data; the median datum is {distance.errors:.0f} errors away."
+    if correction:
+        return f"{text} With {correction} the data lie among the streams. Is that the mistake?"
+    return f"{text} Check unit, sign, column names and frame of the data, and the priors."
+
+
+def _correction(measured: _Measured, name: str) -> str:
+    """Return the correction that brings the data nearest to the streams; an empty text if none brings them near.
+
+    A correction that takes another quantity away from the streams is none.
+    """
+    rows = measured.measurement.quantities()
+    before = {other: _distance(measured.measurement, measured.predictions, rows[other]).nearness for other in rows}
+    best, least = "", np.inf
+    for text, other in corrected(measured.measurement):
+        try:
+            with np.errstate(all="ignore"):
+                made, rows = measured.predict(other), other.quantities()
+                after = {each: _distance(other, made, rows[each]) for each in before}
+        except (StreamkitError, KeyError):  # the measurement has no prediction with this change
+            continue
+        worse = any(after[each].nearness > max(1.0, before[each]) for each in before)
+        if after[name].nearness < 1 and after[name].rank < least and not worse:
+            best, least = text, after[name].rank
+    return best
