@@ -21,6 +21,8 @@ MOST_STEPS = 20_000  # most steps from the look-back time to today
 SHARE_OF_ORBIT = 0.06  # longest step in units of the progenitor's distance over its speed
 ELSEWHERE = 0.01  # longest time in Gyr between two kicks by the host, for the debris that is elsewhere on the orbit
 ARC = 0.4  # radians that the progenitor turns in a block at most
+# Dynamical times (a^3 / G M)^(1/2) in which the progenitor may not lose all of its mass but this share.
+AT_ONCE, LITTLE = 10.0, 0.01
 UNBOUND = 0.5  # most of the mass that may be unbound at the start: more is no progenitor
 
 
@@ -65,6 +67,7 @@ def follow_live(
     with blamed(name):
         people = scheme.populate(read_only(states[0].copy()), satellite, read_only(points))
     q, v, mass = _checked(people, name)
+    dynamical = np.sqrt(satellite.scale**3 / (G * satellite.mass))
     field = replace(host.until(float(track.t[0])), threads=threads)
     moving = MovingForce(field, track)
     books = _Books(track, q, v, edges[0], at_edges)
@@ -85,6 +88,11 @@ def follow_live(
     for k in range(1, len(edges)):
         moving.advance(remnant.force, q, v, edges[k - 1], edges[k], steps[k - 1], kicks[k - 1])
         remnant = renewed(k, remnant)
+        if left[k] < LITTLE * left[0] and edges[k] - edges[0] < AT_ONCE * dynamical:
+            raise OutOfDomain(
+                f"the progenitor {inputs.satellite.kind} dissolves at once: within {AT_ONCE:g} of its dynamical times "
+                "from the look-back time next to nothing of it is bound. It is too large for its tidal radius"
+            )
         books.write(edges[k], states[k], r_tidal[k])
     done = books.close(remnant)
     over_time = np.interp(track.t, edges, left)
