@@ -151,7 +151,9 @@ def main() -> None:
     file = given.output / "draws.jsonl"
     known = [Draw.of_line(line) for line in file.read_text().splitlines()] if file.exists() else []
     for index in range(len(known), given.draws):
-        known.append(make_draw(spec, settings(given.fit), given.passages, index, given.particles, given.output, given.dissolved))
+        changes = settings(given.fit)
+        draw = make_draw(spec, changes, given.passages, index, given.particles, given.output, given.dissolved)
+        known.append(draw)
         with file.open("a") as lines:
             lines.write(known[-1].line() + "\n")
         print(f"{index + 1} of {given.draws} draws", flush=True)
