@@ -93,9 +93,8 @@ def test_particles_faster_than_their_escape_speed_are_a_sentence(tmp_path: Path)
 def test_a_progenitor_that_dissolves_at_once_is_a_sentence(tmp_path: Path) -> None:
     """Half its mass is just inside its tidal radius when it falls through its pericentre."""
     file = tmp_path / "live.toml"
-    text = LIVE.format(progenitor=PLUMMER.format(radius="RADIUS kpc"), kind="restricted_nbody", stripping="")
-    text = text.replace("vy = 120\nvz = 100", "vy = 30\nvz = 10").replace("x = 25", "x = 8")
-    file.write_text(text.replace("RADIUS", "0.7"))
+    text = LIVE.format(progenitor=PLUMMER.format(radius="1 kpc"), kind="restricted_nbody", stripping="particles = 200")
+    file.write_text(text.replace("x = 25", "x = 12").replace("vy = 120\nvz = 100", "vy = 40\nvz = 50"))
     message = " ".join(refused("stream", file).split())
     assert file.name in message
     assert "dissolves at once: within 10 of its dynamical times" in message
