@@ -57,7 +57,9 @@ from .fields import SpeedArray as SpeedArray
 from .fields import Table as Table
 from .fields import TimeArray as TimeArray
 from .fields import VelocityArray as VelocityArray
+from .model import Host as Host
 from .model import Model as Model
+from .report import draw_track as draw_track
 from .runfile import LogUniform as LogUniform
 from .runfile import Normal as Normal
 from .runfile import Prior as Prior
@@ -81,10 +83,14 @@ from .stream import PanelData as PanelData
 from .stream import Prediction as Prediction
 from .stream import Release as Release
 from .stream import Seen as Seen
+from .stream import SkyFrame as SkyFrame
+from .stream import SkyTrack as SkyTrack
 from .stream import Stream as Stream
 from .stream import place_on_sky as place_on_sky
+from .stream import sky_frame as sky_frame
 from .stream import sky_matrix as sky_matrix
 from .study.fit import Results as Results
+from .study.fit import host_table as host_table
 from .study.fit import load_results as load_results
 from .study.fit import run as run
 from .units import GYR as GYR

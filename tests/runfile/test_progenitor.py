@@ -89,7 +89,7 @@ def test_the_sun_must_be_near_the_plane() -> None:
         Sun(r0=8, z=9)
 
 
-@pytest.mark.parametrize("frame", ["GD1Koposov10", "SagittariusLaw10", {"pole": (30.0, 40.0), "origin": (200.0, 0.0)}])
+@pytest.mark.parametrize("frame", ["GD1Koposov10", "SagittariusLaw10", {"pole": (30.0, 40.0), "origin": (120.0, 0.0)}])
 def test_a_place_in_a_frame_of_a_stream_is_the_same_place_in_icrs(frame: Any) -> None:
     """Left-handed frames too; the way there is the one that streams are seen by."""
     star = {"ra": 140.0, "dec": 30.0, "distance": 9.0, "pm_ra_cosdec": -5.0, "pm_dec": -8.0, "v_los": 40.0}
