@@ -225,7 +225,7 @@ class Track(sk.Observable):
         return sk.Prediction(self.names, mean, variance, details=details)
 
     def shows(self, stream: sk.Stream) -> bool:
-        """Say whether the stream has enough debris for lines."""
+        """Return whether the stream has enough debris for lines."""
         chosen = self._chosen(stream)
         return bool(chosen.sum() >= FEWEST and stream.weight[chosen].sum() > 0)
 

@@ -62,7 +62,7 @@ class Component(BaseModel, ABC):
         return cls
 
     def __eq__(self, other: object) -> bool:
-        """Say whether two components have the same class and the same values; arrays are compared by their numbers."""
+        """Return whether two components have the same class and equal values; arrays are compared by their numbers."""
         if type(self) is not type(other):
             return NotImplemented
         pairs = ((getattr(self, name), getattr(other, name)) for name in type(self).model_fields)

@@ -90,7 +90,7 @@ def supplier_of(point: EntryPoint) -> str:
 
 
 def is_ours(point: EntryPoint) -> bool:
-    """Say whether an entry point is that of the built-in components."""
+    """Return whether an entry point is that of the built-in components."""
     return point.value.startswith(PACKAGE_PREFIX)
 
 
@@ -207,7 +207,7 @@ def check_class(cls: Any) -> None:
 
 
 def _has(cls: type[Component], name: str) -> bool:
-    """Say whether a class has a field, or defines a constant, that its base annotates."""
+    """Return whether a class has a field, or defines a constant, that its base annotates."""
     return name in cls.model_fields or hasattr(cls, name)
 
 
@@ -236,7 +236,7 @@ def _module_name(path: Path, digest: str) -> str:
 
 
 def is_loaded(path: Path) -> bool:
-    """Say whether a plugin file with this name and content was imported by this process already."""
+    """Return whether a plugin file with this name and content was imported by this process already."""
     try:
         expect_file(path)
         return _module_name(path, _digest(with_neighbours(path))) in sys.modules

@@ -234,12 +234,12 @@ class Potential(Component):
 
     @classmethod
     def has_energy(cls) -> bool:
-        """Say whether the class defines `potential`."""
+        """Return whether the class defines `potential`."""
         return cls.potential is not Potential.potential
 
     @classmethod
     def has_drag(cls) -> bool:
-        """Say whether the class defines `drag`."""
+        """Return whether the class defines `drag`."""
         return cls.drag is not Potential.drag
 
     @property
@@ -257,7 +257,7 @@ class Potential(Component):
     @classmethod
     @cache
     def asks_for_host(cls) -> bool:
-        """Say whether `prepare` has the argument ``host``."""
+        """Return whether `prepare` has the argument ``host``."""
         return HOST in inspect.signature(cls.prepare).parameters and HOST not in cls.model_fields
 
     def beside(self, others: tuple[Potential, ...]) -> Potential:

@@ -35,7 +35,7 @@ class Part(Protocol):
 
     @classmethod
     def has_energy(cls) -> bool:
-        """Say whether it gives a potential."""
+        """Return whether it gives a potential."""
 
 
 @dataclass(frozen=True)

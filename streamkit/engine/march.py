@@ -152,7 +152,7 @@ class MovingForce:
         if sphere is None:
             field = self._field_with(force)
             method = Method(LEAPFROG.drift, LEAPFROG.kick, np.zeros(2), max(steps, kicks), np.empty(0))
-            _in_threads(field, lambda *parts: _march(field.whole, method, *parts, t0, t1), (*q, *v))
+            _in_threads(field, lambda *parts: _march(field.all_forces, method, *parts, t0, t1), (*q, *v))
         else:
             field, (often, each) = self._bare, split_kicks(steps, kicks)
             _in_threads(

@@ -165,7 +165,7 @@ class Host:
         return None if depth is None else 0.5 * (v**2).sum(axis=0) + depth
 
     def unbinds(self, q: Array, v: Array) -> bool | None:
-        """Say whether the energy at q, v (3,) exceeds the potential at infinity; None if that is unknown."""
+        """Return whether the energy at q, v (3,) exceeds the potential at infinity; None if that is unknown."""
         here = self.energy(q[:, None], v[:, None])
         there = self.potential((q * (INFINITY / np.sqrt(q @ q)))[:, None])
         return None if here is None or there is None else bool(here[0] > there[0])

@@ -47,9 +47,9 @@ class Model:
 
     def data(self, inputs: StreamInputs) -> dict[str, Data]:
         """Return the data of a stream's observables by name; read once if no field of one has a prior."""
-        return {name: self.known(f"stream.{inputs.name}", name, one) for name, one in inputs.observables.items()}
+        return {name: self.data_of(f"stream.{inputs.name}", name, one) for name, one in inputs.observables.items()}
 
-    def known(self, place: str, name: str, measurement: Measurement) -> Data:
+    def data_of(self, place: str, name: str, measurement: Measurement) -> Data:
         """Return the data of one measurement; read once if no field of it has a prior."""
         measured, data = self._data.get((place, name), (None, None))
         if data is None or measured is not measurement:  # a measurement with free fields is a new instance in each call
@@ -122,7 +122,7 @@ class Model:
         host = host or Host(model_inputs.potentials, model_inputs.bodies)
         with self.naming_parameters(model_inputs.values):
             data = model_inputs.data
-            return {name: measure_host(one, host, self.known("data", name, one)) for name, one in data.items()}
+            return {name: measure_host(one, host, self.data_of("data", name, one)) for name, one in data.items()}
 
     @contextmanager
     def naming_parameters(self, values: Mapping[str, float]) -> Iterator[None]:

@@ -194,9 +194,14 @@ def test_the_sky_costs_little() -> None:
     assert (time.process_time() - begin) / 20 < 5e-3
 
 
-def test_the_names_of_a_stream_frame_are_those_of_the_angles(stream):
+@pytest.mark.parametrize(
+    ("former", "name"),
+    [("phi1", "lon"), ("phi2", "lat"), ("pm_phi1_cosphi2", "pm_lon_coslat"), ("pm_phi2", "pm_lat")],
+)
+def test_a_former_name_warns_and_gives_the_same(stream, former, name):
+    """CONTRIBUTING, versions: a renamed name works for one minor version, with a warning that has the new one."""
     seen = stream.seen("GD1Koposov10")
-    assert seen.phi1 is seen.lon
-    assert seen.phi2 is seen.lat
-    assert seen.pm_phi1_cosphi2 is seen.pm_lon_coslat
-    assert seen.pm_phi2 is seen.pm_lat
+    with pytest.warns(DeprecationWarning, match=f"^Seen.{former} is now {name}:") as caught:
+        value = getattr(seen, former)
+    assert value is getattr(seen, name)
+    assert caught[0].filename == __file__

@@ -26,17 +26,7 @@ DRAWN = 2000  # steps that a trace shows at most
 
 
 class ChainDraws(Draws):
-    """A chain.
-
-    Parameters
-    ----------
-    stored
-        The chain as it is stored.
-    sampler
-        The sampler that made it.
-    quick
-        Whether the run is a coarse look: half of it is burn-in then.
-    """
+    """A stored chain, judged by the rule of its sampler. Half of the chain of a quick run is burn-in."""
 
     def __init__(self, stored: Chain, sampler: ChainSampler, quick: bool) -> None:
         super().__init__(stored.chain, stored.log_prob, stored.blobs, stored.attributes, quick)
@@ -143,6 +133,6 @@ class ChainDraws(Draws):
         return {"ranks": partial(rank_plots, self.kept, self.tau, labels)}
 
     def wanted_steps(self) -> float:
-        """Return the steps of learning and as many autocorrelation times as the rule wants."""
+        """Return the steps of learning and as many autocorrelation times as the rule needs."""
         judged = self.convergence
         return judged.learned + judged.tau_factor * float(np.max(judged.tau))

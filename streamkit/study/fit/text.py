@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def stuck_warnings(stuck: Sequence[int], walkers: int) -> list[str]:
-    """Say which walkers are stuck, and what to do."""
+    """Return a warning that names stuck walkers and the remedy; none without any."""
     if not stuck:
         return []
     which = ", ".join(str(walker) for walker in stuck)
@@ -33,7 +33,7 @@ PRINTED_RADII = (50.0, 100.0, 150.0, 200.0)
 
 
 def describe_results(results: Results) -> str:
-    """Show a run: whether it can be trusted, the parameters, the masses, what became of its calls."""
+    """Return a run as text: its convergence, the parameters, the masses, the counts of its calls."""
     draws = results.draws
     summary, profile = results.summary(), results.mass_profile(PRINTED_RADII)
     rows = [("parameter", "median", "68 %", "95 %", "unit", "tau", "n_eff")]
