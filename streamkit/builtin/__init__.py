@@ -22,6 +22,7 @@ from streamkit.builtin import (
     stripping,
     track,
 )
+from streamkit.builtin.emulator.sampler import PredictionEmulator
 from streamkit.builtin.ensemble import sampler
 
 STREAMKIT_CONTRACT = CONTRACT
@@ -66,6 +67,7 @@ def streamkit_components() -> list[type[Component] | Preset]:
         density.Density,
         remnant.RemnantData,
         sampler.Emcee,
+        PredictionEmulator,
         host_data.RotationCurve,
         host_data.CircularVelocity,
         host_data.EnclosedMass,
