@@ -19,6 +19,7 @@ import numpy as np
 
 import streamkit as sk
 from streamkit.observe import parts_of
+from streamkit.runfile import literal
 
 DEGREE = 4
 
@@ -48,7 +49,7 @@ def main() -> None:
     parser.add_argument("--particles", nargs="*", type=int, default=[2500, 5000, 10000, 20000])
     parser.add_argument("--points", type=int, default=21)
     given = parser.parse_args()
-    changes = {path: sk.runfile.literal(value) for path, value in (word.split("=", 1) for word in given.set)}
+    changes = {path: literal(value) for path, value in (word.split("=", 1) for word in given.set)}
     spec = sk.load(given.run_file).with_values(changes)
     spec = with_mock(spec, 4 * max(given.particles))
     centre, which = spec.centre(), spec.names.index(given.parameter)
