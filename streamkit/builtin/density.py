@@ -117,7 +117,7 @@ class Density(sk.Observable):
         A Gaussian with faint exponential wings: where debris is missing the model falls with the distance to it.
         """
         chosen = self._chosen(stream)
-        away = np.subtract.outer(at, stream.seen(self.frame).phi1[chosen])
+        away = np.subtract.outer(at, stream.seen(self.frame).lon[chosen])
         x2 = (((away + 180) % 360 - 180) / self.kernel) ** 2
         return np.asarray((np.exp(-0.5 * x2) + np.exp(LN_WING + 1 - np.sqrt(1 + x2))) * stream.weight[chosen])
 
@@ -154,7 +154,7 @@ class Density(sk.Observable):
             line = grid, efficiency * (self.amplitude * shape + self.background)
         data = sk.PanelData(np.arange(len(count)), phi1, count, error, pull)
         nowhere = np.full(len(stream), np.nan)
-        x = stream.seen(self.frame).phi1
+        x = stream.seen(self.frame).lon
         return (column_panel(longitude_label(self.frame, False), "stars in a bin", (x, nowhere), data, line),)
 
     def remarks(self, prediction: sk.Prediction) -> tuple[str, ...]:

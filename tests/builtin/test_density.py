@@ -15,7 +15,7 @@ FRAME = {"pole": [192.86, 27.13], "origin": [266.4, -28.94]}
 
 def at(stream, count=25, **fields):
     """The observable with bins over the middle of the debris."""
-    phi1 = stream.seen(FRAME).phi1[~stream.bound]
+    phi1 = stream.seen(FRAME).lon[~stream.bound]
     places = np.linspace(*np.percentile(phi1, [25, 75]), count)
     fields = {"amplitude": 40.0, "background": 3.0, "kernel": 4.0, **fields}
     counts = {"phi1": places, "count": np.full(count, 20.0), **fields.pop("more", {})}
@@ -54,7 +54,7 @@ def test_amplitude_is_the_mean_count_and_the_shape_that_of_a_histogram(stream):
     observable = at(stream, count=9, kernel=1.0, background=0.0)
     prediction = observable.predict(stream)
     assert prediction.mean.mean() == pytest.approx(40.0, rel=0.02)
-    debris = stream.seen(FRAME).phi1[~stream.bound]
+    debris = stream.seen(FRAME).lon[~stream.bound]
     kernel = np.exp(-0.5 * (observable.counts["phi1"][:, None] - debris) ** 2).sum(axis=1)
     assert prediction.mean == pytest.approx(40 * kernel / kernel.mean(), rel=0.02)
 
@@ -80,8 +80,8 @@ def test_variance_is_the_scatter_over_streams(stream):
 
 
 def test_without_debris_at_the_data_the_likelihood_falls_with_the_distance(stream):
-    debris = stream.seen(FRAME).phi1[~stream.bound]
-    narrow = replace(stream, bound=stream.bound | (np.abs(stream.seen(FRAME).phi1 - np.median(debris)) > 5))
+    debris = stream.seen(FRAME).lon[~stream.bound]
+    narrow = replace(stream, bound=stream.bound | (np.abs(stream.seen(FRAME).lon - np.median(debris)) > 5))
     middle = float(np.median(debris))
     values = []
     for away in (15.0, 20.0, 25.0):
