@@ -41,6 +41,7 @@ from streamkit.nbody import as_stream, read_snapshot
 from streamkit.nbody.as_stream import FEWEST
 from streamkit.runfile.inputs import ONLY
 from streamkit.stream import seen_from, sky_matrix
+from streamkit.study.ablation.variants import varied
 from streamkit.study.calibration import Calibration, Draw, calibration_products, measurable_truths, rank_truth
 from streamkit.study.grid import draw_pictures, write_tables
 
@@ -127,7 +128,7 @@ def make_draw(
         known = {path: value for path, value in core.items() if path not in spec.names}
         true = np.array([core.get(name, value) for name, value in zip(spec.names, theta, strict=True)])
         fields = {f"observable.{name}": value for name, value in data.items()}
-        results = best_fit(spec.with_values(known | fields | changes), passages)
+        results = best_fit(varied(spec.with_values(known | fields), changes), passages)
         return rank_truth(results, index, true, spec)
     raise SystemExit(f"draw {index}: none of {TRIES} satellites has a core and can be measured")
 

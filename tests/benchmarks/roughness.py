@@ -20,6 +20,7 @@ import numpy as np
 import streamkit as sk
 from streamkit.observe import parts_of
 from streamkit.runfile import literal
+from streamkit.study.ablation.variants import varied
 
 DEGREE = 4
 
@@ -50,7 +51,7 @@ def main() -> None:
     parser.add_argument("--points", type=int, default=21)
     given = parser.parse_args()
     changes = {path: literal(value) for path, value in (word.split("=", 1) for word in given.set)}
-    spec = sk.load(given.run_file).with_values(changes)
+    spec = varied(sk.load(given.run_file), changes)
     spec = with_mock(spec, 4 * max(given.particles))
     centre, which = spec.centre(), spec.names.index(given.parameter)
     s = np.linspace(-1.0, 1.0, given.points)
