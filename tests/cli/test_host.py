@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from astropy.table import QTable
-from commands import RUN, call, refused
+from commands import call, refused
+from runfiles import RUN
 from pictures import assert_readable
 
 import streamkit as sk
