@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from astropy.table import QTable
 from commands import call, refused
-from runfiles import RUN
 from pictures import assert_readable
+from runfiles import RUN
 
 import streamkit as sk
 from streamkit.model import moving_objects
