@@ -103,6 +103,8 @@ def carry_out(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
         runpy.run_path(command.script[0], run_name="__main__")
     if command.arguments:
         short = ["3" if option == "--steps" else word for option, word in pairwise(["", *command.arguments])]
+        if "--sampler" in short:
+            short += ["--set", "sampler.max_calls=100", "--set", "sampler.starts=1"]
         result = call(*short)
         assert result.exit_code == 0, f"{command.words}\n{result.output}"
         assert result.stdout
