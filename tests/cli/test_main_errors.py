@@ -72,6 +72,8 @@ def test_bad_run_files(run_file: Path) -> None:
         ('"3e8 Msun"', '"-3e8 Msun"', ["progenitor.mass", "-3e+08"]),
         ("seed = 7", "version = 99", ["version", "99"]),
         ("seed = 7", "seed = ", ["not valid TOML"]),
+        ('lookback = "3.77 Gyr"', "lookback = 3 Gyr", ['A quantity needs quotes: "3 Gyr"']),
+        ('"190 km/s", "230 km/s"', '190 km/s, "230 km/s"', ['A quantity needs quotes: "190 km/s"']),
         ('leading = ["57.0 kpc", "1.0 kpc"]', 'leading = ["57.0 kpc"]', ["observable.leading", "57.0 kpc"]),
     ):
         run_file.write_text(RUN.replace(old, new))

@@ -25,9 +25,11 @@ from streamkit.report import (
     ACROSS,
     ARM_STYLE,
     NotebookFigure,
+    across,
     angle_ticks,
     draw_unwrapped,
     finish,
+    folded,
     label_all,
     panel_grid,
     radial_limits,
@@ -121,9 +123,9 @@ def _outline(x: Array, y: Array, extent: tuple[float, float, float, float]) -> t
 def phase_space(portraits: Portraits) -> Figure:
     """Draw configuration space above velocity space, both in the progenitor's orbital plane, coloured by arm."""
     n = max(len(portraits), 1)
-    across, blocks = min(n, ACROSS), -(-n // ACROSS)
-    figure = NotebookFigure(figsize=(3.1 * across + 0.6, 6.6 * blocks + 0.3), layout="constrained")
-    panels: Any = figure.subplots(2 * blocks, across, squeeze=False)
+    beside, blocks = min(n, ACROSS), -(-n // ACROSS)
+    figure = NotebookFigure(figsize=(3.1 * beside + 0.6, 6.6 * blocks + 0.3), layout="constrained")
+    panels: Any = figure.subplots(2 * blocks, beside, squeeze=False)
     for axes in panels.flat:
         axes.set_visible(False)
     for row, (what, axis, unit) in enumerate((("q", ("x'", "y'"), "kpc"), ("v", ("v_x'", "v_y'"), r"km\,s^{-1}"))):
@@ -146,7 +148,7 @@ def phase_space(portraits: Portraits) -> Figure:
                 axes.set_title(title, fontsize=10)
             finish(axes)
     if portraits:
-        _legend(figure, panels[0, :1], ncols=4 if across > 1 else 2, loc="outside upper left", handletextpad=0.1)
+        _legend(figure, panels[0, :1], ncols=4 if beside > 1 else 2, loc="outside upper left", handletextpad=0.1)
     return figure
 
 
@@ -273,7 +275,8 @@ def _gyr(t: float, stream: Stream) -> str:
 
 def along(portraits: Portraits) -> Figure:
     """Draw the profiles along the streams: density, and the distance of the mean track from the first one's."""
-    figure = NotebookFigure(figsize=(11.0, 7.0), layout="constrained")
+    beside = min(across(portraits, 11.0), 3)
+    figure = NotebookFigure(figsize=(11.0, 7.0 + 0.2 * (len(portraits) // beside)), layout="constrained")
     top, bottom = figure.subplots(2, 1, sharex=True)
     first = next(iter(portraits.values()), None)
     offsets = [np.zeros(1)]
@@ -298,10 +301,11 @@ def along(portraits: Portraits) -> Figure:
     bottom.set(xlim=(high + 40, low - 40), ylim=(-reach, reach))
     angle_ticks(bottom, 14)
     top.set_ylabel("particles per degree / all unbound", fontsize=11)
-    bottom.set_ylabel(rf"mean $r$ $-$ that of {next(iter(portraits), 'the first')} $[{{\rm kpc}}]$", fontsize=11)
+    of = folded(f"that of {next(iter(portraits), 'the first')}", 38)
+    bottom.set_ylabel(rf"mean $r$ $[{{\rm kpc}}]$ $-${chr(10)}{of}", fontsize=11 if of.count(chr(10)) < 2 else 9)
     bottom.set_xlabel(ALONG, fontsize=11)
     for axes in (top, bottom):
         finish(axes)
     if portraits:
-        _legend(figure, [top], ncols=3, loc="outside lower center")
+        _legend(figure, [top], ncols=beside, loc="outside lower center")
     return figure
