@@ -46,6 +46,7 @@ class Track(sk.Observable):
     """
 
     kind = "track"
+    likelihood_details = ("spread", "ln_coverage")
     reference = "Erkal et al. 2019, MNRAS 487, 2685: local lines, here with a kernel for their window"
     example: ClassVar[dict[str, Any]] = {
         "frame": {"pole": [192.86, 27.13], "origin": [266.4, -28.94]},
@@ -271,15 +272,20 @@ class Track(sk.Observable):
         wanted = {column_of(name) for name in self.given}
         return longitude, {name: column.of(seen) for name, column in COLUMNS.items() if name in wanted}
 
-    def ln_likelihood(self, prediction: sk.Prediction, add_noise: bool) -> float:
-        """Return the sum over columns of `ln_mixture`: Gaussians about the lines, extra dispersions, outliers.
+    def likelihood_fields(self) -> tuple[str, ...]:
+        """Return the dispersions and the fractions of outliers; a datum of depth predicts with that of the distance."""
+        dispersions = (f"{name}_dispersion" for name in COLUMNS if name != "distance" or DEPTH not in self.given)
+        return (*dispersions, *(f"{name}_outliers" for name in COLUMNS))
+
+    def ln_likelihood(self, prediction: sk.Prediction, add_noise: bool) -> sk.Array:
+        """(...) Return the sum over columns of `ln_mixture`: Gaussians about the lines, extra dispersions, outliers.
 
         The two proper motions of a member are one pair, with their covariance.
         """
-        total, start = 0.0, 0
+        total, start = np.zeros(np.shape(prediction.mean)[:-1]), 0
         pairs = []
         for name, (phi1, value, error) in self.given.items():
-            part = slice(start, start := start + len(phi1))
+            part = np.s_[..., start : (start := start + len(phi1))]
             variance = self.scatter2(name, error, prediction.details["spread"][part])
             if add_noise:
                 variance = variance + prediction.variance[part]
@@ -289,9 +295,10 @@ class Track(sk.Observable):
             if name in self._pair:
                 pairs.append((value, variance, prediction.mean[part], coverage, outliers, background))
             else:
-                total += ln_mixture(value, variance, prediction.mean[part], coverage, outliers, background)
+                total = total + ln_mixture(value, variance, prediction.mean[part], coverage, outliers, background)
         if self._stars is not None and pairs:
-            total += ln_mixture_of_pairs(pairs[0], pairs[1], self._stars.covariance[self._stars.rows(MOTIONS[0])])
+            covariance = self._stars.covariance[self._stars.rows(MOTIONS[0])]
+            total = total + ln_mixture_of_pairs(pairs[0], pairs[1], covariance)
         return total
 
     @cached_property
@@ -300,7 +307,7 @@ class Track(sk.Observable):
         return MOTIONS if set(MOTIONS) <= set(self._of_members) else ()
 
     def scatter2(self, name: str, error: sk.Array, spread: sk.Array) -> sk.Array:
-        """(k,) Variances of one field's data about the lines: errors, extra dispersion, and the spread for stars."""
+        """(..., k) Variances of one field's data about the lines: errors, extra dispersion, for stars the spread."""
         variance = error**2
         if name != DEPTH:
             variance = variance + getattr(self, f"{name}_dispersion") ** 2

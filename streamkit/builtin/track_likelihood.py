@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import reduce
+
 import numpy as np
 
 from streamkit import Array
@@ -10,36 +12,43 @@ BROAD = 3.0  # errors by which the broad Gaussian of outliers is wider than the 
 
 
 def ln_mixture(
-    value: Array, variance: Array, mean: Array, ln_coverage: Array, outliers: float, background: tuple[float, float]
-) -> float:
-    """Return the sum over data of ln [(1 - f) c N(value; mean, variance) + f N(value; background)].
+    value: Array,
+    variance: Array,
+    mean: Array,
+    ln_coverage: Array,
+    outliers: float | Array,
+    background: tuple[float, float],
+) -> Array:
+    """(...) Return the sum over data of ln [(1 - f) c N(value; mean, variance) + f N(value; background)].
 
     Parameters
     ----------
     value
         (m,) data.
     variance, mean
-        (m,) of the Gaussian that the stream predicts, errors included.
+        (..., m) of the Gaussian that the stream predicts, errors included.
     ln_coverage
-        (m,) ln c: zero where the stream has debris, falling with the distance to the nearest.
+        (..., m) ln c: zero where the stream has debris, falling with the distance to the nearest.
     outliers
-        f, the fraction of data that are none of the stream.
+        f, the fraction of data that are none of the stream: a number, or (..., 1).
     background
         Mean and standard deviation of the outliers. Hogg, Bovy & Lang 2010, arXiv:1008.4686, equation 17.
     """
     stream = ln_gaussian(value - mean, variance) + ln_coverage
-    if not outliers > 0:
-        return float(stream.sum())
+    if not np.any(outliers):
+        return np.asarray(stream.sum(axis=-1))
     other = ln_gaussian(value - background[0], np.full(len(value), background[1] ** 2))
-    return float(np.logaddexp(np.log1p(-outliers) + stream, np.log(outliers) + other).sum())
+    with np.errstate(divide="ignore"):  # a fraction of zero among others: ln 0
+        mixed = np.logaddexp(np.log1p(-outliers) + stream, np.log(outliers) + other)
+    return np.asarray(mixed.sum(axis=-1))
 
 
 # Data, variances and means of the stream, ln coverage, the fraction of outliers, their mean and standard deviation.
-Side = tuple[Array, Array, Array, Array, float, tuple[float, float]]
+Side = tuple[Array, Array, Array, Array, float | Array, tuple[float, float]]
 
 
-def ln_mixture_of_pairs(one: Side, other: Side, covariance: Array) -> float:
-    """Return the sum over stars of the ln density of two data with correlated errors.
+def ln_mixture_of_pairs(one: Side, other: Side, covariance: Array) -> Array:
+    """(...) Return the sum over stars of the ln density of two data with correlated errors.
 
     Either datum may be an outlier, and only where neither is do the errors correlate. Without a covariance it is the
     product of two `ln_mixture`.
@@ -47,7 +56,7 @@ def ln_mixture_of_pairs(one: Side, other: Side, covariance: Array) -> float:
     Parameters
     ----------
     one, other
-        The arguments of `ln_mixture` for each datum, (m,) arrays.
+        The arguments of `ln_mixture` for each datum.
     covariance
         (m,) of the two.
     """
@@ -62,11 +71,11 @@ def ln_mixture_of_pairs(one: Side, other: Side, covariance: Array) -> float:
         ln_in + ln_too + first + given + y_coverage, ln_in + ln_g + first + foreign,
         ln_f + ln_too + strange + second, ln_f + ln_g + strange + foreign,
     ]  # fmt: skip
-    return float(np.logaddexp.reduce(terms, axis=0).sum())
+    return np.asarray(reduce(np.logaddexp, terms).sum(axis=-1))
 
 
 def ln_gaussian(difference: Array, variance: Array) -> Array:
-    """(m,) ln of a Gaussian density at differences (m,) from its mean."""
+    """(..., m) ln of a Gaussian density at differences (..., m) from its mean."""
     return np.asarray(-0.5 * (difference**2 / variance + np.log(2 * np.pi * variance)))
 
 

@@ -8,7 +8,7 @@ import tomllib
 import pytest
 from commands import call, refused
 from documents import ROOT
-from toys import FIT
+from runfiles import FIT
 
 import streamkit as sk
 from streamkit.cli.init import examples, tables_of

@@ -1,4 +1,4 @@
-"""The tracks of variants beside each other on the sky, with the data, and how far they are from the first one's."""
+"""The tracks of variants on the sky with the data, and their differences from the first one's track."""
 
 from __future__ import annotations
 

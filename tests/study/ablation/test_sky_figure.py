@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pictures import assert_readable
-from toys import FIT
+from runfiles import FIT
 
 import streamkit as sk
 from streamkit.study.ablation import run_ablation, variants_of

@@ -8,7 +8,7 @@ import pytest
 from astropy.table import QTable
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from pictures import assert_readable
-from toys import FIT
+from runfiles import APOCENTRES
 
 import streamkit as sk
 from streamkit.report import NotebookFigure, labels
@@ -23,8 +23,8 @@ from streamkit.study.fit.results import Results, draws_of
 
 
 def freed(**priors):
-    """Return FIT with other free parameters: section -> {field: prior or number}."""
-    document = copy.deepcopy(FIT)
+    """Return APOCENTRES with other free parameters: section -> {field: prior or number}."""
+    document = copy.deepcopy(APOCENTRES)
     document["sampler"]["walkers"] = 32
     for section, fields in priors.items():
         document[section].update(fields)
