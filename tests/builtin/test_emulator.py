@@ -15,8 +15,9 @@ from streamkit.builtin.emulator.coordinates import Space
 from streamkit.builtin.emulator.emulated import Emulated
 from streamkit.builtin.emulator.kernel import learn_kernel
 from streamkit.builtin.emulator.of_target import LikelihoodOnly
-from streamkit.builtin.emulator.polynomial import count, monomials, regress
+from streamkit.builtin.emulator.polynomial import regress
 from streamkit.builtin.emulator.rounds import Rounds
+from streamkit.builtin.monomials import count, monomials
 
 
 def test_what_is_left_over_without_a_point_is_that_of_a_fit_without_it():
