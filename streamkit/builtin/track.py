@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -11,7 +11,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 import streamkit as sk
 from streamkit.builtin.track_columns import COLUMNS, DEPTH, column_of, within
-from streamkit.builtin.track_likelihood import ln_mixture, scatter_of
+from streamkit.builtin.track_likelihood import ln_mixture, mixture_residuals, scatter_of
 from streamkit.builtin.track_lines import ENOUGH, REACH, Lines, gather, lines_at
 from streamkit.builtin.track_panels import column_label, column_panel, fine_grid, longitude_label
 
@@ -239,7 +239,18 @@ class Track(sk.Observable):
 
     def ln_likelihood(self, prediction: sk.Prediction, add_noise: bool) -> float:
         """Return the sum over columns of `ln_mixture`: Gaussians about the lines, extra dispersions, outliers."""
-        total, start = 0.0, 0
+        total = 0.0
+        for parts in self._compared(prediction, add_noise):
+            total += ln_mixture(*parts)
+        return total
+
+    def residuals(self, prediction: sk.Prediction, add_noise: bool) -> sk.Array:
+        """Return the normal scores of the data in the distributions of `ln_likelihood`."""
+        return np.concatenate([mixture_residuals(*parts) for parts in self._compared(prediction, add_noise)])
+
+    def _compared(self, prediction: sk.Prediction, add_noise: bool) -> Iterator[Any]:
+        """Return the arguments of `ln_mixture` for each column."""
+        start = 0
         for name, (phi1, value, error) in self.given.items():
             part = slice(start, start := start + len(phi1))
             variance = self.scatter2(name, error, prediction.details["spread"][part])
@@ -247,9 +258,7 @@ class Track(sk.Observable):
                 variance = variance + prediction.variance[part]
             outliers = 0.0 if name == DEPTH else getattr(self, f"{name}_outliers")
             coverage = prediction.details["ln_coverage"][part]
-            background = scatter_of(value, error)
-            total += ln_mixture(value, variance, prediction.mean[part], coverage, outliers, background)
-        return total
+            yield value, variance, prediction.mean[part], coverage, outliers, scatter_of(value, error)
 
     def scatter2(self, name: str, error: sk.Array, spread: sk.Array) -> sk.Array:
         """(k,) Variances of one field's data about the lines: errors, extra dispersion, and the spread for stars."""

@@ -34,6 +34,30 @@ def ln_mixture(
     return float(np.logaddexp(np.log1p(-outliers) + stream, np.log(outliers) + other).sum())
 
 
+def mixture_residuals(
+    value: Array, variance: Array, mean: Array, ln_coverage: Array, outliers: float, background: tuple[float, float]
+) -> Array:
+    """(m,) Normal scores of data in the distribution of `ln_mixture`, whose arguments these are.
+
+    The score z of a datum has the probability of the datum, P(< z) = P(< datum) (Dunn & Smyth 1996). Missing debris
+    adds -2 ln(c) to z^2, as it does to -2 ln L.
+    """
+    from scipy.special import log_ndtr, ndtri_exp  # slow to load, and a stream needs none
+
+    score = (value - mean) / np.sqrt(variance)
+    ln_weight = ln_coverage
+    if outliers > 0:
+        other = (value - background[0]) / background[1]
+        ln_stream, ln_other = np.log1p(-outliers) + ln_coverage, np.full(len(value), np.log(outliers))
+        ln_weight = np.logaddexp(ln_stream, ln_other)
+        below, above = (
+            np.logaddexp(ln_stream + log_ndtr(sign * score), ln_other + log_ndtr(sign * other)) - ln_weight
+            for sign in (1, -1)
+        )
+        score = np.where(below < above, ndtri_exp(np.minimum(below, 0.0)), -ndtri_exp(np.minimum(above, 0.0)))
+    return np.asarray(np.copysign(np.sqrt(score**2 - 2 * ln_weight), score))
+
+
 def ln_gaussian(difference: Array, variance: Array) -> Array:
     """(m,) ln of a Gaussian density at differences (m,) from its mean."""
     return np.asarray(-0.5 * (difference**2 / variance + np.log(2 * np.pi * variance)))

@@ -234,6 +234,20 @@ class Measurement(Component):
         """
         return None
 
+    def residuals(self, prediction: Prediction, add_noise: bool) -> Array | None:
+        """Return the residual (m,) of each datum if `ln_likelihood` is not None; None where there are none. Optional.
+
+        A residual is standard normal if the prediction is right: data minus model in standard deviations, or the
+        normal score of the datum in its predicted distribution (Dunn & Smyth 1996). The goodness of fit of a run is
+        judged by the residuals. For a Gaussian likelihood they are known.
+
+        Parameters
+        ----------
+        prediction, add_noise
+            As for `ln_likelihood`.
+        """
+        return None
+
     def mock(self, prediction: Prediction, rng: np.random.Generator) -> dict[str, Any]:
         """Draw mock data about the prediction; return their fields as a run file writes them. Optional.
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from streamkit.components import Measurement
 from streamkit.errors import ComponentError, blamed
-from streamkit.stream import Data, Prediction
+from streamkit.stream import Array, Data, Prediction
 
 
 def compare_with_data(observable: Measurement, prediction: Prediction, data: Data) -> float:
@@ -21,6 +21,23 @@ def compare_with_data(observable: Measurement, prediction: Prediction, data: Dat
     if not np.isfinite(value):
         raise ComponentError(f"{name}: the likelihood is no finite number; {_farthest(prediction, data)}")
     return value
+
+
+def residuals_of(observable: Measurement, prediction: Prediction, data: Data) -> Array | None:
+    """Return the residual (m,) of each datum: the observable's own, or those of `Data.residuals`.
+
+    None for an observable with a likelihood of its own and without residuals. Raises ComponentError if the method
+    fails, or returns another shape.
+    """
+    name = f"{observable.role} {observable.kind}"
+    with blamed(name):
+        given = observable.residuals(prediction, data.add_noise)
+        own = given is not None or observable.ln_likelihood(prediction, data.add_noise) is not None
+    if not own:
+        return data.residuals(prediction.mean, prediction.variance)
+    if given is not None and np.shape(given) != np.shape(data.values):
+        raise ComponentError(f"{name}: {np.shape(given)} residuals for {np.shape(data.values)} data")
+    return None if given is None else np.asarray(given, dtype=float)
 
 
 def _farthest(prediction: Prediction, data: Data) -> str:

@@ -47,3 +47,11 @@ class Data:
         root = cholesky(self.covariance[np.ix_(used, used)] + np.diag(noise * np.ones(used.sum())), lower=True)
         white = solve_triangular(root, self.values[used] - mean[used], lower=True)
         return float(-0.5 * (white @ white + len(white) * np.log(2 * np.pi)) - np.log(np.diag(root)).sum())
+
+    def residuals(self, mean: Array, variance: Array) -> Array:
+        """(m,) Data minus prediction in standard deviations of the likelihood; NaN without a datum.
+
+        Correlations are left aside. The arguments are those of `gaussian`.
+        """
+        total = self.errors**2 + (variance if self.add_noise else 0.0)
+        return np.asarray((self.values - mean) / np.sqrt(total))

@@ -79,6 +79,7 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
         pictures=_pictures(results),
         streams=results.spec.streams,
         on_sky=_on_sky(results),
+        goodness=list(_goodness(results)),
         data=list(_data(results)),
         reasons=list(_reasons(results)),
         run=_run(results),
@@ -164,6 +165,18 @@ def _data(results: Results) -> Iterator[dict[str, Any]]:
             "model": f"{middle:.4g} (+{high - middle:.2g} −{middle - low:.2g})",
             "deviation": f"{seen.deviations[k]:+.1f}",
             "noise": f"{seen.noise[k]:.2f}",
+        }
+
+
+def _goodness(results: Results) -> Iterator[dict[str, Any]]:
+    for row in results.goodness():
+        yield {
+            "name": row["quantity"],
+            "data": int(row["data"]),
+            "chi2": f"{row['chi2']:.1f}",
+            "p": f"{row['p']:.2g}",
+            "worst": row["worst"],
+            "residual": f"{row['residual']:+.1f}".replace("-", "−"),
         }
 
 

@@ -20,6 +20,7 @@ from streamkit.stream import Array, IntArray, Prediction, Stream
 from streamkit.study.fit.chain_draws import ChainDraws
 from streamkit.study.fit.conversion import arviz_tree, sample_frame
 from streamkit.study.fit.draws import Draws
+from streamkit.study.fit.goodness import Goodness, goodness, goodness_table
 from streamkit.study.fit.integrity import load_spec, read_chain, read_samples
 from streamkit.study.fit.manifest import manifest
 from streamkit.study.fit.tables import diagnostics_table, profile_table, summary_table
@@ -203,6 +204,19 @@ class Results:
             "r_hat": self.r_hat,
         }
         return self.with_provenance(summary_table(self.names, self.spec.units, self.samples, judged))
+
+    @cached_property
+    def fit(self) -> Goodness | None:
+        """The goodness of fit; None if nothing can be judged, or the best stream cannot be made again."""
+        return goodness(self)
+
+    def goodness(self) -> QTable:
+        """Return one row per measured quantity and one for all data: how well the model makes the data.
+
+        Columns: quantity, number of data, chi^2 at the best sample, its posterior predictive p-value, the worst datum,
+        its residual (data minus model, in standard deviations of the likelihood), and the chance of one so far away.
+        """
+        return self.with_provenance(goodness_table(self.fit))
 
     def mass_profile(self, radii: Any) -> QTable:
         """Return the mass inside radii (kpc, or a Quantity), and the circular velocity there.

@@ -58,12 +58,25 @@ def describe_results(results: Results) -> str:
         calls += [("stuck", str(len(results.stuck)), f"of {results.chain.shape[1]} walkers")]
     parts = [f"{draws.headline()}\n{paragraph(results.note())}", f"parameters\n{columns(rows)}"]
     parts += [f"mass of the host\n{columns(masses)}", f"sampler\n{columns(calls)}"]
+    if results.fit is not None:
+        parts.insert(2, f"fit to the data, at the best sample\n{columns(_goodness(results))}")
     if warnings := stuck_warnings(results.stuck.tolist(), results.chain.shape[1]):
         parts.append(warning_list(warnings))
     if results.directory is not None:
         names = sorted(path.name for path in results.directory.iterdir() if not path.name.startswith("."))
         parts.append(paragraph(", ".join(names), f"products in {results.directory}: ", "  "))
     return "\n\n".join(parts)
+
+
+def _goodness(results: Results) -> list[tuple[str, ...]]:
+    rows = [("quantity", "data", "chi^2", "p", "worst datum", "data - model")]
+    return rows + [
+        (
+            row["quantity"], f"{row['data']}", f"{row['chi2']:.1f}", f"{row['p']:.2g}", row["worst"],
+            f"{row['residual']:+.1f} sigma",
+        )
+        for row in results.goodness()
+    ]  # fmt: skip
 
 
 def _or_dash(value: float) -> str:
