@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from time import monotonic
+from time import monotonic, time
 from typing import Any
 
 import numpy as np
@@ -134,6 +134,7 @@ class PosteriorTarget:
         # the search is reported by itself; from here on every call is a proposal of the sampler
         self._pool.calls["full"] = 0
         self._pool.reasons["full"].clear()
+        self._note_begin(0)
         return Ensemble(
             points,
             np.array([each.lnp for each in evaluations]),
@@ -146,12 +147,20 @@ class PosteriorTarget:
         step = self._chain.last if self._resumes else None
         if step is None:
             return None
+        self._note_begin(step.number)
         self._before = self._before | {name: value for name, value in step.counts.items() if name in self._before}
         for point, lnp, blob in zip(step.coords, step.log_prob, step.blobs, strict=True):
             evaluation = Evaluation(float(lnp), float(blob["ln_likelihood"]), blob["mean"], blob["variance"])
             self._cache.add(np.ascontiguousarray(point), evaluation)
         accepted = np.asarray(step.accepted, dtype=bool)
         return Ensemble(step.coords, step.log_prob, accepted, step.random_state, step.memory, number=step.number)
+
+    def _note_begin(self, number: int) -> None:
+        """Store when the walkers begin, after which step, and when their time is over: `streamkit status` reads it."""
+        left = self.time_left()
+        self._chain.note(since=time(), first=number, deadline=time() + left if np.isfinite(left) else 0.0)
+        with suppress(ChainError):  # a full disk stops the run at its next step, and loses none
+            self._chain.consolidate()
 
     def chain(self) -> Array:
         """Return the (steps, walkers, d) samples of all steps so far."""

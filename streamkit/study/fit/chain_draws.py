@@ -141,8 +141,3 @@ class ChainDraws(Draws):
     def pictures(self, labels: Sequence[str]) -> dict[str, Callable[[], Figure]]:
         """Return the rank plots."""
         return {"ranks": partial(rank_plots, self.kept, self.tau, labels)}
-
-    def wanted_steps(self) -> float:
-        """Return the steps of learning and as many autocorrelation times as the rule wants."""
-        judged = self.convergence
-        return judged.learned + judged.tau_factor * float(np.max(judged.tau))

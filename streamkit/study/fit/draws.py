@@ -165,7 +165,3 @@ class Draws(ABC):
     def pictures(self, labels: Sequence[str]) -> dict[str, Callable[[], Figure]]:
         """Return pictures for the page that only samples of this kind have, by name."""
         return {}
-
-    def wanted_steps(self) -> float:
-        """Return how many steps the rule of convergence wants in all, from what is known by now; NaN if unknown."""
-        return np.nan

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from time import monotonic, time
+from time import monotonic
 
 import numpy as np
 
@@ -186,7 +186,6 @@ class _Stored:
         self.chain.note(status="unfinished", **self._notes)
         if isinstance(self.chain, ChainFile) and self._is_chain and resumes:
             self.chain.load()
-        self.chain.note(since=time(), first=self.chain.iteration)
 
     def keep(self, weighted: Weighted, late: bool) -> None:
         """Store weighted samples; ``late`` says that the time is over."""
