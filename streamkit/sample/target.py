@@ -54,7 +54,7 @@ class PosteriorTarget:
     progress
         Whether to show progress.
     mass
-        The mass inside 100 kpc in Msun at a point, for the progress of a chain.
+        A radius in kpc, and the mass inside it in Msun at a point, for the progress of a chain.
     full_cost
         Cost of a "full" call in units of a "cheap" one, about: for the expected end of the search.
     """
@@ -73,7 +73,7 @@ class PosteriorTarget:
         deadline: float = np.inf,
         search_deadline: float = np.inf,
         progress: bool = False,
-        mass: Callable[[Array], float] | None = None,
+        mass: tuple[float, Callable[[Array], float]] | None = None,
         full_cost: float = 1.0,
     ) -> None:
         self.priors, self.data, self.size, self.seed = tuple(priors), data, len(priors), seed
@@ -273,8 +273,9 @@ class PosteriorTarget:
             yield f"accepted {100 * self._chain.acceptance:.0f} %"
         yield f"{(self._pool.calls['full'] - calls) / max(now - begin, 1e-9):.1f} calls/s"
         if step is not None and self._mass is not None:
-            low, middle, high = np.percentile([self._mass(point) / 1e11 for point in step.coords], [16, 50, 84])
-            yield f"M(100 kpc) {middle:.2f} +{high - middle:.2f} -{middle - low:.2f}e11 Msun"
+            radius, mass = self._mass
+            low, middle, high = np.percentile([mass(point) / 1e11 for point in step.coords], [16, 50, 84])
+            yield f"M({radius:g} kpc) {middle:.3g} +{high - middle:.2g} -{middle - low:.2g}e11 Msun"
 
     def _weighted(self, sampler: Sampler, samples: Samples) -> Weighted:
         """Return weighted samples with their evaluations; ComponentError if they are none."""

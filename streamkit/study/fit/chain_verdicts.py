@@ -86,7 +86,9 @@ def samples_verdict(names: Sequence[str], ess: Array) -> Verdict:
     sentences = {
         FINE: f"The median of every parameter is known to {error:.2f} of its standard deviation or better.",
         LOOK: f"The median of {worst} is known to {error:.2f} of its standard deviation only, the 95 % limits worse.",
-        DO_NOT: f"There are too few independent samples of {worst} for an interval.",
+        DO_NOT: f"There are too few independent samples of {worst} for an interval."
+        if np.isfinite(least)
+        else "The walkers disagree, or moved too little: the number of independent samples has no meaning yet.",
     }
     return SAMPLES.judge(least, number(least, ".0f"), sentences)
 

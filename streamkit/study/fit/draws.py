@@ -165,3 +165,8 @@ class Draws(ABC):
     def pictures(self, labels: Sequence[str]) -> dict[str, Callable[[], Figure]]:
         """Return pictures for the page that only samples of this kind have, by name."""
         return {}
+
+    @property
+    def trusted_ess(self) -> Array:
+        """(d,) Effective number of samples; NaN where the chains disagree so much that the number has no meaning."""
+        return self.ess

@@ -96,7 +96,8 @@ def _on_sky(results: Results) -> set[str]:
 
 def _parameters(results: Results) -> Iterator[dict[str, Any]]:
     fractions = (prior_fractions(p, x) for p, x in zip(results.spec.priors, results.samples.T, strict=True))
-    for row, unit, prior, u in zip(results.summary(), results.spec.units, results.spec.priors, fractions, strict=True):
+    columns = results.summary(), results.spec.units, results.spec.priors, fractions, results.draws.trusted_ess
+    for row, unit, prior, u, n_eff in zip(*columns, strict=True):
         yield {
             "name": row["parameter"],
             "unit": unit.replace(" ", ""),
@@ -104,7 +105,7 @@ def _parameters(results: Results) -> Iterator[dict[str, Any]]:
             "interval": tuple((number(row[f"lo{p}"]), number(row[f"hi{p}"])) for p in (68, 95)),
             "best": number(row["best"]),
             "prior": prior.text(unit.replace(" ", "")),
-            "n_eff": _or_dash(row["effective_samples"], ".0f"),
+            "n_eff": _or_dash(n_eff, ".0f"),
             "tau": _or_dash(row["autocorrelation_time"], ".0f"),
             "r_hat": _or_dash(row["r_hat"], ".3f"),
             "contraction": f"{contraction(u):.2f}",

@@ -57,7 +57,7 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
         "steps": steps,
         "walkers": results.draws.record().get("walkers"),
         "acceptance": results.acceptance,
-        "effective_samples": _plain(np.min(results.ess)),
+        "effective_samples": _plain(np.min(results.draws.trusted_ess)),
         "r_hat": _plain(np.max(results.r_hat)),
         "verdict": level,
         "sentence": sentence,
