@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pydantic import Field
 from astropy import units as u
+from pydantic import Field
 from runfiles import BASE, EXAMPLES, changed, error_of
 
 import streamkit as sk
