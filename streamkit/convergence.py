@@ -1,4 +1,4 @@
-"""Can the samples be trusted: autocorrelation time, effective samples, R-hat, burn-in, stuck walkers; the one rule."""
+"""The rule of convergence of a chain, and its terms: autocorrelation time, effective samples, R-hat, burn-in."""
 
 from __future__ import annotations
 
@@ -55,9 +55,10 @@ def rank_r_hat(chain: Array) -> Array:
     if steps >= 4 and walkers >= 2 and moved.any():
         from arviz_stats.base.array import array_stats  # a second or more to load
 
-        with np.errstate(all="ignore"):  # infinite for walkers that stand still in different places
-            found = array_stats.rhat(chain[..., moved], chain_axis=1, draw_axis=0, method="rank")  # type: ignore[no-untyped-call]
-            r_hat[moved] = found
+        with np.errstate(all="ignore"):  # infinite for walkers that rest at different places
+            r_hat[moved] = array_stats.rhat(  # type: ignore[no-untyped-call]
+                chain[..., moved], chain_axis=1, draw_axis=0, method="rank"
+            )
     return r_hat
 
 
@@ -72,7 +73,7 @@ def stuck_walkers(chain: Array, log_prob: Array) -> IntArray:
     Parameters
     ----------
     chain, log_prob
-        (steps, walkers, d) and (steps, walkers); fewer than 16 steps tell nothing.
+        (steps, walkers, d) and (steps, walkers); of fewer than 16 steps the result is empty.
     """
     steps = len(chain)
     if steps < 16:

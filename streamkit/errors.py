@@ -27,7 +27,7 @@ class ComponentError(StreamkitError):
 
 
 class ChainError(StreamkitError):
-    """An output directory or chain file cannot be used as asked."""
+    """An output directory or chain file cannot be used."""
 
 
 class OutOfDomain(StreamkitError):  # noqa: N818  a statement about the parameters, not a fault
@@ -91,14 +91,9 @@ def brief(error: BaseException) -> str:
 
 @contextmanager
 def blamed(component: str) -> Iterator[None]:
-    """Turn any exception of a component into a `ComponentError`; KeyboardInterrupt and streamkit's own errors pass.
+    """Turn any exception of a component (``stripping mlcs``) into a `ComponentError`.
 
-    Parameters
-    ----------
-    component
-        Role and kind, for the message: ``stripping mlcs``.
-
-    The component may change how numpy handles floating-point errors: that ends with the context.
+    KeyboardInterrupt and streamkit's own errors pass. Changes of numpy's handling of floating-point errors are undone.
 
     Raises ComponentError with the component, the exception, and the function it came from; the exception is its cause.
     """

@@ -8,7 +8,8 @@ import numpy as np
 from pydantic import Field
 
 import streamkit as sk
-from streamkit import G, exp, log, power, sqrt
+from streamkit import Array, G, exp, log, power, sqrt
+from streamkit.builtin.equilibria import hernquist_speeds, plummer_speeds
 
 
 class TruncatedFlat(sk.Spherical):
@@ -120,6 +121,13 @@ class Hernquist(sk.Spherical):
         """Return -G M / (r + a)."""
         return -G * mass / (np.sqrt(r2) + a)
 
+    @staticmethod
+    def equilibrium(share: Array, chance: Array, mass: Any, a: Any) -> tuple[Array, Array]:
+        """Return radii from the mass inside, and speeds from Hernquist's distribution function."""
+        root = np.sqrt(share)
+        radius = root / (1 - root)
+        return a * radius, hernquist_speeds(radius, chance) * np.sqrt(2 * G * mass / (a * (1 + radius)))
+
 
 class MiyamotoNagai(sk.Potential):
     """Miyamoto & Nagai disc: ``Phi = -G M / sqrt(R^2 + (a + sqrt(z^2 + b^2))^2)``."""
@@ -167,6 +175,13 @@ class Plummer(sk.Spherical):
     def well(r2: Any, mass: Any, radius: Any) -> Any:
         """Return -G M / sqrt(r^2 + radius^2)."""
         return -G * mass / np.sqrt(r2 + radius * radius)
+
+    @staticmethod
+    def equilibrium(share: Array, chance: Array, mass: Any, radius: Any) -> tuple[Array, Array]:
+        """Return radii from the mass inside, and speeds from the distribution function E^(7/2)."""
+        rho = 1 / np.sqrt(share ** (-2 / 3) - 1)
+        escape = np.sqrt(2 * G * mass / radius) * (1 + rho * rho) ** -0.25
+        return radius * rho, plummer_speeds(chance) * escape
 
 
 class Kepler(sk.Potential):

@@ -11,8 +11,9 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 import streamkit as sk
 from streamkit.builtin.track_columns import COLUMNS, DEPTH, column_of, within
-from streamkit.builtin.track_likelihood import ln_mixture, mixture_residuals, scatter_of
+from streamkit.builtin.track_likelihood import Side, ln_mixture, ln_mixture_of_pairs, mixture_residuals, scatter_of
 from streamkit.builtin.track_lines import ENOUGH, REACH, Lines, gather, lines_at
+from streamkit.builtin.track_members import MEMBERS, MOTIONS, Members, members_of, which_columns
 from streamkit.builtin.track_panels import column_label, column_panel, fine_grid, longitude_label
 
 FEWEST = 10  # particles that have left the progenitor below which there is no stream
@@ -38,7 +39,8 @@ class Track(sk.Observable):
 
     Each column has its own longitudes; a column that is left out is not compared. At a datum's longitude a local line
     is fitted to the debris with a Gaussian kernel in phi1. Means are compared with the line; member stars (`stars`)
-    with the line and the spread of the debris about it. Where the stream has no debris ln p falls by the distance to
+    with the line and the spread of the debris about it. `members` are such stars in ICRS: their proper motions and the
+    covariances of these are turned into the frame. Where the stream has no debris ln p falls by the distance to
     the nearest, in units of the kernel. Bound particles are left out. With `unwrapped` the longitudes do not jump at
     whole turns. Several data at one longitude are independent.
     """
@@ -75,6 +77,15 @@ class Track(sk.Observable):
     )
     radial_velocity: Annotated[sk.Table, _columns(radial_velocity="km/s")] | None = Field(
         default=None, description="Line-of-sight velocities."
+    )
+    members: Annotated[sk.Table, MEMBERS] | None = Field(
+        default=None,
+        description="Member stars in ICRS: ra, dec, and of distance, distance_modulus, pm_ra_cosdec, pm_dec and "
+        "radial_velocity those that are known, each with NAME_error; pm_correlation is that of the errors of the "
+        "proper motions. Values may be missing. Positions are taken as exact.",
+    )
+    compared: tuple[Name, ...] | None = Field(
+        default=None, description="The columns of `members` that are compared; left out, all that it has."
     )
     velocity_frame: Literal["heliocentric", "gsr"] = Field(
         default="heliocentric", description="Whether the velocities are heliocentric, or corrected for the Sun's."
@@ -117,8 +128,11 @@ class Track(sk.Observable):
 
     @model_validator(mode="after")
     def _complete(self) -> Track:
+        self._check_members()
         if not self.given:
-            raise ValueError(f"there are no data: expected at least one table of {', '.join((*COLUMNS, DEPTH))}")
+            raise ValueError(
+                f"there are no data: expected members, or at least one table of {', '.join((*COLUMNS, DEPTH))}"
+            )
         for name, (phi1, _, _) in self.given.items():
             if not self.unwrapped and np.ptp(phi1) > 360:
                 raise ValueError(
@@ -128,16 +142,36 @@ class Track(sk.Observable):
             raise ValueError('gsr_sun takes three velocities, and velocity_frame = "gsr"')
         return self
 
+    def _check_members(self) -> None:
+        if self.members is None and self.compared is not None:
+            raise ValueError("compared names columns of members, and there are no members")
+        twice = [name for name in self._of_members if getattr(self, name) is not None]
+        if twice:
+            raise ValueError(f"{twice[0]} is a table and also in members: leave it out of `compared`")
+        if self.members is not None and self.unwrapped:
+            raise ValueError("ra and dec do not say which wrap of an unwrapped stream a star is on; leave out members")
+
+    @cached_property
+    def _stars(self) -> Members | None:
+        return None if self.members is None else members_of(self.members, self.frame)
+
+    @cached_property
+    def _of_members(self) -> tuple[str, ...]:
+        """The columns of the members that are compared."""
+        return () if self._stars is None else which_columns(self._stars, self.compared)
+
     @cached_property
     def given(self) -> dict[str, tuple[sk.Array, sk.Array, sk.Array]]:
         """The data by field: longitudes, values and errors, (k,) each."""
         tables = {name: getattr(self, name) for name in (*COLUMNS, DEPTH)}
         key = {DEPTH: "depth"}
-        return {
-            name: (table["phi1"], table[key.get(name, name)], table["error"])
-            for name, table in tables.items()
-            if table is not None
-        }
+        parts = {}
+        for name, table in tables.items():
+            if table is not None:
+                parts[name] = table["phi1"], table[key.get(name, name)], table["error"]
+            elif self._stars is not None and name in self._of_members:
+                parts[name] = self._stars.column(name)
+        return parts
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -191,7 +225,7 @@ class Track(sk.Observable):
         return sk.Prediction(self.names, mean, variance, details=details)
 
     def shows(self, stream: sk.Stream) -> bool:
-        """Say whether the stream has enough debris for lines."""
+        """Return whether the stream has enough debris for lines."""
         chosen = self._chosen(stream)
         return bool(chosen.sum() >= FEWEST and stream.weight[chosen].sum() > 0)
 
@@ -238,18 +272,27 @@ class Track(sk.Observable):
         return longitude, {name: column.of(seen) for name, column in COLUMNS.items() if name in wanted}
 
     def ln_likelihood(self, prediction: sk.Prediction, add_noise: bool) -> float:
-        """Return the sum over columns of `ln_mixture`: Gaussians about the lines, extra dispersions, outliers."""
+        """Return the sum over columns of `ln_mixture`: Gaussians about the lines, extra dispersions, outliers.
+
+        The two proper motions of a member are one pair, with their covariance.
+        """
         total = 0.0
-        for parts in self._compared(prediction, add_noise):
-            total += ln_mixture(*parts)
+        pairs = []
+        for name, parts in self._compared(prediction, add_noise):
+            if name in self._pair:
+                pairs.append(parts)
+            else:
+                total += ln_mixture(*parts)
+        if self._stars is not None and pairs:
+            total += ln_mixture_of_pairs(pairs[0], pairs[1], self._stars.covariance[self._stars.rows(MOTIONS[0])])
         return total
 
     def residuals(self, prediction: sk.Prediction, add_noise: bool) -> sk.Array:
-        """Return the normal scores of the data in the distributions of `ln_likelihood`."""
-        return np.concatenate([mixture_residuals(*parts) for parts in self._compared(prediction, add_noise)])
+        """Return the normal scores of the data in the distributions of `ln_likelihood`, each datum by itself."""
+        return np.concatenate([mixture_residuals(*parts) for _, parts in self._compared(prediction, add_noise)])
 
-    def _compared(self, prediction: sk.Prediction, add_noise: bool) -> Iterator[Any]:
-        """Return the arguments of `ln_mixture` for each column."""
+    def _compared(self, prediction: sk.Prediction, add_noise: bool) -> Iterator[tuple[str, Side]]:
+        """Return the arguments of `ln_mixture` for each column, by its name."""
         start = 0
         for name, (phi1, value, error) in self.given.items():
             part = slice(start, start := start + len(phi1))
@@ -258,28 +301,45 @@ class Track(sk.Observable):
                 variance = variance + prediction.variance[part]
             outliers = 0.0 if name == DEPTH else getattr(self, f"{name}_outliers")
             coverage = prediction.details["ln_coverage"][part]
-            yield value, variance, prediction.mean[part], coverage, outliers, scatter_of(value, error)
+            yield name, (value, variance, prediction.mean[part], coverage, outliers, scatter_of(value, error))
+
+    @cached_property
+    def _pair(self) -> tuple[str, ...]:
+        """The proper motions, if both are those of members."""
+        return MOTIONS if set(MOTIONS) <= set(self._of_members) else ()
 
     def scatter2(self, name: str, error: sk.Array, spread: sk.Array) -> sk.Array:
         """(k,) Variances of one field's data about the lines: errors, extra dispersion, and the spread for stars."""
         variance = error**2
         if name != DEPTH:
             variance = variance + getattr(self, f"{name}_dispersion") ** 2
-        return variance + spread**2 if name in self.stars else variance
+        return variance + spread**2 if name in self.stars or name in self._of_members else variance
 
     def mock(self, prediction: sk.Prediction, rng: np.random.Generator) -> dict[str, Any]:
         """Return tables with Gaussian noise: errors, extra dispersion, for stars the spread; a fraction of outliers."""
-        tables, start = {}, 0
+        tables: dict[str, Any] = {}
+        of_members, noise, variances, start = {}, {}, {}, 0
         for name, (phi1, value, error) in self.given.items():
             part = slice(start, start := start + len(phi1))
             variance = self.scatter2(name, error, prediction.details["spread"][part])
-            drawn = rng.normal(prediction.mean[part], np.sqrt(variance))
+            noise[name], variances[name] = rng.normal(0.0, np.sqrt(variance)), variance
+            if self._stars is not None and name == MOTIONS[1] and name in self._pair:
+                # given that of the other proper motion, by their covariance
+                covariance, other = self._stars.covariance[self._stars.rows(name)], variances[MOTIONS[0]]
+                noise[name] *= np.sqrt(1 - covariance**2 / (other * variance))
+                noise[name] += covariance / other * noise[MOTIONS[0]]
+            drawn = prediction.mean[part] + noise[name]
             if name != DEPTH:
                 other = rng.normal(*scatter_of(value, error), len(phi1))
                 drawn = np.where(rng.random(len(phi1)) < getattr(self, f"{name}_outliers"), other, drawn)
             drawn = LIMITS.get(name, np.asarray)(drawn)
+            if name in self._of_members:
+                of_members[name] = drawn
+                continue
             table = {"phi1": phi1, "depth" if name == DEPTH else name: drawn, "error": error}
             tables[name] = {key: column.tolist() for key, column in table.items()}
+        if self._stars is not None:
+            tables["members"] = self._stars.redrawn(of_members)
         return tables
 
     def panels(self, stream: sk.Stream, prediction: sk.Prediction) -> tuple[sk.Panel, ...]:

@@ -58,6 +58,37 @@ def mixture_residuals(
     return np.asarray(np.copysign(np.sqrt(score**2 - 2 * ln_weight), score))
 
 
+# Data, variances and means of the stream, ln coverage, the fraction of outliers, their mean and standard deviation.
+Side = tuple[Array, Array, Array, Array, float, tuple[float, float]]
+
+
+def ln_mixture_of_pairs(one: Side, other: Side, covariance: Array) -> float:
+    """Return the sum over stars of the ln density of two data with correlated errors.
+
+    Either datum may be an outlier, and only where neither is do the errors correlate. Without a covariance it is the
+    product of two `ln_mixture`.
+
+    Parameters
+    ----------
+    one, other
+        The arguments of `ln_mixture` for each datum, (m,) arrays.
+    covariance
+        (m,) of the two.
+    """
+    (x, xx, x_mean, coverage, f, x_out), (y, yy, y_mean, y_coverage, g, y_out) = one, other
+    slope = covariance / xx
+    given = ln_gaussian(y - y_mean - slope * (x - x_mean), yy - slope * covariance)
+    first, second = (ln_gaussian(x - x_mean, xx) + coverage, ln_gaussian(y - y_mean, yy) + y_coverage)
+    strange, foreign = (ln_gaussian(v - out[0], np.full(len(v), out[1] ** 2)) for v, out in ((x, x_out), (y, y_out)))
+    with np.errstate(divide="ignore"):  # no outliers: the ln of zero
+        ln_f, ln_g, ln_in, ln_too = np.log(f), np.log(g), np.log1p(-f), np.log1p(-g)
+    terms = [
+        ln_in + ln_too + first + given + y_coverage, ln_in + ln_g + first + foreign,
+        ln_f + ln_too + strange + second, ln_f + ln_g + strange + foreign,
+    ]  # fmt: skip
+    return float(np.logaddexp.reduce(terms, axis=0).sum())
+
+
 def ln_gaussian(difference: Array, variance: Array) -> Array:
     """(m,) ln of a Gaussian density at differences (m,) from its mean."""
     return np.asarray(-0.5 * (difference**2 / variance + np.log(2 * np.pi * variance)))

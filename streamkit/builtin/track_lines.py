@@ -140,7 +140,7 @@ def local_lines(debris: Debris, at: Array, kernel: float, enough: float = ENOUGH
 def lines_at(debris: Debris, at: Array, kernel: float, depth: int = -1) -> Lines:
     """Fit lines at longitudes (m,) as `local_lines`.
 
-    Where there are many more longitudes than `FINE` of a kernel can tell apart, the lines are fitted on an even grid of
+    If there are many more longitudes than `FINE` of a kernel can distinguish, the lines are fitted on an even grid of
     that spacing and splined: they are smooth over a kernel.
     """
     low, high = float(at.min()), float(at.max())

@@ -23,12 +23,8 @@ def column_panel(
 ) -> Panel:
     """Return the panel of one column.
 
-    Parameters
-    ----------
-    particles
-        Longitudes and values (n,) of all particles.
-    line
-        Longitudes and values (k,) of the fitted track; None without enough debris.
+    ``particles`` and ``line`` are longitudes and values: (n,) of all particles, and (k,) of the fitted track, which is
+    None without enough debris.
     """
     marks = () if line is None else (Mark("fit", *line, "fitted track"),)
     return Panel(x_label, y_label, *particles, marks, data)

@@ -23,9 +23,10 @@ from streamkit.study import grid
               "Several --vary: every combination of their values.")  # fmt: skip
 @SET
 @click.option("--stream", metavar="NAME", help="The stream to compare, if the run file has several.")
-@click.option("--reference", metavar="SNAPSHOT",
+@click.option("--reference", metavar="SNAPSHOT|KIND",
               help="N-body snapshot to compare with: HDF5 in the Gadget layout (FILE.hdf5, or "
-              "FILE.hdf5:PartType2) or a plain table (FILE.npz). Default: the first variant.")  # fmt: skip
+              "FILE.hdf5:PartType2) or a plain table (FILE.npz); or a live progenitor by its kind, such as "
+              "restricted_nbody. Default: the first variant.")  # fmt: skip
 @click.option("--match-rate", is_flag=True,
               help="Weigh the particles so that the stripping rate is the snapshot's: this compares where a scheme "
               "puts the debris, whatever its rate.")  # fmt: skip

@@ -1,4 +1,4 @@
-"""The command `streamkit calibrate`: whether the intervals of a fit hold the truth as often as they say."""
+"""The command `streamkit calibrate`: a test whether the intervals of a fit contain the truth as often as stated."""
 
 from __future__ import annotations
 

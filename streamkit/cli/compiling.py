@@ -13,7 +13,7 @@ SENTENCE = (
 )
 
 
-def tell_of_compiling() -> None:
+def announce_compilation() -> None:
     """Announce compilation once in the rest of this command, including the processes that it forks."""
     from numba.core import event  # heavy, and wanted by commands that compute only
 

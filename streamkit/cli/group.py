@@ -25,7 +25,7 @@ GROUP = "streamkit.commands"
 
 
 class PluginCommand(click.Command):
-    """A command of another package, which is imported when the command is called or its help is asked for."""
+    """A command of another package, which is imported when the command or its help is called."""
 
     def __init__(self, name: str, points: Sequence[EntryPoint]) -> None:
         super().__init__(name)

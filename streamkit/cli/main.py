@@ -10,6 +10,7 @@ from streamkit.cli.check import check
 from streamkit.cli.cite import cite
 from streamkit.cli.export import export
 from streamkit.cli.group import Commands
+from streamkit.cli.host import host
 from streamkit.cli.init import init
 from streamkit.cli.new import new
 from streamkit.cli.plugins import plugins
@@ -32,7 +33,7 @@ def main() -> None:
 
 
 for command in (
-    init, check, stream, ablate, sensitivity, calibrate, run, status, report, export, cite, plugins, reference, schema,
-    new,
+    init, check, stream, host, ablate, sensitivity, calibrate, run, status, report, export, cite, plugins, reference,
+    schema, new,
 ):  # fmt: skip
     main.add_command(command)

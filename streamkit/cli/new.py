@@ -42,7 +42,12 @@ def new(role: str, name: str, output: Path | None) -> None:
     click.echo(f"{directory}: {', '.join(texts)}\n")
     click.echo(f"Your code goes into {module}. From here:\n")
     click.echo(f"  pip install -e {directory} pytest\n  pytest {directory}\n  streamkit plugins {role} {name}\n")
-    click.echo(f'In a run file: [{role}] with kind = "{name}" and its fields.')
+    click.echo(f'In a run file: [{section_of(role, name)}] with kind = "{name}" and its fields.')
+
+
+def section_of(role: str, name: str) -> str:
+    """Return the section of a run file for a component: data have names, which are of the user's choice."""
+    return f"data.{name}" if role == "data" else role
 
 
 def package_files(role: str, name: str) -> dict[str, str]:
@@ -60,6 +65,7 @@ def package_files(role: str, name: str) -> dict[str, str]:
         raise StreamkitError(f"{name!r}: {supplier} has a {role} of this name. Choose another name.")
     package = f"streamkit-{name.replace('_', '-')}"
     words = {"role": role, "kind": name, "name": called, "package": package, "module": package.replace("-", "_")}
+    words["section"] = section_of(role, name)
     files = {
         "pyproject.toml": "pyproject.toml.txt",
         f"{words['module']}.py": f"{role}.py.txt",

@@ -10,7 +10,7 @@ import click
 
 import streamkit as sk
 from streamkit import runfile
-from streamkit.cli.compiling import tell_of_compiling
+from streamkit.cli.compiling import announce_compilation
 from streamkit.cli.completion import settings
 
 INVALID, INTERRUPTED = 2, 130  # exit statuses of the commands: bad input, and stopped by Ctrl-C
@@ -48,7 +48,7 @@ def directory(suffix: str) -> Callable[[Any], Any]:
 def load_spec(run_file: Path, settings: Sequence[str] = ()) -> sk.Spec:
     """Read the run file and apply the settings; a command that is not quiet will announce compilation."""
     if not click.get_current_context().params.get("quiet"):
-        tell_of_compiling()
+        announce_compilation()
     spec = sk.load(run_file)
     return spec.with_values(read_settings(settings)) if settings else spec
 

@@ -1,4 +1,4 @@
-"""The process of a command: streams that are there whatever is closed, and an end for which no thread is waited."""
+"""The process of a command: valid standard streams, and an exit that does not wait for foreign threads."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from typing import NoReturn
 
 import click
 
-PATIENCE = 10.0  # seconds that threads other than the main one have to end, once the command has
+PATIENCE = 10.0  # seconds that other threads have to end after the command
 
 
 def keep_streams() -> None:
-    """Make sure that there is somewhere to write to.
+    """Give the process valid standard streams.
 
-    Descriptors that the shell closed lead nowhere, so that no other file is opened in their place. What is printed goes
-    through copies of them: a plugin that closes the originals does no harm.
+    Descriptors that the shell closed are opened on the null device: otherwise the next file would take their number,
+    and prints would go into it. Output goes through copies, which a plugin that closes the originals leaves open.
     """
     for number in range(3):
         try:
@@ -36,9 +36,9 @@ def keep_streams() -> None:
 
 
 def leave(status: int) -> NoReturn:
-    """End the process with a status; threads that a plugin left and that are no daemons have `PATIENCE`.
+    """End the process with a status. Threads of plugins that are no daemons have `PATIENCE` seconds to end.
 
-    What cannot be printed, as nobody reads it any more or a plugin closed it, does not change the status.
+    Output that cannot be printed, to a closed pipe or stream, does not change the status.
     """
     for name in ("stdout", "stderr"):
         try:
@@ -51,7 +51,7 @@ def leave(status: int) -> NoReturn:
 
 
 def _others() -> list[str]:
-    """Return the names of the threads that the interpreter waits for."""
+    """Return the names of the threads that the interpreter would wait for."""
     main = threading.main_thread()
     return [each.name for each in threading.enumerate() if each is not main and not each.daemon]
 
@@ -60,6 +60,6 @@ def _end(status: int) -> None:
     sleep(PATIENCE)
     if left := _others():
         with suppress(OSError, ValueError):
-            click.echo(f"streamkit: ended, though a thread goes on that a plugin left ({left[0]})", err=True)
+            click.echo(f"streamkit: ended, though a thread of a plugin is still running ({left[0]})", err=True)
             sys.stdout.flush()
         os._exit(status)

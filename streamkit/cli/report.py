@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from streamkit import report as reports
-from streamkit.cli.compiling import tell_of_compiling
+from streamkit.cli.compiling import announce_compilation
 from streamkit.cli.options import JSON, LITERATURE, PDF, TRUST
 from streamkit.study import fit
 
@@ -43,7 +43,7 @@ def report(
     value, error_minus, error_plus (Msun or km/s) and reference. A copy in DIR serves later reports.
     """
     if not quiet:
-        tell_of_compiling()
+        announce_compilation()
     results = fit.write_products(directory, truth, literature, pdf, trust)
     if as_json:
         click.echo(reports.as_json(fit.results_record(results)))

@@ -53,6 +53,7 @@ def sensitivity(
 
 def apart(spec: sk.Spec, settings: Mapping[str, Any]) -> tuple[sk.Spec, dict[str, Any]]:
     """Split the settings: numbers for free parameters make the fixed point, the others are applied to the run file."""
+    settings = spec.by_path(settings)
     point = {path: value for path, value in settings.items() if path in spec.names and not isinstance(value, Mapping)}
     rest = {path: value for path, value in settings.items() if path not in point}
     return spec.with_values(rest) if rest else spec, point

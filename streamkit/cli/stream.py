@@ -13,6 +13,8 @@ from streamkit import observe, report
 from streamkit.cli.options import FORCE_FILE, JSON, RUN_FILE, SET, load_spec, read_settings
 from streamkit.errors import OutOfDomain, StreamkitError
 
+TRACKS = (".ecsv", *report.PICTURES)  # suffixes of --track
+
 
 @click.command()
 @RUN_FILE
@@ -21,6 +23,9 @@ from streamkit.errors import OutOfDomain, StreamkitError
               help="Write the particles to FILE.ecsv, .hdf5 or .fits.")  # fmt: skip
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",
               help="Draw the stream to FILE.png, .pdf or .svg.")  # fmt: skip
+@click.option("--track", type=click.Path(path_type=Path), metavar="FILE",
+              help="Write the mean track on the sky to FILE.ecsv, or draw it to .png, .pdf or .svg.")  # fmt: skip
+@click.option("--frame", metavar="NAME", help="Frame of --track by its name; left out: that of the observable.")
 @click.option("--threads", default=1, show_default=True, type=click.IntRange(1), metavar="N",
               help="Threads for one stream, for 100 000 particles and more; it does not depend on them.")  # fmt: skip
 @FORCE_FILE
@@ -31,6 +36,8 @@ def stream(
     settings: tuple[str, ...],
     output: Path | None,
     plot: Path | None,
+    track: Path | None,
+    frame: str | None,
     threads: int,
     force: bool,
     as_json: bool,
@@ -42,10 +49,16 @@ def stream(
     stream are compared with the host. Free parameters are at the prior's centre unless --set gives them a value.
     """
     spec = load_spec(run_file, settings)
-    particles, pictures = ({name: _file(path, name, spec) for name in spec.streams} for path in (output, plot))
-    for files, suffixes, option in ((particles, report.FORMATS, "--output"), (pictures, report.PICTURES, "--plot")):
+    particles, pictures, tracks = (
+        {name: _file(path, name, spec) for name in spec.streams} for path in (output, plot, track)
+    )
+    for files, suffixes, option in (
+        (particles, report.FORMATS, "--output"), (pictures, report.PICTURES, "--plot"), (tracks, TRACKS, "--track"),
+    ):  # fmt: skip
         for path in filter(None, files.values()):
             report.check_target(path, suffixes, option, force)
+    if frame is not None:
+        _require_frame(frame)
     model = sk.Model(spec, threads)
     records: list[dict[str, Any]] = []
     show = (lambda _: None) if as_json or quiet else click.echo
@@ -68,12 +81,30 @@ def stream(
         if file := pictures[name]:
             report.save_picture(file, report.draw_stream(made, prediction, inputs))
             show(f"picture: {file}")
+        if file := tracks[name]:
+            _write_track(made, frame or observe.frame_of(inputs.observables), file)
+            show(f"track: {file}")
     bound = spec.bind_all()
     for name, measured in model.observe_host(bound).items():
         show("\n" + report.describe_measured(f"data {name}", [bound.data[name]], measured))
         records.append({"data": name, "observables": report.prediction_record([bound.data[name]], measured)})
     if as_json:
         click.echo(report.as_json(records))
+
+
+def _require_frame(name: str) -> None:
+    try:
+        sk.sky_matrix(name)
+    except ValueError as error:
+        raise click.BadParameter(str(error), param_hint="'--frame'") from None
+
+
+def _write_track(made: sk.Stream, frame: sk.Frame, file: Path) -> None:
+    track = made.track(frame)
+    if file.suffix in report.PICTURES:
+        report.save_picture(file, report.draw_track(track, made, frame))
+    else:
+        report.save_table(file, track.table())
 
 
 def _file(path: Path | None, name: str, spec: sk.Spec) -> Path | None:

@@ -1,4 +1,4 @@
-"""The frame of the commands over a grid: shared options, then the study in its directory, files, text, exit status."""
+"""The common part of the commands that run a study: options, directory, files, text and exit status."""
 
 from __future__ import annotations
 
@@ -52,12 +52,7 @@ def conduct(
 ) -> None:
     """Run a study, write its files, print its tables, and leave the process with its status.
 
-    Parameters
-    ----------
-    count, unit
-        The number of streams, or of another ``unit``, that the study makes.
-    study
-        Makes them; it calls its argument after each.
+    The study makes ``count`` streams, or other units, and calls its argument after each.
     """
     out, silent = options.out, options.quiet or options.as_json
     with report.locked(out):

@@ -1,4 +1,4 @@
-"""What can be plugged in: the abstract bases, the hook, the registry of what is installed."""
+"""Components: the abstract bases, the hook of plugins, and the registry of installed components."""
 
 import lazy_loader
 

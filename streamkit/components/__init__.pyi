@@ -7,9 +7,16 @@ from .bases import Integrator as Integrator
 from .bases import Measurement as Measurement
 from .bases import Observable as Observable
 from .bases import Stripping as Stripping
+from .bases import StrippingScheme as StrippingScheme
 from .given import IN_PYTHON as IN_PYTHON
 from .hookspecs import CONTRACT as CONTRACT
 from .hookspecs import hookimpl as hookimpl
+from .live import BlockEdge as BlockEdge
+from .live import LiveStripping as LiveStripping
+from .live import Population as Population
+from .live import Remnant as Remnant
+from .live import SatelliteView as SatelliteView
+from .monopole import Monopole as Monopole
 from .plugin import ROLES as ROLES
 from .plugin import Plugin as Plugin
 from .plugin import is_loaded as is_loaded

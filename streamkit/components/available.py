@@ -1,4 +1,4 @@
-"""Which plugins are switched off, and which package has a missing one; `streamkit --help` needs no more than this."""
+"""Plugins that are switched off, and the packages of missing ones: all that `streamkit --help` needs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Mapping
 # Environment variable: entry-point names, separated by commas, of plugins and commands that are not loaded.
 DISABLE = "STREAMKIT_DISABLE_PLUGINS"
 
-# The plugins of this repository, for the hint where one is not installed: package -> role, or ``command`` -> names.
+# The plugins of this repository, for the hint if one is not installed: package -> role, or ``command`` -> names.
 PACKAGES: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "streamkit-spray": {"stripping": ("fardal15", "fardal15_gala", "chen25")},
     "streamkit-nautilus": {"sampler": ("nautilus",)},

@@ -62,7 +62,7 @@ class Component(BaseModel, ABC):
         return cls
 
     def __eq__(self, other: object) -> bool:
-        """Say whether two components have the same class and the same values; arrays are compared by their numbers."""
+        """Return whether two components have the same class and equal values; arrays are compared by their numbers."""
         if type(self) is not type(other):
             return NotImplemented
         pairs = ((getattr(self, name), getattr(other, name)) for name in type(self).model_fields)
@@ -89,23 +89,32 @@ class Component(BaseModel, ABC):
         return {name: unit for name, field in cls.model_fields.items() if (unit := unit_of(field)) is not None}
 
 
-class Stripping(Component):
-    """Time, place and velocity at which particles leave the progenitor.
+class StrippingScheme(Component):
+    """Time, place and velocity at which particles leave the progenitor: the part that all schemes share.
 
-    The fields below belong to every scheme.
+    A scheme derives from `Stripping`, which releases its particles from the progenitor one after the other, or from
+    `LiveStripping`, which fills the progenitor with particles at the look-back time and follows them all.
     """
 
     role: ClassVar[str] = "stripping"
     draws: ClassVar[int]
-    """Number of standard normals per particle."""
+    """Number of random numbers per particle."""
 
     particles: int = Field(default=10000, ge=2, description="Number of particles, both tails together.")
-    progenitor_gravity: bool = Field(
-        default=True, description="Whether the particles feel the progenitor after their release."
-    )
     quasi_random: bool = Field(
         default=True,
         description="Draw the normals from a scrambled Sobol sequence per tail (half the noise), or independently.",
+    )
+
+
+class Stripping(StrippingScheme):
+    """A scheme that releases particles from the progenitor, with standard normals as its random numbers.
+
+    The fields below belong to every scheme of this sort.
+    """
+
+    progenitor_gravity: bool = Field(
+        default=True, description="Whether the particles feel the progenitor after their release."
     )
     release_times: Literal["uniform", "pericentre"] = Field(
         default="uniform",

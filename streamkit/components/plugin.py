@@ -21,7 +21,7 @@ import numpy as np
 import pluggy
 
 from streamkit.components import hookspecs
-from streamkit.components.bases import Component, HostData, Integrator, Observable, Stripping
+from streamkit.components.bases import Component, HostData, Integrator, Observable, StrippingScheme
 from streamkit.components.potential import Potential
 from streamkit.components.preset import Preset
 from streamkit.components.sampler import Sampler
@@ -29,7 +29,7 @@ from streamkit.errors import PluginError, SpecError, expect_file, message_of
 
 PACKAGE_PREFIX = "streamkit."
 ROLES: dict[str, type[Component]] = {
-    base.role: base for base in (Potential, Stripping, Integrator, Observable, HostData, Sampler)
+    base.role: base for base in (Potential, StrippingScheme, Integrator, Observable, HostData, Sampler)
 }
 
 
@@ -90,7 +90,7 @@ def supplier_of(point: EntryPoint) -> str:
 
 
 def is_ours(point: EntryPoint) -> bool:
-    """Say whether an entry point is that of the built-in components."""
+    """Return whether an entry point is that of the built-in components."""
     return point.value.startswith(PACKAGE_PREFIX)
 
 
@@ -207,7 +207,7 @@ def check_class(cls: Any) -> None:
 
 
 def _has(cls: type[Component], name: str) -> bool:
-    """Say whether a class has a field, or defines a constant, that its base annotates."""
+    """Return whether a class has a field, or defines a constant, that its base annotates."""
     return name in cls.model_fields or hasattr(cls, name)
 
 
@@ -236,7 +236,7 @@ def _module_name(path: Path, digest: str) -> str:
 
 
 def is_loaded(path: Path) -> bool:
-    """Say whether a plugin file with this name and content was imported by this process already."""
+    """Return whether a plugin file with this name and content was imported by this process already."""
     try:
         expect_file(path)
         return _module_name(path, _digest(with_neighbours(path))) in sys.modules

@@ -153,6 +153,29 @@ class Potential(Component):
         return 0.0, 0.0, 0.0
 
     @staticmethod
+    def equilibrium(share: Array, chance: Array, *parameters: Any) -> tuple[Array, Array]:
+        """Return radii in kpc and speeds in km/s of particles of a sphere in isotropic equilibrium. Optional.
+
+        A stripping scheme that follows a live progenitor asks for it, and uses Eddington's formula where a potential
+        does not define it.
+
+        Parameters
+        ----------
+        share
+            (n,) share of the mass that is inside each radius, between 0 and 1.
+        chance
+            (n,) share of the particles there that are slower, between 0 and 1.
+        parameters
+            As those of `acceleration`.
+        """
+        raise NotImplementedError
+
+    @classmethod
+    def has_equilibrium(cls) -> bool:
+        """Say whether the class defines `equilibrium`."""
+        return cls.equilibrium is not Potential.equilibrium
+
+    @staticmethod
     def prepare(*fields: Any) -> Any:
         """Compute once, for all positions, arguments of `acceleration` such as splines and expansions. Optional.
 
@@ -211,12 +234,12 @@ class Potential(Component):
 
     @classmethod
     def has_energy(cls) -> bool:
-        """Say whether the class defines `potential`."""
+        """Return whether the class defines `potential`."""
         return cls.potential is not Potential.potential
 
     @classmethod
     def has_drag(cls) -> bool:
-        """Say whether the class defines `drag`."""
+        """Return whether the class defines `drag`."""
         return cls.drag is not Potential.drag
 
     @property
@@ -234,7 +257,7 @@ class Potential(Component):
     @classmethod
     @cache
     def asks_for_host(cls) -> bool:
-        """Say whether `prepare` has the argument ``host``."""
+        """Return whether `prepare` has the argument ``host``."""
         return HOST in inspect.signature(cls.prepare).parameters and HOST not in cls.model_fields
 
     def beside(self, others: tuple[Potential, ...]) -> Potential:

@@ -1,4 +1,4 @@
-"""Samplers: what they are given (`Target`), what they give (`Samples` or an `Ensemble`), and their base classes."""
+"""Samplers: their input (`Target`), their output (`Samples` or an `Ensemble`), and their base classes."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Evaluations:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Weighted samples of the posterior, as far as a sampler has come.
+    """Weighted samples of the posterior, at one stage of the sampling.
 
     Attributes
     ----------
@@ -220,8 +220,8 @@ class Sampler(Component):
     def sample(self, target: Target) -> Iterator[Samples | Ensemble]:
         """Yield weighted `Samples` now and then, the last of which are the result, or an `Ensemble` after each step.
 
-        streamkit stores what is yielded before it asks for the next. All chance comes from ``target.seed``, and the
-        clock is used for `Target.time_left` alone: the same target gives the same samples.
+        streamkit stores each result before the next one is computed. All random numbers come from ``target.seed``, and
+        the clock is used for `Target.time_left` alone: the same target gives the same samples.
         """
 
     def reject_dimension(self, d: int) -> str:

@@ -47,5 +47,5 @@ class Spherical(Potential):
 
     @classmethod
     def has_energy(cls) -> bool:
-        """Say whether the class defines `well`."""
+        """Return whether the class defines `well`."""
         return cls.well is not Spherical.well

@@ -16,6 +16,8 @@ from streamkit.units import G, Unit
 DISTANT = 1e5, 1e6  # radii in kpc beyond every galaxy: the missing part of a finite mass falls there at least as 1/r
 ENDS = 3e-3  # the largest relative growth between them of a mass that is finite
 AZIMUTH = 16  # equal angles: exact for every harmonic below this order
+STEP, SHELL = 1e-4, 1e-2  # of the radius: differences for a density at a place, and for that of a shell
+FAR_AWAY = np.array([1e50]), np.array([1e100])  # kpc: a potential that still differs between them has no limit
 POLAR = 20  # Gauss-Legendre nodes per hemisphere
 
 
@@ -33,7 +35,7 @@ class Part(Protocol):
 
     @classmethod
     def has_energy(cls) -> bool:
-        """Say whether it gives a potential."""
+        """Return whether it gives a potential."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +77,43 @@ class Total:
         outwards, upwards = np.einsum("crk,ck->rk", force, around).mean(axis=1), force[2].mean(axis=1)
         with np.errstate(all="ignore"):
             return np.asarray(np.sqrt(z * outwards / (radii * upwards)))
+
+    def density(self, q: Array) -> Array:
+        """(n,) Mass density in Msun/kpc^3 at positions q (3, n) in kpc: minus the divergence of the force, over 4 pi G.
+
+        By central differences over 1e-4 of the radius: a disc must be thicker than a thousandth of it.
+        """
+        q = np.asarray(q, dtype=float)
+        step = STEP * np.maximum(np.sqrt((q**2).sum(axis=0)), 1e-3)
+        divergence = np.zeros(q.shape[1])
+        for axis in np.eye(3):
+            ahead, behind = (self.acceleration(q + sign * axis[:, None] * step) for sign in (1.0, -1.0))
+            divergence += axis @ (ahead - behind) / (2 * step)
+        return np.asarray(-divergence / (4 * np.pi * G))
+
+    def mean_density(self, radii: Array) -> Array:
+        """(nr,) Mean density in Msun/kpc^3 on spheres of radii (nr,) in kpc: ``dM / dr / (4 pi r^2)``."""
+        radii = np.asarray(radii, dtype=float)
+        ahead, behind = (self.mass_inside(radii * np.exp(sign * SHELL)) for sign in (1.0, -1.0))
+        return np.asarray((ahead - behind) / (2 * SHELL * 4 * np.pi * radii**3))
+
+    def escape_speed(self, radii: Array) -> Array | None:
+        """(nr,) Speed in km/s that leads to infinity from radii (nr,) in kpc in the plane; None without a potential.
+
+        ``sqrt(2 (Phi(infinity) - Phi))`` with the mean potential around the axis. It is infinite where the potential
+        has no limit, as in a logarithmic halo.
+        """
+        radii, around = np.asarray(radii, dtype=float), circle()
+        with np.errstate(all="ignore"):
+            depths = []
+            for r in (radii, *FAR_AWAY):
+                depth = self.potential((around[:, None, :] * r[:, None]).reshape(3, -1))
+                if depth is None:
+                    return None
+                depths.append(depth.reshape(-1, around.shape[1]).mean(axis=1))
+            here, far, farther = depths
+            limit = np.abs(farther - far) < 1e-6 * np.abs(farther - here)
+            return np.asarray(np.where(limit, np.sqrt(2 * np.maximum(farther - here, 0.0)), np.inf))
 
     def _inward(self, directions: Array, radii: Array) -> Array:
         """(nr, k) Inward radial acceleration at radii (nr,) along directions (3, k)."""

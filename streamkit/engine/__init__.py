@@ -1,6 +1,6 @@
-"""The compiled part: what an integrator author may use beside the names of `streamkit`.
+"""The compiled code. Authors of integrators may use these names beside those of `streamkit`.
 
-How the loop goes through the particles stands at the head of `streamkit.engine.loops`.
+`streamkit.engine.loops` explains at its head how a loop goes through the particles.
 """
 
 import lazy_loader

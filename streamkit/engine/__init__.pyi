@@ -8,9 +8,11 @@ from .field import adaptive_step as adaptive_step
 from .field import build_field as build_field
 from .field import split_step as split_step
 from .kernels import Force as Force
+from .march import MovingForce as MovingForce
 from .methods import LEAPFROG as LEAPFROG
 from .methods import PEFRL as PEFRL
 from .methods import RKN4 as RKN4
 from .methods import Splitting as Splitting
 from .patches import Patches as Patches
 from .records import record as record
+from .remnant import bound_shells as bound_shells

@@ -1,7 +1,7 @@
-"""What an `acceleration` gets after t: numbers and arrays, packed into one array of doubles and taken apart again.
+"""The arguments of an `acceleration` after t, numbers and arrays, packed into one array of doubles.
 
-A number is its own double. In place of an array stand the index of its first element and its shape; the elements lie
-behind all arguments. Numbers alone are thus just these numbers.
+A number takes one double. An array takes the index of its first element and its shape; the elements of all arrays
+follow behind the last argument. Arguments that are all numbers are therefore packed as these numbers alone.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def pack(values: Sequence[float | Array]) -> Array:
 
 
 def unpacker(layout: tuple[int, ...]) -> Any:
-    """Return a compiled function that makes a tuple of numbers and arrays of what `pack` has made."""
+    """Return a compiled function that turns the result of `pack` into a tuple of numbers and arrays again."""
     if not any(layout):
         count = len(layout)
         return njit(lambda packed: to_fixed_tuple(packed[:count], count), forceinline=True)
@@ -54,7 +54,7 @@ def _with_number(before, place):
 
 
 def _with_array(before, place, ndim):
-    """Add an array of one, two or three dimensions: for each the shape is a tuple of its own type."""
+    """Add an array of one, two or three dimensions, each by its own function: numba types a shape by its length."""
     if ndim == 1:
 
         def shape(packed):

@@ -1,7 +1,8 @@
 """Centres that move in each other's field: the host and the bodies about it, in an inertial frame.
 
-Each is a centre of forces and feels those of the others; on a body the host may act with Chandrasekhar's dynamical
-friction besides. That depends on the velocity, so the method is the classical one of Runge and Kutta, of fourth order.
+Each is a centre of forces and feels those of the others. The host may also slow a body down by Chandrasekhar's
+dynamical friction. Friction depends on the velocity, so the method is the classical one of Runge and Kutta, of fourth
+order.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ from streamkit.engine.velocity_forces import DRAGGED, drag_centres
 from streamkit.stream import Array, Orbit
 from streamkit.units import G
 
-# Most that two centres may move in a step, in units of their distance or of sqrt(distance / acceleration).
+# Largest motion of two centres in a step, in units of their distance or of sqrt(distance / acceleration).
 FINEST = 0.03
 PARTS = 100  # most steps between two nodes
 
 
 class Friction(NamedTuple):
-    """The host as a body feels it that is slowed down in it.
+    """Density and velocity dispersion of the host, which slow a body down.
 
     Attributes
     ----------
@@ -56,7 +57,7 @@ _FRICTION = types.NamedTuple([types.float64[:, :, ::1], _F, _F, _F1], Friction)
 
 @dataclass(frozen=True)
 class Centre:
-    """A body that is followed.
+    """A body whose orbit is integrated.
 
     Attributes
     ----------
@@ -117,7 +118,7 @@ def friction_at(friction, t, d, speed, mass, extent):
 def pull(forces, friction, traits, n, t, x, u, centre, a):
     """Store in a the accelerations of n centres at x with velocities u, rows ROW apart, the host in front.
 
-    traits (n, 3) are of each: 1 if it pulls the host, the mass that is slowed down, its scale length.
+    traits (n, 3) holds for each centre: 1 if it pulls the host, the mass that is slowed down, its scale length.
     """
     for j in range(n):
         for i in range(3):
@@ -163,9 +164,9 @@ _FOLLOW = _FRICTION, _F2, _F2, _F, _F, types.float64[:, :, ::1]
 
 @cached(types.void(FORCES, *_FOLLOW))
 def follow(forces, friction, traits, today, t0, step, out):
-    """Integrate n centres from today (n, 6), writing their states (n, T, 9) at t0 + k * step.
+    """Integrate n centres from today (n, 6) and write their states (n, T, 9) at t0 + k * step.
 
-    The trajectory of a force is the number of the centre that it belongs to; traits as in `pull`.
+    The trajectory of a force is the number of its centre; traits as in `pull`.
     """
     n = today.shape[0]
     x, u, a, t = np.zeros(3 * ROW), np.zeros(3 * ROW), np.zeros(3 * ROW), np.empty(n)
@@ -182,7 +183,7 @@ def follow(forces, friction, traits, today, t0, step, out):
                 row = i * ROW + j
                 out[j, node, i], out[j, node, 3 + i], out[j, node, 6 + i] = x[row], u[row], a[row]
         if node == out.shape[1] - 1:
-            break  # no force is asked for beyond the last state
+            break  # no force is evaluated beyond the last state
         parts = parts_of(n, x, u, a, step)
         h = step / parts
         for part in range(parts):
@@ -216,7 +217,7 @@ def follow(forces, friction, traits, today, t0, step, out):
 
 @cache
 def compile_with_drag() -> None:
-    """Compile the loop for hosts with forces that depend on velocity too; when one is first needed."""
+    """Compile the loop also for hosts with forces that depend on velocity, when one is first needed."""
     also_for(follow, types.void(DRAGGED, *_FOLLOW))
 
 
@@ -241,7 +242,7 @@ def follow_bodies(
         follow(field.forces._replace(trajectory=owner), friction, traits, today, 0.0, step, out)
     else:
         compile_with_drag()
-        follow(field.whole._replace(trajectory=owner), friction, traits, today, 0.0, step, out)
+        follow(field.all_forces._replace(trajectory=owner), friction, traits, today, 0.0, step, out)
     field.check()
     t: Array = step * np.arange(count + 1, dtype=float)
     t[-1] = t1

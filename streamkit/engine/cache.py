@@ -31,10 +31,10 @@ from numba.core.typing.templates import builtin_registry
 from streamkit import elementary
 
 FASTMATH = ("arcp", "contract")
-# For all compiled code. contract: fused multiply-add; arcp: one reciprocal for divisions by the same number.
+# Options of all compiled code. contract: fused multiply-add; arcp: one reciprocal for divisions by the same number.
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": set(FASTMATH)}
 
-# For the helpers, which become part of the function that calls them.
+# Options of helpers, which are inlined into the function that calls them.
 INLINE: dict[str, Any] = {"inline": "always", "error_model": "numpy"}
 
 # Numba's settings (environment variables NUMBA_...) that change the machine code. Its own key leaves them out.
@@ -66,37 +66,38 @@ class ContentCache(FunctionCache):  # type: ignore[misc]  # numba is untyped her
 def disk_cache(function: Callable[..., Any], digest: str) -> Any:
     """Return the disk cache of a function; none if no folder can be written, or if other users may write to it.
 
-    The content of the cache is executed, as machine code and by pickle. It is in a folder beside the function's file,
-    in ``NUMBA_CACHE_DIR`` or in the user's own cache.
+    The content of the cache is executed, as machine code and by pickle, so other users must not write to it. The folder
+    is beside the function's file, in ``NUMBA_CACHE_DIR``, or in the user's cache folder.
     """
     try:
-        place = ContentCache(function, digest)
-    except RuntimeError:  # there is no place
+        cache = ContentCache(function, digest)
+    except RuntimeError:  # no folder can be written
         return NullCache()
-    folder = Path(place.cache_path)
-    reason = _strange(folder, Path(function.__code__.co_filename))
+    folder = Path(cache.cache_path)
+    reason = _reason_not_to_trust(folder, Path(function.__code__.co_filename))
     if not reason:
-        return place
-    if not _refused():
+        return cache
+    if not _refused_folders():
         logging.getLogger("streamkit").warning(
             "Compiled code in %s is not used, as %s: set NUMBA_CACHE_DIR to a folder of your own, or each command "
             "compiles anew.", folder, reason,
         )  # fmt: skip
-    _refused().append(folder)
+    _refused_folders().append(folder)
     return NullCache()
 
 
 @cache
-def _refused() -> list[Path]:
-    """Folders that were refused in this process; there is a warning for the first."""
+def _refused_folders() -> list[Path]:
+    """Folders that were refused in this process. A warning names the first of them."""
     return []
 
 
 @cache
-def _strange(folder: Path, source: Path) -> str:
+def _reason_not_to_trust(folder: Path, source: Path) -> str:
     """Return why other users might have written to a folder; empty if none could.
 
-    Its owner may be root, or that of the source file, who could change that as well. Its group may be the user's own.
+    The owner may be root, or the owner of the source file, who could change that file as well. The group may be the
+    private group of the user.
     """
     if not hasattr(os, "getuid"):  # not on Unix
         return ""
@@ -127,7 +128,7 @@ def _is_private(group: int) -> bool:
 
 def digest_of_parts(parts: list[str]) -> str:
     """Return a hash of the parts and of the versions and options that every compilation depends on."""
-    options = [OPTIONS["error_model"], *FASTMATH]  # not the set: its order is another one in every process
+    options = [OPTIONS["error_model"], *FASTMATH]  # not the set: its order differs between processes
     options += [f"{getattr(numba.config, name)!r}" for name in SETTINGS]
     versions = [numba.__version__, llvmlite.__version__, np.__version__, *options]
     return hashlib.sha256("\n".join([*versions, *parts]).encode()).hexdigest()
@@ -157,18 +158,18 @@ def cached(signature: Any, nogil: bool = False) -> Callable[[Callable[..., Any]]
 
 
 def also_for(loop: Any, signature: Any) -> None:
-    """Compile a loop that `cached` has compiled for another signature too."""
+    """Compile a loop of `cached` for one more signature."""
     loop.disable_compile(False)
     loop.compile(signature)
     loop.disable_compile()
 
 
 def content_digest(function: Callable[..., Any] | tuple[Any, ...], layout: object) -> str | None:
-    """Return a hash of all that determines a kernel's machine code, None if that cannot be known.
+    """Return a hash of all that determines a kernel's machine code; None if that cannot be determined.
 
-    That is the author's function (bytecode, constants, defaults) and, followed to the end, all that it refers to:
-    helpers with their own defaults and options of njit, and the values of globals and closures. Not known are objects
-    of other kinds, and functions that somebody's ``numba.extending.overload`` replaces.
+    The hash covers the author's function (bytecode, constants, defaults) and, recursively, all that it refers to:
+    helpers with their defaults and njit options, and the values of globals and closures. It cannot be determined with
+    objects of other kinds, or with functions that an ``numba.extending.overload`` of somebody else replaces.
     """
     content = _Content()
     try:
@@ -182,7 +183,7 @@ def content_digest(function: Callable[..., Any] | tuple[Any, ...], layout: objec
 
 
 class _UnknownError(Exception):
-    """The machine code depends on something that has no sure description."""
+    """The machine code depends on an object that cannot be described reliably."""
 
 
 class _Content:
@@ -194,7 +195,7 @@ class _Content:
         self._overloaded = _overloaded_names()
 
     def add(self, thing: Any) -> None:
-        """Describe a value; raise `_UnknownError` if that is not possible for sure."""
+        """Describe a value; raise `_UnknownError` if it cannot be described reliably."""
         if thing is None or type(thing) in {bool, int, float, complex, str} or isinstance(thing, np.number):
             self.parts.append(repr(thing))
         elif isinstance(thing, tuple | frozenset):
@@ -211,7 +212,7 @@ class _Content:
 
     @staticmethod
     def _is_library(thing: Any) -> bool:
-        """True for what numba or the engine compile themselves: their versions and texts are in the digest."""
+        """Return whether numba or the engine implements it: its version or text is then in the digest."""
         if isinstance(thing, types.ModuleType):
             return thing in (np, elementary) or thing.__name__ == "math"
         if isinstance(thing, np.ufunc):

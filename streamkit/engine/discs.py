@@ -1,4 +1,4 @@
-"""How thin the disc of a host is: it is crossed in a part of a dynamical time, and steps must foresee that."""
+"""The heights of a host's disc: a thin one is crossed in a part of a dynamical time, which limits the steps."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from streamkit.engine.field import Field
 from streamkit.errors import ComponentError, OutOfDomain
 from streamkit.stream import Array
 
-# kpc, at which the height is looked for: each is twice the one before, as `streamkit.engine.levels` takes them.
+# Radii in kpc of the heights: each is twice the one before, which `streamkit.engine.levels` relies on.
 RADII = 2.0 ** np.arange(9)
 AZIMUTHS = np.radians([0.0, 90.0])  # a bar is thin in one direction
-STEPS = 12  # heights to look at, for each radius: this radius divided by powers of two
-# A host whose height is more than this times the radius has no disc there: spheres have half, of these steps.
+STEPS = 12  # trial heights at each radius: the radius divided by powers of two
+# A host whose height exceeds this fraction of the radius has no disc there. For a sphere the trial heights give 1/2.
 THIN = 0.3
 
 
@@ -37,7 +37,7 @@ def disc_heights(field: Field) -> Array:
     with np.errstate(all="ignore"):
         try:
             pull = -field.acceleration(0.0, q.reshape(3, -1))[2].reshape(shape) / z
-        except (ComponentError, OutOfDomain):  # not defined everywhere: told where a particle goes there
+        except (ComponentError, OutOfDomain):  # raised again if a particle goes where there is no force
             return np.empty(0)
         share = pull / pull[..., -1:]  # of that next to the plane
         index = np.argmax(share > 0.5, axis=-1)  # the greatest height that has more than half

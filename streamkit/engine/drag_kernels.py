@@ -1,7 +1,7 @@
-"""From elementwise `drag`s to one C function for all of them: the mean acceleration over a kick.
+"""One C function from the elementwise `drag`s of all components: the mean acceleration over a kick.
 
-Of the same form as the kernels of forces (see `streamkit.engine.kernels`), but ``q`` are whole lanes, ``centre[0]`` is
-the fraction of their time steps that the kick takes, and ``a`` holds the forces that do not depend on velocity.
+The function has the form of the kernels of forces (see `streamkit.engine.kernels`), but ``q`` holds whole lanes,
+``centre[0]`` is the length of the kick in time steps, and ``a`` holds the forces that do not depend on velocity.
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ Part = tuple[type[Force], tuple[int, ...], bool]
 def drag_kernel(forces: Sequence[Force]) -> tuple[Any, Array]:
     """Return the kernel of the forces' drags together, and its packed parameters.
 
-    Through NumPy if one of them is not compiled. Raises `PluginError` if numba cannot compile an author's function.
+    The kernel runs in NumPy if one of the forces is not compiled. Raises `PluginError` if numba cannot compile an
+    author's function.
     """
     if not all(force.compiled for force in forces):
         return NumpyDrag(forces), np.zeros(1)
@@ -45,7 +46,7 @@ def drag_kernel(forces: Sequence[Force]) -> tuple[Any, Array]:
 
 @cache
 def compiled_drag(parts: tuple[Part, ...]) -> Any:
-    """Return the machine code of the drags of components; once for each combination and process."""
+    """Return the machine code for a combination of components; compiled once per process."""
     inlined = njit(forceinline=True, **OPTIONS)
     total = inlined(lambda x, y, z, u, v, w, t, p: (0.0, 0.0, 0.0))
     for number, (cls, layout, growing) in enumerate(parts):
@@ -66,7 +67,7 @@ def compiled_drag(parts: tuple[Part, ...]) -> Any:
     def kernel(n, t, p, centre, q, a, fresh):
         packed, lanes = carray(p, (ENDLESS,)), carray(q, (LANES_ROWS * ROW,))
         part, out = carray(centre, (3,))[0], carray(a, (3 * ROW,))
-        if part == 0.0:  # a branch inside the loop would keep it from being vectorised
+        if part == 0.0:  # two loops: a branch inside one would prevent its vectorisation
             for i in range(n):
                 dx, dy, dz = total(
                     lanes[i], lanes[ROW + i], lanes[2 * ROW + i],
@@ -88,7 +89,7 @@ def compiled_drag(parts: tuple[Part, ...]) -> Any:
 
 
 def _with(before: Any, drag: Any, unpack: Any, growing: bool, number: int) -> Any:
-    """Add the drag of the component with a number to those before it."""
+    """Add the drag of the component with this number to those of the components before it."""
     inlined = njit(forceinline=True, **OPTIONS)
 
     def total(x, y, z, u, v, w, t, p):
@@ -107,7 +108,7 @@ def _with(before: Any, drag: Any, unpack: Any, growing: bool, number: int) -> An
 
 
 class NumpyDrag(NumpyKernel):
-    """The drags of all components in Python, once per batch and stage: where one of them is not compiled."""
+    """The drags of all components in Python, called once per batch and stage, if one component is not compiled."""
 
     def __init__(self, forces: Sequence[Force]) -> None:
         super().__init__(forces[0])
@@ -116,14 +117,14 @@ class NumpyDrag(NumpyKernel):
     def _fill(self, q: Callable[[int], Array], times: Array, about: list[float], total: Array, fresh: int) -> None:
         lanes = q(LANES_ROWS)
         x, v, now, h = lanes[:3], lanes[3:6], lanes[6], about[0] * lanes[7]
-        given = total.copy()
-        a0 = given + self._drag(x, v, now)
+        gravity = total.copy()
+        a0 = gravity + self._drag(x, v, now)
         if about[0] == 0.0:
             total[:] = a0
             return
-        a1 = given + self._drag(x, v + 0.5 * h * a0, now)
-        a2 = given + self._drag(x, v + 0.5 * h * a1, now)
-        a3 = given + self._drag(x, v + h * a2, now)
+        a1 = gravity + self._drag(x, v + 0.5 * h * a0, now)
+        a2 = gravity + self._drag(x, v + 0.5 * h * a1, now)
+        a3 = gravity + self._drag(x, v + h * a2, now)
         total[:] = (a0 + 2 * (a1 + a2) + a3) / 6
 
     def _drag(self, x: Array, v: Array, t: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The total acceleration field: forces that add up, about the origin or about what moves."""
+"""The total acceleration field: the sum of forces centred on the origin or on moving bodies."""
 
 from __future__ import annotations
 
@@ -49,15 +49,15 @@ class Field:
     Attributes
     ----------
     forces
-        Addresses, parameters and trajectories, as the loops take them.
+        Addresses, parameters and trajectories, in the form of the loops.
     kernels
-        (c,) the kernels; they keep the machine code alive.
+        (c,) the kernels; the references keep the machine code alive.
     names
         (c,) names of the components, for messages.
     scratch
         Work space of the loops: a field advances one set of particles at a time.
     heights
-        (n,) heights in kpc of the disc of what is fixed at the origin (`disc_heights`); empty if it has none.
+        (n,) heights in kpc of the disc of the forces fixed at the origin (`disc_heights`); empty without a disc.
     threads
         Most threads of `adaptive_step` and `split_step` for many particles. The result does not depend on it.
     drag
@@ -78,19 +78,19 @@ class Field:
     def acceleration(self, t: Array | float, q: Array, v: Array | None = None) -> Array:
         """(3, n) acceleration in (km/s)^2/kpc at positions q (3, n) and times t (n,) or one time.
 
-        With velocities v (3, n) the forces that depend on these are in it; gravity alone without.
+        It includes the forces that depend on velocity only if velocities v (3, n) are given.
         """
         q = np.require(q, float, ["C", "W"])  # the loops take no read-only arrays
         times = np.broadcast_to(np.asarray(t, dtype=float), q.shape[1:]).copy()
         out = np.empty_like(q)
-        self._listen(lambda: loops.accelerations(self.forces, times, q, out))
+        self._call(lambda: loops.accelerations(self.forces, times, q, out))
         if v is not None and self.drag is not None:
             v = np.require(v, float, ["C", "W"])
-            self._listen(lambda: drag_loop()(self.whole, times, q, v, out))
+            self._call(lambda: drag_loop()(self.all_forces, times, q, v, out))
         return out
 
     @cached_property
-    def whole(self) -> Forces | DraggedForces:
+    def all_forces(self) -> Forces | DraggedForces:
         """All forces, in the form for the loops that advance particles."""
         if self.drag is None:
             return self.forces
@@ -117,7 +117,8 @@ class Field:
             states = orbit_states(self.acceleration, q, v, t)
         else:
             out = np.empty((count + 1, 9))
-            self.run(loops.carry, Method(RKN4.drift, RKN4.kick, np.zeros(2), 1, np.empty(0)), q, v, t0, step, out)
+            method = Method(RKN4.drift, RKN4.kick, np.zeros(2), 1, np.empty(0))
+            self.run(loops.integrate_orbit, method, q, v, t0, step, out)
             states = out.T
         if step < 0:
             t, states = t[::-1], states[:, ::-1]
@@ -127,8 +128,8 @@ class Field:
     def with_moving(self, other: Field, orbit: Orbit) -> Field:
         """Add another field's forces, whose common centre moves along ``orbit`` (equal time steps).
 
-        Once for each body that moves, all on one grid of times; one of them may lose mass. Raises ValueError
-        otherwise, and where the other field's forces move already.
+        Call it once for each moving body. All orbits must share one grid of times, and one body may lose mass. Raises
+        ValueError otherwise, and if the forces of the other field move already.
         """
         here, new, left = self.forces, other.forces, orbit.mass_left
         first, step = self._grid_with(orbit)
@@ -155,9 +156,9 @@ class Field:
         return replace(self, forces=forces, kernels=self.kernels + other.kernels, names=self.names + other.names)
 
     def seen_from(self, orbit: Orbit) -> Field:
-        """Return the field in a frame whose origin moves along ``orbit``: less the acceleration of that.
+        """Return the field in a frame whose origin moves along ``orbit``: its acceleration is subtracted.
 
-        The orbit has the grid of times of the moving components.
+        The orbit must have the grid of times of the moving components.
         """
         from scipy.interpolate import CubicSpline  # slow to import, and only hosts that move need it
 
@@ -167,7 +168,7 @@ class Field:
         return replace(self, forces=self.forces._replace(first=first, step=step, frame=frame))
 
     def _grid_with(self, orbit: Orbit) -> tuple[float, float]:
-        """First time and step of an orbit's grid; ValueError if it is not that of the moving components."""
+        """Return first time and step of an orbit's grid; ValueError if the moving components have another one."""
         first, here, count = float(orbit.t[0]), self.forces, len(orbit.t) - 1
         step = float((orbit.t[-1] - first) / count)
         count_here = here.tracks.shape[1] if len(here.tracks) else len(here.frame)
@@ -176,13 +177,13 @@ class Field:
         return first, step
 
     def pieces(self, n: int) -> list[slice]:
-        """Return the slices of n particles that go to a thread each; one, where they are few or Python has a force."""
+        """Return a slice of n particles for each thread: one if they are few, or if a force runs in Python."""
         count = 1 if self._in_python else min(self.threads, n // BATCH)
         edges = np.linspace(0, n, max(count, 1) + 1).astype(int).tolist()
         return [slice(*ends) for ends in pairwise(edges)]
 
     @cached_property
-    def rooms(self) -> list[Scratch]:
+    def scratch_per_thread(self) -> list[Scratch]:
         """The scratch of each thread."""
         return [self.scratch, *(_scratch() for _ in range(self.threads - 1))]
 
@@ -192,23 +193,23 @@ class Field:
 
     def run(self, loop: Callable[..., None], *arguments: Any) -> None:
         """Call one of the compiled loops that advance particles, with these forces; then `check` for exceptions."""
-        self._listen(lambda: loop(self.whole, *arguments))
+        self._call(lambda: loop(self.all_forces, *arguments))
 
-    def _listen(self, call: Callable[[], None]) -> None:
+    def _call(self, call: Callable[[], None]) -> None:
         if not self._in_python:
             call()
             return
         for kernel in self._in_python:
             kernel.error = None
-        with self._in_python[0].listening():
+        with self._in_python[0].catching_exceptions():
             call()
         self.check()
 
     def check(self) -> None:
         """Raise an exception that a force in Python raised inside a loop.
 
-        KeyboardInterrupt and OutOfDomain are raised as they are; others become a `ComponentError` with the name and the
-        parameters of the force. So does SystemExit: it would end the process without a word, and with the exit status
+        KeyboardInterrupt and OutOfDomain are raised unchanged. Others become a `ComponentError` with the name and the
+        parameters of the force. So does SystemExit: it would end the process without a message, with an exit status
         that the force chose.
         """
         errors = [(i, getattr(kernel, "error", None)) for i, kernel in enumerate(self.kernels)]
@@ -223,14 +224,14 @@ class Field:
                 raise error
             raise ComponentError(
                 f"potential {self.names[i]} raised {type(error).__name__}: {message_of(error)} "
-                f"(parameters {self.kernels[i].shown})"
+                f"(parameters {self.kernels[i].shown_arguments})"
             ) from error
 
 
 def build_field(potentials: Sequence[Force], *, exact: bool = False) -> Field:
     """Compile (or load from the disk cache) the forces of the potentials, which add up, fixed at the origin.
 
-    Potentials with an expansion are replaced by it. With ``exact`` they are not, and have the mass of today.
+    A potential with an expansion is replaced by it. With ``exact`` it is not, and it has its present mass.
     """
     built: list[Any] = []
     packed: list[Array] = []
@@ -282,21 +283,21 @@ def split_step(field: Field, splitting: Splitting, q: Array, v: Array, t0: Array
 def _advance(
     field: Field, splitting: Splitting, q: Array, v: Array, t0: Array, t1: float, eta: Array, most: int
 ) -> None:
-    """Pass the rows of q and v, which the loops want contiguous, in place where they are."""
-    given = [*q, *v]
-    rows = tuple(np.ascontiguousarray(row) for row in given)
+    """Advance the rows of q and v in place. The loops need contiguous rows: others are copied, and copied back."""
+    callers_rows = [*q, *v]
+    rows = tuple(np.ascontiguousarray(row) for row in callers_rows)
     method = Method(splitting.drift, splitting.kick, eta, most, field.heights)
     pieces = field.pieces(len(t0))
     if len(pieces) == 1:
         field.run(loops.advance, method, field.scratch, rows, t0, t1)
     else:
-        forces = field.whole
+        forces = field.all_forces
         with ThreadPoolExecutor(len(pieces)) as pool:
 
-            def carry(piece: slice, scratch: Scratch) -> None:
+            def advance(piece: slice, scratch: Scratch) -> None:
                 loops.advance(forces, method, scratch, tuple(row[piece] for row in rows), t0[piece], t1)
 
-            list(pool.map(carry, pieces, field.rooms))
-    for row, done in zip(given, rows, strict=True):
-        if done is not row:
-            row[:] = done
+            list(pool.map(advance, pieces, field.scratch_per_thread))
+    for row, advanced in zip(callers_rows, rows, strict=True):
+        if advanced is not row:
+            row[:] = advanced

@@ -1,4 +1,4 @@
-"""The sum of all forces on lanes of particles: kernels by address, about the origin or about what moves."""
+"""The sum of all forces on lanes of particles: kernels by address, centred on the origin or on a trajectory."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ DEEPEST = 20  # a block takes at most 2 to this power steps
 # Groups of equal steps: one and two half steps of Nystrom's method, and 2 to 2^DEEPEST steps of another one.
 LEVELS = DEEPEST + 2
 
-# Distance between the x, y and z of a particle in a batch. A constant: it proves to LLVM that rows are apart.
+# Distance between the x, y and z of a particle in a batch. As a constant it shows LLVM that rows do not overlap.
 ROW = BATCH + LANES * LEVELS
 
 
@@ -87,7 +87,7 @@ def call_kernel(typing_context, address, begin, n, t, p, offset, centre, q, a, f
 
 @njit(**INLINE)
 def centre_at(forces, b, t, out):
-    """Place of trajectory b at time t, from the polynomials between its states, into out (3,)."""
+    """Write the position of trajectory b at time t, from the polynomials between its states, into out (3,)."""
     since, tracks = (t - forces.first) / forces.step, forces.tracks
     i = min(max(int(since), 0), tracks.shape[1] - 1)
     s = since - i
@@ -98,7 +98,7 @@ def centre_at(forces, b, t, out):
 
 @njit(**INLINE)
 def mass_left_at(forces, b, t):
-    """Fraction of its initial mass that is left on trajectory b at time t, linear between its states."""
+    """Return the fraction of the initial mass that is left on trajectory b at time t, linear between its states."""
     since = (t - forces.first) / forces.step
     i = min(max(int(since), 0), forces.tracks.shape[1] - 1)
     return forces.tracks[b, i, 18] + (since - i) * forces.tracks[b, i, 19]
@@ -106,7 +106,7 @@ def mass_left_at(forces, b, t):
 
 @njit(**INLINE)
 def frame_at(forces, t, out):
-    """Acceleration of the origin at time t, into out (3,)."""
+    """Write the acceleration of the origin at time t into out (3,)."""
     since, frame = (t - forces.first) / forces.step, forces.frame
     i = min(max(int(since), 0), frame.shape[0] - 1)
     s = since - i
@@ -116,7 +116,7 @@ def frame_at(forces, t, out):
 
 @njit(**OPTIONS)
 def add_forces(forces, uniform, begin, end, t, x, relative, centre, a):
-    """Store in a the acceleration of lanes [begin, end) at places x and times t, of which all are one if `uniform`.
+    """Store in a the acceleration of lanes [begin, end) at positions x and times t. If `uniform`, all times are equal.
 
     x, a and `relative` have rows ROW apart; `relative` and centre (3,) are scratch.
     """
@@ -152,6 +152,6 @@ def add_forces(forces, uniform, begin, end, t, x, relative, centre, a):
         for i in range(begin, end, together):
             frame_at(forces, t[i], centre)
             for k in range(3):
-                a_i, own = a[k * ROW + i : k * ROW + i + together], centre[k]
+                a_i, shift = a[k * ROW + i : k * ROW + i + together], centre[k]
                 for j in range(a_i.shape[0]):
-                    a_i[j] -= own
+                    a_i[j] -= shift

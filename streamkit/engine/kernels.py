@@ -36,7 +36,7 @@ SIGNATURE = types.void(types.intp, *[_POINTER] * 5, types.intp)
 
 
 class Force(Protocol):
-    """The parts of a potential that the engine needs; `streamkit.Potential` has them."""
+    """The part of `streamkit.Potential` that the engine needs."""
 
     kind: ClassVar[str]
     compiled: ClassVar[bool]
@@ -63,8 +63,8 @@ class Force(Protocol):
         """Return the force in a loop: the potential itself, or an expansion of it."""
 
 
-class _Apart(Compiler):  # type: ignore[misc]  # numba is untyped here
-    """Declares to LLVM that the arguments of a kernel do not overlap, so that loops that read tables vectorise."""
+class _NoAliasCompiler(Compiler):  # type: ignore[misc]  # numba is untyped here
+    """Tell LLVM that the arguments of a kernel do not overlap, so that loops that read tables are vectorised."""
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
@@ -114,19 +114,19 @@ def compiled_kernel(cls: type[Force], layout: tuple[int, ...], growing: bool = F
 
 
 def machine_code(kernel: Any, written: Sequence[tuple[type[Force], Any]], layouts: Sequence[object]) -> Any:
-    """Compile a kernel, or load it from the disk, where that is possible: an object with an ``address``.
+    """Compile a kernel, or load it from the disk cache if possible: an object with an ``address``.
 
     Parameters
     ----------
     written
-        The classes whose functions it contains, and these: or tuples of them.
+        The classes whose functions the kernel contains, each with its function, or with a tuple of functions.
     layouts
-        What else determines the machine code, for each.
+        Everything else that determines the machine code, for each class.
 
     Raises `PluginError` if numba cannot compile an author's function.
     """
     args, return_type = sigutils.normalize_signature(SIGNATURE)
-    cfunc: Any = CFunc(kernel, (args, return_type), locals={}, options=dict(OPTIONS), pipeline_class=_Apart)
+    cfunc: Any = CFunc(kernel, (args, return_type), locals={}, options=dict(OPTIONS), pipeline_class=_NoAliasCompiler)
     digests = [content_digest(function, layout) for (_, function), layout in zip(written, layouts, strict=True)]
     if None not in digests:
         cfunc._cache = disk_cache(kernel, " ".join(filter(None, digests)))
@@ -146,7 +146,7 @@ def machine_code(kernel: Any, written: Sequence[tuple[type[Force], Any]], layout
 
 
 def _radial(pull: Any) -> Any:
-    """Return the acceleration of a sphere, from the `pull` that its author has written (`streamkit.Spherical`)."""
+    """Return the acceleration of a spherical potential from its author's `pull` (`streamkit.Spherical`)."""
     inlined = njit(forceinline=True, **OPTIONS)(pull)
 
     def acceleration(x, y, z, t, *parameters):
@@ -180,7 +180,7 @@ _PLACE, _TIMES = ctypes.c_double * 3, ctypes.c_double * ROW
 
 @functools.cache
 def _rows(count: int) -> Any:
-    """Return the type of so many rows."""
+    """Return the ctypes type of ``count`` rows."""
     return ctypes.c_double * (count * ROW)
 
 
@@ -189,7 +189,7 @@ def _view(kind: Any, address: int) -> Array:
     return np.frombuffer(memoryview(kind.from_address(address)))
 
 
-def _look(kind: Any, address: int) -> Array:
+def _read_only_view(kind: Any, address: int) -> Array:
     """Read-only view of memory at an address."""
     return np.frombuffer(memoryview(kind.from_address(address)).toreadonly())
 
@@ -197,8 +197,8 @@ def _look(kind: Any, address: int) -> Array:
 class NumpyKernel:
     """A kernel whose body runs in Python, once per batch: for ``compiled = False``. It belongs to one instance.
 
-    Exceptions cannot cross the compiled loop. The first, whatever its type, is kept in ``error`` for the engine to
-    raise: from then on the accelerations are NaN, and the author's function is not called.
+    Exceptions cannot cross the compiled loop. The first one, of any type, is stored in ``error``, and the engine raises
+    it after the loop. Until then the accelerations are NaN, and the author's function is not called again.
     """
 
     def __init__(self, force: Force, growth: tuple[Array, Array] | None = None) -> None:
@@ -209,19 +209,19 @@ class NumpyKernel:
         self.address = ctypes.cast(self._callback, ctypes.c_void_p).value
 
     @property
-    def shown(self) -> str:
+    def shown_arguments(self) -> str:
         """The arguments after t, for messages; arrays and objects by their type."""
-        shown = (f"{v!r}" if isinstance(v, float) else f"{type(v).__name__} {np.shape(v)}" for v in self._arguments)
-        return f"[{', '.join(shown)}]"
+        texts = (f"{v!r}" if isinstance(v, float) else f"{type(v).__name__} {np.shape(v)}" for v in self._arguments)
+        return f"[{', '.join(texts)}]"
 
     def _call(self, n: int, t: int, p: int, centre: int, q: int, a: int, fresh: int) -> None:
         total = _view(_rows(3), a).reshape(3, ROW)[:, :n]
         try:
             if self.error is None:
-                with np.errstate():  # the author's np.seterr ends with the call
+                with np.errstate():  # undoes an np.seterr of the author after the call
                     self._fill(
-                        lambda rows: _look(_rows(rows), q).reshape(rows, ROW)[:, :n],
-                        _look(_TIMES, t)[:n],
+                        lambda rows: _read_only_view(_rows(rows), q).reshape(rows, ROW)[:, :n],
+                        _read_only_view(_TIMES, t)[:n],
                         _PLACE.from_address(centre)[:],
                         total,
                         fresh,
@@ -232,7 +232,7 @@ class NumpyKernel:
         total[:] = np.nan
 
     def _fill(self, q: Callable[[int], Array], times: Array, about: list[float], total: Array, fresh: int) -> None:
-        """Put the acceleration at the first rows of q about a centre into ``total``, or add it to what is there."""
+        """Write the acceleration at q about a centre into ``total`` if fresh; add it otherwise."""
         place = q(3)
         if any(about):
             place = place - np.array(about)[:, None]
@@ -247,7 +247,7 @@ class NumpyKernel:
             total += acceleration
 
     @contextmanager
-    def listening(self) -> Iterator[None]:
+    def catching_exceptions(self) -> Iterator[None]:
         """Catch exceptions that are raised before the ``try`` of `_call`.
 
         Python handles a Ctrl-C that arrives in compiled code at the first instruction of the next callback, before its
@@ -255,13 +255,13 @@ class NumpyKernel:
         """
         before = sys.unraisablehook
 
-        def keep(unraisable: Any) -> None:
+        def store(unraisable: Any) -> None:
             if "ctypes callback" in (unraisable.err_msg or ""):
                 self.error = self.error or unraisable.exc_value
             else:
                 before(unraisable)
 
-        sys.unraisablehook = keep
+        sys.unraisablehook = store
         try:
             yield
         finally:

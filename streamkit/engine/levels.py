@@ -14,7 +14,7 @@ NEAR_PLANE = 2.0  # largest distance from a disc's plane that counts as near, in
 
 @njit(**INLINE)
 def next_batch(t0, index, begin):
-    """Number of particles from begin on that make a batch: those of one time, or if these are few, of any times."""
+    """Number of particles from begin on that make a batch: those of one time, or of any times if these are few."""
     most = min(BATCH, index.shape[0] - begin)
     first, low, high = t0[index[begin]], 1, most
     if t0[index[begin + most - 1]] == first:
@@ -63,11 +63,11 @@ def give_back(m, slot, row, index, begin, out):
 
 
 @njit(**INLINE)
-def nearest(begin, end, lanes, path, near):
-    """Store in `near` the point of closest approach of lanes [begin, end) to a moving centre, as offsets from it.
+def nearest(begin, end, lanes, path, closest):
+    """Store in `closest` where lanes [begin, end) come closest to a moving centre, as offsets from it.
 
-    They move on parabolas of their initial acceleration, taken as two straight pieces. path (9,) is the centre at
-    the beginning, the middle and the end of the time span.
+    A particle's path is the parabola of its initial acceleration, approximated by two straight pieces. path (9,) holds
+    the centre at the beginning, the middle and the end of the time span.
     """
     x, u, span, a = lanes, lanes[V:], lanes[H:], lanes[A:]
     c0, c1, c2, d0, d1, d2 = path[0], path[1], path[2], path[3], path[4], path[5]
@@ -75,7 +75,7 @@ def nearest(begin, end, lanes, path, near):
     x0, x1, x2 = x[begin:end], x[ROW + begin : ROW + end], x[2 * ROW + begin : 2 * ROW + end]
     u0, u1, u2 = u[begin:end], u[ROW + begin : ROW + end], u[2 * ROW + begin : 2 * ROW + end]
     a0, a1, a2 = a[begin:end], a[ROW + begin : ROW + end], a[2 * ROW + begin : 2 * ROW + end]
-    n0, n1, n2 = near[begin:end], near[ROW + begin : ROW + end], near[2 * ROW + begin : 2 * ROW + end]
+    n0, n1, n2 = closest[begin:end], closest[ROW + begin : ROW + end], closest[2 * ROW + begin : 2 * ROW + end]
     h = span[begin:end]
     for i in range(h.shape[0]):
         s, r = 0.5 * h[i], 0.125 * h[i] * h[i]
@@ -105,13 +105,13 @@ def foot(a, b, c, d, e, f):
 
 
 @njit(**INLINE)
-def rates(forces, eta, heights, uniform, m, lanes, near, a, centre, path, rate):
+def rates(forces, eta, heights, uniform, m, lanes, closest, a, centre, path, rate):
     """Store in `rate` the square of (acceleration / distance / eta^2) of m lanes in their time span.
 
-    About the Galactic centre, with eta[0], and about each trajectory for the forces that move on it, with eta[1] and
-    its initial mass: the largest of these, each where the particle, with its initial acceleration, would come closest.
-    The host's force there is not evaluated but taken as the initial one times the inverse square of the distances:
-    around no sphere does it rise faster. Where the host has a disc of these `heights`, see `crossings`.
+    It is the largest of these: about the Galactic centre, with eta[0], and about each trajectory, for the forces that
+    move on it with their initial mass, with eta[1]. Each is taken where the particle, with its initial acceleration,
+    comes closest. The host's force there is not evaluated: it is the initial force times the inverse square of the
+    distances, which no spherical host exceeds. If the host has a disc of these `heights`, see `crossings`.
     """
     address, trajectory = forces.address, forces.trajectory
     t, span = lanes[T:], lanes[H:]
@@ -121,9 +121,9 @@ def rates(forces, eta, heights, uniform, m, lanes, near, a, centre, path, rate):
         fixed = fixed or trajectory[c] < 0
     if fixed:
         path[:] = 0.0
-        nearest(0, m, lanes, path, near)
+        nearest(0, m, lanes, path, closest)
         a0, a1, a2 = lanes[A : A + m], lanes[A + ROW : A + ROW + m], lanes[A + 2 * ROW : A + 2 * ROW + m]
-        d0, d1, d2 = near[:m], near[ROW : ROW + m], near[2 * ROW : 2 * ROW + m]
+        d0, d1, d2 = closest[:m], closest[ROW : ROW + m], closest[2 * ROW : 2 * ROW + m]
         x0, x1, x2 = lanes[:m], lanes[ROW : ROW + m], lanes[2 * ROW : 2 * ROW + m]
         scale = eta[0] ** -4
         for i in range(m):
@@ -139,15 +139,15 @@ def rates(forces, eta, heights, uniform, m, lanes, near, a, centre, path, rate):
             for k in range(3):
                 centre_at(forces, b, t[i] + 0.5 * k * span[i], centre)
                 path[3 * k : 3 * k + 3] = centre
-            nearest(i, i + together, lanes, path, near)
+            nearest(i, i + together, lanes, path, closest)
         centre[:] = 0.0
         fresh = 1
         for c in range(address.shape[0]):
             if trajectory[c] == b:
-                call_kernel(address[c], 0, m, t, forces.parameters, forces.offset[c], centre, near, a, fresh)
+                call_kernel(address[c], 0, m, t, forces.parameters, forces.offset[c], centre, closest, a, fresh)
                 fresh = 0
         a0, a1, a2 = a[:m], a[ROW : ROW + m], a[2 * ROW : 2 * ROW + m]
-        d0, d1, d2 = near[:m], near[ROW : ROW + m], near[2 * ROW : 2 * ROW + m]
+        d0, d1, d2 = closest[:m], closest[ROW : ROW + m], closest[2 * ROW : 2 * ROW + m]
         scale = eta[1] ** -4
         for i in range(m):
             acceleration2 = a0[i] * a0[i] + a1[i] * a1[i] + a2[i] * a2[i]
@@ -159,8 +159,8 @@ def rates(forces, eta, heights, uniform, m, lanes, near, a, centre, path, rate):
 def crossings(heights, m, lanes, rate):
     """Raise the `rate` of those of m lanes that come near the plane of the host's disc in their time span.
 
-    They cross it in heights / v_z, and no step may be longer than that times CROSSING. Paths are parabolas of the
-    initial acceleration; their bend in z is taken as the error of where they are.
+    A crossing takes heights / v_z, and no step may be longer than that times CROSSING. Paths are parabolas of the
+    initial acceleration; the bend of a path in z serves as the error of its position.
     """
     x, u, span, a = lanes, lanes[V:], lanes[H:], lanes[A:]
     for i in range(m):

@@ -15,8 +15,8 @@ slots
     The lanes sorted by level into a second set of rows. Each level takes its equal steps as one contiguous piece,
     without a branch. Then the slots go back to their particles; those of the padding are dropped.
 
-Particles of a high level are put off and choose anew in every part of the block. Forces come in as the addresses of
-C functions (see ``kernels.py``); compiled once per machine (see ``cache.py``).
+Particles of a high level are postponed: they choose a level anew in each of four parts of the block. Forces are passed
+as the addresses of C functions (see ``kernels.py``). The loops are compiled once per machine (see ``cache.py``).
 """
 
 from __future__ import annotations
@@ -34,11 +34,12 @@ from streamkit.engine.steps import METHOD, ROWS, A, H, Method, T, compose, nystr
 from streamkit.engine.velocity_forces import DRAGGED, is_dragged, renew
 from streamkit.stream import Array, IntArray
 
-LOOK_AGAIN, PARTS = 4, 4  # particles of higher levels choose their steps anew in every one of these parts of a block
+HIGHEST_LEVEL = 4  # of the first pass over a block: particles of higher levels are postponed
+PARTS = 4  # parts of a block in which the postponed particles choose their level anew
 
 
 class Scratch(NamedTuple):
-    """Room for `advance` to work in, which its caller keeps: to allocate it costs as much as to use it."""
+    """Work space of `advance`, allocated once by its caller: an allocation takes as long as its use."""
 
     work: Array
     numbers: IntArray
@@ -72,18 +73,18 @@ def accelerations(forces, t, q, out):
 
 _SWEEP = METHOD, _SCRATCH, _PARTICLES, _I1, _F1, _F1, _N, _I1
 _ADVANCE = METHOD, _SCRATCH, _PARTICLES, _F1, _F
-_CARRY = METHOD, _F1, _F1, _F, _F, _F2
+_ORBIT = METHOD, _F1, _F1, _F, _F, _F2
 
 
 @cached(_N(FORCES, *_SWEEP))
-def sweep(forces, method, scratch, particles, index, t0, t1, limit, later):
+def sweep(forces, method, scratch, particles, index, t0, t1, limit, postponed):
     """Advance the particles index (n,), in place, from their t0 to their t1 with steps of their own levels.
 
     Level 0 and 1 take one and two of Nystrom's steps: half as long as the one and two of the method that would do,
-    cheaper and better. Those beyond the level ``limit`` are left where they are and put into ``later`` (n,), and
-    their number is returned.
+    cheaper and more accurate. Particles above the level ``limit`` are not moved: their indices are written into
+    ``postponed`` (n,), and their number is returned.
     """
-    work, level, slot, kept = scratch.work, scratch.numbers, scratch.numbers[ROW:], 0
+    work, level, slot, count = scratch.work, scratch.numbers, scratch.numbers[ROW:], 0
     lanes, slots = work[: ROWS * ROW], work[ROWS * ROW : 2 * ROWS * ROW]
     relative, rate = work[2 * ROWS * ROW :], work[(2 * ROWS + 3) * ROW :]
     centre, path = np.empty(3), np.empty(9)
@@ -108,8 +109,8 @@ def sweep(forces, method, scratch, particles, index, t0, t1, limit, later):
         assign_slots(m, level, limit, start, size, slot)
         for i in range(m):
             if slot[i] < 0:
-                later[kept] = index[begin + i]
-                kept += 1
+                postponed[count] = index[begin + i]
+                count += 1
         scatter(m, slot, lanes, slots)
         for group in range(limit + 1):
             if size[group] == 0:
@@ -126,11 +127,11 @@ def sweep(forces, method, scratch, particles, index, t0, t1, limit, later):
             if calm:
                 nystrom(forces, uniform, first, end, steps, slots, lanes, relative, centre)
             else:
-                known = adapts and not is_dragged(forces)
-                compose(forces, method, uniform, first, end, steps, known, slots, relative, centre)
+                has_acceleration = adapts and not is_dragged(forces)
+                compose(forces, method, uniform, first, end, steps, has_acceleration, slots, relative, centre)
         for row, out in enumerate(particles):
             give_back(m, slot, slots[row * ROW :], index, begin, out)
-    return kept
+    return count
 
 
 @cached(types.void(FORCES, *_ADVANCE), nogil=True)
@@ -139,29 +140,29 @@ def advance(forces, method, scratch, particles, t0, t1):
 
     With method.eta (2,) zero all take method.most equal steps. Otherwise each takes the power of two, up to 2^most,
     that its dynamical time asks for. Particles that need many steps, deep in the progenitor, choose anew in every
-    part of the block: their closest approach is over in a short part of it.
+    part of the block, because their closest approach lasts for a short part of it.
     """
     n, most = t0.shape[0], method.most
-    every, later, ends, now = np.arange(n), np.empty(n, np.int64), np.full(n, t1), t0.copy()
-    limit = np.int64(0) if method.eta[0] == 0.0 else min(LOOK_AGAIN, most + 1)
-    kept = sweep(forces, method, scratch, particles, every, t0, ends, limit, later)
-    near = later[:kept].copy()
-    if kept == 0:
+    every, postponed, ends, now = np.arange(n), np.empty(n, np.int64), np.full(n, t1), t0.copy()
+    limit = np.int64(0) if method.eta[0] == 0.0 else min(HIGHEST_LEVEL, most + 1)
+    count = sweep(forces, method, scratch, particles, every, t0, ends, limit, postponed)
+    indices = postponed[:count].copy()
+    if count == 0:
         return
     shorter = Method(method.drift, method.kick, method.eta, max(most - 2, 0), method.heights)
     for part in range(PARTS):
-        for i in near:
+        for i in indices:
             ends[i] = t1 if part == PARTS - 1 else t0[i] + (t1 - t0[i]) * (part + 1) / PARTS
-        sweep(forces, shorter, scratch, particles, near, now, ends, LEVELS - 1, later)
-        for i in near:
+        sweep(forces, shorter, scratch, particles, indices, now, ends, LEVELS - 1, postponed)
+        for i in indices:
             now[i] = ends[i]
 
 
-@cached(types.void(FORCES, *_CARRY))
-def carry(forces, method, q0, v0, t0, step, out):
-    """Integrate one orbit, writing its states (T, 9) at t0 + k * step (step may be negative).
+@cached(types.void(FORCES, *_ORBIT))
+def integrate_orbit(forces, method, q0, v0, t0, step, out):
+    """Integrate one orbit and write its states (T, 9) at t0 + k * step (step may be negative).
 
-    By a method that begins and ends with a kick: the force that ends a step is that of the next state.
+    The method must begin and end with a kick: the force at the end of a step is then that of the next state.
     """
     lanes, relative, centre = np.zeros(ROWS * ROW), np.zeros(3 * ROW), np.empty(3)
     for k in range(3):
@@ -173,14 +174,14 @@ def carry(forces, method, q0, v0, t0, step, out):
         for k in range(3):
             out[node, k], out[node, 3 + k], out[node, 6 + k] = lanes[k * ROW], lanes[(3 + k) * ROW], lanes[A + k * ROW]
         if node == out.shape[0] - 1:
-            break  # no force is asked for beyond the last state
+            break  # no force is evaluated beyond the last state
         lanes[T] = t0 + node * step
         compose(forces, method, True, 0, 1, 1, not is_dragged(forces), lanes, relative, centre)
 
 
 @cache
 def compile_with_drag():
-    """Compile the loops for forces that depend on velocity too; once per machine, when a host first has one."""
-    also_for(sweep, _N(DRAGGED, *_SWEEP))  # which the next one calls
+    """Compile the loops also for forces that depend on velocity: once per machine, when a host first has one."""
+    also_for(sweep, _N(DRAGGED, *_SWEEP))  # `advance` calls it
     also_for(advance, types.void(DRAGGED, *_ADVANCE))
-    also_for(carry, types.void(DRAGGED, *_CARRY))
+    also_for(integrate_orbit, types.void(DRAGGED, *_ORBIT))

@@ -1,7 +1,7 @@
-"""Forces that read bicubic patches of a table: the reading is done by particle, the arithmetic by lanes of particles.
+"""Forces from bicubic patches of a table, which are read particle by particle and computed in lanes of particles.
 
-Every lane has a cell of its own, whose coefficients would be gathered one by one. A patch is contiguous, however: four
-particles' rows of four are loaded as vectors, evaluated in the first coordinate and transposed.
+Each lane reads another cell, whose coefficients would have to be gathered one by one. But a patch is contiguous: the
+rows of four of four particles are loaded as vectors, evaluated in the first coordinate and transposed.
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ from numba.extending import intrinsic
 from streamkit.engine.cache import OPTIONS
 from streamkit.engine.forces import ROW
 
-BLOCK = 32  # particles whose patches are read before the arithmetic goes on with them
-KEPT = 7  # numbers that `Patches.locate` returns
+BLOCK = 32  # particles whose patches are read before the arithmetic continues with them
+LOCATED = 7  # numbers that `Patches.locate` returns
 SIDE = 4  # coefficients of a cubic; particles that are transposed together
 
 _POINTER = types.CPointer(types.float64)
 
 
 class Patches(NamedTuple):
-    """How a force is made of the patches of a table, its only parameter.
+    """A force from the patches of a table, which is its only parameter.
 
     Attributes
     ----------
     number
-        Of patches in a cell, which lie together: coefficients (4 powers of f, number, 4 powers of g).
+        Number of patches in a cell, which are contiguous: coefficients (4 powers of f, number, 4 powers of g).
     locate
-        ``locate(x, y, z, table)`` returns `KEPT` numbers, of which the first is the index of the cell's first
+        ``locate(x, y, z, table)`` returns `LOCATED` numbers, of which the first is the index of the cell's first
         coefficient and the second the place f in it.
     finish
         ``finish(x, y, z, located, values, table)`` returns the force. ``values`` (8 number,) holds, for each patch,
@@ -46,27 +46,27 @@ class Patches(NamedTuple):
 def sweep_of(patches: Patches) -> Any:
     """Return the loop of a kernel over particles, with the arguments of `kernels.compiled_kernel`'s."""
     locate, finish = patches.locate, patches.finish
-    kept_room, read_room = _room(KEPT), _room(2 * SIDE * patches.number)
-    read, kept_at, values_at = _reader(patches.number), _getter(KEPT), _getter(2 * SIDE * patches.number)
+    located_room, read_room = _room(LOCATED), _room(2 * SIDE * patches.number)
+    read, located_at, values_at = _reader(patches.number), _getter(LOCATED), _getter(2 * SIDE * patches.number)
 
     @njit(forceinline=True, **OPTIONS)
     def sweep(begin, end, times, place, total, c, fresh, parameters, factor):
         x, y, z = c[0], c[1], c[2]
         table = parameters[0]
-        kept, values = kept_room(), read_room()
+        located, values = located_room(), read_room()
         for first in range(begin, end, BLOCK):
             n = min(BLOCK, end - first)
             for i in range(n):
                 dx, dy, dz = _three(place, first + i)
-                _put(kept, i, locate(dx - x, dy - y, dz - z, table))
+                _put(located, i, locate(dx - x, dy - y, dz - z, table))
             for i in range(n, (n + SIDE - 1) // SIDE * SIDE):
-                _put(kept, i, kept_at(kept, 0))
+                _put(located, i, located_at(located, 0))
             for i in range(0, n, SIDE):
-                read(table, kept, i, values)
+                read(table, located, i, values)
             for i in range(n):
                 dx, dy, dz = _three(place, first + i)
-                found = finish(dx - x, dy - y, dz - z, kept_at(kept, i), values_at(values, i), table)
-                ax, ay, az = factor * found[0], factor * found[1], factor * found[2]
+                force = finish(dx - x, dy - y, dz - z, located_at(located, i), values_at(values, i), table)
+                ax, ay, az = factor * force[0], factor * force[1], factor * force[2]
                 if not fresh:
                     bx, by, bz = _three(total, first + i)
                     ax, ay, az = ax + bx, ay + by, az + bz
@@ -76,7 +76,7 @@ def sweep_of(patches: Patches) -> Any:
 
 
 def _room(count: int) -> Any:
-    """Return a function that makes room on the stack for so many numbers of each particle of a block."""
+    """Return a function that allocates ``count`` numbers for each particle of a block on the stack."""
 
     @intrinsic
     def room(typing_context):
@@ -121,7 +121,7 @@ def _getter(count: int) -> Any:
 
 @intrinsic
 def _three(typing_context, rows, i):
-    """Return the three numbers of lane i: without looking at the length, as an index of an array would."""
+    """Return the three numbers of lane i. An index of an array would check its length."""
 
     def codegen(context, builder, signature, args):
         data = context.make_array(signature.args[0])(context, builder, args[0]).data

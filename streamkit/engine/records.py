@@ -1,4 +1,4 @@
-"""The compiled records of particles during an integration; independent of forces and integrators."""
+"""The compiled records of each particle during an integration. They need neither forces nor an integrator."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def record(n, t0, t1, q, v, state, r_tidal, plane, revolutions, planar, chi, gap
     for begin in range(0, n, CHUNK):
         end = min(begin + CHUNK, n)
         xs, ys, zs = x[begin:end], y[begin:end], z[begin:end]
-        for i in range(end - begin):  # without branches: vectors
+        for i in range(end - begin):  # a loop without branches becomes vector instructions
             dx, dy, dz = xs[i] - px, ys[i] - py, zs[i] - pz
             now[i] = math.sqrt(dx * dx + dy * dy + dz * dz) - r_tidal
         for i in range(begin, end):
@@ -58,10 +58,10 @@ def record(n, t0, t1, q, v, state, r_tidal, plane, revolutions, planar, chi, gap
                     dq_strip[k, i] = q[k, i] - state[k]
                     dv_strip[k, i] = v[k, i] - state[3 + k]
             elif old <= 0.0:
-                # left during this block: the crossing by linear interpolation of the gap, smooth in the parameters
+                # left in this block; a linear interpolation of the gap makes the time smooth in the parameters
                 t_strip[i] = t0[i] + (t1 - t0[i]) * (old / (old - new))
                 h, f = t1 - t0[i], old / (old - new)
-                for k in range(3):  # where it was then, about the progenitor: the cubic through both samples
+                for k in range(3):  # place and velocity then, by the Hermite cubic of both samples
                     a, b = dq_strip[k, i], q[k, i] - state[k]
                     da, db = h * dv_strip[k, i], h * (v[k, i] - state[3 + k])
                     c, d = 3.0 * (b - a) - 2.0 * da - db, 2.0 * (a - b) + da + db

@@ -1,4 +1,4 @@
-"""One orbit in a force that is called through Python: by a method that asks for it seldom."""
+"""One orbit in a force that is called through Python, by a method that needs few calls."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ EXACT = 1e-9  # tolerance, relative to the position and the velocity: far below 
 def orbit_states(acceleration: Callable[[Array | float, Array, Array], Array], q: Array, v: Array, t: Array) -> Array:
     """(9, T) Positions, velocities and accelerations at the times t (T,), in either direction, from q, v (3,) at t[0].
 
-    By the method of Dormand and Prince of order eight with its dense output (Hairer, Norsett & Wanner 1993): a third of
-    the calls that steps between the times would need. NaN from where the force is not finite.
+    The method is that of Dormand and Prince of order eight, with dense output (Hairer, Norsett & Wanner 1993). It needs
+    a third of the calls of steps from time to time. States are NaN from where the force is not finite.
     """
     from scipy.integrate import DOP853  # slow to import, and only forces in Python need it
 

@@ -1,4 +1,4 @@
-"""The compiled steps of the methods, over lanes: `compose` runs any of `streamkit.engine.methods`, `nystrom` its own.
+"""The compiled steps over lanes: `compose` for any method of `streamkit.engine.methods`, `nystrom` for Nystrom's.
 
 Lanes are rows of ROW doubles, one particle to a column: see the head of `streamkit.engine.loops`.
 """
@@ -14,13 +14,13 @@ from streamkit.engine.forces import ROW, add_forces
 from streamkit.engine.velocity_forces import add_drag
 from streamkit.stream import Array
 
-# Where velocities, times, time steps and accelerations of lanes begin; positions are in front.
+# First element of the velocities, times, time steps and accelerations in an array of lanes; positions begin at 0.
 V, T, H, A = 3 * ROW, 6 * ROW, 7 * ROW, 8 * ROW
 ROWS = 11
 
 
 class Method(NamedTuple):
-    """How to step: drift (s + 1,) and kick (s,) as in `Splitting`; eta (2,) and most as `advance` explains them.
+    """A method and its step: drift (s + 1,) and kick (s,) of `Splitting`; eta (2,) and most as in `loops.advance`.
 
     heights are those of the host's disc (`streamkit.engine.discs`), empty if it has none.
     """
@@ -37,12 +37,12 @@ METHOD = types.NamedTuple([_F1, _F1, _F1, types.intp, _F1], Method)
 
 
 @njit(**INLINE)
-def compose(forces, method, uniform, begin, end, steps, known, lanes, relative, centre):
-    """Steps of drifts and kicks, in place, for lanes [begin, end), each with its own time step.
+def compose(forces, method, uniform, begin, end, steps, has_acceleration, lanes, relative, centre):
+    """Take steps of drifts and kicks, in place, for lanes [begin, end), each with its own time step.
 
-    If `known`, the lanes already hold the initial acceleration. `relative` and centre are scratch of `add_forces`.
-    With forces that depend on velocity a kick is the flow of the velocity alone, so that the order stays; at the end
-    the lanes hold no initial acceleration of a next step.
+    With `has_acceleration` the lanes already hold the initial acceleration. `relative` and centre are scratch of
+    `add_forces`. With forces that depend on velocity a kick is the flow of the velocity alone, so that the method keeps
+    its order; the lanes then do not hold the acceleration of the next step at the end.
     """
     x, u, t, h, a = lanes, lanes[V:], lanes[T:], lanes[H:], lanes[A:]
     drift, kick = method.drift, method.kick
@@ -55,7 +55,7 @@ def compose(forces, method, uniform, begin, end, steps, known, lanes, relative, 
                 x[k * ROW + i] += drift[0] * h[i] * u[k * ROW + i]
     for s in range(steps):
         for j in range(stages):
-            if j > 0 or not reuse or (s == 0 and not known):
+            if j > 0 or not reuse or (s == 0 and not has_acceleration):
                 add_forces(forces, uniform, begin, end, t, x, relative, centre, a)
             c, d = drift[j + 1], kick[j]
             if j == stages - 1 and s < steps - 1:
@@ -83,17 +83,17 @@ AHEAD = 0.2, 2 / 3 - 0.2, 1 / 3, 0.0
 
 @njit(**INLINE)
 def nystrom(forces, uniform, begin, end, steps, lanes, spare, relative, centre):
-    """Steps of Nystrom's fifth-order method for lanes [begin, end), which already hold the initial acceleration.
+    """Take steps of Nystrom's fifth-order method for lanes [begin, end), which already hold the initial acceleration.
 
-    Hairer, Norsett & Wanner 1993, Solving Ordinary Differential Equations I, table II.14.2. Four forces a step, of
-    which the first is known already where a particle takes one: it was needed to choose the step. `spare` (other
-    lanes), `relative` and centre are scratch.
+    Hairer, Norsett & Wanner 1993, Solving Ordinary Differential Equations I, table II.14.2. A step needs
+    four forces; the choice of the step has computed the first one of the first step. `spare` (other lanes), `relative`
+    and centre are scratch.
     """
     x, u, t, h, k1 = lanes, lanes[V:], lanes[T:], lanes[H:], lanes[A:]
     y, k2, k3 = spare, spare[V:], spare[A:]
     for s in range(steps):
         t_i, h_i = t[begin:end], h[begin:end]
-        for stage in range(4):  # one call for all stages: what is inlined four times takes long to compile
+        for stage in range(4):  # one inlined call for all stages: four would take long to compile
             if stage > 0 or s > 0:
                 place = x if stage == 0 else y
                 out = k1 if stage == 0 else k3 if stage == 2 else k2

@@ -1,8 +1,8 @@
-"""Forces with a part that depends on velocity: what the loops do with them, and nothing where there is none.
+"""Forces with a part that depends on velocity (drag), and the calls of it in the loops.
 
-The loops are compiled a second time, for `DraggedForces`, when a host first asks for it; those for `Forces` are what
-they would be without this file. The drag of all components is one kernel, called with whole lanes: positions,
-velocities, times and time steps.
+The loops are compiled a second time, for `DraggedForces`, when a host first has a drag. In loops compiled for `Forces`
+the functions of this file do nothing and leave no code. One kernel holds the drags of all components. It reads whole
+lanes: positions, velocities, times and time steps.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ LANES_ROWS = 8  # rows that the kernel reads: position, velocity, time and time 
 
 
 class DraggedForces(NamedTuple):
-    """`Forces`, and the kernel of what depends on velocity.
+    """`Forces`, and the kernel of the part that depends on velocity.
 
     Attributes
     ----------
     drag_address
         The address of its C function.
     drag_parameters
-        Its packed parameters, with where those of each component begin in front.
+        Its packed parameters, behind the index of the first parameter of each component.
     """
 
     address: IntArray
@@ -45,11 +45,11 @@ class DraggedForces(NamedTuple):
 
 
 COMPILED = {"error_model": "numpy"}
-DRAGGED = types.NamedTuple([*FORCES.types, types.int64, types.float64[::1]], DraggedForces)  # what numba calls them
+DRAGGED = types.NamedTuple([*FORCES.types, types.int64, types.float64[::1]], DraggedForces)  # its type in numba
 
 
 def is_dragged(forces):
-    """Say whether the forces depend on velocity: known when a loop is compiled."""
+    """Return whether the forces depend on velocity: a constant when a loop is compiled."""
 
 
 @overload(is_dragged, jit_options=COMPILED)
@@ -58,10 +58,11 @@ def _is_dragged(forces):
 
 
 def add_drag(forces, part, begin, end, lanes, a, centre):
-    """Add to the acceleration a of lanes [begin, end) its mean part that depends on velocity over a kick.
+    """Add the mean drag over a kick to the acceleration a of lanes [begin, end).
 
-    That is over the fraction ``part`` of their time steps, in which positions stand still: by the classical method of
-    Runge and Kutta, with the forces that a holds already. ``part`` 0 takes the velocities as they are.
+    A kick takes the fraction ``part`` of a time step and leaves positions unchanged. The mean is found by the classical
+    method of Runge and Kutta, with the other forces that a already holds. With ``part`` 0 it is the drag at the present
+    velocities.
     """
 
 
@@ -73,14 +74,14 @@ def _add_drag(forces, part, begin, end, lanes, a, centre):
     def call(forces, part, begin, end, lanes, a, centre):
         centre[0] = part
         p = forces.drag_parameters
-        # lanes begin at their first row, so that the kernel finds the others
+        # the kernel needs the address of the first row of the lanes to find the other rows
         call_kernel(forces.drag_address, begin, end - begin, lanes, p, 0, centre, lanes, a, 0)
 
     return call
 
 
 def renew(forces, lanes, relative, centre, t, a):
-    """Store in a the whole acceleration of the first lane, at its velocity; nothing where none depends on that."""
+    """Store the acceleration of the first lane at its velocity in a. Without drag a holds it already."""
 
 
 @overload(renew, jit_options=COMPILED)
@@ -96,7 +97,7 @@ def _renew(forces, lanes, relative, centre, t, a):
 
 
 def drag_centres(forces, n, t, x, u, a, centre):
-    """Add to the accelerations a of n centres the host's drag on all but the first, which is the host itself."""
+    """Add the host's drag to the accelerations a of n centres, except to the first, which is the host."""
 
 
 @overload(drag_centres, jit_options=COMPILED)
@@ -139,5 +140,5 @@ def drag_loop():
 
 
 def with_drag(forces: Forces, address: int, parameters: Array) -> DraggedForces:
-    """Return the forces with the kernel of what depends on velocity."""
+    """Return the forces with the kernel of their drag."""
     return DraggedForces(*forces, address, parameters)

@@ -89,10 +89,10 @@ def expand(force: ForceAt, form: Form, tolerance: float) -> Expanded:
     form = _form(symmetry) if form == "auto" else form
     starts = _starts(form, symmetry)
     tried = [_try(force, grid, check) for grid in starts]
-    best = min(tried, key=lambda found: found.error)
+    best = min(tried, key=lambda expanded: expanded.error)
     while best.error > MARGIN * tolerance:
         finer = [grid for grid in _finer(best.grid) if grid.nodes <= MOST_NODES]
-        gains = [(_gain(best, found), found) for found in (_try(force, grid, check) for grid in finer)]
+        gains = [(_gain(best, expanded), expanded) for expanded in (_try(force, grid, check) for grid in finer)]
         gain, better = max(gains, key=lambda pair: pair[0], default=(0.0, best))
         if gain < SLOWEST:
             break

@@ -1,4 +1,4 @@
-"""What a field of a component may hold besides a number: an array, a table, a file."""
+"""Types of fields other than numbers: arrays, tables, files."""
 
 import lazy_loader
 

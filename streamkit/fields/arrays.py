@@ -39,6 +39,8 @@ class ArrayOf:
         Number of dimensions; None for any.
     between
         The least and the greatest number that is allowed, in the unit.
+    gaps
+        Whether numbers may be missing: NaN.
     """
 
     unit: Unit
@@ -47,6 +49,7 @@ class ArrayOf:
     least: int = 1
     ndim: int | None = 1
     between: tuple[float, float] = (-np.inf, np.inf)
+    gaps: bool = False
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Read with `read`, write as a list of numbers."""
@@ -121,7 +124,7 @@ class ArrayOf:
             raise ValueError(f"found an array of shape {array.shape}, expected {self.ndim} dimension(s)")
         if array.size < self.least:
             raise ValueError(f"found {array.size} number(s), expected at least {self.least}")
-        require = partial(self._require, array=array, entry=entry or _entry)
+        require = partial(self._require, array=array, entry=entry or _entry, missing=self.gaps & np.isnan(array))
         require(np.isfinite(array), wanted="a finite number")
         require(np.abs(array) <= LARGEST, wanted=f"a number below {LARGEST:g}")
         if self.sign:
@@ -136,7 +139,10 @@ class ArrayOf:
         array.flags.writeable = False
         return array
 
-    def _require(self, good: Any, array: Array, wanted: str, entry: Callable[[tuple[int, ...]], str]) -> None:
+    def _require(
+        self, good: Any, array: Array, wanted: str, entry: Callable[[tuple[int, ...]], str], missing: Any
+    ) -> None:
+        good = good | missing
         if not np.all(good):
             place = tuple(int(i) for i in np.unravel_index(int(np.argmin(good)), array.shape))
             raise ValueError(f"{entry(place)} is {array[place]:g} {self.unit.name}".rstrip() + f", expected {wanted}")

@@ -82,7 +82,9 @@ class Files:
         """Return the names of the columns of a table; ValueError if the file holds none."""
         return list(self._table(name).colnames)
 
-    def column(self, name: str, column: str, unit: Unit, given_unit: Any = None, key: str = "unit") -> Array:
+    def column(
+        self, name: str, column: str, unit: Unit, given_unit: Any = None, key: str = "unit", *, gaps: bool = False
+    ) -> Array:
         """Return a column of a table, (n,) in a unit.
 
         Parameters
@@ -97,6 +99,8 @@ class Files:
             Unit in the run file of a column for which the file gives none.
         key
             The key of that unit in the run file, for messages: what stands before `` = "deg"``.
+        gaps
+            Whether values may be missing; they are then NaN.
 
         Raises ValueError for a file that holds no table, a column that is missing (names the nearest), has no unit or
         one of another dimension, has no numbers, or lacks some.
@@ -106,13 +110,17 @@ class Files:
             names = ", ".join(table.colnames)
             raise ValueError(f"{name!r} has no column {column!r}.{nearest(column, table.colnames)} It has: {names}.")
         values, where = table[column], f"column {column!r} of {name!r}"
-        hole = next((int(np.argmax(mask)) for mask in self._masks(name, column) if np.any(mask)), None)
-        if hole is not None:
+        holes = np.zeros(len(table), dtype=bool)
+        for mask in self._masks(name, column):
+            holes |= mask
+        if holes.any() and not gaps:
+            hole = int(np.argmax(holes))
             raise ValueError(f"{where}: the value of row {hole + 1} is missing; expected a number in each row")
         if values.dtype.kind not in "iuf":
             raise ValueError(f"{where}: found {str(values[0]) if len(values) else 'nothing'!r}, expected numbers")
         with np.errstate(over="ignore"):  # the field says what is too large
-            return np.asarray(values, dtype=float) * self._factor(where, values.unit, unit, given_unit, key)
+            numbers = np.asarray(values, dtype=float) * self._factor(where, values.unit, unit, given_unit, key)
+        return np.where(holes, np.nan, numbers) if holes.any() else numbers
 
     def _masks(self, name: str, column: str) -> list[Any]:
         """Return masks of missing values. astropy reads a missing value of a quantity that it has written as zero."""

@@ -47,7 +47,7 @@ class Table:
         return (
             isinstance(other, Table)
             and self.names == other.names
-            and all(np.array_equal(column, other[name]) for name, column in self._columns.items())
+            and all(np.array_equal(column, other[name], equal_nan=True) for name, column in self._columns.items())
         )
 
     def __hash__(self) -> int:
@@ -76,6 +76,7 @@ class Columns:
         self.sorted_by = ""
         self.signs: dict[str, str] = {}
         self.ranges: dict[str, tuple[float, float]] = {}
+        self.gaps: frozenset[str] = frozenset()
 
     def optional(self, /, **units: str) -> Columns:
         """Return the declaration with columns that may be missing."""
@@ -88,6 +89,10 @@ class Columns:
     def positive(self, *columns: str) -> Columns:
         """Return the declaration of a table with positive numbers in some columns, such as errors and distances."""
         return self._changed(signs=self.signs | dict.fromkeys(columns, POSITIVE))
+
+    def with_gaps(self, *columns: str) -> Columns:
+        """Return the declaration of a table whose values in some columns may be missing: NaN, or a masked entry."""
+        return self._changed(gaps=self.gaps | set(columns))
 
     def between(self, column: str, low: float, high: float) -> Columns:
         """Return the declaration of a table with the numbers of one column in an interval, in its unit."""
@@ -139,7 +144,7 @@ class Columns:
         between = self.ranges.get(name, (-np.inf, np.inf))
         return ArrayOf(
             self.units[name], self.signs.get(name, ANY), increasing=name == self.sorted_by, least=self.least,
-            between=between,
+            between=between, gaps=name in self.gaps,
         )  # fmt: skip
 
     def _from_lists(self, value: Mapping[str, Any], files: Files | None) -> dict[str, Array]:
@@ -176,8 +181,9 @@ class Columns:
         columns = {}
         for name in wanted:
             column = files.column(
-                file, renamed.get(name, name), self.units[name], units.get(name), f"units = {{ {name}"
-            )
+                file, renamed.get(name, name), self.units[name], units.get(name), f"units = {{ {name}",
+                gaps=name in self.gaps,
+            )  # fmt: skip
             try:
                 columns[name] = self._mark(name).checked(column, lambda place: f"row {place[0] + 1}")
             except ValueError as error:

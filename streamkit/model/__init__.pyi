@@ -1,10 +1,15 @@
 from .host import NODE as NODE
 from .host import Host as Host
+from .host_profile import PROFILE as PROFILE
+from .host_profile import profile_values as profile_values
 from .model import Model as Model
 from .model import simulate as simulate
+from .moving import Moving as Moving
+from .moving import moving_objects as moving_objects
 from .observation import Observation as Observation
 from .progenitor import next_apocentre as next_apocentre
 from .progenitor import progenitor_track as progenitor_track
+from .release import random_numbers as random_numbers
 from .release import standard_normals as standard_normals
 from .release import stripped as stripped
 from .satellite import Satellite as Satellite

@@ -13,9 +13,9 @@ from streamkit.components import Potential, Total, add_up, sphere
 from streamkit.engine import NO_FRICTION, Centre, Field, Friction, build_field, follow_bodies, with_disc
 from streamkit.errors import OutOfDomain
 from streamkit.model.friction import friction_table, friction_times
-from streamkit.runfile import Body
+from streamkit.runfile import Body, Source, as_spec
 from streamkit.stream import Array, Orbit
-from streamkit.units import GYR
+from streamkit.units import GYR, G
 
 # Spacing of the tracks of the progenitor and of bodies: their interpolation error stays far below a particle's.
 NODE = 0.002 * GYR
@@ -67,6 +67,15 @@ class Host:
     progenitor: Body | None = None
     _fields: dict[float, Field] = field(default_factory=dict, init=False, repr=False, compare=False)
     _paths: dict[float, Paths] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    @classmethod
+    def at(cls, source: Source, parameters: Array | Mapping[str, float] | None = None) -> Host:
+        """Return the host of a run file at parameters (d,), or a mapping of some; the rest at the prior's centre.
+
+        Raises SpecError for a run file or parameters that are not valid.
+        """
+        inputs = as_spec(source).bind_all(parameters)
+        return cls(inputs.potentials, inputs.bodies)
 
     @property
     def total(self) -> Total:
@@ -156,7 +165,7 @@ class Host:
         return None if depth is None else 0.5 * (v**2).sum(axis=0) + depth
 
     def unbinds(self, q: Array, v: Array) -> bool | None:
-        """Say whether the energy at q, v (3,) exceeds the potential at infinity; None if that is unknown."""
+        """Return whether the energy at q, v (3,) exceeds the potential at infinity; None if that is unknown."""
         here = self.energy(q[:, None], v[:, None])
         there = self.potential((q * (INFINITY / np.sqrt(q @ q)))[:, None])
         return None if here is None or there is None else bool(here[0] > there[0])
@@ -172,6 +181,31 @@ class Host:
     def flattening(self, radii: Array, z: Array) -> Array:
         """(n,) Flattening of the potential at cylindrical radii and heights (n,) in kpc, without bodies."""
         return self.total.flattening(radii, z)
+
+    def density(self, q: Array) -> Array:
+        """(n,) Mass density in Msun/kpc^3 at positions q (3, n) in kpc today, without bodies."""
+        return self.total.density(q)
+
+    def escape_speed(self, radii: Array) -> Array | None:
+        """(nr,) Escape speed in km/s at radii (nr,) in kpc in the plane, without bodies; None without a potential."""
+        return self.total.escape_speed(radii)
+
+    def tidal_radius(self, mass: float, q: Array, v: Array) -> Array:
+        """(n,) Tidal radius in kpc of a point mass in Msun at positions q and velocities v (3, n) today.
+
+        ``(G m / (Omega^2 - d^2 Phi / dr^2))^(1/3)`` (Gibbons+ 2014, eq. 1), bodies included; NaN where the bracket is
+        not positive.
+        """
+        none = np.full(q.shape[1], np.nan)
+        orbit = Orbit(np.zeros(q.shape[1]), q, v, np.zeros_like(q), none)
+        return np.asarray(np.cbrt(G * mass / self.tidal_bracket(orbit)))
+
+    def orbits(self, lookback: float) -> dict[str, Orbit]:
+        """Return the orbits of the bodies about the host by name, over a look-back time in Gyr; empty without bodies.
+
+        Raises OutOfDomain if one cannot be followed so far.
+        """
+        return dict(self.paths(-lookback * GYR).bodies) if self.bodies else {}
 
     def tidal_bracket(self, orbit: Orbit) -> Array:
         """(n,) ``Omega^2 - d^2 Phi / dr^2`` along an orbit; NaN where it is not positive, and no tidal radius exists.

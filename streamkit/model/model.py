@@ -9,17 +9,18 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from streamkit.components import Measurement
+from streamkit.components import LiveStripping, Measurement, Stripping
 from streamkit.engine import build_field
 from streamkit.errors import ComponentError, OutOfDomain, blamed
 from streamkit.model.host import Host
-from streamkit.model.integrate import integrate
+from streamkit.model.integrate import Records, integrate
+from streamkit.model.live import follow_live, live_track
 from streamkit.model.observation import Observation
 from streamkit.model.progenitor import next_apocentre, progenitor_track
-from streamkit.model.release import release_particles, standard_normals
+from streamkit.model.release import random_numbers, release_particles
 from streamkit.observe import measure_host, measure_stream, read_data
 from streamkit.runfile import ModelInputs, Source, StreamInputs, as_spec
-from streamkit.stream import Array, Data, Prediction, Stream
+from streamkit.stream import Array, Data, IntArray, Orbit, Prediction, Stream
 
 
 class Model:
@@ -46,9 +47,9 @@ class Model:
 
     def data(self, inputs: StreamInputs) -> dict[str, Data]:
         """Return the data of a stream's observables by name; read once if no field of one has a prior."""
-        return {name: self.known(f"stream.{inputs.name}", name, one) for name, one in inputs.observables.items()}
+        return {name: self.data_of(f"stream.{inputs.name}", name, one) for name, one in inputs.observables.items()}
 
-    def known(self, place: str, name: str, measurement: Measurement) -> Data:
+    def data_of(self, place: str, name: str, measurement: Measurement) -> Data:
         """Return the data of one measurement; read once if no field of it has a prior."""
         measured, data = self._data.get((place, name), (None, None))
         if data is None or measured is not measurement:  # a measurement with free fields is a new instance in each call
@@ -58,17 +59,17 @@ class Model:
 
     @property
     def normals(self) -> Array:
-        """(draws, n) The standard normals of the only stream's particles; the first n do not depend on their number."""
+        """(draws, n) The random numbers of the only stream's particles; the first n do not depend on their number."""
         return self._draws[self.spec.stream_name()]
 
     @cached_property
     def _draws(self) -> dict[str, Array]:
-        """(draws, n) The standard normals of every stream's particles, by its name."""
+        """(draws, n) The random numbers of every stream's particles, by its name."""
         drawn = {}
         for name, stream in self.spec.sections.streams.items():
             stripping = stream.stripping.centre
             with blamed(f"stripping {stripping.kind}"):
-                drawn[name] = standard_normals(stripping, self.spec.sections.seed_of(name))
+                drawn[name] = random_numbers(stripping, self.spec.sections.seed_of(name))
         return drawn
 
     def stream(self, parameters: Array | Mapping[str, float] | None = None, name: str | None = None) -> Stream:
@@ -121,7 +122,7 @@ class Model:
         host = host or Host(model_inputs.potentials, model_inputs.bodies)
         with self.naming_parameters(model_inputs.values):
             data = model_inputs.data
-            return {name: measure_host(one, host, self.known("data", name, one)) for name, one in data.items()}
+            return {name: measure_host(one, host, self.data_of("data", name, one)) for name, one in data.items()}
 
     @contextmanager
     def naming_parameters(self, values: Mapping[str, float]) -> Iterator[None]:
@@ -134,35 +135,48 @@ class Model:
             raise ComponentError(f"{error}. Parameters: {text or 'none is free'}") from error.__cause__
 
 
-def simulate(inputs: StreamInputs, normals: Array, shared: Host | None = None, threads: int = 1) -> Stream:
-    """Return the stream of fully bound components, with normals (draws, n) that belong to the particles.
+def simulate(inputs: StreamInputs, draws: Array, shared: Host | None = None, threads: int = 1) -> Stream:
+    """Return the stream of fully bound components, with random numbers (draws, n) that belong to the particles.
 
     The host may be there already, ``shared`` by streams whose progenitors are test particles in it.
     """
     moved = inputs.companion
     host = Host(inputs.potentials, inputs.bodies, moved) if shared is None or moved else shared
     track = progenitor_track(host, inputs)
-    start = release_particles(inputs, track, normals)
+    if isinstance(inputs.stripping, LiveStripping):
+        track = live_track(inputs, inputs.stripping, host, track)
+        live = follow_live(inputs, inputs.stripping, host, track, draws, threads)
+        t_release = np.full(len(live.tail), track.t[0])
+        return _stream(inputs, host, live.orbit, live.records, live.tail, t_release, live.weight)
+    start = release_particles(inputs, track, draws)
     field = host.until(float(track.t[0]))
-    if inputs.stripping.progenitor_gravity:
+    if isinstance(inputs.stripping, Stripping) and inputs.stripping.progenitor_gravity:
         field = field.with_moving(build_field([inputs.satellite]), start.orbit)
     done = integrate(replace(field, threads=threads), inputs.integrator, start)
+    return _stream(inputs, host, start.orbit, done, start.tail, start.at_release.t, np.ones(len(start.tail)))
+
+
+def _stream(
+    inputs: StreamInputs, host: Host, orbit: Orbit, done: Records, tail: IntArray, t_release: Array, weight: Array
+) -> Stream:
+    """Return the stream of particles that have arrived today; OutOfDomain if one of them is nowhere."""
     if not (np.isfinite(done.q).all() and np.isfinite(done.v).all()):
         raise OutOfDomain("the orbit of a particle is not finite")
     return Stream(
         q=done.q,
         v=done.v,
-        t_release=start.at_release.t,
+        t_release=t_release,
         t_strip=np.where(done.bound, 0.0, done.t_strip),
         dq_galactocentric=done.dq_strip,
         dv_galactocentric=done.dv_strip,
-        tail=start.tail,
+        tail=tail,
         winding=done.winding,
         chi=done.chi,
         bound=done.bound,
-        weight=np.ones(len(start.tail)),
-        orbit=start.orbit,
+        weight=weight,
+        orbit=orbit,
         ahead=partial(next_apocentre, host, inputs),
         parameters=dict(inputs.values),
         sun=inputs.sun.observer,
+        mass=inputs.mass,
     )

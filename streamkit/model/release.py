@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from streamkit.components import Stripping
+from streamkit.components import LiveStripping, Stripping, StrippingScheme
 from streamkit.errors import ComponentError, blamed
 from streamkit.model.satellite import Satellite
 from streamkit.runfile import StreamInputs
@@ -43,7 +43,10 @@ def release_particles(inputs: StreamInputs, track: Orbit, normals: Array) -> Sta
     """
     scheme, n = inputs.stripping, inputs.stripping.particles
     name = f"stripping {scheme.kind}"
-    orbit, times = stripped(inputs, track)
+    if not isinstance(scheme, Stripping):
+        raise TypeError(f"{name} releases no particles")
+    times = release_times(scheme, track)
+    orbit = stripped(inputs, track)
     with blamed(name):
         tail = read_only(np.where(np.arange(n) % 2 == 0, LEADING, TRAILING))
         at_release = orbit.at(times)
@@ -57,10 +60,16 @@ def release_particles(inputs: StreamInputs, track: Orbit, normals: Array) -> Sta
     return Start(orbit, at_release, tail, release.q, release.v)
 
 
-def stripped(inputs: StreamInputs, track: Orbit) -> tuple[Orbit, Array]:
-    """Return the progenitor's track with its remaining mass, and the release times (n,) of its particles."""
-    times = release_times(inputs.stripping, track)
-    return losing_mass(track, Satellite(inputs.satellite, inputs.mass), inputs.stripping.mass_loss, times), times
+def stripped(inputs: StreamInputs, track: Orbit) -> Orbit:
+    """Return the progenitor's track with its remaining mass, as far as that mass is known before the stream.
+
+    The mass of a live progenitor is a result of the stream: this track has the whole mass.
+    """
+    scheme = inputs.stripping
+    if not isinstance(scheme, Stripping):
+        return track
+    satellite = Satellite(inputs.satellite, inputs.mass)
+    return losing_mass(track, satellite, scheme.mass_loss, release_times(scheme, track))
 
 
 def release_times(scheme: Stripping, orbit: Orbit) -> Array:
@@ -91,7 +100,26 @@ def losing_mass(orbit: Orbit, satellite: Satellite, loss: float, times: Array) -
     return replace(orbit, r_tidal=satellite.shrunk(orbit.r_tidal, left), mass_left=left)
 
 
-def standard_normals(stripping: Stripping, seed: int) -> Array:
+def random_numbers(scheme: StrippingScheme, seed: int) -> Array:
+    """(draws, n) The random numbers of a scheme from the seed; column i belongs to particle i whatever n is.
+
+    Standard normals, or for a live progenitor uniform numbers between 0 and 1.
+    """
+    return uniform_points(scheme, seed) if isinstance(scheme, LiveStripping) else standard_normals(scheme, seed)
+
+
+def uniform_points(scheme: StrippingScheme, seed: int) -> Array:
+    """(draws, n) Uniform numbers between 0 and 1, all particles in one scrambled Sobol sequence."""
+    n, draws, rng = scheme.particles, scheme.draws, np.random.default_rng(seed)
+    if not scheme.quasi_random:
+        return np.ascontiguousarray(rng.random((n, draws)).T)
+    from scipy.stats import qmc  # slow to import
+
+    points = qmc.Sobol(draws, scramble=True, rng=rng).random_base2(max(n - 1, 1).bit_length())[:n].T
+    return np.ascontiguousarray(np.clip(points, 1e-12, 1 - 1e-12))  # a scrambled point may be 0
+
+
+def standard_normals(stripping: StrippingScheme, seed: int) -> Array:
     """(draws, n) Standard normals from the seed; column i belongs to particle i whatever n is.
 
     The two tails, which alternate, have a Sobol sequence each: one sequence for both would give each tail one half

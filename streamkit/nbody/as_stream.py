@@ -36,7 +36,7 @@ def as_stream(snapshot: Snapshot, inputs: StreamInputs) -> Stream:
     Raises StreamkitError if the snapshot cannot be this progenitor's: other units, another place, another velocity.
     """
     host = Host(inputs.potentials, inputs.bodies, inputs.companion)
-    model_track, _ = stripped(inputs, progenitor_track(host, inputs))
+    model_track = stripped(inputs, progenitor_track(host, inputs))
     _same_scale(snapshot, model_track)
     _same_place(snapshot, model_track, inputs)
     orbit = _track(snapshot, host, inputs, model_track)
@@ -72,6 +72,7 @@ def as_stream(snapshot: Snapshot, inputs: StreamInputs) -> Stream:
         ahead=partial(next_apocentre, host, inputs),
         parameters=dict(inputs.values),
         sun=inputs.sun.observer,
+        mass=inputs.mass,
     )
 
 

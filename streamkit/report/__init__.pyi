@@ -64,3 +64,4 @@ from .text import number as number
 from .text import paragraph as paragraph
 from .text import seconds as seconds
 from .text import span as span
+from .track_figure import draw_track as draw_track

@@ -8,7 +8,7 @@ from functools import cache
 from importlib.metadata import version
 from importlib.resources import files
 
-from streamkit.components import Component
+from streamkit.components import Component, Preset
 from streamkit.runfile import Spec
 
 ALWAYS = {
@@ -48,7 +48,7 @@ def cited(spec: Spec) -> str:
         for key, entry in _of_component(cls):
             entries.setdefault(key, entry)
             uses.setdefault(key, []).append(f"{path} = {cls.kind} ({supplier})")
-    if (preset := spec.registry.presets.get(spec.document["potential"].get("preset", ""))) is not None:
+    if (preset := _preset_of(spec)) is not None:
         for key, entry in _named(preset.reference, f"preset-{preset.name}"):
             entries.setdefault(key, entry)
             uses.setdefault(key, []).append(f"the potentials of the preset {preset.name!r}: {preset.reference}")
@@ -61,6 +61,32 @@ def cited(spec: Spec) -> str:
     parts = [f"{head}\n{_own(spec)}"]
     parts += ["\n".join([*(f"% {what}" for what in dict.fromkeys(whats)), entries[key]]) for key, whats in uses.items()]
     return "\n\n".join(parts) + "\n"
+
+
+def _preset_of(spec: Spec) -> Preset | None:
+    """Return the preset that a run file names, or whose sections it has.
+
+    Resolved run files did not always keep the name. One without it has a preset if it has all its sections, of the same
+    kinds, with more than half of its numbers: others may have been changed, or given a prior.
+    """
+    presets, potentials = spec.registry.presets, spec.sections.potentials
+    if (name := spec.document["potential"].get("preset")) is not None:
+        return presets.get(name)
+
+    def share(preset: Preset) -> float:
+        sections = preset.sections
+        if any(key not in potentials or potentials[key].cls.kind != sections[key]["kind"] for key in sections):
+            return 0.0
+        same = [
+            getattr(potentials[key].centre, field) == value
+            for key, section in sections.items()
+            for field, value in section.items()
+            if field != "kind"
+        ]
+        return float(sum(same) / len(same))
+
+    best = max(presets.values(), key=share, default=None)
+    return best if best is not None and share(best) > 0.5 else None
 
 
 def _own(spec: Spec) -> str:

@@ -59,14 +59,14 @@ def field_records(cls: type[BaseModel], names: Iterable[str]) -> list[dict[str, 
     ]
 
 
-def check_name(registry: Registry, asked: str, name: str, names: Iterable[str]) -> None:
-    """Raise StreamkitError for a name that the command ``asked`` does not have: with its role, or the nearest name."""
+def check_name(registry: Registry, command: str, name: str, names: Iterable[str]) -> None:
+    """Raise StreamkitError for a name that a command does not have: with its role, or the nearest name."""
     if name in names:
         return
     homes = [role for role, kinds in registry.entries.items() if name in kinds]
     if homes:
-        raise StreamkitError(f"{asked}: {name!r} is a {homes[0]}: ask for 'streamkit {asked} {homes[0]} {name}'.")
-    raise StreamkitError(f"{asked}: nothing is called {name!r}.{nearest(name, names)} Known: {', '.join(names)}.")
+        raise StreamkitError(f"{command}: {name!r} is a {homes[0]}: use 'streamkit {command} {homes[0]} {name}'.")
+    raise StreamkitError(f"{command}: nothing is called {name!r}.{nearest(name, names)} Known: {', '.join(names)}.")
 
 
 def _unit(field: FieldInfo) -> str:

@@ -12,17 +12,17 @@ from streamkit.report.component_record import check_name, field_records
 from streamkit.report.text import columns, paragraph
 
 
-def listing(registry: Registry, role: str | None = None, kind: str | None = None, asked: str = "plugins") -> str:
+def listing(registry: Registry, role: str | None = None, kind: str | None = None, command: str = "plugins") -> str:
     """Describe every component, those of one role, or one of them in full.
 
-    A `StreamkitError` that begins with the command ``asked`` names the nearest if there is no such role or component.
+    A `StreamkitError` that begins with the command ``command`` names the nearest if there is no such role or component.
     """
     if role is None:
         parts = [f"{name}\n{_kinds(registry, name)}" for name in ROLES]
         return "\n\n".join([*parts, *_presets(registry), *_packages(registry), *_failed(registry)])
-    check_name(registry, asked, role, ROLES)
+    check_name(registry, command, role, ROLES)
     if kind is not None:
-        return _describe(registry.find(role, kind, f"{asked} {role}"), registry)
+        return _describe(registry.find(role, kind, f"{command} {role}"), registry)
     return "\n\n".join([f"{role}\n{_kinds(registry, role, fields=True)}", *_failed(registry)])
 
 

@@ -1,4 +1,4 @@
-"""Write files whole or not at all, hold a directory for one process, and say where a file comes from."""
+"""Atomic writing of files, locks of directories, and the provenance of tables."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class UnwritableError(StreamkitError):
 
 
 def save(path: Path, writer: Callable[[Path], object]) -> None:
-    """Let ``writer`` write the file: the whole of it comes into place, or nothing.
+    """Write a file by ``writer``, whole or not at all.
 
     Raises UnwritableError if the file cannot be written.
     """
@@ -97,7 +97,7 @@ def save_picture(path: Path, figure: Figure) -> None:
 
 
 def save_pictures(path: Path, figure: Figure, pdf: bool) -> None:
-    """Write a picture and, if asked for or if there is one, the PDF beside it: it must not be an older picture's."""
+    """Write a picture, and its PDF if ``pdf`` is set or an older PDF exists, which would show another picture."""
     save_picture(path, figure)
     beside = path.with_suffix(".pdf")
     if pdf or beside.exists():
@@ -115,11 +115,11 @@ def origin(spec: Spec) -> dict[str, Any]:
 
 
 def replace_whole(path: Path, writer: Callable[[Path], object]) -> None:
-    """Let ``writer`` write a temporary file beside ``path``, then put it in place in one step.
+    """Write a temporary file beside ``path`` by ``writer``, then rename it in one step.
 
-    It is on the disk before it takes the place of an older one: a power cut leaves one of the two. What lies at the
-    place of the temporary file is removed first: a kill leaves a part there, and anybody may have put a link there,
-    through which another file would be written.
+    The file is synchronised with the disk before it replaces an older one: a power cut leaves one of the two. A former
+    temporary file is removed first: a kill may have left it, or somebody may have put a link there, through which
+    another file would be written.
     """
     part = path.with_name(f".{path.stem}.part{path.suffix}")
     try:
@@ -136,7 +136,7 @@ def replace_whole(path: Path, writer: Callable[[Path], object]) -> None:
 
 
 def to_disk(path: Path) -> None:
-    """Have the system put a file, or the entries of a directory, on the disk before going on."""
+    """Synchronise a file, or the entries of a directory, with the disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -154,15 +154,15 @@ def safely(path: Path) -> Iterator[None]:
 
 
 def contents(directory: Path) -> list[str]:
-    """Return the names in a directory without hidden files: the lock, and what a kill left half written."""
+    """Return the names in a directory without hidden files, which are the lock and remains of a kill."""
     return sorted(path.name for path in directory.iterdir() if not path.name.startswith("."))
 
 
 @contextmanager
 def locked(directory: Path) -> Iterator[None]:
-    """Hold the directory for one run, made if missing and taken away again if nothing came into it.
+    """Lock the directory for one run. It is made if missing, and removed again if it stays empty.
 
-    The lock belongs to the process: a kill may leave the hidden file `LOCK`, and never a lock.
+    The lock belongs to the process: a kill may leave the hidden file `LOCK`, but no lock.
 
     Raises ChainError if another run holds it, or it cannot be made or written: with the reason.
     """
@@ -185,7 +185,7 @@ def locked(directory: Path) -> Iterator[None]:
 
 
 def is_locked(directory: Path) -> bool:
-    """Say whether a run is writing into a directory right now."""
+    """Return whether a run is writing into a directory now."""
     from filelock import FileLock, Timeout
 
     if not (directory / LOCK).exists():

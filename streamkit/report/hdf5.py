@@ -52,7 +52,7 @@ def verified(path: Path) -> bytes:
 
 
 def read_own(path: Path, read: Callable[[h5py.File], T]) -> T:
-    """Return what ``read`` takes from a file of streamkit's own, once it is `verified`.
+    """Return the result of ``read`` for a file that streamkit wrote, after it is `verified`.
 
     Raises DamagedError if the file is damaged or no HDF5; a StreamkitError of ``read`` passes.
     """
@@ -64,9 +64,9 @@ def read_own(path: Path, read: Callable[[h5py.File], T]) -> T:
 
 
 def read_foreign(path: Path, read: Callable[[h5py.File], T]) -> T:
-    """Return what ``read`` takes from a file that anybody may have written.
+    """Return the result of ``read`` for a file of unknown origin.
 
-    It is read in a fork of this process first, where there are such: HDF5 may crash, or not come to an end.
+    Where the platform has fork, a fork of this process reads it first: HDF5 may crash, or never return.
     Raises DamagedError if the file is damaged or no HDF5; a StreamkitError of ``read`` passes.
     """
     with suppress(ImportError):  # elsewhere than on Unix

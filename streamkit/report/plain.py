@@ -1,4 +1,4 @@
-"""Values as JSON can hold them: for programs that read what the commands found."""
+"""Results as JSON, for programs."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ class Progress:
         self._what, self._unit, self._note = what, unit, ""
         self._deadline, self._first = deadline, done
         self._begun = self._last = time.monotonic()
-        self._told = done
+        self._logged = done
         self._bar: Any = None
         self._lines = shown and not NOTEBOOK and not sys.stderr.isatty()
         if shown and not self._lines:
@@ -124,9 +124,9 @@ class Progress:
     def _log(self) -> None:
         now = time.monotonic()
         waited = now - self._last
-        tenth = self.done - self._told >= 0.1 * self.total
+        tenth = self.done - self._logged >= 0.1 * self.total
         if waited >= max(EVERY, 0.01 * (now - self._begun)) or (tenth and waited >= SOON):
-            self._last, self._told = now, self.done
+            self._last, self._logged = now, self.done
             print(f"{time.strftime('%H:%M:%S')} streamkit: {self.line()}", file=sys.stderr, flush=True)  # noqa: T201
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from streamkit.observe import marks_of
-from streamkit.report.style import ARM_STYLE, angle_ticks, finish
+from streamkit.report.style import ARM_STYLE, VERMILION, angle_ticks, finish
 from streamkit.runfile import StreamInputs
 from streamkit.stream import Mark, Prediction, Stream, orbital_plane
 from streamkit.units import GYR
@@ -46,6 +46,21 @@ def draw_plane(particles: Stream, axes: Axes) -> None:
     axes.set_xlabel(r"$x'\ \,[{\rm kpc}]$  (towards the progenitor)", fontsize=12)
     axes.set_ylabel(r"$y'\ \,[{\rm kpc}]$  (along its motion)", fontsize=12)
     finish(axes)
+
+
+def draw_mass(particles: Stream, axes: Axes) -> None:
+    """Draw the mass that the progenitor has left, and its tidal radius, against time."""
+    orbit = particles.orbit
+    t = orbit.t / GYR
+    axes.plot(t, orbit.mass_left, color="black", lw=1.3)
+    axes.set(xlim=(t[0], 0.0), ylim=(0.0, 1.05))
+    axes.set_xlabel(r"$t\ \,[{\rm Gyr}]$", fontsize=12)
+    axes.set_ylabel("bound mass / mass at the look-back time", fontsize=11)
+    finish(axes)
+    right = axes.twinx()
+    right.plot(t, orbit.r_tidal, color=VERMILION, lw=0.9)
+    right.set_ylim(0.0, 1.1 * float(np.nanmax(orbit.r_tidal)))
+    right.set_ylabel(r"$r_{\rm t}\ \,[{\rm kpc}]$", fontsize=12, color=VERMILION)
 
 
 def draw_unwrapped(particles: Stream, prediction: Prediction | None, inputs: StreamInputs | None, axes: Axes) -> None:

@@ -71,16 +71,9 @@ def describe_stream(
     prediction: Prediction | None,
     changed: Collection[str],
 ) -> str:
-    """Show one stream: its parameters, the counts per arm, the observables and the CPU time.
+    """Return one stream as text, from its `stream_record`: parameters, counts per arm, observables, CPU time.
 
-    Parameters
-    ----------
-    spec, inputs
-        The run file, and the stream's inputs; free parameters stand at the prior's centre.
-    record, prediction
-        The stream's `stream_record`, and the prediction that it holds.
-    changed
-        Fields set by hand.
+    ``changed`` are the fields that were set on the command line.
     """
     free = record["parameters"]
     rows = []

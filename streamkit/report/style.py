@@ -69,12 +69,7 @@ def ticks(axes: Axes) -> None:
 def labels(names: Sequence[str], symbols: Sequence[str]) -> list[str]:
     """Return different labels for all parameters: their symbols, or the shortest unambiguous ends of their paths.
 
-    Parameters
-    ----------
-    names
-        The parameters' paths: ``potential.halo.m200``.
-    symbols
-        The symbol of each, or once more its path if it has none. Long names are broken after dots and underscores.
+    ``names`` are the paths (``potential.halo.m200``); a symbol that equals its path stands for none.
     """
     texts = []
     for name, symbol in zip(names, symbols, strict=True):

@@ -13,7 +13,7 @@ from tomlkit.items import Item, Table
 
 from streamkit.errors import SpecError, expect_file
 
-DEEPEST_NESTING = 20  # levels of tables and lists; valid run files have five
+TOO_DEEP = "too many tables or lists lie inside each other"
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -28,30 +28,15 @@ def read_toml(path: Path) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         raise SpecError(f"{path}: not valid TOML: {error}") from None
     except RecursionError:
-        raise SpecError(f"{path}: more than {DEEPEST_NESTING} tables or lists lie inside each other") from None
+        raise SpecError(f"{path}: {TOO_DEEP}") from None
     except ValueError as error:  # an integer of thousands of digits, a date that does not exist
         raise SpecError(f"{path}: not a value that can be read: {error}") from None
 
 
-def depth(value: Any) -> int:
-    """Return how many tables and lists lie inside each other, counted up to `DEEPEST_NESTING` + 1."""
-    level, inside = 0, [value]
-    while inside and level <= DEEPEST_NESTING:
-        tables = [item for item in inside if isinstance(item, Mapping | list | tuple)]
-        inside = [x for item in tables for x in (item.values() if isinstance(item, Mapping) else item)]
-        level += bool(tables)
-    return level
-
-
 def to_toml(document: Mapping[str, Any], header: str = "") -> str:
-    """Return the document as TOML, in its order: sections as tables, nested values of their fields inline.
+    """Return a document as TOML, in its order, below a comment with the header.
 
-    Parameters
-    ----------
-    document
-        Top-level values and sections; a section is a table of fields, or holds sections with a ``kind``.
-    header
-        Text for a comment at the top.
+    Sections are tables of fields, or hold sections with a ``kind``. Nested values of fields are inline.
     """
     toml = tomlkit.document()
     for line in header.splitlines():
@@ -71,7 +56,7 @@ def _table(fields: Mapping[str, Any]) -> Table:
 
 
 def _is_section(value: Any) -> bool:
-    """Say whether a value is a table of fields with a ``kind``, or holds nothing but such tables."""
+    """Return whether a value is a table of fields with a ``kind``, or holds nothing but such tables."""
     return isinstance(value, Mapping) and ("kind" in value or (bool(value) and all(map(_is_section, value.values()))))
 
 

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from streamkit.components import HostData, Integrator, Observable, Potential, Stripping, total_mass
+from streamkit.components import HostData, Integrator, Observable, Potential, StrippingScheme, total_mass
 from streamkit.errors import OutOfDomain, StreamkitError
 from streamkit.runfile.progenitor import Sun
 from streamkit.stream import Array
@@ -98,7 +98,7 @@ class StreamInputs:
     q: Array
     v: Array
     lookback: float
-    stripping: Stripping
+    stripping: StrippingScheme
     integrator: Integrator
     observables: dict[str, Observable]
     seed: int

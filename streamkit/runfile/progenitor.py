@@ -1,4 +1,4 @@
-"""Position and velocity today of the progenitor or a body in one of several sets of coordinates, and the Sun."""
+"""The Sun, and the position and velocity today of the progenitor or a body, in one of several sets of coordinates."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from streamkit.stream import Array, Frame, Observer, sky_matrix, to_galactocentr
 from streamkit.units import Angle, Coordinate, Duration, Length, ProperMotion, Symbol, Unit, Velocity
 
 MOST_LOOKBACK = 100.0  # the longest look-back time in Gyr
+# Other names of coordinates, in run files, schema and paths: that of the tracks, which is astropy's too.
+OTHER_NAMES = {"radial_velocity": "v_los"}
 
 
 class _OrHost(Unit):
@@ -118,7 +120,7 @@ _Distance = Annotated[Length, Symbol("$d$"), Field(description="Heliocentric dis
 _LineOfSight = Annotated[
     Velocity,
     Symbol(r"$v_{\rm los}$"),
-    Field(description="Heliocentric line-of-sight velocity. It may be called radial_velocity too."),
+    Field(description="Heliocentric line-of-sight velocity; radial_velocity is another name of it."),
 ]
 _Latitude = Annotated[Angle, Field(ge=-90, le=90)]
 
@@ -126,20 +128,21 @@ _Latitude = Annotated[Angle, Field(ge=-90, le=90)]
 class _OnSky(Place, ABC):
     """Two angles, the distance, two proper motions and the line-of-sight velocity, in this order."""
 
-    @abstractmethod
-    def sky(self) -> Literal["icrs", "galactic"] | Array:
-        """Return the frame of the angles: its name, or the matrix (3, 3) that leads to it from ICRS."""
+    sky: ClassVar[Literal["icrs", "galactic"] | None] = None
+    """The frame of the angles; None if it is the field ``frame``."""
 
     def today(self, sun: Sun) -> tuple[Array, Array]:
         """Transform from the sky."""
+        frame = sky_matrix(getattr(self, "frame")) if self.sky is None else self.sky  # noqa: B009  not every class has it
         lon, lat, distance, pm_lon, pm_lat, v_los = (getattr(self, name) for name in self.coordinates())
-        return to_galactocentric(self.sky(), lon, lat, distance, pm_lon, pm_lat, v_los, sun.observer)
+        return to_galactocentric(frame, lon, lat, distance, pm_lon, pm_lat, v_los, sun.observer)
 
 
 class _GalacticSky(_OnSky):
     """Galactic coordinates and proper motions."""
 
     title = "Galactic sky"
+    sky = "galactic"
 
     l: Annotated[Angle, Symbol("$l$")] = Field(description="Galactic longitude.")  # noqa: E741  the field's own name
     b: Annotated[_Latitude, Symbol("$b$")] = Field(description="Galactic latitude.")
@@ -150,15 +153,12 @@ class _GalacticSky(_OnSky):
     pm_b: Annotated[ProperMotion, Symbol(r"$\mu_b$")] = Field(description="Proper motion in b.")
     v_los: _LineOfSight
 
-    def sky(self) -> Literal["galactic"]:
-        """Return the name."""
-        return "galactic"
-
 
 class _EquatorialSky(_OnSky):
     """Equatorial (ICRS) coordinates and proper motions."""
 
     title = "equatorial sky (ICRS)"
+    sky = "icrs"
 
     ra: Annotated[Angle, Symbol(r"${\rm RA}$")] = Field(description="Right ascension.")
     dec: Annotated[_Latitude, Symbol(r"${\rm Dec}$")] = Field(description="Declination.")
@@ -168,10 +168,6 @@ class _EquatorialSky(_OnSky):
     )
     pm_dec: Annotated[ProperMotion, Symbol(r"$\mu_\delta$")] = Field(description="Proper motion in declination.")
     v_los: _LineOfSight
-
-    def sky(self) -> Literal["icrs"]:
-        """Return the name."""
-        return "icrs"
 
 
 class _StreamSky(_OnSky):
@@ -191,10 +187,6 @@ class _StreamSky(_OnSky):
     )
     pm_phi2: Annotated[ProperMotion, Symbol(r"$\mu_{\phi_2}$")] = Field(description="Proper motion in phi2.")
     v_los: _LineOfSight
-
-    def sky(self) -> Array:
-        """Return the matrix."""
-        return sky_matrix(self.frame)
 
 
 class _Galactocentric(Place):
@@ -254,7 +246,6 @@ def _ways(prefix: str, owner: Any) -> Any:
 
 WAYS: tuple[type[PhaseSpace], ...] = _ways("", PhaseSpace)
 BODY_WAYS: tuple[type[BodyPlace], ...] = _ways("Body", BodyPlace)
-
 
 
 def choose_coordinates(

@@ -14,10 +14,10 @@ from streamkit.components import Component, Registry, Sampler, load_registry
 from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.fields import Files
 from streamkit.runfile.cross_checks import drag_unknown, massless, no_part_of_a_host, own_keys, too_many_steps
-from streamkit.runfile.document import DEEPEST_NESTING, depth
+from streamkit.runfile.document import TOO_DEEP
 from streamkit.runfile.inputs import ONLY
 from streamkit.runfile.priors import PRIORS
-from streamkit.runfile.progenitor import BODY_WAYS, WAYS, Sun, choose_coordinates
+from streamkit.runfile.progenitor import BODY_WAYS, OTHER_NAMES, WAYS, Sun, choose_coordinates
 from streamkit.runfile.section import Section, read_section
 from streamkit.runfile.sections import Sections, StreamSections
 from streamkit.runfile.sentences import should
@@ -49,9 +49,10 @@ def resolve(
     Without a registry, installed plugins are loaded when they are needed, beside the plugin files and the classes in
     ``components``. Raises SpecError with all errors, one per line.
     """
-    if depth(source) > DEEPEST_NESTING:
-        raise SpecError(f"{name}: more than {DEEPEST_NESTING} tables or lists lie inside each other")
-    reader = _Reader(name, _plain_values(source), files)
+    try:
+        reader = _Reader(name, _plain_values(source), files)
+    except RecursionError:
+        raise SpecError(f"{name}: {TOO_DEEP}") from None
     reader.head()
     plugins = reader.raw.get("plugins", [])
     if registry is None:
@@ -190,16 +191,16 @@ class _Reader:
         name, sections = table["preset"], {k: v for k, v in table.items() if k != "preset"}
         self.registry = self.registry.having_preset(name)
         presets = self.registry.presets
-        loose = [key for key, value in sections.items() if not isinstance(value, dict)]
+        plain = [key for key, value in sections.items() if not isinstance(value, dict)]
         if not isinstance(name, str) or name not in presets:
             self.refuse(
                 f"potential.preset: no model is called {name!r}.{nearest(str(name), presets)} "
                 f"Installed: {', '.join(presets)}."
             )
             sections = {}
-        elif loose:
+        elif plain:
             self.refuse(
-                f"potential.{loose[0]}: found {sections[loose[0]]!r} beside a preset, expected a section "
+                f"potential.{plain[0]}: found {sections[plain[0]]!r} beside a preset, expected a section "
                 f"[potential.NAME]: {name} has {', '.join(presets[name].sections)}"
             )
         else:
@@ -310,9 +311,10 @@ class _Reader:
             return self.refuse(f"the section [{path}] is missing"), None
         if not isinstance(table, dict):
             return self.refuse(f"{path}: found {table!r}, expected a section [{path}] with a kind"), None
-        if {"radial_velocity", "v_los"} <= table.keys():
-            return self.refuse(f"{path}: found v_los and radial_velocity, two names of one number: give one"), None
-        renamed = {"v_los" if key == "radial_velocity" else key: value for key, value in table.items()}
+        for other, name in OTHER_NAMES.items():
+            if {other, name} <= table.keys():
+                return self.refuse(f"{path}: found {name} and {other}, two names of one number: give one"), None
+        renamed = {OTHER_NAMES.get(key, key): value for key, value in table.items()}
         table.clear()  # in place: the resolved run file keeps the order of the keys
         table.update(renamed)
         cls = self.kind("potential", path, table)

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, create_model
 from pydantic.json_schema import GenerateJsonSchema
 
 from streamkit.components import Component, Registry
-from streamkit.runfile.progenitor import BODY_WAYS, WAYS, Place, Sun
+from streamkit.runfile.progenitor import BODY_WAYS, OTHER_NAMES, WAYS, Place, Sun
 from streamkit.runfile.reader import DEFAULT_KIND, HOST_ALONE
 from streamkit.runfile.section import section_model
 from streamkit.runfile.settings import Engine, Likelihood, RunFile
@@ -65,6 +65,8 @@ def json_schema(registry: Registry) -> dict[str, Any]:
     schema = create_model("RunFile", __config__=RunFile.model_config, __doc__="A run file of streamkit.", **fields)
     one_or_several = {"oneOf": [{"required": ["progenitor", "stripping"]}, {"required": ["stream"]}]}
     made = schema.model_json_schema(schema_generator=_Generator)
+    for definition in made["$defs"].values():
+        _allow_other_names(definition)
     return {"$schema": GenerateJsonSchema.schema_dialect} | made | one_or_several
 
 
@@ -81,8 +83,17 @@ def _component(cls: type[Component], what: str = "", way: type[Place] | None = N
     return _open(placed) if _varies(cls) else placed
 
 
+def _allow_other_names(definition: dict[str, Any]) -> None:
+    """Let the section of a progenitor or a body have another name of a coordinate in place of its own."""
+    for other, name in OTHER_NAMES.items():
+        if name in definition.get("required", ()):
+            definition["properties"][other] = definition["properties"][name]
+            definition["required"].remove(name)
+            definition["oneOf"] = [{"required": [name]}, {"required": [other]}]
+
+
 def _varies(cls: type[Component]) -> bool:
-    """Say whether the section decides which fields there are."""
+    """Return whether the section decides which fields there are."""
     return cls.for_section.__func__ is not Component.for_section.__func__  # type: ignore[attr-defined]
 
 

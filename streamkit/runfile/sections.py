@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from streamkit.components import HostData, Integrator, Observable, Potential, Sampler, Stripping
+from streamkit.components import HostData, Integrator, Observable, Potential, Sampler, StrippingScheme
 from streamkit.runfile.inputs import ONLY, Body, ModelInputs, StreamInputs, mass_of
 from streamkit.runfile.progenitor import MOST_LOOKBACK, BodyPlace, PhaseSpace, Sun
 from streamkit.runfile.section import Section
@@ -22,7 +22,7 @@ class StreamSections:
 
     satellite: Section[Potential]
     phase: Section[PhaseSpace]
-    stripping: Section[Stripping]
+    stripping: Section[StrippingScheme]
     observables: dict[str, Section[Observable]]
 
     @property

@@ -21,6 +21,7 @@ from streamkit.fields import Files
 from streamkit.runfile.document import read_toml, to_toml
 from streamkit.runfile.inputs import ONLY, ModelInputs, StreamInputs
 from streamkit.runfile.priors import Prior
+from streamkit.runfile.progenitor import OTHER_NAMES, Place
 from streamkit.runfile.reader import DEFAULT_KIND, resolve
 from streamkit.runfile.section import Section
 from streamkit.runfile.sections import Sections
@@ -196,7 +197,7 @@ class Spec:
                 )
             return dict(zip(self.names, numbers.tolist(), strict=True))
         values = dict(zip(self.names, self.centre().tolist(), strict=True))
-        for name, value in theta.items():
+        for name, value in self.by_path(theta).items():
             if name not in values:
                 fixed = " It is fixed in the run file: use with_values." if name in self._fields else ""
                 raise SpecError(
@@ -208,6 +209,20 @@ class Spec:
             except (ValueError, TypeError) as error:
                 raise SpecError(f"{self.source}: {name}: {error}") from None
         return values
+
+    def path_of(self, path: str) -> str:
+        """Return the path by the name of its field in the resolved run file: ``progenitor.v_los``."""
+        section, _, name = path.rpartition(".")
+        places = {each.path for each in self.sections.all if issubclass(each.cls, Place)}
+        return f"{section}.{OTHER_NAMES[name]}" if section in places and name in OTHER_NAMES else path
+
+    def by_path(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return values by `path_of` their names. Raises SpecError for two names of one field."""
+        paths = {path: self.path_of(path) for path in values}
+        for path, name in paths.items():
+            if name != path and name in values:
+                raise SpecError(f"{self.source}: found {name} and {path}, two names of one number: give one")
+        return {paths[path]: value for path, value in values.items()}
 
     def prefix(self, stream: str | None = None) -> str:
         """Return the prefix of the paths of a stream's sections: ``stream.gd1.``; empty for a stream without a name."""
@@ -232,6 +247,7 @@ class Spec:
             allowed.
         """
         document = copy.deepcopy(self.document)
+        values = self.by_path(values)
         for path, value in sorted(values.items(), key=lambda item: not item[0].endswith(".kind")):
             self._check_path(path, values)
             *tables, name = path.split(".")

@@ -1,4 +1,4 @@
-"""The chain of a run as it is on the disk: ``chain.h5`` and the latest steps in the journal."""
+"""The chain of a run on the disk: ``chain.h5``, and the latest steps in the journal."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ RESTORE = "Restore it from a copy, or start again with --force."
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """What a chain file holds, and the journal beside it.
+    """The content of a chain file and of the journal beside it.
 
     Attributes
     ----------
@@ -54,9 +54,9 @@ class Chain:
     accepted
         (walkers,) accepted moves.
     attributes
-        What the run noted: digest, quick, status, counts.
+        Attributes of the run: digest, quick, status, counts.
     random_state
-        The generator's after the last step; None for no step.
+        That of the generator after the last step; None without a step.
     memory, history
         Arrays by name: those after the last step, and those of every step (steps, ...) that has some.
     journal
@@ -193,9 +193,9 @@ def _read(path: Path, file: h5py.File) -> Chain:
     blobs = group["blobs"][:steps] if "blobs" in group else np.empty((0, len(accepted)))
     if len(chain) != steps or len(log_prob) != steps:
         raise ValueError(f"{steps} steps announced, {len(chain)} found")
-    about = _Attributes.model_validate(attributes)
+    checked = _Attributes.model_validate(attributes)
     if "counts" in attributes:
-        attributes["counts"] = about.counts.model_dump(exclude_defaults=True)
+        attributes["counts"] = checked.counts.model_dump(exclude_defaults=True)
     random = [value for key, value in sorted(group.attrs.items()) if key.startswith("random_state_")]
     arrays: dict[str, dict[str, Array]] = {MEMORY: {}, HISTORY: {}}
     for name, (kind, key) in FORMER_SETS.items():
@@ -213,7 +213,7 @@ def _read(path: Path, file: h5py.File) -> Chain:
     checksum = attributes.get("digest", "")
     for row in range(steps):
         checksum = extend_checksum(checksum, chain[row], log_prob[row], blobs[row])
-    if about.checksum != checksum:
+    if checked.checksum != checksum:
         raise damaged(path, "its samples have another checksum")
     random_state = attributes.pop(RANDOM, None) or tuple(random) or None
     return Chain(chain, log_prob, blobs, accepted, attributes, random_state, arrays[MEMORY], arrays[HISTORY],
@@ -225,7 +225,7 @@ def _check_shapes(
 ) -> None:
     """Check the arrays of a chain file against each other; ValueError if one has another shape, or holds no numbers."""
     steps, walkers, d = chain.shape
-    check_array("chain", chain, (steps, walkers, d), finite=False)  # what is no number is named by its path
+    check_array("chain", chain, (steps, walkers, d), finite=False)  # reported below, with the path of the file
     check_array("log_prob", log_prob, (steps, walkers), finite=False)
     check_array("accepted", accepted, (walkers,))
     if steps and (blobs.shape != (steps, walkers) or blobs.dtype.names is None):
@@ -236,7 +236,7 @@ def _check_shapes(
 
 
 def damaged(path: Path, what: str) -> ChainError:
-    """Return the error for a chain file that is not as it was written."""
+    """Return the error for a chain file that was damaged or changed."""
     return ChainError(
         f"{path}: was damaged or changed after it was written: {what}. The steps in it are lost without a copy. "
         f"{RESTORE}"
@@ -244,7 +244,7 @@ def damaged(path: Path, what: str) -> ChainError:
 
 
 def _no_link(path: Path, file: Any, name: str) -> None:
-    """Refuse links, and data that lie in other files."""
+    """Refuse links, and data in other files."""
     link = file.get(name, getlink=True) if name.split("/")[0] in file or "/" not in name else None
     if isinstance(link, h5py.ExternalLink | h5py.SoftLink):
         raise damaged(path, f"{name} is a link to somewhere else")

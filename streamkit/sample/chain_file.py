@@ -1,4 +1,4 @@
-"""Where the steps of a chain are stored: in memory, or each in the journal and by the hundred in ``chain.h5``."""
+"""The storage of a chain's steps: in memory, or in files, first the journal and then by the hundred ``chain.h5``."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from streamkit.sample.journal import journal_of
 from streamkit.sample.step import HISTORY, MEMORY, Step, extend_checksum
 from streamkit.stream import Array
 
-# Steps after which the journal's are moved into the chain file, or an eighth of the chain's if that is more: the file
-# is written anew each time, so that a kill leaves it as it was.
+# Steps in the journal after which they are moved into the chain file, or an eighth of the chain if that is more. The
+# file is written anew each time, so that a kill leaves the old one unchanged.
 TAIL = 100
 # Level of compression: most proposals are refused, and the sample and its predictions then repeat those before them.
 COMPRESSION = 4
@@ -95,7 +95,7 @@ class ChainMemory:
         return None if rows is None else np.array(rows)
 
     def consolidate(self) -> None:
-        """Put the steps where they stay: here there is nothing to do."""
+        """Move the steps to their final place. In memory there is nothing to do."""
 
     def whole(self) -> Chain:
         """Return the chain. ChainError if it has no step."""
@@ -110,19 +110,14 @@ class ChainMemory:
         return str(self._attributes.get("digest", ""))
 
     def _write_step(self, step: Step) -> None:
-        """Put a step on the disk: here there is none."""
+        """Write a step to the disk; does nothing in memory."""
 
 
 class ChainFile(ChainMemory):
     """The steps of a chain in files, where they survive any end of the process.
 
-    `append` makes a step a record of the journal, together with all that a resumed run needs. The steps of the journal
-    are moved into the chain file by `consolidate`, which replaces it as a whole.
-
-    Parameters
-    ----------
-    path
-        The chain file; the journal lies beside it.
+    `append` adds a record to the journal, with all that a resumed run needs. `consolidate` moves the steps of the
+    journal into the chain file beside it, which it replaces as a whole.
     """
 
     def __init__(self, path: Path) -> None:
@@ -174,7 +169,7 @@ class ChainFile(ChainMemory):
         if len(self._steps) >= max(TAIL, self._stored // 8, self._patience):
             try:
                 self.consolidate()
-            except ChainError:  # the journal holds the steps; the end of the run says so if there is no room even then
+            except ChainError:  # the journal holds the steps; the end of the run raises if there is no room then
                 self._patience = 2 * len(self._steps)
 
     def _write_step(self, step: Step) -> None:
@@ -196,7 +191,7 @@ class ChainFile(ChainMemory):
         self._write(image)
         if self._steps:
             self._steps, self._patience = [], 0
-            with suppress(ChainError):  # its steps are passed over by their numbers
+            with suppress(ChainError):  # a reader skips its steps by their numbers
                 self._journal.clear()
 
     def _image(self) -> _Image:
@@ -215,7 +210,7 @@ class ChainFile(ChainMemory):
         last, notes = self.last, self._attributes | {"counts": {}, "checksum": self._checksum}
         with image.open("a") as file:
             for name in FORMER_SETS:
-                if name in file:  # it has its place in the groups below
+                if name in file:  # stored in the groups below instead
                     del file[name]
             if last is not None and last.number:
                 notes["counts"] = dict(last.counts)
@@ -233,9 +228,9 @@ class ChainFile(ChainMemory):
 
 
 class _Image(HDFBackend):  # type: ignore[misc]
-    """emcee's HDF5 backend on a file in memory, which is written to the disk by plain writes.
+    """emcee's HDF5 backend on a file in memory. Plain writes put its content on the disk.
 
-    HDF5 itself cannot be trusted on a full disk: files that it fails to close make it fail again at exit.
+    HDF5 itself fails on a full disk, and again at exit for each file that it could not close.
     """
 
     def __init__(self, content: bytes) -> None:

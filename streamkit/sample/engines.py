@@ -1,4 +1,4 @@
-"""Where calls are made: in this process, in others, on the ranks of an MPI job, or on a Dask cluster."""
+"""The engines that make calls: this process, worker processes, the ranks of an MPI job, or a Dask cluster."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from streamkit.runfile import Engine
 
 @contextmanager
 def engine(settings: Engine) -> Iterator[int | Executor]:
-    """Provide what `Workers` takes: a number of processes, or an executor, which ends with the context.
+    """Provide the workers of `Workers`: a number of processes, or an executor, which ends with the context.
 
     Raises StreamkitError without the package that it needs, or if it was launched wrongly.
     """
@@ -29,7 +29,7 @@ def engine(settings: Engine) -> Iterator[int | Executor]:
 
 
 def launcher(settings: Engine, executor: int | Executor | None = None) -> list[str]:
-    """Return the words that a command begins with so that the engine is there: for MPI those of its launcher."""
+    """Return the first words of a command for an engine: for MPI those of its launcher."""
     if settings.kind != "mpi":
         return ["streamkit"]
     ranks = slots(executor) + 1 if isinstance(executor, Executor) else 8
@@ -37,10 +37,10 @@ def launcher(settings: Engine, executor: int | Executor | None = None) -> list[s
 
 
 def slots(executor: Executor) -> int:
-    """Return how many calls an executor makes at a time; 2 if it does not say."""
+    """Return how many calls an executor makes at a time; 2 if it has no such attribute."""
     for name in ("slots", "num_workers", "_max_workers"):
-        if found := getattr(executor, name, 0):
-            return int(found)
+        if count := getattr(executor, name, 0):
+            return int(count)
     return 2
 
 

@@ -1,4 +1,4 @@
-"""Evaluations by their point, and on the disk: a sampler that is run again gets them for nothing."""
+"""A cache of evaluations by their point, in memory and on the disk: a repeated run does not make them again."""
 
 from __future__ import annotations
 
@@ -62,27 +62,27 @@ class EvaluationCache:
         return dict(Counter(each.reason for each in self._evaluations.values() if each.reason))
 
     def missing(self, points: Array) -> list[Array]:
-        """Return those of the points (n, d) that are not held, each once."""
+        """Return those of the points (n, d) that are not in the cache, each once."""
         return list({key: p for p in points if (key := p.tobytes()) not in self._evaluations}.values())
 
     def get(self, points: Array) -> list[Evaluation]:
-        """Return the evaluations at points (n, d), in order; KeyError if one is not held."""
+        """Return the evaluations at points (n, d), in order; KeyError if one is not in the cache."""
         return [self._evaluations[point.tobytes()] for point in points]
 
     def add(self, point: Array, evaluation: Evaluation) -> None:
-        """Hold an evaluation at a point (d,); `write` puts it on the disk."""
+        """Store an evaluation at a point (d,) in memory; `write` puts it on the disk."""
         self._evaluations[point.tobytes()] = evaluation
         if self._journal is not None:
             self._unwritten.append((point, evaluation))
 
     def keep_only(self, points: Array) -> None:
-        """Forget all but the evaluations at points (n, d): a chain needs no others."""
+        """Drop all evaluations but those at points (n, d): a chain needs no others."""
         self._evaluations = {key: self._evaluations[key] for point in points if (key := point.tobytes())}
 
     def write(self, at_once: bool = True) -> None:
-        """Put new evaluations on the disk: at once, or if the last time is long enough ago.
+        """Write new evaluations to the disk: at once, or if the last write is `PERIOD` ago.
 
-        ChainError if the disk is full: the evaluations before are readable.
+        Raises ChainError if the disk is full; the evaluations written before stay readable.
         """
         if not at_once and monotonic() - self._written < PERIOD:
             return

@@ -1,4 +1,4 @@
-"""The journal ``chain.journal``: records appended to a file one by one, each there as a whole or not at all."""
+"""The journal ``chain.journal``: a file to which records are appended one by one, each whole or not at all."""
 
 from __future__ import annotations
 
@@ -24,14 +24,8 @@ BODY = b"PK\x03\x04"  # first bytes of a record: numpy writes arrays as a zip fi
 class Journal:
     """Records of arrays in a file that only grows, until it is cleared.
 
-    A record is on the disk, as far as the disk keeps what ``fsync`` asks for, when `append` returns. A death or a full
-    disk leaves a part of at most one record, the last: it is dropped. The file is open only while something is written,
-    so that nothing that closes descriptors hurts it.
-
-    Parameters
-    ----------
-    path
-        The file; it need not exist.
+    When `append` returns, the record has been written and synchronised with ``fsync``. A kill or a full disk leaves at
+    most one incomplete record, the last, which is dropped. The file need not exist; it is open only during a write.
 
     Attributes
     ----------
@@ -74,8 +68,7 @@ class Journal:
     def append(self, record: Mapping[str, Array]) -> None:
         """Add a record.
 
-        ChainError if it cannot be written, or if what this journal wrote before is not there any more; then the file is
-        as it was.
+        Raises ChainError if it cannot be written, or if the records before it are gone; the file is then unchanged.
         """
         if self._end is None:
             self.read()
@@ -89,7 +82,7 @@ class Journal:
         if end and (new or self.path.stat().st_size < end):
             raise ChainError(f"{self.path}: was removed or cut by somebody else while it was written")
         with safely(self.path), self.path.open("xb" if new else "r+b", buffering=0) as file:
-            file.truncate(end)  # what a death left of a record
+            file.truncate(end)  # drops an incomplete record
             file.seek(end)
             try:
                 left = memoryview(frame)
@@ -104,7 +97,7 @@ class Journal:
         self._end = end + len(frame)
 
     def clear(self) -> None:
-        """Take the file away: what it holds is stored elsewhere."""
+        """Delete the file, whose records are stored elsewhere."""
         with safely(self.path):
             self.path.unlink(missing_ok=True)
         self._end = 0
@@ -116,17 +109,17 @@ def journal_of(chain: Path) -> Journal:
 
 
 def _record_at(data: bytes, at: int) -> bytes | None:
-    """Return the record that begins at a byte, None if there is no whole one."""
+    """Return the record that begins at byte ``at``; None if it is not whole."""
     begin, length = at + HEAD, int.from_bytes(data[at : at + LENGTH], "little")
     body = data[begin : begin + length]
     return body if 0 < length == len(body) and _checksum(body) == data[at + LENGTH : begin] else None
 
 
 def _is_damaged(data: bytes, at: int) -> bool:
-    """Say whether the data from a byte on, where no whole record begins, are more than the torn part of one record.
+    """Return whether the data from byte ``at`` on are more than one incomplete record.
 
-    A record is written when all before it are whole. So no part of the data behind a torn one is a whole record, and
-    its own body is not whole: either of them shows that the length or the checksum in front of it is wrong.
+    No whole record begins there. An incomplete record is the last one, and its body is not whole. A whole body, or a
+    whole record further on, therefore shows that the length or the checksum at ``at`` is wrong.
     """
     begin = at + HEAD
     if begin < len(data) and _checksum(data[begin:]) == data[at + LENGTH : begin]:

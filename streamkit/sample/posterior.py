@@ -18,7 +18,7 @@ OUTSIDE = "outside the prior"
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What one call of the posterior found.
+    """The result of one call of the posterior.
 
     Attributes
     ----------
@@ -27,7 +27,7 @@ class Evaluation:
     ln_likelihood
         The second term alone; -inf likewise.
     mean, variance
-        (m,) what the observable predicts, and the variance of that estimate; NaN if none.
+        (m,) the prediction of the observable, and the variance of that estimate; NaN if there is none.
     reason
         Why lnp is -inf, else empty.
     """
@@ -39,7 +39,7 @@ class Evaluation:
     reason: str = ""
 
     def row(self) -> tuple[float, float, Array, Array]:
-        """Return what emcee wants: lnp, then the blobs of `blob_dtype`."""
+        """Return lnp and the fields of `blob_dtype`: the form of a log-probability function of emcee with blobs."""
         return self.lnp, self.ln_likelihood, self.mean, self.variance
 
 
@@ -49,7 +49,7 @@ def blob_dtype(m: int) -> np.dtype[Any]:
 
 
 class Posterior:
-    """The log-probability of the free parameters of a run file. It pickles as its spec.
+    """The log-probability of the free parameters of a run file. A pickle of it holds the spec alone.
 
     Raises SpecError if the spec has no free parameter, no observable or no datum: nothing can be fitted.
     """
@@ -67,7 +67,7 @@ class Posterior:
             if not any(np.isfinite(data.values).any() for data in self.model.data(inputs).values()):
                 raise SpecError(f"{where}: there is no datum to compare with")
         parts = [data for inputs in bound.streams.values() for data in self.model.data(inputs).values()]
-        parts += [self.model.known("data", name, data) for name, data in bound.data.items()]
+        parts += [self.model.data_of("data", name, data) for name, data in bound.data.items()]
         self.data = join_data(parts)
         self.size = len(self.data.values)
 
@@ -78,7 +78,7 @@ class Posterior:
         return Posterior, (self.spec,)
 
     def __call__(self, theta: Array) -> tuple[float, float, Array, Array]:
-        """Return ``(lnp, ln_likelihood, mean, variance)`` at parameters theta (d,): what emcee wants."""
+        """Return ``(lnp, ln_likelihood, mean, variance)`` at parameters theta (d,), for emcee and other samplers."""
         return self.evaluate(theta).row()
 
     def ln_prior(self, theta: Array) -> float:
@@ -99,28 +99,29 @@ class Posterior:
             return self.rejected(OUTSIDE)
         try:
             bound = self.spec.bind_all(theta)
-            found = self.model.observe_all(bound)
+            observation = self.model.observe_all(bound)
         except OutOfDomain as error:
             return self.rejected(error.reason)
-        prediction = found.prediction
+        prediction = observation.prediction
         assert prediction is not None  # noqa: S101  __init__ has made sure of observables
         if prediction.why_not:
             return self.rejected(prediction.why_not)
         with self.model.naming_parameters(bound.values):
-            ln_likelihood = sum(self._compare(each, found.predictions[name]) for name, each in bound.streams.items())
+            streams, predictions = bound.streams, observation.predictions
+            ln_likelihood = sum(self._compare(inputs, predictions[name]) for name, inputs in streams.items())
             for name, data in bound.data.items():
-                known = self.model.known("data", name, data)
-                ln_likelihood += compare_with_data(data, found.predictions[f"data.{name}"], known)
+                values = self.model.data_of("data", name, data)
+                ln_likelihood += compare_with_data(data, predictions[f"data.{name}"], values)
         return Evaluation(ln_prior + ln_likelihood, ln_likelihood, prediction.mean, prediction.variance)
 
     def observe(self, theta: Array) -> Observation:
-        """Return the streams at theta (d,) and what the observables say of them; OutOfDomain if there are none."""
+        """Return the streams at theta (d,) and the predictions of their observables; OutOfDomain if there are none."""
         return self.model.observe_all(self.spec.bind_all(theta))
 
     def predict(self, theta: Array) -> tuple[Stream, Prediction]:
-        """Return the only stream at theta (d,) and what is said of it; OutOfDomain if there is none."""
-        name, found = self.spec.stream_name(), self.observe(theta)
-        return found.streams[name], found.predictions[name]
+        """Return the only stream at theta (d,) and its prediction; OutOfDomain if there is none."""
+        name, observation = self.spec.stream_name(), self.observe(theta)
+        return observation.streams[name], observation.predictions[name]
 
     def _compare(self, inputs: StreamInputs, prediction: Prediction) -> float:
         """Return the ln likelihood of one stream: that of its observables, which add up."""
@@ -128,7 +129,7 @@ class Posterior:
         return sum(compare_with_data(each, parts[name], data[name]) for name, each in inputs.observables.items())
 
     def rejected(self, reason: str) -> Evaluation:
-        """Return what stands for parameters without a stream, or an observable: no numbers, and the reason."""
+        """Return the evaluation of parameters without a stream or an observable: ln p = -inf, NaN, and the reason."""
         nothing = np.full(self.size, np.nan)
         return Evaluation(-np.inf, -np.inf, nothing, nothing, reason)
 

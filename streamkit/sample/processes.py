@@ -1,4 +1,4 @@
-"""Worker processes with a pipe each: a death is seen at once, takes no lock with it, and its calls are made again."""
+"""Worker processes with a pipe each. A death is detected at once, holds no lock, and its call is repeated."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from typing import Any
 from streamkit.errors import StreamkitError, message_of
 from streamkit.sample.threads import one_thread
 
-TRIES = 3  # workers that may die in one call before it is given up
-DEATHS = 30  # workers that may die one after the other without any result: before they have begun their call, too
-BEGUN = b"begun"  # what a worker says when it has taken up a call
-LOOK = 1.0  # seconds between two looks at processes from which nothing was heard
-# Seconds after which a worker that has not taken up its call is thought to be stuck: a fork may inherit a lock.
+TRIES = 3  # worker deaths after which a call is abandoned
+DEATHS = 30  # consecutive worker deaths without a result, before a call begins too, after which a call is abandoned
+BEGUN = b"begun"  # message of a worker that begins a call
+POLL = 1.0  # seconds between two checks of silent processes
+# Seconds after which a worker that has not begun its call counts as stuck: a fork may inherit a lock.
 WAKING = 120.0
-PATIENCE = 2.0  # seconds that an idle worker has to end by itself
+PATIENCE = 2.0  # seconds in which an idle worker must end by itself
 
 
-class WorkerDied(StreamkitError):  # noqa: N818  the workers', not ours
+class WorkerDied(StreamkitError):  # noqa: N818  a public name
     """Worker processes died (killed, or out of memory) again and again in the same call."""
 
     def __init__(self, message: str = "") -> None:
@@ -42,8 +42,8 @@ class WorkerDied(StreamkitError):  # noqa: N818  the workers', not ours
         )
 
 
-class CallTimeout(StreamkitError):  # noqa: N818  a statement about a call
-    """A call took longer than it may."""
+class CallTimeout(StreamkitError):  # noqa: N818  a public name
+    """A call took longer than its limit."""
 
 
 @dataclass(eq=False)
@@ -63,19 +63,19 @@ class _Worker:
 
 
 class _Result(Future[Any]):
-    """A result that is worked for while somebody waits for it: there is no thread that would do it."""
+    """A result whose executor works while the caller waits for it: no thread does the work."""
 
     def __init__(self, executor: Processes) -> None:
         super().__init__()
         self._executor = executor
 
     def result(self, timeout: float | None = None) -> Any:
-        """Return the result, or raise what the call raised; TimeoutError if there is none yet after so many seconds."""
+        """Return the result or raise the error of the call; TimeoutError after ``timeout`` seconds without one."""
         self._executor.work(self.done, timeout)
         return super().result(0)
 
     def exception(self, timeout: float | None = None) -> BaseException | None:
-        """Return what the call raised, as `result` does."""
+        """Return the error of the call, None without one; waits as `result` does."""
         self._executor.work(self.done, timeout)
         return super().exception(0)
 
@@ -83,13 +83,13 @@ class _Result(Future[Any]):
 class Processes(Executor):
     """A `concurrent.futures.Executor` of processes that may die at any time.
 
-    The standard library's processes share one queue: who is killed while holding its lock stops all others, and it
-    cannot be known in which call. Here each has a pipe of its own, and no thread is started, so that a process which
-    takes the place of a dead one can be forked at any time. The work goes on while somebody waits for a result, by
-    ``result`` or `work`; `concurrent.futures.wait` and ``as_completed`` would wait for ever.
+    The processes of the standard library share one queue. A process that is killed while it holds the lock of the queue
+    blocks all others, and the interrupted call is unknown. Here each process has its own pipe. No thread is started, so
+    that a replacement can be forked at any time. Work proceeds while the caller waits in ``result`` or `work`;
+    `concurrent.futures.wait` and ``as_completed`` would wait for ever.
 
-    They are forked here and now, where that exists: this takes milliseconds, and asks nothing of the caller's main
-    module. They leave signals to their parent, and end with it.
+    The processes are forked at once where the platform has fork. That takes milliseconds and does not import the
+    caller's main module. They ignore SIGINT and SIGTERM, which their parent handles, and end with their parent.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ class Processes(Executor):
     initializer, initargs
         Called in each process first.
     limit
-        Seconds that a call may take: then its process is killed, and the call raises `CallTimeout`.
+        Seconds that a call may take. Then its process is killed, and the call raises `CallTimeout`.
     """
 
     def __init__(
@@ -145,7 +145,7 @@ class Processes(Executor):
             self._calls.clear()
 
     def work(self, enough: Callable[[], bool], timeout: float | None = None) -> None:
-        """Hand out calls and take results until it is enough, all is done, or so many seconds have passed."""
+        """Distribute calls and receive results until ``enough()``, until all is done, or for ``timeout`` seconds."""
         end = math.inf if timeout is None else monotonic() + timeout
         while not enough():
             self._deal()
@@ -153,7 +153,7 @@ class Processes(Executor):
             now = monotonic()
             if not busy or now >= end:
                 return
-            soon = min(end, now + LOOK, *(self._due(worker) for worker in busy)) - now
+            soon = min(end, now + POLL, *(self._due(worker) for worker in busy)) - now
             ready = wait([item for w in busy for item in (w.pipe, w.process.sentinel)], max(soon, 0.0))
             for worker in busy:
                 if worker.pipe in ready or worker.process.sentinel in ready or worker.process.exitcode is not None:
@@ -162,7 +162,7 @@ class Processes(Executor):
                     self._overdue(worker)
 
     def _due(self, worker: _Worker) -> float:
-        """Return when a busy worker has had its time."""
+        """Return when the time of a busy worker is over."""
         return worker.since + (self.limit if worker.begun else WAKING)
 
     def _start(self) -> _Worker:
@@ -172,14 +172,14 @@ class Processes(Executor):
         )
         process = self._context.Process(target=_serve, args=(theirs, others, *self._prepare))
         with warnings.catch_warnings():
-            # from Python 3.12 on, threads of numpy's linear algebra are warned of too; these survive a fork
+            # Python 3.12 also warns of the threads of numpy's linear algebra, which survive a fork
             warnings.filterwarnings("ignore", message=".*fork", category=DeprecationWarning)
             process.start()
-        theirs.close()  # so that the end of the process is the end of the pipe
+        theirs.close()  # the pipe then ends with the process
         return _Worker(process, mine)
 
     def _deal(self) -> None:
-        """Give every idle process a call."""
+        """Send a call to every idle process."""
         for worker in list(self._workers):
             while self._calls and worker.call is None and worker in self._workers:
                 call = self._calls.popleft()
@@ -187,18 +187,18 @@ class Processes(Executor):
                     continue
                 try:
                     worker.pipe.send_bytes(call.content)
-                except OSError:  # it died while it was idle: no fault of the call
+                except OSError:  # it died while it was idle: this is no failure of the call
                     self._calls.appendleft(call)
                     self._replace(worker)
                 else:
                     worker.call, worker.begun, worker.since = call, False, monotonic()
 
     def _receive(self, worker: _Worker) -> None:
-        """Take a result, or notice that there will be none."""
+        """Receive a result, or detect the death of the worker."""
         call = worker.call
         assert call is not None  # noqa: S101  it is busy
         try:
-            if not worker.pipe.poll():  # it may not be dead yet, or a child of its keeps its end open
+            if not worker.pipe.poll():  # it may still be dying, or a child of it may hold the pipe open
                 if worker.process.exitcode is None:
                     return
                 raise EOFError
@@ -235,7 +235,7 @@ class Processes(Executor):
         call.future.set_exception(CallTimeout(f"a call took longer than {self.limit:g} s"))
 
     def _replace(self, worker: _Worker, quietly: bool = False) -> None:
-        """Put a new process in the place of one, and make sure that this is dead."""
+        """Kill a process, and start another one in its place."""
         worker.pipe.close()
         worker.process.kill()
         worker.process.join()
@@ -247,12 +247,12 @@ class Processes(Executor):
                 "call again.", worker.process.pid, how,
             )  # fmt: skip
         place = self._workers.index(worker)
-        del self._workers[place]  # its pipe is closed: the new one must not be given it
+        del self._workers[place]  # the new process must not inherit its closed pipe
         self._workers.insert(place, self._start())
 
 
 def _end(workers: list[_Worker]) -> None:
-    """End the processes: idle ones by themselves, others killed."""
+    """End the processes: idle ones end by themselves, busy ones are killed."""
     for worker in workers:
         worker.pipe.close()
         if worker.call is not None:
@@ -265,10 +265,10 @@ def _end(workers: list[_Worker]) -> None:
 
 
 def _serve(pipe: Connection, others: list[Connection], initializer: Callable[..., object], initargs: Any) -> None:
-    """Be a worker: make calls until the pipe ends. Threads that a plugin left are not waited for."""
+    """Run a worker: make calls until the pipe ends. Threads that a plugin started are not waited for."""
     for other in others:
         other.close()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent alone answers signals
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles signals
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:
@@ -296,7 +296,7 @@ def _end_with(parent: Any) -> None:
 
 
 def _sendable(error: BaseException) -> Exception:
-    """Return the error as it is, if it can be pickled and is no request to end the process; else what it says."""
+    """Return an error that can be pickled and does not end the parent: the error itself, or its message."""
     if isinstance(error, Exception):
         try:
             pickle.loads(pickle.dumps(error))  # noqa: S301

@@ -1,9 +1,9 @@
-"""Where the walkers start: draws from the prior where a stream exists, moved to where it can be fitted.
+"""The search for the walkers' start, by sequential Monte Carlo (Del Moral, Doucet & Jasra 2006).
 
-Prior draws, then sequential Monte Carlo (Del Moral, Doucet & Jasra 2006): the likelihood is switched on in
-steps of inverse temperature, each followed by resampling and by differential-evolution moves (ter Braak 2006)
-in the unit cube of the priors' cumulative probabilities, where the prior is flat, on a cheap model with few
-particles whose own noise is added to the data's. The survivors are evaluated with the full model.
+The search draws from the prior and keeps the draws with a stream. Then it switches the likelihood on in steps of
+inverse temperature. Each step is followed by resampling and by differential-evolution moves (ter Braak 2006), in the
+unit cube of the priors' cumulative probabilities, where the prior is flat. The model is a cheap one with few particles,
+whose noise is added to that of the data. The full model evaluates the last population.
 """
 
 from __future__ import annotations
@@ -21,19 +21,17 @@ from streamkit.errors import StreamkitError
 from streamkit.sample.posterior import Evaluation
 from streamkit.stream import Array, IntArray
 
-BATCH = 1024  # prior draws at a time: a power of two, as Sobol sequences want
-PARTS = 16  # parts of a batch, after each of which the search looks whether it has enough, and at the time
+BATCH = 1024  # prior draws at a time: a power of two, which Sobol sequences need
+PARTS = 16  # parts of a batch, after each of which the search checks the number of streams and the time
 HURRIED = 128  # the same where there is a time limit
 MAX_BATCHES = 8
 GIVE_UP = 2  # batches without a single stream after which the search ends
-# Seconds beyond a time limit, or as long again as the limit was, in which a first few streams must be found.
+# Seconds after the time limit, or as long again as the limit, in which a first few streams must appear.
 GRACE = 10.0
 ENOUGH = 4  # draws with streams, in units of the population, after which no more are needed
 SWEEPS = 5  # largest number of moves per particle and temperature
 ROUNDS = 6  # times that the walkers' places are filled up
 SPREAD = 12.0  # a walker may start this far in ln p below the best, plus half the number of parameters
-
-
 # Sweeps of a search through all temperatures, for estimates: fewer for weak data, more for strong ones.
 SWEEPS_IN_ALL = 20
 
@@ -56,7 +54,7 @@ def population_of(walkers: int, parameters: int) -> int:
 
 
 class HasQuantile(Protocol):
-    """What the search needs of a prior."""
+    """The part of a prior that the search needs."""
 
     def ppf(self, u: Array) -> Array:
         """Return the values below which lie the fractions u of the prior."""
@@ -78,11 +76,11 @@ class Search:
     walkers
         How many starting points are wanted.
     rng
-        The only source of chance.
+        The only source of random numbers.
     deadline
-        Value of `time.monotonic` after which the cheap search ends where it stands; infinity for none. As
-        long again after it, a search that has found next to nothing gives up.
-    tell
+        Value of `time.monotonic` after which the cheap search ends with its present population; infinity for none.
+        After as long again, a search with too few streams fails.
+    report
         Called with a line about the progress after every batch of evaluations.
     full_cost
         Cost of a "full" evaluation in units of a "cheap" one, about.
@@ -90,7 +88,7 @@ class Search:
     Attributes
     ----------
     work, work_left
-        What was done and, about, what is left to do, in cheap evaluations.
+        Work done, and an estimate of the work left, in cheap evaluations.
     """
 
     priors: Sequence[HasQuantile]
@@ -98,7 +96,7 @@ class Search:
     walkers: int
     rng: np.random.Generator
     deadline: float = np.inf
-    tell: Callable[[str], None] = lambda _: None
+    report: Callable[[str], None] = lambda _: None
     full_cost: float = 1.0
     calls: int = 0
     work: float = 0.0
@@ -137,7 +135,7 @@ class Search:
         return np.array([result.ln_likelihood for result in results])
 
     def _draw(self) -> tuple[Array, Array]:
-        """Draw from the prior until enough streams with observables are found; keep those."""
+        """Draw from the prior until enough draws give a stream with observables; return these."""
         d = len(self.priors)
         sobol = qmc.Sobol(d, scramble=True, seed=self.rng)
         u, lnl = np.empty((0, d)), np.empty(0)
@@ -146,7 +144,7 @@ class Search:
         for batch in range(MAX_BATCHES):
             if batch == GIVE_UP and not len(lnl):
                 break
-            # ppf(0) and ppf(1) may be infinite: keep a hair's breadth away
+            # clip to (0, 1): ppf may be infinite at the ends
             points = np.clip(sobol.random(BATCH), 1e-9, 1 - 1e-9)
             for part in np.array_split(points, parts):
                 values = self._ln_likelihood(part)
@@ -154,7 +152,7 @@ class Search:
                 good = np.isfinite(values)
                 u, lnl = np.concatenate([u, part[good]]), np.concatenate([lnl, values[good]])
                 self._expect(draws_for(self.population, len(lnl) / drawn) - drawn, SWEEPS_IN_ALL)
-                self.tell(f"{len(lnl)} of {drawn} draws of the prior have a stream")
+                self.report(f"{len(lnl)} of {drawn} draws of the prior have a stream")
                 now = monotonic()
                 if len(lnl) >= (max(d + 2, self.walkers) if now > self.deadline else ENOUGH * self.population):
                     return u, lnl
@@ -169,11 +167,11 @@ class Search:
         return u, lnl
 
     def _out_of_time(self) -> bool:
-        """Say whether the time limit is so far behind that a search without success must end."""
+        """Return whether a search without success must end: the time limit is long over."""
         return monotonic() > self.deadline + max(self.deadline - self.begun, GRACE)
 
     def _expect(self, cheap: float, sweeps: float) -> None:
-        """Say how many cheap evaluations and sweeps are left before the full ones."""
+        """Set the work that is left: cheap evaluations and sweeps before the full evaluations."""
         self.work_left = max(cheap, 0) + sweeps * self.population + 2 * self.walkers * self.full_cost
 
     def _nowhere(self, drawn: int, good: int, within: str = "") -> str:
@@ -226,14 +224,14 @@ class Search:
             taken = np.log(self.rng.random(len(mine))) < ratio
             u[mine[taken]], lnl[mine[taken]] = proposal[taken], values[taken]
             accepted += int(taken.sum())
-        self.tell(
+        self.report(
             f"inverse temperature {self.inverse_temperature:.3g}, best ln L {lnl.max():.1f}, "
             f"{100 * accepted / n:.0f} % accepted"
         )
         return u, lnl, accepted
 
     def _make_distinct(self, u: Array, lnl: Array) -> Array:
-        """Undo the copies that resampling made, by more moves; return the distinct points (n, d)."""
+        """Separate the copies that resampling made by more moves; return the distinct points (n, d)."""
         for _ in range(5 * SWEEPS):
             distinct = np.unique(u, axis=0)
             late = monotonic() > self.deadline and len(distinct) >= 3
@@ -246,7 +244,7 @@ class Search:
     def _choose(self, u: Array) -> tuple[Array, list[Evaluation]]:
         """Evaluate with the full model; keep ``walkers`` points near the best, filling up around them.
 
-        Where too few are near, the best there are must do: the sampler takes them on from there.
+        If too few are near the best, the best of all are returned.
         """
         floor = SPREAD + 0.5 * len(self.priors)
         u = self.rng.permutation(u, axis=0)
@@ -254,28 +252,28 @@ class Search:
         results: list[Evaluation] = []
         for _ in range(ROUNDS):
             theta = self._theta(u)
-            found = self.evaluate(theta, "full")
-            self.calls += len(found)
-            self.work += len(found) * self.full_cost
-            self.reasons.update(result.reason for result in found if result.reason)
-            good = [i for i, result in enumerate(found) if np.isfinite(result.lnp)]
+            evaluations = self.evaluate(theta, "full")
+            self.calls += len(evaluations)
+            self.work += len(evaluations) * self.full_cost
+            self.reasons.update(result.reason for result in evaluations if result.reason)
+            good = [i for i, result in enumerate(evaluations) if np.isfinite(result.lnp)]
             u_good, points = np.concatenate([u_good, u[good]]), np.concatenate([points, theta[good]])
-            results.extend(found[i] for i in good)
+            results.extend(evaluations[i] for i in good)
             lnp = np.array([result.lnp for result in results])
-            near = np.flatnonzero(lnp > lnp.max(initial=-np.inf) - floor)
-            self.work_left = self.walkers * self.full_cost if len(near) < self.walkers else 0.0
-            self.tell(f"{min(len(near), self.walkers)} of {self.walkers} walkers placed")
-            if len(near) < self.walkers <= len(results) and monotonic() > self.deadline:
-                near = np.sort(np.argsort(-lnp)[: self.walkers])
-            if len(near) >= self.walkers:
-                return points[near[: self.walkers]], [results[i] for i in near[: self.walkers]]
+            chosen = np.flatnonzero(lnp > lnp.max(initial=-np.inf) - floor)
+            self.work_left = self.walkers * self.full_cost if len(chosen) < self.walkers else 0.0
+            self.report(f"{min(len(chosen), self.walkers)} of {self.walkers} walkers placed")
+            if len(chosen) < self.walkers <= len(results) and monotonic() > self.deadline:
+                chosen = np.sort(np.argsort(-lnp)[: self.walkers])
+            if len(chosen) >= self.walkers:
+                return points[chosen[: self.walkers]], [results[i] for i in chosen[: self.walkers]]
             if len(results) < 3 or (self._out_of_time() and len(results) < self.walkers):
                 break
             best = np.argsort(-lnp)[: max(self.walkers, 3)]
             u = self._around(u_good[best], self.walkers)
         if len(results) >= self.walkers:
-            near = np.argsort(-lnp)[: self.walkers]
-            return points[near], [results[i] for i in near]
+            chosen = np.argsort(-lnp)[: self.walkers]
+            return points[chosen], [results[i] for i in chosen]
         counted = "; ".join(f"{reason}: {n}" for reason, n in self.reasons.most_common())
         raise StreamkitError(
             f"found only {len(results)} places for {self.walkers} walkers with the full number of particles "
@@ -284,7 +282,7 @@ class Search:
         )
 
     def _around(self, u: Array, n: int) -> Array:
-        """(n, d) New points, short differential steps away from known good ones, inside the cube."""
+        """(n, d) New points, short differential steps away from good ones, inside the cube."""
         base, first, second = (u[self.rng.integers(len(u), size=n)] for _ in range(3))
         jitter = 0.02 * u.std(axis=0) * self.rng.standard_normal(base.shape)
         return _reflected(base + 0.3 * (first - second) + jitter)

@@ -17,7 +17,7 @@ from streamkit.stream import Array
 MEMORY, HISTORY = "memory", "history"  # groups of arrays in a record, and in the chain file
 # Arrays that runs of version 0.1.0 stored under keys of their own: name here, and key there.
 FORMER = {MEMORY: ("replicas", "replicas"), HISTORY: ("trials", "tried")}
-MOST = 10**15  # no run counts further: it keeps forged numbers out of arithmetic
+MOST = 10**15  # upper limit of counts in a file, so that forged numbers cannot overflow
 Count = Annotated[int, Field(ge=0, le=MOST)]
 Text = Annotated[str, AfterValidator(printable)]
 
@@ -34,8 +34,8 @@ class Counts(BaseModel):
     surrogate: Text = ""
 
 
-class _About(BaseModel):
-    """What the record of a step holds beside its arrays."""
+class _Entries(BaseModel):
+    """The entries of a step's record beside its arrays."""
 
     model_config = ConfigDict(strict=True)
 
@@ -82,7 +82,7 @@ class Step:
 
     def record(self) -> dict[str, Any]:
         """Return the step as a record of a journal."""
-        about: dict[str, Any] = {
+        entries: dict[str, Any] = {
             "number": self.number,
             "counts": dict(self.counts),
             "checksum": self.checksum,
@@ -90,35 +90,36 @@ class Step:
         }
         arrays = {"coords": self.coords, "log_prob": self.log_prob, "accepted": self.accepted, "blobs": self.blobs}
         if isinstance(self.random_state, Mapping):
-            about["random"] = self.random_state
+            entries["random"] = self.random_state
         else:
             kind, arrays["keys"], *rest = self.random_state
-            about["random"] = [kind, *(value.item() if isinstance(value, np.generic) else value for value in rest)]
-        for kept, values in ((MEMORY, self.memory), (HISTORY, self.history)):
-            arrays |= {f"{kept}/{name}": value for name, value in values.items()}
-        return arrays | {"about": np.frombuffer(json.dumps(about, default=np.ndarray.tolist).encode(), dtype=np.uint8)}
+            entries["random"] = [kind, *(value.item() if isinstance(value, np.generic) else value for value in rest)]
+        for group, values in ((MEMORY, self.memory), (HISTORY, self.history)):
+            arrays |= {f"{group}/{name}": value for name, value in values.items()}
+        text = json.dumps(entries, default=np.ndarray.tolist)
+        return arrays | {"about": np.frombuffer(text.encode(), dtype=np.uint8)}
 
 
 def step_of(record: Mapping[str, Any]) -> Step:
     """Return the step of a record; ChainError if it is none."""
     try:
-        about = _About.model_validate_json(record["about"].tobytes())
-        random: Any = about.random
+        entries = _Entries.model_validate_json(record["about"].tobytes())
+        random: Any = entries.random
         if not isinstance(random, dict):
             kind, *rest = random
             random = (kind, record["keys"], *rest)
         step = Step(
-            about.number,
+            entries.number,
             record["coords"],
             record["log_prob"],
             record["blobs"],
             record["accepted"],
             random,
-            about.counts.model_dump(exclude_defaults=True),
+            entries.counts.model_dump(exclude_defaults=True),
             _named(record, MEMORY),
             _named(record, HISTORY),
-            about.checksum,
-            about.digest,
+            entries.checksum,
+            entries.digest,
         )
         _check_arrays(step)
     except (KeyError, ValueError, TypeError) as error:
@@ -142,9 +143,9 @@ def _check_arrays(step: Step) -> None:
 
 
 def check_random_state(state: Any) -> None:
-    """Check a state of numpy's Mersenne twister, ValueError if it is none: numpy itself looks at no number of it.
+    """Check a state of numpy's Mersenne twister; ValueError if it is none. Numpy does not check its numbers.
 
-    The states of other generators, which are mappings, numpy checks itself.
+    The states of other generators are mappings, which numpy checks.
     """
     if isinstance(state, Mapping):
         return
@@ -161,10 +162,10 @@ def check_array(name: str, array: Array, shape: tuple[int, ...], finite: bool = 
         raise ValueError(f"{name} is no array of numbers of shape {shape}")
 
 
-def _named(record: Mapping[str, Any], kept: str) -> dict[str, Array]:
+def _named(record: Mapping[str, Any], group: str) -> dict[str, Array]:
     """Return the arrays of a record that are memory, or history, by name."""
-    arrays = {name.partition("/")[2]: value for name, value in record.items() if name.startswith(f"{kept}/")}
-    name, key = FORMER[kept]
+    arrays = {name.partition("/")[2]: value for name, value in record.items() if name.startswith(f"{group}/")}
+    name, key = FORMER[group]
     return arrays | ({name: record[key]} if key in record else {})
 
 

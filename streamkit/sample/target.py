@@ -29,7 +29,7 @@ from streamkit.sample.workers import Stopped, Workers
 from streamkit.stream import Array, Data
 
 NOTES = 5.0  # seconds between two notes beside the progress
-PART = 256  # points that the workers are given at a time: their evaluations survive a stop
+PART = 256  # points sent to the workers at a time: a stop loses at most their evaluations
 
 
 class PosteriorTarget:
@@ -38,7 +38,7 @@ class PosteriorTarget:
     Parameters
     ----------
     priors, data, seed
-        Of the d free parameters; what predictions are compared with; and the seed of all that the sampler draws.
+        Priors of the d free parameters; the data; and the seed of all that the sampler draws.
     pool
         Evaluates the posterior "full", and for a search "cheap", whose streams are small.
     cache
@@ -50,7 +50,7 @@ class PosteriorTarget:
     workers
         Points that are evaluated at a time.
     deadline, search_deadline
-        When the sampling, and before it the search for a start, are to end, by `time.monotonic`.
+        Values of `time.monotonic` at which the sampling, and the search for a start before it, end.
     progress
         Whether to show progress.
     mass
@@ -131,7 +131,7 @@ class PosteriorTarget:
         self._before = self._before | {"search_calls": search.calls}
         for point, evaluation in zip(points, evaluations, strict=True):
             self._cache.add(point, evaluation)
-        # the search is reported by itself; from here on every call is a proposal of the sampler
+        # the calls of the search are counted apart; from here on every call is a proposal of the sampler
         self._pool.calls["full"] = 0
         self._pool.reasons["full"].clear()
         self._note_begin(0)
@@ -187,9 +187,9 @@ class PosteriorTarget:
     # The runner's side
 
     def run(self, sampler: Sampler) -> Iterator[Weighted]:
-        """Run a sampler. Steps of a chain are stored; weighted samples are yielded with what is known of each.
+        """Run a sampler. Steps of a chain are stored; weighted samples are yielded with their evaluations.
 
-        Raises ComponentError if its samples are none: of another shape, without weight, not evaluated.
+        Raises ComponentError for samples of another shape, without a weight, or never evaluated.
         """
         try:
             for state in sampler.sample(self):
@@ -208,7 +208,7 @@ class PosteriorTarget:
     def _evaluate(self, points: Array) -> list[Evaluation]:
         """Evaluate at points (n, d), in order; an interruption keeps the evaluations before it.
 
-        Points that were evaluated before cost nothing, but for a chain: there each proposal is a call, and is counted.
+        Points in the cache are not evaluated again, except for a chain: there each proposal is a call, and is counted.
         """
         points = np.ascontiguousarray(np.atleast_2d(points), dtype=float)
         missing = self._cache.missing(points) if self._chain.last is None else list(points)
@@ -224,7 +224,7 @@ class PosteriorTarget:
         return self._cache.get(points)
 
     def _store(self, sampler: Sampler, ensemble: Ensemble) -> None:
-        """Store a step of a chain with its evaluations; ComponentError if it is none."""
+        """Store a step of a chain with its evaluations; ComponentError if it has another shape."""
         points = np.ascontiguousarray(ensemble.points, dtype=float)
         last = self._chain.last
         if points.ndim != 2 or points.shape[1] != self.size or (last and points.shape != last.coords.shape):
@@ -253,7 +253,7 @@ class PosteriorTarget:
             self._show("step", 1)
 
     def _show(self, unit: str, more: int) -> None:
-        """Count calls or steps for the progress, with a note now and then."""
+        """Count calls or steps for the progress, with a note every `NOTES` seconds."""
         if self._bar is None:
             done = self._chain.iteration - more if unit == "step" else 0
             self._begun = monotonic(), self._pool.calls["full"]
@@ -278,7 +278,7 @@ class PosteriorTarget:
             yield f"M({radius:g} kpc) {middle:.3g} +{high - middle:.2g} -{middle - low:.2g}e11 Msun"
 
     def _weighted(self, sampler: Sampler, samples: Samples) -> Weighted:
-        """Return weighted samples with their evaluations; ComponentError if they are none."""
+        """Return weighted samples with their evaluations; ComponentError for wrong shapes, weights or points."""
         points, ln_weights = np.asarray(samples.points, dtype=float), np.asarray(samples.ln_weights, dtype=float)
         if points.ndim != 2 or points.shape != (len(ln_weights), self.size) or not np.isfinite(points).all():
             raise ComponentError(f"sampler {sampler.kind}: gives points of shape {points.shape} and weights of shape "

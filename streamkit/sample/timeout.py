@@ -1,4 +1,4 @@
-"""A call within a time limit, in whatever process and thread it is made."""
+"""Calls with a time limit, in any process and thread."""
 
 from __future__ import annotations
 
@@ -9,22 +9,20 @@ from collections.abc import Callable
 from time import monotonic
 from typing import Any, TypeVar
 
-NO_ANSWER = "no answer in time"  # what stands for the result of a call that took too long
+NO_ANSWER = "no answer in time"  # returned in place of the result of a call that took too long
+AGAIN = 1.0  # seconds after which a call that caught the interruption is interrupted again
 Result = TypeVar("Result")
 
 
-AGAIN = 1.0  # seconds after which a call that goes on is ended again
-
-
 class _Over(BaseException):
-    """Ends a call; no Exception, so that a component which catches those does not catch it."""
+    """Interrupts a call. It is no Exception, so that a component that catches those does not catch it."""
 
 
 def call_with_timeout(limit: float, function: Callable[..., Result], *args: Any) -> Result | str:
-    """Return what the function gives, or `NO_ANSWER` if that takes longer than ``limit`` seconds.
+    """Return the result of a call, or `NO_ANSWER` if it takes longer than ``limit`` seconds.
 
-    In the main thread a timer ends the call as soon as Python code runs in it, compiled code only when it returns.
-    Elsewhere, as in Dask's workers, nothing can end it: it is noticed when it is over. A timer of the caller's goes on.
+    In the main thread a timer interrupts Python code; compiled code returns first. In other threads, as in Dask's
+    workers, a call cannot be interrupted: the excess is detected when it ends. A timer of the caller is set again.
     """
     timed = threading.current_thread() is threading.main_thread() and hasattr(signal, "setitimer") and limit < math.inf
     begin = monotonic()
@@ -46,7 +44,7 @@ def call_with_timeout(limit: float, function: Callable[..., Result], *args: Any)
             result = function(*args)
         finally:
             running.clear()
-    except BaseException:  # a component may have made something else of the end
+    except BaseException:  # a component may have raised another error from the interruption
         if not over:
             raise
         return NO_ANSWER

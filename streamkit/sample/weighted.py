@@ -1,4 +1,4 @@
-"""Weighted samples of a run: what is stored of them, their file ``samples.h5``, and samples of equal weight."""
+"""Weighted samples of a run, their file ``samples.h5``, and samples of equal weight drawn from them."""
 
 from __future__ import annotations
 
@@ -15,16 +15,18 @@ import numpy as np
 from streamkit.components import Verdict
 from streamkit.errors import ChainError
 from streamkit.report import BLOCK, DamagedError, read_own, replace_whole, safely, with_checksum
+from streamkit.sample.posterior import blob_dtype
+from streamkit.sample.step import check_array
 from streamkit.stream import Array
 
 SAMPLES = "samples.h5"
 ARRAYS = "points", "ln_weights", "log_prob", "blobs"
-ENOUGH = 400  # effective samples that a run needs to count as converged (Vehtari+ 2021, sec. 4).
+ENOUGH = 400  # effective samples of a converged run (Vehtari+ 2021, sec. 4)
 
 
 @dataclass(frozen=True, eq=False)
 class Weighted:
-    """Weighted samples of the posterior, and what is known of each.
+    """Weighted samples of the posterior with their evaluations.
 
     Attributes
     ----------
@@ -35,9 +37,9 @@ class Weighted:
     ln_evidence, ln_evidence_error
         NaN if unknown.
     missing
-        What the sampler's rule of stopping still asks for; empty when it is met.
+        What the sampler's stopping rule still requires; empty when the rule is met.
     attributes
-        What the run noted: digest, quick, status, counts.
+        Attributes of the run: digest, quick, status, counts.
     verdicts
         The sampler's own checks.
     """
@@ -65,7 +67,7 @@ class Weighted:
 
     @property
     def lacks(self) -> str:
-        """What is missing for samples that can be trusted, as the end of a sentence; empty if nothing is."""
+        """What is missing for converged samples, as the end of a sentence; empty if nothing is."""
         few = f"{self.ess:.0f} effective samples, and {ENOUGH} are wanted"
         return self.missing or ("" if self.ess >= ENOUGH else few)
 
@@ -112,6 +114,7 @@ def _read(file: h5py.File) -> Weighted:
     if odd := [name for name in ARRAYS if not isinstance(file.get(name, getlink=True), h5py.HardLink)]:
         raise ValueError(f"{odd[0]} is missing, or a link")
     points, ln_weights, log_prob, blobs = (file[name][...] for name in ARRAYS)
+    _check_shapes(points, ln_weights, log_prob, blobs)
     notes = {key: value.item() if isinstance(value, np.generic) else value for key, value in file.attrs.items()}
     ln_evidence, error = (float(notes.pop(name)) for name in ("ln_evidence", "ln_evidence_error"))
     missing = str(notes.pop("missing"))
@@ -119,3 +122,15 @@ def _read(file: h5py.File) -> Weighted:
         notes["counts"] = json.loads(notes["counts"])
     verdicts = tuple(Verdict(**each) for each in json.loads(notes.pop("verdicts", "[]")))
     return Weighted(points, ln_weights, log_prob, blobs, ln_evidence, error, missing, notes, verdicts)
+
+
+def _check_shapes(points: Array, ln_weights: Array, log_prob: Array, blobs: Any) -> None:
+    """Check the arrays of a file of samples against each other; ValueError if one has another shape or no numbers."""
+    n, d = points.shape
+    check_array("points", points, (n, d))
+    check_array("ln_weights", ln_weights, (n,))
+    check_array("log_prob", log_prob, (n,), finite=False)  # -inf where a sample has no likelihood
+    if not n or np.isnan(log_prob).any():
+        raise ValueError("log_prob holds no numbers")
+    if blobs.shape != (n,) or blobs.dtype.names != blob_dtype(0).names:
+        raise ValueError("blobs holds no record for each sample")

@@ -1,4 +1,4 @@
-"""Workers that evaluate the posterior: given the posteriors once, every call and rejection counted."""
+"""Workers that evaluate the posterior. They receive the posteriors once, and count calls and rejections."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pickle
 import signal
 import threading
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from time import monotonic
 from typing import Any, Protocol
@@ -17,35 +17,35 @@ import numpy as np
 from streamkit.errors import PluginError
 from streamkit.sample.engines import slots
 from streamkit.sample.posterior import Evaluation
-from streamkit.sample.processes import LOOK, CallTimeout, Processes, WorkerDied
+from streamkit.sample.processes import POLL, CallTimeout, Processes, WorkerDied
 from streamkit.sample.threads import one_thread
-from streamkit.sample.timeout import NO_ANSWER, call_with_timeout
+from streamkit.sample.timeout import NO_ANSWER, Result, call_with_timeout
 from streamkit.stream import Array
 
 OVERTIME = "the call took too long"
-COMPILING = 300.0  # seconds that workers elsewhere have for their first call beyond its limit: they compile then
+COMPILING = 300.0  # extra seconds for the first call of a remote worker, which compiles
 Row = tuple[float, float, Array, Array]
-Found = list[Evaluation | str]  # what is found at points: an evaluation each, or `NO_ANSWER`
+Answers = list[Evaluation | str]  # an evaluation for each point, or `NO_ANSWER`
 
 
 class Evaluates(Protocol):
-    """What a `Workers` needs of a posterior: `Posterior` has it, and so has any toy that a test writes."""
+    """The part of `Posterior` that `Workers` needs; tests write small classes with it."""
 
     def evaluate(self, theta: Array) -> Evaluation:
         """Evaluate at theta (d,)."""
 
     def rejected(self, reason: str) -> Evaluation:
-        """Return what stands for parameters without an answer."""
+        """Return the evaluation of parameters without an answer."""
 
 
 class Stoppable(Protocol):
-    """What a signal can stop: `Workers`, or any loop that looks at its own ``stop``."""
+    """An object that a signal can stop: `Workers`, or any loop that reads its ``stop``."""
 
     stop: int
 
 
 class Stopped(Exception):  # noqa: N818  a request, not a fault
-    """Raised between two evaluations after a signal asked for an end. ``signum`` says which."""
+    """Raised between two evaluations after the signal ``signum``."""
 
     def __init__(self, signum: int) -> None:
         super().__init__(signum)
@@ -64,10 +64,9 @@ class Workers:
     workers
         A number of processes; or any `concurrent.futures.Executor` (MPI's and Dask's among them), left running.
     limit
-        Seconds that a call may take. A process of ours is ended then, and so is Python code in this process or a rank
-        of MPI; compiled code is over first. On Dask, and with an executor of your own, a call that took longer is
-        noticed when it is over; one that does not end is a `CallTimeout`, when nothing at all has come back for as
-        long.
+        Seconds that a call may take. Then a worker process of ours is killed. In this process and on MPI ranks, Python
+        code is interrupted; compiled code ends first. With Dask or an executor of your own, a longer call is detected
+        when it ends. If no call ends within the limit, a `CallTimeout` is raised.
     reject
         Whether a longer call counts as a rejection; else `CallTimeout` is raised.
 
@@ -76,9 +75,9 @@ class Workers:
     calls
         Evaluations so far, by posterior.
     reasons
-        Rejections so far, by posterior and reason: of proposals too, which emcee forgets.
+        Rejections so far, by posterior and reason. Rejected proposals count too.
     stop
-        Number of the signal that asked for an end, or 0.
+        Number of the signal that requested an end, or 0.
     """
 
     def __init__(
@@ -137,12 +136,12 @@ class Workers:
         try:
             for part, future in zip(parts, futures, strict=True):
                 try:
-                    found = self._wait(future, len(part))
+                    answers = self._wait(future, len(part))
                 except CallTimeout:
                     if isinstance(self._workers, Executor):
                         raise
-                    found = [NO_ANSWER] * len(part)  # of our own processes, which get one point at a time
-                for point, each in zip(part, found, strict=True):
+                    answers = [NO_ANSWER] * len(part)  # our own processes get one point at a time
+                for point, each in zip(part, answers, strict=True):
                     yield self._overtime(point, which) if isinstance(each, str) else each
         except Exception as error:
             if isinstance(error, BrokenExecutor | CancelledError) or type(error).__name__ == "KilledWorker":  # Dask's
@@ -152,10 +151,10 @@ class Workers:
             for future in futures:
                 future.cancel()
 
-    def _submit(self, part: Array, which: str) -> Future[Found]:
-        assert self._executor is not None  # noqa: S101  the caller has looked
+    def _submit(self, part: Array, which: str) -> Future[Answers]:
+        assert self._executor is not None  # noqa: S101  checked by the caller
         if isinstance(self._workers, Executor):
-            future: Future[Found] = self._executor.submit(_evaluate_sent, self._sent, which, part, self._limit)
+            future: Future[Answers] = self._executor.submit(_evaluate_sent, self._sent, which, part, self._limit)
             future.add_done_callback(self._hear)
             return future
         return self._executor.submit(_evaluate, which, part)
@@ -164,27 +163,27 @@ class Workers:
         self._heard = monotonic()
 
     def _parts(self, points: Array) -> list[Array]:
-        """Return the points as parts that are sent as a whole.
+        """Split the points into parts, each sent as one message.
 
-        Calls differ in cost by the look-back time: single ones keep every core busy to the end. Other people's
-        executors take several milliseconds for each part.
+        The cost of calls varies with the look-back time: parts of one point keep every core busy to the end. Executors
+        of others need several milliseconds for each part, so their parts are larger.
         """
         each = len(points) // (4 * self._slots) if isinstance(self._workers, Executor) else 1
         return np.array_split(points, -(-len(points) // max(each, 1))) if len(points) else []
 
     def _overtime(self, point: Array, which: str) -> Evaluation:
-        """Return what stands for a call that took too long, or raise `CallTimeout`."""
+        """Return the evaluation of a call that took too long, or raise `CallTimeout`."""
         if self._reject:
             return self._posteriors[which].rejected(OVERTIME)
         raise CallTimeout(
             f"a call took longer than sampler.call_limit = {self._limit:g} s, at the parameters "
-            f'{", ".join(f"{value:.6g}" for value in point)}; sampler.over_limit = "reject" would go on'
+            f'{", ".join(f"{value:.6g}" for value in point)}; sampler.over_limit = "reject" would continue'
         )
 
-    def _wait(self, future: Future[Found], calls: int) -> Found:
+    def _wait(self, future: Future[Answers], calls: int) -> Answers:
         while True:
             try:
-                return future.result(LOOK)
+                return future.result(POLL)
             except TimeoutError:
                 if future.done():
                     raise
@@ -220,13 +219,14 @@ class Signals:
         self._target.stop = signum
 
 
-def first_call(posterior: Evaluates, point: Array, limit: float) -> None:
-    """Make a call in this process, which may compile; CallTimeout if it takes `COMPILING` longer than the limit."""
-    if isinstance(call_with_timeout(limit + COMPILING, posterior.evaluate, point), str):
+def first_call(limit: float, function: Callable[..., Result], *args: Any) -> Result:
+    """Return the result of a call in this process, which may compile; CallTimeout after `COMPILING` and the limit."""
+    result = call_with_timeout(limit + COMPILING, function, *args)
+    if isinstance(result, str):
         raise CallTimeout(
-            f"the first call, at the centre of the priors, took longer than sampler.call_limit = {limit:g} s and the "
-            f"{COMPILING:g} s that it has for compiling"
+            f"the first call took longer than sampler.call_limit = {limit:g} s and the {COMPILING:g} s for compiling"
         )
+    return result
 
 
 def pool(count: int, posteriors: Mapping[str, Evaluates] | None = None, limit: float = math.inf) -> Processes:
@@ -235,7 +235,7 @@ def pool(count: int, posteriors: Mapping[str, Evaluates] | None = None, limit: f
 
 
 _POSTERIORS: dict[str, Evaluates] = {}  # the posteriors of this worker process, set once by its initializer
-# The posteriors that a worker of somebody else's executor was sent last, by their pickle.
+# The posteriors that were last sent to a worker of somebody else's executor, by their pickle.
 _SENT: dict[bytes, dict[str, Evaluates]] = {}
 
 
@@ -243,11 +243,11 @@ def _hold(posteriors: Mapping[str, Evaluates]) -> None:
     _POSTERIORS.update(posteriors)
 
 
-def _evaluate(which: str, points: Array) -> Found:
+def _evaluate(which: str, points: Array) -> Answers:
     return [_POSTERIORS[which].evaluate(point) for point in points]
 
 
-def _evaluate_sent(sent: bytes, which: str, points: Array, limit: float = math.inf) -> Found:
+def _evaluate_sent(sent: bytes, which: str, points: Array, limit: float = math.inf) -> Answers:
     new = sent not in _SENT
     if new:
         _SENT.clear()

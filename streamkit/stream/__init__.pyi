@@ -17,8 +17,12 @@ from .prediction import Panel as Panel
 from .prediction import PanelData as PanelData
 from .prediction import Prediction as Prediction
 from .prediction import join_predictions as join_predictions
+from .sky_frame import SkyFrame as SkyFrame
+from .sky_frame import sky_frame as sky_frame
 from .sky_frames import Frame as Frame
 from .sky_frames import sky_matrix as sky_matrix
+from .sky_track import TRACK_UNITS as TRACK_UNITS
+from .sky_track import SkyTrack as SkyTrack
 from .stream import Release as Release
 from .stream import Stream as Stream
 from .winding import angle_in_plane as angle_in_plane

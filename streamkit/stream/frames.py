@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from streamkit.renamed import Renamed
 from streamkit.stream.arrays import Array
 from streamkit.stream.observer import GIBBONS14, Observer
 from streamkit.units import KMS_PER_MASYR_KPC
@@ -116,27 +117,10 @@ class Seen(NamedTuple):
     radial_velocity: Array
     radial_velocity_gsr: Array
 
-    # Older names, from the frame of a stream: plugins of contract 1 use them.
 
-    @property
-    def phi1(self) -> Array:
-        """The same as `lon`."""
-        return self.lon
-
-    @property
-    def phi2(self) -> Array:
-        """The same as `lat`."""
-        return self.lat
-
-    @property
-    def pm_phi1_cosphi2(self) -> Array:
-        """The same as `pm_lon_coslat`."""
-        return self.pm_lon_coslat
-
-    @property
-    def pm_phi2(self) -> Array:
-        """The same as `pm_lat`."""
-        return self.pm_lat
+# Former names, from the frame of a stream: plugins of contract 1 may use them.
+for _former, _name in (("phi1", "lon"), ("phi2", "lat"), ("pm_phi1_cosphi2", "pm_lon_coslat"), ("pm_phi2", "pm_lat")):
+    setattr(Seen, _former, Renamed(_former, _name))
 
 
 def seen_from(sun: Observer, q: Array, v: Array, matrix: Array) -> Seen:

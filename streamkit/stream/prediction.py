@@ -96,9 +96,9 @@ class Prediction:
     why_not
         Empty, or the reason (a short constant sentence) why there is no value; mean is then NaN.
     details
-        Further results of the measurement, such as tracks and fits, in a form of the observable's own.
+        Further results of the measurement, such as tracks and fits. Their form is the observable's.
     parts
-        The predictions of several observables that were joined, by name; empty for that of one observable.
+        The predictions that were joined, by the name of the observable; empty for one observable.
     """
 
     names: tuple[str, ...]
@@ -133,7 +133,7 @@ def join_predictions(parts: Mapping[str, Prediction], unnamed: str = "") -> Pred
     ``why_not`` is that of the first part without a value.
     """
     mean, variance = (np.concatenate([getattr(p, name) for p in parts.values()]) for name in ("mean", "variance"))
-    names = tuple(own if name == unnamed else f"{name}.{own}" for name, part in parts.items() for own in part.names)
+    names = tuple(each if name == unnamed else f"{name}.{each}" for name, part in parts.items() for each in part.names)
     reasons = (part.why_not if n == unnamed else f"{n}: {part.why_not}" for n, part in parts.items() if part.why_not)
     why_not = next(reasons, "")
     return Prediction(names, mean, variance, why_not, parts=dict(parts))

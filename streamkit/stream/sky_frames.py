@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 from pydantic import GetCoreSchemaHandler
@@ -16,26 +16,34 @@ from streamkit.stream.arrays import Array, read_only
 from streamkit.stream.frames import axes
 
 
+class HasMatrix(Protocol):
+    """What numpy can make a matrix of, such as a `SkyFrame`."""
+
+    def __array__(self, dtype: Any = None, copy: Any = None) -> Array:
+        """Return the matrix (3, 3) from ICRS."""
+
+
 class _FrameField:
     """Reads a frame where `Frame` is the type of a component's field: as a run file writes it, and checked."""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Read a name, a pole and an origin, or three rows; None is left alone, as the default of a field."""
-        written = str | dict[str, tuple[float, float]] | tuple[tuple[float, float, float], ...]
+        point = tuple[float, float]
+        written = str | dict[str, point | tuple[point, point]] | tuple[tuple[float, float, float], ...]
         return core_schema.no_info_wrap_validator_function(self._read, handler.generate_schema(written))
 
     @staticmethod
     def _read(value: Any, read: Callable[[Any], Any]) -> Any:
         if value is None:
             return None
-        frame = read(value.tolist() if isinstance(value, np.ndarray) else value)
+        frame = read(np.asarray(value).tolist() if hasattr(value, "__array__") else value)
         sky_matrix(frame)
         return frame
 
 
-# A name, ``{"pole": [ra, dec], "origin": [ra, dec]}``, a (3, 3) matrix from ICRS, or None for ICRS itself. It may be
-# the type of a component's field.
-Frame = Annotated[str | Mapping[str, Any] | Sequence[Sequence[float]] | Array | None, _FrameField()]
+# A name, ``{"pole": [ra, dec], "origin": [ra, dec]}``, ``{"ends": [[ra, dec], [ra, dec]]}``, a (3, 3) matrix from
+# ICRS or a `SkyFrame`, or None for ICRS itself. It may be the type of a component's field.
+Frame = Annotated[str | Mapping[str, Any] | Sequence[Sequence[float]] | Array | HasMatrix | None, _FrameField()]
 
 # Rows are the axes of the frame in ICRS.
 FROM_ICRS: dict[str, list[list[float]]] = {
@@ -93,6 +101,7 @@ OPHIUCHUS = [
     [0.45352820359, -0.60434231606, -0.65504391727],
 ]
 
+FARTHEST = 10.0  # degrees that an origin may be off the great circle of its pole: it is then moved onto it
 WORST = 1e-3  # how far a matrix may be from orthonormal: papers print few digits
 
 
@@ -124,9 +133,11 @@ def sky_matrix(frame: Frame = None) -> Array:
     ----------
     frame
         None for ICRS; a name; ``{"pole": [ra, dec], "origin": [ra, dec]}`` in degrees, for a great circle about the
-        pole with longitude zero at the origin; or the matrix itself.
+        pole with longitude zero at the origin; ``{"ends": [[ra, dec], [ra, dec]]}`` for one through two points, with
+        longitude zero between them or at an ``origin``; or the matrix itself.
 
-    Raises ValueError for a name that is not known (with the nearest), and for what is no frame.
+    Raises ValueError for a name that is not known (with the nearest), for what is no frame, and for an origin that is
+    more than 10 deg off the great circle.
     """
     if frame is None:
         return named_matrices()["icrs"]
@@ -152,15 +163,42 @@ def sky_matrix(frame: Frame = None) -> Array:
 
 
 def _great_circle(given: Mapping[str, Any]) -> Array:
-    if set(given) != {"pole", "origin"}:
-        raise ValueError(f"a frame by its pole takes pole and origin, each [ra, dec]; found {', '.join(given)}")
-    z, towards = (_unit(name, given[name]) for name in ("pole", "origin"))
-    x = towards - (towards @ z) * z
-    length = math.sqrt(x @ x)
-    if length < 1e-6:
+    if set(given) not in ({"pole", "origin"}, {"ends"}, {"ends", "origin"}):
+        raise ValueError(
+            "a frame of a great circle takes pole and origin, each [ra, dec], or ends, two of [ra, dec]; found "
+            f"{', '.join(given) or 'nothing'}"
+        )
+    if "ends" in given:
+        z, towards = _through(given["ends"])
+        towards = _unit("origin", given["origin"]) if "origin" in given else towards
+    else:
+        z, towards = (_unit(name, given[name]) for name in ("pole", "origin"))
+    off = abs(math.degrees(math.asin(max(-1.0, min(1.0, float(towards @ z))))))
+    if off > 90.0 - 1e-4:
         raise ValueError("the origin of the frame is at its pole, where there is no longitude")
-    x = x / length
+    if off > FARTHEST:
+        raise ValueError(
+            f"the origin of the frame is {off:.3g} deg off the great circle of its pole, expected at most "
+            f"{FARTHEST:g}. The origin is 90 deg from the pole; both are [ra, dec], not galactic"
+        )
+    x = towards - (towards @ z) * z
+    x = x / math.sqrt(x @ x)
     return np.asarray(read_only(np.array([x, np.cross(z, x), z])))
+
+
+def _through(ends: Any) -> tuple[Array, Array]:
+    """Return the pole of the great circle through two points the shorter way, and the middle between them."""
+    try:
+        pairs = list(ends)
+    except TypeError:
+        pairs = []
+    if isinstance(ends, str) or len(pairs) != 2:
+        raise ValueError(f"found {ends!r} for the ends of the frame, expected [[ra, dec], [ra, dec]] in degrees")
+    first, second = (_unit("ends", pair) for pair in pairs)
+    z = np.cross(first, second)
+    if not math.sqrt(z @ z) > 1e-6:
+        raise ValueError("the ends of the frame are one place, or opposite: many great circles go through them")
+    return z / math.sqrt(z @ z), (first + second) / math.sqrt((first + second) @ (first + second))
 
 
 def _unit(name: str, pair: Any) -> Array:
@@ -168,9 +206,22 @@ def _unit(name: str, pair: Any) -> Array:
         lon, lat = (math.radians(float(value)) for value in pair)
     except (TypeError, ValueError):
         raise ValueError(f"found {pair!r} for the {name} of the frame, expected [ra, dec] in degrees") from None
-    if not abs(lat) <= math.pi / 2:
+    if not (math.isfinite(lon) and abs(lat) <= math.pi / 2):
         raise ValueError(f"found {pair!r} for the {name} of the frame: dec must be within -90 and 90")
-    return np.array([math.cos(lon) * math.cos(lat), math.sin(lon) * math.cos(lat), math.sin(lat)])
+    return on_sphere(np.array(lon), np.array(lat))[0]
+
+
+def on_sphere(lon: Array, lat: Array) -> tuple[Array, Array, Array]:
+    """Return unit vectors outwards, in longitude and in latitude, (3, ...) each, at angles in radians."""
+    a, b, c, d = np.cos(lon), np.sin(lon), np.cos(lat), np.sin(lat)
+    zero = np.zeros_like(a)
+    return np.array([a * c, b * c, d]), np.array([-b, a, zero]), np.array([-a * d, -b * d, c])
+
+
+def place_of(vector: Array) -> tuple[float, float]:
+    """Return the longitude in [0, 360) and the latitude of a direction (3,), degrees."""
+    x, y, z = np.asarray(vector, dtype=float).tolist()
+    return math.degrees(math.atan2(y, x)) % 360.0, math.degrees(math.atan2(z, math.hypot(x, y)))
 
 
 def _about(axis: str, degrees: float) -> Array:

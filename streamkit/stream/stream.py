@@ -5,11 +5,11 @@ Engine units throughout: kpc, km/s, Msun; times in kpc/(km/s) with 0 today and t
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from streamkit.stream.observer import GIBBONS14, Observer
 from streamkit.stream.orbit import Orbit
 from streamkit.stream.sky_coord import to_sky_coord
 from streamkit.stream.sky_frames import Frame, sky_matrix
+from streamkit.stream.sky_track import SkyTrack, even_grid, grid_from, track_of, within_half_turn
 from streamkit.units import GYR
 
 if TYPE_CHECKING:
@@ -32,6 +33,9 @@ class Release:
 
     q: Array
     v: Array
+
+
+WIDEST = 45.0  # largest kernel of a track, degrees
 
 
 def _return(orbit: Orbit | None) -> Orbit | None:
@@ -75,6 +79,8 @@ class Stream:
         The Sun it is seen from; that of Gibbons+ 2014 unless given.
     ahead
         Computes `future` on first use.
+    mass
+        Mass of the progenitor at the look-back time in Msun; NaN if unknown.
     """
 
     q: Array
@@ -92,6 +98,7 @@ class Stream:
     parameters: dict[str, float] = field(default_factory=dict)
     sun: Observer = GIBBONS14
     ahead: Callable[[], Orbit | None] = no_future
+    mass: float = float("nan")
 
     def __post_init__(self) -> None:
         freeze(self)
@@ -146,7 +153,7 @@ class Stream:
         ----------
         frame
             None for ICRS (lon and lat are then RA and Dec); a name such as "GD1Koposov10"; a pole and an origin,
-            ``{"pole": [ra, dec], "origin": [ra, dec]}``; or a (3, 3) matrix from ICRS.
+            ``{"pole": [ra, dec], "origin": [ra, dec]}``; a (3, 3) matrix from ICRS; or a `SkyFrame`.
 
         Raises ValueError for a frame that does not exist.
         """
@@ -168,6 +175,57 @@ class Stream:
         shift = np.round((np.degrees(np.arctan2(y, x)) - longitude_of_core) / 360.0)
         longitude = self.seen(frame).lon
         return np.asarray(longitude + 360.0 * (np.round((centred - longitude) / 360.0) - shift))
+
+    def track(
+        self,
+        frame: Frame = None,
+        phi1: Sequence[float] | Array | None = None,
+        *,
+        kernel: float = 2.0,
+        arm: Literal["leading", "trailing", "both"] = "both",
+        unwrapped: bool = False,
+    ) -> SkyTrack:
+        """Return the mean track of the debris on the sky, with the covariance of the debris about it.
+
+        At every longitude a line is fitted with a Gaussian kernel in phi1, as the observable ``track`` does. Bound
+        particles are left out.
+
+        Parameters
+        ----------
+        frame
+            As in `seen`.
+        phi1
+            (k,) longitudes in degrees. Left out: in steps of half a kernel along nearly all of the debris.
+        kernel
+            Standard deviation of the kernel, degrees.
+        arm
+            Which debris.
+        unwrapped
+            Whether phi1 continues beyond whole turns, as in `unwrapped_longitude`.
+
+        Raises ValueError for a frame that does not exist, an arm without debris, and a kernel or phi1 that is no
+        positive number, or no list of numbers.
+        """
+        if not 0 < kernel <= WIDEST:
+            raise ValueError(f"kernel is {kernel:g} deg, expected a positive number up to {WIDEST:g}")
+        if arm not in ("both", *ARMS):
+            raise ValueError(f"found arm = {arm!r}, expected both, {' or '.join(ARMS)}")
+        chosen = np.flatnonzero(~self.bound if arm == "both" else self.arm == ARMS[arm])
+        if not len(chosen):
+            raise ValueError("the stream has no debris there: no track")
+        seen, weight = Seen(*(part[chosen] for part in self.seen(frame))), self.weight[chosen]
+        given = None if phi1 is None else grid_from(phi1)
+        if unwrapped:
+            longitude = self.unwrapped_longitude(frame)[chosen]
+            at = even_grid(longitude, kernel) if given is None else given
+            return track_of(longitude, seen, weight, at, kernel, turn=False)
+        # the seam is opposite to the grid, or to the progenitor
+        core = seen_from(self.sun, self.orbit.q[:, -1:], self.orbit.v[:, -1:], sky_matrix(frame)).lon
+        middle = float(np.degrees(np.angle(np.exp(1j * np.radians(core if given is None else given)).sum())))
+        longitude = within_half_turn(seen.lon, middle)
+        at = even_grid(longitude, kernel) if given is None else given
+        track = track_of(longitude, seen, weight, within_half_turn(at, middle), kernel, turn=True)
+        return replace(track, phi1=at)
 
     def toward(self, velocity: Array) -> Array:
         """(n,) Component of a Galactocentric velocity (3,) along the line of sight from the Sun to each particle."""

@@ -11,12 +11,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from streamkit import Component, HostData, Integrator, Observable, Potential, Sampler, Stripping
+from streamkit import Component, HostData, Integrator, LiveStripping, Observable, Potential, Sampler, Stripping
 from streamkit.testing import (
     common,
     dimensions,
     host_data,
     integrators,
+    live,
     observables,
     potentials,
     samplers,
@@ -70,6 +71,7 @@ def checks(
     by_role: dict[type[Component], tuple[Check, ...]] = {
         Potential: COMMON + potentials.checks(negative_density),
         Stripping: COMMON + stripping.CHECKS,
+        LiveStripping: COMMON + live.CHECKS,
         Integrator: COMMON + integrators.checks(accuracy),
         Observable: COMMON + observables.CHECKS,
         HostData: COMMON + host_data.CHECKS,

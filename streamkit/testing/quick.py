@@ -8,8 +8,8 @@ from contextlib import suppress
 from functools import wraps
 from typing import Any
 
-from streamkit import Component, OutOfDomain, Potential, Stripping
-from streamkit.testing import dimensions, potentials, stripping, use
+from streamkit import Component, LiveStripping, OutOfDomain, Potential, Stripping
+from streamkit.testing import dimensions, live, potentials, stripping, use
 from streamkit.testing.common import Check, failures
 
 POTENTIAL: tuple[Check, ...] = (
@@ -28,6 +28,7 @@ STRIPPING: tuple[Check, ...] = (
     stripping.uses_its_draws,
     stripping.tails_lie_on_their_sides,
 )
+LIVE: tuple[Check, ...] = (use.keeps_no_state, *live.CHECKS)
 BUDGET = 1.5  # seconds after which no further check is begun
 
 
@@ -36,7 +37,8 @@ def quick_failures(component: Component, clock: Callable[[], Any] = time.perf_co
 
     Other roles than potentials and stripping schemes have none: trial streams show what is wrong with them.
     """
-    todo = POTENTIAL if isinstance(component, Potential) else STRIPPING if isinstance(component, Stripping) else ()
+    of_role = {Potential: POTENTIAL, Stripping: STRIPPING, LiveStripping: LIVE}
+    todo = next((checks for base, checks in of_role.items() if isinstance(component, base)), ())
     lines: list[str] = []
     begin = clock()
     for check in todo:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from streamkit import GYR, LEADING, TRAILING, Array, Stream
-from streamkit.testing.hosts import Isochrone, progenitor_orbit
+from streamkit.testing.hosts import MASS, Isochrone, progenitor_orbit
 from streamkit.testing.reference import acceleration
 
 LOOKBACK = -3.0
@@ -62,7 +62,7 @@ def example_stream(count: int = 4000, seed: int = 3) -> Stream:
     return Stream(
         q=q, v=v, t_release=edges[born], t_strip=inside, dq_galactocentric=zero, dv_galactocentric=zero.copy(),
         tail=tail, winding=winding, chi=chi, bound=inside == edges[-1], weight=np.ones(count), orbit=orbit,
-        ahead=lambda: future,
+        ahead=lambda: future, mass=MASS,
     )  # fmt: skip
 
 

@@ -5,8 +5,20 @@ from __future__ import annotations
 import numpy as np
 from pydantic import ValidationError
 
-from streamkit import GYR, Array, Component, HostData, Integrator, Observable, Potential, Stripping
+from streamkit import (
+    GYR,
+    Array,
+    BlockEdge,
+    Component,
+    HostData,
+    Integrator,
+    LiveStripping,
+    Observable,
+    Potential,
+    Stripping,
+)
 from streamkit.engine import build_field
+from streamkit.testing import live
 from streamkit.testing.common import require
 from streamkit.testing.contained import printed
 from streamkit.testing.host_data import FlattenedHost
@@ -27,6 +39,13 @@ def use(component: Component, seed: int = 1) -> Array:
         tail = np.where(np.arange(50) % 2, 1, -1)
         release = component.release(orbit, tail, MASS, rng.standard_normal((component.draws, 50)))
         return np.concatenate([release.q, release.v])
+    if isinstance(component, LiveStripping):
+        orbit, sphere = progenitor_orbit(-3.0), live.PlummerSphere()
+        core = np.concatenate([orbit.q[:, 0], orbit.v[:, 0], orbit.a[:, 0]])
+        people = component.populate(core, sphere, rng.random((component.draws, 50)))
+        edge = BlockEdge(-3.0, people.q, people.v, people.mass, core, live.BRACKET)
+        left = component.renew(edge, sphere, None)
+        return np.concatenate([people.q, people.v, np.array([left.bound, np.full(50, left.mass)])])
     if isinstance(component, Integrator):
         q, v = swarm(7, seed)
         component.advance(build_field([Isochrone()]), q, v, np.zeros(7), 0.02 * GYR)

@@ -31,10 +31,11 @@ import streamkit as sk
 from streamkit.builtin.halos import NFWTriaxial
 from streamkit.builtin.integrators import Adaptive, ForestRuth, Leapfrog
 from streamkit.builtin.potentials import NFW, Hernquist, MiyamotoNagai, Plummer, TruncatedFlat
+from streamkit.builtin.restricted_nbody import RestrictedNbody
 from streamkit.builtin.stripping import LagrangeCloud
-from streamkit.components import Integrator, Potential
+from streamkit.components import Integrator, Potential, StrippingScheme
 from streamkit.engine import build_field
-from streamkit.model import NODE, standard_normals
+from streamkit.model import NODE, random_numbers
 from streamkit.model.model import simulate
 from streamkit.runfile import StreamInputs
 from streamkit.units import Number
@@ -86,17 +87,19 @@ def today(*host: Potential) -> tuple[np.ndarray, np.ndarray]:
     return orbit.q[:, -1].copy(), orbit.v[:, -1].copy()
 
 
-def streamkit_job(integrator: Integrator, *host: Potential, gravity: bool = True) -> Callable[[], None]:
-    """One whole stream."""
+def streamkit_job(integrator: Integrator, *host: Potential, gravity: bool = True, live: int = 0) -> Callable[[], None]:
+    """One whole stream: by mLCS, or by a live progenitor of so many particles."""
     q, v = today(*host)
-    stripping = LagrangeCloud(particles=PARTICLES, sigma=10.0, progenitor_gravity=gravity)
+    stripping: StrippingScheme = LagrangeCloud(particles=PARTICLES, sigma=10.0, progenitor_gravity=gravity)
+    if live:
+        stripping = RestrictedNbody(particles=live)
     satellite = Plummer(mass=MASS, radius=RADIUS)
     potentials = {p.kind: p for p in host}
     inputs = StreamInputs(potentials, satellite, MASS, q, v, LOOKBACK, stripping, integrator, None, 1, {})
-    normals = standard_normals(stripping, 1)
+    numbers = random_numbers(stripping, 1)
 
     def job() -> None:
-        simulate(replace(inputs, potentials={p.kind: renewed(p) for p in host}), normals)
+        simulate(replace(inputs, potentials={p.kind: renewed(p) for p in host}), numbers)
 
     return job
 
@@ -174,6 +177,8 @@ def main() -> None:
     jobs = {f"streamkit {name}": (streamkit_job(i, HALO), 1.0) for name, i in settings.items()}
     for name, host in HOSTS.items():
         jobs[f"streamkit default, {name}"] = streamkit_job(Adaptive(), *host), 1.0
+    for live in (10_000, 40_000):
+        jobs[f"streamkit restricted N-body, {live} particles"] = streamkit_job(Adaptive(), HALO, live=live), 1.0
     jobs["streamkit default, no progenitor gravity"] = streamkit_job(Adaptive(), HALO, gravity=False), 1.0
     for name, make, scale in (("gala, leapfrog", gala_job, 1.0), ("galpy, dop853_c by hand", galpy_job, 40.0)):
         try:

@@ -81,6 +81,7 @@ def schemes(case: Case) -> dict[str, tuple[dict[str, object], bool]]:
         "streakline": ({"stripping.kind": "streakline"}, False),
         "fardal15": ({"stripping.kind": "fardal15"}, False),
         "chen25": ({"stripping.kind": "chen25"}, False),
+        "restricted_nbody": ({"stripping.kind": "restricted_nbody"}, False),
     }
 
 

@@ -140,7 +140,7 @@ def stream() -> sk.Stream:
 
 @pytest.fixture(scope="module")
 def places(stream: sk.Stream) -> np.ndarray:
-    phi1 = stream.seen(FRAME).phi1[~stream.bound]
+    phi1 = stream.seen(FRAME).lon[~stream.bound]
     return np.percentile(phi1, [20, 35, 50, 65, 80])
 
 
@@ -191,7 +191,7 @@ def along(stream: sk.Stream) -> tuple[tuple[float, ...], ...]:
 def test_unwrapped_longitudes_follow_the_winding(stream: sk.Stream, along: Any) -> None:
     """They are phi1 up to whole turns, and differ from the angle at the centre by the parallax of R0 alone."""
     longitude = stream.unwrapped_longitude(along)
-    turns = (longitude - stream.seen(along).phi1) / 360
+    turns = (longitude - stream.seen(along).lon) / 360
     np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
     mirrored = stream.unwrapped_longitude(np.diag([1.0, -1.0, 1.0]) @ np.array(along))
     np.testing.assert_allclose(mirrored, -longitude, atol=1e-9)

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from numba import njit
 from numba.core import event
 
-from streamkit.cli.compiling import SENTENCE, tell_of_compiling
+from streamkit.cli.compiling import SENTENCE, announce_compilation
 from streamkit.cli.options import QUIET, load_spec
 
 
@@ -28,5 +28,5 @@ def test_what_is_compiled_is_told_once_and_only_during_the_command(run_file: Pat
 
 
 def test_nothing_is_told_where_nothing_is_compiled() -> None:
-    done = CliRunner().invoke(click.command()(tell_of_compiling))
+    done = CliRunner().invoke(click.command()(announce_compilation))
     assert (done.exit_code, done.stderr) == (0, "")

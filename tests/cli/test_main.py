@@ -111,6 +111,18 @@ def test_plot_writes_a_picture(run_file: Path) -> None:
     assert (run_file.parent / "s.png").read_bytes()[:4] == b"\x89PNG"
 
 
+def test_track_writes_a_table_in_a_frame(run_file: Path) -> None:
+    """Its means are those of the stream's own track."""
+    given = "--track", "t.ecsv", "--frame", "SagittariusLaw10", "--set", "progenitor.mass=5e8"
+    result = call("stream", run_file, *given)
+    assert result.exit_code == 0, result.output
+    table = QTable.read(run_file.parent / "t.ecsv")
+    stream = sk.Model(sk.load(run_file).with_values({"progenitor.mass": 5e8})).stream()
+    expected = stream.track("SagittariusLaw10")
+    np.testing.assert_array_equal(table["phi1"].to_value("deg"), expected.phi1)
+    np.testing.assert_allclose(table["distance"].to_value("kpc"), expected["distance"])
+
+
 def test_plugins_lists_everything_and_describes_one() -> None:
     listing = call("plugins").stdout
     text = call("plugins", "--help").stdout

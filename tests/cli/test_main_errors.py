@@ -29,6 +29,8 @@ def test_an_existing_file_needs_force(run_file: Path) -> None:
         (["-o", "s.csv"], ["'s.csv'", ".ecsv, .hdf5", "found '.csv'", "Did you mean '.ecsv'?"]),
         (["-o", "no/where.ecsv"], ["directory 'no' does not exist"]),
         (["--plot", "s.txt"], ["--plot", ".png, .pdf, .svg"]),
+        (["--track", "t.csv"], ["--track", ".ecsv, .png"]),
+        (["--track", "t.ecsv", "--frame", "GD1"], ["--frame", "no frame 'GD1'"]),
         (["--set", "progenitor.mass"], ["'progenitor.mass'", "PATH=VALUE"]),
         (["--set", "seed=1", "--set", "seed=2"], ["seed", "given twice"]),
         (["--set", "progenitor.mas=6.4e8"], ["'progenitor.mas'", "Did you mean 'progenitor.mass'?"]),

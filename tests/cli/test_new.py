@@ -41,6 +41,17 @@ def test_it_passes_its_own_test(role: str, tmp_path: Path, monkeypatch: pytest.M
     test()
 
 
+@pytest.mark.parametrize(("role", "section"), [("potential", "[potential]"), ("data", "[data.my_own]")])
+def test_the_section_of_a_run_file_and_the_manual_are_named(
+    role: str, section: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert f'In a run file: {section} with kind = "my_own"' in call("new", role, "my_own").stdout
+    text = (tmp_path / "streamkit-my-own" / "README.md").read_text()
+    assert f'kind = "my_own"` in `{section}`' in text
+    assert "plugins/README.md" in text
+
+
 def test_pytest_finds_its_own_test(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     call("new", "stripping", "my_first")

@@ -55,7 +55,7 @@ def test_what_does_no_harm(what):
 
 def test_a_thread_that_is_left_does_not_keep_the_process():
     begin = time.monotonic()
-    told = "streamkit: ended, though a thread goes on that a plugin left (theirs)\n"
+    told = "streamkit: ended, though a thread of a plugin is still running (theirs)\n"
     assert harmed("stay") == (0, "done\n", told)
     assert time.monotonic() - begin < 180
 

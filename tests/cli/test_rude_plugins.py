@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from commands import RUN, call, refused
 
-from streamkit.study.preflight import limit
+from streamkit.sample import workers
 
 PLUGIN = '''
 import sys, time
@@ -73,7 +73,7 @@ def test_numpy_settings_of_a_plugin_end_with_it(tmp_path: Path, place: str) -> N
 
 
 def test_a_force_that_never_returns_ends_a_check(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(limit, "COMPILING", 1.0)
+    monkeypatch.setattr(workers, "COMPILING", 1.0)
     path = run_file(tmp_path, "time.sleep(1000)")
     message = refused("check", path, "--draws", "0", "-q", "--set", "sampler.call_limit=1")
-    assert "a call took longer than sampler.call_limit = 1 s" in message
+    assert "the first call took longer than sampler.call_limit = 1 s" in message

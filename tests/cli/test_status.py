@@ -45,7 +45,7 @@ def test_a_run_that_is_going_on_has_an_expected_end(run):
         assert known["state"] == "running"
         text = describe_status(run.directory, known, now=known["last_alive"] + 90)
     assert "90 s ago" in text
-    assert "to go on" not in text
+    assert "to continue" not in text
     assert known["expected_end"] >= known["last_alive"]
     assert read_status(run.directory)["state"] == "steps"
 

@@ -332,7 +332,7 @@ def test_the_manual_names_the_hook_the_bases_and_the_number_types() -> None:
     components = [v for v in public.values() if inspect.isclass(v) and issubclass(v, Component)]
     bases = [cls.__name__ for cls in components if cls is not Component]
     numbers = [n for n, v in vars(import_module("streamkit.units")).items() if hasattr(v, "__metadata__")]
-    assert len(bases) == 8  # one for each role, `Spherical` and `ChainSampler`
+    assert len(bases) == 10  # one for each role, `Spherical`, `ChainSampler`, `LiveStripping`, `StrippingScheme`
     assert len(numbers) > 10
     assert set(numbers) <= set(sk.__all__)
     for name in (*bases, *numbers, *testing.__all__[:1]):

@@ -57,7 +57,7 @@ class SkyDistance(Observable):
     def means(self, stream, phi1):
         """Return mean distances, their variances and the numbers of particles under the kernel, (m,) each."""
         seen = stream.seen(self.frame)
-        away = (seen.phi1 - phi1[:, None] + 180) % 360 - 180
+        away = (seen.lon - phi1[:, None] + 180) % 360 - 180
         weight = stream.weight * ~stream.bound * np.exp(-0.5 * (away / self.kernel) ** 2)
         number = weight.sum(axis=1)
         share = weight / np.maximum(number, 1e-300)[:, None]
@@ -104,7 +104,7 @@ class SkyDistance(Observable):
         mean, _, number = self.means(stream, grid)
         line = Mark("fit", grid, np.where(number < FEWEST, np.nan, mean), "mean distance")
         compared = PanelData(np.arange(len(value)), phi1, value, error, (value - prediction.mean) / error)
-        return (Panel(r"$\phi_1$ [deg]", "distance [kpc]", seen.phi1, seen.distance, (line,), compared),)
+        return (Panel(r"$\phi_1$ [deg]", "distance [kpc]", seen.lon, seen.distance, (line,), compared),)
 
 
 @hookimpl

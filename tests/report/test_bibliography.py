@@ -101,6 +101,21 @@ def test_the_model_behind_a_preset_is_cited_by_its_name():
         assert {"PriceWhelan2017", "Eilers2019", "DarraghFord2023"} <= set(keys(text))
         assert "the potentials of the preset 'gala_v2'" in text
         assert "gala_v1" not in text
-    other = {name: section for name, section in spec.document["potential"].items() if name != "preset"}
-    assert "preset" not in cited(sk.load(changed("potential", other)))
     assert again.digest() == spec.digest()
+
+
+def test_a_preset_without_its_name_is_cited_by_its_sections():
+    """As in a directory of a run that was made before resolved run files kept the name."""
+    named = sk.load(changed("potential", {"preset": "gala_v2", "halo": {"mass": {"uniform": [4e11, 7e11]}}}))
+    sections = {name: section for name, section in named.document["potential"].items() if name != "preset"}
+    spec = sk.load(changed("potential", sections))
+    assert set(keys(cited(spec))) == set(keys(cited(named)))
+    assert "the potentials of the preset 'gala_v2'" in cited(spec)
+    assert spec.digest() == named.digest()
+    numbers = [(name, field) for name, section in sections.items() for field in section if field in ("mass", "a", "rs")]
+    other = {name: dict(section) for name, section in sections.items()}
+    for name, field in numbers:
+        other[name][field] = 1.0
+    assert "preset" not in cited(sk.load(changed("potential", other)))
+    del sections["nucleus"]
+    assert "preset" not in cited(sk.load(changed("potential", sections)))

@@ -7,10 +7,11 @@ import pytest
 from astropy import coordinates as c
 from astropy import units as u
 from pydantic import ValidationError
-from runfiles import changed
+from runfiles import accepts, changed
 
 import streamkit as sk
-from streamkit.runfile import Sun
+from streamkit.components import load_registry
+from streamkit.runfile import Sun, json_schema
 from streamkit.runfile.progenitor import WAYS, choose_coordinates
 from streamkit.stream import seen_from, sky_matrix
 from streamkit.stream.frames import CENTRE_ICRS
@@ -89,7 +90,7 @@ def test_the_sun_must_be_near_the_plane() -> None:
         Sun(r0=8, z=9)
 
 
-@pytest.mark.parametrize("frame", ["GD1Koposov10", "SagittariusLaw10", {"pole": (30.0, 40.0), "origin": (200.0, 0.0)}])
+@pytest.mark.parametrize("frame", ["GD1Koposov10", "SagittariusLaw10", {"pole": (30.0, 40.0), "origin": (120.0, 0.0)}])
 def test_a_place_in_a_frame_of_a_stream_is_the_same_place_in_icrs(frame: Any) -> None:
     """Left-handed frames too; the way there is the one that streams are seen by."""
     star = {"ra": 140.0, "dec": 30.0, "distance": 9.0, "pm_ra_cosdec": -5.0, "pm_dec": -8.0, "v_los": 40.0}
@@ -175,3 +176,36 @@ def test_the_line_of_sight_velocity_may_be_called_radial_velocity(path):
         document["progenitor"]["v_los"] = 262.0
         with pytest.raises(sk.SpecError, match="progenitor: found v_los and radial_velocity, two names of one number"):
             sk.load(document)
+
+
+@pytest.fixture
+def on_sky() -> dict[str, Any]:
+    """A run file whose progenitor has Galactic coordinates, and no free parameter."""
+    document = changed("stripping", "sigma", 10.0)
+    document["potential"]["v0"] = 220.0
+    document["progenitor"] = {"kind": "plummer", "mass": 1e8, "radius": 1.0, "lookback": 2.0} | SGR
+    return document
+
+
+def test_radial_velocity_is_a_name_in_settings_and_at_parameters(on_sky):
+    """`with_values` is what --set and --vary call."""
+    spec, name, other = sk.load(on_sky), "progenitor.v_los", "progenitor.radial_velocity"
+    free, same = (spec.with_values({each: {"normal": [142.0, 5.0]}}) for each in (name, other))
+    assert free.document == same.document
+    assert same.names == (name,)
+    assert same.bind({other: 150.0}).values == {name: 150.0}
+    for call in (same.bind, same.with_values):
+        with pytest.raises(sk.SpecError, match=rf"found {name} and {other}, two names of one number"):
+            call({name: 150.0, other: 150.0})
+    with pytest.raises(sk.SpecError, match=r"there is no field 'stripping\.radial_velocity'"):
+        spec.with_values({"stripping.radial_velocity": 1.0})
+
+
+def test_the_schema_has_both_names_of_the_line_of_sight_velocity(on_sky):
+    schema = json_schema(load_registry())
+    place = on_sky["progenitor"]
+    other = {"radial_velocity" if name == "v_los" else name: value for name, value in place.items()}
+    for progenitor, good in ((place, True), (other, True), (place | other, False), (place | {"vlos": 1.0}, False)):
+        assert accepts(schema, on_sky | {"progenitor": progenitor}, schema) is good
+    del other["radial_velocity"]
+    assert not accepts(schema, on_sky | {"progenitor": other}, schema)

@@ -144,3 +144,21 @@ def test_steps_with_which_a_stream_would_never_end_are_refused(integrator, lookb
 )
 def test_small_steps_are_taken(integrator):
     assert sk.load(changed("integrator", integrator)).sections.integrator.centre.kind == integrator["kind"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"[potential]\nkind = {'[' * 900}{']' * 900}\n",
+        f"[potential.{'.'.join(['a'] * 900)}]\nkind = 'nfw'\n",
+        f"[sun]\nr0 = {'[' * 100}8{']' * 100}\n",
+    ],
+    ids=["lists", "tables", "a value"],
+)
+def test_deep_nesting_is_an_error_of_one_paragraph(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "deep.toml"
+    file.write_text(text)
+    with pytest.raises(sk.SpecError) as caught:
+        sk.load(file)
+    assert str(caught.value).startswith(f"{file}: ")
+    assert all(len(line) < 2500 for line in str(caught.value).splitlines())

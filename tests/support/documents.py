@@ -121,7 +121,7 @@ class Command:
         return (named | ({self.words[2]} if self.words[1] in OF_A_RUN else set())) - self.makes()
 
 
-OF_A_RUN = ("report", "export", "cite", "status")  # commands that read the directory of a run
+OF_A_RUN = ("report", "export", "cite", "status", "host")  # commands that read the directory of a run
 SUFFIXES = (".toml", ".npz", ".hdf5", ".py", ".ecsv", ".png")
 
 

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from streamkit import Sampler, Samples, Target
 from streamkit_dynesty.together import Together
 
-PART = 2000  # calls after which the samples so far are told
+PART = 2000  # calls after which the samples so far are yielded
 NO_LIKELIHOOD = -1e290  # dynesty has -1e300 in place of minus infinity
 
 
@@ -60,7 +60,7 @@ class Dynesty(Sampler):
     )
     walk: Literal["auto", "unif", "rwalk", "slice", "rslice"] = Field(
         default="auto",
-        description="How a new live point is found: uniform within the bound below 10 parameters, by random walks up "
+        description="How a new live point is results: uniform within the bound below 10 parameters, by random walks up "
         "to 20, else by slices; or one of these.",
     )
     together: int = Field(
@@ -70,7 +70,7 @@ class Dynesty(Sampler):
     )
 
     def sample(self, target: Target) -> Iterator[Samples]:
-        """Run dynesty; tell every 2000 calls."""
+        """Run dynesty; yield the samples every `PART` calls."""
         with threadpool_limits(1):  # on matrices as small as these, threads only wait for each other
             yield from self._run(target)
 
@@ -83,14 +83,14 @@ class Dynesty(Sampler):
                 bootstrap=0,
             )  # fmt: skip
         dead = sampler.sample(dlogz=self.evidence_left, maxcall=self.max_calls, add_live=False)
-        told, missing = 0, ""
+        yielded, missing = 0, ""  # calls at the last yield, and what the stopping rule lacks
         for step in dead:
             left = f"ln evidence may still rise by {step.delta_logz:.2g}, and {self.evidence_left:g} is wanted"
             # what is left shrinks by a factor e in as many steps as there are live points
             steps = self.live_points * max(math.log(max(step.delta_logz, 1e-300) / self.evidence_left), 0.0)
             target.expect(min(sampler.ncall * (1.0 + steps / max(sampler.it, 1)), self.max_calls))
-            if sampler.ncall >= told + PART:
-                told = sampler.ncall
+            if sampler.ncall >= yielded + PART:
+                yielded = sampler.ncall
                 yield _samples(sampler, self.live_points, left)
             if target.time_left() < 0 or sampler.ncall >= self.max_calls:
                 missing = left
@@ -106,7 +106,7 @@ class Dynesty(Sampler):
 
 @contextmanager
 def _without_tracebacks() -> Iterator[None]:
-    """Let a sampler be made whose likelihood may raise: dynesty's wrapper prints what streamkit will say."""
+    """Make a sampler without dynesty's wrapper of the likelihood, which prints tracebacks: streamkit reports errors."""
 
     def plain(function: Any, args: Any, kwargs: Any, **_: Any) -> Any:
         return partial(function, *args, **kwargs) if args or kwargs else function
@@ -121,9 +121,9 @@ def _without_tracebacks() -> Iterator[None]:
 
 def _samples(sampler: dynesty.sampler.Sampler, live: int, missing: str) -> Samples:
     """Return the dead points with their weights, and the evidence with its error (Skilling 2006, sec. 8)."""
-    found = sampler.results
-    used = found["logl"] > NO_LIKELIHOOD
-    points, ln_weights, ln_evidence = found["samples"][used], found["logwt"][used], float(found["logz"][-1])
+    results = sampler.results
+    used = results["logl"] > NO_LIKELIHOOD
+    points, ln_weights, ln_evidence = results["samples"][used], results["logwt"][used], float(results["logz"][-1])
     weights = np.exp(ln_weights - ln_evidence)
-    information = float(weights @ (found["logl"][used] - ln_evidence)) / float(weights.sum())
+    information = float(weights @ (results["logl"][used] - ln_evidence)) / float(weights.sum())
     return Samples(points, ln_weights, ln_evidence, math.sqrt(max(information, 0.0) / live), missing)

@@ -1,4 +1,4 @@
-"""A pool for walks that call the likelihood point by point: the calls of all walks are made together."""
+"""A pool for walks that call the likelihood point by point. The calls of all walks are made together."""
 
 from __future__ import annotations
 
@@ -44,9 +44,9 @@ class Together:
             return self._answers.pop(me)
 
     def map(self, function: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
-        """Return what the function gives for each item, in order. What is raised in a thread is raised here."""
+        """Return the results of the function for the items, in order. An exception in a thread is raised here."""
         todo = list(enumerate(items))
-        found: list[Any] = [None] * len(todo)
+        results: list[Any] = [None] * len(todo)
         todo.reverse()
         self._fault, self._asked, self._answers = None, {}, {}
 
@@ -57,7 +57,7 @@ class Together:
                         if not todo or self._fault is not None:
                             break
                         place, item = todo.pop()
-                    found[place] = function(item)
+                    results[place] = function(item)
             except _End:
                 pass
             except BaseException as error:
@@ -81,13 +81,13 @@ class Together:
             thread.join()
         if self._fault is not None:
             raise self._fault
-        return found
+        return results
 
     def _serve(self) -> None:
-        """Evaluate what the walks ask for until the last has ended, or one has failed."""
+        """Evaluate the points of the walks until the last has ended, or one has failed."""
         while True:
             with self._change:
-                # after a fault those that wait end, and what they asked for stays: the numbers need never be equal
+                # after a fault the waiting walks end without an answer: the two numbers may never be equal
                 self._change.wait_for(lambda: self._fault is not None or len(self._asked) == self._walking)
                 if self._fault is not None or not self._walking:
                     return
@@ -99,4 +99,4 @@ class Together:
 
 
 class _End(BaseException):
-    """Ends a walk whose call will not be answered."""
+    """Ends a walk whose call gets no answer."""

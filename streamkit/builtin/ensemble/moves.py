@@ -13,19 +13,19 @@ from streamkit import Array, IntArray, PriorDensity
 from streamkit.builtin.ensemble.coordinates import Space
 from streamkit.builtin.ensemble.surrogate import Surrogate
 
-# Fraction of the moves with a surrogate that exchange walkers with replicas; the others are walks of walkers.
+# Fraction of the moves with a surrogate that exchange walkers with replicas; the others are walks.
 EXCHANGES = 0.6
 FEWEST = 256  # least number of replicas
-# What multiplies the surrogate's ln likelihood for the replicas, in equal numbers, as long as it learns. Tempered ones
-# explore regions without training points, and their proposals become training points: without them a chain may never
-# see a thin tail.
+# Factors of the surrogate's ln likelihood for the replicas, in equal numbers, as long as it learns. Tempered replicas
+# explore regions without training points, and their proposals become training points: without them a chain may miss a
+# thin tail.
 INVERSE_TEMPERATURES = (1.0, 0.3, 0.1)
-# The same after learning, for all replicas: where the surrogate is too low a walker stays for long. A little flatter,
-# it lets go three times as soon for a fifth of the acceptance.
+# The same after learning, for all replicas. A walker stays for long where the surrogate is too low. With this factor
+# it leaves three times as soon, and a fifth fewer proposals are accepted.
 LAST_INVERSE_TEMPERATURE = 0.8
 SETTLE, STIR = 200, 2  # steps of the replicas, per parameter: after learning, and before an exchange
-# Lengths of the steps of walks, in units of differential evolution's. They end nearby, where the surrogate errs alike:
-# where it is far too low, or the posterior very narrow, they lead a walker out.
+# Lengths of the steps of walks, in units of differential evolution's. A short walk ends where the surrogate's error
+# is similar. It frees a walker where the surrogate is far too low, or the posterior very narrow.
 WALKS = (1.0, 0.1)
 SURROGATE_SHARE = 0.9  # fraction of the ensemble's steps that rely on the surrogate
 
@@ -35,8 +35,8 @@ class SurrogateMove(RedBlueMove):  # type: ignore[misc]
 
     The replicas are walkers of their own, whose density is the surrogate: many, and stirred all the time by
     differential evolution between training points. A walker and a replica exchange their places, accepted with the
-    ratio that leaves the product of all densities as it is: that gives the walker a point that owes nothing to where it
-    was (replica exchange, Swendsen & Wang 1986, with a surrogate in place of a temperature). Walks are short: each
+    ratio that preserves the product of all densities. The walker's new point is independent of its old one
+    (replica exchange, Swendsen & Wang 1986, with a surrogate in place of a temperature). Walks are short: each
     step is reversible under the surrogate, so that the end is accepted with the ratio of the surrogates as its factor
     (surrogate transition, Liu 2001, section 9.4.3). How good the surrogate is only decides how many are accepted.
     Reflection at the prior's ends would not do: it is symmetric only for steps whose components are independent.
@@ -60,7 +60,7 @@ class SurrogateMove(RedBlueMove):  # type: ignore[misc]
         self._offered: tuple[IntArray, Array] | None = None
 
     def learn(self, surrogate: Surrogate | None, walkers: int, seed: int, last: bool) -> None:
-        """Take up a surrogate, and let replicas settle on it; the last one for good."""
+        """Use a new surrogate, and let replicas settle on it; ``last`` if no other follows."""
         self._surrogate, self.replicas = surrogate, np.empty((0, 0))
         if surrogate is not None:
             random, points, number = np.random.RandomState(seed), surrogate.points, max(FEWEST, 2 * walkers)
@@ -71,7 +71,7 @@ class SurrogateMove(RedBlueMove):  # type: ignore[misc]
             self.replicas, _, _ = self._walk(points[chosen], SETTLE, 1.0, random, self._beta)
 
     def get_proposal(self, s: Array, c: list[Array], random: Any) -> tuple[Array, Array]:
-        """Return new places (n, d) for s, and what they add to ln acceptance (n,)."""
+        """Return proposals (n, d) for the walkers s, and their terms (n,) of ln acceptance."""
         self._offered = None
         if self._surrogate is None:
             new, factor = self._plain[random.choice(len(self._plain), p=self._parts)].get_proposal(s, c, random)
@@ -98,11 +98,11 @@ class SurrogateMove(RedBlueMove):  # type: ignore[misc]
     def _walk(
         self, y: Array, steps: int, scale: float, random: Any, beta: Array | float = 1.0
     ) -> tuple[Array, Array, Array]:
-        """Walk on the surrogate from y (n, d), so many steps per parameter; return the ends, and ln p at both.
+        """Walk on the surrogate from y (n, d), so many steps per parameter; return the ends, and ln p at both ends.
 
-        ``beta`` is the inverse temperature, of each or of all.
+        ``beta`` is the inverse temperature, of each walker or of all.
         """
-        assert self._surrogate is not None  # noqa: S101  callers have looked
+        assert self._surrogate is not None  # noqa: S101  checked by the callers
         first = lnp = self._ln_density(y, beta)
         for gamma in scale * random.choice(self._gammas, p=self._parts, size=steps * y.shape[1]):
             new = y + gamma * _differences(self._surrogate.points, len(y), random)

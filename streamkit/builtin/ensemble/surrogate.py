@@ -1,4 +1,4 @@
-"""A polynomial stand-in for the model, learned from what the walkers tried: the observables there, or ln likelihood."""
+"""A polynomial surrogate of the model, learned from the walkers' proposals: of the observables, or of ln likelihood."""
 
 from __future__ import annotations
 
@@ -19,18 +19,17 @@ HELD_OUT = 0.25
 MAX_TERMS = 1000
 MAX_POINTS = 20000
 # Degrees of freedom of the surrogate's likelihood: the first, plus the second times the chi^2 of the best points. Where
-# even these are far from the data, a heavier tail would not tell them from worse ones.
+# even these are far from the data, a heavier tail would not distinguish them from worse ones.
 FREEDOM, MISFIT = 8.0, 3.0
-# Power of |x|^2 by which the square of the polynomial's error grows beyond the farthest point that it knows.
+# Power of |x|^2 by which the square of the polynomial's error grows beyond the farthest training point.
 EXTRAPOLATED = 2.0
 LEAST, WILD = 0.25, 25.0  # least and largest square of a polynomial's error, in units of the typical one
 SMOOTH = 1e-2  # ridge penalty of the fit of these squares
-UNLIKELY = 0.05  # least probability of an observable, as its fit is never trusted to the end
+UNLIKELY = 0.05  # least probability of an observable: the fit of it is never fully trusted
 EXPLAINED = 1e-6  # relative difference up to which a stored ln likelihood is that of the predictions and the data
 BEST = 0.02  # fraction of the points that are the best ones
-# Points with residuals of so many standard errors count half in the fit; those that count less than the second number
-# say nothing of how far it reaches.
-NEAR, FAR = 3.0, 0.02
+HALF_WEIGHT = 3.0  # standard errors: points with residuals as large have weight 1/2 in the fit
+LEAST_WEIGHT = 0.02  # points of less weight do not extend the region in which the fit is trusted
 # Power of these weights in a fit of the deviance, whose error grows with it where that of a residual does not: rejected
 # points, hundreds below the best, would count most.
 STEEP = 3
@@ -40,7 +39,7 @@ STEEP = 3
 class Surrogate:
     """Residuals (prediction - datum) / error, or the deviance, as polynomials of the whitened coordinates.
 
-    The deviance is twice what ln likelihood is below the largest known one.
+    The deviance is twice the difference of ln likelihood from its largest value among the training points.
 
     Attributes
     ----------
@@ -51,12 +50,12 @@ class Surrogate:
     variance
         (m,) of the data, in units of their own: 1, plus the model's noise if added; none for the deviance.
     spread, least
-        (quadratic terms, m) coefficients of the square of the polynomial's own error, and (m,) the least it is.
+        (quadratic terms, m) coefficients of the square of the polynomial's error, and (m,) its lower bound.
     floor, freedom
-        The least chi^2, taken off where there are more data than parameters, and the degrees of freedom of the
-        Student's t in the place of the Gaussian of the rest.
-    known
-        Largest |x|^2 of the training points but for those with residuals far too large.
+        The least chi^2, which is subtracted if there are more data than parameters, and the degrees of freedom of the
+        Student's t that replaces the Gaussian of the rest.
+    reach
+        Largest |x|^2 of the training points without those of large residuals.
     points
         (n, d) training points near the data.
     exists
@@ -72,25 +71,25 @@ class Surrogate:
     least: Array
     floor: float
     freedom: float
-    known: float
+    reach: float
     points: Array
     exists: Array
 
     @property
     def subject(self) -> str:
-        """What was fitted."""
+        """The fitted quantity: "the observables" or "ln likelihood"."""
         return "the observables" if len(self.variance) else "ln likelihood"
 
     def ln_likelihood(self, y: Array) -> Array:
         """(n,) ln likelihood at coordinates y (n, d), times the probability that there is an observable at all.
 
-        Wider where the polynomial errs more, and Student's t in place of the Gaussian: where the surrogate is far too
-        low, a walker would stay for good. Far outside the training points a polynomial says nothing; a penalty keeps
-        walks on the surrogate from getting lost there.
+        The error of the polynomial is added to the variance, and Student's t replaces the Gaussian: a walker would
+        never leave a place where the surrogate is far too low. Far outside the training points the polynomial is
+        meaningless; a penalty keeps walks on the surrogate away from there.
         """
         x = (y - self.centre) @ self.whiten
         terms = monomials(x, self.degree)
-        beyond = np.maximum(np.sum(x**2, axis=1) / self.known, 1.0)
+        beyond = np.maximum(np.sum(x**2, axis=1) / self.reach, 1.0)
         exists = np.log(np.maximum(expit(terms[:, : len(self.exists)] @ self.exists), UNLIKELY))
         fitted = terms @ self.coefficients
         if len(self.variance):
@@ -124,16 +123,16 @@ def learn(points: Array, mean: Array, variance: Array, data: Data, lnl: Array | 
     data
         The m data.
     lnl
-        (n,) ln likelihood there; None, or NaN, where it is known to be the Gaussian one of the data.
+        (n,) ln likelihood there; None or NaN if it is the Gaussian one of the data.
     """
     used = np.isfinite(data.values)
     points, mean, variance = points[-MAX_POINTS:], mean[-MAX_POINTS:], variance[-MAX_POINTS:]
     there: BoolArray = np.asarray(np.isfinite(mean[:, used]).all(axis=1), dtype=bool)
     if not there.any():
         return None
-    mean, variance, found = mean[there], variance[there], None if lnl is None else lnl[-MAX_POINTS:][there]
-    if found is not None and np.isfinite(found).all() and not _explains(mean, variance, found, data):
-        deviance = 2 * (found.max() - found)
+    mean, variance, likelihood = mean[there], variance[there], None if lnl is None else lnl[-MAX_POINTS:][there]
+    if likelihood is not None and np.isfinite(likelihood).all() and not _explains(mean, variance, likelihood, data):
+        deviance = 2 * (likelihood.max() - likelihood)
         return _learn(points, there, deviance[:, None], deviance, np.empty(0))
     residual, noise = _residuals(mean[:, used], variance[:, used], data)
     misfit = np.sum(residual**2, axis=1)
@@ -141,7 +140,7 @@ def learn(points: Array, mean: Array, variance: Array, data: Data, lnl: Array | 
 
 
 def _explains(mean: Array, variance: Array, lnl: Array, data: Data) -> bool:
-    """Say whether ln likelihood (n,) is the Gaussian one of means and variances (n, m) and the data."""
+    """Return whether ln likelihood (n,) is the Gaussian one of means and variances (n, m) and the data."""
     some = np.unique(np.linspace(0, len(lnl) - 1, 50).astype(int))
     gauss = np.array([data.gaussian(mean[i], variance[i]) for i in some])
     return bool(np.allclose(gauss - gauss[0], lnl[some] - lnl[some][0], rtol=EXPLAINED, atol=EXPLAINED))
@@ -164,7 +163,7 @@ def _learn(points: Array, there: BoolArray, target: Array, misfit: Array, varian
     n, d = y.shape
     floor = float(misfit.min()) if target.shape[1] > d else 0.0
     misfit = misfit - floor
-    weight = 1 / (1 + misfit / NEAR**2)
+    weight = 1 / (1 + misfit / HALF_WEIGHT**2)
     share = weight if len(variance) else weight**STEEP
     degrees = [k for k in DEGREES if POINTS_PER_TERM * count(d, k) <= n and count(d, k) <= MAX_TERMS]
     choices = [(degree, ridge) for degree in degrees for ridge in RIDGES]
@@ -174,17 +173,17 @@ def _learn(points: Array, there: BoolArray, target: Array, misfit: Array, varian
         centre, whiten = whitening(y, weight)
         x = (points - centre) @ whiten
         terms = {degree: monomials(x, degree) for degree in degrees}
-        own = [_error(terms[degree][there], target, weight, share, ridge) for degree, ridge in choices]
-        best = int(np.argmin([value.sum() for value in own]))
+        errors = [_error(terms[degree][there], target, weight, share, ridge) for degree, ridge in choices]
+        best = int(np.argmin([value.sum() for value in errors]))
         degree, ridge = choices[best]
-        quadratic, found = terms[degree][:, : count(d, 2)], terms[degree][there]
-        coefficients = fit(found, target, share, ridge)
-        spread = _spread(quadratic[there], target - found @ coefficients, weight, own[best])
+        quadratic, fitted = terms[degree][:, : count(d, 2)], terms[degree][there]
+        coefficients = fit(fitted, target, share, ridge)
+        spread = _spread(quadratic[there], target - fitted @ coefficients, weight, errors[best])
         exists = log_odds(quadratic, there.astype(float), RIDGES[0])
-    except LinAlgError:  # walkers that hardly moved
+    except LinAlgError:  # the walkers hardly moved
         return None
-    near = _near(weight)
-    known = float(np.max(np.sum(x[there][near | (weight >= FAR)] ** 2, axis=1)))
+    good = _is_good(weight)
+    reach = float(np.max(np.sum(x[there][good | (weight >= LEAST_WEIGHT)] ** 2, axis=1)))
     freedom = FREEDOM + MISFIT * float(np.quantile(misfit, BEST))
     return Surrogate(
         centre,
@@ -193,34 +192,34 @@ def _learn(points: Array, there: BoolArray, target: Array, misfit: Array, varian
         coefficients,
         variance,
         spread,
-        LEAST * own[best],
+        LEAST * errors[best],
         floor,
         freedom,
-        known,
-        y[near],
+        reach,
+        y[good],
         exists,
     )
 
 
-def _near(weight: Array) -> BoolArray:
-    """(n,) The points near the data, or the nearer half of all."""
+def _is_good(weight: Array) -> BoolArray:
+    """(n,) Whether a point fits the data, or is among the better half."""
     return np.asarray(weight >= min(0.5, float(np.median(weight))), dtype=bool)
 
 
-def _spread(terms: Array, left: Array, weight: Array, own: Array) -> Array:
-    """(terms, m) The squares of what a fit left over (n, m), as a fit, on the scale of its error on new points (m,)."""
-    scale = own / np.maximum(_robust(left[_near(weight)]), 1e-12)
-    return fit(terms, np.minimum(left**2 * scale, WILD * own), weight, SMOOTH)
+def _spread(terms: Array, left: Array, weight: Array, error: Array) -> Array:
+    """(terms, m) A fit of the squared residuals (n, m) of a fit, on the scale of its error (m,) at new points."""
+    scale = error / np.maximum(_robust(left[_is_good(weight)]), 1e-12)
+    return fit(terms, np.minimum(left**2 * scale, WILD * error), weight, SMOOTH)
 
 
 def _robust(left: Array) -> Array:
-    """(m,) Variance from the median: that of chi^2 with one degree of freedom is 0.455. Outliers leave it alone."""
+    """(m,) Variance from the median: that of chi^2 with one degree of freedom is 0.455. Outliers do not change it."""
     return np.asarray(np.median(left**2, axis=0) / 0.455)
 
 
 def _error(terms: Array, residual: Array, weight: Array, share: Array, ridge: float) -> Array:
-    """(m,) Variance about a fit to the older points with their shares, at the newest points near the data."""
+    """(m,) Variance about a fit to the older points with their shares, at the newest of the good points."""
     old = int((1 - HELD_OUT) * len(terms))
     coefficients = fit(terms[:old], residual[:old], share[:old], ridge)
-    near = _near(weight[old:])
-    return _robust((residual - terms @ coefficients)[old:][near])
+    good = _is_good(weight[old:])
+    return _robust((residual - terms @ coefficients)[old:][good])

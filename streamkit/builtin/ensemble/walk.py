@@ -1,4 +1,4 @@
-"""The steps of the ensemble: emcee's moves, and the surrogate that some of them learn on the way."""
+"""The steps of the ensemble, by emcee's moves and by moves that learn a surrogate."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ REPLICAS = "replicas"  # memory: coordinates of the replicas that move on the su
 def walk(moves: str, target: Target, ensemble: Ensemble) -> Iterator[Ensemble]:
     """Yield the ensemble after each step that follows ``ensemble``, without end; see `streamkit.ChainSampler.walk`.
 
-    emcee's moves are used directly, and not by its `EnsembleSampler`: streamkit stores the chain, and the calls of the
-    posterior then pass through nothing but ``target``.
+    emcee's moves are called directly, without its `EnsembleSampler`: streamkit stores the chain, and calls of the
+    posterior pass through ``target`` alone.
     """
     random = np.random.RandomState()
     random.set_state(ensemble.random_state)
@@ -53,24 +53,15 @@ def walk(moves: str, target: Target, ensemble: Ensemble) -> Iterator[Ensemble]:
 
 
 class Learner:
-    """Evaluates the proposals, remembers those of the steps of learning, and gives the moves their surrogate.
+    """Evaluates the proposals, stores those of the steps of learning, and gives the moves their surrogate.
 
-    A refused proposal says as much of the model as an accepted one, and most are refused. The proposals are stored
-    with each step, so that a resumed run learns the same as an unbroken one.
-
-    Parameters
-    ----------
-    name
-        "surrogate", "de" or "stretch".
-    target
-        The posterior.
-    moves
-        The moves of that name.
+    A rejected proposal is as good a training point as an accepted one, and most are rejected. The proposals are stored
+    with each step, so that a resumed run learns the same surrogate as an unbroken one.
 
     Attributes
     ----------
     steps
-        Steps of learning, as far as the chain can tell by now.
+        Steps of learning, estimated from the chain so far.
     facts
         The subject of the surrogate, once one was learned.
     """
@@ -89,7 +80,7 @@ class Learner:
         return result.ln_probability, None
 
     def trials(self, step: int) -> Array | None:
-        """(walkers, d + 2 m + 1) The proposals since the last call; None for a step behind those of learning."""
+        """(walkers, d + 2 m + 1) The proposals since the last call; None for a step after those of learning."""
         rows, self._rows = self._rows, []
         return np.concatenate(rows) if step < self.steps else None
 

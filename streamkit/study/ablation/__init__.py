@@ -1,4 +1,4 @@
-"""The ablation: variants of a run file beside each other and a snapshot."""
+"""The ablation: variants of a run file compared with each other and with an N-body snapshot."""
 
 import lazy_loader
 

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 
+from streamkit.components import Stripping
 from streamkit.model import standard_normals
 from streamkit.observe import ENOUGH
 from streamkit.report import (
@@ -162,8 +163,8 @@ def crossings(portraits: Portraits) -> Figure:
     """Draw the trailing debris' velocities at the last crossing of r_t, against the ones it was released with.
 
     In the frame that moves with the progenitor (Gibbons+ 2014, figure 4): radial, along the motion, out of the plane.
-    The black line is the distribution that the scheme draws from: mLCS's Gaussian. A snapshot has no such line: no
-    scheme has released it; and no row if it does not hold its crossings.
+    The black line is the distribution that the scheme draws from: mLCS's Gaussian. A snapshot and a live progenitor
+    have no such line: no scheme has released their debris; and a snapshot no row if it does not hold its crossings.
     """
     trailing = {t: p.stream.dv_strip[:, p.stream.arm < 0] for t, p in portraits.items()}
     shown = {t: v for t, v in trailing.items() if v.size and np.isfinite(v).all()}
@@ -182,7 +183,7 @@ def crossings(portraits: Portraits) -> Figure:
             axes.axvline(0, color="black", lw=0.6, ls=":")
             finish(axes)
             axes.tick_params(which="both", left=False, right=False, labelleft=False)
-        for axes, start in zip(row, () if portrait.snapshot else _released(portrait)[:, chosen], strict=False):
+        for axes, start in zip(row, _released(portrait)[:, chosen], strict=False):
             if np.std(start) > 0.02 * reach:
                 axes.hist(start, bins, histtype="step", **density, **released)
             else:  # no dispersion: a line
@@ -197,8 +198,10 @@ def crossings(portraits: Portraits) -> Figure:
 
 
 def _released(portrait: Portrait) -> Array:
-    """(3, n) Velocities at release relative to the progenitor, in its frame."""
+    """(3, n) Velocities at release relative to the progenitor, in its frame; (0, n) where none were drawn."""
     inputs, stream = portrait.inputs, portrait.stream
+    if portrait.title or not isinstance(inputs.stripping, Stripping):
+        return np.empty((0, len(stream)))
     there = stream.orbit.at(stream.t_release)
     normals = standard_normals(inputs.stripping, inputs.seed)
     release = inputs.stripping.release(there, stream.tail, inputs.mass * there.mass_left, normals)

@@ -29,14 +29,14 @@ def angular_momentum(q: Array, v: Array) -> Array:
 class Portrait:
     """A stream, its own measures, and the prediction of the observables, if there are any.
 
-    The run file that it was made from, or is compared with, has the host that gives the energies. No scheme of ours has
-    released a ``snapshot``, the stream of an N-body simulation.
+    The run file that it was made from, or is compared with, has the host that gives the energies. A reference that is
+    no variant has a ``title``: "N-body" for a snapshot, the kind of its scheme for a live progenitor.
     """
 
     stream: Stream
     inputs: StreamInputs
     prediction: Prediction | None = None
-    snapshot: bool = False
+    title: str = ""
 
     @cached_property
     def tracks(self) -> dict[str, Track]:
@@ -89,9 +89,9 @@ def portrait(spec: Spec, theta: Array | Mapping[str, Any] | None = None, stream:
     return Portrait(made, inputs, prediction)
 
 
-def portrait_of(stream: Stream, inputs: StreamInputs, *, snapshot: bool = False) -> Portrait:
+def portrait_of(stream: Stream, inputs: StreamInputs, *, title: str = "") -> Portrait:
     """Return the portrait of a given stream, with the prediction of the run file's observables."""
-    return Portrait(stream, inputs, measure_stream(inputs.observables, stream), snapshot)
+    return Portrait(stream, inputs, measure_stream(inputs.observables, stream), title)
 
 
 def compare(this: Portrait, other: Portrait) -> dict[str, float]:

@@ -28,7 +28,7 @@ def ablation_products(ablation: Ablation, options: dict[str, Any]) -> Products:
     for outcome in ablation.outcomes:
         for path, value in outcome.variant.values.items():
             vary.setdefault(path, []).extend([] if value in vary.get(path, []) else [value])
-    shown = {"N-body": ablation.reference} if ablation.reference.snapshot else {}
+    shown = {ablation.reference.title: ablation.reference} if ablation.reference.title else {}
     shown |= {o.variant.label: o.first for o in ablation.outcomes if o.first is not None}
     portraits = {title: portrait for title, portrait in shown.items() if not portrait.stream.bound.all()}
     pictures = PICTURES | ({SKY: tracks_on_sky} if any(map(has_panels, portraits.values())) else {})

@@ -8,14 +8,16 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from streamkit import nbody
-from streamkit.errors import ComponentError, OutOfDomain, StreamkitError
+from streamkit.components import LiveStripping
+from streamkit.errors import ComponentError, OutOfDomain, SpecError, StreamkitError
 from streamkit.model import Model
 from streamkit.runfile import Spec
 from streamkit.stream import Prediction, Stream
 from streamkit.study.ablation.measures import Portrait, compare, match_rate, observables, portrait_of, pulls
-from streamkit.study.ablation.variants import Variant
+from streamkit.study.ablation.variants import Variant, varied
 from streamkit.study.grid import INTERRUPTED, run_jobs
 
+NBODY = "N-body"  # the title of a snapshot
 WARM = 64  # particles of the stream that loads the machine code before the clock starts
 
 
@@ -46,7 +48,8 @@ class Outcome:
 class Ablation:
     """A finished ablation: the run file that the variants start from, and their outcomes in the grid's order.
 
-    The reference is a snapshot, or the first variant's own stream. ``stopped`` says why it ended early.
+    The reference is a snapshot or a live progenitor, or the first variant's own stream. ``stopped`` says why it ended
+    early.
     """
 
     spec: Spec
@@ -57,8 +60,8 @@ class Ablation:
     @property
     def beside(self) -> str:
         """The reference of the comparison, in words."""
-        if self.reference.snapshot:
-            return "the snapshot"
+        if self.reference.title:
+            return "the snapshot" if self.reference.title == NBODY else f"a live progenitor by {self.reference.title}"
         return next(f"the variant {o.variant.label!r}" for o in self.outcomes if o.first)
 
 
@@ -82,14 +85,38 @@ def make_stream(job: tuple[Spec, str]) -> Made | str:
 
 
 def read_reference(path: str, spec: Spec, stream: str | None = None) -> Portrait:
-    """Return an N-body snapshot as the reference of an ablation, of the stream of this name where there are several."""
-    snapshot, inputs = nbody.read_snapshot(path), spec.bind(stream=stream)
+    """Return the reference of an ablation: an N-body snapshot, or the stream of a live progenitor by its kind.
+
+    The latter, such as ``restricted_nbody``, has the scheme's own number of particles or the run file's, if that is
+    larger. Of the stream of this name where there are several.
+    """
+    inputs = spec.bind(stream=stream)
+    live = _live_spec(path, spec, stream)
     try:
-        return portrait_of(nbody.as_stream(snapshot, inputs), inputs, snapshot=True)
+        if live is not None:
+            made, prediction = Model(live).observe(live.bind(stream=stream))
+            return Portrait(made, inputs, prediction, path)
+        return portrait_of(nbody.as_stream(nbody.read_snapshot(path), inputs), inputs, title=NBODY)
     except OutOfDomain as error:
         raise StreamkitError(
-            f"{spec.source}: the progenitor has no orbit to compare the snapshot with: {error}"
+            f"{spec.source}: the progenitor has no orbit to compare the reference with: {error}"
         ) from None
+
+
+def _live_spec(kind: str, spec: Spec, stream: str | None) -> Spec | None:
+    """Return the run file with a live progenitor of this kind; None if it names no such scheme."""
+    if not kind.isidentifier():
+        return None
+    section = f"{spec.prefix(stream)}stripping"
+    try:
+        live = varied(spec, {f"{section}.kind": kind})
+    except SpecError:
+        return None
+    scheme = live.bind(stream=stream).stripping
+    if not isinstance(scheme, LiveStripping):
+        return None
+    fewest = int(type(scheme).model_fields["particles"].default)
+    return live.with_values({f"{section}.particles": max(scheme.particles, fewest)})
 
 
 def run_ablation(

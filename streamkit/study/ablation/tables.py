@@ -103,7 +103,7 @@ def _rows(ablation: Ablation) -> list[_Row]:
     """Return label, outcome and the measures of each seed; the reference, which has no outcome, first."""
     rows: list[_Row] = []
     reference = ablation.reference
-    if reference.snapshot:
+    if reference.title:
         rows.append((REFERENCE, None, [{**reference.own(), **observables(reference)}]))
     return rows + [(o.variant.label, o, [o.measures[seed] for seed in sorted(o.measures)]) for o in ablation.outcomes]
 
@@ -131,7 +131,7 @@ def tracks_table(ablation: Ablation) -> QTable:
     from astropy import units as u
     from astropy.table import QTable, vstack
 
-    portraits = {REFERENCE: ablation.reference} if ablation.reference.snapshot else {}
+    portraits = {REFERENCE: ablation.reference} if ablation.reference.title else {}
     portraits |= {o.variant.label: o.first for o in ablation.outcomes if o.first is not None}
     parts = []
     for label, portrait in portraits.items():

@@ -36,19 +36,37 @@ def variants_of(spec: Spec, vary: Mapping[str, Sequence[Any]]) -> list[Variant]:
         values = dict(zip(vary, point, strict=True))
         label = ", ".join(_label(labels[path], value) for path, value in values.items())
         try:
-            variants.append(Variant(label, values, _without_own(spec, values).with_values(values)))
+            variants.append(Variant(label, values, varied(spec, values)))
         except SpecError as error:
             raise SpecError(f"variant {label!r}: {error}") from None
     return variants
 
 
-def _without_own(spec: Spec, values: Mapping[str, Any]) -> Spec:
-    """Reset the fields that only the present kinds have, where a variant has another kind."""
+def varied(spec: Spec, values: Mapping[str, Any]) -> Spec:
+    """Return the spec with other values; a live progenitor drops fields of a releasing scheme, such as ``mass_loss``.
+
+    And the other way round.
+    """
+    try:
+        return _without_own(spec, values).with_values(values)
+    except SpecError as error:
+        try:
+            return _without_own(spec, values, whole_role=True).with_values(values)
+        except SpecError:
+            raise error from None
+
+
+def _without_own(spec: Spec, values: Mapping[str, Any], *, whole_role: bool = False) -> Spec:
+    """Reset the fields that only the present kinds have, where a variant has another kind.
+
+    The fields that kinds of the same sort share stay; with ``whole_role``, only those that all kinds of the role share.
+    """
     reset: dict[str, Any] = {}
     for path, cls, _ in spec.components():
         if not issubclass(cls, Component) or values.get(f"{path}.kind", cls.kind) == cls.kind:
             continue
-        base = next(base for base in cls.__mro__[1:] if issubclass(base, Component) and "kind" not in base.__dict__)
+        bases = [base for base in cls.__mro__[1:] if issubclass(base, Component) and "kind" not in base.__dict__]
+        base = next((base for base in bases if "role" in base.__dict__), bases[0]) if whole_role else bases[0]
         for name, info in cls.model_fields.items():
             if name not in base.model_fields and not info.is_required():
                 reset[f"{path}.{name}"] = info.get_default(call_default_factory=True)

@@ -1,4 +1,4 @@
-"""The calibration study: whether the intervals of a fit hold the truth as often as they should."""
+"""The calibration study: a test whether the intervals of a fit contain the truth as often as stated."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""One draw of a calibration: a truth from the prior, mock data of it, a fit of these, and where the truth falls."""
+"""One draw of a calibration: a truth from the prior, mock data of it, their fit, and the ranks of the truth."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from streamkit.stream import Array
 from streamkit.study.fit import run
 
 MASS_RADII = (50.0, 100.0, 200.0)  # kpc: where enclosed masses are compared besides the parameters
-TRIES = 1000  # truths that are tried until one has a stream that can be measured
+TRIES = 1000  # most draws of a truth until one has a measurable stream
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Draw:
     Attributes
     ----------
     index
-        Its number: with the run file's seed it says which random numbers were used.
+        Its number, which determines the random numbers together with the run file's seed.
     truth, ranks
         (d,) the parameters, in the units of the run file, and the share of the posterior samples below each.
     masses, mass_ranks
@@ -36,7 +36,7 @@ class Draw:
     r_hat, ess
         The largest R-hat, NaN for weighted samples, and the smallest effective number of samples, of the fit.
     calls
-        Streams that it took.
+        Number of streams that were made.
     converged
         Whether the rule of its sampler was met: `Results.converged`.
     """
@@ -57,7 +57,7 @@ class Draw:
 
     @staticmethod
     def of_line(line: str) -> Draw:
-        """Read what `line` gave; a ValueError, TypeError or KeyError for anything else."""
+        """Read a result of `line`; ValueError, TypeError or KeyError for any other text."""
         table: dict[str, Any] = json.loads(line)
         lists = {name: tuple(map(float, value)) for name, value in table.items() if isinstance(value, list)}
         return Draw(**table | lists)
@@ -87,18 +87,9 @@ def make_draw(spec: Spec, index: int, truth: Spec | None = None) -> Draw:
 
 
 def fit_mock(mocked: Spec, index: int, theta: Array, truth: Spec) -> Draw:
-    """Fit mock data, and return the rank of the truth among the posterior samples.
+    """Fit the mock data of a run file, and return the rank of the truth among the posterior samples.
 
-    Parameters
-    ----------
-    mocked
-        The run file of the fit, with the data.
-    index
-        Number of the draw.
-    theta
-        (d,) The true parameters.
-    truth
-        The run file whose host is the true one at ``theta``.
+    The truth is the run file whose host is the true one at ``theta`` (d,).
     """
     results = run(mocked, engine="serial", progress=False)
     samples, radii = results.samples, np.array(MASS_RADII)
@@ -120,7 +111,7 @@ def fit_mock(mocked: Spec, index: int, theta: Array, truth: Spec) -> Draw:
 def measurable_truths(
     spec: Spec, posterior: Posterior, rng: np.random.Generator, tries: int
 ) -> Iterator[tuple[int, Array, Observation]]:
-    """Draw from the priors, and yield what has a stream that can be measured: which try, its parameters, and that."""
+    """Draw from the priors; yield each truth with a measurable stream: number of the try, parameters, observation."""
     for attempt in range(tries):
         theta = np.array([float(prior.sample(rng, 1)[0]) for prior in spec.priors])
         try:
@@ -132,7 +123,7 @@ def measurable_truths(
 
 
 def _mock(spec: Spec, truth: Spec, rng: np.random.Generator, index: int) -> tuple[Array, Spec]:
-    """Return a truth, and the run file of the fit with data that it might have given."""
+    """Return a truth, and the run file of the fit with mock data of it."""
     posterior = Posterior(truth.with_values({"seed": int(rng.integers(1 << 31))}))
     for _, theta, observation in measurable_truths(spec, posterior, rng, TRIES):
         fields: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""The picture of a calibration: the ranks of the truths against uniform ones."""
+"""The picture of a calibration: the ranks of the truths against the uniform distribution."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from streamkit.report import BAND_95, BLUE, GREY, VERMILION, finish, label_all, 
 from streamkit.study.calibration.draw import MASS_RADII
 from streamkit.study.calibration.runner import Calibration
 
-SIMULATIONS = 2000  # sets of uniform ranks that the band is made of
+SIMULATIONS = 2000  # sets of uniform ranks from which the band is computed
 
 
 def calibration_figure(calibration: Calibration) -> Figure:
     """Draw the empirical distribution of the ranks less the uniform one, with its simultaneous 95 % band.
 
-    Inside the band the intervals are as wide as they say. A hump to the left and a dip to the right is a posterior
-    that is too narrow, the reverse one too wide; a hump alone is a bias (Saeilynoja, Buerkner & Vehtari 2022).
-    Masses that have the ranks of what was drawn before, as where one parameter is the mass everywhere, are left out.
+    Inside the band the intervals have their stated coverage. A hump to the left with a dip to the right is a posterior
+    that is too narrow; the reverse is one that is too wide; a hump alone is a bias (Saeilynoja, Buerkner & Vehtari
+    2022). A mass with the same ranks as a parameter, because the parameter is this mass, is left out.
     """
     names = [
         *labels(calibration.spec.names, calibration.spec.symbols),

@@ -1,4 +1,4 @@
-"""The calibration: many draws; each is appended to a file when it is finished."""
+"""The calibration: many draws, each appended to a file when it is finished."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ DRAWS = "draws.jsonl"  # the finished draws, one a line below the digest of thei
 
 @dataclass(frozen=True)
 class Calibration:
-    """The finished draws of a run file, in order, and why there are no others; empty if nothing is missing.
+    """The finished draws of a run file, in order. ``stopped`` is the reason of missing draws; empty without any.
 
-    ``truth`` is the run file whose streams gave the data, where it is another one.
+    ``truth`` is the run file whose streams gave the data, if it is another one.
     """
 
     spec: Spec
@@ -69,7 +69,7 @@ def calibrate(
 
     The data come from the streams of ``truth``, where that is given (see `make_draw`).
 
-    Raises StreamkitError if ``out`` holds draws of another run file, or some and ``resume`` is not asked for, or if
+    Raises StreamkitError if ``out`` holds draws of another run file, or some without ``resume``, or if
     the free parameters of ``truth`` are not those of the fit. Raises ComponentError if a component fails.
     """
     if truth is not None and (truth.names, truth.priors) != (spec.names, spec.priors):

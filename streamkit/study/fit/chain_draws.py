@@ -26,17 +26,7 @@ DRAWN = 2000  # steps that a trace shows at most
 
 
 class ChainDraws(Draws):
-    """A chain.
-
-    Parameters
-    ----------
-    stored
-        The chain as it is stored.
-    sampler
-        The sampler that made it.
-    quick
-        Whether the run is a coarse look: half of it is burn-in then.
-    """
+    """A stored chain, judged by the rule of its sampler. Half of the chain of a quick run is burn-in."""
 
     def __init__(self, stored: Chain, sampler: ChainSampler, quick: bool) -> None:
         super().__init__(stored.chain, stored.log_prob, stored.blobs, stored.attributes, quick)

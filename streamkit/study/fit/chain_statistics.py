@@ -1,4 +1,4 @@
-"""Numbers that speak for or against a chain: drift, and the ranks of its walkers."""
+"""Diagnostics of a chain: its drift, and the ranks of its walkers."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def rank_scores(kept: Array, tau: Array) -> Array:
 
 def chance(scores: Array) -> float:
     """Return the probability that the largest of n independent normal scores is as large; NaN without any."""
-    known = np.abs(scores[np.isfinite(scores)])
-    if not known.size:
+    finite = np.abs(scores[np.isfinite(scores)])
+    if not finite.size:
         return np.nan
-    return float(-np.expm1(known.size * np.log1p(-2 * norm.sf(known.max()))))
+    return float(-np.expm1(finite.size * np.log1p(-2 * norm.sf(finite.max()))))

@@ -45,18 +45,10 @@ def arviz_tree(
     data: Data,
     attributes: Mapping[str, str | int | float],
 ) -> DataTree:
-    """Return samples as ArviZ wants them, each walker a chain: see `Results.to_arviz`.
+    """Return samples as ArviZ reads them, each walker a chain: see `Results.to_arviz`.
 
-    Parameters
-    ----------
-    names, units
-        Of the d parameters.
-    kept, log_prob, blobs
-        (steps, walkers, d) samples, (steps, walkers) ln posterior, and what was stored with each, after burn-in.
-    data
-        What predictions are compared with.
-    attributes
-        What the whole is, for its attributes.
+    ``kept`` are the samples (steps, walkers, d) after burn-in, ``log_prob`` and ``blobs`` (steps, walkers) their ln
+    posterior and stored records.
     """
     try:
         import arviz_base  # optional, and slow to load

@@ -1,4 +1,4 @@
-"""Numbers that speak for or against a chain: drift, ranks, prediction against data, posterior against prior."""
+"""Diagnostics of a fit: predictions against data, and posterior against prior."""
 
 from __future__ import annotations
 
@@ -78,15 +78,15 @@ class Predictive:
 def predicted_intervals(results: Results, stream: str) -> dict[str, Array]:
     """Return the 95 % and 68 % intervals (2, m) of what the model predicts of one stream; none if it was not kept."""
     kept = _predictions(results)
-    if kept is None or stream not in (found := results.best_observation.predictions):
+    if kept is None or stream not in (best := results.best_observation.predictions):
         return {}
-    sizes = {name: len(prediction.names) for name, prediction in found.items()}
+    sizes = {name: len(prediction.names) for name, prediction in best.items()}
     start = sum(n for i, n in enumerate(sizes.values()) if i < list(sizes).index(stream))
     mean = kept["mean"][:, start : start + sizes[stream]]
-    known = mean[np.isfinite(mean).all(axis=1)]
-    if not len(known):
+    finite = mean[np.isfinite(mean).all(axis=1)]
+    if not len(finite):
         return {}
-    return {name: np.percentile(known, ends, axis=0) for name, ends in (("95 %", (2.5, 97.5)), ("68 %", (16, 84)))}
+    return {name: np.percentile(finite, ends, axis=0) for name, ends in (("95 %", (2.5, 97.5)), ("68 %", (16, 84)))}
 
 
 def _predictions(results: Results) -> NDArray[Any] | None:

@@ -1,4 +1,4 @@
-"""The output directory: whose it is, what may be written into it, and each product whole or not at all."""
+"""The output directory of a run: its owner, the files that may be written there, and copies of plugins and data."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from streamkit.study.fit.manifest import MANIFEST, manifest, manifest_of
 # Folder with copies of the run's plugin files, and of the files that these import from beside them.
 PLUGIN_COPIES = "plugins"
 DATA_COPIES = "data"  # folder with copies of the run's data files
-RECOVERY = ("recovery.ecsv", "recovery.png")  # what a report beside the truth adds
-LITERATURE = "literature.ecsv"  # published values that a report was given, kept for the next one
+RECOVERY = ("recovery.ecsv", "recovery.png")  # products of a report with the truth
+LITERATURE = "literature.ecsv"  # published values of a report, which later reports read
 
 
 def claim(
     directory: Path, spec: Spec, options: dict[str, Any], products: Collection[str], resume: bool, force: bool
 ) -> bool:
-    """Make the directory this run's own; return whether there is a chain to continue.
+    """Claim the directory for this run; return whether there is a chain to continue.
 
     Parameters
     ----------
@@ -44,37 +44,37 @@ def claim(
     resume, force
         Continue the same run; overwrite the products of another one.
 
-    Raises ChainError if it holds something that must not be touched; says what. Nothing has then been changed.
+    Raises ChainError if it holds files that must not be changed. Nothing has then been changed.
     """
     if resume and force:
         raise ChainError("resume and force exclude each other: continue the chain, or throw it away?")
     files = contents(directory)
-    going_on = False
+    continues = False
     if files and resume:
-        going_on = _same_run(directory, spec, files)
+        continues = _same_run(directory, spec, files)
     elif files and force:
         _only_ours(directory, files, products)
         for name in products:
-            if name != MANIFEST:  # it says whose the directory is, until the new one takes its place
+            if name != MANIFEST:  # it identifies the owner of the directory until the new one replaces it
                 (directory / name).unlink(missing_ok=True)
     elif files:
         raise ChainError(_occupied(directory, files))
-    run_file = (directory / RUN_FILE).read_bytes() if going_on else _run_file_text(spec, options).encode()
-    about = json.dumps(manifest_of(spec, options, run_file), indent=2) + "\n"
+    run_file = (directory / RUN_FILE).read_bytes() if continues else _run_file_text(spec, options).encode()
+    content = json.dumps(manifest_of(spec, options, run_file), indent=2) + "\n"
     with safely(directory / MANIFEST):
-        replace_whole(directory / MANIFEST, lambda part: part.write_text(about))
-    if not going_on:
+        replace_whole(directory / MANIFEST, lambda part: part.write_text(content))
+    if not continues:
         for place, file in _all_copies(spec).items():
             with safely(directory / place):
                 _make_folder(directory, place.parent)
                 replace_whole(directory / place, partial(shutil.copyfile, file))
         with safely(directory / RUN_FILE):
             replace_whole(directory / RUN_FILE, lambda part: part.write_bytes(run_file))
-    return going_on
+    return continues
 
 
 def _make_folder(directory: Path, folder: Path) -> None:
-    """Make a folder of copies; ChainError if it, or one above it, is a link that leads out of the directory."""
+    """Make a folder of copies; ChainError if the folder, or one above it, is a link."""
     for each in [*reversed(folder.parents), folder]:
         if each != Path() and (directory / each).is_symlink():
             raise ChainError(f"{directory / each}: is a link to another folder, into which nothing is written")
@@ -91,12 +91,12 @@ def _run_file_text(spec: Spec, options: dict[str, Any]) -> str:
 
 
 def _all_copies(spec: Spec) -> dict[Path, Path]:
-    """Return the originals of all copies by their places: with these the directory can be read anywhere."""
+    """Return the originals of all copies, by the places of the copies, with which the directory is self-contained."""
     return {Path(place): spec.folder / name for name, place in _data_copies(spec).items()} | _plugin_copies(spec)
 
 
 def _plugin_copies(spec: Spec) -> dict[Path, Path]:
-    """Return the plugin files, and the files that they import from beside them, by the places of their copies."""
+    """Return the plugin files and the neighbouring files that they import, by the places of their copies."""
     sources = [spec.folder / name for name in spec.document.get("plugins", [])]
     return {
         PLUGIN_COPIES / file.relative_to(source.parent): file for source in sources for file in with_neighbours(source)
@@ -104,7 +104,7 @@ def _plugin_copies(spec: Spec) -> dict[Path, Path]:
 
 
 def _data_copies(spec: Spec) -> dict[str, str]:
-    """Return the places of the copies of data files, by the names in the run file; each has a name of its own."""
+    """Return the places of the copies of data files, by the names in the run file; no two places are equal."""
     names = Counter(Path(name).name for name in spec.files)
     return {
         name: f"{DATA_COPIES}/{digest[:8] + '-' if names[Path(name).name] > 1 else ''}{Path(name).name}"
@@ -135,11 +135,11 @@ def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
             f"{directory}: holds no run to resume ({MANIFEST} or {RUN_FILE} is missing, found "
             f"{_some(files)}). Choose another directory."
         )
-    about = manifest(directory)
-    if about["digest"] != spec.digest():
+    record = manifest(directory)
+    if record["digest"] != spec.digest():
         raise ChainError(
             f"{directory}: holds another run, and its chain cannot be continued with this run file. "
-            f"What differs (there -> here): {'; '.join(_differences(directory, spec, about))}. "
+            f"What differs (there -> here): {'; '.join(_differences(directory, spec, record))}. "
             "Choose another directory, or --force to overwrite."
         )
     if not begun:
@@ -153,8 +153,8 @@ def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
     return len(chain.chain) > 0 or chain.start is not None
 
 
-def _differences(directory: Path, spec: Spec, about: dict[str, Any]) -> list[str]:
-    """Say how the run in a directory differs from that of a spec."""
+def _differences(directory: Path, spec: Spec, record: dict[str, Any]) -> list[str]:
+    """Return the differences between the run in a directory and the run of a spec."""
     try:
         there = read_toml(directory / RUN_FILE)
     except SpecError as error:
@@ -164,13 +164,13 @@ def _differences(directory: Path, spec: Spec, about: dict[str, Any]) -> list[str
         for each in (there, spec.with_files_at(_data_copies(spec)))
     )
     changed = differences(document, here)
-    changed += [f"the data file {name}" for name, sha in spec.files.items() if about["files"].get(name, sha) != sha]
-    changed += [f"the plugin file {name}" for name in changed_plugins(spec, about)]
+    changed += [f"the data file {name}" for name, sha in spec.files.items() if record["files"].get(name, sha) != sha]
+    changed += [f"the plugin file {name}" for name in changed_plugins(spec, record)]
     sampler = document.get("sampler")
     kind = sampler.get("kind", DEFAULT_KIND["sampler"]) if isinstance(sampler, dict) else DEFAULT_KIND["sampler"]
     if kind != spec.sampler.kind:
-        told = f"the sampler: {kind} there, {spec.sampler.kind} here, which cannot go on with the other's samples"
-        changed = [told, *(one for one in changed if not one.startswith("sampler"))]
+        difference = f"the sampler: {kind} there, {spec.sampler.kind} here, which cannot continue the other's samples"
+        changed = [difference, *(one for one in changed if not one.startswith("sampler"))]
     return changed or ["a plugin or streamkit itself"]
 
 
@@ -191,7 +191,7 @@ def _check_copies(directory: Path, spec: Spec) -> None:
 
 
 def _only_ours(directory: Path, files: list[str], products: Collection[str]) -> None:
-    """Refuse to overwrite files that only happen to have our names: without a manifest they are not ours."""
+    """Refuse to overwrite files with the names of products if there is no manifest: they are not streamkit's."""
     clash = [name for name in files if name in products]
     if odd := [name for name in clash if (directory / name).is_dir()]:
         raise ChainError(f"{directory}: {_some(odd)} is a directory, expected a file. Choose another directory.")
@@ -216,10 +216,10 @@ def _some(files: list[str]) -> str:
 
 
 def resume_command(directory: Path, options: dict[str, Any]) -> str:
-    """Return the command that goes on with the run in a directory, with the options that it was begun with.
+    """Return the command that continues the run in a directory, with the options that it was begun with.
 
-    It names the resolved run file there, which holds what was set on the command line too. Where classes were given in
-    Python, which no command knows, it is the call in Python.
+    It names the resolved run file, which includes the settings of the command line. If classes were given in Python,
+    it is a call in Python, as no command can load them.
     """
     if given := options.get("given"):
         more = [f"components=[{', '.join(map(str, given))}]", *(["quick=True"] if options.get("quick") else [])]

@@ -1,4 +1,4 @@
-"""The samples of a run: a chain or weighted samples, each of which describes and judges itself."""
+"""The samples of a run: the base of chains and of weighted samples, with their descriptions and verdicts."""
 
 from __future__ import annotations
 
@@ -18,10 +18,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Row = tuple[str, str, str]  # of a terminal's table: name, value, remark
+# How the sampling ended, by the status of a run that has ended.
+ENDED = {
+    "converged": "by the rule of convergence",
+    "few": "by the rule of the sampler, with few effective samples",
+    "steps": "at the given number of steps",
+    "time": "at its time limit",
+}
 
 
 class Draws(ABC):
-    """The samples of a run, as chains or in the form of chains.
+    """The samples of a run: a chain, or weighted samples in the form of one.
 
     Parameters
     ----------
@@ -103,7 +110,7 @@ class Draws(ABC):
 
     @abstractmethod
     def length(self) -> str:
-        """Return how far the sampling has come: "1000 steps"."""
+        """Return the length of the sampling: "1000 steps"."""
 
     @abstractmethod
     def praise(self) -> str:
@@ -134,7 +141,7 @@ class Draws(ABC):
 
     @abstractmethod
     def record(self) -> dict[str, Any]:
-        """Return the numbers of the samples as JSON can hold them."""
+        """Return the numbers of the samples, for JSON."""
 
     def provenance(self) -> dict[str, Any]:
         """Return the notes that a table about the samples carries."""
@@ -151,7 +158,7 @@ class Draws(ABC):
 
     @abstractmethod
     def description(self) -> str:
-        """Return what the samples are, for the page."""
+        """Return a description of the samples for the page."""
 
     @property
     @abstractmethod

@@ -15,7 +15,7 @@ from streamkit.study.fit.paper import paper_table
 if TYPE_CHECKING:
     from streamkit.study.fit.results import Results
 
-# What a file with each suffix holds.
+# Contents of a file, by its suffix.
 EXPORTS = {
     ".nc": "netCDF for ArviZ",
     ".csv": "one row per sample",
@@ -61,7 +61,7 @@ def sample_table(results: Results) -> Any:
 def write_getdist(results: Results, path: Path) -> list[Path]:
     """Write the samples as GetDist reads them: ROOT.txt (weight, -ln posterior, parameters), .paramnames, .ranges.
 
-    Labels are the symbols of the run file's fields. Ranges are those of the priors that end.
+    Labels are the symbols of the run file's fields. Ranges are the ends of priors that have ends.
     """
     flat = results.samples
     ln_p = results.log_prob[results.discard :].ravel()

@@ -38,20 +38,20 @@ GAP = 0.11  # inches between the panels of a corner plot
 
 
 def reach(results: Results) -> tuple[float, float]:
-    """Return the least and the largest radius in kpc that the best stream or the data reach; 10 and 130 without."""
-    found = list(_data_radii(results).values())
+    """Return the range of radii in kpc of the best stream and the data; 10 to 130 without any."""
+    distances = list(_data_radii(results).values())
     try:
         streams = results.best_observation.streams
     except OutOfDomain:  # another machine's rounding may lose a stream at the edge
         streams = {}
     for stream in streams.values():
         debris = stream.r if stream.bound.all() else stream.r[~stream.bound]
-        found += [stream.orbit.r.min(), stream.orbit.r.max(), *np.percentile(debris, [0.5, 99.5])]
-    return (float(min(found)), float(max(found))) if found else (10.0, 130.0)
+        distances += [stream.orbit.r.min(), stream.orbit.r.max(), *np.percentile(debris, [0.5, 99.5])]
+    return (float(min(distances)), float(max(distances))) if distances else (10.0, 130.0)
 
 
 def radii(results: Results) -> Array:
-    """(nr,) Radii in kpc that the pictures of a profile are drawn at: somewhat beyond the `reach`."""
+    """(nr,) Radii in kpc of the pictures of a profile: a little beyond the `reach`."""
     low, high = reach(results)
     return np.linspace(0.5 * low, 1.5 * high, 79)
 
@@ -65,7 +65,7 @@ def remark(results: Results) -> str:
 
 def corner(results: Results) -> Figure:
     """Draw the marginal distributions of all pairs of parameters, with 68 % and 95 % contours."""
-    from corner import corner as draw  # it loads pyplot, which nothing else here needs
+    from corner import corner as draw  # it loads pyplot, which is slow and needed here alone
 
     samples, names, units = _scaled(results)
     d = samples.shape[1]
@@ -184,7 +184,7 @@ def _profile(
 
 
 def traces(results: Results) -> Figure:
-    """Draw every parameter and ln p as the sampler went through them: `Draws.draw_trace`."""
+    """Draw the traces of every parameter and of ln p, by `Draws.draw_trace`."""
     d = len(results.names)
     scale, labels_of, units = _labels(results)
     columns = min(3, d + 1)
@@ -228,7 +228,7 @@ def bands(axes: Axes, r: Array, values: Mapping[str, Array]) -> None:
 
 
 def data_radii(axes: Axes, results: Results) -> None:
-    """Mark the radii that the data speak of, as dashed lines with their names at the foot, left of the line if free."""
+    """Mark the radii of the data by dashed lines with their names below, left of the line if there is room."""
     shown, before = np.ptp(axes.get_xlim()), -np.inf
     for name, radius in sorted(_data_radii(results).items(), key=itemgetter(1)):
         axes.axvline(radius, color="black", lw=0.9, ls="--")
@@ -240,7 +240,7 @@ def data_radii(axes: Axes, results: Results) -> None:
 
 
 def _data_radii(results: Results) -> dict[str, float]:
-    """Return the radii in kpc that the data speak of, by name."""
+    """Return the radii in kpc of the data, by name."""
     bound = results.spec.bind_all(results.best())
     streams = bound.streams
     return {
@@ -253,8 +253,8 @@ def _data_radii(results: Results) -> dict[str, float]:
 def _labels(results: Results) -> tuple[Array, list[str], list[str]]:
     """(d,) Powers of ten that large parameters are divided by, the name of each in a picture, and its unit."""
     typical = np.median(np.abs(results.samples), axis=0)
-    found = [scaled(*each) for each in zip(results.spec.units, typical.tolist(), strict=True)]
-    scales, units = zip(*found, strict=True)
+    scales_and_units = [scaled(*each) for each in zip(results.spec.units, typical.tolist(), strict=True)]
+    scales, units = zip(*scales_and_units, strict=True)
     return np.array(scales), labels(results.names, results.spec.symbols), list(units)
 
 
@@ -268,7 +268,7 @@ def _lines(text: str) -> int:
 
 
 def _title(name: str, values: Array) -> str:
-    """Say a parameter's median and interval; a long name stands above them."""
+    """Return the median and interval of a parameter as a title, below its name if that is long."""
     between = " = " if name.startswith("$") and "\n" not in name else "\n"
     return f"{name}{between}{_interval(values)}"
 

@@ -27,16 +27,16 @@ OUTWARDS = 1.04  # the run's own values are drawn at so many times the radius of
 
 
 def is_sphere(spec: Spec) -> bool:
-    """Say whether the host is round at two places of the prior: a prior of q may have its centre at 1.
+    """Return whether the host is round at two places of the prior: a prior of q may have its centre at 1.
 
-    So is one that is not known there.
+    A host without a flattening there counts as round.
     """
     places = [np.array([float(prior.ppf(np.array([u]))[0]) for prior in spec.priors]) for u in (0.31, 0.74)]
     try:
-        found = np.array([flattening_at(spec, theta, *_along(45.0, np.array([5.0, 20.0, 60.0]))) for theta in places])
-    except StreamkitError:  # a fit counts such parameters; a picture does without
+        q = np.array([flattening_at(spec, theta, *_along(45.0, np.array([5.0, 20.0, 60.0]))) for theta in places])
+    except StreamkitError:  # a fit counts such parameters; there is no picture for them
         return True
-    return not (np.abs(found[np.isfinite(found)] - 1) > ROUND).any()
+    return not (np.abs(q[np.isfinite(q)] - 1) > ROUND).any()
 
 
 def flattening(results: Results, literature: QTable | None = None) -> Figure:
@@ -88,8 +88,9 @@ def _draw_published(axes: Axes, results: Results, literature: QTable) -> None:
         return
     draw_literature(axes, rows, POTENTIAL)
     _, first = np.unique(np.stack([rows["radius"], rows["z"]]), axis=1, return_index=True)
-    own = rows[np.sort(first)]
+    once = rows[np.sort(first)]
     axes.errorbar(
-        OUTWARDS * np.hypot(own["radius"], own["z"]), own["ours"], yerr=np.array([own["ours_minus"], own["ours_plus"]]),
+        OUTWARDS * np.hypot(once["radius"], once["z"]), once["ours"],
+        yerr=np.array([once["ours_minus"], once["ours_plus"]]),
         fmt="o", ms=6, color=VERMILION, capsize=3, lw=1.4, zorder=6, label="this run, at the places of these",
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""What others found: a table of masses, circular velocities and flattenings, beside a run's own and in its pictures."""
+"""Published masses, circular velocities and flattenings: a table of them, beside the values of a run, in pictures."""
 
 from __future__ import annotations
 
@@ -59,10 +59,9 @@ def checked(table: Table, where: str) -> QTable:
     from astropy.table import QTable
 
     if missing := [name for name in COLUMNS if name not in table.colnames]:
-        near = nearest(missing[0], table.colnames)
         raise StreamkitError(
             f"{where}: the column {missing[0]!r} is missing. Wanted: {', '.join(COLUMNS)}; found: "
-            f"{', '.join(table.colnames)}.{near}"
+            f"{', '.join(table.colnames)}.{nearest(missing[0], table.colnames)}"
         )
     numbers: dict[str, Any] = {}
     quantities = [str(name) for name in table["quantity"]]
@@ -128,17 +127,17 @@ def beside_literature(results: Results, table: QTable) -> QTable:
     radii, z = np.asarray(table["radius"], dtype=float), np.asarray(table["z"], dtype=float)
     mass, v_c = results.profiles(radii)
     shapes = flattenings(results, radii, z) if POTENTIAL in table["quantity"] else np.empty((0, len(table)))
-    own = {"M": mass, "v_c": v_c, POTENTIAL: shapes, DENSITY: np.full((1, len(table)), np.nan)}
+    samples = {"M": mass, "v_c": v_c, POTENTIAL: shapes, DENSITY: np.full((1, len(table)), np.nan)}
     for k, row in enumerate(table):
-        known = own[row["quantity"]][:, k]
-        known = known[np.isfinite(known)]
-        low, middle, high = np.percentile(known, [16, 50, 84]) if len(known) else np.full(3, np.nan)
+        values = samples[row["quantity"]][:, k]
+        values = values[np.isfinite(values)]
+        low, middle, high = np.percentile(values, [16, 50, 84]) if len(values) else np.full(3, np.nan)
         above = middle > row["value"]
         error = np.hypot(middle - low, row["error_plus"]) if above else np.hypot(high - middle, row["error_minus"])
-        found = (middle, middle - low, high - middle, (middle - row["value"]) / error if error else np.nan)
-        for name, value in zip(ours, found, strict=True):
+        deviation = (middle - row["value"]) / error if error else np.nan
+        for name, value in zip(ours, (middle, middle - low, high - middle, deviation), strict=True):
             ours[name].append(float(value))
     beside = table.copy()
-    for name, values in ours.items():
-        beside[name] = values
+    for name, column in ours.items():
+        beside[name] = column
     return beside

@@ -1,4 +1,4 @@
-"""The manifest of a run: the record in its directory of which run it is, and of what it was made with."""
+"""The manifest of a run: a record in its directory that identifies the run and the versions it was made with."""
 
 from __future__ import annotations
 
@@ -49,17 +49,7 @@ class _Manifest(BaseModel):
 
 
 def manifest_of(spec: Spec, options: dict[str, Any], run_file: bytes) -> dict[str, Any]:
-    """Return the manifest of a run.
-
-    Parameters
-    ----------
-    spec
-        The run.
-    options
-        Those of the command or the call.
-    run_file
-        The content of the run file in the directory.
-    """
+    """Return the manifest of a run, with the options of its command and the content of its resolved run file."""
     return {
         "digest": spec.digest(),
         "run_file": hashlib.sha256(run_file).hexdigest(),

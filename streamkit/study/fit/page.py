@@ -17,6 +17,7 @@ from streamkit.observe import frame_of
 from streamkit.report import cited, labels, number
 from streamkit.study.fit.diagnostics import contraction, predictive, prior_fractions
 from streamkit.study.fit.directory import stream_pictures
+from streamkit.study.fit.draws import ENDED
 from streamkit.study.fit.figures import reach, remark
 from streamkit.study.fit.literature import DENSITY, POTENTIAL, beside_literature
 from streamkit.study.fit.manifest import manifest
@@ -46,19 +47,14 @@ SIGNS = dict(zip(LEVELS, ("✓", "!", "✕"), strict=True))
 
 
 def page_text(results: Results, literature: QTable | None = None) -> str:
-    """Return the page of a run as HTML.
+    """Return the page of a run as HTML, with published values of `read_literature`.
 
-    Parameters
-    ----------
-    results
-        The run. Pictures that its directory holds are taken from there.
-    literature
-        Published values, as `read_literature` returns them.
+    Pictures that the directory of the run holds are taken from there.
     """
     from jinja2 import Environment, PackageLoader
 
-    found = verdicts(results)
-    level, sentence = overall(found)
+    outcomes = verdicts(results)
+    level, sentence = overall(outcomes)
     environment = Environment(
         loader=PackageLoader("streamkit.study.fit", "."), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
@@ -70,9 +66,9 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
         note=results.note(),
         level=level,
         sentence=sentence,
-        verdicts=found,
-        counts={name: sum(v.level == name for v in found) for name in LEVELS},
-        by_subject={v.subject: v for v in found},
+        verdicts=outcomes,
+        counts={name: sum(v.level == name for v in outcomes) for name in LEVELS},
+        by_subject={v.subject: v for v in outcomes},
         parameters=list(_parameters(results)),
         masses=list(_masses(results)),
         literature=[] if literature is None else list(_literature(results, literature)),
@@ -132,7 +128,7 @@ SHOWN_AS = {"M": (1e11, "1e11 Msun", 2), "v_c": (1.0, "km/s", 0)}
 
 
 def _place(row: Any) -> str:
-    """Say what a published value is of, and where."""
+    """Return the quantity and the place of a published value."""
     names = {"M": "M(<r)", "v_c": "v_c", POTENTIAL: "q of the potential", DENSITY: "q of the halo's density"}
     place = f"(R, z) = ({row['radius']:g}, {row['z']:g}) kpc" if np.isfinite(row["z"]) else f"{row['radius']:g} kpc"
     return f"{names[row['quantity']]}, {place}"
@@ -187,7 +183,7 @@ def _reasons(results: Results) -> Iterator[dict[str, Any]]:
 
 
 def _run(results: Results) -> dict[str, Any]:
-    """What was run: facts for the table at the end of the page."""
+    """Return the facts about the run for the table at the end of the page."""
     notes = {} if results.directory is None else manifest(results.directory)
     spec = results.spec
     return {
@@ -197,12 +193,7 @@ def _run(results: Results) -> dict[str, Any]:
             "seed": spec.seed,
             "sampler": spec.sampler.kind,
             "chain": results.draws.description(),
-            "ended": {
-                "converged": "by the rule of convergence",
-                "few": "by the rule of the sampler, with few effective samples",
-                "steps": "at the number of steps it was given",
-                "time": "at its time limit",
-            }.get(results.status, "not yet, or by an interruption"),
+            "ended": ENDED.get(results.status, "not yet, or by an interruption"),
             "streams made": f"{results.calls} by the sampler, {results.search_calls} in the search for a start",
             **results.facts,
         },
@@ -214,11 +205,11 @@ def _run(results: Results) -> dict[str, Any]:
 def _pictures(results: Results) -> dict[str, str]:
     """Return the pictures by name; one that fails is left out, with the reason in `Results.failed`."""
     makers = results.draws.pictures(labels(results.names, results.spec.symbols))
-    found = {}
+    pictures = {}
     files = DRAWN | {f"stream {name}": file for file, name in stream_pictures(results.spec).items()}
     for name, file in files.items():
         if results.directory is not None and (path := results.directory / file).exists():
-            found[name] = embedded(path.read_bytes())
+            pictures[name] = embedded(path.read_bytes())
     for name, make in makers.items():
         buffer = BytesIO()
         try:
@@ -226,12 +217,12 @@ def _pictures(results: Results) -> dict[str, str]:
         except Exception as error:
             results.failed[f"{PAGE}, {name}"] = f"{type(error).__name__}: {message_of(error)}"
         else:
-            found[name] = embedded(buffer.getvalue())
-    return found
+            pictures[name] = embedded(buffer.getvalue())
+    return pictures
 
 
 def embedded(png: bytes) -> str:
-    """Return a picture as an address that holds it: no wider than the page needs, with a palette."""
+    """Return a picture as a data URL, no wider than the page needs, with a palette."""
     from PIL import Image
 
     try:

@@ -20,7 +20,7 @@ LONGEST = 40  # most rows in a column
 
 
 def predictions(results: Results) -> Figure:
-    """Draw every datum less the model and, where the likelihood is Gaussian, less new data, in errors of the datum.
+    """Draw every datum minus the model and, for a Gaussian likelihood, minus new data: in units of its error.
 
     ChainError if the run kept no predictions.
     """
@@ -31,7 +31,7 @@ def predictions(results: Results) -> Figure:
 
 
 def draw_predictive(seen: Predictive, note: str = "") -> Figure:
-    """Draw predictions of any origin so, with a caveat above."""
+    """Draw predictions of any origin in this way, with a caveat above."""
     m = len(seen.names)
     columns = -(-m // LONGEST)
     rows = -(-m // columns)
@@ -88,9 +88,9 @@ def _column(axes: Axes, seen: Predictive, chosen: IntArray) -> float:
     axes.set_yticks(y, [seen.names[k].replace("_", " ") for k in chosen], fontsize=8)
     axes.set_ylim(len(chosen) - 0.4, -0.6)
     axes.xaxis.set_major_locator(MaxNLocator(7, integer=True))
-    for i, (value, own) in enumerate(zip(datum.tolist(), error.tolist(), strict=True)):
+    for i, (value, sigma) in enumerate(zip(datum.tolist(), error.tolist(), strict=True)):
         axes.annotate(
-            f"{number(value + 0.0)} ± {own:.2g}".replace("-", "−"), (1, i), (6, 0), xycoords=axes.get_yaxis_transform(),
-            textcoords="offset points", fontsize=8, va="center",
+            f"{number(value + 0.0)} ± {sigma:.2g}".replace("-", "−"), (1, i), (6, 0),
+            xycoords=axes.get_yaxis_transform(), textcoords="offset points", fontsize=8, va="center",
         )  # fmt: skip
     return 1.08 * max(ends)

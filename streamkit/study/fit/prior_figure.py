@@ -13,13 +13,13 @@ from streamkit.study.fit.figures import remark
 from streamkit.study.fit.results import Results
 
 WIDE, HIGH = 2.5, 1.9  # inches of a panel
-ZOOM = 0.15  # share of the prior's range below which the posterior is drawn nearer
+ZOOM = 0.15  # share of the prior's range below which the picture shows only the surroundings of the posterior
 
 
 def priors(results: Results) -> Figure:
     """Draw every posterior as a histogram, and the density of its prior as a dashed line in the same units.
 
-    Where the posterior has a small part of the prior, only the surroundings of this part are shown.
+    If the posterior fills a small part of the prior, the picture shows the surroundings of this part.
     """
     spec, samples = results.spec, results.samples
     figure, panels = panel_grid(samples.shape[1], WIDE, HIGH, share=False)

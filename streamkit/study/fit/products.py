@@ -1,4 +1,4 @@
-"""The products of a run: tables and pictures, written again from its chain whenever wanted."""
+"""The products of a run: tables and pictures, which can be written again from its samples at any time."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ PROFILE_RADII = np.arange(5.0, 201.0, 5.0)
 def best_stream(results: Results, name: str) -> Figure:
     """Draw the stream of this name at the best sample."""
     try:
-        found = results.best_observation
+        best = results.best_observation
     except OutOfDomain as error:  # another machine's rounding may lose a stream at the edge
         raise ChainError(f"the stream of the best sample could not be made again: {error.reason}") from None
     inputs, note = results.spec.bind(results.best(), name), remark(results) if results.quick else ""
-    return draw_stream(found.streams[name], found.predictions[name], inputs, note, predicted_intervals(results, name))
+    return draw_stream(best.streams[name], best.predictions[name], inputs, note, predicted_intervals(results, name))
 
 
 TABLES: dict[str, Callable[[Results], QTable]] = {
@@ -140,13 +140,13 @@ def write_products(
         tables[RECOVERY[0]] = lambda results: recovery_table(results, host)
         figures[RECOVERY[1]] = lambda results: recovery_figure(results, host)
         wanted += [RADII, DRAWN]
-    results.profiles(np.concatenate(wanted))  # in one go
+    results.profiles(np.concatenate(wanted))  # all radii in one call, which is cached
     results.failed = {}
     unwritten: list[str] = []
     writers: dict[str, Callable[[Path], None]] = {
         name: partial(_draw, draw=draw, results=results, pdf=pdf) for name, draw in figures.items()
     }
-    writers[PAGE] = partial(_write_page, results=results, literature=published)  # it shows the pictures: the last
+    writers[PAGE] = partial(_write_page, results=results, literature=published)  # last: it shows the pictures
     for name, write in writers.items():
         try:
             write(where / name)

@@ -18,10 +18,7 @@ def rank_plots(kept: Array, tau: Array, labels: Sequence[str]) -> Figure:
     One line a walker: the share of its ranks below a value, minus that value. The band holds 95 % of what as many
     independent samples as the walker has would show at each value.
 
-    Parameters
-    ----------
-    kept, tau, labels
-        (steps, walkers, d) samples, (d,) autocorrelation times in steps, and d names.
+    ``kept`` are samples (steps, walkers, d), ``tau`` autocorrelation times (d,) in steps.
     """
     by_rank = np.sort(ranks(kept), axis=0)
     steps, walkers, d = kept.shape

@@ -1,4 +1,4 @@
-"""A fit as plain values, for programs: what `describe_results` says."""
+"""A fit as plain values, for programs: the content of `describe_results`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from streamkit.study.fit.verdicts import overall, verdicts
 
 
 def results_record(results: Results) -> dict[str, Any]:
-    """Return whether a run can be trusted, its parameters, the masses, and what became of its calls.
+    """Return the verdict on a run, its parameters, the masses, and the counts of its calls.
 
     Keys: directory, digest, status, quick, converged, note, verdict ("fine", "look here" or "do not use"), steps,
     walkers, burn_in, acceptance, calls, search_calls, rejected (by reason), stuck (numbers of walkers), r_hat (the

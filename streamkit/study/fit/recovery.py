@@ -1,4 +1,4 @@
-"""A fit beside the truth: the recovered mass profile and rotation curve over those of a known host.
+"""The recovery of a known host: mass profile and rotation curve of a fit compared with the true ones.
 
 Gibbons+ 2014, figures 10 and 11.
 """
@@ -34,16 +34,9 @@ QUANTITIES = ("M", "v_c")
 
 
 def true_host(path: str | Path, fit: Spec) -> Host:
-    """Return the host of a run file, all its fields numbers.
+    """Return the host of a run file, whose fields must be numbers. It is validated in place of the host of the fit.
 
     Only its ``[potential]`` and its ``plugins`` count; it may hold nothing else, or be a whole run file.
-
-    Parameters
-    ----------
-    path
-        The TOML file.
-    fit
-        The run that is compared, in whose place the host is validated.
 
     Raises SpecError if the file cannot be read, has no potential, or one that is not valid, or has a prior. Raises
     PluginError if one of its plugins is broken.
@@ -51,15 +44,15 @@ def true_host(path: str | Path, fit: Spec) -> Host:
     path = Path(path)
     given = read_toml(path)
     if "potential" not in given:
-        found = f"found {', '.join(given)}" if given else "it is empty"
-        raise SpecError(f"{path}: the section [potential] is missing, which holds the true host; {found}")
-    own = given.get("plugins", [])
+        content = f"found {', '.join(given)}" if given else "it is empty"
+        raise SpecError(f"{path}: the section [potential] is missing, which holds the true host; {content}")
+    plugins = given.get("plugins", [])
     theirs = fit.with_files_at({name: str(fit.folder / name) for name in fit.files})
-    document = {**theirs, "potential": given["potential"], "plugins": own}
-    if isinstance(own, list):  # if not, the error says so; the fit's own files hold its other components
-        names = {Path(str(file)).name for file in own}
+    document = {**theirs, "potential": given["potential"], "plugins": plugins}
+    if isinstance(plugins, list):  # anything else is an error below; the fit's plugin files have its other components
+        names = {Path(str(file)).name for file in plugins}
         others = (fit.folder / file for file in fit.document.get("plugins", []))
-        document["plugins"] = [*own, *(str(file) for file in others if file.name not in names)]
+        document["plugins"] = [*plugins, *(str(file) for file in others if file.name not in names)]
     parts = resolve(document, str(path), None, Files(path.parent.absolute()))[3]
     sections = parts.potentials
     free = [f"{section.path}.{name}" for section in sections.values() for name in section.priors]
@@ -102,7 +95,7 @@ def largest(table: QTable, name: str) -> tuple[float, float]:
 
 
 def describe_recovery(directory: Path) -> str:
-    """Show the recovery that a report has written into a run's directory, for a terminal."""
+    """Return the recovery in a run's directory, which a report has written, as text for a terminal."""
     from astropy.table import QTable
 
     table = QTable.read(directory / RECOVERY[0])

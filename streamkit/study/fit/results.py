@@ -1,4 +1,4 @@
-"""The results of a run: its samples, and what they say about the parameters and the mass profile."""
+"""The results of a run: its samples, and tables of the parameters and the mass profile."""
 
 from __future__ import annotations
 
@@ -134,10 +134,11 @@ class Results:
 
     def __getitem__(self, name: str) -> Array:
         """(n,) Samples after burn-in of the parameter with this name, such as ``results["potential.v0"]``."""
-        if name not in self.names:
-            known = ", ".join(self.names)
-            raise KeyError(f"no free parameter is called {name!r}.{nearest(name, self.names)} Known: {known}")
-        return self.samples[:, self.names.index(name)]
+        path = self.spec.path_of(name)
+        if path not in self.names:
+            names = ", ".join(self.names)
+            raise KeyError(f"no free parameter is called {name!r}.{nearest(name, self.names)} Known: {names}")
+        return self.samples[:, self.names.index(path)]
 
     def to_pandas(self) -> pd.DataFrame:
         """Return the samples after burn-in as a pandas DataFrame: walker, step, the parameters, ln posterior.
@@ -147,7 +148,7 @@ class Results:
         return sample_frame(self.names, self.kept, self.log_prob, self.discard)
 
     def to_arviz(self) -> DataTree:
-        """Return the samples after burn-in as ArviZ wants them: an xarray DataTree, each walker a chain.
+        """Return the samples after burn-in as ArviZ reads them: an xarray DataTree, each walker a chain.
 
         Groups: ``posterior`` (the parameters, with units), ``sample_stats`` (``lp``, ln posterior, and ln likelihood),
         ``predictions`` (mean and variance for each datum) and ``observed_data``. For ArviZ before 1.0,
@@ -238,7 +239,7 @@ class Results:
     def profiles(self, radii: Array) -> tuple[Array, Array]:
         """Return M (n, nr) in Msun and v_c (n, nr) in km/s of at most 5000 samples at radii (nr,) in kpc.
 
-        Kept for every radius, since each call goes through all samples: ask for many radii at once.
+        Each radius is cached. A call goes through all samples, so give many radii in one call.
         """
         new = np.array([r for r in np.unique(radii) if r not in self._profiles])
         if len(new):
@@ -265,7 +266,7 @@ class Results:
 
 
 def draws_of(stored: Chain | Weighted, spec: Spec, quick: bool) -> Draws:
-    """Return the stored samples of a run as what its sampler made of them."""
+    """Return the stored samples of a run as a chain or as weighted samples, by their sampler."""
     if isinstance(stored, Weighted):
         return WeightedDraws(stored, spec.sampler.kind, spec.seed, quick)
     if not isinstance(spec.sampler, ChainSampler):
@@ -274,7 +275,7 @@ def draws_of(stored: Chain | Weighted, spec: Spec, quick: bool) -> Draws:
 
 
 def load_results(directory: str | Path, components: Iterable[type[Component]] = (), trust: bool = False) -> Results:
-    """Return the results of the run in a directory, which may have ended, been interrupted, or be going on.
+    """Return the results of the run in a directory, which may have ended, been interrupted, or be active.
 
     Parameters
     ----------

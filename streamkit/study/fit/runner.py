@@ -1,4 +1,4 @@
-"""Run a fit from a spec to its products, and never lose a finished step."""
+"""A fit, from a spec to its products. No finished step is lost."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ from streamkit.study.fit.results import Results, draws_of, load_results
 
 QUICK_PARTICLES = 2000
 QUICK_SEARCH = 50.0  # seconds after the beginning of a quick run when its search ends
-QUICK_SAMPLING = 140.0  # the same for its sampling: a report must still fit in 3 minutes
+QUICK_SAMPLING = 140.0  # the same for its sampling: with the report it must take 3 minutes at most
 
-FOREIGN = 8  # points at a time that somebody else's executor is thought to evaluate
+FOREIGN = 8  # assumed number of points that an executor of others evaluates at a time
 
 
 def run(
@@ -77,12 +77,12 @@ def run(
         Directory for the chain and all products; None keeps the samples in memory.
     workers
         Processes that evaluate the posterior, or any `concurrent.futures.Executor`. The samples do not depend on them.
-        None is what the run file says in ``[engine]``, and so for the engine and its scheduler below.
+        None: the number in ``[engine]`` of the run file; likewise for ``engine`` and ``scheduler``.
     steps
         Largest length of the chain, steps of a resumed run included; else ``sampler.steps`` of the spec. A sampler
         without steps takes none.
     quick
-        A coarse look within 3 minutes on two cores: few particles, few steps. Says so on every product.
+        A coarse look within 3 minutes on two cores: few particles, few steps. Every product is marked as such.
     resume, force
         Continue the run in ``out``; or overwrite what streamkit wrote there.
     progress
@@ -126,7 +126,7 @@ def run(
         stack.enter_context(one_thread())  # for the surrogate, which learns here, and for calls without workers
         where = workers if isinstance(workers, Executor) else stack.enter_context(provide(wanted))
         # compiles once, before workers fork; fails before anything is written
-        first_call(posterior, spec.centre(), sampler.call_limit)
+        first_call(sampler.call_limit, posterior.evaluate, spec.centre())
         options = {
             "quick": quick,
             "steps": getattr(sampler, "steps", None),
@@ -165,20 +165,13 @@ def run(
 
 
 class _Stored:
-    """Where a run stores its samples: the files of its directory, or memory.
+    """The storage of a run's samples: the files of its directory, or memory without one.
 
-    Parameters
-    ----------
-    directory
-        The run's; None for memory.
-    spec, quick
-        The run, and whether it is a coarse look.
-    resumes
-        Whether there are samples to continue.
+    ``resumes`` says whether there are samples to continue.
     """
 
     def __init__(self, directory: Path | None, spec: Spec, quick: bool, resumes: bool) -> None:
-        self._directory, self._spec = directory, spec
+        self._directory = directory
         self._notes = {"quick": quick, "digest": spec.digest()}
         self._is_chain = isinstance(spec.sampler, ChainSampler)
         self._weighted: Weighted | None = None
@@ -190,7 +183,7 @@ class _Stored:
             self.chain.load()
 
     def keep(self, weighted: Weighted, late: bool) -> None:
-        """Store weighted samples; ``late`` says that the time is over."""
+        """Store weighted samples; ``late`` if the time limit is over."""
         over = "time" if late else "unfinished"
         status = "converged" if not weighted.lacks else over if weighted.missing else "few"
         weighted.attributes.update(status=status, **self._notes)
@@ -259,7 +252,7 @@ def _mass_inside(spec: Spec, theta: Array, radius: float) -> float:
 
 @contextmanager
 def _explained(pool: Workers, left: Callable[[], str]) -> Iterator[None]:
-    """Turn signals into a clean stop; say at every untimely end what is left and how to go on."""
+    """Turn signals into a clean stop. An error names the finished part and the command that continues the run."""
     try:
         with Signals(pool):
             yield
@@ -270,25 +263,25 @@ def _explained(pool: Workers, left: Callable[[], str]) -> Iterator[None]:
 
 
 def _engine(spec: Spec, workers: int | Executor | None, kind: str | None, scheduler: str | None) -> Engine:
-    """Return the engine of the run file, with what was given in its place; SpecError if there is none such."""
+    """Return the engine of the run file with the given changes; SpecError if there is no such engine."""
     if isinstance(workers, Executor):
         if kind is not None or scheduler is not None:
             raise SpecError("workers: is an executor, which takes the place of an engine and its scheduler")
         return spec.engine
     given = {"kind": kind, "workers": workers, "scheduler": scheduler}
     if kind not in (None, "dask") and scheduler is None:
-        given["scheduler"] = ""  # that of the run file belongs to the engine of the run file
+        given["scheduler"] = ""  # the scheduler of the run file belongs to its engine
     changed = {f"engine.{name}": value for name, value in given.items() if value is not None}
     return spec.with_values(changed).engine if changed else spec.engine
 
 
 def _arguments(
-    spec: Spec, asked: Engine, steps: int | None, quick: bool, literature: str | Path | None, pdf: bool
+    spec: Spec, chosen: Engine, steps: int | None, quick: bool, literature: str | Path | None, pdf: bool
 ) -> list[str]:
-    """Return the arguments of the command that a run was begun with, those that matter when it goes on."""
+    """Return those arguments of the command that a resumed run needs too."""
     shown = [*(["--literature", str(literature)] if literature is not None else []), *(["--pdf"] if pdf else [])]
     words = {"--engine": "kind", "--scheduler": "scheduler", "--workers": "workers"}
-    changed = [(word, str(getattr(asked, name))) for word, name in words.items()
-               if getattr(asked, name) not in (getattr(spec.engine, name), "")]  # fmt: skip
+    changed = [(word, str(getattr(chosen, name))) for word, name in words.items()
+               if getattr(chosen, name) not in (getattr(spec.engine, name), "")]  # fmt: skip
     most = ["--steps", str(steps)] if steps is not None else []
     return [*(["--quick"] if quick else []), *(part for pair in changed for part in pair), *most, *shown]

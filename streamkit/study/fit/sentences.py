@@ -1,4 +1,4 @@
-"""Numbers and lists as they stand in a verdict."""
+"""Numbers and lists as text in verdicts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far a run has come: its steps, whether it is alive, when it may end, and how to go on with it."""
+"""The status of a run: its steps, whether it is running, its expected end, and the command that continues it."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from streamkit.errors import ChainError
 from streamkit.report import columns, is_locked, paragraph, seconds
 from streamkit.sample import CALLS, CHAIN, JOURNAL, SAMPLES
 from streamkit.study.fit.directory import resume_command
+from streamkit.study.fit.draws import ENDED
 from streamkit.study.fit.integrity import RUN_FILE, load_spec, read_chain, run_file
 from streamkit.study.fit.manifest import manifest
 from streamkit.study.fit.results import Results, load_results
@@ -20,7 +21,7 @@ from streamkit.study.fit.verdicts import overall, verdicts
 
 
 def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
-    """Return what is known of a run, running or not, as JSON can hold it; None where a number is not known.
+    """Return the status of a run, running or not, as JSON can hold it; None for a number that is not status.
 
     Keys: state ("running", or `Results.status`), steps, most_steps, walkers, acceptance, effective_samples (the least),
     r_hat (the largest), verdict, note, last_alive and expected_end (seconds since 1970; the latter of a running run: it
@@ -34,7 +35,7 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
     options = manifest(directory).get("options", {})
     running = is_locked(directory)
     files = [path for name in (CHAIN, JOURNAL, SAMPLES, CALLS) if (path := directory / name).exists()]
-    known: dict[str, Any] = {
+    status: dict[str, Any] = {
         "state": "running" if running else "unfinished",
         "steps": 0,
         "most_steps": options.get("steps"),
@@ -48,11 +49,11 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
     except ChainError as error:
         run_file(directory, trust)
         if any(path.name in (CHAIN, JOURNAL) for path in files):
-            known |= _bare(directory, running, str(error) if options.get("given") else "")
-        return known
+            status |= _bare(directory, running, str(error) if options.get("given") else "")
+        return status
     steps = len(results.chain)
     level, sentence = overall(verdicts(results))
-    known |= {
+    status |= {
         "state": "running" if running else results.status,
         "steps": steps,
         "walkers": results.draws.record().get("walkers"),
@@ -64,8 +65,8 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
         "note": results.note(),
     }
     if running and "walkers" in results.draws.record():
-        known["expected_end"] = _expected_end(results, known, read_chain(directory).attributes)
-    return known
+        status["expected_end"] = _expected_end(results, status, read_chain(directory).attributes)
+    return status
 
 
 def _bare(directory: Path, running: bool, why: str) -> dict[str, Any]:
@@ -86,13 +87,13 @@ def _bare(directory: Path, running: bool, why: str) -> dict[str, Any]:
     return bare
 
 
-def _expected_end(results: Results, known: dict[str, Any], attributes: dict[str, Any]) -> float | None:
+def _expected_end(results: Results, status: dict[str, Any], attributes: dict[str, Any]) -> float | None:
     """When the run may end, as its log says: by its mean pace since the first step after a start or a resumption."""
     since, first = attributes.get("since"), attributes.get("first", 0)
-    steps, last, sampler = known["steps"], known["last_alive"], results.spec.sampler
-    if since is None or steps <= first or known["most_steps"] is None or not isinstance(sampler, ChainSampler):
+    steps, last, sampler = status["steps"], status["last_alive"], results.spec.sampler
+    if since is None or steps <= first or status["most_steps"] is None or not isinstance(sampler, ChainSampler):
         return None
-    most = sampler.model_copy(update={"steps": known["most_steps"]}).expected_steps(results.chain)
+    most = sampler.model_copy(update={"steps": status["most_steps"]}).expected_steps(results.chain)
     end = float(last + (last - since) / (steps - first) * (most - steps))
     return min(end, attributes.get("deadline", 0.0) or np.inf)
 
@@ -101,35 +102,30 @@ def _plain(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-STATES = {
-    "running": "running now",
-    "converged": "ended, converged",
-    "few": "ended by its rule, with few effective samples",
-    "steps": "ended at the number of steps it was given",
-    "time": "ended at its time limit",
-    "unfinished": "stopped before its end",
-}
+STATES = {"running": "running now", "unfinished": "stopped before its end"}
+STATES |= {status: f"ended {how}" for status, how in ENDED.items()}
 
 
-def describe_status(directory: Path, known: dict[str, Any], now: float | None = None) -> str:
-    """Show what `read_status` found, for a terminal, at a time in seconds since 1970."""
+def describe_status(directory: Path, status: dict[str, Any], now: float | None = None) -> str:
+    """Return the result of `read_status` as text for a terminal, at a time in seconds since 1970."""
     now = time.time() if now is None else now
-    rows = [("state", STATES[known["state"]])]
-    most = f" of at most {known['most_steps']}" if known["most_steps"] is not None else ""
-    rows.append(("steps", f"{known['steps']}{most}"))
-    if known["last_alive"] is not None:
-        rows.append(("last alive", f"{_clock(known['last_alive'])}, {seconds(max(now - known['last_alive'], 0))} ago"))
-    if known.get("expected_end") is not None:
-        left = known["expected_end"] - now
-        rows.append(("expected end", f"{_clock(known['expected_end'])}, in {seconds(max(left, 0))}"))
+    rows = [("state", STATES[status["state"]])]
+    most = f" of at most {status['most_steps']}" if status["most_steps"] is not None else ""
+    rows.append(("steps", f"{status['steps']}{most}"))
+    if status["last_alive"] is not None:
+        last = status["last_alive"]
+        rows.append(("last alive", f"{_clock(last)}, {seconds(max(now - last, 0))} ago"))
+    if status.get("expected_end") is not None:
+        left = status["expected_end"] - now
+        rows.append(("expected end", f"{_clock(status['expected_end'])}, in {seconds(max(left, 0))}"))
     for name, form in (("acceptance", ".2f"), ("effective_samples", ".0f"), ("r_hat", ".3f")):
-        if known.get(name) is not None:
-            rows.append((name.replace("_", " ").replace("r hat", "R-hat"), f"{known[name]:{form}}"))
+        if status.get(name) is not None:
+            rows.append((name.replace("_", " ").replace("r hat", "R-hat"), f"{status[name]:{form}}"))
     parts = [f"{directory}\n{columns(rows)}"]
-    if "note" in known:
-        parts.append(paragraph(f"{known['sentence']} {known['note']}"))
-    if known["state"] != "running":
-        parts.append(f"to go on:\n  {known['go_on']}")
+    if "note" in status:
+        parts.append(paragraph(f"{status['sentence']} {status['note']}"))
+    if status["state"] != "running":
+        parts.append(f"to continue:\n  {status['go_on']}")
     return "\n\n".join(parts)
 
 

@@ -20,8 +20,8 @@ DIGITS = ".4g"
 def summary_table(names: Sequence[str], units: Sequence[str], samples: Array, judged: Mapping[str, Array]) -> QTable:
     """Return one row per parameter, from its samples (n, d) and more columns (d,).
 
-    Parameters have different units, so the numbers stand in plain columns beside the column ``unit``. Their order is
-    that in which a narrow terminal, which leaves out columns in the middle, shows medians and intervals.
+    Parameters have different units, so the columns are plain numbers, with a column ``unit``. A narrow terminal leaves
+    out columns in the middle: their order is one in which it still shows medians and intervals.
     """
     from astropy.table import QTable
 

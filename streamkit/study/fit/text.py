@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def stuck_warnings(stuck: Sequence[int], walkers: int) -> list[str]:
-    """Say which walkers are stuck, and what to do."""
+    """Return a warning that names stuck walkers and the remedy; none without any."""
     if not stuck:
         return []
     which = ", ".join(str(walker) for walker in stuck)
@@ -42,7 +42,7 @@ def radii_in_reach(results: Results) -> list[float]:
 
 
 def describe_results(results: Results) -> str:
-    """Show a run: whether it can be trusted, the parameters, the masses, what became of its calls."""
+    """Return a run as text: its convergence, the parameters, the masses, the counts of its calls."""
     draws = results.draws
     inside = radii_in_reach(results)
     radii = [*(r for r in INNER_RADII if r in inside), *PRINTED_RADII]

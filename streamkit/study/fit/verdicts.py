@@ -1,6 +1,6 @@
-"""Whether to believe a run: every check with its rule, its source, and a plain sentence.
+"""The checks of a run, each with its rule, the source of the rule, and a plain sentence.
 
-Each rule has one of three outcomes: fine, look here, do not use. The thresholds stand here and nowhere else.
+The outcome of a check is "fine", "look here" or "do not use". The thresholds are in this file and in `chain_verdicts`.
 """
 
 from __future__ import annotations
@@ -61,22 +61,22 @@ UNINFORMED = 0.9
 
 def verdicts(results: Results) -> list[Verdict]:
     """Return the outcome of every check that the run allows."""
-    found = [quick_verdict()] if results.quick else []
-    found += results.draws.verdicts(results.names)
+    outcomes = [quick_verdict()] if results.quick else []
+    outcomes += results.draws.verdicts(results.names)
     if results.fit is not None:
-        found += [goodness_verdict(results.fit), worst_verdict(results.fit.whole)]
+        outcomes += [goodness_verdict(results.fit), worst_verdict(results.fit.whole)]
     if (seen := predictive(results)) is not None:
-        found.append(noise_verdict(seen))
-    found.append(reasons_verdict(results.reasons, results.calls))
+        outcomes.append(noise_verdict(seen))
+    outcomes.append(reasons_verdict(results.reasons, results.calls))
     fractions = [prior_fractions(p, x) for p, x in zip(results.spec.priors, results.samples.T, strict=True)]
-    found.append(prior_verdict(results.names, fractions))
-    return found
+    outcomes.append(prior_verdict(results.names, fractions))
+    return outcomes
 
 
-def overall(found: Sequence[Verdict]) -> tuple[str, str]:
+def overall(outcomes: Sequence[Verdict]) -> tuple[str, str]:
     """Return the worst level, and what it means for the run as a whole."""
-    worst = max((v.level for v in found), key=LEVELS.index, default=FINE)
-    which = listed([v.subject for v in found if v.level == worst])
+    worst = max((v.level for v in outcomes), key=LEVELS.index, default=FINE)
+    which = listed([v.subject for v in outcomes if v.level == worst])
     said = {
         FINE: "All checks are passed: the medians and intervals below can be quoted.",
         LOOK: f"The intervals can be used once you have looked at: {which}.",

@@ -32,18 +32,9 @@ KISH = Check(
 
 
 class WeightedDraws(Draws):
-    """Weighted samples. In the form of a chain: as many of equal weight as they are worth, as one walker.
+    """Stored weighted samples of a sampler of this kind.
 
-    Parameters
-    ----------
-    stored
-        The samples as they are stored.
-    kind
-        The name of the sampler.
-    seed
-        That of the drawing of samples of equal weight.
-    quick
-        Whether the run is a coarse look.
+    Their chain is one walker: samples of equal weight, as many as the effective number, drawn with the seed.
     """
 
     weighted: Weighted

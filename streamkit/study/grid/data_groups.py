@@ -1,4 +1,4 @@
-"""Data by what they measure: too many to be shown one by one, they are shown by columns."""
+"""Data grouped by the column that they measure, for tables and pictures of many data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run the jobs of a grid, in this process or in others; an early end loses no finished job."""
+"""The jobs of a grid, run in this process or in others. An early end keeps the finished jobs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TypeVar
 
-from streamkit.sample import LOOK, WorkerDied, pool
+from streamkit.sample import POLL, WorkerDied, pool
 
 INTERRUPTED = "interrupted"
 DIED = str(WorkerDied())
@@ -22,7 +22,7 @@ Result = TypeVar("Result")
 def run_jobs(
     work: Callable[[Job], Result], jobs: Mapping[Key, Job], workers: int = 1, done: Callable[[], object] = lambda: None
 ) -> tuple[dict[Key, Result], str]:
-    """Return what ``work`` makes of each job, and why some are missing: `INTERRUPTED`, `DIED`, or empty.
+    """Return the result of ``work`` for each job, and why some are missing: `INTERRUPTED`, `DIED`, or empty.
 
     Jobs are independent of each other: with several workers ``work`` and the jobs are pickled. ``done`` is
     called after each. Ctrl-C and SIGTERM end the work; an exception of ``work`` comes through.
@@ -40,11 +40,11 @@ def run_jobs(
             try:
                 left = {key: executor.submit(work, job) for key, job in jobs.items()}
                 while left:
-                    executor.work(lambda: any(future.done() for future in left.values()), LOOK)
+                    executor.work(lambda: any(future.done() for future in left.values()), POLL)
                     for key in [key for key, future in left.items() if future.done()]:
                         try:
                             results[key] = left.pop(key).result()
-                        except WorkerDied:  # which costs no other job
+                        except WorkerDied:  # the other jobs continue
                             stopped = DIED
                         done()
             finally:

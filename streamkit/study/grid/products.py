@@ -1,4 +1,4 @@
-"""The files of a study over a grid: tables that say where they come from, the resolved run file, pictures."""
+"""The files of a study over a grid: tables with their provenance, the resolved run file, pictures."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 class Products:
     """The products of a study: its run file and the file name of that, text for a terminal, tables and pictures.
 
-    Tables and pictures go by file name; a picture is drawn when its turn comes. The header is what the tables say
-    beyond where they come from. ``stopped`` says why the study ended early; empty if it did not.
+    Tables and pictures are given by file name; pictures are drawn when they are written. The header is added to the
+    provenance of the tables. ``stopped`` is the reason of an early end; empty without one.
     """
 
     spec: Spec
@@ -43,9 +43,9 @@ def write_tables(products: Products, out: Path) -> None:
 
 
 def draw_pictures(products: Products, out: Path, pdf: bool = False) -> str:
-    """Draw the pictures, as PDF too if asked for or if there is one.
+    """Draw the pictures, as PDF too if ``pdf`` is set or an older PDF exists.
 
-    One that fails does not cost the others: return which and why, empty if none does.
+    If one fails, the others are drawn: return the failures with their reasons, empty without any.
     No picture of an earlier study stays in its place. A file that cannot be written is a `StreamkitError`.
     """
     failed = []

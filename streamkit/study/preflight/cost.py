@@ -16,7 +16,7 @@ from streamkit.stream import Array
 from streamkit.study.preflight.draws import TRIAL_PARTICLES, PriorDraws, observe
 from streamkit.study.preflight.limit import within_limit
 
-SLOW = 5.0  # a first call of so many CPU seconds is not repeated: loading the machine code is a small part of it
+SLOW = 5.0  # CPU seconds above which a first call is not repeated: loading machine code is a small part of it
 
 
 @dataclass(frozen=True)

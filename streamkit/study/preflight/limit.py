@@ -6,18 +6,11 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from streamkit.runfile import Spec
-from streamkit.sample import COMPILING, CallTimeout, call_with_timeout
+from streamkit.sample import first_call
 
 Result = TypeVar("Result")
 
 
 def within_limit(spec: Spec, function: Callable[..., Result], *args: Any) -> Result:
-    """Return what the function gives; CallTimeout if that takes `COMPILING` longer than the sampler's limit."""
-    limit = spec.sampler.call_limit
-    result = call_with_timeout(limit + COMPILING, function, *args)
-    if isinstance(result, str):
-        raise CallTimeout(
-            f"a call took longer than sampler.call_limit = {limit:g} s and the {COMPILING:g} s that it has for "
-            "compiling"
-        )
-    return result
+    """Return the result of a call; CallTimeout as `first_call`."""
+    return first_call(spec.sampler.call_limit, function, *args)

@@ -63,7 +63,7 @@ def summarise_orbit(inputs: StreamInputs) -> OrbitSummary:
             break
         reach = min(2 * reach, HORIZON)
     try:
-        track, _ = stripped(inputs, progenitor_track(host, inputs))
+        track = stripped(inputs, progenitor_track(host, inputs))
         completed = len(track.apocentres())
         r_tidal = float(track.r_tidal.min()), float(track.r_tidal.max())
     except OutOfDomain:

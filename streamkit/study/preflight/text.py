@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from streamkit.components import Stripping
 from streamkit.report import (
     columns,
     describe_expansions,
@@ -70,7 +71,7 @@ def _orbit_rows(inputs: StreamInputs, orbit: OrbitSummary) -> list[tuple[str, st
         ("look-back time", number(inputs.lookback, "Gyr") + periods),
         ("tidal radius", tidal),
         *((f"body {name}", f"{span(*ends, 'kpc')} from the Galactic centre") for name, ends in orbit.bodies.items()),
-        ("particles", f"{inputs.stripping.particles}, progenitor's gravity {_switch(inputs)}"),
+        ("particles", f"{inputs.stripping.particles}, {_gravity(inputs)}"),
     ]
 
 
@@ -78,8 +79,13 @@ def _radii(radii: Array) -> str:
     return span(float(radii.min()), float(radii.max()), "kpc") if len(radii) else "none"
 
 
-def _switch(inputs: StreamInputs) -> str:
-    return "on" if inputs.stripping.progenitor_gravity else "off"
+def _gravity(inputs: StreamInputs) -> str:
+    scheme = inputs.stripping
+    if isinstance(scheme, Stripping):
+        return f"progenitor's gravity {'on' if scheme.progenitor_gravity else 'off'}"
+    passages = getattr(scheme, "passages", None)
+    start = f"the apocentre before passage {passages} from today" if passages else "the look-back time"
+    return f"in a live progenitor of {inputs.mass:.3g} Msun at {start}; leapfrog in place of [integrator]"
 
 
 def _prior_draws(tried: PriorDraws) -> str:

@@ -14,9 +14,9 @@ from streamkit.runfile import LogUniform, Prior
 from streamkit.sample import Evaluation
 from streamkit.stream import Array, IntArray
 
-# Probability of the prior in the range that a parameter is varied over, the same on either side of it left out.
+# Probability of the prior in the range over which a parameter is varied; the rest is equal on both sides.
 CENTRAL = 0.95
-SAME = 1e-9  # a point of the grid is the fixed one if it is nearer than so many of the grid's ranges
+SAME = 1e-9  # distance, in ranges of the grid, below which a point of the grid is the fixed point
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,9 @@ class Slope:
 class Curve:
     """The observables against one parameter, which is at ``fixed`` while others are varied.
 
-    At each of its values x (n,), in order, the fixed one among them: (n, m) mean over the seeds that have a value, NaN
-    where none has; their standard deviation, NaN below two; the mean of the observable's own noise. And
-    (n,) the number of seeds that have a value, and why the others have none.
+    x (n,) are its values in order, with the fixed one. At each: (n, m) the mean over the seeds that have a value, NaN
+    without any; the standard deviation, NaN below two seeds; the noise of the observable itself. ``streams`` (n,)
+    counts the seeds that have a value; ``reasons`` are those of the others.
     """
 
     name: str

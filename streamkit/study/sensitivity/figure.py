@@ -20,7 +20,7 @@ from streamkit.study.sensitivity.runner import Sensitivity
 
 ACROSS = 6  # most columns in a row; more parameters are drawn below
 COLOURS = (BLUE, VERMILION, "black", "#009E73", "#CC79A7")
-# How many times the middle 80 % of all values an axis reaches at most: a few wild ones must not shrink the others.
+# Largest range of an axis, in units of the middle 80 % of all values: outliers must not shrink the other values.
 REACH = 4.0
 
 
@@ -75,7 +75,7 @@ def sensitivity_figure(response: Sensitivity) -> Figure:
 def by_columns(response: Sensitivity) -> Sensitivity:
     """Return the same with the rms of (model - datum) / error of every column in place of the observables.
 
-    Their own noise is not known, and there is no datum but zero.
+    The noise of these is unknown, and their data are zero.
     """
     groups, data = by_column(response.names), response.data
     m = len(groups)

@@ -46,6 +46,7 @@ class Sensitivity:
 
 def chosen(spec: Spec, fields: Sequence[str]) -> tuple[str, ...]:
     """Return the parameters to vary: those named, or all. A `SpecError` says which is not free, or named twice."""
+    fields = [spec.path_of(name) for name in fields]
     for name in fields:
         if name not in spec.names:
             raise SpecError(

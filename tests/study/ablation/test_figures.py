@@ -32,7 +32,7 @@ def portraits() -> dict[str, Portrait]:
     """N-body, and mLCS with and without gravity, of mock 1."""
     spec = run_file("B", 2000).with_values({"observable.kind": "apocentres"})
     inputs = spec.bind()
-    made = {"N-body": portrait_of(nbody_stream("B"), inputs, snapshot=True)}
+    made = {"N-body": portrait_of(nbody_stream("B"), inputs, title="N-body")}
     for on in (True, False):
         variant = spec.with_values({"stripping.progenitor_gravity": on})
         stream, prediction = Model(variant).observe(variant.bind())

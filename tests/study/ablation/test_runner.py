@@ -17,7 +17,7 @@ from snapshots import DATA
 
 import streamkit as sk
 from streamkit.cli.ablate import read_variations
-from streamkit.study.ablation import PRODUCTS, variants_of
+from streamkit.study.ablation import PRODUCTS, read_reference, run_ablation, variants_of
 from streamkit.study.ablation.products import PICTURES, SKY
 from streamkit.study.ablation.runner import make_stream
 
@@ -294,3 +294,34 @@ def test_a_picture_that_fails_is_named_and_the_others_are_there(
     assert result.stderr.strip() == said
     there = {path.name for path in (tmp_path / "out").iterdir()}
     assert set(PRODUCTS) - there == {"phase_space.png", SKY}
+
+
+LIVE = {
+    "seed": 1,
+    "potential": {"kind": "tf", "v0": 210.0, "rs": 12.0, "alpha": 0.45},
+    "progenitor": {
+        "kind": "plummer", "mass": 6.4e8, "radius": 0.85, "x": 40.0, "y": 0.0, "z": 0.0, "vx": -60.0, "vy": 0.0,
+        "vz": 120.0, "lookback": 1.5,
+    },
+    "stripping": {"kind": "mlcs", "particles": 300, "sigma": 10.0, "mass_loss": 0.2},
+}  # fmt: skip
+
+
+def test_live_progenitor_is_a_variant_and_a_reference():
+    """Of another sort than mLCS, it does not keep what belongs to releasing schemes; and it is one by its kind."""
+    spec = sk.load(LIVE)
+    mlcs, live = variants_of(spec, {"stripping.kind": ["mlcs", "restricted_nbody"]})
+    assert mlcs.spec.bind().stripping.mass_loss == 0.2
+    assert live.spec.bind().stripping.particles == 300
+    reference = read_reference("restricted_nbody", spec)
+    assert reference.title == "restricted_nbody"
+    assert len(reference.stream) == 20000
+    assert reference.stream.orbit.mass_left[-1] < 1
+    found = run_ablation(spec, [mlcs, live], reference)
+    assert found.beside == "a live progenitor by restricted_nbody"
+    assert all(outcome.measures for outcome in found.outcomes), [outcome.reasons for outcome in found.outcomes]
+
+
+def test_reference_that_is_neither_a_file_nor_a_live_scheme_is_a_sentence():
+    with pytest.raises(sk.StreamkitError):
+        read_reference("streakline", sk.load(LIVE))

@@ -1,0 +1,58 @@
+"""Speeds of particles in spheres whose isotropic distribution function has a closed form, over the escape speed."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from streamkit import Array
+
+CELLS = 1024  # of a table of speeds: linear in it, far below the noise of any number of particles
+RADII = np.linspace(np.log(1e-4), np.log(1e4), 321)  # ln(r / a) at which Hernquist's are tabulated
+
+
+def plummer_speeds(chance: Array) -> Array:
+    """(n,) Speeds over that of escape below which are shares ``chance`` (n,) of the particles; the same everywhere.
+
+    f(E) ~ E^(7/2), so that s^2 (1 - s^2)^(7/2) is the density of s (Aarseth, Henon & Wielen 1974, A&A 37, 183).
+    """
+    return np.interp(np.cbrt(chance), *_plummer_table())
+
+
+@cache
+def _plummer_table() -> tuple[Array, Array]:
+    """Cube roots of the shares on an even grid, and the speeds: slow particles are as rare as the speed's cube."""
+    from scipy.special import betaincinv  # slow to import
+
+    roots = np.linspace(0.0, 1.0, CELLS + 1)
+    return roots, np.sqrt(betaincinv(1.5, 4.5, roots**3))
+
+
+def hernquist_speeds(radius: Array, chance: Array) -> Array:
+    """(n,) The same at radii (n,) in units of a, by the distribution function of Hernquist 1990, eq. 17."""
+    table = _hernquist_table()
+    place = np.clip((np.log(radius) - RADII[0]) / (RADII[1] - RADII[0]), 0, len(RADII) - 1)
+    i = np.minimum(place.astype(int), len(RADII) - 2)
+    root = np.cbrt(chance) * CELLS
+    k = np.minimum(root.astype(int), CELLS - 1)
+    s, w = place - i, root - k
+    below = (1 - w) * table[i, k] + w * table[i, k + 1]
+    above = (1 - w) * table[i + 1, k] + w * table[i + 1, k + 1]
+    return np.asarray((1 - s) * below + s * above)
+
+
+@cache
+def _hernquist_table() -> Array:
+    """(radii, CELLS + 1) Speeds at each radius and at even cube roots of the shares."""
+    roots = np.linspace(0.0, 1.0, CELLS + 1)
+    s = np.linspace(0.0, 1.0, 4 * CELLS + 1) ** 2  # finer where the slow ones of a cusp are
+    table = np.empty((len(RADII), CELLS + 1))
+    for row, depth in zip(table, 1 / (1 + np.exp(RADII)), strict=True):
+        q = np.sqrt(depth * (1 - s * s))
+        left = 1 - q * q
+        f = (3 * np.arcsin(q) + q * np.sqrt(left) * (1 - 2 * q * q) * (8 * q**4 - 8 * q * q - 3)) / left**2.5
+        density = s * s * f
+        shares = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(s))])
+        row[:] = np.interp(roots, np.cbrt(shares / shares[-1]), s)
+    return table

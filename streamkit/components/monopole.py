@@ -1,0 +1,115 @@
+"""The force of a live progenitor: a sphere by the mass in its shells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+
+from streamkit.elementary import sqrt
+from streamkit.stream import Array
+from streamkit.units import G
+
+DEGREE = 8  # of the polynomial that stands for the mass in the shells
+SHELLS = 64  # equal shells in d^2 / (d^2 + b^2) in which the mass is given
+INNERMOST_WEIGHT, TOTAL_WEIGHT = 0.3, 5.0  # in the fit: few particles are in the first shell, and the last is all mass
+EDGES = np.arange(1, SHELLS + 1) / SHELLS  # d^2 / (d^2 + b^2) at the outer edges of the shells
+ODD = 2 * np.arange(DEGREE + 1) + 1  # exponents of s = (d^2 + b^2)^(-1/2) in the potential
+
+
+@dataclass(frozen=True, eq=False)
+class Monopole:
+    """A sphere whose force is that of a Plummer sphere, or of a cusp, times a polynomial in y = b^2 / (d^2 + b^2).
+
+    It is ``-G F(y) d / [(d^2 + b^2) (d^2 + e^2)^(1/2)]`` with e = b without a cusp, and a small e with one: the mass of
+    a Plummer sphere, and that of a sphere of density r^-1 deep inside, are then the first coefficient alone. The engine
+    knows it by itself: another one in each block of time costs nothing. No component of a run file.
+
+    Attributes
+    ----------
+    sphere
+        (11,) the coefficients c_0 ... c_8 of F in Msun, b and e in kpc.
+    """
+
+    sphere: Array
+    kind: ClassVar[str] = "monopole"
+    compiled: ClassVar[bool] = True
+
+    @property
+    def b(self) -> float:
+        """The scale radius in kpc."""
+        return float(self.sphere[-2])
+
+    @property
+    def e(self) -> float:
+        """The softening of its cusp in kpc; b without one."""
+        return float(self.sphere[-1])
+
+    @staticmethod
+    def acceleration(x: Any, y: Any, z: Any, t: Any, c0: Any, c1: Any, c2: Any, c3: Any, c4: Any, c5: Any, c6: Any,
+                     c7: Any, c8: Any, b: Any, e: Any) -> Any:  # fmt: skip
+        """Return the force; one division and one root serve both factors."""
+        d2 = x * x + y * y + z * z
+        wide, narrow = d2 + b * b, d2 + e * e
+        inverse = 1.0 / (wide * narrow)
+        u = b * b * narrow * inverse
+        f = c0 + u * (c1 + u * (c2 + u * (c3 + u * (c4 + u * (c5 + u * (c6 + u * (c7 + u * c8)))))))
+        k = -G * f * sqrt(narrow) * inverse
+        return k * x, k * y, k * z
+
+    @staticmethod
+    def drag(x: Any, y: Any, z: Any, vx: Any, vy: Any, vz: Any, t: Any, *parameters: Any) -> Any:
+        """Return nothing: no part of it depends on velocity."""
+        return 0.0, 0.0, 0.0
+
+    @classmethod
+    def has_drag(cls) -> bool:
+        """Say that no part of it depends on velocity."""
+        return False
+
+    def in_engine_units(self) -> tuple[Any, ...]:
+        """Return the arguments of `acceleration` after t."""
+        return tuple(self.sphere.tolist())
+
+    def growth_table(self) -> None:
+        """Return nothing: it does not change within a block."""
+
+    def in_loop(self) -> Monopole:
+        """Return itself."""
+        return self
+
+    @classmethod
+    def of_shells(cls, inside: Array, b: float, e: float) -> Monopole:
+        """Return the sphere of masses (64,) in Msun inside d^2 = b^2 k / (64 - k), k from 1 to 64, by least squares."""
+        return cls(np.array([*(_fit()[0] @ (inside / _shape(b, e))), b, e]))
+
+    @cached_property
+    def depth(self) -> Array:
+        """(9,) Coefficients of its potential, as `engine.bound_shells` takes them: exact if e = b, else fitted."""
+        c = self.sphere[: DEGREE + 1]
+        if self.e == self.b:
+            return np.asarray(c / ODD)
+        matrix, powers = _fit()
+        pull = powers @ c * _shape(self.b, self.e) / EDGES**1.5  # d Phi / ds over -G, with s = (d^2 + b^2)^(-1/2)
+        s = np.sqrt(1 - EDGES)  # in units of 1 / b
+        steps = 0.5 * (pull[1:] + pull[:-1]) * (s[:-1] - s[1:])
+        depth = np.cumsum(steps[::-1])[::-1]
+        return np.asarray(matrix @ np.append(depth / s[:-1], pull[-1]))
+
+
+@cache
+def _fit() -> tuple[Array, Array]:
+    """(9, 64) matrix of the least squares, to be applied to what the polynomial is at `EDGES`; and (64, 9) back."""
+    powers = np.vander(1 - EDGES, DEGREE + 1, increasing=True)
+    weight = np.ones(SHELLS)
+    weight[0], weight[-1] = INNERMOST_WEIGHT, TOTAL_WEIGHT
+    return np.linalg.pinv(powers * weight[:, None]) * weight, powers
+
+
+@cache
+def _shape(b: float, e: float) -> Array:
+    """(64,) Mass over polynomial at `EDGES`: 1 at infinity, which is the last."""
+    softened = np.sqrt(EDGES + (1 - EDGES) * (e / b) ** 2)  # (d^2 + e^2)^(1/2) / (d^2 + b^2)^(1/2)
+    return np.asarray(EDGES**1.5 / softened)

@@ -1,0 +1,179 @@
+"""All particles over one block of time in equal steps of leapfrog: for satellites whose every particle is followed.
+
+Each step drifts, kicks and drifts with one force. Particles of one time go in batches that fit into the nearest cache.
+Where the moving force is a sphere that this loop knows (`Sphere`), its force, the kick and the drift are one pass over
+the particles, and the host, which changes more slowly, kicks once in an odd number of steps, in the middle of them
+(Tuckerman, Berne & Martyna 1992, J. Chem. Phys. 97, 1990): symmetric and symplectic like leapfrog itself.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache, cached_property
+
+import numpy as np
+from numba import types
+
+from streamkit.engine.arguments import layout_of, pack
+from streamkit.engine.cache import also_for, cached
+from streamkit.engine.field import Field, build_field
+from streamkit.engine.forces import FORCES, LANES, ROW, add_forces, centre_at
+from streamkit.engine.kernels import Force
+from streamkit.engine.methods import LEAPFROG
+from streamkit.engine.steps import METHOD, ROWS, A, H, Method, T, V, compose
+from streamkit.engine.velocity_forces import DRAGGED
+from streamkit.stream import Array, Orbit
+from streamkit.units import G
+
+TOGETHER = 256  # particles of a batch
+HOST_COST = 3  # cost of the host's force in units of that of a step
+
+_F1, _F = types.float64[::1], types.float64
+_MARCH = METHOD, _F1, types.UniTuple(_F1, 6), _F, _F
+
+
+@cached(types.void(FORCES, *_MARCH), nogil=True)
+def _march(forces, method, lanes, particles, t0, t1):
+    """Advance the rows x, y, z, u, v, w of all particles, in place, from t0 to t1; lanes are scratch."""
+    relative, centre = np.empty(3 * ROW), np.empty(3)
+    n, steps = particles[0].shape[0], method.most
+    h = (t1 - t0) / steps
+    for begin in range(0, n, TOGETHER):
+        m = min(TOGETHER, n - begin)
+        whole = (m + LANES - 1) // LANES * LANES
+        for row, source in enumerate(particles):
+            lanes[row * ROW : row * ROW + m] = source[begin : begin + m]
+            for i in range(m, whole):
+                lanes[row * ROW + i] = source[begin + m - 1]
+        lanes[T : T + whole] = t0
+        lanes[H : H + whole] = h
+        compose(forces, method, True, 0, whole, steps, False, lanes, relative, centre)
+        for row, out in enumerate(particles):
+            out[begin : begin + m] = lanes[row * ROW : row * ROW + m]
+
+
+@cache
+def _compile_with_drag() -> None:
+    also_for(_march, types.void(DRAGGED, *_MARCH))
+
+
+@cached(types.void(FORCES, _F1, _F1, types.UniTuple(_F1, 6), _F, _F, types.intp, types.intp), nogil=True)
+def _march_sphere(forces, sphere, lanes, particles, t0, t1, kicks, odd):
+    """As `_march`, with the sphere c0 ... c8, b, e (11,) on the last trajectory, and ``odd`` steps to a host kick."""
+    c0, c1, c2, c3, c4 = sphere[0], sphere[1], sphere[2], sphere[3], sphere[4]
+    c5, c6, c7, c8, b, e = sphere[5], sphere[6], sphere[7], sphere[8], sphere[9], sphere[10]
+    b2, e2 = b * b, e * e
+    relative, centre, place = np.empty(3 * ROW), np.empty(3), np.empty(3)
+    n, steps, last = particles[0].shape[0], kicks * odd, forces.tracks.shape[0] - 1
+    h = (t1 - t0) / steps
+    for begin in range(0, n, TOGETHER):
+        m = min(TOGETHER, n - begin)
+        whole = (m + LANES - 1) // LANES * LANES
+        for row, source in enumerate(particles):
+            lanes[row * ROW : row * ROW + m] = source[begin : begin + m]
+            for i in range(m, whole):
+                lanes[row * ROW + i] = source[begin + m - 1]
+        for s in range(steps):
+            now = t0 + (s + 0.5) * h
+            drift = h if s > 0 else 0.5 * h
+            centre_at(forces, last, now, place)
+            p0, p1, p2 = place[0], place[1], place[2]
+            if s % odd == odd // 2:
+                for i in range(whole):
+                    lanes[i] += drift * lanes[V + i]
+                    lanes[ROW + i] += drift * lanes[V + ROW + i]
+                    lanes[2 * ROW + i] += drift * lanes[V + 2 * ROW + i]
+                lanes[T : T + whole] = now
+                add_forces(forces, True, 0, whole, lanes[T:], lanes, relative, centre, lanes[A:])
+                for i in range(whole):
+                    lanes[V + i] += odd * h * lanes[A + i]
+                    lanes[V + ROW + i] += odd * h * lanes[A + ROW + i]
+                    lanes[V + 2 * ROW + i] += odd * h * lanes[A + 2 * ROW + i]
+                drift = 0.0
+            for i in range(whole):  # one array with constant offsets: vectors
+                u, v, w = lanes[V + i], lanes[V + ROW + i], lanes[V + 2 * ROW + i]
+                x, y, z = lanes[i] + drift * u, lanes[ROW + i] + drift * v, lanes[2 * ROW + i] + drift * w
+                dx, dy, dz = x - p0, y - p1, z - p2
+                d2 = dx * dx + dy * dy + dz * dz
+                far, near = d2 + b2, d2 + e2
+                inverse = 1.0 / (far * near)
+                q = b2 * near * inverse
+                f = c0 + q * (c1 + q * (c2 + q * (c3 + q * (c4 + q * (c5 + q * (c6 + q * (c7 + q * c8)))))))
+                k = -h * G * f * math.sqrt(near) * inverse
+                lanes[i], lanes[ROW + i], lanes[2 * ROW + i] = x, y, z
+                lanes[V + i], lanes[V + ROW + i], lanes[V + 2 * ROW + i] = u + k * dx, v + k * dy, w + k * dz
+        for i in range(whole):
+            lanes[i] += 0.5 * h * lanes[V + i]
+            lanes[ROW + i] += 0.5 * h * lanes[V + ROW + i]
+            lanes[2 * ROW + i] += 0.5 * h * lanes[V + 2 * ROW + i]
+        for row, out in enumerate(particles):
+            out[begin : begin + m] = lanes[row * ROW : row * ROW + m]
+
+
+@cache
+def split_kicks(steps: int, kicks: int) -> tuple[int, int]:
+    """Return how often the host kicks and the odd number of steps to each of its kicks, at the least cost."""
+    choices = [(k, max((steps + k - 1) // k, 1) | 1) for k in range(kicks, max(steps, kicks) + 1)]
+    return min(choices, key=lambda pair: pair[0] * (HOST_COST + pair[1]))
+
+
+class MovingForce:
+    """A host, and a force about what moves in it, which may be another one in every block of time.
+
+    A force that has an attribute ``sphere`` (11,), which is c_0 ... c_8, b, e of `streamkit.Monopole`, is computed
+    within the loop over the particles; any other one, or a host with drag, by the general loop.
+    """
+
+    def __init__(self, host: Field, orbit: Orbit) -> None:
+        self._host, self._orbit = host, orbit
+        self._made: tuple[object, Field] | None = None
+        if host.drag is not None:
+            _compile_with_drag()
+
+    def advance(self, force: Force, q: Array, v: Array, t0: float, t1: float, steps: int, kicks: int) -> None:
+        """Advance q, v (3, n), whose rows have no gaps, in place, all from t0 to t1 in equal steps.
+
+        At least so many ``steps``, and as many ``kicks`` by the host. With as many threads as the field allows; the
+        particles do not depend on their number.
+        """
+        sphere = None if self._host.drag is not None else getattr(force, "sphere", None)
+        if sphere is None:
+            field = self._field_with(force)
+            method = Method(LEAPFROG.drift, LEAPFROG.kick, np.zeros(2), max(steps, kicks), np.empty(0))
+            _in_threads(field, lambda *parts: _march(field.all_forces, method, *parts, t0, t1), (*q, *v))
+        else:
+            field, (often, odd) = self._bare, split_kicks(steps, kicks)
+            _in_threads(
+                field, lambda *parts: _march_sphere(field.forces, sphere, *parts, t0, t1, often, odd), (*q, *v)
+            )  # fmt: skip
+
+    @cached_property
+    def _bare(self) -> Field:
+        """The host with the trajectory, on which no force of its own moves."""
+        return self._host.with_moving(build_field([]), self._orbit)
+
+    def _field_with(self, force: Force) -> Field:
+        """Return the host with this force: the numbers of a compiled one of the same class replace the last one's."""
+        values = force.in_engine_units() if force.compiled and force.growth_table() is None else None
+        if values is None:
+            return self._host.with_moving(build_field([force]), self._orbit)
+        packed = pack(values)
+        shape = type(force), layout_of(values), len(packed)
+        if self._made is None or self._made[0] != shape:
+            self._made = shape, self._host.with_moving(build_field([force]), self._orbit)
+        field = self._made[1]
+        first = int(self._host.forces.offset[-1])
+        field.forces.parameters[first : first + len(packed)] = packed
+        return field
+
+
+def _in_threads(field: Field, loop: Callable[..., None], rows: tuple[Array, ...]) -> None:
+    """Call a loop with scratch and rows: in one piece, or in one for each thread."""
+    pieces = field.pieces(len(rows[0])) if field.threads > 1 else []
+    if len(pieces) <= 1:
+        field.run(lambda _, *parts: loop(*parts), np.empty(ROWS * ROW), rows)
+        return
+    with ThreadPoolExecutor(len(pieces)) as pool:
+        list(pool.map(lambda piece: loop(np.empty(ROWS * ROW), tuple(row[piece] for row in rows)), pieces))

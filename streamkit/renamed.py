@@ -1,0 +1,28 @@
+"""Former names of public attributes: each works for one MINOR version, with a DeprecationWarning."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+
+
+class Renamed:
+    """A former name of an attribute or method, as an attribute of its class: ``Seen.phi1 = Renamed("phi1", "lon")``.
+
+    Reading it gives the attribute of the present name, with a DeprecationWarning that names it.
+
+    Parameters
+    ----------
+    former, name
+        The former and the present name of the attribute.
+    """
+
+    def __init__(self, former: str, name: str) -> None:
+        self._former, self._name = former, name
+
+    def __get__(self, instance: Any, owner: type) -> Any:
+        if instance is None:
+            return self
+        text = f"{owner.__name__}.{self._former} is now {self._name}: the next minor version has the latter name alone"
+        warnings.warn(text, DeprecationWarning, stacklevel=2)
+        return getattr(instance, self._name)

@@ -1,0 +1,78 @@
+"""The command `host`: the numbers of closed forms, a posterior's intervals, bad input."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from astropy.table import QTable
+from commands import RUN, call, refused
+from pictures import assert_readable
+
+import streamkit as sk
+from streamkit.model import moving_objects
+from streamkit.study.fit import draw_host
+
+
+@pytest.fixture
+def run_file(tmp_path: Path) -> Path:
+    path = tmp_path / "run.toml"
+    path.write_text(RUN)
+    return path
+
+
+def test_the_profile_of_a_truncated_flat_host(run_file: Path) -> None:
+    """`M = r v_c^2 / G`, and the tables that are written are those that are printed."""
+    given = "--set", "potential.v0=210", "--radii", "10,50"
+    table, orbits = run_file.with_name("host.ecsv"), run_file.with_name("orbits.ecsv")
+    result = call("host", run_file, *given, "--json", "-o", table, "--orbits", orbits)
+    assert result.exit_code == 0, result.output
+    record = json.loads(result.stdout)
+    r = np.array([10.0, 50.0])
+    v_c = 210 * 12**0.225 / (12**2 + r**2) ** 0.1125
+    rows = record["profile"]["rows"]
+    assert [row["v_c"] for row in rows] == pytest.approx(v_c.tolist())
+    assert [row["M"] for row in rows] == pytest.approx((r * v_c**2 / sk.G).tolist())
+    np.testing.assert_allclose(QTable.read(table)["v_c"].to_value("km/s"), v_c)
+    (today,) = record["objects"]["rows"]
+    assert today["r"] == pytest.approx(np.sqrt(19.155535**2 + 0.0278852**2 + 5.7149425**2))
+    assert QTable.read(orbits)["t"].min().to_value("Gyr") == pytest.approx(-3.77)
+
+
+def test_the_text_defines_every_column(run_file: Path) -> None:
+    text = " ".join(call("host", run_file).stdout.split())
+    for words in ("Gauss's law", "gala's mass_enclosed", "escape speed to infinity", "last pericentre"):
+        assert words in text
+
+
+@pytest.mark.rendered
+def test_a_posterior_has_intervals(finished_run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The mass is that of the run's own profile."""
+    result = call("host", finished_run, "--radii", "20", "--json", "--plot", tmp_path / "host.png")
+    assert result.exit_code == 0, result.output
+    (row,) = json.loads(result.stdout)["profile"]["rows"]
+    results = sk.load_results(finished_run)
+    expected = results.mass_profile([20])
+    assert (row["M_lo68"], row["M"], row["M_hi68"]) == pytest.approx(
+        tuple(expected[name].to_value("Msun")[0] for name in ("M_lo68", "M", "M_hi68"))
+    )
+    figure = draw_host(
+        sk.host_table(results, [5, 10, 30]), moving_objects(results.spec, results.best()), "not converged"
+    )
+    assert_readable(figure, monkeypatch, ("95 %", "68 %", "median", "stream"))
+
+
+@pytest.mark.parametrize(
+    ("options", "wanted"),
+    [
+        (["--radii", "10,zero"], "expected positive numbers in kpc"),
+        (["--radii", "-1"], "expected positive numbers in kpc"),
+        (["-o", "host.csv"], "'host.csv'"),
+        (["--set", "potential.v=1"], "Did you mean 'potential.v0'?"),
+        ([f"--set=progenitor.{name}=0" for name in ("y", "z", "vy", "vz")], "there is no orbit"),
+    ],
+)
+def test_bad_options(run_file: Path, options: list[str], wanted: str) -> None:
+    assert wanted in " ".join(refused("host", run_file, *options).split())
