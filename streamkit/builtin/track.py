@@ -204,8 +204,7 @@ class Track(sk.Observable):
     def quantities(self) -> dict[str, sk.IntArray]:
         """Return the rows of each column, by the name of its field."""
         ends = np.cumsum([len(phi1) for phi1, _, _ in self.given.values()])
-        rows = np.split(np.arange(ends[-1]), ends[:-1])
-        return dict(zip(self.given, rows, strict=True))
+        return dict(zip(self.given, np.split(np.arange(ends[-1]), ends[:-1]), strict=True))
 
     def predict(self, stream: sk.Stream) -> sk.Prediction:
         """Fit the line at every longitude.

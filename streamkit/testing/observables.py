@@ -152,7 +152,8 @@ def has_a_likelihood(observable: Observable) -> None:
         require(first == second, f"two calls of ln_likelihood give {first} and {second}")
         require(first is None or (np.ndim(first) == 0 and np.isfinite(first)), f"ln_likelihood gives {first}")
         residuals, m = observable.residuals(full, add_noise), len(full.names)
-        require(residuals is None or np.shape(residuals) == (m,), f"{np.shape(residuals)} residuals for {m} data")
+        shape = (m,) if residuals is None else np.shape(residuals)
+        require(shape == (m,), f"residuals have the shape {shape} for {m} data")
 
 
 CHECKS: tuple[Check, ...] = (
