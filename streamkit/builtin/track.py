@@ -11,7 +11,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 import streamkit as sk
 from streamkit.builtin.track_columns import COLUMNS, DEPTH, column_of, within
-from streamkit.builtin.track_likelihood import Side, ln_mixture, ln_mixture_of_pairs, mixture_residuals, scatter_of
+from streamkit.builtin.track_likelihood import Side, ln_of_each, ln_sum, mixture_residuals, scatter_of
 from streamkit.builtin.track_lines import ENOUGH, REACH, Lines, gather, lines_at
 from streamkit.builtin.track_members import MEMBERS, MOTIONS, Members, members_of, which_columns
 from streamkit.builtin.track_panels import column_label, column_panel, fine_grid, longitude_label
@@ -275,16 +275,11 @@ class Track(sk.Observable):
 
         The two proper motions of a member are one pair, with their covariance.
         """
-        total = 0.0
-        pairs = []
-        for name, parts in self._compared(prediction, add_noise):
-            if name in self._pair:
-                pairs.append(parts)
-            else:
-                total += ln_mixture(*parts)
-        if self._stars is not None and pairs:
-            total += ln_mixture_of_pairs(pairs[0], pairs[1], self._stars.covariance[self._stars.rows(MOTIONS[0])])
-        return total
+        return ln_sum(self._compared(prediction, add_noise), self._pair, self._pair_covariance)
+
+    def ln_likelihoods(self, prediction: sk.Prediction, add_noise: bool) -> sk.Array:
+        """Return the terms of `ln_likelihood`; the second proper motion of a member is compared given the first."""
+        return ln_of_each(self._compared(prediction, add_noise), self._pair, self._pair_covariance)
 
     def residuals(self, prediction: sk.Prediction, add_noise: bool) -> sk.Array:
         """Return the normal scores of the data in the distributions of `ln_likelihood`, each datum by itself."""
@@ -306,6 +301,10 @@ class Track(sk.Observable):
     def _pair(self) -> tuple[str, ...]:
         """The proper motions, if both are those of members."""
         return MOTIONS if set(MOTIONS) <= set(self._of_members) else ()
+
+    @property
+    def _pair_covariance(self) -> sk.Array | None:
+        return None if self._stars is None else self._stars.covariance[self._stars.rows(MOTIONS[0])]
 
     def scatter2(self, name: str, error: sk.Array, spread: sk.Array) -> sk.Array:
         """(k,) Variances of one field's data about the lines: errors, extra dispersion, and the spread for stars."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 import numpy as np
 
 from streamkit import Array
@@ -27,11 +29,18 @@ def ln_mixture(
     background
         Mean and standard deviation of the outliers. Hogg, Bovy & Lang 2010, arXiv:1008.4686, equation 17.
     """
+    return float(ln_mixture_of_each(value, variance, mean, ln_coverage, outliers, background).sum())
+
+
+def ln_mixture_of_each(
+    value: Array, variance: Array, mean: Array, ln_coverage: Array, outliers: float, background: tuple[float, float]
+) -> Array:
+    """(m,) The terms of `ln_mixture`, whose arguments these are."""
     stream = ln_gaussian(value - mean, variance) + ln_coverage
     if not outliers > 0:
-        return float(stream.sum())
+        return stream
     other = ln_gaussian(value - background[0], np.full(len(value), background[1] ** 2))
-    return float(np.logaddexp(np.log1p(-outliers) + stream, np.log(outliers) + other).sum())
+    return np.asarray(np.logaddexp(np.log1p(-outliers) + stream, np.log(outliers) + other))
 
 
 def mixture_residuals(
@@ -63,7 +72,12 @@ Side = tuple[Array, Array, Array, Array, float, tuple[float, float]]
 
 
 def ln_mixture_of_pairs(one: Side, other: Side, covariance: Array) -> float:
-    """Return the sum over stars of the ln density of two data with correlated errors.
+    """Return the sum over stars of the ln density of two data with correlated errors: `ln_mixture_of_each_pair`."""
+    return float(ln_mixture_of_each_pair(one, other, covariance).sum())
+
+
+def ln_mixture_of_each_pair(one: Side, other: Side, covariance: Array) -> Array:
+    """(m,) The ln density of two data with correlated errors, of each star.
 
     Either datum may be an outlier, and only where neither is do the errors correlate. Without a covariance it is the
     product of two `ln_mixture`.
@@ -86,7 +100,29 @@ def ln_mixture_of_pairs(one: Side, other: Side, covariance: Array) -> float:
         ln_in + ln_too + first + given + y_coverage, ln_in + ln_g + first + foreign,
         ln_f + ln_too + strange + second, ln_f + ln_g + strange + foreign,
     ]  # fmt: skip
-    return float(np.logaddexp.reduce(terms, axis=0).sum())
+    return np.asarray(np.logaddexp.reduce(terms, axis=0))
+
+
+def ln_sum(compared: Iterable[tuple[str, Side]], pair: Sequence[str], covariance: Array | None) -> float:
+    """Return the ln likelihood of columns by their names, of which a pair may have a covariance (m,)."""
+    total, pairs = 0.0, []
+    for name, side in compared:
+        if name in pair:
+            pairs.append(side)
+        else:
+            total += ln_mixture(*side)
+    if covariance is not None and pairs:
+        total += ln_mixture_of_pairs(pairs[0], pairs[1], covariance)
+    return total
+
+
+def ln_of_each(compared: Iterable[tuple[str, Side]], pair: Sequence[str], covariance: Array | None) -> Array:
+    """(m,) The terms of `ln_sum`, of all data. Of a pair, the second is that given the first."""
+    sides = dict(compared)
+    terms = {name: ln_mixture_of_each(*side) for name, side in sides.items()}
+    if covariance is not None and pair:
+        terms[pair[1]] = ln_mixture_of_each_pair(sides[pair[0]], sides[pair[1]], covariance) - terms[pair[0]]
+    return np.concatenate(list(terms.values()))
 
 
 def ln_gaussian(difference: Array, variance: Array) -> Array:

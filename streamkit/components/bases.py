@@ -243,6 +243,13 @@ class Measurement(Component):
         """
         return None
 
+    def ln_likelihoods(self, prediction: Prediction, add_noise: bool) -> Array | None:
+        """Return the ln likelihood (m,) of each datum if `ln_likelihood` is not None; None where it has no terms.
+
+        Their sum is that of `ln_likelihood`, whose arguments these are. Leave-one-out comparisons read them. Optional.
+        """
+        return None
+
     def residuals(self, prediction: Prediction, add_noise: bool) -> Array | None:
         """Return the residual (m,) of each datum if `ln_likelihood` is not None; None where there are none. Optional.
 

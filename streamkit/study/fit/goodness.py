@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.special import ndtr
@@ -13,14 +13,12 @@ from scipy.stats import chi2
 from streamkit.components import Measurement
 from streamkit.errors import OutOfDomain
 from streamkit.observe import UNNAMED, parts_of, read_data, residuals_of
-from streamkit.runfile import ONLY, ModelInputs
+from streamkit.runfile import ONLY, ModelInputs, Spec
 from streamkit.stream import Array, Data, IntArray, Prediction
 from streamkit.study.fit.tables import printable
 
 if TYPE_CHECKING:
     from astropy.table import QTable
-
-    from streamkit.study.fit.results import Results
 
 SAMPLES = 200  # samples that p-values are averaged over
 ALL = "all data"
@@ -101,19 +99,58 @@ def at_least_one(p: float, n: int) -> float:
     return float(-np.expm1(n * np.log1p(-min(p, 1.0 - 1e-16))))
 
 
-def goodness(results: Results) -> Goodness | None:
-    """Return the goodness of fit of a run; None if its best stream cannot be made again, or nothing can be judged.
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """The samples of a run with their predictions.
 
-    The details of the predictions, such as the spread of the debris, are those of the best sample: runs store means
-    and variances only. Extra dispersions and fractions of outliers are those of each sample.
+    Attributes
+    ----------
+    spec
+        The run.
+    best, predictions
+        The best sample by name, and what is predicted there; its details stand for those of all samples, as runs store
+        means and variances only.
+    samples, blobs
+        (n, d) samples, and (n,) records of `streamkit.sample.blob_dtype`; None if predictions were not stored.
     """
-    try:
-        best = results.best_observation.predictions
-    except OutOfDomain:  # another machine's rounding may lose a stream at the edge
-        return None
-    add_noise = results.spec.likelihood.noise == "add"
-    here = [*_measured(results.spec.bind_all(results.best()), best, add_noise)]
-    stored = [*_stored(results, best, add_noise)]
+
+    spec: Spec
+    best: Mapping[str, float]
+    predictions: Mapping[str, Prediction]
+    samples: Array
+    blobs: Any
+
+    @property
+    def add_noise(self) -> bool:
+        """Whether the likelihood adds the noise of the model."""
+        return self.spec.likelihood.noise == "add"
+
+    def measured(self) -> list[Measured]:
+        """Return every measurement at the best sample."""
+        return [*_measured(self.spec.bind_all(self.best), self.predictions, self.add_noise)]
+
+    def at_samples(self, most: int) -> Iterator[list[Measured]]:
+        """Return every measurement at samples, evenly spaced; extra dispersions are those of each sample."""
+        if self.blobs is None or not self.blobs.dtype.names or "mean" not in self.blobs.dtype.names:
+            return
+        for i in np.unique(np.linspace(0, len(self.blobs) - 1, most).astype(int)):
+            try:
+                bound = self.spec.bind_all(self.samples[i])
+            except OutOfDomain:
+                continue
+            made, first = {}, 0
+            for name, prediction in self.predictions.items():
+                mean, variance = (self.blobs[i][each][first:] for each in ("mean", "variance"))
+                made[name] = _replaced(prediction, mean, variance)
+                first += len(prediction.names)
+            one = [*_measured(bound, made, self.add_noise)]
+            if all(np.isfinite(each.prediction.mean[each.rows]).all() for each in one):
+                yield one
+
+
+def goodness(sampled: Sampled) -> Goodness | None:
+    """Return the goodness of fit of a run; None if no measurement can be judged."""
+    here, stored = sampled.measured(), [*sampled.at_samples(SAMPLES)]
     judged = [k for k, one in enumerate(here) if one.residuals is not None]
     unjudged = tuple(one.name or one.measurement.kind for one in here if one.residuals is None)
     if not any(len(here[k].rows) for k in judged):
@@ -134,7 +171,7 @@ def goodness(results: Results) -> Goodness | None:
 
 
 @dataclass(frozen=True)
-class _Measured:
+class Measured:
     """One measurement with a prediction: its name, data and residuals (None without)."""
 
     name: str
@@ -176,7 +213,7 @@ class _Measured:
         return float(away @ np.linalg.solve(whole, away))
 
 
-def _measured(bound: ModelInputs, predictions: Mapping[str, Prediction], add_noise: bool) -> Iterator[_Measured]:
+def _measured(bound: ModelInputs, predictions: Mapping[str, Prediction], add_noise: bool) -> Iterator[Measured]:
     """Return every measurement of the streams and of the host with its prediction, in the order of the data."""
     for stream, inputs in bound.streams.items():
         if stream in predictions:
@@ -188,29 +225,9 @@ def _measured(bound: ModelInputs, predictions: Mapping[str, Prediction], add_noi
         yield _with_residuals(f"data.{name}", datum, predictions[f"data.{name}"], add_noise)
 
 
-def _with_residuals(name: str, measurement: Measurement, prediction: Prediction, add_noise: bool) -> _Measured:
+def _with_residuals(name: str, measurement: Measurement, prediction: Prediction, add_noise: bool) -> Measured:
     data = read_data(measurement, add_noise)
-    return _Measured(name, measurement, data, prediction, residuals_of(measurement, prediction, data))
-
-
-def _stored(results: Results, best: Mapping[str, Prediction], add_noise: bool) -> Iterator[list[_Measured]]:
-    """Return the measurements at some samples, from the means and variances that were stored with them."""
-    blobs = results.blobs
-    if blobs is None or not blobs.dtype.names or "mean" not in blobs.dtype.names:
-        return
-    flat, samples = blobs[results.discard :].ravel(), results.samples
-    for i in np.unique(np.linspace(0, len(flat) - 1, SAMPLES).astype(int)):
-        try:
-            bound = results.spec.bind_all(samples[i])
-        except OutOfDomain:
-            continue
-        made, first = {}, 0
-        for name, prediction in best.items():
-            made[name] = _replaced(prediction, flat[i]["mean"][first:], flat[i]["variance"][first:])
-            first += len(prediction.names)
-        one = [*_measured(bound, made, add_noise)]
-        if all(np.isfinite(each.residuals[each.rows]).all() for each in one if each.residuals is not None):
-            yield one
+    return Measured(name, measurement, data, prediction, residuals_of(measurement, prediction, data))
 
 
 def _replaced(prediction: Prediction, mean: Array, variance: Array) -> Prediction:

@@ -1,17 +1,19 @@
 """Goodness of fit: residuals and p-values against closed forms and replicated data, and bad fits that are seen."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
-from scipy.stats import chi2, kstest, norm
+from scipy.stats import chi2, kstest, multivariate_normal, norm
 
 import streamkit as sk
 from streamkit.builtin.track_likelihood import mixture_residuals
 from streamkit.components import DO_NOT, FINE, LOOK
-from streamkit.observe import residuals_of
+from streamkit.observe import ln_likelihood_of_each, new_data, residuals_of
 from streamkit.stream import Data
 from streamkit.study.fit import describe_results
 from streamkit.study.fit import verdicts as rules
-from streamkit.study.fit.goodness import Fitted, Goodness, _Measured, goodness_table
+from streamkit.study.fit.goodness import Fitted, Goodness, Measured, goodness_table
 
 
 def fitted(residuals, samples=(), name="radial_velocity", best=None):
@@ -72,7 +74,7 @@ def test_a_covariance_counts():
     rows = np.arange(2)
     for sign, expected in ((1, 2 * 4 / 1.9), (-1, 2 * 4 / 0.1)):
         prediction = sk.Prediction(("a", "b"), np.array([2.0, 2.0 * sign]), np.zeros(2))
-        one = _Measured("", None, data, prediction, data.residuals(prediction.mean, prediction.variance))
+        one = Measured("", None, data, prediction, data.residuals(prediction.mean, prediction.variance))
         assert one.square(rows) == pytest.approx(expected)
         assert one.square(rows[:1]) == pytest.approx(4.0)
 
@@ -162,3 +164,45 @@ def test_a_likelihood_without_residuals_is_not_judged():
     assert residuals_of(observable, prediction, Data(*observable.data())) is None
     fit = Goodness((), fitted([0.0]), ("wrapped",))
     assert goodness_table(fit).meta["not judged"].endswith(": wrapped")
+
+
+def test_each_correlated_datum_given_the_others_is_the_conditional_density():
+    """ln p(y_i | the others) = ln p(y) - ln p(the others)."""
+    rng = np.random.default_rng(7)
+    root = rng.standard_normal((3, 3))
+    covariance = root @ root.T + np.eye(3)
+    values, mean, variance = rng.standard_normal(3), rng.standard_normal(3), np.full(3, 0.2)
+    errors = np.sqrt(np.diag(covariance))
+    found = Data(values, errors, True, covariance).gaussian_of_each(mean, variance)
+    joint = multivariate_normal(mean, covariance + 0.2 * np.eye(3))
+    for i in range(3):
+        others = [j for j in range(3) if j != i]
+        rest = multivariate_normal(mean[others], (covariance + 0.2 * np.eye(3))[np.ix_(others, others)])
+        assert found[i] == pytest.approx(joint.logpdf(values) - rest.logpdf(values[others]))
+
+
+def test_new_data_have_the_covariance_of_the_data():
+    covariance = np.array([[1.0, 0.8], [0.8, 2.0]])
+    data = Data(np.array([0.0, 0.0, np.nan]), np.array([1.0, np.sqrt(2.0), 1.0]), False,
+                np.block([[covariance, np.zeros((2, 1))], [np.zeros((1, 2)), np.ones((1, 1))]]))  # fmt: skip
+    rng = np.random.default_rng(9)
+    drawn = np.array([data.drawn(np.array([3.0, -1.0, 0.0]), np.zeros(3), rng) for _ in range(20000)])
+    assert np.isnan(drawn[:, 2]).all()
+    np.testing.assert_allclose(drawn[:, :2].mean(axis=0), [3.0, -1.0], atol=0.05)
+    np.testing.assert_allclose(np.cov(drawn[:, :2].T), covariance, atol=0.06)
+
+
+def test_the_terms_of_a_track_add_up_to_its_likelihood_and_new_data_scatter_about_it():
+    spec = sk.load(Path(__file__).parents[3] / "examples" / "gd1" / "gd1.toml").with_particles(1500)
+    inputs = spec.bind({"observable.radial_velocity_outliers": 0.1})
+    observable = inputs.observable
+    _, prediction = sk.Model(spec).observe(inputs)
+    data = Data(*observable.data(), True)
+    each = ln_likelihood_of_each(observable, prediction, data)
+    assert each.sum() == pytest.approx(observable.ln_likelihood(prediction, True), rel=1e-12)
+    rng = np.random.default_rng(5)
+    rows = observable.quantities()["phi2"]
+    drawn = np.array([new_data(observable, prediction, data, rng)[rows] for _ in range(100)])
+    scores = (drawn - prediction.mean[rows]) / data.errors[rows]
+    assert scores.std() == pytest.approx(1, abs=5 / np.sqrt(2 * scores.size))
+    assert residuals_of(observable, prediction, data).shape == data.values.shape
