@@ -4,21 +4,33 @@ from __future__ import annotations
 
 import os
 import signal
+import tempfile
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import pytest
-from commands import RUN
 from filelock import FileLock
 from matplotlib.figure import Figure
 from PIL import Image
-from toys import FIT, PUBLISHED
+from runfiles import APOCENTRES, FIT, PUBLISHED, RUN
 
 import streamkit as sk
+from streamkit.runfile import to_toml
 
 collect_ignore = ["third_party"]  # a package of its own: test_third_party.py installs it and runs its test
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile the loops in the first worker of xdist; the others wait, and read the machine code that it has saved.
+
+    From a cold cache that takes a minute, which two workers that begin together would each take.
+    """
+    if hasattr(config, "workerinput"):
+        with FileLock(Path(tempfile.gettempdir()) / f"streamkit-{config.workerinput['testrunuid']}.lock"):
+            spec = sk.load(FIT)
+            sk.Posterior(spec).evaluate(spec.centre())
 
 
 @pytest.fixture(autouse=True)
@@ -29,7 +41,7 @@ def hundred_columns(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(autouse=True)
 def unrendered_pictures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every picture is made and its file written, but with one pixel: rendering takes most of the time of a report.
+    """Every picture is made and its file written, but empty: rendering takes most of the time of a report.
 
     A test that looks at pictures is marked ``rendered``, with parts of their file names if it does not look at all.
     """
@@ -44,8 +56,10 @@ def unrendered_pictures(request: pytest.FixtureRequest, monkeypatch: pytest.Monk
             file.write(pixel.getvalue())
         elif any(name in Path(file).name for name in names):
             render(self, file, **options)
-        else:
+        elif Path(file).suffix == ".png":
             Path(file).write_bytes(pixel.getvalue())
+        else:
+            render(Figure(), file, **options)
 
     monkeypatch.setattr(Figure, "savefig", write)
 
@@ -70,11 +84,20 @@ def run_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
+@pytest.fixture
+def fit_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The run file of `runfiles.FIT`, alone in the working directory."""
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "fit.toml"
+    path.write_text(to_toml(FIT))
+    return path
+
+
 @pytest.fixture(scope="session")
 def finished_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The directory of a run of `toys.FIT` with 30 steps, all products and published values: to be read, or copied.
+    """The directory of a run of `runfiles.APOCENTRES` with 30 steps, all products and published values.
 
-    The first worker of xdist that asks for it makes it for all.
+    To be read, or copied. The first worker of xdist that asks for it makes it for all.
     """
     place = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
@@ -83,7 +106,7 @@ def finished_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with FileLock(place / "finished.lock"):
         if not made.exists():
             (place / "published.csv").write_text(PUBLISHED)
-            results = sk.run(sk.load(FIT), out=out, steps=30, progress=False, products=False)
+            results = sk.run(sk.load(APOCENTRES), out=out, steps=30, progress=False, products=False)
             sk.study.fit.write_products(results, literature=place / "published.csv")
             made.touch()
     return out

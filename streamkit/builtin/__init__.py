@@ -21,6 +21,7 @@ from streamkit.builtin import (
     stripping,
     track,
 )
+from streamkit.builtin.emulator.sampler import PredictionEmulator
 from streamkit.builtin.ensemble import sampler
 
 STREAMKIT_CONTRACT = CONTRACT
@@ -64,6 +65,7 @@ def streamkit_components() -> list[type[Component] | Preset]:
         track.Track,
         remnant.RemnantData,
         sampler.Emcee,
+        PredictionEmulator,
         host_data.RotationCurve,
         host_data.CircularVelocity,
         host_data.EnclosedMass,

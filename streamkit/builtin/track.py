@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 import streamkit as sk
-from streamkit.builtin.track_columns import COLUMNS, DEPTH, column_of, within
+from streamkit.builtin.track_columns import COLUMNS, DEPTH, column_of, radii_of, within
 from streamkit.builtin.track_likelihood import Side, ln_of_each, ln_sum, mixture_residuals, scatter_of
 from streamkit.builtin.track_lines import ENOUGH, REACH, Lines, gather, lines_at
 from streamkit.builtin.track_members import MEMBERS, MOTIONS, Members, members_of, which_columns
@@ -46,6 +46,7 @@ class Track(sk.Observable):
     """
 
     kind = "track"
+    likelihood_details = ("spread", "ln_coverage")
     reference = "Erkal et al. 2019, MNRAS 487, 2685: local lines, here with a kernel for their window"
     example: ClassVar[dict[str, Any]] = {
         "frame": {"pole": [192.86, 27.13], "origin": [266.4, -28.94]},
@@ -270,12 +271,18 @@ class Track(sk.Observable):
         wanted = {column_of(name) for name in self.given}
         return longitude, {name: column.of(seen) for name, column in COLUMNS.items() if name in wanted}
 
-    def ln_likelihood(self, prediction: sk.Prediction, add_noise: bool) -> float:
-        """Return the sum over columns of `ln_mixture`: Gaussians about the lines, extra dispersions, outliers.
+    def likelihood_fields(self) -> tuple[str, ...]:
+        """Return the dispersions and the fractions of outliers; a datum of depth predicts with that of the distance."""
+        dispersions = (f"{name}_dispersion" for name in COLUMNS if name != "distance" or DEPTH not in self.given)
+        return (*dispersions, *(f"{name}_outliers" for name in COLUMNS))
+
+    def ln_likelihood(self, prediction: sk.Prediction, add_noise: bool) -> sk.Array:
+        """(...) Return the sum over columns of `ln_mixture`: Gaussians about the lines, extra dispersions, outliers.
 
         The two proper motions of a member are one pair, with their covariance.
         """
-        return ln_sum(self._compared(prediction, add_noise), self._pair, self._pair_covariance)
+        total = np.zeros(np.shape(prediction.mean)[:-1])
+        return ln_sum(total, self._compared(prediction, add_noise), self._pair, self._pair_covariance)
 
     def ln_likelihoods(self, prediction: sk.Prediction, add_noise: bool) -> sk.Array:
         """Return the terms of `ln_likelihood`; the second proper motion of a member is compared given the first."""
@@ -289,7 +296,7 @@ class Track(sk.Observable):
         """Return the arguments of `ln_mixture` for each column, by its name."""
         start = 0
         for name, (phi1, value, error) in self.given.items():
-            part = slice(start, start := start + len(phi1))
+            part = np.s_[..., start : (start := start + len(phi1))]
             variance = self.scatter2(name, error, prediction.details["spread"][part])
             if add_noise:
                 variance = variance + prediction.variance[part]
@@ -307,7 +314,7 @@ class Track(sk.Observable):
         return None if self._stars is None else self._stars.covariance[self._stars.rows(MOTIONS[0])]
 
     def scatter2(self, name: str, error: sk.Array, spread: sk.Array) -> sk.Array:
-        """(k,) Variances of one field's data about the lines: errors, extra dispersion, and the spread for stars."""
+        """(..., k) Variances of one field's data about the lines: errors, extra dispersion, for stars the spread."""
         variance = error**2
         if name != DEPTH:
             variance = variance + getattr(self, f"{name}_dispersion") ** 2
@@ -388,12 +395,4 @@ class Track(sk.Observable):
 
     def radii(self) -> dict[str, float]:
         """Return the least and the greatest Galactocentric radius of the distances, seen from 8 kpc at phi2 = 0."""
-        parts = [(phi1, value) for name, (phi1, value, _) in self.given.items() if name == "distance"]
-        parts += [(phi1, 10 ** ((value - 10) / 5)) for name, (phi1, value, _) in self.given.items()
-                  if name == "distance_modulus"]  # fmt: skip
-        if not parts:
-            return {}
-        phi1, distance = (np.concatenate(part) for part in zip(*parts, strict=True))
-        q = sk.place_on_sky(phi1, np.zeros(len(phi1)), distance, sk.sky_matrix(self.frame))
-        r = np.sqrt((q**2).sum(axis=0))
-        return {"innermost distance": float(r.min()), "outermost distance": float(r.max())}
+        return radii_of(self.given, sk.sky_matrix(self.frame))

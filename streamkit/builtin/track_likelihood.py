@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import reduce
 
 import numpy as np
 
@@ -12,39 +13,55 @@ BROAD = 3.0  # errors by which the broad Gaussian of outliers is wider than the 
 
 
 def ln_mixture(
-    value: Array, variance: Array, mean: Array, ln_coverage: Array, outliers: float, background: tuple[float, float]
-) -> float:
-    """Return the sum over data of ln [(1 - f) c N(value; mean, variance) + f N(value; background)].
+    value: Array,
+    variance: Array,
+    mean: Array,
+    ln_coverage: Array,
+    outliers: float | Array,
+    background: tuple[float, float],
+) -> Array:
+    """(...) Return the sum over data of ln [(1 - f) c N(value; mean, variance) + f N(value; background)].
 
     Parameters
     ----------
     value
         (m,) data.
     variance, mean
-        (m,) of the Gaussian that the stream predicts, errors included.
+        (..., m) of the Gaussian that the stream predicts, errors included.
     ln_coverage
-        (m,) ln c: zero where the stream has debris, falling with the distance to the nearest.
+        (..., m) ln c: zero where the stream has debris, falling with the distance to the nearest.
     outliers
-        f, the fraction of data that are none of the stream.
+        f, the fraction of data that are none of the stream: a number, or (..., 1).
     background
         Mean and standard deviation of the outliers. Hogg, Bovy & Lang 2010, arXiv:1008.4686, equation 17.
     """
-    return float(ln_mixture_of_each(value, variance, mean, ln_coverage, outliers, background).sum())
+    return np.asarray(ln_mixture_of_each(value, variance, mean, ln_coverage, outliers, background).sum(axis=-1))
 
 
 def ln_mixture_of_each(
-    value: Array, variance: Array, mean: Array, ln_coverage: Array, outliers: float, background: tuple[float, float]
+    value: Array,
+    variance: Array,
+    mean: Array,
+    ln_coverage: Array,
+    outliers: float | Array,
+    background: tuple[float, float],
 ) -> Array:
-    """(m,) The terms of `ln_mixture`, whose arguments these are."""
+    """(..., m) The terms of `ln_mixture`, whose arguments these are."""
     stream = ln_gaussian(value - mean, variance) + ln_coverage
-    if not outliers > 0:
+    if not np.any(outliers):
         return stream
     other = ln_gaussian(value - background[0], np.full(len(value), background[1] ** 2))
-    return np.asarray(np.logaddexp(np.log1p(-outliers) + stream, np.log(outliers) + other))
+    with np.errstate(divide="ignore"):  # a fraction of zero among others: ln 0
+        return np.asarray(np.logaddexp(np.log1p(-outliers) + stream, np.log(outliers) + other))
 
 
 def mixture_residuals(
-    value: Array, variance: Array, mean: Array, ln_coverage: Array, outliers: float, background: tuple[float, float]
+    value: Array,
+    variance: Array,
+    mean: Array,
+    ln_coverage: Array,
+    outliers: float | Array,
+    background: tuple[float, float],
 ) -> Array:
     """(m,) Normal scores of data in the distribution of `ln_mixture`, whose arguments these are.
 
@@ -55,9 +72,9 @@ def mixture_residuals(
 
     score = (value - mean) / np.sqrt(variance)
     ln_weight = ln_coverage
-    if outliers > 0:
+    if np.any(outliers):
         other = (value - background[0]) / background[1]
-        ln_stream, ln_other = np.log1p(-outliers) + ln_coverage, np.full(len(value), np.log(outliers))
+        ln_stream, ln_other = np.log1p(-outliers) + ln_coverage, np.log(outliers) + np.zeros(len(value))
         ln_weight = np.logaddexp(ln_stream, ln_other)
         below, above = (
             np.logaddexp(ln_stream + log_ndtr(sign * score), ln_other + log_ndtr(sign * other)) - ln_weight
@@ -68,16 +85,16 @@ def mixture_residuals(
 
 
 # Data, variances and means of the stream, ln coverage, the fraction of outliers, their mean and standard deviation.
-Side = tuple[Array, Array, Array, Array, float, tuple[float, float]]
+Side = tuple[Array, Array, Array, Array, float | Array, tuple[float, float]]
 
 
-def ln_mixture_of_pairs(one: Side, other: Side, covariance: Array) -> float:
-    """Return the sum over stars of the ln density of two data with correlated errors: `ln_mixture_of_each_pair`."""
-    return float(ln_mixture_of_each_pair(one, other, covariance).sum())
+def ln_mixture_of_pairs(one: Side, other: Side, covariance: Array) -> Array:
+    """(...) Return the sum over stars of the ln density of two data with correlated errors."""
+    return np.asarray(ln_mixture_of_each_pair(one, other, covariance).sum(axis=-1))
 
 
 def ln_mixture_of_each_pair(one: Side, other: Side, covariance: Array) -> Array:
-    """(m,) The ln density of two data with correlated errors, of each star.
+    """(..., m) The ln density of two data with correlated errors, of each star.
 
     Either datum may be an outlier, and only where neither is do the errors correlate. Without a covariance it is the
     product of two `ln_mixture`.
@@ -85,7 +102,7 @@ def ln_mixture_of_each_pair(one: Side, other: Side, covariance: Array) -> Array:
     Parameters
     ----------
     one, other
-        The arguments of `ln_mixture` for each datum, (m,) arrays.
+        The arguments of `ln_mixture` for each datum.
     covariance
         (m,) of the two.
     """
@@ -100,19 +117,19 @@ def ln_mixture_of_each_pair(one: Side, other: Side, covariance: Array) -> Array:
         ln_in + ln_too + first + given + y_coverage, ln_in + ln_g + first + foreign,
         ln_f + ln_too + strange + second, ln_f + ln_g + strange + foreign,
     ]  # fmt: skip
-    return np.asarray(np.logaddexp.reduce(terms, axis=0))
+    return np.asarray(reduce(np.logaddexp, terms))
 
 
-def ln_sum(compared: Iterable[tuple[str, Side]], pair: Sequence[str], covariance: Array | None) -> float:
-    """Return the ln likelihood of columns by their names, of which a pair may have a covariance (m,)."""
-    total, pairs = 0.0, []
+def ln_sum(total: Array, compared: Iterable[tuple[str, Side]], pair: Sequence[str], covariance: Array | None) -> Array:
+    """Return a total (...) plus the ln likelihood of columns by their names, of which a pair may have a covariance."""
+    pairs = []
     for name, side in compared:
         if name in pair:
             pairs.append(side)
         else:
-            total += ln_mixture(*side)
+            total = total + ln_mixture(*side)
     if covariance is not None and pairs:
-        total += ln_mixture_of_pairs(pairs[0], pairs[1], covariance)
+        total = total + ln_mixture_of_pairs(pairs[0], pairs[1], covariance)
     return total
 
 
@@ -126,7 +143,7 @@ def ln_of_each(compared: Iterable[tuple[str, Side]], pair: Sequence[str], covari
 
 
 def ln_gaussian(difference: Array, variance: Array) -> Array:
-    """(m,) ln of a Gaussian density at differences (m,) from its mean."""
+    """(..., m) ln of a Gaussian density at differences (..., m) from its mean."""
     return np.asarray(-0.5 * (difference**2 / variance + np.log(2 * np.pi * variance)))
 
 

@@ -22,6 +22,13 @@ from streamkit.cli.process import keep_streams, leave
 from streamkit.errors import PluginError, StreamkitError, message_of, nearest, printable
 
 GROUP = "streamkit.commands"
+# Commands by words of other programs, which are spelled too differently to be found by their letters.
+MEANT = {
+    "fit": "run", "sample": "run", "mcmc": "run", "resume": "run", "quick": "run", "validate": "check", "test": "check",
+    "simulate": "stream", "make": "stream", "plot": "stream", "track": "stream", "compare": "ablate", "mass": "host",
+    "potential": "host", "progress": "status", "results": "report", "page": "report", "save": "export",
+    "bibtex": "cite", "help": "reference", "list": "plugins", "template": "init", "example": "init",
+}  # fmt: skip
 
 
 class PluginCommand(click.Command):
@@ -106,7 +113,9 @@ class Commands(click.Group):
             command = PluginCommand(name, points)
         if command is None and not ctx.resilient_parsing:
             names = self.list_commands(ctx)
-            hint = components.where_to_find("command", name) or nearest(name, names)
+            meant = MEANT.get(name.lower())
+            guess = f" Did you mean {meant!r}?" if meant else nearest(name, names)
+            hint = components.where_to_find("command", name) or guess
             raise click.UsageError(f"no command is called {name!r}.{hint} Known: {', '.join(names)}", ctx)
         return command
 

@@ -21,6 +21,10 @@ SET = click.option(
     help="Replace a field, such as progenitor.mass=6.4e8 or 'potential.v0=220 km/s'. Repeatable.",
 )  # fmt: skip
 
+SAMPLER = click.option(
+    "--sampler", metavar="KIND",
+    help="Another sampler, with its default settings, in place of the run file's: emcee, emulator, or a plugin's.",
+)  # fmt: skip
 SEEDS = click.option("--seeds", default=1, show_default=True, type=click.IntRange(1), metavar="N",
                      help="Number of seeds, from the run file's on; each makes every stream again.")  # fmt: skip
 WORKERS = click.option("--workers", default=1, show_default=True, type=click.IntRange(1), metavar="N",
@@ -45,11 +49,12 @@ def directory(suffix: str) -> Callable[[Any], Any]:
     )  # fmt: skip
 
 
-def load_spec(run_file: Path, settings: Sequence[str] = ()) -> sk.Spec:
-    """Read the run file and apply the settings; a command that is not quiet will announce compilation."""
+def load_spec(run_file: Path, settings: Sequence[str] = (), sampler: str | None = None) -> sk.Spec:
+    """Read the run file, apply sampler and settings; a command that is not quiet will announce compilation."""
     if not click.get_current_context().params.get("quiet"):
         announce_compilation()
     spec = sk.load(run_file)
+    spec = spec if sampler is None else spec.with_sampler(sampler)
     return spec.with_values(read_settings(settings)) if settings else spec
 
 

@@ -18,6 +18,7 @@ from streamkit.study import fit
               help="Compare with the true host of a mock: the [potential] of this run file.")  # fmt: skip
 @LITERATURE
 @PDF
+@click.option("--column", is_flag=True, help="Draw the profiles for one column of a journal, 3.4 inches wide.")
 @TRUST
 @JSON
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing.")
@@ -26,6 +27,7 @@ def report(
     truth: Path | None,
     literature: Path | None,
     pdf: bool,
+    column: bool,
     trust: bool,
     as_json: bool,
     quiet: bool,
@@ -44,7 +46,7 @@ def report(
     """
     if not quiet:
         announce_compilation()
-    results = fit.write_products(directory, truth, literature, pdf, trust)
+    results = fit.write_products(directory, truth, literature, pdf, trust, column=column)
     if as_json:
         click.echo(reports.as_json(fit.results_record(results)))
     elif not quiet:

@@ -7,13 +7,14 @@ from pathlib import Path
 import click
 
 from streamkit import report
-from streamkit.cli.options import LITERATURE, PDF, RUN_FILE, SET, load_spec
+from streamkit.cli.options import LITERATURE, PDF, RUN_FILE, SAMPLER, SET, load_spec
 from streamkit.study import fit
 
 
 @click.command()
 @RUN_FILE
 @SET
+@SAMPLER
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="DIR",
               help="Directory of the products; default: the run file's name without .toml.")  # fmt: skip
 @click.option("--workers", type=click.IntRange(1), metavar="N",
@@ -35,6 +36,7 @@ from streamkit.study import fit
 def run(
     run_file: Path,
     settings: tuple[str, ...],
+    sampler: str | None,
     output: Path | None,
     workers: int | None,
     engine: str | None,
@@ -54,7 +56,7 @@ def run(
     """
     if resume and force:
         raise click.UsageError("--resume continues the run in DIR and --force replaces it: give one of them")
-    spec = load_spec(run_file, settings)
+    spec = load_spec(run_file, settings, sampler)
     out = output if output is not None else Path(run_file.stem)
     results = fit.run(
         spec, out=out, workers=workers, steps=steps, quick=quick, resume=resume, force=force, progress=not quiet,

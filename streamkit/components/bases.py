@@ -208,6 +208,14 @@ class Integrator(Component):
 class Measurement(Component):
     """Data, and how a prediction is compared with them."""
 
+    likelihood_details: ClassVar[tuple[str, ...] | None] = None
+    """The details of a prediction that an `ln_likelihood` of its own reads; () for none.
+
+    Whoever declares them lets a sampler emulate the predictions and call `ln_likelihood` for many points at once: mean,
+    variance and details then have one more axis in front, (n, m), fields with a prior are arrays (n, 1), and (n,)
+    values are returned, as NumPy does by itself where sums are over the last axis. None where nothing is declared; an
+    observable without an `ln_likelihood` need not declare anything."""
+
     @abstractmethod
     def data(self) -> tuple[Array, Array]:
         """Return the observed values and their standard errors, (m,) each, NaN where there is no datum.
@@ -231,7 +239,7 @@ class Measurement(Component):
         """
         return None
 
-    def ln_likelihood(self, prediction: Prediction, add_noise: bool) -> float | None:
+    def ln_likelihood(self, prediction: Prediction, add_noise: bool) -> float | Array | None:
         """Return the natural log of the probability density of the data, or None for a Gaussian. Optional.
 
         Parameters
@@ -263,6 +271,10 @@ class Measurement(Component):
             As for `ln_likelihood`.
         """
         return None
+
+    def likelihood_fields(self) -> tuple[str, ...]:
+        """Return the fields that `ln_likelihood` alone reads: `predict` and `data` do not depend on them. Optional."""
+        return ()
 
     def mock(self, prediction: Prediction, rng: np.random.Generator) -> dict[str, Any]:
         """Draw mock data about the prediction; return their fields as a run file writes them. Optional.

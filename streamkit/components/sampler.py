@@ -28,6 +28,8 @@ class Evaluations:
         (n, m) the prediction of each datum, and the variance of that estimate; NaN where there is none.
     reasons
         n texts: why a point has no likelihood; empty where it has one.
+    details
+        (n, k) what else of the predictions the likelihoods read, for a sampler that emulates predictions.
     """
 
     ln_probability: Array
@@ -35,6 +37,7 @@ class Evaluations:
     mean: Array
     variance: Array
     reasons: tuple[str, ...]
+    details: Array = field(default_factory=lambda: np.empty((0, 0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,8 +167,25 @@ class Target(Protocol):
         Raises an exception of streamkit's after a signal or a fault: let it pass.
         """
 
-    def predictions(self, points: Array) -> Evaluations:
-        """Return the posterior at points (n, d) as `evaluate` does, with the prediction of each datum."""
+    def predictions(self, points: Array, small: bool = False) -> Evaluations:
+        """Return the posterior at points (n, d) as `evaluate` does, with the prediction of each datum.
+
+        With ``small``, of streams with the particles of `Sampler.search_size`, their noise added to that of the data.
+        """
+
+    @property
+    def coordinates(self) -> BoolArray:
+        """(d,) Whether the predictions depend on a parameter; the others enter the likelihood alone."""
+
+    @property
+    def undeclared(self) -> Sequence[str]:
+        """The measurements that `compare` cannot compare: role and kind. See `Measurement.likelihood_details`."""
+
+    def compare(self, points: Array, mean: Array, variance: Array, details: Array) -> Array:
+        """Return ln likelihood (n,) at points (n, d) for given predictions (n, m) and their details (n, k).
+
+        Their variances (n, m) are added to those of the data. At least one point was evaluated before, with a result.
+        """
 
     def start(self, count: int, particles: int) -> Ensemble:
         """Return ``count`` starting points near the maximum of the posterior, found from the prior.
@@ -198,6 +218,8 @@ class Sampler(Component):
     role: ClassVar[str] = "sampler"
     stopping: ClassVar[tuple[str, ...]] = ()
     """Fields that only say when to stop: a resumed run may change them."""
+    emulates: ClassVar[bool] = False
+    """Whether it emulates predictions: points then have random numbers of their own, and `Evaluations` details."""
 
     call_limit: float = Field(
         default=3600.0,

@@ -17,7 +17,7 @@ from streamkit.model.integrate import Records, integrate
 from streamkit.model.live import follow_live, live_track
 from streamkit.model.observation import Observation
 from streamkit.model.progenitor import next_apocentre, progenitor_track
-from streamkit.model.release import random_numbers, release_particles
+from streamkit.model.release import other_numbers, random_numbers, release_particles
 from streamkit.observe import measure_host, measure_stream, read_data
 from streamkit.runfile import ModelInputs, Source, StreamInputs, as_spec
 from streamkit.stream import Array, Data, IntArray, Orbit, Prediction, Stream
@@ -35,11 +35,15 @@ class Model:
         A spec, the path of a run file, or a mapping of the same form.
     threads
         Number of threads for one stream; useful from 10^5 particles on. The stream does not depend on it.
+    fresh
+        Whether every point of parameters has random numbers of its own, decided by the seed and the parameters. The
+        noise of two streams is then independent, and the same parameters give the same stream.
     """
 
-    def __init__(self, spec: Source, threads: int = 1) -> None:
+    def __init__(self, spec: Source, threads: int = 1, fresh: bool = False) -> None:
         self.spec = as_spec(spec)
         self.threads = threads
+        self.fresh = fresh
         self._data: dict[tuple[str, str], tuple[Measurement, Data]] = {}
 
     def __repr__(self) -> str:
@@ -72,6 +76,14 @@ class Model:
                 drawn[name] = random_numbers(stripping, self.spec.sections.seed_of(name))
         return drawn
 
+    def _draws_at(self, inputs: StreamInputs) -> Array:
+        """(draws, n) The random numbers of a stream's particles at these parameters."""
+        numbers = self._draws[inputs.name]
+        if not self.fresh:
+            return numbers
+        place = np.array(list(inputs.values.values())).view(np.uint32).tolist()
+        return other_numbers(inputs.stripping, numbers, np.random.default_rng([inputs.seed, *place]))
+
     def stream(self, parameters: Array | Mapping[str, float] | None = None, name: str | None = None) -> Stream:
         """Return the stream at parameters (d,), or a mapping of some of them; the rest at the prior's centre.
 
@@ -90,7 +102,7 @@ class Model:
         """Return the stream of a bound spec; OutOfDomain begins with its name where there are several."""
         try:
             with self.naming_parameters(inputs.values):
-                return simulate(inputs, self._draws[inputs.name], host, self.threads)
+                return simulate(inputs, self._draws_at(inputs), host, self.threads)
         except OutOfDomain as error:
             raise OutOfDomain(
                 error.reason if len(self.spec.streams) == 1 else f"{inputs.name}: {error.reason}"

@@ -12,6 +12,9 @@ from streamkit.model.satellite import Satellite
 from streamkit.runfile import StreamInputs
 from streamkit.stream import LEADING, TRAILING, Array, IntArray, Orbit, read_only
 
+# Least probability of a shifted draw: it then has a normal.
+EDGE = 1e-12
+
 
 @dataclass(frozen=True)
 class Start:
@@ -108,6 +111,17 @@ def random_numbers(scheme: StrippingScheme, seed: int) -> Array:
     return uniform_points(scheme, seed) if isinstance(scheme, LiveStripping) else standard_normals(scheme, seed)
 
 
+def other_numbers(scheme: StrippingScheme, numbers: Array, rng: np.random.Generator) -> Array:
+    """(draws, n) Return random numbers of the same kind as `random_numbers` of a scheme, independent of these."""
+    live = isinstance(scheme, LiveStripping)
+    if not scheme.quasi_random:
+        shape = numbers.T.shape
+        return np.ascontiguousarray((rng.random(shape) if live else rng.standard_normal(shape)).T)
+    if live:
+        return np.asarray(np.clip((numbers + rng.random((len(numbers), 1))) % 1.0, EDGE, 1.0 - EDGE))
+    return shifted_normals(numbers, rng)
+
+
 def uniform_points(scheme: StrippingScheme, seed: int) -> Array:
     """(draws, n) Uniform numbers between 0 and 1, all particles in one scrambled Sobol sequence."""
     n, draws, rng = scheme.particles, scheme.draws, np.random.default_rng(seed)
@@ -137,3 +151,14 @@ def standard_normals(stripping: StrippingScheme, seed: int) -> Array:
         points = qmc.Sobol(draws, scramble=True, rng=stream).random_base2(max(count - 1, 1).bit_length())
         out[:, tail::2] = ndtri(points[:count].T)
     return out
+
+
+def shifted_normals(normals: Array, rng: np.random.Generator) -> Array:
+    """(draws, n) Return other standard normals from quasi-random ones, as evenly spread and independent of them.
+
+    Each coordinate of each tail is shifted, modulo 1, by one random number (Cranley & Patterson 1976).
+    """
+    from scipy.special import ndtr, ndtri
+
+    shifts = np.tile(rng.random((len(normals), 2)), (normals.shape[1] + 1) // 2)[:, : normals.shape[1]]
+    return np.asarray(ndtri(np.clip((ndtr(normals) + shifts) % 1.0, EDGE, 1.0 - EDGE)))

@@ -49,13 +49,16 @@ from .style import BLUE as BLUE
 from .style import GREY as GREY
 from .style import VERMILION as VERMILION
 from .style import NotebookFigure as NotebookFigure
+from .style import across as across
 from .style import angle_ticks as angle_ticks
 from .style import finish as finish
+from .style import folded as folded
 from .style import inner_ticks as inner_ticks
 from .style import label_all as label_all
 from .style import labels as labels
 from .style import panel_grid as panel_grid
 from .style import scaled as scaled
+from .style import text_inches as text_inches
 from .style import ticks as ticks
 from .style import typical_reach as typical_reach
 from .style import with_unit as with_unit

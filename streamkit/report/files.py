@@ -88,12 +88,25 @@ def save_table(path: Path, table: QTable) -> None:
     save(path, lambda part: table.write(part, format="ascii.ecsv", overwrite=True))
 
 
+COLOURS = 256  # of a PNG
+
+
 def save_picture(path: Path, figure: Figure) -> None:
     """Write a picture, as `save` does; the letters of a PDF or SVG stay letters, in fonts that journals accept."""
     from matplotlib import rc_context
 
     with rc_context({"pdf.fonttype": 42, "svg.fonttype": "none"}):
-        save(path, lambda part: figure.savefig(part, dpi=200))
+        save(path, lambda part: _write_picture(part, figure))
+
+
+def _write_picture(path: Path, figure: Figure) -> None:
+    figure.savefig(path, dpi=200)
+    if path.suffix == ".png":
+        from PIL import Image
+
+        with Image.open(path) as image:
+            # particles are dots of many shades: 256 colours show the same, in a third of the bytes
+            image.convert("RGB").quantize(COLOURS).save(path, optimize=True, dpi=(200, 200))
 
 
 def save_pictures(path: Path, figure: Figure, pdf: bool) -> None:

@@ -25,6 +25,7 @@ class NotebookFigure(Figure):
         return buffer.getvalue()
 
 
+LETTER = 0.62  # mean width of a letter over the size of the font
 ACROSS = 4  # most panels beside each other
 
 
@@ -85,6 +86,22 @@ def labels(names: Sequence[str], symbols: Sequence[str]) -> list[str]:
 def _folded(name: str) -> str:
     """Break a name after dots and underscores into lines of some fourteen letters."""
     return textwrap.fill(re.sub("([._])", r"\1 ", name), 14, break_long_words=False).replace(" ", "")
+
+
+def folded(text: str, letters: int) -> str:
+    """Break a text between words into lines of so many letters."""
+    return "\n".join(textwrap.wrap(text, letters, break_long_words=False, break_on_hyphens=False)) or text
+
+
+def across(names: Iterable[str], inches: float, points: float = 9.0) -> int:
+    """Return how many columns a legend of these names may have in a width."""
+    longest = max((len(line) for name in names for line in name.splitlines()), default=0)
+    return max(int(inches / (LETTER * points / 72 * longest + 0.55)), 1)
+
+
+def text_inches(names: Iterable[str], points: float) -> float:
+    """Return the width of the longest of some names."""
+    return LETTER * points / 72 * max((len(name) for name in names), default=0)
 
 
 def inner_ticks(low: float, high: float, inches: float) -> Array:

@@ -14,6 +14,7 @@ from rich.text import Text
 
 # Columns of a text that does not go to a terminal, and the most of a paragraph: longer lines are hard to read.
 WIDTH = 100
+MOST_OF_A_WORD = 40  # letters of a word, such as a path, that are not broken
 NARROW = 60  # columns below which no text is squeezed
 
 
@@ -29,14 +30,33 @@ def columns(rows: Iterable[Sequence[str]], indent: int = 2, gap: int = 2) -> str
     widths = [max((len(row[i]) for row in cells if i < len(row)), default=0) + gap for i in range(count)]
     table = Table.grid(padding=(0, gap, 0, 0), pad_edge=False)
     fits = indent + sum(widths[:-1]) + min(widths[-1] - gap if widths else 0, 20) <= width
+    if not fits:
+        room = width - indent - gap * count
+        widths = [each + gap for each in _squeezed(cells, [each - gap for each in widths], room)]
+        width = max(width, indent + sum(widths))
     for i in range(count):
-        table.add_column(no_wrap=fits and i < count - 1, overflow="fold")
+        table.add_column(no_wrap=fits and i < count - 1, overflow="fold", width=None if fits else widths[i] - gap)
     for row in cells:
         table.add_row(*map(Text, row))
     console = Console(file=io.StringIO(), width=width, color_system=None)
     with console.capture() as captured:
         console.print(Padding(table, (0, 0, 0, indent)))
     return "\n".join(line.rstrip() for line in captured.get().splitlines())
+
+
+def _squeezed(cells: Sequence[Sequence[str]], widths: Sequence[int], room: int) -> list[int]:
+    """Return widths of columns for a room, the widest made narrower first, but none narrower than its words."""
+    least = [
+        min(max((len(word) for row in cells if i < len(row) for word in row[i].split()), default=0), MOST_OF_A_WORD)
+        for i in range(len(widths))
+    ]
+    fitted = list(widths)
+    while sum(fitted) > room:
+        spare = [each - low for each, low in zip(fitted, least, strict=True)]
+        if max(spare) <= 0:  # the text is wider than the terminal before a word is broken
+            break
+        fitted[spare.index(max(spare))] -= 1
+    return fitted
 
 
 def paragraph(text: str, first: str = "", rest: str | None = None) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,6 +14,9 @@ from tomlkit.items import Item, Table
 
 from streamkit.errors import SpecError, expect_file
 
+# A number and a unit without quotes, after an equals sign, a bracket or a comma.
+NUMBER, UNIT = r"([-+]?\d[\d_.]*(?:[eE][-+]?\d+)?)", r"([A-Za-z](?:[A-Za-z0-9 /*^.-]*[A-Za-z0-9])?)"
+QUANTITY = rf"[=\[,]\s*{NUMBER}\s*{UNIT}\s*(?:[,\]}}#]|$)"
 TOO_DEEP = "too many tables or lists lie inside each other"
 
 
@@ -26,11 +30,20 @@ def read_toml(path: Path) -> dict[str, Any]:
     except UnicodeDecodeError as error:
         raise SpecError(f"{path}: not a text file in UTF-8: {error.reason} at byte {error.start}") from None
     except tomllib.TOMLDecodeError as error:
-        raise SpecError(f"{path}: not valid TOML: {error}") from None
+        raise SpecError(f"{path}: not valid TOML: {error}{_unquoted(path, str(error))}") from None
     except RecursionError:
         raise SpecError(f"{path}: {TOO_DEEP}") from None
     except ValueError as error:  # an integer of thousands of digits, a date that does not exist
         raise SpecError(f"{path}: not a value that can be read: {error}") from None
+
+
+def _unquoted(path: Path, error: str) -> str:
+    """Return a hint where the faulty line has a quantity without quotes, such as ``lookback = 3 Gyr``."""
+    place = re.search(r"at line (\d+)", error)
+    lines = path.read_text(encoding="utf-8").splitlines()
+    line = lines[int(place[1]) - 1] if place and int(place[1]) <= len(lines) else ""
+    fault = re.search(QUANTITY, line)
+    return f'. A quantity needs quotes: "{fault[1]} {fault[2].strip()}"' if fault else ""
 
 
 def to_toml(document: Mapping[str, Any], header: str = "") -> str:

@@ -32,6 +32,10 @@ class Prior(ABC):
         """Return the log density at x; -inf outside the support."""
 
     @abstractmethod
+    def lnpdf_of_many(self, x: Array) -> Array:
+        """(n,) Return the log densities at x (n,); -inf outside the support."""
+
+    @abstractmethod
     def ppf(self, u: Array) -> Array:
         """Return the quantiles of u in [0, 1], of the same shape."""
 
@@ -84,6 +88,10 @@ class Uniform(Prior):
         """Return -ln(high - low) inside."""
         return -math.log(self.high - self.low) if self.low <= x <= self.high else -math.inf
 
+    def lnpdf_of_many(self, x: Array) -> Array:
+        """(n,) Return -ln(high - low) inside."""
+        return np.where((self.low <= x) & (x <= self.high), -math.log(self.high - self.low), -np.inf)
+
     def ppf(self, u: Array) -> Array:
         """Return low + u (high - low)."""
         return np.asarray(self.low + u * (self.high - self.low))
@@ -108,6 +116,11 @@ class LogUniform(Uniform):
     def lnpdf(self, x: float) -> float:
         """Return -ln(x ln(high / low)) inside."""
         return -math.log(x * math.log(self.high / self.low)) if self.low <= x <= self.high else -math.inf
+
+    def lnpdf_of_many(self, x: Array) -> Array:
+        """(n,) Return -ln(x ln(high / low)) inside."""
+        inside = (self.low <= x) & (x <= self.high)
+        return np.where(inside, -np.log(np.where(inside, x, 1.0) * math.log(self.high / self.low)), -np.inf)
 
     def ppf(self, u: Array) -> Array:
         """Return low (high / low)^u."""
@@ -139,6 +152,13 @@ class Normal(Prior):
             return -math.inf
         mass = sign * (below_high - below_low)
         return -0.5 * ((x - self.mean) / self.sd) ** 2 - _LN_SQRT_2PI - math.log(self.sd * mass)
+
+    def lnpdf_of_many(self, x: Array) -> Array:
+        """(n,) Return the Gaussian log densities over the probability inside the support."""
+        sign, below_low, below_high = _tails(self)
+        low, high = self.support
+        top = -_LN_SQRT_2PI - math.log(self.sd * sign * (below_high - below_low))
+        return np.where((low <= x) & (x <= high), top - 0.5 * ((x - self.mean) / self.sd) ** 2, -np.inf)
 
     def ppf(self, u: Array) -> Array:
         """Return the quantile within the support."""

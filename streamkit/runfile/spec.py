@@ -259,6 +259,13 @@ class Spec:
             table[int(name) if isinstance(table, list) else name] = value
         return _make(document, self.source, self.registry, self.folder, self.given, self.files)
 
+    def with_sampler(self, kind: str) -> Spec:
+        """Return the spec with another sampler, with its default settings; SpecError if there is none of this kind."""
+        if kind == self.sampler.kind:
+            return self
+        document = {**copy.deepcopy(self.document), "sampler": {"kind": kind}}
+        return _make(document, self.source, self.registry, self.folder, self.given, self.files)
+
     def _check_path(self, path: str, values: Mapping[str, Any]) -> None:
         parent = path.rpartition(".")[0]
         without = [

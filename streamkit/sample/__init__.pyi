@@ -6,6 +6,7 @@ from .chain_file import ChainMemory as ChainMemory
 from .engines import engine as engine
 from .engines import launcher as launcher
 from .evaluation_cache import CALLS as CALLS
+from .evaluation_cache import SMALL_CALLS as SMALL_CALLS
 from .evaluation_cache import EvaluationCache as EvaluationCache
 from .journal import JOURNAL as JOURNAL
 from .posterior import Evaluation as Evaluation

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from time import monotonic
 
@@ -16,7 +16,7 @@ from streamkit.sample.posterior import Evaluation
 from streamkit.sample.step import check_array
 from streamkit.stream import Array
 
-CALLS = "calls.journal"
+CALLS, SMALL_CALLS = "calls.journal", "small_calls.journal"
 PERIOD = 1.0  # seconds between two writes: a kill loses at most this much work, any other interruption loses none
 
 
@@ -61,6 +61,11 @@ class EvaluationCache:
         """Evaluations without a likelihood, by reason."""
         return dict(Counter(each.reason for each in self._evaluations.values() if each.reason))
 
+    def any_good(self) -> Array | None:
+        """Return the first point (d,) with a likelihood; None without one."""
+        good = (np.frombuffer(key) for key, each in self._evaluations.items() if not each.reason)
+        return next(good, None)
+
     def missing(self, points: Array) -> list[Array]:
         """Return those of the points (n, d) that are not in the cache, each once."""
         return list({key: p for p in points if (key := p.tobytes()) not in self._evaluations}.values())
@@ -88,6 +93,7 @@ class EvaluationCache:
             return
         if self._unwritten and self._journal is not None:
             points, evaluations = zip(*self._unwritten, strict=True)
+            details = details_of(evaluations)
             self._journal.append(
                 {
                     "digest": np.array(self._digest),
@@ -96,23 +102,36 @@ class EvaluationCache:
                     "mean": np.array([each.mean for each in evaluations]),
                     "variance": np.array([each.variance for each in evaluations]),
                     "reason": np.array([each.reason for each in evaluations]),
+                    **({"details": details} if details.size else {}),
                 }
             )
         self._unwritten, self._written = [], monotonic()
+
+
+def details_of(evaluations: Sequence[Evaluation]) -> Array:
+    """(n, k) Return the details of evaluations; NaN where there is no prediction."""
+    k = max((len(each.details) for each in evaluations), default=0)
+    nothing = np.full(k, np.nan)
+    rows = [each.details if len(each.details) else nothing for each in evaluations]
+    return np.array(rows, dtype=float).reshape(len(rows), k)
 
 
 def _evaluations_of(record: Mapping[str, Array]) -> dict[bytes, Evaluation]:
     """Return the evaluations of a record by the bytes of their points; ValueError, TypeError or KeyError if none."""
     points, ln, mean, variance, reason = (record[name] for name in ("points", "ln", "mean", "variance", "reason"))
     n, d = points.shape
+    details = record.get("details", np.empty((n, 0)))
     check_array("points", points, (n, d))
     check_array("ln", ln, (n, 2), finite=False)
     check_array("mean", mean, (n, *mean.shape[1:2]), finite=False)
     check_array("variance", variance, mean.shape, finite=False)
+    check_array("details", details, (n, *details.shape[1:2]), finite=False)
     if reason.shape != (n,) or reason.dtype.kind != "U":
         raise ValueError("reason holds no text for each point")
     texts = [printable(text) for text in reason.tolist()]
     return {
-        point.tobytes(): Evaluation(float(lnp), float(lnl), *rest)
-        for point, (lnp, lnl), *rest in zip(points, ln, mean, variance, texts, strict=True)
+        point.tobytes(): Evaluation(
+            float(ln[i, 0]), float(ln[i, 1]), mean[i], variance[i], texts[i], np.empty(0) if texts[i] else details[i]
+        )
+        for i, point in enumerate(points)
     }

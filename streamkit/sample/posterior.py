@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from streamkit.errors import OutOfDomain, SpecError
 from streamkit.model import Model, Observation
 from streamkit.observe import compare_with_data, join_data, parts_of
 from streamkit.runfile import ModelInputs, Source, StreamInputs, as_spec
+from streamkit.sample.comparison import Comparison
 from streamkit.stream import Array, Prediction, Stream
 
 OUTSIDE = "outside the prior"
@@ -30,6 +32,8 @@ class Evaluation:
         (m,) the prediction of the observable, and the variance of that estimate; NaN if there is none.
     reason
         Why lnp is -inf, else empty.
+    details
+        (k,) what else of the prediction the likelihoods read, for a sampler that emulates predictions; else empty.
     """
 
     lnp: float
@@ -37,6 +41,7 @@ class Evaluation:
     mean: Array
     variance: Array
     reason: str = ""
+    details: Array = field(default_factory=lambda: np.empty(0))
 
     def row(self) -> tuple[float, float, Array, Array]:
         """Return lnp and the fields of `blob_dtype`: the form of a log-probability function of emcee with blobs."""
@@ -51,12 +56,21 @@ def blob_dtype(m: int) -> np.dtype[Any]:
 class Posterior:
     """The log-probability of the free parameters of a run file. A pickle of it holds the spec alone.
 
+    Parameters
+    ----------
+    spec
+        The run file.
+    emulated
+        Whether a sampler emulates the predictions: every call then has random numbers of its own, and an evaluation
+        has the details that the likelihoods read.
+
     Raises SpecError if the spec has no free parameter, no observable or no datum: nothing can be fitted.
     """
 
-    def __init__(self, spec: Source) -> None:
+    def __init__(self, spec: Source, emulated: bool = False) -> None:
         self.spec = spec = as_spec(spec)
-        self.model = Model(spec)
+        self.model = Model(spec, fresh=emulated)
+        self._emulated = emulated
         if not spec.names:
             raise SpecError("no field has a prior: a fit needs at least one free parameter")
         bound = spec.bind_all()
@@ -71,11 +85,16 @@ class Posterior:
         self.data = join_data(parts)
         self.size = len(self.data.values)
 
+    @cached_property
+    def comparison(self) -> Comparison:
+        """The comparison of given predictions with the data."""
+        return Comparison(self.model)
+
     def __repr__(self) -> str:
         return f"<Posterior of {self.spec.source}: {len(self.spec.names)} parameters, {self.size} data>"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Posterior, (self.spec,)
+        return Posterior, (self.spec, self._emulated)
 
     def __call__(self, theta: Array) -> tuple[float, float, Array, Array]:
         """Return ``(lnp, ln_likelihood, mean, variance)`` at parameters theta (d,), for emcee and other samplers."""
@@ -112,7 +131,9 @@ class Posterior:
             for name, data in bound.data.items():
                 values = self.model.data_of("data", name, data)
                 ln_likelihood += compare_with_data(data, predictions[f"data.{name}"], values)
-        return Evaluation(ln_prior + ln_likelihood, ln_likelihood, prediction.mean, prediction.variance)
+        details = self.comparison.details(observation) if self._emulated else np.empty(0)
+        lnp, mean, variance = ln_prior + ln_likelihood, prediction.mean, prediction.variance
+        return Evaluation(lnp, ln_likelihood, mean, variance, details=details)
 
     def observe(self, theta: Array) -> Observation:
         """Return the streams at theta (d,) and the predictions of their observables; OutOfDomain if there are none."""

@@ -20,13 +20,14 @@ from streamkit.errors import ChainError, ComponentError
 from streamkit.report import Progress
 from streamkit.runfile import Prior
 from streamkit.sample.chain_file import ChainMemory
-from streamkit.sample.evaluation_cache import EvaluationCache
-from streamkit.sample.posterior import Evaluation, blob_dtype
+from streamkit.sample.comparison import Comparison
+from streamkit.sample.evaluation_cache import EvaluationCache, details_of
+from streamkit.sample.posterior import Evaluation, Posterior, blob_dtype
 from streamkit.sample.search import Search
 from streamkit.sample.step import Step
 from streamkit.sample.weighted import Weighted
 from streamkit.sample.workers import Stopped, Workers
-from streamkit.stream import Array, Data
+from streamkit.stream import Array, BoolArray, Data
 
 NOTES = 5.0  # seconds between two notes beside the progress
 PART = 256  # points sent to the workers at a time: a stop loses at most their evaluations
@@ -55,6 +56,10 @@ class PosteriorTarget:
         Whether to show progress.
     mass
         A radius in kpc, and the mass inside it in Msun at a point, for the progress of a chain.
+    small_cache
+        Holds the evaluations of small streams.
+    posterior
+        What given predictions are compared by, in this process; None where no sampler emulates them.
     full_cost
         Cost of a "full" call in units of a "cheap" one, about: for the expected end of the search.
     """
@@ -75,6 +80,8 @@ class PosteriorTarget:
         progress: bool = False,
         mass: tuple[float, Callable[[Array], float]] | None = None,
         full_cost: float = 1.0,
+        small_cache: EvaluationCache | None = None,
+        posterior: Posterior | None = None,
     ) -> None:
         self.priors, self.data, self.size, self.seed = tuple(priors), data, len(priors), seed
         self.workers, self.progress = workers, progress
@@ -82,6 +89,8 @@ class PosteriorTarget:
         self._chain = ChainMemory() if chain is None else chain
         self._resumes, self._deadline, self._search_deadline = resumes, deadline, search_deadline
         self._mass, self._full_cost = mass, full_cost
+        self._small_cache = EvaluationCache() if small_cache is None else small_cache
+        self._posterior, self._has_shapes = posterior, False
         self._dtype = blob_dtype(len(data.values))
         self._before: dict[str, Any] = {"calls": 0, "search_calls": 0, "reasons": {}}  # counts before a resumption
         self._bar: Progress | None = None
@@ -97,15 +106,16 @@ class PosteriorTarget:
 
     def ln_prior(self, points: Array) -> Array:
         """Return the ln prior density (n,) at points (n, d); -inf outside."""
-        return np.array([sum(p.lnpdf(float(x)) for p, x in zip(self.priors, row, strict=True)) for row in points])
+        columns = np.asarray(points, dtype=float).T
+        return np.asarray(sum(prior.lnpdf_of_many(x) for prior, x in zip(self.priors, columns, strict=True)))
 
     def evaluate(self, points: Array) -> Array:
         """Return ln likelihood (n,) at points (n, d): see `streamkit.Target`."""
         return np.array([each.ln_likelihood for each in self._evaluate(points)])
 
-    def predictions(self, points: Array) -> Evaluations:
-        """Return the posterior at points (n, d), with the prediction of each datum."""
-        rows = self._evaluate(points)
+    def predictions(self, points: Array, small: bool = False) -> Evaluations:
+        """Return the posterior at points (n, d), with the prediction of each datum; of small streams if asked for."""
+        rows = self._evaluate(points, small)
         m = len(self.data.values)
         return Evaluations(
             np.array([row.lnp for row in rows]),
@@ -113,7 +123,34 @@ class PosteriorTarget:
             np.array([row.mean for row in rows]).reshape(-1, m),
             np.array([row.variance for row in rows]).reshape(-1, m),
             tuple(row.reason for row in rows),
+            details_of(rows),
         )
+
+    @property
+    def coordinates(self) -> BoolArray:
+        """(d,) Whether the predictions depend on a parameter; the others enter the likelihood alone."""
+        return self._comparison.coordinates
+
+    @property
+    def undeclared(self) -> Sequence[str]:
+        """The measurements that `compare` cannot compare: role and kind."""
+        return self._comparison.undeclared
+
+    def compare(self, points: Array, mean: Array, variance: Array, details: Array) -> Array:
+        """Return ln likelihood (n,) at points (n, d) for given predictions."""
+        comparison = self._comparison
+        if not self._has_shapes:
+            place = self._cache.any_good()
+            place = self._small_cache.any_good() if place is None else place
+            assert place is not None and self._posterior is not None  # noqa: S101, PT018  the sampler has evaluated
+            comparison.details(self._posterior.observe(place))
+            self._has_shapes = True
+        return comparison.ln_likelihood(points, mean, variance, details)
+
+    @property
+    def _comparison(self) -> Comparison:
+        assert self._posterior is not None  # noqa: S101  the runner gives it to a sampler that emulates
+        return self._posterior.comparison
 
     def start(self, count: int, particles: int) -> Ensemble:
         """Return ``count`` starting points, found from the prior; an empty chain is stored first."""
@@ -200,28 +237,30 @@ class PosteriorTarget:
         finally:
             if self._bar is not None:
                 self._bar.close()
+            self._small_cache.write()
             self._cache.write()
             if self._chain.last is not None:
                 with suppress(ChainError):  # the journal holds all steps; the runner tries again, and raises
                     self._chain.consolidate()
 
-    def _evaluate(self, points: Array) -> list[Evaluation]:
+    def _evaluate(self, points: Array, small: bool = False) -> list[Evaluation]:
         """Evaluate at points (n, d), in order; an interruption keeps the evaluations before it.
 
         Points in the cache are not evaluated again, except for a chain: there each proposal is a call, and is counted.
         """
         points = np.ascontiguousarray(np.atleast_2d(points), dtype=float)
-        missing = self._cache.missing(points) if self._chain.last is None else list(points)
+        cache, which = (self._small_cache, "cheap") if small else (self._cache, "full")
+        missing = cache.missing(points) if self._chain.last is None else list(points)
         if not missing and self._pool.stop:
             raise Stopped(self._pool.stop)
         for begin in range(0, len(missing), PART):
             part = missing[begin : begin + PART]
-            for point, evaluation in zip(part, self._pool.evaluate(np.array(part)), strict=True):
-                self._cache.add(point, evaluation)
-            self._cache.write(at_once=False)
+            for point, evaluation in zip(part, self._pool.evaluate(np.array(part), which), strict=True):
+                cache.add(point, evaluation)
+            cache.write(at_once=False)
         if self._chain.last is None:  # of a chain the steps are shown
             self._show("call", len(points))
-        return self._cache.get(points)
+        return cache.get(points)
 
     def _store(self, sampler: Sampler, ensemble: Ensemble) -> None:
         """Store a step of a chain with its evaluations; ComponentError if it has another shape."""
@@ -300,7 +339,7 @@ class PosteriorTarget:
             log_prob, blobs = given.ln_probability[used], np.empty(used.sum(), dtype=dtype)
             for name in dtype.names or ():
                 blobs[name] = getattr(given, name)[used]
-        counts = {"calls": len(self._cache), "search_calls": 0, "reasons": self._cache.reasons}
+        counts = {"calls": len(self._cache), "search_calls": len(self._small_cache), "reasons": self._cache.reasons}
         return Weighted(
             points,
             ln_weights[used],

@@ -9,7 +9,18 @@ from itertools import islice
 
 import numpy as np
 
-from streamkit import Array, ChainSampler, Data, Ensemble, Evaluations, Sampler, Samples, Uniform, autocorrelation_times
+from streamkit import (
+    Array,
+    BoolArray,
+    ChainSampler,
+    Data,
+    Ensemble,
+    Evaluations,
+    Sampler,
+    Samples,
+    Uniform,
+    autocorrelation_times,
+)
 from streamkit.testing import common
 from streamkit.testing.common import Check, require
 
@@ -30,6 +41,8 @@ class Gaussian:
         self.size, self.seed, self.workers, self.progress = 2, seed, 4, False
         self.priors = (Uniform(-5.0, 5.0), Uniform(-5.0, 5.0))
         self.data = Data(np.zeros(2), np.full(2, SD), covariance=np.linalg.inv(INVERSE))
+        self.coordinates: BoolArray = np.ones(2, dtype=bool)
+        self.undeclared: Sequence[str] = ()
         self.calls: Counter[bytes] = Counter()
         self.steps = list(steps)
         self._last = last
@@ -49,12 +62,19 @@ class Gaussian:
         lnl = LN_NORM - 0.5 * np.einsum("ni,ij,nj->n", points, INVERSE, points)
         return np.where((points[:, 0] > 4) | ~np.isfinite(self.ln_prior(points)), -np.inf, lnl)
 
-    def predictions(self, points: Array) -> Evaluations:
+    def predictions(self, points: Array, small: bool = False) -> Evaluations:
         """Return the parameters as predictions without noise."""
         lnl = self.evaluate(points)
         mean = np.where(np.isfinite(lnl)[:, None], points, np.nan)
         reasons = tuple("" if there else "no stream" for there in np.isfinite(lnl))
-        return Evaluations(self.ln_prior(points) + lnl, lnl, mean, 0.0 * mean, reasons)
+        details = np.empty((len(points), 0))
+        return Evaluations(self.ln_prior(points) + lnl, lnl, mean, 0.0 * mean, reasons, details)
+
+    def compare(self, points: Array, mean: Array, variance: Array, details: Array) -> Array:
+        """Return the ln density of predictions, with their variances added to those of the data."""
+        covariance = np.linalg.inv(INVERSE) + variance[:, :, None] * np.eye(2)
+        away = np.einsum("ni,nij,nj->n", mean, np.linalg.inv(covariance), mean)
+        return np.asarray(-0.5 * away - 0.5 * np.log(np.linalg.det(2 * math.pi * covariance)))
 
     def start(self, count: int, particles: int) -> Ensemble:
         """Return points near the maximum."""

@@ -57,7 +57,7 @@ def gala_host(host: Host, start: float) -> tuple[Any, Any]:
     from scipy.interpolate import CubicHermiteSpline
 
     units = UnitSystem(u.kpc, u.Myr, u.Msun, u.rad, u.kpc / u.Myr**2)  # what is not named, gala composes at each call
-    known = {
+    result = {
         "hernquist": lambda p: (gp.HernquistPotential, {"m": p.mass * u.Msun, "c": p.a * u.kpc}),
         "hernquist_vcirc": lambda p: (
             gp.HernquistPotential,
@@ -75,7 +75,7 @@ def gala_host(host: Host, start: float) -> tuple[Any, Any]:
     total = gp.CCompositePotential()
 
     def add(name: str, potential: Any, path: np.ndarray) -> None:
-        cls, parameters = known[potential.kind](potential)
+        cls, parameters = result[potential.kind](potential)
         origin = path[:, order].T * u.kpc
         total[name] = gp.TimeInterpolatedPotential(cls, t.to(u.Myr), origin=origin, units=units, **parameters)
 
@@ -101,7 +101,7 @@ def by_gradient(total: Any, path: Any, start: Start) -> np.ndarray:
     from scipy.integrate import solve_ivp
 
     myr = (1 * u.kpc / (u.km / u.s)).to_value(u.Myr)
-    found = np.empty((6, len(start.tail)))
+    result = np.empty((6, len(start.tail)))
 
     def rates(t: float, w: np.ndarray) -> np.ndarray:
         state = w.reshape(6, -1)
@@ -110,8 +110,8 @@ def by_gradient(total: Any, path: Any, start: Start) -> np.ndarray:
 
     for t, here, w in in_inertial_frame(path, start):
         done = solve_ivp(rates, (t, 0.0), w.ravel(), method="DOP853", rtol=1e-11, atol=1e-11)
-        found[:, here] = done.y[:, -1].reshape(6, -1)
-    return found - np.concatenate([path(0.0), path.derivative()(0.0)])[:, None]
+        result[:, here] = done.y[:, -1].reshape(6, -1)
+    return result - np.concatenate([path(0.0), path.derivative()(0.0)])[:, None]
 
 
 def by_integrator(total: Any, path: Any, start: Start) -> None:
@@ -131,12 +131,12 @@ def differences(particles: int) -> np.ndarray:
     inputs = inputs_of(particles, Reference(rtol=1e-11, atol=1e-11))
     host, start = released(inputs)
     stream = simulate(inputs, standard_normals(inputs.stripping, inputs.seed))
-    found = by_gradient(*gala_host(host, float(start.orbit.t[0])), start)
+    result = by_gradient(*gala_host(host, float(start.orbit.t[0])), start)
 
     def size(vectors: np.ndarray) -> np.ndarray:
         return np.sqrt((vectors**2).sum(axis=0))
 
-    return np.array([size(found[:3] - stream.q) / size(stream.q), size(found[3:] - stream.v) / size(stream.v)])
+    return np.array([size(result[:3] - stream.q) / size(stream.q), size(result[3:] - stream.v) / size(stream.v)])
 
 
 # About where the Small Magellanic Cloud is: any second body would do.

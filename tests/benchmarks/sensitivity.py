@@ -34,12 +34,13 @@ def line(label: str, mass: np.ndarray, weight: np.ndarray) -> None:
     """Print weighted medians, the 68 % interval at 100 kpc and the effective number of samples."""
     weight = weight / weight.sum()
     order = np.argsort(mass, axis=0)
-    found = []
+    result = []
     for k in range(len(RADII)):
         w = weight[order[:, k]]
-        found.append(np.interp((0.16, 0.5, 0.84), np.cumsum(w) - 0.5 * w, mass[order[:, k], k]))
-    medians = "  ".join(f"{f[1]:5.2f}" for f in found)
-    print(f"{label:42s} {medians}   {found[1][0]:5.2f} to {found[1][2]:5.2f}  {1 / (weight**2).sum():7.0f}", flush=True)
+        result.append(np.interp((0.16, 0.5, 0.84), np.cumsum(w) - 0.5 * w, mass[order[:, k], k]))
+    medians = "  ".join(f"{f[1]:5.2f}" for f in result)
+    effective = 1 / (weight**2).sum()
+    print(f"{label:42s} {medians}   {result[1][0]:5.2f} to {result[1][2]:5.2f}  {effective:7.0f}", flush=True)
 
 
 def main() -> None:

@@ -23,9 +23,9 @@ POINTS, NEAR, DEGREE = 200, 4.0, 6
 
 def lines(directory: Path, count: int, seed: int) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """The best sample (d,), steps (lines, d) that are one standard deviation long, and what each line is."""
-    found = read_chain_file(directory / CHAIN)
-    half = len(found.chain) // 2
-    samples, lnp = found.chain[half:].reshape(-1, found.chain.shape[2]), found.log_prob[half:].ravel()
+    result = read_chain_file(directory / CHAIN)
+    half = len(result.chain) // 2
+    samples, lnp = result.chain[half:].reshape(-1, result.chain.shape[2]), result.log_prob[half:].ravel()
     best = samples[np.argmax(lnp)]
     root = np.linalg.cholesky(np.cov(samples.T))
     turned = np.random.default_rng(seed).standard_normal((count, len(best)))
@@ -41,13 +41,13 @@ def roughness(s: np.ndarray, lnp: np.ndarray) -> tuple[float, np.ndarray]:
     low = np.flatnonzero(level < level.max() - NEAR)
     peak = int(np.argmax(level))
     begin, end = low[low < peak].max(initial=-1) + 1, low[low > peak].min(initial=len(s))
-    near = (np.arange(len(s)) >= begin) & (np.arange(len(s)) < end) & np.isfinite(lnp)
-    degree = DEGREE if near.sum() >= 8 * DEGREE else 3
+    result = (np.arange(len(s)) >= begin) & (np.arange(len(s)) < end) & np.isfinite(lnp)
+    degree = DEGREE if result.sum() >= 8 * DEGREE else 3
     smooth = np.full(len(s), np.nan)
-    if near.sum() < 12:
+    if result.sum() < 12:
         return float("nan"), smooth
-    smooth[near] = np.polynomial.Polynomial.fit(s[near], lnp[near], degree)(s[near])
-    rest = (lnp - smooth)[near]
+    smooth[result] = np.polynomial.Polynomial.fit(s[result], lnp[result], degree)(s[result])
+    rest = (lnp - smooth)[result]
     return float(np.sqrt((rest**2).sum() / (len(rest) - degree - 1))), smooth
 
 

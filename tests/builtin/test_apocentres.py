@@ -53,8 +53,8 @@ def test_the_answer_moves_smoothly_with_the_particles():
     """A tiny turn of all particles turns the answer by as much, without jumps."""
     angle, r, number = arm(4)
     turns = np.linspace(0.0, 2.0, 201)
-    found = np.array([fit_arm(angle + turn, r, number, 80.0).angle for turn in turns])
-    steps = np.diff(found)
+    result = np.array([fit_arm(angle + turn, r, number, 80.0).angle for turn in turns])
+    steps = np.diff(result)
 
     assert np.abs(steps - 0.01).max() < 2e-3
 
@@ -179,9 +179,9 @@ def test_the_answer_of_the_turning_branch_is_unbiased_by_the_guide():
 def test_the_turning_branch_moves_smoothly_with_the_particles():
     angle, r, number = crossed(4, spurs=2000)
     turns = np.linspace(0.0, 2.0, 101)
-    found = np.array([fit_turning(angle + turn, r, number, -80.0).angle for turn in turns])
+    result = np.array([fit_turning(angle + turn, r, number, -80.0).angle for turn in turns])
 
-    assert np.diff(found) == pytest.approx(0.02, abs=2e-4)
+    assert np.diff(result) == pytest.approx(0.02, abs=2e-4)
 
 
 def test_the_reported_variance_of_the_turning_branch_is_the_scatter_over_draws():
@@ -201,16 +201,16 @@ def test_the_reported_variance_of_the_turning_branch_is_the_scatter_over_draws()
 def test_debris_that_only_climbs_does_not_turn_round(ends, guide, reason):
     """A Gaussian fits an arm too that ends before its apocentre, at -80 degrees."""
     angle, r, number = arm(0)
-    near = -angle > ends
+    result = -angle > ends
 
-    assert reason in fit_turning(-angle[near], r[near], number[near], guide)
+    assert reason in fit_turning(-angle[result], r[result], number[result], guide)
 
 
 def test_an_arm_that_has_not_reached_its_apocentre_has_none_yet():
     """At -80 degrees: a Gaussian through the debris would turn where that ends. Beyond, there is nothing to see."""
     for seed in range(4):
         angle, r, number = arm(seed)
-        short, long = (fit_arm(-angle[near], r[near], number[near], -75.0) for near in (angle < 76, angle < 95))
+        short, long = (fit_arm(-angle[result], r[result], number[result], -75.0) for result in (angle < 76, angle < 95))
 
         assert "does not come down" in short
         assert long.radius == pytest.approx(60.0, abs=0.5)
@@ -220,11 +220,11 @@ def test_an_arm_that_has_not_reached_its_apocentre_has_none_yet():
 def test_debris_beyond_the_apocentre_only_does_not_measure_it():
     """Each side of it needs a share ``coverage``. The window is 80 degrees wide, 40 of them before the apocentre."""
     angle, r, number = arm(0)
-    far, near = angle > 79, angle > 70
+    far, result = angle > 79, angle > 70
 
     assert "does not rise" in fit_arm(-angle[far], r[far], number[far], -85.0)
-    assert fit_arm(-angle[near], r[near], number[near], -85.0).radius == pytest.approx(60.0, abs=0.5)
-    assert "does not rise" in fit_arm(-angle[near], r[near], number[near], -85.0, coverage=0.3)  # of 10 / 50
+    assert fit_arm(-angle[result], r[result], number[result], -85.0).radius == pytest.approx(60.0, abs=0.5)
+    assert "does not rise" in fit_arm(-angle[result], r[result], number[result], -85.0, coverage=0.3)  # of 10 / 50
 
 
 @pytest.mark.parametrize("angles", [(-300.0, -290.0), (-90.0, -89.99), (20.0, 60.0)])
@@ -243,13 +243,13 @@ def test_the_turning_branch_of_mock_1_needs_no_stripping_times():
     stream = nbody_stream("B")
     old = Apocentres(recent_debris="epoch_aware").predict(stream).mean
     blind = replace(stream, t_strip=np.zeros_like(stream.t_strip))
-    found = Apocentres(recent_debris="turning").predict(blind).mean
+    result = Apocentres(recent_debris="turning").predict(blind).mean
 
-    assert found == pytest.approx(old, abs=2.0)
+    assert result == pytest.approx(old, abs=2.0)
     for seed in (1, 2):
         model = Apocentres(recent_debris="turning").predict(model_stream("B", seed=seed)).mean
-        assert model[:2] == pytest.approx(found[:2], abs=1.0)
-        assert Apocentres(recent_debris="literal").predict(model_stream("B", seed=seed)).mean[1] > found[1] + 15
+        assert model[:2] == pytest.approx(result[:2], abs=1.0)
+        assert Apocentres(recent_debris="literal").predict(model_stream("B", seed=seed)).mean[1] > result[1] + 15
 
 
 def test_more_recent_debris_does_not_move_the_turning_branch():

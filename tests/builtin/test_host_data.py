@@ -5,9 +5,8 @@ import copy
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from runfiles import error_of
+from runfiles import APOCENTRES, FIT, error_of
 from scipy.stats import multivariate_normal, norm
-from toys import FIT
 
 import streamkit as sk
 from streamkit.builtin.halos import LogarithmicHalo
@@ -21,8 +20,8 @@ MASS = {"kind": "enclosed_mass", "radius": 20, "mass": ["2.5e11 Msun", "0.2e11 M
 SHAPE = {"kind": "flattening", "radius": 12.5, "z": 6.7, "q": [0.95, 0.04]}
 
 
-def fit(**data):
-    return sk.load(copy.deepcopy(FIT) | {"data": data})
+def fit(document=FIT, **data):
+    return sk.load(copy.deepcopy(document) | {"data": data})
 
 
 @pytest.mark.parametrize("q", [0.8, 1.0, 1.2])
@@ -39,9 +38,9 @@ def test_a_sphere_is_not_flattened():
 
 @pytest.mark.parametrize("systematic", [0.0, 0.03])
 def test_each_adds_the_log_density_of_its_data(systematic):
-    spec = fit(curve=CURVE | {"systematic": systematic}, sun=SPEED, inner=MASS, shape=SHAPE)
+    spec = fit(APOCENTRES, curve=CURVE | {"systematic": systematic}, sun=SPEED, inner=MASS, shape=SHAPE)
     theta = np.array([231.0, 0.33])
-    plain, found = sk.Posterior(sk.load(FIT)).evaluate(theta), sk.Posterior(spec).evaluate(theta)
+    plain, found = sk.Posterior(sk.load(APOCENTRES)).evaluate(theta), sk.Posterior(spec).evaluate(theta)
     host = Host(spec.bind(theta).potentials)
     radii, data = np.array(CURVE["table"]["R"]), np.array(CURVE["table"]["v_c"])
     covariance = np.diag(np.square(CURVE["table"]["error"])) + np.outer(data, data) * systematic**2

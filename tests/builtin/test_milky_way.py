@@ -201,8 +201,8 @@ def test_spheroid_mass_by_quadrature(slopes):
     r = A * np.array([1e-3, 0.03, 0.5, 0.999, 1.0, 1.001, 2.0, 50.0, 1e3])
     shape = lambda s: s ** (2 - gamma) * np.exp((gamma - beta) / alpha * np.log1p(s**alpha))  # noqa: E731
     wanted = M * np.array([in_steps(shape, one, gamma) for one in r / A])
-    found = mass(Spheroid(mass=M, a=A, alpha=alpha, beta=beta, gamma=gamma), r)
-    assert np.allclose(found, wanted, rtol=1e-12 if alpha == 1.0 else 1e-10)
+    result = mass(Spheroid(mass=M, a=A, alpha=alpha, beta=beta, gamma=gamma), r)
+    assert np.allclose(result, wanted, rtol=1e-12 if alpha == 1.0 else 1e-10)
 
 
 @pytest.mark.parametrize("slopes", SLOPES)
@@ -324,9 +324,9 @@ PRESETS = {
 
 
 def build(name):
-    known = load_registry()
+    registry = load_registry()
     return [
-        known.find("potential", section["kind"], part)(**{k: v for k, v in section.items() if k != "kind"})
+        registry.find("potential", section["kind"], part)(**{k: v for k, v in section.items() if k != "kind"})
         for part, section in PRESETS[name].sections.items()
     ]
 

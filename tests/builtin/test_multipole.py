@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from commands import RUN, call, refused
+from commands import call, refused
+from runfiles import RUN
 
 import streamkit as sk
 from streamkit import testing

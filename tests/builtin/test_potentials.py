@@ -132,8 +132,8 @@ def test_miyamoto_nagai_density():
 
 def test_tf_masses_of_mock_1():
     """M(50, 100, 200 kpc) = 2.66, 3.94, 5.78 x 10^11 Msun for (210 km/s, 12 kpc, 0.45)."""
-    found = mass_profile(TruncatedFlat(v0=210.0, rs=12.0, alpha=0.45), np.array([50.0, 100.0, 200.0]))
-    assert np.round(found / 1e11, 2).tolist() == [2.66, 3.94, 5.78]
+    result = mass_profile(TruncatedFlat(v0=210.0, rs=12.0, alpha=0.45), np.array([50.0, 100.0, 200.0]))
+    assert np.round(result / 1e11, 2).tolist() == [2.66, 3.94, 5.78]
 
 
 @pytest.mark.parametrize("alpha", [0.0, 0.2, 0.45, 1.0])

@@ -34,11 +34,11 @@ def isolated():
 
 def test_dispersion_is_that_of_the_virial_theorem(isolated):
     """<v^2> = 3 pi G M / (32 a) for a Plummer sphere, a third of it along any line."""
-    found = RemnantData(mass=(MASS, 1e7), dispersion=(10.0, 1.0)).predict(isolated)
-    assert found.names == ("mass", "dispersion")
-    assert found.mean[0] == pytest.approx(MASS, rel=0.01)
-    assert found.mean[1] == pytest.approx(np.sqrt(np.pi * sk.G * MASS / (32 * RADIUS)), rel=0.02)
-    assert 0 < found.variance[1] < 0.1
+    prediction = RemnantData(mass=(MASS, 1e7), dispersion=(10.0, 1.0)).predict(isolated)
+    assert prediction.names == ("mass", "dispersion")
+    assert prediction.mean[0] == pytest.approx(MASS, rel=0.01)
+    assert prediction.mean[1] == pytest.approx(np.sqrt(np.pi * sk.G * MASS / (32 * RADIUS)), rel=0.02)
+    assert 0 < prediction.variance[1] < 0.1
 
 
 def test_only_the_heavy_particles_count(isolated):
@@ -52,8 +52,8 @@ def test_only_the_heavy_particles_count(isolated):
 
 def test_no_value_where_nothing_is_left(isolated):
     gone = replace(isolated, bound=np.zeros(len(isolated), dtype=bool))
-    found = RemnantData(mass=(MASS, 1e7)).predict(gone)
-    assert found.why_not == "next to nothing is left of the progenitor"
+    prediction = RemnantData(mass=(MASS, 1e7)).predict(gone)
+    assert prediction.why_not == "next to nothing is left of the progenitor"
 
 
 def test_data_and_mock_hold_what_is_given(isolated):

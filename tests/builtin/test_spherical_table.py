@@ -65,8 +65,8 @@ def test_uneven_knots_are_resampled_without_loss() -> None:
     v = np.array([150.0, 180.0, 230.0, 240.0, 200.0, 190.0, 140.0])
     radii = np.geomspace(1, 200, 500)
     wanted = np.exp(CubicSpline(np.log(r), np.log(v), bc_type="natural")(np.log(radii)))
-    found = Host({"host": SphericalTable(r=r, v_c=v)}).circular_velocity(radii)
-    np.testing.assert_allclose(found, wanted, rtol=1e-7)
+    speed = Host({"host": SphericalTable(r=r, v_c=v)}).circular_velocity(radii)
+    np.testing.assert_allclose(speed, wanted, rtol=1e-7)
 
 
 def test_energy_is_kept_along_an_orbit_through_all_of_it() -> None:

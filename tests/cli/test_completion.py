@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from click.shell_completion import ShellComplete
-from commands import RUN
+from runfiles import RUN
 
 from streamkit.cli.main import main
 

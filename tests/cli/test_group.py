@@ -52,6 +52,11 @@ def test_the_list_names_it_and_imports_nothing(install: Install) -> None:
     assert "command_listed" not in sys.modules
 
 
+@pytest.mark.parametrize(("typed", "meant"), [("fit", "run"), ("mcmc", "run"), ("plot", "stream"), ("stats", "status")])
+def test_words_of_other_programs_are_understood(typed: str, meant: str) -> None:
+    assert f"Did you mean {meant!r}?" in refused(typed, "run.toml")
+
+
 def test_it_is_called_like_our_own(install: Install) -> None:
     install("streamkit-tilt", "tilt", "command_called")
     assert call("tilt", "30").stdout == "tilted by 30\n"

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from astropy.table import QTable
-from commands import RUN, call, refused
+from commands import call, refused
 
 import streamkit as sk
 from streamkit.components import Registry, load_registry
@@ -158,11 +158,11 @@ def test_schema_is_json_and_covers_the_components() -> None:
     assert '"potential.tf"' in text
 
 
-def test_run_then_report_then_refuse_to_overwrite(run_file: Path) -> None:
-    done = call("run", run_file)
+def test_run_then_report_then_refuse_to_overwrite(fit_file: Path) -> None:
+    done = call("run", fit_file)
     assert done.exit_code == 0, done.stderr
-    directory = run_file.parent / "small"
-    texts = ("4 steps of 8 walkers", "Not converged", "potential.v0", "200 kpc", "acceptance", "chain.h5")
+    directory = fit_file.parent / "fit"
+    texts = ("4 steps of 6 walkers", "Not converged", "potential.v0", "200 kpc", "acceptance", "chain.h5")
     for text in texts:
         assert text in done.stdout, done.stdout
     assert max(map(len, done.stdout.splitlines())) <= 100
@@ -171,7 +171,7 @@ def test_run_then_report_then_refuse_to_overwrite(run_file: Path) -> None:
     tomllib.loads((directory / "run.toml").read_text())
 
     chain = (directory / "chain.h5").read_bytes()
-    assert "--resume" in refused("run", run_file)
+    assert "--resume" in refused("run", fit_file)
     assert (directory / "chain.h5").read_bytes() == chain
 
     (directory / "corner.png").unlink()
@@ -179,9 +179,9 @@ def test_run_then_report_then_refuse_to_overwrite(run_file: Path) -> None:
     assert again.exit_code == 0
     assert (directory / "corner.png").exists()
 
-    other = run_file.with_name("other.toml")
-    other.write_text(RUN.replace("seed = 7", "seed = 8"))
-    assert "seed: 7 -> 8" in refused("run", other, "-o", directory, "--resume")
+    other = fit_file.with_name("other.toml")
+    other.write_text(fit_file.read_text().replace("seed = 3", "seed = 8"))
+    assert "seed: 3 -> 8" in refused("run", other, "-o", directory, "--resume")
     assert (directory / "chain.h5").read_bytes() == chain
 
     (directory / "chain.h5").write_bytes(chain[: len(chain) // 3])

@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 from astropy.table import QTable
-from commands import RUN, call, refused
+from commands import call, refused
+from runfiles import RUN
 
 from streamkit.study.fit.manifest import MANIFEST
 from streamkit.study.fit.runner import Interrupted
@@ -71,6 +72,8 @@ def test_bad_run_files(run_file: Path) -> None:
         ('"3e8 Msun"', '"-3e8 Msun"', ["progenitor.mass", "-3e+08"]),
         ("seed = 7", "version = 99", ["version", "99"]),
         ("seed = 7", "seed = ", ["not valid TOML"]),
+        ('lookback = "3.77 Gyr"', "lookback = 3 Gyr", ['A quantity needs quotes: "3 Gyr"']),
+        ('"190 km/s", "230 km/s"', '190 km/s, "230 km/s"', ['A quantity needs quotes: "190 km/s"']),
         ('leading = ["57.0 kpc", "1.0 kpc"]', 'leading = ["57.0 kpc"]', ["observable.leading", "57.0 kpc"]),
     ):
         run_file.write_text(RUN.replace(old, new))
@@ -164,14 +167,14 @@ def test_what_the_system_refuses_is_one_paragraph(run_file: Path, monkeypatch: p
     assert refused("run", run_file) == "streamkit: run/chain.h5: cannot be read or written: Permission denied\n"
 
 
-def test_the_chain_of_another_run_is_refused(run_file: Path) -> None:
-    one, two = run_file.parent / "one", run_file.parent / "two"
-    assert call("run", run_file, "-o", one, "-q", "--steps", "1").exit_code == 0
-    run_file.write_text(RUN.replace("seed = 7", "seed = 8"))
-    assert call("run", run_file, "-o", two, "-q", "--steps", "1").exit_code == 0
+def test_the_chain_of_another_run_is_refused(fit_file: Path) -> None:
+    one, two = fit_file.parent / "one", fit_file.parent / "two"
+    assert call("run", fit_file, "-o", one, "-q", "--steps", "1").exit_code == 0
+    fit_file.write_text(fit_file.read_text().replace("seed = 3", "seed = 8"))
+    assert call("run", fit_file, "-o", two, "-q", "--steps", "1").exit_code == 0
     strange = (one / "chain.h5").read_bytes()
     (two / "chain.h5").write_bytes(strange)
-    for args in (["report", two], ["run", run_file, "-o", two, "--resume", "--steps", "2"]):
+    for args in (["report", two], ["run", fit_file, "-o", two, "--resume", "--steps", "2"]):
         assert "two/chain.h5: is the chain of another run" in refused(*args)
     assert (two / "chain.h5").read_bytes() == strange
 

@@ -8,12 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import RUN, call, refused
-from toys import FIT
+from commands import call, refused
+from runfiles import RUN
 
 import streamkit as sk
 from streamkit.report import as_json, columns, paragraph
-from streamkit.runfile import to_toml
 
 LITERATURE = "quantity,radius,value,error_minus,error_plus,reference\nM,50,2.7e11,1e10,1e10,Doe 2031\n"
 
@@ -22,14 +21,6 @@ def record(*args):
     done = call(*args, "--json")
     assert done.exit_code == 0, done.output
     return json.loads(done.stdout)
-
-
-@pytest.fixture
-def fit_file(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "fit.toml").write_text(to_toml(FIT))
-    (tmp_path / "others.csv").write_text(LITERATURE)
-    return tmp_path / "fit.toml"
 
 
 def test_numbers_that_json_has_not_are_null():
@@ -85,9 +76,9 @@ def test_the_components_as_json():
     assert "nothing is called 'potentail'" in refused("plugins", "potentail", "--json")
 
 
-@pytest.mark.rendered(".pdf")
 def test_a_fit_as_json_with_pdfs_beside_literature(fit_file: Path):
     where = fit_file.parent / "out"
+    (fit_file.parent / "others.csv").write_text(LITERATURE)
     found = record("run", fit_file, "-o", where, "--steps", "2", "--pdf", "--literature", "others.csv")
     results = sk.load_results(where)
     assert found["steps"] == 2

@@ -6,7 +6,7 @@ import sys
 import time
 
 import pytest
-from commands import RUN
+from runfiles import RUN
 
 SCRIPT = """
 import os, sys, threading, time

@@ -46,19 +46,19 @@ def test_a_component_as_the_list_of_plugins_has_it(role: str, kind: str) -> None
 
 
 def test_the_progenitor_has_its_potential_three_ways_and_the_lookback() -> None:
-    found = [row[0] for row in rows("progenitor", "plummer") if row]
+    result = [row[0] for row in rows("progenitor", "plummer") if row]
     for name in ("mass", "radius", "lookback", *(name for way in WAYS for name in way.coordinates())):
-        assert name in found
+        assert name in result
     assert "plummer" in call("reference", "progenitor").stdout
     assert " tf" not in call("reference", "progenitor").stdout
     assert "Galactic sky" not in call("reference", "progenitor", "isochrone").stdout  # its b is not the latitude
 
 
 def test_a_body_has_its_potential_three_ways_friction_and_reflex() -> None:
-    found = [row[0] for row in rows("body", "hernquist") if row]
+    result = [row[0] for row in rows("body", "hernquist") if row]
     for name in ("mass", "a", "friction", "reflex", *(name for way in BODY_WAYS for name in way.coordinates())):
-        assert name in found
-    assert "lookback" not in found
+        assert name in result
+    assert "lookback" not in result
     assert "its force must give a total mass" in call("reference", "body", "tf").stdout
 
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import RUN, call, refused
+from commands import call, refused
+from runfiles import RUN
 
 from streamkit.sample import workers
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from commands import call, refused
 from documents import ROOT
-from toys import FIT
+from runfiles import FIT
 
 import streamkit as sk
 from streamkit.builtin.ensemble.sampler import Emcee

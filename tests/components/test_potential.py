@@ -65,14 +65,14 @@ class Contracted(sk.Potential):
     @staticmethod
     def prepare(mass: Any, rs: Any, host: sk.HostView) -> dict[str, Any]:
         first = np.geomspace(0.05, 900.0, 300)
-        own = nfw(first, mass, rs)
+        result = nfw(first, mass, rs)
         grid = np.geomspace(0.01, 1000.0, 400)
         rest = CubicSpline(np.log(grid), host.mass_inside(grid))
         last = [
             brentq(lambda r, m=m, r0=r0: r * (m + rest(np.log(r))) - r0 * m, 0.011, 950.0)
-            for m, r0 in zip(own, first, strict=True)
+            for m, r0 in zip(result, first, strict=True)
         ]
-        inside = CubicSpline(np.log(last), np.log(own))
+        inside = CubicSpline(np.log(last), np.log(result))
         return table(lambda r: np.exp(inside(np.log(r))))
 
 
@@ -118,10 +118,10 @@ def test_a_contracted_halo_keeps_its_adiabatic_invariant() -> None:
     spec = loaded(disc=DISC, halo={"kind": "test_contracted", "mass": 5e11, "rs": 16})
     potentials = spec.bind().potentials
     halo, disc = (Host({name: potentials[name]}) for name in ("halo", "disc"))
-    own, rest = halo.mass_inside(RADII), disc.mass_inside(RADII)
-    before = np.array([brentq(lambda r, m=m: nfw(r, 5e11, 16.0) - m, 0.01, 2000.0) for m in own])
+    mass, rest = halo.mass_inside(RADII), disc.mass_inside(RADII)
+    before = np.array([brentq(lambda r, m=m: nfw(r, 5e11, 16.0) - m, 0.01, 2000.0) for m in mass])
     assert (before > 1.02 * RADII).any()
-    assert RADII * (own + rest) == pytest.approx(before * own, rel=2e-5)
+    assert RADII * (mass + rest) == pytest.approx(before * mass, rel=2e-5)
     alone = Host({"halo": Contracted(mass=5e11, rs=16.0)})
     assert alone.mass_inside(RADII) == pytest.approx(nfw(RADII, 5e11, 16.0), rel=1e-5)
 

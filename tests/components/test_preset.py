@@ -31,12 +31,12 @@ def test_a_resolved_run_file_reads_back(tmp_path):
 
 
 def test_own_sections_change_a_field_a_kind_or_add_a_potential():
-    own = {
+    result = {
         "halo": {"mass": {"log_uniform": ["3e11 Msun", "9e11 Msun"]}},
         "disc": {"kind": "miyamoto_nagai", "mass": 6.8e10, "a": 3.0, "b": 0.28},
         "bar": {"kind": "plummer", "mass": 1e9, "radius": 1.0},
     }
-    ours = spec({"preset": "gala_v2"} | own)
+    ours = spec({"preset": "gala_v2"} | result)
     document = ours.document["potential"]
     assert ours.names[:1] == ("potential.halo.mass",)
     assert document["halo"]["rs"] == "15.626 kpc"

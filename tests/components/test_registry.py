@@ -53,14 +53,14 @@ def install(tmp_path, monkeypatch):
         info.mkdir()
         (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {distribution}\nVersion: 1.2\n")
         (info / "entry_points.txt").write_text(f"[streamkit]\n{point or module} = {module}\n")
-        found = [p for d in distributions(path=[str(tmp_path)]) for p in d.entry_points]
-        return builtin + found
+        result = [p for d in distributions(path=[str(tmp_path)]) for p in d.entry_points]
+        return builtin + result
 
     return lay
 
 
 def test_the_built_ins_are_found_through_their_entry_point():
-    found = load_registry()
+    registry = load_registry()
     wanted = {
         "potential": {"tf", "nfw", "nfw_m200", "hernquist", "miyamoto_nagai", "plummer", "kepler",
                       "isochrone", "logarithmic"},
@@ -70,23 +70,23 @@ def test_the_built_ins_are_found_through_their_entry_point():
         "sampler": {"emcee"},
     }  # fmt: skip
     for role, kinds in wanted.items():
-        assert kinds <= set(found.entries[role])
+        assert kinds <= set(registry.entries[role])
         for kind in kinds:
-            assert found.supplier(found.find(role, kind, role)) == f"streamkit {sk.__version__}"
+            assert registry.supplier(registry.find(role, kind, role)) == f"streamkit {sk.__version__}"
 
 
 def test_a_plugin_is_found_and_named(install):
-    found = load_registry(points=install("streamkit-trap", "reg_trap", text()))
-    cls = found.find("potential", "trap", "potential.kind")
+    registry = load_registry(points=install("streamkit-trap", "reg_trap", text()))
+    cls = registry.find("potential", "trap", "potential.kind")
     assert cls.__name__ == "Trap"
-    assert found.supplier(cls) == "streamkit-trap 1.2"
-    assert found.failed == ()
+    assert registry.supplier(cls) == "streamkit-trap 1.2"
+    assert registry.failed == ()
 
 
 def test_an_unknown_kind_names_the_place_the_nearest_and_the_installed(install):
-    found = load_registry(points=install("streamkit-trap", "reg_trap2", text()))
+    registry = load_registry(points=install("streamkit-trap", "reg_trap2", text()))
     with pytest.raises(sk.SpecError) as caught:
-        found.find("potential", "plumer", "progenitor.kind")
+        registry.find("potential", "plumer", "progenitor.kind")
     message = str(caught.value)
     assert message.startswith("progenitor.kind: no potential is called 'plumer'. Did you mean 'plummer'?")
     assert "Installed: bar, dehnen, exponential_disc," in message
@@ -101,24 +101,24 @@ def test_a_kind_that_is_no_text(kind):
 
 def test_a_plugin_that_fails_to_import_is_named_when_something_is_missing(install):
     points = install("streamkit-agama", "reg_broken", text(imports="import agama_of_the_future"))
-    found = load_registry(points=points)
-    assert found.find("potential", "tf", "potential.kind").kind == "tf"
-    (record,) = found.failed
+    registry = load_registry(points=points)
+    assert registry.find("potential", "tf", "potential.kind").kind == "tf"
+    (record,) = registry.failed
     wanted = "ModuleNotFoundError: No module named 'agama_of_the_future'"
     assert record.startswith("streamkit-agama 1.2, entry point 'reg_broken'")
     assert wanted in record
     with pytest.raises(sk.SpecError, match=r"A plugin failed to load: streamkit-agama 1\.2") as caught:
-        found.find("potential", "trap", "potential.kind")
+        registry.find("potential", "trap", "potential.kind")
     assert wanted in str(caught.value)
 
 
 def record(points):
     """Return the one record of a registry that has all the built-ins, whatever else is installed."""
-    found = load_registry(points=points)
-    assert all(kinds.items() <= found.entries[role].items() for role, kinds in BUILTIN.entries.items())
-    (line,) = found.failed
+    registry = load_registry(points=points)
+    assert all(kinds.items() <= registry.entries[role].items() for role, kinds in BUILTIN.entries.items())
+    (line,) = registry.failed
     with pytest.raises(sk.SpecError) as caught:
-        found.find("potential", "no_such_kind", "potential.kind")
+        registry.find("potential", "no_such_kind", "potential.kind")
     assert line in str(caught.value)
     return line
 
@@ -131,9 +131,11 @@ def test_a_plugin_that_raises_no_exception(install):
 def test_two_plugins_of_one_name(install):
     install("streamkit-one", "reg_one", text(), point="same")
     points = install("streamkit-two", "reg_two", text(kind="other"), point="same")
-    told = record(points)
-    assert told.startswith("two distributions use the entry-point name 'same': streamkit-one 1.2 and streamkit-two 1.2")
-    assert record(points[::-1]) == told  # whatever the order in which the file system lists them
+    result = record(points)
+    assert result.startswith(
+        "two distributions use the entry-point name 'same': streamkit-one 1.2 and streamkit-two 1.2"
+    )
+    assert record(points[::-1]) == result  # whatever the order in which the file system lists them
     assert not {"trap", "other"} & set(load_registry(points=points).entries["potential"])
 
 
@@ -152,10 +154,10 @@ def test_two_packages_with_one_kind(install):
     points = install("streamkit-right", "reg_right", text())
     line = record(points)
     assert "are called 'trap': one from streamkit-left 1.2, one from streamkit-right 1.2" in line
-    found = load_registry(points=points)
-    assert found.find("potential", "spare", "").__name__ == "Spare"
+    registry = load_registry(points=points)
+    assert registry.find("potential", "spare", "").__name__ == "Spare"
     with pytest.raises(sk.SpecError, match=r"streamkit-left 1\.2, one from streamkit-right 1\.2"):
-        found.find("potential", "trap", "potential.kind")
+        registry.find("potential", "trap", "potential.kind")
 
 
 def test_a_plugin_can_be_switched_off(install, monkeypatch):
@@ -163,13 +165,13 @@ def test_a_plugin_can_be_switched_off(install, monkeypatch):
     points = install("streamkit-right", "off_right", "raise SystemExit", point="right")
     points = install("streamkit-third", "off_third", text(), point="third")
     monkeypatch.setenv("STREAMKIT_DISABLE_PLUGINS", "right, left,builtin")
-    found = load_registry(points=points)
-    assert found.supplier(found.find("potential", "trap", "")) == "streamkit-third 1.2"
-    assert found.failed == (
+    registry = load_registry(points=points)
+    assert registry.supplier(registry.find("potential", "trap", "")) == "streamkit-third 1.2"
+    assert registry.failed == (
         "streamkit-left 1.2, entry point 'left' (switched off by STREAMKIT_DISABLE_PLUGINS)",
         "streamkit-right 1.2, entry point 'right' (switched off by STREAMKIT_DISABLE_PLUGINS)",
     )
-    assert found.find("potential", "plummer", "") is Plummer
+    assert registry.find("potential", "plummer", "") is Plummer
 
 
 def test_a_file_with_a_kind_that_is_there_is_refused(tmp_path):
@@ -197,27 +199,27 @@ def streamkit_components():
     """List the components."""
     return [Plummer]
 '''
-    found = load_registry(points=install("streamkit-same", "reg_roles", scheme))
-    assert found.find("potential", "plummer", "") is Plummer
-    assert found.find("stripping", "plummer", "").__module__ == "reg_roles"
+    registry = load_registry(points=install("streamkit-same", "reg_roles", scheme))
+    assert registry.find("potential", "plummer", "") is Plummer
+    assert registry.find("stripping", "plummer", "").__module__ == "reg_roles"
 
 
 def test_a_misspelled_hook(install):
-    told = record(install("streamkit-typo", "reg_typo", text(hook="streamkit_component")))
-    assert told.startswith("streamkit-typo 1.2, entry point 'reg_typo' (PluginError: ")
-    assert "streamkit_component" in told
+    result = record(install("streamkit-typo", "reg_typo", text(hook="streamkit_component")))
+    assert result.startswith("streamkit-typo 1.2, entry point 'reg_typo' (PluginError: ")
+    assert "streamkit_component" in result
 
 
 def test_a_second_misspelled_hook_beside_the_right_one(install):
     body = text() + "\n\n@hookimpl\ndef streamkit_potentials():\n    return []\n"
-    told = record(install("streamkit-extra", "reg_extra", body))
-    assert re.match(r"streamkit-extra 1\.2, .*streamkit_potentials.* The only hook is 'streamkit_components'", told)
+    result = record(install("streamkit-extra", "reg_extra", body))
+    assert re.match(r"streamkit-extra 1\.2, .*streamkit_potentials.* The only hook is 'streamkit_components'", result)
 
 
 def test_a_hook_with_an_argument(install, tmp_path):
     body = text().replace("streamkit_components()", "streamkit_components(registry)")
-    told = record(install("streamkit-argument", "reg_argument", body))
-    assert re.search(r"(?s)^streamkit-argument 1\.2, .*registry.* it takes no argument", told)
+    result = record(install("streamkit-argument", "reg_argument", body))
+    assert re.search(r"(?s)^streamkit-argument 1\.2, .*registry.* it takes no argument", result)
     with pytest.raises(sk.PluginError, match=r"(?s)^reg_argument\.py sha256:\w+: .*it takes no argument"):
         load_registry([tmp_path / "reg_argument.py"])
 
@@ -225,13 +227,15 @@ def test_a_hook_with_an_argument(install, tmp_path):
 @pytest.mark.parametrize("code", ["1 / 0", "import agama_of_the_future", "None", "raise BaseException", "exit(0)"])
 def test_a_hook_that_fails(install, code):
     body = text().replace("return [Trap]", code)
-    told = record(install("streamkit-fails", "reg_fails", body))
-    assert told.startswith("streamkit-fails 1.2, entry point 'reg_fails' (PluginError: the hook streamkit_components ")
+    result = record(install("streamkit-fails", "reg_fails", body))
+    assert result.startswith(
+        "streamkit-fails 1.2, entry point 'reg_fails' (PluginError: the hook streamkit_components "
+    )
 
 
 def test_a_module_without_the_hook(install):
-    told = record(install("streamkit-empty", "reg_empty", '"""Nothing."""\n'))
-    assert re.match(r"streamkit-empty 1\.2, .*the module reg_empty has no hook", told)
+    result = record(install("streamkit-empty", "reg_empty", '"""Nothing."""\n'))
+    assert re.match(r"streamkit-empty 1\.2, .*the module reg_empty has no hook", result)
 
 
 @pytest.mark.parametrize(
@@ -244,9 +248,9 @@ def test_a_module_without_the_hook(install):
     ],
 )
 def test_things_that_are_no_components(install, listed, message):
-    told = record(install("streamkit-odd", f"reg_odd{len(listed)}", text(listed=listed)))
-    assert told.startswith("streamkit-odd 1.2, entry point 'reg_odd")
-    assert message in told
+    result = record(install("streamkit-odd", f"reg_odd{len(listed)}", text(listed=listed)))
+    assert result.startswith("streamkit-odd 1.2, entry point 'reg_odd")
+    assert message in result
 
 
 @pytest.mark.parametrize(
@@ -310,8 +314,8 @@ def test_a_one_off_file_carries_the_hash_of_its_text(tmp_path):
     suppliers = []
     for body in (text(), text(), text() + "\n# a second edition\n"):
         file.write_text(body)
-        found = load_registry([file])
-        suppliers.append(found.supplier(found.find("potential", "trap", "")))
+        registry = load_registry([file])
+        suppliers.append(registry.supplier(registry.find("potential", "trap", "")))
     assert suppliers[0].startswith("my_trap.py sha256:")
     assert suppliers[0] == suppliers[1] != suppliers[2]
 
@@ -334,8 +338,8 @@ def test_the_hash_of_a_one_off_file_covers_what_it_imports_beside_it(tmp_path, m
 
 
 def supplier_of(plugin):
-    known = load_registry([plugin])
-    return known.supplier(known.entries["potential"]["trap"].cls)
+    registry = load_registry([plugin])
+    return registry.supplier(registry.entries["potential"]["trap"].cls)
 
 
 def test_a_one_off_file_that_fails_says_so_at_once(tmp_path):
@@ -360,7 +364,7 @@ def test_what_a_plugin_prints_is_no_part_of_the_output(install, tmp_path, capsys
     load_registry(points=install("streamkit-loud", "reg_loud", body))
     (tmp_path / "loud_file.py").write_text(body.replace('"trap"', '"loud"'))
     load_registry([tmp_path / "loud_file.py"])
-    told = capsys.readouterr()
-    assert told.out == ""
-    assert told.err.count("at import") == 2
-    assert "from the hook" in told.err
+    result = capsys.readouterr()
+    assert result.out == ""
+    assert result.err.count("at import") == 2
+    assert "from the hook" in result.err

@@ -50,7 +50,7 @@ def install(tmp_path, monkeypatch):
         for name, text in files:
             (info / name).write_text(text)
         builtin = [point for point in entry_points(group="streamkit") if point.name == "builtin"]
-        return builtin + [point for found in distributions(path=[str(tmp_path)]) for point in found.entry_points]
+        return builtin + [point for result in distributions(path=[str(tmp_path)]) for point in result.entry_points]
 
     return lay
 
@@ -58,13 +58,13 @@ def install(tmp_path, monkeypatch):
 def test_only_the_plugin_that_is_asked_for_is_imported(install):
     install("lazy_named", "lazy_kind", points=["lazy_kind"])
     points = install("lazy_other", "other_kind")
-    found = load_registry(points=points, lazy=True)
-    assert "plummer" in found.entries["potential"]
-    assert found.having("potential", "plummer") is found
+    registry = load_registry(points=points, lazy=True)
+    assert "plummer" in registry.entries["potential"]
+    assert registry.having("potential", "plummer") is registry
     assert not {"lazy_named", "lazy_other"} & set(sys.modules)
-    assert found.find("potential", "lazy_kind", "").__module__ == "lazy_named"
+    assert registry.find("potential", "lazy_kind", "").__module__ == "lazy_named"
     assert "lazy_other" not in sys.modules
-    whole = found.having("potential", "other_kind")  # whose entry point has another name: all are looked through
+    whole = registry.having("potential", "other_kind")  # whose entry point has another name: all are looked through
     assert {"lazy_kind", "other_kind", "plummer"} <= set(whole.entries["potential"])
     assert [plugin.name for plugin in whole.plugins] == ["builtin", "lazy_kind", "lazy_other"]
 
@@ -83,9 +83,9 @@ def test_a_run_file_imports_what_it_names(install, monkeypatch):
 
 
 def test_several_entry_points_of_one_module_are_no_clash(install):
-    found = load_registry(points=install("multi_trap", "multi", points=["multi", "multi_too"]))
-    assert found.failed == ()
-    assert found.find("potential", "multi", "").__module__ == "multi_trap"
+    registry = load_registry(points=install("multi_trap", "multi", points=["multi", "multi_too"]))
+    assert registry.failed == ()
+    assert registry.find("potential", "multi", "").__module__ == "multi_trap"
 
 
 def test_an_entry_point_named_for_the_kind_comes_first(install):
@@ -102,18 +102,18 @@ def test_a_file_of_the_run_comes_before_what_is_installed(install, tmp_path):
     file = tmp_path / "newer.py"
     file.write_text(BODY.format(kind="trap", stated=""))
     for lazy in (True, False):
-        found = load_registry([file], points, lazy=lazy).having("potential", "another")
-        assert found.supplier(found.find("potential", "trap", "")).startswith("newer.py sha256:")
+        result = load_registry([file], points, lazy=lazy).having("potential", "another")
+        assert result.supplier(result.find("potential", "trap", "")).startswith("newer.py sha256:")
 
 
 @pytest.mark.parametrize(("number", "remedy"), [(sk.CONTRACT + 1, "upgrade streamkit"), (0, "upgrade the plugin")])
 def test_another_contract_is_told(install, tmp_path, number, remedy):
     points = install(f"contract_{number}", "trap", stated=f"STREAMKIT_CONTRACT = {number}")
     (record,) = load_registry(points=points).failed
-    told = f"written for contract {number} of streamkit, and this streamkit has contract {sk.CONTRACT}: {remedy}"
+    result = f"written for contract {number} of streamkit, and this streamkit has contract {sk.CONTRACT}: {remedy}"
     assert record.startswith(f"contract_{number} 1.2, entry point")
-    assert told in record
-    with pytest.raises(sk.PluginError, match=told):
+    assert result in record
+    with pytest.raises(sk.PluginError, match=result):
         load_registry([tmp_path / f"contract_{number}.py"])
 
 
@@ -138,8 +138,8 @@ def test_the_supplier_tells_what_a_version_does_not(install, tmp_path):
         for folder in tmp_path.glob("wrapping_trap-*"):
             folder.rmdir()
         points = install("wrapping_trap", "trap", stated=f"A = {constant}", metadata=wraps, files=editable)
-        found = load_registry(points=points)
-        suppliers.append(found.supplier(found.find("potential", "trap", "")))
+        registry = load_registry(points=points)
+        suppliers.append(registry.supplier(registry.find("potential", "trap", "")))
     for supplier in suppliers:
         assert supplier.startswith(f"wrapping_trap 1.2 with pytest {pytest.__version__}, editable sha256:")
     assert suppliers[0] != suppliers[1]

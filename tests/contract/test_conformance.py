@@ -71,9 +71,9 @@ class Careless(sk.Potential):
 
 
 def test_a_careless_potential():
-    found = report(Careless)
-    assert {"rejects unknown fields", "is frozen", "arrays in arrays out", "is finite"} <= set(found)
-    assert found["arrays in arrays out"] == "acceleration changes the positions it is given"
+    result = report(Careless)
+    assert {"rejects unknown fields", "is frozen", "arrays in arrays out", "is finite"} <= set(result)
+    assert result["arrays in arrays out"] == "acceleration changes the positions it is given"
 
 
 def plain_helper(r2):
@@ -93,11 +93,11 @@ class Uncompilable(sk.Potential):
 
 
 def test_a_body_that_does_not_compile():
-    found = report(Uncompilable)
+    result = report(Uncompilable)
     uncompiled = {"engine agrees with numpy", "engine adds", "prints nothing", "potential is fast"}
-    assert set(found) == uncompiled | {"mass agrees with force"}
-    assert "plain_helper" in found["engine adds"]
-    assert "\n" not in found["engine adds"]
+    assert set(result) == uncompiled | {"mass agrees with force"}
+    assert "plain_helper" in result["engine adds"]
+    assert "\n" not in result["engine adds"]
 
 
 class Unwritten(sk.Potential):
@@ -134,13 +134,13 @@ class Dice(sk.Stripping):
 
 
 def test_a_scheme_that_throws_dice():
-    found = report(Dice)
-    assert set(found) == {
+    result = report(Dice)
+    assert set(result) == {
         "fields are described", "releases as many as asked", "chance is an argument", "keeps no state",
         "tails lie on their sides", "turns with the orbit",
     }  # fmt: skip
-    assert found["releases as many as asked"] == "2 particles asked for, times has shape (1,)"
-    assert found["fields are described"].startswith("plain float: length")
+    assert result["releases as many as asked"] == "2 particles asked for, times has shape (1,)"
+    assert result["fields are described"].startswith("plain float: length")
 
 
 class Euler(sk.Integrator):
@@ -162,9 +162,9 @@ class Euler(sk.Integrator):
 
 
 def test_an_integrator_of_lower_order_than_it_says():
-    found = report(Euler)
-    assert {"reaches its order", "takes any number", "takes releases off the grid"} <= set(found)
-    assert float(found["reaches its order"].split("measured ")[1].split()[0]) == pytest.approx(1.0, abs=0.3)
+    result = report(Euler)
+    assert {"reaches its order", "takes any number", "takes releases off the grid"} <= set(result)
+    assert float(result["reaches its order"].split("measured ")[1].split()[0]) == pytest.approx(1.0, abs=0.3)
 
 
 class Coarse(sk.Integrator):
@@ -209,13 +209,13 @@ class Hasty(sk.Observable):
 
 
 def test_an_observable_in_a_hurry():
-    found = report(Hasty)
-    assert set(found) == {
+    result = report(Hasty)
+    assert set(result) == {
         "has a fixed length", "measures a stream", "does not care for the order", "leaves the stream alone",
         "says why not", "has a covariance of its data", "gives each datum one quantity", "has a likelihood",
         "keeps no state", "prints nothing", "variance is that of the scatter", "observable is fast",
     }  # fmt: skip
-    assert "for a stream with no particles" in found["says why not"]
+    assert "for a stream with no particles" in result["says why not"]
 
 
 def test_only_components_can_be_checked():

@@ -65,9 +65,9 @@ def test_one_without_a_mistake_passes():
     ],
 )
 def test_a_force_in_other_units(factor, length, why):
-    found = told(plummer(factor, length), "mass agrees with force")
-    assert "the force must be in (km/s)^2/kpc" in found
-    assert re.search(why, found), found
+    result = told(plummer(factor, length), "mass agrees with force")
+    assert "the force must be in (km/s)^2/kpc" in result
+    assert re.search(why, result), result
 
 
 def test_a_repulsive_force():
@@ -118,9 +118,9 @@ def test_printing():
 
 
 def test_a_force_that_takes_a_month():
-    found = told(plummer(run=lambda x: time.sleep(2e-3)), "potential is fast")
-    assert "a fit of 160000 streams would take" in found
-    days = float(found.split("would take ")[1].split()[0])
+    result = told(plummer(run=lambda x: time.sleep(2e-3)), "potential is fast")
+    assert "a fit of 160000 streams would take" in result
+    days = float(result.split("would take ")[1].split()[0])
     assert days == pytest.approx(28_000 * 2e-3 * 160_000 / 86400, rel=0.3)  # 28 000 calls of 2 ms
 
 
@@ -248,6 +248,6 @@ def observable(factor):
 
 @pytest.mark.parametrize(("factor", "fine"), [(1.0, True), (0.0, False), (100.0, False), (0.01, False)])
 def test_a_variance_that_is_not_that_of_the_scatter(factor, fine):
-    found = told(observable(factor), "variance is that of the scatter")
-    assert (found == "") == fine, found
-    assert fine or "sum(w^2 (x - mean)^2)" in found
+    result = told(observable(factor), "variance is that of the scatter")
+    assert (result == "") == fine, result
+    assert fine or "sum(w^2 (x - mean)^2)" in result

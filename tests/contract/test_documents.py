@@ -67,6 +67,13 @@ def laid(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return where
 
 
+@pytest.fixture(autouse=True)
+def short_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A search for a start looks after every 16 draws whether it has enough, and a fourth as many are enough."""
+    monkeypatch.setattr("streamkit.sample.search.ENOUGH", 1)
+    monkeypatch.setattr("streamkit.sample.search.PARTS", 64)
+
+
 @pytest.fixture
 def desk(laid: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The desk as working directory."""

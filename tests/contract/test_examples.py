@@ -96,11 +96,11 @@ def test_the_extract_is_written_as_a_snapshot(tmp_path: Path, monkeypatch: pytes
     table = tmp_path / "table.npz"
     monkeypatch.setattr(sys, "argv", ["snapshot.py", str(ROOT / "tests/data/nbody_B.npz"), "-o", str(table)])
     runpy.run_path(str(EXAMPLES / "ablation" / "snapshot.py"), run_name="__main__")
-    found = as_stream(read_snapshot(table), sk.load(MOCKS / "mock_tf.toml").bind())
+    result = as_stream(read_snapshot(table), sk.load(MOCKS / "mock_tf.toml").bind())
     wanted = nbody_stream("B")
-    assert np.array_equal(found.q, wanted.q)
-    assert found.t_strip == pytest.approx(wanted.t_strip, abs=1e-6)
-    assert np.array_equal(found.winding, wanted.winding)
+    assert np.array_equal(result.q, wanted.q)
+    assert result.t_strip == pytest.approx(wanted.t_strip, abs=1e-6)
+    assert np.array_equal(result.winding, wanted.winding)
 
 
 def hernquist(r: float, z: float, mass: float, a: float) -> float:

@@ -11,42 +11,18 @@ import numpy as np
 import pytest
 from astropy.table import QTable
 from commands import call, refused
+from runfiles import FIT
 
 import streamkit
+from streamkit.runfile import to_toml
 
 SOURCE = Path(__file__).parents[1] / "third_party"
 
-RUN = """
-version = 1
-seed = 3
-[potential]
-kind = "jaffe"
-mass = { uniform = ["8e11 Msun", "1.2e12 Msun"] }
-a = "80 kpc"
-[progenitor]
-kind = "plummer"
-mass = "6.4e8 Msun"
-radius = "0.85 kpc"
-x = 19.2
-y = 0.0
-z = -5.7
-vx = 176.0
-vy = 0.0
-vz = 202.0
-lookback = "2.5 Gyr"
-[stripping]
-kind = "mlcs"
-particles = 300
-sigma = { uniform = ["5 km/s", "15 km/s"] }
-[observable]
-kind = "apocentres"
-leading = ["33 kpc", "3 kpc"]
-trailing = ["54 kpc", "5 kpc"]
-precession = ["102 deg", "10 deg"]
-[sampler]
-walkers = 8
-steps = 6
-"""
+RUN = to_toml(
+    FIT
+    | {"potential": {"kind": "jaffe", "mass": {"uniform": ["8e11 Msun", "1.2e12 Msun"]}, "a": "80 kpc"}}
+    | {"stripping": FIT["stripping"] | {"sigma": {"uniform": ["5 km/s", "15 km/s"]}}}
+)
 
 
 @pytest.fixture(scope="module")

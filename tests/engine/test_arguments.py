@@ -32,9 +32,9 @@ TIMES = np.linspace(-3.0, 0.0, 300)
 )
 def test_what_is_packed_is_taken_apart_again(values: tuple[Any, ...]) -> None:
     packed = pack(values)
-    found = unpacker(layout_of(values))(np.concatenate([packed, np.zeros(1)]))
-    assert len(found) == len(values)
-    for a, b in zip(found, values, strict=True):
+    result = unpacker(layout_of(values))(np.concatenate([packed, np.zeros(1)]))
+    assert len(result) == len(values)
+    for a, b in zip(result, values, strict=True):
         np.testing.assert_array_equal(a, b)
     if not any(layout_of(values)):
         assert packed.tolist() == list(values)
@@ -54,10 +54,10 @@ class Wave(sk.Potential):
 
 def test_arrays_reach_the_compiled_force_in_engine_units() -> None:
     wave = Wave(k=[1, 2, 3], t0=[0.5])
-    found = build_field([NFW(mass=1e11, rs=10), wave]).acceleration(TIMES, PLACES)
+    result = build_field([NFW(mass=1e11, rs=10), wave]).acceleration(TIMES, PLACES)
     alone = build_field([NFW(mass=1e11, rs=10)]).acceleration(TIMES, PLACES)
     k = np.array([1, 2, 3])[:, None] + np.array([0, 0, 0.5 * sk.GYR])[:, None] * TIMES
-    np.testing.assert_allclose(found - alone, -k * PLACES, rtol=1e-9, atol=1e-8)
+    np.testing.assert_allclose(result - alone, -k * PLACES, rtol=1e-9, atol=1e-8)
 
 
 class Table(sk.Potential):
@@ -195,13 +195,13 @@ def test_tables_in_compiled_code_are_those_of_numpy(count: int) -> None:
     y = np.concatenate([RNG.uniform(-15, 15, 500), even, ends])
     force = Interpolated(xp=xp, fp=fp, pieces=pieces)
     with np.errstate(invalid="ignore"):
-        found = build_field([force]).acceleration(0.0, np.stack([x, y, y]))
+        result = build_field([force]).acceleration(0.0, np.stack([x, y, y]))
         plain = force.acceleration(x, y, y, 0.0, *force.in_engine_units())
-    np.testing.assert_allclose(found, plain, rtol=1e-12, atol=1e-13)
-    np.testing.assert_allclose(found[0], np.interp(x, xp, fp), rtol=1e-12, atol=1e-13)
-    np.testing.assert_allclose(found[1], np.interp(y, even, fp), rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(result, plain, rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(result[0], np.interp(x, xp, fp), rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(result[1], np.interp(y, even, fp), rtol=1e-12, atol=1e-13)
     inside = np.abs(y) <= 10
-    assert np.abs(found[2][inside] - np.sin(y[inside])).max() < 1.01 * (20 / (count - 1)) ** 4 / 384
+    assert np.abs(result[2][inside] - np.sin(y[inside])).max() < 1.01 * (20 / (count - 1)) ** 4 / 384
 
 
 def test_cubic_pieces_go_through_values_and_slopes() -> None:
@@ -243,9 +243,9 @@ def _copied(cls: Any) -> dict[str, Any]:
 
 def test_particles_of_many_times_feel_the_factor_of_their_own() -> None:
     still, growing = NFW(mass=1e12, rs=16), NFW(mass=1e12, rs=16, growth=GROWTH)
-    found = build_field([growing]).acceleration(TIMES, PLACES) / build_field([still]).acceleration(TIMES, PLACES)
+    result = build_field([growing]).acceleration(TIMES, PLACES) / build_field([still]).acceleration(TIMES, PLACES)
     wanted = np.interp(TIMES / sk.GYR, [-4, -2, -0.5, 0], [0.3, 0.5, 0.9, 1.0])
-    np.testing.assert_allclose(found, [wanted] * 3, rtol=1e-12)
+    np.testing.assert_allclose(result, [wanted] * 3, rtol=1e-12)
     q, v = PLACES[:, :5].copy(), np.zeros((3, 5))
     split_step(build_field([growing]), LEAPFROG, q, v, np.full(5, -1.0), -0.5, 50)
     assert np.isfinite(q).all()

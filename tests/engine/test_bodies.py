@@ -144,7 +144,7 @@ def test_the_frame_of_a_centre_is_accelerated():
     centre, (orbit,) = follow_bodies([host], [Centre(body, Q, V)], NO_FRICTION, end, STEP)
     field = build_field([host]).with_moving(build_field([body]), orbit).seen_from(centre)
     q, v = np.array([-40.0, 16.0, 6.0]), np.array([30.0, -150.0, 60.0])
-    found = field.orbit(q, v, 0.0, end, STEP)
+    result = field.orbit(q, v, 0.0, end, STEP)
 
     def rates(t, w):
         x0, x1, x, v0, v1, v = w.reshape(6, 3)
@@ -155,13 +155,13 @@ def test_the_frame_of_a_centre_is_accelerated():
     begin = np.concatenate([np.zeros(3), Q, q, np.zeros(3), V, v])
     done = solve_ivp(rates, (0, end), begin, method="DOP853", rtol=1e-12, atol=1e-12)
     x0, _, x, v0, _, v_end = done.y[:, -1].reshape(6, 3)
-    assert np.allclose(found.q[:, 0], x - x0, rtol=0, atol=1e-6)
-    assert np.allclose(found.v[:, 0], v_end - v0, rtol=0, atol=1e-5)
+    assert np.allclose(result.q[:, 0], x - x0, rtol=0, atol=1e-6)
+    assert np.allclose(result.v[:, 0], v_end - v0, rtol=0, atol=1e-5)
     t = np.linspace(end, 0.0, 37)
     pulled = np.array([plummer_pull(1e11, 5.0, -x_k) for x_k in orbit.at(t).q.T]).T
     still = build_field([host]).with_moving(build_field([body]), orbit)
-    own = still.acceleration(t, q[:, None] + 0 * pulled) - field.acceleration(t, q[:, None] + 0 * pulled)
-    assert np.allclose(own, pulled, rtol=0, atol=1e-6 * np.abs(pulled).max())
+    outcome = still.acceleration(t, q[:, None] + 0 * pulled) - field.acceleration(t, q[:, None] + 0 * pulled)
+    assert np.allclose(outcome, pulled, rtol=0, atol=1e-6 * np.abs(pulled).max())
     each = np.stack([field.acceleration(when, q[:, None])[:, 0] for when in t], axis=1)
     assert np.allclose(field.acceleration(t, q[:, None] + 0 * pulled), each, rtol=1e-14)
 

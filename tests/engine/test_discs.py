@@ -31,8 +31,8 @@ def test_the_height_is_where_the_pull_over_z_has_fallen_to_half():
         s = np.hypot(z, B)
         return (A + s) / ((r * r + (A + s) ** 2) ** 1.5 * s)
 
-    found = disc_heights(build_field([DISC]))
-    for height, r in zip(found[2:], RADII[2:], strict=True):
+    result = disc_heights(build_field([DISC]))
+    for height, r in zip(result[2:], RADII[2:], strict=True):
         half = brentq(lambda z: pull(z, r) - 0.5 * pull(0.0, r), 1e-6, r)  # noqa: B023  called at once
         assert 0.5 * half < height <= half
 

@@ -27,9 +27,9 @@ Q, V = np.array([16.3, 2.4, -6.2]), np.array([244.0, -21.0, 198.0])
 def test_several_potentials_add_up():
     q = positions(1e-1, 3e2, 1000)
     t = times(1000)
-    found = build_field(HOST).acceleration(t, q)
+    result = build_field(HOST).acceleration(t, q)
     wanted = reference.acceleration(HOST, t, q)
-    assert np.allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max(axis=0))
+    assert np.allclose(result, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max(axis=0))
 
 
 def test_the_order_and_number_of_particles_do_not_matter():
@@ -172,10 +172,10 @@ def test_tidal_radius_in_a_kepler_host():
         v = np.array([50.0, tangential * circular * 0.6, tangential * circular * 0.8])
         momentum = r * tangential * circular
         wanted = np.cbrt(m / (momentum**2 / (sk.G * r**4) + 2 * host / r**3))
-        found = tidal_radius([Kepler(mass=host)], np.array([r, 0.0, 0.0]), v, m)
-        assert found == pytest.approx(wanted, rel=1e-6)
+        result = tidal_radius([Kepler(mass=host)], np.array([r, 0.0, 0.0]), v, m)
+        assert result == pytest.approx(wanted, rel=1e-6)
         if tangential == 1.0:
-            assert found == pytest.approx(r * np.cbrt(m / (3 * host)), rel=1e-6)
+            assert result == pytest.approx(r * np.cbrt(m / (3 * host)), rel=1e-6)
 
 
 def test_tidal_radius_in_the_tf_host():

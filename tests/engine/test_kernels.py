@@ -48,8 +48,8 @@ def apply(function, *columns):
 
 def test_compiled_log_is_numpys():
     step = np.geomspace(1e-15, 0.4, 400)
-    near = 1.0 + np.concatenate([-step, step])
-    for x in (np.geomspace(1e-300, 1e300, 4000), near):
+    result = 1.0 + np.concatenate([-step, step])
+    for x in (np.geomspace(1e-300, 1e300, 4000), result):
         assert np.allclose(apply(compiled_log, x), np.log(x), rtol=1e-14, atol=0)
 
 
@@ -191,8 +191,8 @@ def place_of(function, folder, monkeypatch):
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(folder))
     cache._strange.cache_clear()
     cache._refused.cache_clear()
-    found = cache.disk_cache(function, "digest")
-    return None if isinstance(found, NullCache) else found.cache_path
+    result = cache.disk_cache(function, "digest")
+    return None if isinstance(result, NullCache) else result.cache_path
 
 
 @pytest.mark.parametrize("outer", [True, False])
@@ -216,24 +216,24 @@ def test_a_cache_that_others_may_write_is_not_used(tmp_path, monkeypatch, caplog
     stat = os.stat
 
     def pretended(self, **options):
-        found = list(stat(self, **options))
+        fields = list(stat(self, **options))
         if self == (folder if outer else inner):
-            found[0], found[4:6] = (found[0] & ~0o777) | mode, (owner, group)
+            fields[0], fields[4:6] = (fields[0] & ~0o777) | mode, (owner, group)
         elif self in (folder, inner):
-            found[0], found[4] = found[0] & ~0o022, 5
-        return os.stat_result(found)
+            fields[0], fields[4] = fields[0] & ~0o022, 5
+        return os.stat_result(fields)
 
     with monkeypatch.context() as patch:
         patch.setattr(Path, "stat", pretended)
         patch.setattr(os, "getuid", lambda: 5)
         patch.setattr(os, "getgid", lambda: 5)
-        found = place_of(content_digest, folder, monkeypatch)
-        assert place_of(content_digest, folder, monkeypatch) == found
+        place = place_of(content_digest, folder, monkeypatch)
+        assert place_of(content_digest, folder, monkeypatch) == place
         cache.disk_cache(content_digest, "again")
-    assert found == (str(inner) if used else None)
-    told = [record.getMessage() for record in caplog.records]
-    assert len(told) == (0 if used else 2)  # once in every process, and place_of forgets
-    assert all("set NUMBA_CACHE_DIR to a folder of your own" in text and str(folder) in text for text in told)
+    assert place == (str(inner) if used else None)
+    result = [record.getMessage() for record in caplog.records]
+    assert len(result) == (0 if used else 2)  # once in every process, and place_of forgets
+    assert all("set NUMBA_CACHE_DIR to a folder of your own" in text and str(folder) in text for text in result)
 
 
 def test_no_place_for_a_cache_and_a_damaged_one_cost_a_compilation_only(tmp_path, monkeypatch):
@@ -241,10 +241,10 @@ def test_no_place_for_a_cache_and_a_damaged_one_cost_a_compilation_only(tmp_path
         raise RuntimeError("no locator available")
 
     inner = Path(place_of(content_digest, tmp_path, monkeypatch))
-    found = cache.disk_cache(content_digest, "digest")
-    Path(found._cache_file._index_path).write_bytes(b"\x80\x04damaged")
+    result = cache.disk_cache(content_digest, "digest")
+    Path(result._cache_file._index_path).write_bytes(b"\x80\x04damaged")
     assert inner.is_dir()
-    assert found.load_overload(numba.void(), registry.cpu_target.target_context) is None
+    assert result.load_overload(numba.void(), registry.cpu_target.target_context) is None
     monkeypatch.setattr(cache, "ContentCache", nowhere)
     assert place_of(content_digest, tmp_path, monkeypatch) is None
 

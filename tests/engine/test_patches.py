@@ -52,14 +52,14 @@ class Read:
 
 
 def expected(x, y, z):
-    found = np.empty((3, len(x)))
+    result = np.empty((3, len(x)))
     for i, (cell, f, g) in enumerate(zip(x.astype(int), x % 1, y, strict=True)):
         patches = COEFFICIENTS[cell].transpose(1, 0, 2)  # (count, 4 powers of f, 4 powers of g)
         in_f = patches[0][1:] * np.arange(1, 4)[:, None]
         in_g = patches[-1][:, 1:] * np.arange(1, 4)
-        found[0, i] = sum((k + 1) * polyval2d(f, g, patch) for k, patch in enumerate(patches))
-        found[1, i], found[2, i] = polyval2d(f, g, in_f), z[i] * polyval2d(f, g, in_g)
-    return found
+        result[0, i] = sum((k + 1) * polyval2d(f, g, patch) for k, patch in enumerate(patches))
+        result[1, i], result[2, i] = polyval2d(f, g, in_f), z[i] * polyval2d(f, g, in_g)
+    return result
 
 
 @pytest.mark.parametrize("n", [1, 3, 4, BLOCK - 1, BLOCK, 2 * BLOCK + 5])

@@ -32,12 +32,12 @@ START = np.array([70.0, 0.0, 0.0]), np.array([0.0, 60.0, 20.0])
 @pytest.mark.parametrize("end", [-4.0, 2.0])
 def test_an_orbit_is_that_of_the_compiled_force(end):
     CALLS.clear()
-    found = build_field([Counted()]).orbit(*START, 0.0, end, 0.002)
+    result = build_field([Counted()]).orbit(*START, 0.0, end, 0.002)
     exact = build_field([HALO]).orbit(*START, 0.0, end, 0.0005)
-    assert len(found.t) == len(exact.t[::4])
+    assert len(result.t) == len(exact.t[::4])
     for name, limit in (("q", 1e-5), ("v", 1e-4), ("a", 2e-3)):
-        assert np.abs(getattr(found, name) - getattr(exact, name)[:, ::4]).max() < limit
-    assert np.array_equal(found.t, np.sort(found.t))
+        assert np.abs(getattr(result, name) - getattr(exact, name)[:, ::4]).max() < limit
+    assert np.array_equal(result.t, np.sort(result.t))
     single = sum(n == 1 for n in CALLS)
     assert single < 600 * abs(end)  # three for each of the nodes, 500 a unit of time, would be 1500
 

@@ -127,8 +127,8 @@ def test_drags_add_up_and_grow(numpy_too: bool) -> None:
     growth = {"t": [-1 / sk.GYR, 0], "factor": [0, 1]}
     other = NumpySticky(omega=OMEGA, rate=1.0, expansion="none") if numpy_too else Sticky(omega=OMEGA, rate=1.0)
     field = build_field([other, Hernquist(mass=1e-20, a=1.0), Sticky(omega=0.0, rate=RATE, growth=growth)])
-    found = field.acceleration(np.full(3, -0.5), Q, V)
-    assert np.allclose(found, -(OMEGA**2) * Q - (1.0 + 0.5 * RATE) * V, rtol=1e-9)
+    result = field.acceleration(np.full(3, -0.5), Q, V)
+    assert np.allclose(result, -(OMEGA**2) * Q - (1.0 + 0.5 * RATE) * V, rtol=1e-9)
     many = build_field([other, Sticky(omega=0.0, rate=RATE - 1.0)])
     q, _ = march(ForestRuth(step=0.002), many, Q, V, 0.4)
     assert np.allclose(q, damped(Q, V, 0.4)[0], rtol=1e-6)

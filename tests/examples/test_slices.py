@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import call
-from toys import FIT
+from runfiles import FIT
 
 import streamkit as sk
 from streamkit.runfile import to_toml

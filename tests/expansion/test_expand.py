@@ -31,8 +31,8 @@ def positions(n=400, low=0.1, high=500.0, seed=5):
 
 def errors(expansion, force, q):
     exact = force(0.0, q)
-    found = build_field([expansion]).acceleration(0.0, q)
-    return np.sqrt(((found - exact) ** 2).sum(axis=0) / (exact**2).sum(axis=0))
+    result = build_field([expansion]).acceleration(0.0, q)
+    return np.sqrt(((result - exact) ** 2).sum(axis=0) / (exact**2).sum(axis=0))
 
 
 def test_a_sphere_converges_with_the_fourth_power_of_the_nodes():
@@ -59,29 +59,29 @@ def test_a_sphere_converges_with_the_fourth_power_of_the_nodes():
 )
 def test_the_form_is_found_and_the_tolerance_met_where_nobody_looked(potentials, form, tolerance):
     force = force_of(*potentials)
-    found = expand(force, "auto", tolerance)
-    assert found.grid.form == form
-    assert found.error <= tolerance
-    assert found.grid.nodes <= 20_000
-    assert np.percentile(errors(found.force, force, positions()), 99) < tolerance
+    expanded = expand(force, "auto", tolerance)
+    assert expanded.grid.form == form
+    assert expanded.error <= tolerance
+    assert expanded.grid.nodes <= 20_000
+    assert np.percentile(errors(expanded.force, force, positions()), 99) < tolerance
 
 
 def test_without_any_symmetry():
     def force(t, q):
         return force_of(HALO)(t, q) + force_of(Plummer(mass=2e10, radius=15.0))(t, q - np.array([[8.0], [5.0], [3.0]]))
 
-    found = expand(force, "auto", 3e-3)
-    assert not found.grid.mirror
-    assert found.grid.sines
-    assert found.grid.step == 1
-    assert errors(found.force, force, positions()).max() < 5e-3
+    expanded = expand(force, "auto", 3e-3)
+    assert not expanded.grid.mirror
+    assert expanded.grid.sines
+    assert expanded.grid.step == 1
+    assert errors(expanded.force, force, positions()).max() < 5e-3
 
 
 def test_symmetries():
-    found = symmetry_of(force_of(*GALAXY), 1e-9)
-    assert (found.static, found.spherical, found.axisymmetric, found.mirror) == (True, False, True, True)
-    found = symmetry_of(force_of(TURNED), 1e-9)
-    assert (found.axisymmetric, found.mirror, found.sideways, found.half_turn) == (False, True, False, True)
+    symmetry = symmetry_of(force_of(*GALAXY), 1e-9)
+    assert (symmetry.static, symmetry.spherical, symmetry.axisymmetric, symmetry.mirror) == (True, False, True, True)
+    symmetry = symmetry_of(force_of(TURNED), 1e-9)
+    assert (symmetry.axisymmetric, symmetry.mirror, symmetry.sideways, symmetry.half_turn) == (False, True, False, True)
     assert symmetry_of(force_of(TRIAXIAL), 1e-9).sideways
 
 
@@ -114,8 +114,8 @@ def test_the_force_has_no_curl(potential):
 
 
 def test_energy_is_conserved_on_an_orbit():
-    found = expand(force_of(*GALAXY), "auto", 1e-4)
-    orbit = build_field([found.force]).orbit(
+    expanded = expand(force_of(*GALAXY), "auto", 1e-4)
+    orbit = build_field([expanded.force]).orbit(
         np.array([20.0, 5.0, 10.0]), np.array([30.0, 120.0, 90.0]), 0.0, -5.0, 0.001
     )
     energy = 0.5 * (orbit.v**2).sum(axis=0)
@@ -130,9 +130,9 @@ def test_the_nodes_stay_so_that_ln_p_has_no_steps():
     q = np.array([[7.0], [11.0], [3.0]])
     values = []
     for value in rs:
-        found = expand_like(first, force_of(NFW(mass=3.6e11, rs=value)), 1e-4, "missed")
-        assert found.grid == first.grid
-        values.append(build_field([found.force]).acceleration(0.0, q)[0, 0])
+        result = expand_like(first, force_of(NFW(mass=3.6e11, rs=value)), 1e-4, "missed")
+        assert result.grid == first.grid
+        values.append(build_field([result.force]).acceleration(0.0, q)[0, 0])
     smooth = CubicSpline(rs[::2], values[::2])(rs[1::2])
     assert np.allclose(smooth, values[1::2], rtol=1e-10)
     with pytest.raises(sk.OutOfDomain, match="missed"):
@@ -172,8 +172,8 @@ def test_an_uncompiled_potential_has_the_fields_and_a_compiled_one_has_not():
     assert set(slow.parameters()) == {"mass"}
     q = positions()
     exact = build_field([slow], exact=True).acceleration(0.0, q)
-    found = build_field([slow]).acceleration(0.0, q)
-    assert 0 < np.abs(found - exact).max() < 1e-3 * np.abs(exact).max()
+    result = build_field([slow]).acceleration(0.0, q)
+    assert 0 < np.abs(result - exact).max() < 1e-3 * np.abs(exact).max()
     asked = Slow(mass=6.8e10, expansion="none")
     assert np.array_equal(build_field([asked]).acceleration(0.0, q), exact)
 

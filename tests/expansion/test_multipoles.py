@@ -71,24 +71,24 @@ def test_a_density_gives_the_potential_of_its_mass():
         r = np.sqrt(x * x + (y / 0.9) ** 2 + (z / 0.8) ** 2)
         return 3.6e11 / (4 * np.pi * r * (r + 16.0) ** 2)
 
-    found = series(density=density, l_max=8, even=True, radii=np.geomspace(0.01, 1e4, 141))
-    assert errors(found, ellipsoid, positions(high=100.0)).max() < 1e-3
+    result = series(density=density, l_max=8, even=True, radii=np.geomspace(0.01, 1e4, 141))
+    assert errors(result, ellipsoid, positions(high=100.0)).max() < 1e-3
 
 
 def test_a_disc_thick_enough_for_its_degree():
     disc = MiyamotoNagai(mass=6.8e10, a=3.0, b=3.0)
-    found = series(potential=of(disc), l_max=24, m_max=0, even=True)
-    assert errors(found, disc, positions(low=3.0, high=30.0)).max() < 2e-3
+    result = series(potential=of(disc), l_max=24, m_max=0, even=True)
+    assert errors(result, disc, positions(low=3.0, high=30.0)).max() < 2e-3
 
 
 def test_the_acceleration_is_minus_the_gradient_beyond_the_ends_too():
-    found = series(potential=of(TRIAXIAL), l_max=4, radii=np.geomspace(1.0, 100.0, 40))
+    result = series(potential=of(TRIAXIAL), l_max=4, radii=np.geomspace(1.0, 100.0, 40))
     for q in (positions(50, 0.1, 1.0), positions(50, 1.0, 100.0), positions(50, 100.0, 1e4)):
         h = 1e-5 * np.sqrt((q**2).sum(axis=0))
-        exact = np.stack(found.acceleration(*q))
+        exact = np.stack(result.acceleration(*q))
         for k in range(3):
             step = h * np.eye(3)[:, k : k + 1]
-            slope = (found.potential(*(q + step)) - found.potential(*(q - step))) / (2 * h)
+            slope = (result.potential(*(q + step)) - result.potential(*(q - step))) / (2 * h)
             assert np.allclose(-slope, exact[k], atol=1e-6 * np.sqrt((exact**2).sum(axis=0)))
 
 

@@ -35,8 +35,8 @@ def test_binding_gives_the_values_and_leaves_the_others() -> None:
     bound = spec.bind({"potential.v_c.2": 200.0}).potentials["potential"]
     assert bound.v_c.tolist() == [230.0, 220.0, 200.0, 150.0]  # type: ignore[attr-defined]
     assert spec.bind().potentials["potential"].v_c.tolist() == [230.0, 220.0, 195.0, 150.0]  # type: ignore[attr-defined]
-    found = Host({"halo": bound}).circular_velocity(np.array([4.0, 10.0, 30.0, 100.0]))
-    np.testing.assert_allclose(found, [230, 220, 200, 150], rtol=1e-8)
+    speed = Host({"halo": bound}).circular_velocity(np.array([4.0, 10.0, 30.0, 100.0]))
+    np.testing.assert_allclose(speed, [230, 220, 200, 150], rtol=1e-8)
     with pytest.raises(sk.OutOfDomain, match=r"potential.* outside its allowed range"):
         spec.bind({"potential.v_c.0": -1.0})
 

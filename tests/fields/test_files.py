@@ -92,11 +92,11 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ids=str,
 )
 def test_an_array_has_many_forms(folder: Path, form: Any) -> None:
-    found = Toy(r=form).r
-    np.testing.assert_allclose(found, RADII, rtol=1e-12)
-    assert found.dtype == float
+    result = Toy(r=form).r
+    np.testing.assert_allclose(result, RADII, rtol=1e-12)
+    assert result.dtype == float
     with pytest.raises(ValueError, match="read-only"):
-        found[0] = 1.0
+        result[0] = 1.0
 
 
 def test_arrays_of_numpy_have_the_unit_that_is_told_or_that_of_the_field(folder: Path) -> None:

@@ -42,8 +42,8 @@ def test_a_thin_disc_agrees_with_the_integral_of_its_density(r):
         return 4 * np.pi * big_r * quad(density, 0, height, args=(big_r,), points=[min(b, height / 2)], limit=200)[0]
 
     expected = quad(ring, 0, r, limit=200)[0]
-    found = host(MiyamotoNagai(mass=mass, a=a, b=b)).mass_inside(np.array([r]))[0]
-    assert found == pytest.approx(expected, rel=1e-6)
+    result = host(MiyamotoNagai(mass=mass, a=a, b=b)).mass_inside(np.array([r]))[0]
+    assert result == pytest.approx(expected, rel=1e-6)
 
 
 def test_circular_velocity_of_a_disc():
@@ -59,10 +59,10 @@ def test_a_triaxial_halo_is_averaged_over_azimuth():
     c1 = np.cos(turn) ** 2 * p + np.sin(turn) ** 2 * q
     c2 = np.cos(turn) ** 2 * q + np.sin(turn) ** 2 * p
     c3 = 2 * np.sin(turn) * np.cos(turn) * (p - q)
-    for r, found in zip(R, host(halo).circular_velocity(R), strict=True):
+    for r, result in zip(R, host(halo).circular_velocity(R), strict=True):
         shape = (c1 * np.cos(phi) ** 2 + c2 * np.sin(phi) ** 2 + c3 * np.sin(phi) * np.cos(phi)) * r * r
         expected = np.sqrt(np.mean(2 * 121.858**2 * shape / (shape + 144.0)))  # R dPhi/dR
-        assert found == pytest.approx(expected, rel=1e-6)
+        assert result == pytest.approx(expected, rel=1e-6)
 
 
 def test_mass_goes_with_the_square_of_the_speed():

@@ -232,7 +232,7 @@ def test_a_circular_body_in_a_held_host_is_at_rest_in_a_rotating_frame():
 
 def test_an_orbit_beside_the_cloud_is_galpys():
     """galpy's MovingObjectPotential and NonInertialFrameForce, with the Milky Way's path from SciPy."""
-    body, end = cloud(1.38e11, friction=False), -1.5 * sk.GYR
+    body, end = cloud(1.38e11, friction=False), -0.5 * sk.GYR
     host = [
         gp.HernquistPotential(amp=2 * sk.G * 5e9, a=1.0),
         gp.HernquistPotential(amp=2 * sk.G * 1.71e9, a=0.07),
@@ -252,10 +252,10 @@ def test_an_orbit_beside_the_cloud_is_galpys():
 
     begin = np.concatenate([np.zeros(6), Q, V])
     path = solve_ivp(rates, (0.0, end), begin, method="DOP853", rtol=1e-12, atol=1e-12, dense_output=True).sol
-    times = np.linspace(0.0, end, 4001)
+    times = np.linspace(0.0, end, 1601)
     x0, _, x1, _ = path(times).reshape(4, 3, -1)
-    pulls = CubicSpline(times[::-1], np.array([force([sphere], d) for d in (x0 - x1).T])[::-1])
-    frame = gp.NonInertialFrameForce(a0=[lambda t, k=k: float(pulls(t)[k]) for k in range(3)])
+    pulls = [CubicSpline(times[::-1], pull[::-1]) for pull in np.transpose([force([sphere], d) for d in (x0 - x1).T])]
+    frame = gp.NonInertialFrameForce(a0=[lambda t, pull=pull: float(pull(t)) for pull in pulls])
 
     def cylindrical(q, v):
         r, phi = np.hypot(q[0], q[1]), np.arctan2(q[1], q[0])
@@ -270,7 +270,7 @@ def test_an_orbit_beside_the_cloud_is_galpys():
     moving = gp.MovingObjectPotential(lmc, pot=sphere)
     theirs.integrate(times, milky_way + moving, method="dop853", progressbar=False)
     ours = Host(MILKY_WAY, {"lmc": body}).until(end).orbit(q, v, 0.0, end, NODE)
-    at = times[1000::1000]
+    at = times[400::400]
     wanted = np.array([theirs.x(at), theirs.y(at), theirs.z(at)])
     assert np.abs(ours.at(at).q - wanted).max() < 1e-6 * np.sqrt((wanted**2).sum(axis=0)).min()
 

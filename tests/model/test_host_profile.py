@@ -25,8 +25,8 @@ def test_the_density_of_spheres_and_of_a_disc() -> None:
     r = np.sqrt((PLACES**2).sum(axis=0))
     nfw = 1e12 / (4 * np.pi * r * (r + 15) ** 2)
     plummer = 3e10 / (4 * np.pi / 3 * 4.0**3) * (1 + r**2 / 16) ** -2.5
-    found = host(NFW(mass=1e12, rs=15), Plummer(mass=3e10, radius=4)).density(PLACES)
-    np.testing.assert_allclose(found, nfw + plummer, rtol=1e-6)
+    result = host(NFW(mass=1e12, rs=15), Plummer(mass=3e10, radius=4)).density(PLACES)
+    np.testing.assert_allclose(result, nfw + plummer, rtol=1e-6)
     mass, a, b = 7e10, 3.0, 0.28
     big_r, s = np.hypot(PLACES[0], PLACES[1]), np.sqrt(PLACES[2] ** 2 + b**2)
     top = a * big_r**2 + (a + 3 * s) * (a + s) ** 2
@@ -43,11 +43,11 @@ def test_the_mean_density_of_a_shell_is_the_density_of_a_sphere() -> None:
 def test_the_escape_speed_is_that_of_the_closed_form() -> None:
     """Plummer's and Navarro, Frenk & White's; a logarithmic halo lets nothing escape."""
     depth = G * 3e10 / np.hypot(R, 4) + G * 1e12 * np.log1p(R / 15) / R
-    found = host(NFW(mass=1e12, rs=15), Plummer(mass=3e10, radius=4)).escape_speed(R)
-    np.testing.assert_allclose(found, np.sqrt(2 * depth), rtol=1e-9)
-    found = host(Logarithmic(v_h=120, r_h=12, q1=1, q2=1, qz=1, phi=0)).escape_speed(R)
-    assert found is not None
-    assert np.isinf(found).all()
+    result = host(NFW(mass=1e12, rs=15), Plummer(mass=3e10, radius=4)).escape_speed(R)
+    np.testing.assert_allclose(result, np.sqrt(2 * depth), rtol=1e-9)
+    result = host(Logarithmic(v_h=120, r_h=12, q1=1, q2=1, qz=1, phi=0)).escape_speed(R)
+    assert result is not None
+    assert np.isinf(result).all()
 
 
 def test_the_tidal_radius_about_a_point_mass() -> None:
@@ -55,8 +55,8 @@ def test_the_tidal_radius_about_a_point_mass() -> None:
     mass, small = 1e12, 1e8
     q = np.array([[50.0], [0.0], [0.0]])
     v = np.array([[0.0], [np.sqrt(G * mass / 50.0)], [0.0]])
-    found = host(Plummer(mass=mass, radius=1e-3)).tidal_radius(small, q, v)
-    assert found == pytest.approx(50 * (small / (3 * mass)) ** (1 / 3), rel=1e-5)
+    result = host(Plummer(mass=mass, radius=1e-3)).tidal_radius(small, q, v)
+    assert result == pytest.approx(50 * (small / (3 * mass)) ** (1 / 3), rel=1e-5)
 
 
 def test_a_body_and_a_progenitor_on_ellipses() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commands import RUN
+from runfiles import RUN
 
 import streamkit as sk
 from streamkit.engine import build_field

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from commands import RUN, call, refused
+from commands import call, refused
+from runfiles import RUN
 
 import streamkit as sk
 

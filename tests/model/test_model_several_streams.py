@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from runfiles import error_of, with_entry
-from toys import FIT
+from runfiles import APOCENTRES, FIT, error_of, with_entry
 
 import streamkit as sk
 from streamkit.cli.main import main
@@ -15,10 +14,10 @@ from streamkit.runfile import stream_seed, to_toml
 from streamkit.study.sensitivity import run_sensitivity
 
 OWN = ("progenitor", "stripping", "observable")
-PAIR = {key: value for key, value in copy.deepcopy(FIT).items() if key not in OWN} | {
+PAIR = {key: value for key, value in copy.deepcopy(APOCENTRES).items() if key not in OWN} | {
     "stream": {
-        "near": {key: copy.deepcopy(FIT[key]) for key in OWN},
-        "far": {key: copy.deepcopy(FIT[key]) for key in OWN},
+        "near": {key: copy.deepcopy(APOCENTRES[key]) for key in OWN},
+        "far": {key: copy.deepcopy(APOCENTRES[key]) for key in OWN},
     }
 }
 PAIR["stream"]["far"]["progenitor"] |= {"distance": 25.6, "v_los": {"uniform": [145, 155]}}
@@ -120,7 +119,7 @@ def test_a_stream_that_cannot_be_measured_is_named(spec):
         (pair("stream", "near", "progenitor", 7), "stream.near.progenitor: found 7, expected a section"),
         (pair("stream", "near", "observabel", {}), "Did you mean 'observable'?"),
         (pair("observable", {"kind": "apocentres"}), "observable: found beside the named streams near, far"),
-        (pair("progenitor", FIT["progenitor"]), "progenitor: found beside the named streams near, far"),
+        (pair("progenitor", APOCENTRES["progenitor"]), "progenitor: found beside the named streams near, far"),
         (
             pair("stream", "far", "observable", "kind", "apocentres"),
             "found a kind of its own and the named observables",
@@ -182,19 +181,27 @@ def test_ablate_takes_a_stream_by_name(file, tmp_path):
 
 
 def test_a_fit_of_several_streams_is_reported_with_a_picture_of_each(tmp_path):
-    out = tmp_path / "out"
-    results = sk.run(PAIR, out, progress=False)
+    out, document = tmp_path / "out", {key: value for key, value in FIT.items() if key not in OWN}
+    streams = {name: {key: copy.deepcopy(FIT[key]) for key in OWN} for name in ("near", "far")}
+    streams["far"]["progenitor"]["v_los"] = {"uniform": [145, 155]}
+    distance = streams["far"]["observable"].pop("distance")
+    streams["far"]["observable"] = {
+        "depth": {key: FIT["observable"][key] for key in ("kind", "kernel", "frame")} | {"distance": distance},
+        "speed": streams["far"]["observable"],
+    }
+    document["stream"] = streams
+    results = sk.run(document, out, progress=False)
     assert {"best_stream_near.png", "best_stream_far.png", "summary.ecsv"} <= {path.name for path in out.iterdir()}
     assert not results.failed
     assert set(results.best_observation.streams) == {"near", "far"}
-    again = sk.run(PAIR, out, steps=6, resume=True, progress=False)
+    again = sk.run(document, out, steps=6, resume=True, progress=False)
     assert len(again.chain) == 6
 
 
 def test_two_mock_streams_recover_the_host_better_than_either():
     """On a grid over both parameters of the host, with data from a stream of other random numbers."""
     document = pair("stream", "far", "progenitor", "v_los", 150)
-    document["stream"]["far"]["observable"] = copy.deepcopy(FIT["observable"])
+    document["stream"]["far"]["observable"] = copy.deepcopy(APOCENTRES["observable"])
     truth = np.array([230.0, 0.35])
     for name, stream in sk.Posterior(sk.load(document | {"seed": 99})).observe(truth).predictions.items():
         errors = zip(("leading", "trailing", "precession"), stream.mean, (5, 15, 8), strict=True)

@@ -35,9 +35,9 @@ def track_of(inputs):
 
 
 def test_nothing_changes_unless_told():
-    plain, told = inputs_of(HALO), inputs_of(HALO, friction="none", reflex=False)
+    plain, inputs = inputs_of(HALO), inputs_of(HALO, friction="none", reflex=False)
     assert plain.companion is None
-    assert np.array_equal(track_of(plain).q, track_of(told).q)
+    assert np.array_equal(track_of(plain).q, track_of(inputs).q)
     assert "friction" not in sk.load(changed("seed", 7)).document["progenitor"]
 
 

@@ -41,18 +41,18 @@ def test_columns_that_are_not_read_may_hold_anything(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("length", "speed"), [(1.0, 1.0), (1000.0, 1.0), (1e-3, 0.9)])
 def test_the_gadget_layout_in_any_units_holds_the_same(tmp_path: Path, length: float, speed: float) -> None:
-    same, found = (
+    same, result = (
         read_snapshot(write_table(tmp_path / "a.npz")),
         read_snapshot(write_gadget(tmp_path / "a.hdf5", length, speed)),
     )
     for name in ("q", "v", "t_strip", "winding", "core"):
-        assert getattr(found, name) == pytest.approx(getattr(same, name), nan_ok=True), name
+        assert getattr(result, name) == pytest.approx(getattr(same, name), nan_ok=True), name
 
 
 def test_units_as_swift_writes_them(tmp_path: Path) -> None:
     units = {"Unit length in cgs (U_L)": np.array([KPC_CM]), "Unit time in cgs (U_t)": np.array([KPC_CM / 1e5])}
-    found = read_snapshot(write_gadget(tmp_path / "a.hdf5", Units=units))
-    assert found.v[:, 0] == pytest.approx([100, 7, 0])
+    result = read_snapshot(write_gadget(tmp_path / "a.hdf5", Units=units))
+    assert result.v[:, 0] == pytest.approx([100, 7, 0])
 
 
 def test_one_of_several_types_is_picked(tmp_path: Path) -> None:
@@ -129,14 +129,14 @@ def satellite(name: str = "B") -> Snapshot:
 @pytest.mark.parametrize("name", ["A", "B"])
 def test_positions_and_velocities_alone_give_the_windings_and_stripping_times(name: str) -> None:
     """Of the N-body simulation, which kept them as it ran: turns for 97 %, times to a tenth of a Gyr in the median."""
-    told, found = nbody_stream(name), as_stream(satellite(name), run_file(name).bind())
-    free = ~found.bound
+    result, outcome = nbody_stream(name), as_stream(satellite(name), run_file(name).bind())
+    free = ~outcome.bound
     assert free.mean() > 0.95
-    assert (np.abs(found.winding - told.winding)[free] < 0.1).mean() > 0.97
-    late = (found.t_strip - told.t_strip)[free] / GYR
+    assert (np.abs(outcome.winding - result.winding)[free] < 0.1).mean() > 0.97
+    late = (outcome.t_strip - result.t_strip)[free] / GYR
     assert abs(np.median(late)) < 0.1
     assert np.percentile(np.abs(late), 68) < 0.25
-    assert np.median(np.abs(found.chi - told.chi)[free]) < 0.15 * np.median(np.abs(told.chi[free]))
+    assert np.median(np.abs(outcome.chi - result.chi)[free]) < 0.15 * np.median(np.abs(result.chi[free]))
 
 
 def test_a_stream_from_a_snapshot_counts_angles_as_the_model_does() -> None:
@@ -177,8 +177,8 @@ def test_the_remnant_is_found_in_the_particles_themselves() -> None:
     place, speed = np.array([30.0, -20.0, 5.0]), np.array([150.0, 100.0, -50.0])
     clump = place[:, None] + rng.normal(0, 1, (3, 3000))
     v = np.concatenate([rng.normal(0, 100, (3, 2000)), speed[:, None] + rng.normal(0, 10, (3, 3000))], axis=1)
-    found = remnant(np.concatenate([debris, clump], axis=1), v, 3.0)
-    assert found is not None
-    assert found[:3] == pytest.approx(place, abs=0.1)
-    assert found[3:] == pytest.approx(speed, abs=1.0)
+    result = remnant(np.concatenate([debris, clump], axis=1), v, 3.0)
+    assert result is not None
+    assert result[:3] == pytest.approx(place, abs=0.1)
+    assert result[3:] == pytest.approx(speed, abs=1.0)
     assert remnant(debris, v[:, :2000], 3.0) is None

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import errno
 import os
-import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
 import pytest
+from forked import forked
 
 from streamkit import ChainError
 from streamkit.report import contents, is_locked, locked, replace_whole
@@ -19,24 +24,28 @@ from streamkit.sample import pool
 
 HOLD = """
 import sys
-import threading
 from pathlib import Path
 from streamkit.report import locked
 with locked(Path(sys.argv[1])):
-    print("held", flush=True)
-    sys.stdin.read()
+    pass
 """
 
 
-def held(directory: Path) -> subprocess.Popen[str]:
-    """Return another process that holds the directory."""
-    pipe = subprocess.PIPE
-    process = subprocess.Popen(
-        [sys.executable, "-c", HOLD, str(directory)], stdin=pipe, stdout=pipe, stderr=pipe, text=True
-    )
-    assert process.stdout is not None
-    assert process.stdout.readline() == "held\n"
-    return process
+@contextmanager
+def held(directory: Path) -> Iterator[BaseProcess]:
+    """Another process that holds the directory."""
+    begun = Pipe()
+    process = forked(hold, directory, begun[1])
+    assert begun[0].poll(60)
+    yield process
+    process.kill()
+    process.join()
+
+
+def hold(directory: Path, begun: Connection) -> None:
+    with locked(directory):
+        begun.send("held")
+        begun.poll(None)
 
 
 def test_another_process_is_refused_until_the_first_is_killed(tmp_path: Path) -> None:
@@ -45,8 +54,8 @@ def test_another_process_is_refused_until_the_first_is_killed(tmp_path: Path) ->
         assert contents(out) == []
         with pytest.raises(ChainError, match="out: another run is writing here right now"), locked(out):
             pass
-        os.kill(process.pid, signal.SIGKILL)
-        process.communicate()
+        process.kill()
+        process.join()
     assert contents(out) == []
     with locked(out):
         (out / "table").write_text("1")
@@ -122,7 +131,7 @@ def test_worker_processes_do_not_give_the_lock_away(tmp_path: Path) -> None:
     with locked(tmp_path):
         with pool(2) as executor:
             assert list(executor.map(abs, [-1, -2])) == [1, 2]
-        other = subprocess.run([sys.executable, "-c", HOLD, tmp_path], input="", capture_output=True, text=True)
+        other = subprocess.run([sys.executable, "-c", HOLD, tmp_path], capture_output=True, text=True)
         assert "another run is writing here right now" in other.stderr
 
 
@@ -164,4 +173,3 @@ def test_a_lock_that_another_process_has_for_a_moment_is_waited_for(tmp_path: Pa
         end.start()
         with locked(tmp_path):
             pass
-        process.communicate()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from pictures import assert_readable
-from toys import FIT
+from runfiles import APOCENTRES
 
 import streamkit as sk
 from streamkit.report import NotebookFigure, draw_stream
@@ -18,7 +18,7 @@ UNWRAPPED = ["progenitor", "smoothed track", "Gaussian fit", "fitted apocentre",
 @pytest.fixture(scope="module")
 def drawn():
     """Return a stream, what the observable says of it, and what it was made from."""
-    spec = sk.load(FIT)
+    spec = sk.load(APOCENTRES)
     inputs, stream = spec.bind(), sk.Model(spec).stream()
     return stream, inputs.observable.predict(stream), inputs
 

@@ -115,11 +115,11 @@ def test_the_schema_knows_bodies():
 def test_a_body_may_be_placed_in_the_frame_of_a_stream():
     """The six numbers are those of another set of coordinates in that frame."""
     frame = {"pole": [78.8, 21.0], "origin": [80.0, -69.0]}
-    own = {"kind": "hernquist", "mass": 1e11, "a": 16.0}
+    result = {"kind": "hernquist", "mass": 1e11, "a": 16.0}
     body = sk.load(changed("body", {"lmc": LMC})).bind().bodies["lmc"]
     seen = seen_from(Sun().observer, body.q[:, None], body.v[:, None], sky_matrix(frame))
     names = ("phi1", "phi2", "distance", "pm_phi1_cosphi2", "pm_phi2", "v_los")
     place = {name: float(value[0]) for name, value in zip(names, seen, strict=False)}
-    there = sk.load(changed("body", {"lmc": own | place | {"frame": frame}})).bind().bodies["lmc"]
+    there = sk.load(changed("body", {"lmc": result | place | {"frame": frame}})).bind().bodies["lmc"]
     np.testing.assert_allclose(there.q, body.q, rtol=1e-9)
     np.testing.assert_allclose(there.v, body.v, rtol=1e-9)

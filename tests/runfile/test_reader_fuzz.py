@@ -50,13 +50,13 @@ def run_files(draw):
 
 
 def refused_or_valid(act):
-    begin, told = time.process_time(), "valid run file"
+    begin, result = time.process_time(), "valid run file"
     try:
         act()
     except sk.StreamkitError as error:
-        told = str(error)
-    assert re.search(r"\w+ \w+", told)
-    assert len(told) < 20_000
+        result = str(error)
+    assert re.search(r"\w+ \w+", result)
+    assert len(result) < 20_000
     assert time.process_time() - begin < 2.0
 
 

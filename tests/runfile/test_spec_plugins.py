@@ -47,7 +47,7 @@ def test_paths_of_plugins_stay_as_written(plugin_run: Path, monkeypatch: pytest.
 
 
 def test_plugins_are_validated_as_strictly(plugin_run: Path) -> None:
-    known = sk.load(plugin_run).registry
+    result = sk.load(plugin_run).registry
     for fields, part in [
         ({"v": -1}, "potential.v: found -1 km / s, should be greater than 0 (Speed far out)"),
         ({"v": 1, "cor": 1}, "potential.cor: the potential 'cored' has no field 'cor'. Did you mean 'core'?"),
@@ -59,13 +59,13 @@ def test_plugins_are_validated_as_strictly(plugin_run: Path) -> None:
         ({}, "potential.v: missing (Speed far out)"),
     ]:
         with pytest.raises(sk.SpecError) as caught:
-            sk.load(changed("potential", {"kind": "cored"} | fields), registry=known)
+            sk.load(changed("potential", {"kind": "cored"} | fields), registry=result)
         assert part in str(caught.value)
 
 
 def test_the_schema_knows_plugins_and_is_json(plugin_run: Path) -> None:
-    known = json_schema(sk.load(plugin_run).registry)
-    assert json.loads(json.dumps(known)) == known
-    assert known["$defs"]["potential.cored"]["properties"]["kind"] == {"const": "cored"}
-    assert accepts(known, changed("potential", {"kind": "cored", "v": "200 km/s"}), known)
-    assert not accepts(known, changed("potential", {"kind": "cored", "w": "200 km/s"}), known)
+    result = json_schema(sk.load(plugin_run).registry)
+    assert json.loads(json.dumps(result)) == result
+    assert result["$defs"]["potential.cored"]["properties"]["kind"] == {"const": "cored"}
+    assert accepts(result, changed("potential", {"kind": "cored", "v": "200 km/s"}), result)
+    assert not accepts(result, changed("potential", {"kind": "cored", "w": "200 km/s"}), result)

@@ -15,7 +15,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from toys import FIT, Gaussian, Slow, walk
+from runfiles import FIT
+from toys import Gaussian, Slow, walk
 
 import streamkit as sk
 from streamkit.errors import blamed

@@ -145,10 +145,10 @@ def test_r_hat_is_the_rank_normalised_one():
     x[:, 4:, 0] += 30
     x[:, 4:, 1] *= 3
     x[..., 2] = rng.standard_cauchy((301, 8)) + np.arange(8)
-    found = rank_r_hat(x)
-    assert found == pytest.approx([vehtari(column) for column in np.moveaxis(x, 2, 0)], rel=1e-9)
-    assert (found[:3] > 1.1).all()
-    assert found[3] < 1.02
+    result = rank_r_hat(x)
+    assert result == pytest.approx([vehtari(column) for column in np.moveaxis(x, 2, 0)], rel=1e-9)
+    assert (result[:3] > 1.1).all()
+    assert result[3] < 1.02
 
 
 def test_where_nothing_can_be_judged_nothing_has_converged():
@@ -184,9 +184,9 @@ def test_any_executor_evaluates_and_is_left_running():
     points = np.random.default_rng(0).standard_normal((20, 3))
     with ThreadPoolExecutor(2) as mine:
         with Workers({"full": toy}, mine) as workers:
-            found = workers.evaluate(points)
+            outcome = workers.evaluate(points)
         assert mine.submit(int).result() == 0
-    assert [result.lnp for result in found] == [toy.evaluate(point).lnp for point in points]
+    assert [result.lnp for result in outcome] == [toy.evaluate(point).lnp for point in points]
     assert workers.calls["full"] == 20
     assert workers.reasons["full"]["no stream on this side"] == sum(points[:, 0] < MEAN[0])
 
@@ -237,8 +237,8 @@ def test_every_move_alone_samples_a_gaussian_whatever_the_units(name):
         start = scale * np.random.default_rng(2).standard_normal((80, 4))
         state = emcee.State(start, random_state=np.random.RandomState(3).get_state())
         sampler.run_mcmc(state, 3000)
-        found = sampler.get_chain(discard=250, flat=True)
-        np.testing.assert_allclose(found.std(axis=0) / scale, 1.0, atol=0.06)
+        result = sampler.get_chain(discard=250, flat=True)
+        np.testing.assert_allclose(result.std(axis=0) / scale, 1.0, atol=0.06)
         assert sampler.acceptance_fraction.mean() > 0.05
 
 

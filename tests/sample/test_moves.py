@@ -237,7 +237,7 @@ def test_the_surrogate_works_for_dozens_of_correlated_numbers_and_for_a_likeliho
     banana_run(plain, 900, "de", toy=toy)
     assert chain.last.counts["facts"] == {"surrogate": subject}
     kept, usual = chain.samples()[LEAST_STEPS:], plain.samples()[LEAST_STEPS:]
-    grid = np.stack(np.meshgrid(*(np.linspace(-3, 3, 61),) * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    grid = np.stack(np.meshgrid(*(np.linspace(-3, 3, 41),) * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     weight = np.exp([toy.ln_likelihood(point) for point in grid])
     expected = np.average(np.column_stack([grid, grid**2]), axis=0, weights=weight)
     check_moments(np.concatenate([kept, kept**2], axis=2), expected, 0.08)

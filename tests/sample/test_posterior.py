@@ -5,8 +5,8 @@ import pickle
 
 import numpy as np
 import pytest
+from runfiles import APOCENTRES, FIT
 from scipy.stats import multivariate_normal, norm
-from toys import FIT
 
 import streamkit as sk
 from streamkit.components import load_registry
@@ -195,7 +195,7 @@ def test_a_broken_component_is_named_with_the_parameters(mocked, mode, words):
 
 
 def test_out_of_domain_becomes_a_counted_reason():
-    document = copy.deepcopy(FIT)
+    document = copy.deepcopy(APOCENTRES)
     document["progenitor"]["lookback"] = {"uniform": [0.01, 0.02]}
     posterior = Posterior(sk.load(document))
     found = posterior.evaluate(posterior.spec.centre())

@@ -138,8 +138,8 @@ def test_a_call_over_its_limit_is_rejected_or_stops_the_run(count, seconds):
     assert not slow.all()
     limit = 0.5 if count == 1 else 0.2
     with Workers({"full": Slow(seconds)}, count, limit=limit, reject=True) as pool:
-        found = pool.evaluate(points)
-        assert [result.reason == OVERTIME for result in found] == slow.tolist()
+        outcome = pool.evaluate(points)
+        assert [result.reason == OVERTIME for result in outcome] == slow.tolist()
         assert pool.reasons["full"] == {OVERTIME: slow.sum()}
     with (
         Workers({"full": Slow(seconds)}, count, limit=limit) as pool,
@@ -181,7 +181,7 @@ print(*executor.pids)
 
 
 def test_workers_that_were_forgotten_end_with_their_parent():
-    found = subprocess.run([sys.executable, "-c", FORGETFUL], capture_output=True, text=True, timeout=60, check=True)
-    for pid in map(int, found.stdout.split()):
+    result = subprocess.run([sys.executable, "-c", FORGETFUL], capture_output=True, text=True, timeout=60, check=True)
+    for pid in map(int, result.stdout.split()):
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)

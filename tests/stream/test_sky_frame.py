@@ -29,11 +29,11 @@ def offset_frame(turn: float = 30.0) -> tuple[c.SkyOffsetFrame, sk.SkyFrame]:
 def test_a_pole_and_an_origin_are_astropys_frame_about_the_origin() -> None:
     theirs, ours = offset_frame()
     expected = STARS.transform_to(theirs)
-    found = ours.from_icrs(RA, DEC, *MOTION)
-    np.testing.assert_allclose(found.phi1, expected.lon.wrap_at(180 * u.deg).deg, atol=1e-9)
-    np.testing.assert_allclose(found.phi2, expected.lat.deg, atol=1e-9)
-    np.testing.assert_allclose(found.pm_phi1_cosphi2, expected.pm_lon_coslat.to_value(PM), atol=1e-9)
-    np.testing.assert_allclose(found.pm_phi2, expected.pm_lat.to_value(PM), atol=1e-9)
+    result = ours.from_icrs(RA, DEC, *MOTION)
+    np.testing.assert_allclose(result.phi1, expected.lon.wrap_at(180 * u.deg).deg, atol=1e-9)
+    np.testing.assert_allclose(result.phi2, expected.lat.deg, atol=1e-9)
+    np.testing.assert_allclose(result.pm_phi1_cosphi2, expected.pm_lon_coslat.to_value(PM), atol=1e-9)
+    np.testing.assert_allclose(result.pm_phi2, expected.pm_lat.to_value(PM), atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["GD1Koposov10", "SagittariusBelokurov14", "icrs"])
@@ -117,8 +117,8 @@ def test_galas_frame_from_two_ends() -> None:
     ends = c.SkyCoord([150, 200] * u.deg, [20, 55] * u.deg)
     theirs = gala.GreatCircleICRSFrame.from_endpoints(ends[0], ends[1])
     expected = STARS.transform_to(theirs)
-    found = sk.sky_frame(ends=((150, 20), (200, 55))).from_icrs(RA, DEC)
-    np.testing.assert_allclose(np.abs(found.phi2), np.abs(expected.phi2.deg), atol=1e-6)
+    result = sk.sky_frame(ends=((150, 20), (200, 55))).from_icrs(RA, DEC)
+    np.testing.assert_allclose(np.abs(result.phi2), np.abs(expected.phi2.deg), atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -232,8 +232,8 @@ class Disturbed:
     @property
     def status(self) -> int | None:
         """The exit status, None while it runs; that of a signal is negative."""
-        found: int | None = self._status()
-        return found
+        result: int | None = self._status()
+        return result
 
     @property
     def text(self) -> str:

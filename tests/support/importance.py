@@ -32,10 +32,10 @@ class Importance(Sampler):
             missing = "" if len(points) >= self.draws else f"{len(points)} draws, and {self.draws} are wanted"
             weights = np.exp(lnl - lnl.max())
             error = weights.std() / weights.mean() / np.sqrt(len(weights))
-            told = {"shape": points[:, :1], "unknown": points + 1e-9, "": points}.get(self.fault, points)
+            result = {"shape": points[:, :1], "unknown": points + 1e-9, "": points}.get(self.fault, points)
             ln_weights = np.full(len(lnl), np.nan) if self.fault == "weights" else lnl
             if self.fault != "nothing":
-                yield Samples(told, ln_weights, float(lnl.max() + np.log(weights.mean())), float(error), missing)
+                yield Samples(result, ln_weights, float(lnl.max() + np.log(weights.mean())), float(error), missing)
 
 
 @hookimpl

@@ -8,17 +8,17 @@ from matplotlib.text import Text
 
 def drawn_texts(figure, monkeypatch):
     """Return every text that the figure really draws, with its box in pixels."""
-    found, draw = [], Text.draw
+    result, draw = [], Text.draw
 
     def record(text, renderer):
         if text.get_visible() and text.get_text().strip():
-            found.append((text.get_text(), text.get_window_extent(renderer)))
+            result.append((text.get_text(), text.get_window_extent(renderer)))
         draw(text, renderer)
 
     with monkeypatch.context() as patch:
         patch.setattr(Text, "draw", record)
         FigureCanvasAgg(figure).draw()
-    return found
+    return result
 
 
 def overlap(a, b, pixels=0.5):

@@ -1,4 +1,4 @@
-"""A small run file that the tests vary, a plugin file, and a JSON Schema validator."""
+"""The small run files that the tests vary, a plugin file, and a JSON Schema validator."""
 
 import copy
 from pathlib import Path
@@ -10,6 +10,7 @@ import streamkit as sk
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*/*.toml"))
 
+# Priors in every section and no observable: for what reads run files.
 BASE: dict[str, Any] = {
     "seed": 7,
     "potential": {"kind": "tf", "v0": {"uniform": ["40 km/s", "400 km/s"]}, "rs": "12 kpc", "alpha": 0.45},
@@ -20,6 +21,72 @@ BASE: dict[str, Any] = {
     },
     "stripping": {"kind": "mlcs", "particles": 100, "sigma": {"normal": [10, 1]}},
 }  # fmt: skip
+
+# A fit for what runs, stores and reports: a short piece of the Sagittarius stream on the sky. A call takes a fifth of
+# the time of one with apocentres, and every stream of the prior has both observables.
+FIT: dict[str, Any] = {
+    "seed": 3,
+    "potential": {"kind": "tf", "v0": {"uniform": [215, 245]}, "rs": 12, "alpha": {"uniform": [0.25, 0.45]}},
+    "progenitor": {
+        "kind": "plummer", "mass": 6.4e8, "radius": 0.85, "l": 5.5689, "b": -14.1669, "distance": 25.2,
+        "pm_l_cosb": -2.44, "pm_b": 1.97, "v_los": 153, "lookback": 0.5,
+    },
+    "stripping": {"kind": "mlcs", "particles": 100, "sigma": 10},
+    "integrator": {"kind": "leapfrog", "step": 0.06},
+    "observable": {
+        "kind": "track", "kernel": 4, "frame": {"pole": [128.9, -56.9], "origin": [283.6, -30.5]},
+        "distance": {"phi1": [-5, 5], "distance": [24.6, 24.5], "error": [1, 1]},
+        "radial_velocity": {"phi1": [-5, 5], "radial_velocity": [146, 124], "error": [10, 10]},
+    },
+    "sampler": {"walkers": 6, "steps": 4},
+}  # fmt: skip
+
+# The same satellite, long enough ago to have apocentres.
+APOCENTRES: dict[str, Any] = FIT | {
+    "progenitor": FIT["progenitor"] | {"lookback": 3.5},
+    "stripping": {"kind": "mlcs", "particles": 600, "sigma": 10},
+    "integrator": {"kind": "leapfrog", "step": 0.03},
+    "observable": {"kind": "apocentres", "leading": [57, 5], "trailing": [112, 15], "precession": [100, 8]},
+}
+
+# Published values beside a run of `FIT`.
+PUBLISHED = """quantity,radius,value,error_minus,error_plus,reference
+M,100,4.1e11,0.7e11,0.8e11,Gibbons+ 2014
+v_c,8,237,3,4,a <b>bold</b> guess
+"""
+
+# What commands are given, as text: mock 1 of Gibbons, Belokurov & Evans (2014).
+RUN = """
+seed = 7
+[potential]
+kind = "tf"
+v0 = { uniform = ["190 km/s", "230 km/s"] }
+rs = "12 kpc"
+alpha = 0.45
+[progenitor]
+kind = "plummer"
+mass = { log_uniform = ["3e8 Msun", "9e8 Msun"] }
+radius = "0.85 kpc"
+x = 19.155535
+y = 0.0278852
+z = -5.7149425
+vx = 176.48999
+vy = -0.36306170
+vz = 201.58182
+lookback = "3.77 Gyr"
+[stripping]
+kind = "mlcs"
+particles = 400
+[observable]
+kind = "apocentres"
+leading = ["57.0 kpc", "1.0 kpc"]
+trailing = ["96.2 kpc", "5 kpc"]
+precession = ["95.0 deg", "5 deg"]
+[sampler]
+walkers = 8
+steps = 4
+"""
+
 
 
 def changed(*path_and_value: Any) -> dict[str, Any]:

@@ -1,10 +1,9 @@
-"""A small fit that runs in seconds, and a posterior known in closed form for the same sampling code."""
+"""Posteriors known in closed form for the sampling code."""
 
 from __future__ import annotations
 
 import time
 from collections import deque
-from typing import Any
 
 import numpy as np
 
@@ -12,25 +11,6 @@ from streamkit.builtin.ensemble.sampler import Emcee
 from streamkit.runfile import Uniform
 from streamkit.sample import ChainMemory, Evaluation, PosteriorTarget, Workers
 from streamkit.stream import Data
-
-FIT: dict[str, Any] = {
-    "seed": 3,
-    "potential": {"kind": "tf", "v0": {"uniform": [215, 245]}, "rs": 12, "alpha": {"uniform": [0.25, 0.45]}},
-    "progenitor": {
-        "kind": "plummer", "mass": 6.4e8, "radius": 0.85, "l": 5.5689, "b": -14.1669, "distance": 25.2,
-        "pm_l_cosb": -2.44, "pm_b": 1.97, "v_los": 153, "lookback": 3.5,
-    },
-    "stripping": {"kind": "mlcs", "particles": 600, "sigma": 10},
-    "integrator": {"kind": "leapfrog", "step": 0.01},
-    "observable": {"kind": "apocentres", "leading": [57, 5], "trailing": [112, 15], "precession": [100, 8]},
-    "sampler": {"walkers": 6, "steps": 4},
-}  # fmt: skip
-
-# Published values beside the run of `FIT`.
-PUBLISHED = """quantity,radius,value,error_minus,error_plus,reference
-M,100,4.1e11,0.7e11,0.8e11,Gibbons+ 2014
-v_c,8,237,3,4,a <b>bold</b> guess
-"""
 
 MEAN = np.array([1.0, -2.0, 0.5])
 COVARIANCE = np.array([[1.0, 0.6, 0.0], [0.6, 2.0, -0.3], [0.0, -0.3, 0.5]])

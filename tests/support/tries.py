@@ -69,8 +69,8 @@ class Try:
     def said(self, run: Disturbed) -> None:
         """Note what a command has printed."""
         self.found.traceback |= "Traceback" in run.text
-        if told := [line for line in run.text.splitlines() if line.strip()]:
-            self.found.message = self.found.message or told[-1].replace(str(self.folder), "")
+        if result := [line for line in run.text.splitlines() if line.strip()]:
+            self.found.message = self.found.message or result[-1].replace(str(self.folder), "")
 
     def lost(self, finished: int) -> None:
         """Note how many finished steps cannot be read."""
@@ -106,9 +106,9 @@ class Try:
             self.found.resumed = "refused"
             self.found.odd.append(f"not resumed, exit status {run.status}: {run.text[-600:]}")
             return
-        found = self._read()
-        what = differs(found, self.chain)
-        self.found.resumed = "same" if not what and len(found.chain) == run.steps else f"{what or 'length'} differs"
+        result = self._read()
+        what = differs(result, self.chain)
+        self.found.resumed = "same" if not what and len(result.chain) == run.steps else f"{what or 'length'} differs"
 
     def stopped(self, journal: bool) -> None:
         """Put a run there that was stopped at some step, by a kill if its journal is to be there."""

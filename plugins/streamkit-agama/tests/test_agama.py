@@ -160,8 +160,8 @@ def test_the_interface_is_used_as_documented(stand_in):
 def test_each_time_is_asked_for(stand_in):
     potential = made(type="NFW", mass=5e11, scaleRadius=16, gamma=0.2)
     t = np.repeat([0.0, -1.0], 50)
-    found = np.array(type(potential).acceleration(*Q, t, *potential.in_engine_units()))
-    assert np.allclose(found, nfw() * (1 + 0.2 * t), rtol=1e-12)
+    result = np.array(type(potential).acceleration(*Q, t, *potential.in_engine_units()))
+    assert np.allclose(result, nfw() * (1 + 0.2 * t), rtol=1e-12)
 
 
 def test_an_ini_file_and_its_content_belong_to_the_run(stand_in, tmp_path):
@@ -169,8 +169,8 @@ def test_an_ini_file_and_its_content_belong_to_the_run(stand_in, tmp_path):
     file.write_text("[Potential]\ntype=NFW\nmass=5e11\nscaleRadius=16\n")
     one = loaded(kind="agama", file=str(file))
     (potential,) = one.bind().potentials.values()
-    found = np.array(type(potential).acceleration(*Q, 0.0, *potential.in_engine_units()))
-    assert np.allclose(found, nfw(), rtol=1e-12)
+    result = np.array(type(potential).acceleration(*Q, 0.0, *potential.in_engine_units()))
+    assert np.allclose(result, nfw(), rtol=1e-12)
     file.write_text("[Potential]\ntype=NFW\nmass=6e11\nscaleRadius=16\n")
     assert loaded(kind="agama", file=str(file)).digest() != one.digest()
     file.write_text("[Potential]\nfile=coefficients.ini\n")

@@ -104,8 +104,8 @@ def test_the_expansion_is_the_potential_to_its_tolerance():
     section = {"name": "MilkyWayPotential2022", "tolerance": 1e-4}
     expanded = Gala.for_section(section)(**section)
     far = Q[:, np.sqrt((Q**2).sum(axis=0)) > 0.5]
-    found = build_field([expanded.in_loop()]).acceleration(0.0, far)
-    assert error(found, acceleration(made("MilkyWayPotential2022"), q=far)).max() < 1e-4
+    result = build_field([expanded.in_loop()]).acceleration(0.0, far)
+    assert error(result, acceleration(made("MilkyWayPotential2022"), q=far)).max() < 1e-4
 
 
 @pytest.mark.parametrize(
@@ -121,8 +121,8 @@ def test_times_are_not_given_to_gala():
     """gala 1.11 returns gradients in wrong places for an array of times."""
     potential = made("NFWPotential", m=5e11, r_s=16)
     times = np.linspace(-3, 0, Q.shape[1])
-    found = np.array(type(potential).acceleration(*Q, times, *potential.in_engine_units()))
-    assert np.array_equal(found, acceleration(potential))
+    result = np.array(type(potential).acceleration(*Q, times, *potential.in_engine_units()))
+    assert np.array_equal(result, acceleration(potential))
 
 
 def test_read_only_positions_are_left_alone():
@@ -179,7 +179,7 @@ CLOUD = {"ra": 81.28, "dec": -69.78, "distance": 49.6, "pm_ra_cosdec": 1.858, "p
 
 def test_bodies_and_progenitors_of_gala_are_our_own():
     """Their masses, which gala does not tell, are read off the force; orbits and streams through expansions."""
-    found = []
+    result = []
     for kind, lmc, satellite in (
         (
             "gala",
@@ -198,11 +198,11 @@ def test_bodies_and_progenitors_of_gala_are_our_own():
         assert inputs.mass == pytest.approx(4e8, rel=1e-7)
         assert inputs.bodies["lmc"].mass == pytest.approx(1.4e11, rel=1e-7)
         assert inputs.bodies["lmc"].extent == 16.0
-        found.append(model.stream())
-    theirs, own = found
-    assert np.abs(theirs.orbit.q - own.orbit.q).max() < 0.01
-    assert theirs.orbit.r_tidal == pytest.approx(own.orbit.r_tidal, rel=1e-3)
-    assert np.median(np.abs(theirs.q - own.q).max(axis=0)) < 0.05
+        result.append(model.stream())
+    theirs, outcome = result
+    assert np.abs(theirs.orbit.q - outcome.orbit.q).max() < 0.01
+    assert theirs.orbit.r_tidal == pytest.approx(outcome.orbit.r_tidal, rel=1e-3)
+    assert np.median(np.abs(theirs.q - outcome.q).max(axis=0)) < 0.05
 
 
 def test_a_halo_without_end_is_no_body():
@@ -251,14 +251,14 @@ def test_every_potential_of_gala_is_offered_or_refused():
     assert {"MN3ExponentialDiskPotential", "SCFPotential", "MultipolePotential", "BovyMWPotential2014"} <= set(offered)
     assert len(offered) > 20
     assert {("EXPPotential", True), ("SphericalSplinePotential", True)} <= set(refused)
-    assert all(told for _, told in refused)
+    assert all(result for _, result in refused)
 
 
 def test_a_stream_beside_the_cloud_is_galas(monkeypatch):
     """gala's TimeInterpolatedPotential carries Milky Way and cloud; test particles from our release states."""
     folder = ROOT / "tests" / "benchmarks"
     monkeypatch.syspath_prepend(folder)  # the program imports the one beside it
-    found = importlib.util.spec_from_file_location("moving_hosts", folder / "moving_hosts.py")
-    program = importlib.util.module_from_spec(found)
-    found.loader.exec_module(program)
+    result = importlib.util.spec_from_file_location("moving_hosts", folder / "moving_hosts.py")
+    program = importlib.util.module_from_spec(result)
+    result.loader.exec_module(program)
     assert program.differences(8).max() < 1e-6

@@ -84,8 +84,8 @@ def test_the_logarithmic_halo_is_the_formula():
 
 def test_mwpotential2014_is_the_paper():
     """Bovy 2014, table 1: the parts share v_c = 220 km/s at 8 kpc as 0.05, 0.60 and 0.35 of the force."""
-    found = acceleration(made("MWPotential2014"), q=np.array([[8.0], [0.0], [0.0]]))
-    assert found[0] == pytest.approx(-(220.0**2) / 8.0, rel=1e-9)
+    result = acceleration(made("MWPotential2014"), q=np.array([[8.0], [0.0], [0.0]]))
+    assert result[0] == pytest.approx(-(220.0**2) / 8.0, rel=1e-9)
     scaled = acceleration(made("MWPotential2014", ro="8.2 kpc", vo="235 km/s"), q=np.array([[8.2], [0.0], [0.0]]))
     assert scaled[0] == pytest.approx(-(235.0**2) / 8.2, rel=1e-9)
     disc = made("MiyamotoNagaiPotential", a="3 kpc", b="0.28 kpc", normalize=0.6)
@@ -143,11 +143,11 @@ def test_what_turns_is_asked_at_its_time():
     assert isinstance(model.source, SpiralArmsPotential)
     t = np.array([0.0, -0.5, -0.5, -1.3])
     q = np.array([[5.0, -3.0, 8.0, 1.0], [0.0, 4.0, 1.0, 6.0], [0.1, -0.2, 0.3, 0.5]])
-    found = model.acceleration(*q, t)
+    result = model.acceleration(*q, t)
     radius, phi = np.hypot(q[0], q[1]), np.arctan2(q[1], q[0])
     for i in range(4):
         scale = 220.0**2 / 8.0
-        outward = (found[0][i] * q[0, i] + found[1][i] * q[1, i]) / radius[i]
+        outward = (result[0][i] * q[0, i] + result[1][i] * q[1, i]) / radius[i]
         wanted = evaluateRforces(
             model.source, radius[i] / 8, q[2, i] / 8, phi=phi[i], t=t[i] * 220 / 8, use_physical=False
         )

@@ -36,9 +36,12 @@ def test_the_softening_is_plummer_equivalent():
     assert np.abs(a).max() < 1e-3
 
 
-@pytest.mark.parametrize("n", [DIRECT, DIRECT + 1])
+# Every process compiles the tree anew, which takes up to a minute whatever the number of particles.
+TREE = pytest.mark.slow
+
+
+@pytest.mark.parametrize("n", [DIRECT, pytest.param(DIRECT + 1, marks=TREE)])
 def test_against_a_direct_sum(n):
-    """The one with a tree pays for compiling it, in every process, whatever the number of particles."""
     q, _ = sample(n, MASS, RADIUS, np.random.default_rng(2))
     exact, potential = direct(q, MASS / n)
     found, own = Gravity(MASS / n, 1e-7, 0.7).forces_and_potential(q)
@@ -49,6 +52,7 @@ def test_against_a_direct_sum(n):
     assert np.abs(found.sum(axis=1)).max() < 1e-9 * size.sum()
 
 
+@TREE
 def test_energy_with_the_tree():
     """Of a satellite in a host."""
     document = {
@@ -67,6 +71,7 @@ def test_energy_with_the_tree():
     assert state.energy_error < 1e-3
 
 
+@TREE
 def test_threads_do_not_change_a_bit():
     q, _ = sample(2 * DIRECT, MASS, RADIUS, np.random.default_rng(3))
     one, two = (Gravity(1e4, 0.05, 0.7, workers).forces_and_potential(q) for workers in (1, 2))

@@ -82,16 +82,16 @@ def stopped(simulation, out, monkeypatch, record=6):
 
 def contents(path):
     """Every attribute and dataset of a file, as bytes."""
-    found = {}
+    result = {}
 
     def visit(name, item):
-        found.update({f"{name}@{key}": np.asarray(value).tobytes() for key, value in item.attrs.items()})
+        result.update({f"{name}@{key}": np.asarray(value).tobytes() for key, value in item.attrs.items()})
         if isinstance(item, h5py.Dataset):
-            found[name] = item[()].tobytes()
+            result[name] = item[()].tobytes()
 
     with h5py.File(path) as file:
         file.visititems(visit)
-    return found
+    return result
 
 
 def test_a_resumed_run_is_the_uninterrupted_one_bit_for_bit(simulation, tmp_path, monkeypatch):
@@ -221,15 +221,15 @@ def test_the_layout_of_a_snapshot(simulation, tmp_path):
 
 def test_streamkit_reads_the_snapshot(simulation, tmp_path):
     last = runner.run(simulation, tmp_path / "out", progress=False)
-    found = read_snapshot(tmp_path / "out" / "snapshot_001.hdf5")
-    assert found.q == pytest.approx(last.q, rel=1e-12)
-    assert found.v == pytest.approx(last.v, rel=1e-12)
+    result = read_snapshot(tmp_path / "out" / "snapshot_001.hdf5")
+    assert result.q == pytest.approx(last.q, rel=1e-12)
+    assert result.v == pytest.approx(last.v, rel=1e-12)
     stripped = ~last.bound & (last.gap > 0)
-    assert np.array_equal(np.isnan(found.t_strip), ~stripped)
-    assert found.t_strip[stripped] == pytest.approx(last.t_strip[stripped] - 0.15 * GYR, abs=1e-9)
-    assert np.array_equal(found.winding, last.winding(simulation.plane))
-    assert found.core[0, -1] == 0
-    assert found.core[1:, -1] == pytest.approx(np.concatenate([last.track.q[:, -1], last.track.v[:, -1]]), rel=1e-12)
+    assert np.array_equal(np.isnan(result.t_strip), ~stripped)
+    assert result.t_strip[stripped] == pytest.approx(last.t_strip[stripped] - 0.15 * GYR, abs=1e-9)
+    assert np.array_equal(result.winding, last.winding(simulation.plane))
+    assert result.core[0, -1] == 0
+    assert result.core[1:, -1] == pytest.approx(np.concatenate([last.track.q[:, -1], last.track.v[:, -1]]), rel=1e-12)
 
 
 def test_a_model_is_compared_with_the_snapshot(simulation, run_file, tmp_path, monkeypatch):

@@ -27,10 +27,10 @@ def simulation(host, place, mass=6.4e8, lookback=0.15, body=None, **options):
 
 
 def states(run):
-    found = [run.start()]
-    while found[-1].record < run.plan.records:
-        found.append(run.advance(found[-1]))
-    return found
+    result = [run.start()]
+    while result[-1].record < run.plan.records:
+        result.append(run.advance(result[-1]))
+    return result
 
 
 @pytest.fixture(scope="module")
@@ -47,11 +47,11 @@ def disrupted():
 
 def test_an_isolated_satellite_stays_in_equilibrium(isolated):
     """0.15 Gyr are ten dynamical times. Noise of 1000 particles: 3 % in the energies, 3 % in the radius."""
-    run, found = isolated
-    for state in found[::5]:
+    run, result = isolated
+    for state in result[::5]:
         q, v = state.q - state.q.mean(axis=1, keepdims=True), state.v - state.v.mean(axis=1, keepdims=True)
-        own, _ = run.gravity.forces_and_potential(q)
-        kinetic, virial = 0.5 * (v**2).sum(), (q * own).sum()
+        outcome, _ = run.gravity.forces_and_potential(q)
+        kinetic, virial = 0.5 * (v**2).sum(), (q * outcome).sum()
         assert -2 * kinetic / virial == pytest.approx(1.0, abs=0.1)
         half = np.median(np.sqrt((q**2).sum(axis=0)))
         assert half == pytest.approx(0.85 / np.sqrt(2 ** (2 / 3) - 1), rel=0.1)
@@ -59,8 +59,8 @@ def test_an_isolated_satellite_stays_in_equilibrium(isolated):
 
 
 def test_energy_and_momenta_of_an_isolated_satellite(isolated):
-    _, found = isolated
-    first, last = found[0], found[-1]
+    _, result = isolated
+    first, last = result[0], result[-1]
     assert last.energy_error < 1e-3
     assert last.v.sum(axis=1) == pytest.approx(first.v.sum(axis=1), rel=1e-7)
     before, after = (np.cross(s.q.T, s.v.T).sum(axis=0) for s in (first, last))
@@ -68,21 +68,21 @@ def test_energy_and_momenta_of_an_isolated_satellite(isolated):
 
 
 def test_energy_and_angular_momentum_in_a_spherical_host(disrupted):
-    _, found = disrupted
-    energy = found[-1].track.energy
+    _, result = disrupted
+    energy = result[-1].track.energy
     assert np.abs(energy / energy[0] - 1).max() < 1e-4
-    before, after = (np.cross(s.q.T, s.v.T).sum(axis=0) for s in (found[0], found[-1]))
+    before, after = (np.cross(s.q.T, s.v.T).sum(axis=0) for s in (result[0], result[-1]))
     assert after == pytest.approx(before, rel=1e-9)
 
 
 def test_the_energy_at_the_start_is_that_of_a_plummer_sphere_on_its_orbit(disrupted):
     """Binding energy 3 pi / 64 G M^2 / a, less by the softening; the rest is that of a point mass, and the tide."""
-    run, found = disrupted
+    run, result = disrupted
     inputs, place, motion = run.inputs, run.orbit.q[:, 0], run.orbit.v[:, 0]
-    assert found[0].binding == pytest.approx(3 * np.pi / 64 * 4.300917270e-6 * 5e7**2 / 0.85, rel=0.1)
+    assert result[0].binding == pytest.approx(3 * np.pi / 64 * 4.300917270e-6 * 5e7**2 / 0.85, rel=0.1)
     host = inputs.potentials["potential"]
     point = inputs.mass * (0.5 * motion @ motion + host.potential(*place, 0.0, *host.in_engine_units()))
-    assert found[0].track.energy[0] == pytest.approx(point, rel=2e-3)
+    assert result[0].track.energy[0] == pytest.approx(point, rel=2e-3)
 
 
 def test_massless_particles_follow_the_engine():
@@ -123,13 +123,13 @@ def test_the_satellite_without_mass_is_followed_as_a_point():
 
 
 def test_a_particle_is_stripped_between_the_last_record_inside_and_the_next(disrupted):
-    _, found = disrupted
-    gap, times = np.array([s.gap for s in found]), found[-1].track.t
-    last = len(found) - 1 - np.argmax(gap[::-1] <= 0, axis=0)
+    _, result = disrupted
+    gap, times = np.array([s.gap for s in result]), result[-1].track.t
+    last = len(result) - 1 - np.argmax(gap[::-1] <= 0, axis=0)
     ever = (gap <= 0).any(axis=0)
-    stripped = ever & (last < len(found) - 1)
+    stripped = ever & (last < len(result) - 1)
     assert stripped.sum() > 50
-    t = found[-1].t_strip
+    t = result[-1].t_strip
     assert (t[stripped] >= times[last[stripped]]).all()
     assert (t[stripped] < times[last[stripped] + 1]).all()
     assert (t[ever & ~stripped] == times[-1]).all()
@@ -137,8 +137,8 @@ def test_a_particle_is_stripped_between_the_last_record_inside_and_the_next(disr
 
 def test_bound_mass_falls_and_the_tidal_radius_follows_it(disrupted):
     """At an apse Omega = v / r, and d2Phi/dr2 = -(v_c^2 / r^2) [1 + alpha r^2 / (rs^2 + r^2)]."""
-    _, found = disrupted
-    track = found[-1].track
+    _, result = disrupted
+    track = result[-1].track
     assert track.mass[-1] < track.mass[0]
     k = np.argmin(np.abs((track.q * track.v).sum(axis=0)))  # an apse
     r, v = (np.sqrt((x[:, k] ** 2).sum()) for x in (track.q, track.v))
@@ -150,10 +150,10 @@ def test_bound_mass_falls_and_the_tidal_radius_follows_it(disrupted):
 
 def test_the_tidal_radius_is_that_of_the_stream_model(disrupted):
     """Both say that the satellite is stripped at the same radius: on the same track, by one formula."""
-    run, found = disrupted
+    run, result = disrupted
     satellite = Satellite(run.inputs.satellite, run.inputs.mass)
     start = satellite.tidal_radius(run.host.tidal_bracket(run.orbit))[0]
-    assert found[-1].track.r_tidal[0] == pytest.approx(start, rel=1e-12)
+    assert result[-1].track.r_tidal[0] == pytest.approx(start, rel=1e-12)
 
 
 def test_a_host_whose_tide_has_no_radius():

@@ -1,8 +1,7 @@
-"""The paper's figures of streams beside each other: in phase space, and along the tails.
+"""Figures that compare streams, after Gibbons+ 2014: in phase space, and along the tails.
 
-Every function takes portraits by title (a stream, its run file bound, and what the observable says of it) and returns
-a figure: of the variants of an ablation, or of a fit and an N-body snapshot. The first one is what the others are
-compared with.
+Every function takes portraits by title (a stream, its inputs, and the prediction of its observables) and returns a
+figure: of the variants of an ablation, or of a fit and an N-body snapshot. The others are compared with the first one.
 """
 
 from __future__ import annotations
@@ -26,9 +25,11 @@ from streamkit.report import (
     ACROSS,
     ARM_STYLE,
     NotebookFigure,
+    across,
     angle_ticks,
     draw_unwrapped,
     finish,
+    folded,
     label_all,
     panel_grid,
     radial_limits,
@@ -39,7 +40,7 @@ from streamkit.study.ablation.measures import Portrait
 from streamkit.units import GYR
 
 Portraits = Mapping[str, Portrait]
-SHOWN = 6500  # most particles drawn per panel: the same random number of each stream, as in Gibbons+ 2014, figure 6
+SHOWN = 6500  # most particles drawn per panel, chosen at random, as in Gibbons+ 2014, figure 6
 # Okabe & Ito's colours, for lines.
 CYCLE = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 STAR: dict[str, Any] = {"marker": "*", "ms": 11, "color": "black", "mec": "white", "ls": "none", "label": "progenitor"}
@@ -59,7 +60,7 @@ def some(stream: Stream, chosen: BoolArray) -> IntArray:
 
 
 def _legend(place: Figure | Axes, panels: Iterable[Axes], **look: Any) -> Legend:
-    """Name everything that is drawn in any of the panels, once; particles by dots that can be seen."""
+    """Make the legend of all panels, each label once; the dots of particles are enlarged."""
     named = {label: handle for axes in panels for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
     legend = place.legend(named.values(), named.keys(), **{"fontsize": 9, "frameon": False, **look})
     for handle in legend.legend_handles:
@@ -72,8 +73,8 @@ def _legend(place: Figure | Axes, panels: Iterable[Axes], **look: Any) -> Legend
 def bow_tie(portraits: Portraits) -> Figure:
     """Draw energy against angular momentum, minus the progenitor's, coloured by the phase along the stream.
 
-    Each cell has the median winding of its particles (Gibbons+ 2014, figure 3). The line is where 95 % of the first
-    stream are. Streams whose host has no potential energy are left out.
+    Each cell has the median winding of its particles (Gibbons+ 2014, figure 3). The line encloses 95 % of the first
+    stream. Streams whose host has no potential energy are left out.
     """
     shown: dict[str, tuple[Array, Array, Array]] = {}
     for title, portrait in portraits.items():
@@ -109,7 +110,7 @@ def bow_tie(portraits: Portraits) -> Figure:
 
 
 def _outline(x: Array, y: Array, extent: tuple[float, float, float, float]) -> tuple[Array, Array, Array, list[float]]:
-    """Return what draws the contour around the densest 95 % of the points: x, y, density and level."""
+    """Return the arguments of the contour around the densest 95 % of the points: x, y, density and level."""
     from scipy.ndimage import gaussian_filter
 
     count, x_edges, y_edges = np.histogram2d(x, y, 80, (extent[:2], extent[2:]))
@@ -122,9 +123,9 @@ def _outline(x: Array, y: Array, extent: tuple[float, float, float, float]) -> t
 def phase_space(portraits: Portraits) -> Figure:
     """Draw configuration space above velocity space, both in the progenitor's orbital plane, coloured by arm."""
     n = max(len(portraits), 1)
-    across, blocks = min(n, ACROSS), -(-n // ACROSS)
-    figure = NotebookFigure(figsize=(3.1 * across + 0.6, 6.6 * blocks + 0.3), layout="constrained")
-    panels: Any = figure.subplots(2 * blocks, across, squeeze=False)
+    beside, blocks = min(n, ACROSS), -(-n // ACROSS)
+    figure = NotebookFigure(figsize=(3.1 * beside + 0.6, 6.6 * blocks + 0.3), layout="constrained")
+    panels: Any = figure.subplots(2 * blocks, beside, squeeze=False)
     for axes in panels.flat:
         axes.set_visible(False)
     for row, (what, axis, unit) in enumerate((("q", ("x'", "y'"), "kpc"), ("v", ("v_x'", "v_y'"), r"km\,s^{-1}"))):
@@ -147,12 +148,12 @@ def phase_space(portraits: Portraits) -> Figure:
                 axes.set_title(title, fontsize=10)
             finish(axes)
     if portraits:
-        _legend(figure, panels[0, :1], ncols=4 if across > 1 else 2, loc="outside upper left", handletextpad=0.1)
+        _legend(figure, panels[0, :1], ncols=4 if beside > 1 else 2, loc="outside upper left", handletextpad=0.1)
     return figure
 
 
 def _reach(stream: Stream, what: str) -> float:
-    """Return how far a picture must reach in positions ("q") or velocities ("v")."""
+    """Return the range of a picture in positions ("q") or velocities ("v")."""
     if stream.bound.all():
         return 1.0
     planar = orbital_plane(stream.orbit) @ getattr(stream, what)[:, ~stream.bound]
@@ -160,7 +161,7 @@ def _reach(stream: Stream, what: str) -> float:
 
 
 def crossings(portraits: Portraits) -> Figure:
-    """Draw the trailing debris' velocities at the last crossing of r_t, against the ones it was released with.
+    """Draw the trailing debris' velocities at the last crossing of r_t, and its velocities at release.
 
     In the frame that moves with the progenitor (Gibbons+ 2014, figure 4): radial, along the motion, out of the plane.
     The black line is the distribution that the scheme draws from: mLCS's Gaussian. A snapshot and a live progenitor
@@ -254,7 +255,7 @@ def epochs(portraits: Portraits) -> Figure:
 
 
 def _share(figure: Figure, panels: Sequence[Axes], limits: list[tuple[float, float, float, float]]) -> None:
-    """Give all panels, which share their axes, limits (left, right, bottom, top) that suit most, and their labels."""
+    """Set the limits (left, right, bottom, top) of all panels, which share their axes, to medians; label the axes."""
     if limits:
         left, right, bottom, top = (float(np.median(column)) for column in zip(*limits, strict=True))
         panels[0].set(xlim=(left, right), ylim=(bottom, top))
@@ -273,8 +274,9 @@ def _gyr(t: float, stream: Stream) -> str:
 
 
 def along(portraits: Portraits) -> Figure:
-    """Draw what runs along the streams: density, and the distance of the mean track from the first one's."""
-    figure = NotebookFigure(figsize=(11.0, 7.0), layout="constrained")
+    """Draw the profiles along the streams: density, and the distance of the mean track from the first one's."""
+    beside = min(across(portraits, 11.0), 3)
+    figure = NotebookFigure(figsize=(11.0, 7.0 + 0.2 * (len(portraits) // beside)), layout="constrained")
     top, bottom = figure.subplots(2, 1, sharex=True)
     first = next(iter(portraits.values()), None)
     offsets = [np.zeros(1)]
@@ -299,10 +301,11 @@ def along(portraits: Portraits) -> Figure:
     bottom.set(xlim=(high + 40, low - 40), ylim=(-reach, reach))
     angle_ticks(bottom, 14)
     top.set_ylabel("particles per degree / all unbound", fontsize=11)
-    bottom.set_ylabel(rf"mean $r$ $-$ that of {next(iter(portraits), 'the first')} $[{{\rm kpc}}]$", fontsize=11)
+    of = folded(f"that of {next(iter(portraits), 'the first')}", 38)
+    bottom.set_ylabel(rf"mean $r$ $[{{\rm kpc}}]$ $-${chr(10)}{of}", fontsize=11 if of.count(chr(10)) < 2 else 9)
     bottom.set_xlabel(ALONG, fontsize=11)
     for axes in (top, bottom):
         finish(axes)
     if portraits:
-        _legend(figure, [top], ncols=3, loc="outside lower center")
+        _legend(figure, [top], ncols=beside, loc="outside lower center")
     return figure

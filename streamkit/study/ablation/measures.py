@@ -64,8 +64,8 @@ class Portrait:
         low, high = quantiles(np.degrees(self.stream.winding[free]), self.stream.weight[free], (ENDS, 100 - ENDS))
         return low, high
 
-    def own(self) -> dict[str, float]:
-        """Return what is measured of the stream alone: lengths, mean offsets of the tails, fraction bound."""
+    def measures(self) -> dict[str, float]:
+        """Return the measures of the stream alone: lengths, mean offsets of the tails, fraction bound."""
         stream = self.stream
         weight = stream.weight / stream.weight.sum()
         measures = {"length_leading": max(self.ends[1], 0.0), "length_trailing": max(-self.ends[0], 0.0)}
@@ -95,7 +95,7 @@ def portrait_of(stream: Stream, inputs: StreamInputs, *, title: str = "") -> Por
 
 
 def compare(this: Portrait, other: Portrait) -> dict[str, float]:
-    """Return what is measured between a stream and a reference; NaN where there is nothing to measure."""
+    """Return the measures of a stream against a reference; NaN where there is nothing to measure."""
     lengths = [portrait.ends[1] - portrait.ends[0] for portrait in (this, other)]
     measures = {"length_ratio": lengths[0] / lengths[1]}
     for name in ARMS:
@@ -106,8 +106,7 @@ def compare(this: Portrait, other: Portrait) -> dict[str, float]:
 def _tracks(this: Portrait, other: Portrait, name: str) -> dict[str, float]:
     """Measure one arm's mean track against the reference's, point by point at equal angle, across the track.
 
-    The distances are free of the noise that comes from the finite number of particles: its variance is taken off
-    their mean square.
+    The variance of the noise from the finite number of particles is subtracted from the mean square of the distances.
     """
     a, b = this.tracks[name], other.tracks[name]
     common = min(len(a.angle), len(b.angle))
@@ -131,7 +130,7 @@ def _tracks(this: Portrait, other: Portrait, name: str) -> dict[str, float]:
 
 
 def _near(track: Track, of: Portrait) -> BoolArray:
-    """(k,) True from the progenitor to where the track first leaves its surroundings."""
+    """(k,) True from the progenitor to the first point of the track outside its surroundings."""
     q = of.stream.orbit.q[:, -1]
     angle = np.radians(track.angle)
     square = (track.r * np.cos(angle) - np.sqrt(q @ q)) ** 2 + (track.r * np.sin(angle)) ** 2 + track.height**2
@@ -175,7 +174,7 @@ def _distributions(this: Portrait, other: Portrait) -> dict[str, float]:
 def pulls(this: Portrait, other: Portrait) -> dict[str, float]:
     """Return the observables' differences from the reference, measured alike, in standard errors of the data.
 
-    A `ComponentError` says that the observable fails on the reference.
+    Raises ComponentError if the observable fails on the reference.
     """
     values = observables(this)
     reference = measure_stream(this.inputs.observables, other.stream)

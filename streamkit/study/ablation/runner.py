@@ -169,7 +169,7 @@ def run_ablation(
     for i, outcome in enumerate(outcomes):
         for seed, portrait in outcome.portraits.items():
             other = reference or next(o.portraits[seed] for o in outcomes if seed in o.portraits)
-            measures = {**portrait.own(), **compare(portrait, other), **observables(portrait)}
+            measures = {**portrait.measures(), **compare(portrait, other), **observables(portrait)}
             try:
                 measures |= pulls(portrait, other)
             except ComponentError as error:

@@ -1,4 +1,4 @@
-"""The tracks of variants beside each other on the sky, with the data, and how far they are from the first one's."""
+"""The tracks of variants on the sky with the data, and their differences from the first one's track."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from streamkit.observe import panels_of
-from streamkit.report import NotebookFigure, finish
+from streamkit.report import NotebookFigure, across, finish, folded
 from streamkit.stream import Panel
 from streamkit.study.ablation.figures import CYCLE
 from streamkit.study.ablation.measures import Portrait
 
 LINES = ("-", "--", "-.", ":")
 MARKERS = "osD^vP"
+WIDE, WIDEST_NAME = 8.2, 90  # inches of the figure, and letters of 9 points that it holds beside a line
 
 
 def has_panels(portrait: Portrait) -> bool:
@@ -31,7 +32,8 @@ def tracks_on_sky(portraits: Mapping[str, Portrait]) -> Figure:
     shown = {title: portrait for title, portrait in portraits.items() if has_panels(portrait)}
     reference = next(iter(shown.values()))
     columns = _panels(reference)
-    figure = NotebookFigure(figsize=(8.2, 1.95 * len(columns) + 1.2))
+    beside = across(["data", *shown], WIDE)
+    figure = NotebookFigure(figsize=(WIDE, 1.95 * len(columns) + 1.2 + 0.2 * (len(shown) // beside)))
     figure.set_layout_engine("constrained", h_pad=0.02, hspace=0.0)
     every: Any = figure.subplots(2 * len(columns), 1, height_ratios=(2.0, 1.0) * len(columns), sharex=True)
     for row, panel in enumerate(columns):
@@ -54,7 +56,7 @@ def tracks_on_sky(portraits: Mapping[str, Portrait]) -> Figure:
         above.set_ylim((data.y - data.error).min() - margin, (data.y + data.error).max() + margin)
         above.set_ylabel(panel.y_label.replace(" [", "\n["), fontsize=10)
         below.set_ylabel(r"$\delta/\sigma$", fontsize=10)
-        reach = max(1.5, *(float(np.nanmax(np.abs(line.get_ydata()), initial=0.0)) for line in below.lines))
+        reach = max([1.5, *(float(np.nanmax(np.abs(line.get_ydata()), initial=0.0)) for line in below.lines)])
         below.set_ylim(-1.15 * reach, 1.15 * reach)
         for axes in (above, below):
             finish(axes)
@@ -65,8 +67,10 @@ def tracks_on_sky(portraits: Mapping[str, Portrait]) -> Figure:
     every[-1].set_xlabel(columns[0].x_label, fontsize=11)
     figure.align_ylabels()
     handles, names = every[0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside upper center", ncols=5, frameon=False, fontsize=9)
-    figure.supxlabel(f"lower panels: prediction minus that of {next(iter(shown))}, in errors of the data", fontsize=9)
+    names = [folded(name, WIDEST_NAME) for name in names]
+    figure.legend(handles, names, loc="outside upper center", ncols=beside, frameon=False, fontsize=9)
+    note = f"lower panels: prediction minus that of {next(iter(shown))}, in errors of the data"
+    figure.supxlabel(folded(note, 100), fontsize=9)
     return figure
 
 

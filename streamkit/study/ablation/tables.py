@@ -104,7 +104,7 @@ def _rows(ablation: Ablation) -> list[_Row]:
     rows: list[_Row] = []
     reference = ablation.reference
     if reference.title:
-        rows.append((REFERENCE, None, [{**reference.own(), **observables(reference)}]))
+        rows.append((REFERENCE, None, [{**reference.measures(), **observables(reference)}]))
     return rows + [(o.variant.label, o, [o.measures[seed] for seed in sorted(o.measures)]) for o in ablation.outcomes]
 
 
@@ -201,7 +201,7 @@ def _observables(rows: Sequence[_Row]) -> list[str]:
 
 
 def _columns(rows: Sequence[_Row], names: Sequence[str]) -> str:
-    """Show of many observables how far those of each column are from the reference's: rms, and the farthest."""
+    """Return many observables by column: the rms difference from the reference, and the farthest."""
     shown = [row for row in rows if row[2]]
     body = [["column", *(label for label, _, _ in shown)]]
     pulls = [np.array([_mean([one.get(f"pull_{name}", np.nan) for one in ms]) for name in names]) for _, _, ms in shown]

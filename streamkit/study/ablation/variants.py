@@ -80,7 +80,7 @@ def _short(paths: list[str]) -> dict[str, str]:
 
 
 def _label(name: str, value: Any) -> str:
-    """Write a change as a person would say it: ``mlcs``, ``without progenitor gravity``, ``sigma = 10 km/s``."""
+    """Return a short label of a change: ``mlcs``, ``without progenitor gravity``, ``sigma = 10 km/s``."""
     if isinstance(value, bool):
         return f"{'with' if value else 'without'} {name.replace('_', ' ')}"
     text = f"{value:g}" if isinstance(value, float) else str(value)

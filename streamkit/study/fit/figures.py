@@ -20,6 +20,7 @@ from streamkit.report import (
     BLUE,
     VERMILION,
     NotebookFigure,
+    across,
     inner_ticks,
     labels,
     scaled,
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from astropy.table import QTable
 
 FEW = 200  # samples below which a corner plot shows points without contours
+WIDE, COLUMN = 6.0, 3.4  # inches: pictures of profiles, and those for one column of a journal
 GAP = 0.11  # inches between the panels of a corner plot
 
 
@@ -50,10 +52,15 @@ def reach(results: Results) -> tuple[float, float]:
     return (float(min(distances)), float(max(distances))) if distances else (10.0, 130.0)
 
 
-def radii(results: Results) -> Array:
-    """(nr,) Radii in kpc of the pictures of a profile: a little beyond the `reach`."""
+def radii(results: Results, literature: QTable | None = None) -> Array:
+    """(nr,) Radii in kpc that the pictures of a profile are drawn at: beyond the `reach` and published values."""
     low, high = reach(results)
-    return np.linspace(0.5 * low, 1.5 * high, 79)
+    first, last = 0.5 * low, 1.5 * high
+    if literature is not None and len(literature):
+        z = np.nan_to_num(np.asarray(literature["z"], dtype=float))
+        place = np.hypot(np.asarray(literature["radius"], dtype=float), z)
+        first, last = min(first, 0.8 * float(place.min())), max(last, 1.1 * float(place.max()))
+    return np.linspace(first, last, 79)
 
 
 def remark(results: Results) -> str:
@@ -136,17 +143,19 @@ def corner(results: Results) -> Figure:
 
 
 def mass_profile(
-    results: Results, profile: QTable | None = None, axes: Axes | None = None, literature: QTable | None = None
-) -> Figure:
+    results: Results, profile: QTable | None = None, axes: Axes | None = None, literature: QTable | None = None,
+    wide: float = WIDE,
+) -> Figure:  # fmt: skip
     """Draw the mass inside each radius with its 68 % and 95 % bands, the radii of the data and published values."""
-    return _profile(results, profile, axes, literature, "M", 1e-11, r"$M(<r)\ \,[10^{11}\,M_\odot]$")
+    return _profile(results, profile, axes, literature, "M", 1e-11, r"$M(<r)\ \,[10^{11}\,M_\odot]$", wide)
 
 
 def rotation_curve(
-    results: Results, profile: QTable | None = None, axes: Axes | None = None, literature: QTable | None = None
-) -> Figure:
+    results: Results, profile: QTable | None = None, axes: Axes | None = None, literature: QTable | None = None,
+    wide: float = WIDE,
+) -> Figure:  # fmt: skip
     """Draw the circular velocity with its 68 % and 95 % bands, the radii of the data and published values."""
-    return _profile(results, profile, axes, literature, "v_c", 1.0, r"$v_{\rm c}(r)\ \,[{\rm km\,s}^{-1}]$")
+    return _profile(results, profile, axes, literature, "v_c", 1.0, r"$v_{\rm c}(r)\ \,[{\rm km\,s}^{-1}]$", wide)
 
 
 def _profile(
@@ -157,16 +166,20 @@ def _profile(
     name: str,
     factor: float,
     label: str,
+    wide: float,
 ) -> Figure:
-    """Draw one column of a profile; what is extrapolated beyond the `reach` is shaded."""
-    profile = results.mass_profile(radii(results)) if profile is None else profile
+    """Draw one column of a profile, so many inches wide; what is extrapolated beyond the `reach` is shaded."""
+    if profile is None:
+        rows = None if literature is None else literature[[quantity == name for quantity in literature["quantity"]]]
+        profile = results.mass_profile(radii(results, rows))
     if axes is None:
-        axes = NotebookFigure(figsize=(6.0, 4.5), layout="constrained").subplots()
+        axes = NotebookFigure(figsize=(wide, 0.75 * wide), layout="constrained").subplots()
+    narrow = wide < WIDE
     figure = axes.get_figure(root=True)
     assert isinstance(figure, Figure)  # noqa: S101  axes always have one
     r = profile["r"].value
     bands(axes, r, levels(profile, name, factor))
-    axes.set(xlim=(r[0], r[-1]), ylim=(0, None))
+    axes.set_xlim(r[0], r[-1])
     low, high = reach(results)
     shade: Any = {"color": "#EDEDED", "lw": 0, "zorder": 0.5}
     axes.axvspan(min(r[0], low), low, **shade)
@@ -174,12 +187,20 @@ def _profile(
     data_radii(axes, results)
     if literature is not None:
         draw_literature(axes, literature, name, factor)
-    axes.set_xlabel(r"$r\ \,[{\rm kpc}]$", fontsize=13)
-    axes.set_ylabel(label, fontsize=13)
+    axes.set_xlabel(r"$r\ \,[{\rm kpc}]$", fontsize=9 if narrow else 13)
+    axes.set_ylabel(label, fontsize=9 if narrow else 13)
     if text := remark(results):
-        axes.set_title(text, color=VERMILION, fontsize=12)
+        axes.set_title(text, color=VERMILION, fontsize=8 if narrow else 12)
     ticks(axes)
-    axes.legend(framealpha=1, edgecolor="none", loc="lower right", fontsize=10)  # its grey must be seen on the shade
+    if narrow:
+        axes.tick_params(labelsize=8)
+    entries = axes.get_legend_handles_labels()[1]
+    size = 7.0 if narrow else 10.0
+    columns = min(across(entries, 0.8 * wide, size), 3)
+    # the curve must not be covered: the legend has room of its own above
+    lines = -(-len(entries) // columns) * 1.7 * size / 72 / (0.6 * wide)
+    axes.set_ylim(0, axes.get_ylim()[1] / max(1 - lines - 0.02, 0.3))
+    axes.legend(framealpha=1, edgecolor="none", loc="upper left", ncols=columns, fontsize=size)
     return figure
 
 

@@ -45,7 +45,8 @@ def flattening(results: Results, literature: QTable | None = None) -> Figure:
     Lines are the medians nearer to the plane and to the axis. What lies beyond the `reach` of stream and data is
     shaded. Published values stand at their distance from the centre, with the run's own at the same places.
     """
-    r = radii(results)[::2]
+    rows = None if literature is None else literature[[name == POTENTIAL for name in literature["quantity"]]]
+    r = radii(results, rows)[::2]
     figure = NotebookFigure(figsize=(6.0, 4.5), layout="constrained")
     axes = figure.subplots()
     for angle, style in DIRECTIONS.items():

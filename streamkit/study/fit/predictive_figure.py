@@ -8,14 +8,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from streamkit.errors import ChainError
-from streamkit.report import BAND_68, BAND_95, BLUE, VERMILION, NotebookFigure, finish, number
+from streamkit.report import BAND_68, BAND_95, BLUE, VERMILION, NotebookFigure, finish, number, text_inches
 from streamkit.stream import IntArray
 from streamkit.study.fit.diagnostics import Predictive, predictive
 from streamkit.study.fit.figures import remark
 from streamkit.study.fit.results import Results
 
 # Inches: the height of a row, and across a column the axes, the names left of it and the numbers right of it.
-ROW, WIDE, NAMES, NUMBERS = 0.2, 2.9, 1.75, 1.35
+ROW, WIDE, NAMES, NUMBERS = 0.2, 2.9, 1.75, 1.35  # at least so much for the names
 LONGEST = 40  # most rows in a column
 
 
@@ -35,7 +35,9 @@ def draw_predictive(seen: Predictive, note: str = "") -> Figure:
     m = len(seen.names)
     columns = -(-m // LONGEST)
     rows = -(-m // columns)
-    across = NAMES + WIDE + NUMBERS
+    shown = [name.replace("_", " ") for name in seen.names]
+    left = max(NAMES, text_inches(shown, 8) + 0.25)
+    across = left + WIDE + NUMBERS
     top, foot = 0.95 if columns == 1 else 0.75, 0.55
     width, height = columns * across, top + rows * ROW + foot
     figure = NotebookFigure(figsize=(width, height))
@@ -44,7 +46,7 @@ def draw_predictive(seen: Predictive, note: str = "") -> Figure:
     for k in range(columns):
         chosen = np.arange(k * rows, min((k + 1) * rows, m))
         high = len(chosen) * ROW
-        box = ((k * across + NAMES) / width, 1 - (top + high) / height, WIDE / width, high / height)
+        box = ((k * across + left) / width, 1 - (top + high) / height, WIDE / width, high / height)
         axes = figure.add_axes(box)
         reach = max(reach, _column(axes, seen, chosen))
         every.append(axes)

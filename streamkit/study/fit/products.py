@@ -17,7 +17,7 @@ from streamkit.runfile import Spec
 from streamkit.sample import CALLS, CHAIN, SAMPLES
 from streamkit.study.fit.diagnostics import predicted_intervals, predictions_table, predictive
 from streamkit.study.fit.directory import LITERATURE, RECOVERY, stream_pictures
-from streamkit.study.fit.figures import corner, mass_profile, radii, remark, rotation_curve, traces
+from streamkit.study.fit.figures import COLUMN, WIDE, corner, mass_profile, radii, remark, rotation_curve, traces
 from streamkit.study.fit.flattening_figure import flattening, is_sphere
 from streamkit.study.fit.integrity import RUN_FILE
 from streamkit.study.fit.literature import read_literature
@@ -97,6 +97,7 @@ def write_products(
     literature: str | Path | None = None,
     pdf: bool = False,
     trust: bool = False,
+    column: bool = False,
 ) -> Results:
     """Write every table and picture of a run and its page into its directory, and return its results.
 
@@ -116,6 +117,8 @@ def write_products(
         Write every picture as PDF too. One that is there is written again in any case.
     trust
         Whether the plugin files in the directory may be run.
+    column
+        Draw mass profile and rotation curve for one column of a journal.
 
     Raises ChainError if there is no readable run. Raises SpecError if the truth is not valid. Nothing has then been
     written. Raises ChainError if a product cannot be written, on a full disk, once all the others have been.
@@ -129,12 +132,15 @@ def write_products(
         figures[file] = partial(best_stream, name=name)
     published = _published(where, literature)
     wanted = [PROFILE_RADII, radii(results), np.array(PAGE_RADII)]
+    wide = COLUMN if column else WIDE
+    figures["mass_profile.png"] = partial(mass_profile, literature=published, wide=wide)
+    figures["rotation_curve.png"] = partial(rotation_curve, literature=published, wide=wide)
     if published is not None:
-        figures["mass_profile.png"] = partial(mass_profile, literature=published)
-        figures["rotation_curve.png"] = partial(rotation_curve, literature=published)
         if FLATTENING in figures:
             figures[FLATTENING] = partial(flattening, literature=published)
         wanted.append(np.asarray(published["radius"]))
+        for quantity in ("M", "v_c"):
+            wanted.append(radii(results, published[[name == quantity for name in published["quantity"]]]))
     if truth is not None:
         host = true_host(truth, results.spec)
         tables[RECOVERY[0]] = lambda results: recovery_table(results, host)

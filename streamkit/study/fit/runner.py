@@ -21,6 +21,7 @@ from streamkit.sample import (
     CHAIN,
     JOURNAL,
     SAMPLES,
+    SMALL_CALLS,
     CallTimeout,
     Chain,
     ChainFile,
@@ -117,7 +118,7 @@ def run(
         raise SpecError(f"steps: the sampler {sampler.kind!r} has none. What ends it stands in [sampler].")
     if steps is not None:
         sampler = sampler.model_copy(update={"steps": steps})
-    posterior, cheap = Posterior(spec), Posterior(cheap_spec(spec))
+    posterior, cheap = (Posterior(each, sampler.emulates) for each in (spec, cheap_spec(spec)))
     directory = None if out is None else Path(out)
     if literature is not None:
         read_literature(literature)  # an error in it is raised now, not after the sampling
@@ -137,7 +138,8 @@ def run(
         resumes = False
         if directory is not None:
             stack.enter_context(locked(directory))
-            ours = (*products_of(spec), *pdfs_of(spec), CHAIN, JOURNAL, SAMPLES, CALLS, *RECOVERY, LITERATURE)
+            stores = (CHAIN, JOURNAL, SAMPLES, CALLS, SMALL_CALLS)
+            ours = (*products_of(spec), *pdfs_of(spec), *stores, *RECOVERY, LITERATURE)
             resumes = claim(directory, spec, options, ours, resume, force)
         limit, reject = sampler.call_limit, sampler.over_limit == "reject"
         pool = stack.enter_context(Workers({"full": posterior, "cheap": cheap}, where, limit=limit, reject=reject))
@@ -154,6 +156,8 @@ def run(
             progress=progress,
             mass=(radius, lambda theta: _mass_inside(spec, theta, radius)),
             full_cost=_particles(spec) / _particles(cheap_spec(spec)),
+            small_cache=stored.small_cache,
+            posterior=posterior if sampler.emulates else None,
         )  # fmt: skip
         for weighted in target.run(sampler):
             stored.keep(weighted, target.time_left() < 0)
@@ -177,6 +181,8 @@ class _Stored:
         self._weighted: Weighted | None = None
         calls = None if directory is None or self._is_chain else directory / CALLS
         self.cache = EvaluationCache(calls, spec.digest())
+        small = None if calls is None or not spec.sampler.emulates else calls.with_name(SMALL_CALLS)
+        self.small_cache = EvaluationCache(small, spec.digest())
         self.chain = ChainMemory() if directory is None else ChainFile(directory / CHAIN)
         self.chain.note(status="unfinished", **self._notes)
         if isinstance(self.chain, ChainFile) and self._is_chain and resumes:

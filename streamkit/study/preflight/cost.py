@@ -11,10 +11,9 @@ import numpy as np
 from streamkit.errors import SpecError
 from streamkit.model import Model
 from streamkit.runfile import Spec
-from streamkit.sample import Posterior, expected_calls
+from streamkit.sample import Posterior, expected_calls, first_call
 from streamkit.stream import Array
 from streamkit.study.preflight.draws import TRIAL_PARTICLES, PriorDraws, observe
-from streamkit.study.preflight.limit import within_limit
 
 SLOW = 5.0  # CPU seconds above which a first call is not repeated: loading machine code is a small part of it
 
@@ -68,7 +67,7 @@ def time_call(spec: Spec, theta: Array, first: float) -> tuple[float, str]:
 
     if first > SLOW:
         return first, unfit
-    within_limit(spec, call, theta)  # draws the random numbers of a new process
+    first_call(spec.sampler.call_limit, call, theta)  # draws the random numbers of a new process
     seconds: list[float] = []
     while len(seconds) < 3 and sum(seconds) < 3.0:
         begin = time.process_time()

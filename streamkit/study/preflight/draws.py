@@ -12,8 +12,8 @@ from streamkit.errors import OutOfDomain
 from streamkit.model import Model, Observation
 from streamkit.report import Progress
 from streamkit.runfile import ModelInputs, Spec
+from streamkit.sample import first_call
 from streamkit.stream import Array
-from streamkit.study.preflight.limit import within_limit
 
 TRIAL_PARTICLES = 1000  # particles of the trial streams over the prior: enough to decide whether there is a stream
 BUDGET = 15.0  # CPU seconds after which no further trial stream is started
@@ -62,7 +62,7 @@ def observe(model: Model, theta: Array) -> tuple[Trial | None, str]:
     """
     try:
         bound = model.spec.bind_all(theta)
-        observation = within_limit(model.spec, model.observe_all, bound)
+        observation = first_call(model.spec.sampler.call_limit, model.observe_all, bound)
     except OutOfDomain as error:
         return None, error.reason
     return Trial(bound, observation), "" if observation.prediction is None else observation.prediction.why_not

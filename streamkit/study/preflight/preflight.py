@@ -10,12 +10,12 @@ from streamkit.components import HostData
 from streamkit.model import Model
 from streamkit.observe import remarks_of
 from streamkit.runfile import Spec, StreamInputs
+from streamkit.sample import first_call
 from streamkit.stream import Prediction
 from streamkit.study.preflight.conformance_warnings import conformance_warnings
 from streamkit.study.preflight.cost import Cost, search_cost, time_call
 from streamkit.study.preflight.data_warnings import data_warnings
 from streamkit.study.preflight.draws import PriorDraws, observe, try_prior_draws
-from streamkit.study.preflight.limit import within_limit
 from streamkit.study.preflight.orbit import OrbitSummary, summarise_orbit
 from streamkit.study.preflight.progenitor_warnings import frame_warnings, progenitor_warnings
 from streamkit.study.preflight.warnings import orbit_warnings, prior_warnings, short_lookback, sun_warnings
@@ -75,7 +75,8 @@ def run_preflight(spec: Spec, *, draws: int = 64, progress: bool = False) -> Pre
     """
     centre = spec.centre()
     bound = spec.bind_all(centre)
-    orbits = {name: within_limit(spec, summarise_orbit, inputs) for name, inputs in bound.streams.items()}
+    limit = spec.sampler.call_limit
+    orbits = {name: first_call(limit, summarise_orbit, inputs) for name, inputs in bound.streams.items()}
     begin = time.process_time()
     trial, reason = observe(Model(spec), centre)
     predictions = trial.observation.predictions if trial is not None else {}

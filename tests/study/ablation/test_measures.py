@@ -53,29 +53,29 @@ def test_percentiles_are_numpys_for_equal_weights_and_those_of_repeated_values_f
 
 
 def test_the_length_of_each_tail_is_where_the_winding_ends() -> None:
-    own = by_hand().own()
+    result = by_hand().measures()
     low, high = np.percentile(ANGLE, [0.5, 99.5])
-    assert own["length_leading"] == pytest.approx(high)
-    assert own["length_trailing"] == pytest.approx(-low)
+    assert result["length_leading"] == pytest.approx(high)
+    assert result["length_trailing"] == pytest.approx(-low)
     assert compare(by_hand(0.5 * ANGLE), by_hand())["length_ratio"] == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(("change", "distance"), [({"r": 31.5}, 1.5), ({"height": -2.0}, 2.0)])
 def test_a_shifted_stream_is_away_by_its_shift(change: dict[str, float], distance: float) -> None:
-    found = compare(by_hand(scatter=0.5, **change), by_hand(scatter=0.5))
+    measures = compare(by_hand(scatter=0.5, **change), by_hand(scatter=0.5))
     for arm in ("leading", "trailing"):
-        assert found[f"track_{arm}"] == pytest.approx(distance, abs=0.02)
+        assert measures[f"track_{arm}"] == pytest.approx(distance, abs=0.02)
 
 
 def test_the_distance_is_across_the_track() -> None:
     """A logarithmic spiral r = 30 exp(k angle) makes the angle arctan(k) with the circle: delta r cos(arctan k)."""
     k = 0.8
     r = 30 * np.exp(k * np.radians(ANGLE))
-    found = compare(by_hand(r=1.02 * r), by_hand(r=r))
+    measures = compare(by_hand(r=1.02 * r), by_hand(r=r))
     a = np.linspace(0, np.percentile(ANGLE, 99.5), 500)
     across = 0.02 * 30 * np.exp(k * np.radians(a)) / np.sqrt(1 + k**2)
     expected = np.sqrt(np.average(across**2, weights=np.exp(k * np.radians(a))))
-    assert found["track_leading"] == pytest.approx(expected, rel=0.03)
+    assert measures["track_leading"] == pytest.approx(expected, rel=0.03)
 
 
 def test_two_samples_of_one_stream_are_not_apart_but_for_their_noise() -> None:
@@ -100,9 +100,9 @@ def test_near_ends_where_the_reference_is_60_kpc_away() -> None:
 
 
 def test_widths_are_ratios() -> None:
-    found = compare(by_hand(scatter=1.0), by_hand(scatter=0.5))
-    assert found["width_ratio_leading"] == pytest.approx(2.0, rel=1e-6)
-    assert found["thickness_ratio_trailing"] == pytest.approx(2.0, rel=1e-6)
+    measures = compare(by_hand(scatter=1.0), by_hand(scatter=0.5))
+    assert measures["width_ratio_leading"] == pytest.approx(2.0, rel=1e-6)
+    assert measures["thickness_ratio_trailing"] == pytest.approx(2.0, rel=1e-6)
 
 
 def test_weights_stand_for_particles() -> None:
@@ -116,7 +116,7 @@ def test_weights_stand_for_particles() -> None:
     a, b = mean_track(weighted.stream, -1), mean_track(repeated.stream, -1)
     assert a.r == pytest.approx(b.r, nan_ok=True)
     assert a.density == pytest.approx(b.density)
-    assert weighted.own()["bound"] == pytest.approx(repeated.own()["bound"])
+    assert weighted.measures()["bound"] == pytest.approx(repeated.measures()["bound"])
     other = by_hand(ANGLE + 1)
     assert compare(weighted, other)["density_distance_trailing"] == pytest.approx(
         compare(repeated, other)["density_distance_trailing"]
@@ -125,25 +125,25 @@ def test_weights_stand_for_particles() -> None:
 
 def test_a_stream_turned_by_five_degrees_is_five_degrees_away() -> None:
     ahead = ANGLE + np.where(ANGLE > 0, 5, 0)
-    found = compare(by_hand(ahead), by_hand())
-    assert found["density_distance_leading"] == pytest.approx(5.0)
-    assert found["density_distance_trailing"] == 0
+    measures = compare(by_hand(ahead), by_hand())
+    assert measures["density_distance_leading"] == pytest.approx(5.0)
+    assert measures["density_distance_trailing"] == 0
 
 
 def test_energy_and_angular_momentum_of_a_kepler_orbit() -> None:
     """E = v^2/2 - G M / r, L = |x cross v|."""
     q, v = np.array([[10.0], [0.0], [0.0]]), np.array([[50.0], [120.0], [0.0]])
-    found = Host({"kepler": Kepler(mass=1e11)}).energy(q, v)
-    assert found is not None
-    assert found[0] == pytest.approx(0.5 * (50**2 + 120**2) - G * 1e11 / 10)
+    result = Host({"kepler": Kepler(mass=1e11)}).energy(q, v)
+    assert result is not None
+    assert result[0] == pytest.approx(0.5 * (50**2 + 120**2) - G * 1e11 / 10)
     assert angular_momentum(q, v)[0] == pytest.approx(1200.0)
 
 
 def test_a_stream_that_is_all_bound_has_no_measures_but_the_fraction() -> None:
     portrait = by_hand(bound=True)
-    own, found = portrait.own(), compare(portrait, by_hand())
-    assert own.pop("bound") == pytest.approx(1.0)
-    assert np.isnan([*own.values(), *found.values()]).all()
+    result, outcome = portrait.measures(), compare(portrait, by_hand())
+    assert result.pop("bound") == pytest.approx(1.0)
+    assert np.isnan([*result.values(), *outcome.values()]).all()
 
 
 @pytest.mark.parametrize("name", ["A", "B"])
@@ -151,21 +151,21 @@ def test_with_gravity_mlcs_has_the_nbody_stream_and_without_half_of_it(name: str
     """Gibbons+ 2014, figure 5; the energies after section 3.3: the debris without gravity is less far off."""
     spec = run_file(name)
     nbody = Portrait(nbody_stream(name), spec.bind())
-    found = {}
+    result = {}
     for on in (True, False):
         variant = spec.with_values({"stripping.progenitor_gravity": on})
         portrait = Portrait(Model(variant).stream(), variant.bind())
-        found[on] = compare(portrait, nbody) | portrait.own()
-    assert found[True]["length_ratio"] == pytest.approx(1.0, abs=0.1)
-    assert 0.4 < found[False]["length_ratio"] < 0.6
-    assert found[True]["track_near_trailing"] < 1.0 < found[False]["track_near_trailing"]
+        result[on] = compare(portrait, nbody) | portrait.measures()
+    assert result[True]["length_ratio"] == pytest.approx(1.0, abs=0.1)
+    assert 0.4 < result[False]["length_ratio"] < 0.6
+    assert result[True]["track_near_trailing"] < 1.0 < result[False]["track_near_trailing"]
     for arm in ("leading", "trailing"):
-        assert found[True][f"track_near_{arm}"] < 0.7 * found[False][f"track_near_{arm}"]
+        assert result[True][f"track_near_{arm}"] < 0.7 * result[False][f"track_near_{arm}"]
         for what in ("energy", "angular_momentum"):
             key = f"{what}_offset_{arm}"
-            assert found[True][key] == pytest.approx(nbody.own()[key], rel=0.15)
-            assert abs(found[False][key]) < 0.6 * abs(nbody.own()[key])
-    assert found[True]["energy_distance"] < 0.3 * found[False]["energy_distance"]
+            assert result[True][key] == pytest.approx(nbody.measures()[key], rel=0.15)
+            assert abs(result[False][key]) < 0.6 * abs(nbody.measures()[key])
+    assert result[True]["energy_distance"] < 0.3 * result[False]["energy_distance"]
 
 
 def test_a_matched_rate_gives_the_mean_track_that_releasing_so_would() -> None:
@@ -191,7 +191,7 @@ def test_with_the_mass_and_the_rate_of_the_live_satellite_mlcs_is_the_nbody_stre
     spec = run_file(name).with_values({"progenitor.mass": 0.66 * 6.4e8})
     nbody = Portrait(nbody_stream(name), spec.bind())
     model = Portrait(match_rate(Model(spec).stream(), nbody.stream), spec.bind())
-    found = compare(model, nbody)
-    assert found["length_ratio"] == pytest.approx(1.0, abs=0.05)
-    assert found["track_near_leading"] < 1.0
-    assert found["track_near_trailing"] < 1.0
+    measures = compare(model, nbody)
+    assert measures["length_ratio"] == pytest.approx(1.0, abs=0.05)
+    assert measures["track_near_leading"] < 1.0
+    assert measures["track_near_trailing"] < 1.0

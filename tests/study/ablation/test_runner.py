@@ -10,8 +10,9 @@ import pytest
 from astropy import units as u
 from astropy.table import QTable
 from click.testing import Result
-from commands import RUN, call, refused
+from commands import call, refused
 from matplotlib.figure import Figure
+from runfiles import RUN
 from snapshot_files import write_gadget, write_table
 from snapshots import DATA
 

@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from toys import FIT
+from pictures import assert_readable
+from runfiles import FIT
 
 import streamkit as sk
 from streamkit.study.ablation import run_ablation, variants_of
+from streamkit.study.ablation.figures import along
 from streamkit.study.ablation.products import SKY, ablation_products
 from streamkit.study.ablation.runner import Ablation
 from streamkit.study.ablation.sky_figure import tracks_on_sky
@@ -48,6 +50,15 @@ def test_differences_are_those_of_the_predictions_in_errors(found: Ablation) -> 
     for above in axes[::2]:
         assert {"data", "mlcs", "streakline"} == set(above.get_legend_handles_labels()[1])
     assert len({one.get_xlim() for one in axes}) == 1
+
+
+def test_six_variants_with_long_names_can_be_read(found: Ablation, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = found.outcomes[0].first
+    assert first is not None
+    names = [f"stripping.kind=mlcs, progenitor.mass={i}.5e8 Msun, potential.rs=1{i} kpc" for i in range(6)]
+    assert_readable(tracks_on_sky(dict.fromkeys(names, first)), monkeypatch)
+    figure = along(dict.fromkeys(names, first))
+    assert_readable(figure, monkeypatch)
 
 
 def test_many_data_are_told_by_their_columns(found: Ablation) -> None:

@@ -124,10 +124,10 @@ def uniform(spec, n):
 
 
 def test_coverage_of_uniform_ranks(spec):
-    found = uniform(spec, 200)
+    result = uniform(spec, 200)
     for probability in (0.5, 0.68, 0.95):
-        assert found.coverage(probability) == pytest.approx([probability] * 4, abs=0.005)
-    products = calibration_products(found)
+        assert result.coverage(probability) == pytest.approx([probability] * 4, abs=0.005)
+    products = calibration_products(result)
     assert "68%" in products.text
     assert products.pictures["calibration.png"]().axes[0].get_title()
 
@@ -163,10 +163,10 @@ def test_a_draw_tells_whether_its_fit_converged(spec):
 def test_data_of_another_truth_show_its_bias(spec, drawn, index):
     """The truth's speed is read 1.5 errors too high, so the exact posterior is 0.75 errors too high."""
     high = spec.with_values({"observable.bias": 1.5 * ERROR})
-    own, other = drawn(index), make_draw(spec, index, high)
-    assert own.truth == other.truth
-    assert own.masses == other.masses
-    moved = norm.ppf(own.ranks[0]) - norm.ppf(other.ranks[0])
+    result, other = drawn(index), make_draw(spec, index, high)
+    assert result.truth == other.truth
+    assert result.masses == other.masses
+    moved = norm.ppf(result.ranks[0]) - norm.ppf(other.ranks[0])
     assert moved == pytest.approx(0.75 * ERROR / (SD / np.sqrt(2)), abs=0.4)
 
 

@@ -6,9 +6,11 @@ import shutil
 from pathlib import Path
 
 import pytest
-from commands import RUN, call, refused
+from commands import call, refused
+from runfiles import FIT
 
 import streamkit as sk
+from streamkit.runfile import to_toml
 
 PLUGIN = """
 from streamkit import hookimpl
@@ -35,7 +37,7 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("kept")
     (folder / "mine.py").write_text(PLUGIN)
     (folder / "curve.csv").write_text(ROWS)
-    (folder / "run.toml").write_text(f'plugins = ["mine.py"]\n{RUN}{CURVE}')
+    (folder / "run.toml").write_text(f'plugins = ["mine.py"]\n{to_toml(FIT)}{CURVE}')
     result = call("run", folder / "run.toml", "-o", folder / "out", "-q", "--steps", "1")
     assert result.exit_code == 0, result.stderr
     return folder / "out"

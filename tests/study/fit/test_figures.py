@@ -1,18 +1,20 @@
 """The pictures of a run, whatever its parameters: nothing cut off, nothing printed over anything else."""
 
 import copy
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from astropy.table import QTable
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from pictures import assert_readable
-from toys import FIT
+from runfiles import APOCENTRES
 
 import streamkit as sk
 from streamkit.report import NotebookFigure, labels
 from streamkit.sample import Chain
 from streamkit.study.fit.diagnostics import Predictive, predicted_intervals, predictions_table
-from streamkit.study.fit.figures import _labels, corner, mass_profile, reach, rotation_curve, traces
+from streamkit.study.fit.figures import COLUMN, WIDE, _labels, corner, mass_profile, reach, rotation_curve, traces
 from streamkit.study.fit.flattening_figure import flattening, is_sphere
 from streamkit.study.fit.predictive_figure import LONGEST, draw_predictive, predictions
 from streamkit.study.fit.prior_figure import priors
@@ -21,8 +23,8 @@ from streamkit.study.fit.results import Results, draws_of
 
 
 def freed(**priors):
-    """Return FIT with other free parameters: section -> {field: prior or number}."""
-    document = copy.deepcopy(FIT)
+    """Return APOCENTRES with other free parameters: section -> {field: prior or number}."""
+    document = copy.deepcopy(APOCENTRES)
     document["sampler"]["walkers"] = 32
     for section, fields in priors.items():
         document[section].update(fields)
@@ -136,6 +138,35 @@ def test_profiles_are_drawn_where_the_stream_and_the_data_are(make, monkeypatch)
         assert high < 40
 
 
+@pytest.mark.parametrize("draw", [mass_profile, rotation_curve])
+@pytest.mark.parametrize("wide", [WIDE, COLUMN])
+def test_the_legend_does_not_cover_the_median_of_a_quick_look(draw, wide, monkeypatch):
+    """Also in the width of a journal's column, where every text is still inside."""
+    figure = draw(synthetic(freed(), quick=True), wide=wide)
+    assert_readable(figure, monkeypatch, INSIDE)
+    assert figure.get_figwidth() == wide
+    (axes,) = figure.axes
+    box = axes.get_legend().get_window_extent()
+    line = next(line for line in axes.lines if line.get_label() == "median")
+    x, y = axes.transData.transform(line.get_xydata()).T
+    covered = (x > box.x0) & (x < box.x1) & (y > box.y0) & (y < box.y1)
+    assert not covered.any()
+
+
+@pytest.mark.parametrize(("draw", "quantity", "value"), [(mass_profile, "M", 9e12), (rotation_curve, "v_c", 700.0)])
+def test_published_values_are_inside_the_axes(draw, quantity, value):
+    """Far beyond the stream, and far above the curve."""
+    rows = [("M", 400.0, 9e12, 1e12, 1e12, np.nan, "A"), ("v_c", 1.0, 700.0, 50.0, 50.0, np.nan, "B")]
+    names = ("quantity", "radius", "value", "error_minus", "error_plus", "z", "reference")
+    table = QTable(rows=rows, names=names)
+    (axes,) = draw(synthetic(freed()), literature=table).axes
+    factor = 1e-11 if quantity == "M" else 1.0
+    place = table["radius"][table["quantity"] == quantity][0]
+    error = table["error_plus"][table["quantity"] == quantity][0]
+    assert axes.get_xlim()[0] < place < axes.get_xlim()[1]
+    assert axes.get_ylim()[1] > (value + error) * factor
+
+
 def _kpc(value):
     return float(str(value).split()[0])
 
@@ -204,6 +235,11 @@ def test_every_datum_has_a_row_that_can_be_read(m, monkeypatch):
     assert names == [f"datum {k + 1}" for k in range(m)]
     if m < 100:
         assert_readable(figure, monkeypatch)
+
+
+def test_long_names_of_data_are_not_cut(monkeypatch):
+    seen = replace(predicted(3), names=tuple(f"orphan.velocities.pm_phi1_cosphi2 at -10{k}.25" for k in range(3)))
+    assert_readable(draw_predictive(seen), monkeypatch)
 
 
 def test_a_row_has_the_model_and_new_data_in_errors_of_the_datum():

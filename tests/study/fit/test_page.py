@@ -12,7 +12,7 @@ import pytest
 from astropy import units as u
 from astropy.table import QTable, Table
 from matplotlib.image import imread
-from toys import FIT
+from runfiles import FIT
 
 import streamkit as sk
 from streamkit.study.fit import write_products

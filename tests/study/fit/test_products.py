@@ -9,7 +9,7 @@ from astropy import units as u
 from astropy.table import QTable
 from matplotlib.figure import Figure
 from matplotlib.image import imread
-from toys import FIT
+from runfiles import FIT
 
 import streamkit as sk
 from streamkit.model import Model

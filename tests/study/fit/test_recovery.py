@@ -12,8 +12,7 @@ from astropy import units as u
 from astropy.table import QTable
 from commands import call, refused
 from matplotlib.image import imread
-from runfiles import PLUGIN
-from toys import FIT
+from runfiles import FIT, PLUGIN
 
 import streamkit as sk
 from streamkit.model import Host

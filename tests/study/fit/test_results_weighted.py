@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import call
-from toys import FIT
+from runfiles import FIT
 
 import streamkit as sk
 from streamkit.sample import CALLS, CHAIN, SAMPLES, Workers, read_weighted
@@ -18,7 +18,12 @@ from streamkit.study.fit.verdicts import overall, verdicts
 
 FILE = Path(__file__).parents[2] / "support" / "importance.py"
 PLUGIN = {"plugins": [str(FILE)]}
-RUN = FIT | PLUGIN | {"sampler": {"kind": "importance", "draws": 160, "each": 40}}
+# Few draws have most of the weight.
+PRECISE = {"distance": {"phi1": [-5, 5], "distance": [24.6, 24.5], "error": [0.2, 0.2]}}
+RUN = FIT | PLUGIN | {
+    "observable": FIT["observable"] | PRECISE,
+    "sampler": {"kind": "importance", "draws": 160, "each": 40},
+}
 
 
 def fit(out=None, resume=False, **sampler):

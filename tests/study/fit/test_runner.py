@@ -5,7 +5,6 @@ import json
 import os
 import shutil
 import signal
-import subprocess
 import sys
 import time
 from contextlib import suppress
@@ -13,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from toys import FIT
+from forked import forked
+from runfiles import FIT
 
 import streamkit as sk
 from streamkit.report import locked
@@ -21,19 +21,7 @@ from streamkit.sample import CHAIN, Chain, ChainFile, read_chain_file
 from streamkit.study.fit.integrity import RUN_FILE
 from streamkit.study.fit.manifest import MANIFEST
 from streamkit.study.fit.results import draws_of
-from streamkit.study.fit.runner import cheap_spec
-
-SCRIPT = """
-import json, sys
-import streamkit as sk
-from streamkit.study.fit.results import draws_of
-from streamkit.study.fit.runner import Interrupted
-try:
-    sk.run(sk.load(json.loads(sys.argv[1])), out=sys.argv[2], workers=2, steps=100000, progress=False)
-except Interrupted as stop:
-    print(stop)
-    sys.exit(stop.exit_status)
-"""
+from streamkit.study.fit.runner import Interrupted, cheap_spec
 
 
 @pytest.fixture(scope="module")
@@ -147,18 +135,27 @@ def test_two_runs_in_one_directory_are_refused(finished):
     assert tree(finished) == before
 
 
-def start(out, document=FIT):
+def long_run(out):
+    """Run in a session of its own; what an interruption says goes to a file beside the directory."""
+    os.setsid()
+    try:
+        sk.run(sk.load(FIT), out=out, workers=2, steps=100000, progress=False)
+    except Interrupted as stop:
+        out.with_suffix(".txt").write_text(str(stop))
+        sys.exit(stop.exit_status)
+
+
+def start(out):
     """Start a long run in a process of its own and wait for its third step."""
-    command = [sys.executable, "-c", SCRIPT, json.dumps(document), str(out)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
+    process = forked(long_run, out)
     deadline = time.monotonic() + 120
-    while time.monotonic() < deadline and process.poll() is None:
+    while time.monotonic() < deadline and process.is_alive():
         with suppress(sk.ChainError):  # nothing there yet
             if len(read_chain_file(out / CHAIN).chain) >= 3:
                 return process
         time.sleep(0.05)
-    os.killpg(process.pid, signal.SIGKILL)  # its workers have its output open too
-    raise AssertionError(f"no third step: {process.communicate(timeout=60)[0]}")
+    os.killpg(process.pid, signal.SIGKILL)
+    raise AssertionError("no third step")
 
 
 @pytest.mark.usefixtures("interruptible")
@@ -167,8 +164,9 @@ def test_a_stopped_run_keeps_its_samples_and_can_be_resumed(tmp_path, signum, st
     out = tmp_path / "run"
     process = start(out)
     os.killpg(process.pid, signum)  # as a terminal does: to the workers too
-    text, _ = process.communicate(timeout=60)
-    assert process.returncode == status
+    process.join(60)
+    assert process.exitcode == status
+    text = out.with_suffix(".txt").read_text()
     steps = len(read_chain_file(out / CHAIN).chain)
     assert f"{steps} finished steps" in text
     assert "--resume" in text
@@ -181,7 +179,7 @@ def test_a_killed_run_leaves_a_readable_chain_and_no_workers(tmp_path):
     out = tmp_path / "run"
     process = start(out)
     process.kill()
-    process.communicate(timeout=30)
+    process.join(30)
     assert len(sk.load_results(out).chain) >= 3
     deadline = time.monotonic() + 20
     while time.monotonic() < deadline:

@@ -7,7 +7,7 @@ import pytest
 from astropy import units as u
 from astropy.table import QTable
 from commands import call, refused
-from toys import FIT
+from runfiles import FIT
 
 import streamkit as sk
 

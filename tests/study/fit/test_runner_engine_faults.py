@@ -10,7 +10,7 @@ import sys
 import numpy as np
 import pytest
 from commands import refused
-from toys import FIT
+from runfiles import FIT
 
 import streamkit as sk
 from streamkit.runfile import to_toml

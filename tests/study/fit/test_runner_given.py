@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from pydantic import Field
-from toys import FIT
+from runfiles import FIT
 
 import streamkit as sk
 from streamkit.study.fit import describe_status, read_status

@@ -23,8 +23,8 @@ def test_the_host_of_the_mock_is_recovered():
     assert not len(results.stuck)
     r = np.array([15.0, 30.0, 45.0, 60.0, 80.0])
     speed = 210 * (144 / (144 + r**2)) ** (0.45 / 4)  # eq. 2 of Gibbons+ 2014, with the example's true host
-    for found, true in zip(results.profiles(r), (r * speed**2 / sk.G, speed), strict=True):
-        low, median, high = np.percentile(found, [16, 50, 84], axis=0)
+    for result, true in zip(results.profiles(r), (r * speed**2 / sk.G, speed), strict=True):
+        low, median, high = np.percentile(result, [16, 50, 84], axis=0)
         sigma = np.where(true > median, high - median, median - low)
         np.testing.assert_array_less(np.abs(median - true) / sigma, 3)
     mass = np.percentile(results.profiles(r)[0][:, 3], [16, 84])

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 from astropy.table import QTable
-from commands import RUN
 from matplotlib.figure import Figure
+from runfiles import RUN
 
 import streamkit as sk
 from streamkit.errors import StreamkitError

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pydantic import Field
-from toys import FIT
+from runfiles import FIT
 
 import streamkit as sk
 from streamkit.study.preflight import describe_preflight, run_preflight

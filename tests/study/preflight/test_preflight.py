@@ -55,41 +55,41 @@ def test_isochrone_turning_points_and_period(v: tuple[float, float, float]) -> N
     q = (20.0, -3.0, 5.0)
     momentum = float(np.linalg.norm(np.cross(q, v)))
     peri, apo, period = isochrone_orbit(2e11, 3.0, float(np.linalg.norm(q)), float(np.dot(v, v)), momentum)
-    found = summarise_orbit(inputs_of({"kind": "isochrone", "mass": 2e11, "b": 3.0}, q, v))
-    np.testing.assert_allclose(found.pericentres, peri, rtol=1e-5)
-    np.testing.assert_allclose(found.apocentres, apo, rtol=1e-5)
-    assert found.period == pytest.approx(period, rel=1e-4)
-    assert found.escapes is False
-    assert found.returns
-    assert abs(found.completed - 2.0 / period) <= 1
+    result = summarise_orbit(inputs_of({"kind": "isochrone", "mass": 2e11, "b": 3.0}, q, v))
+    np.testing.assert_allclose(result.pericentres, peri, rtol=1e-5)
+    np.testing.assert_allclose(result.apocentres, apo, rtol=1e-5)
+    assert result.period == pytest.approx(period, rel=1e-4)
+    assert result.escapes is False
+    assert result.returns
+    assert abs(result.completed - 2.0 / period) <= 1
 
 
 def test_kepler_tidal_radius_at_the_turning_points() -> None:
     """There Omega^2 = G M (1 +- e) / r^3 and Phi'' = -2 G M / r^3, so r_t = r (m / (M (3 +- e)))^(1/3)."""
     mass, a, e = 2e11, 40.0, 0.5
     speed = math.sqrt(sk.G * mass * (1 - e) / (a * (1 + e)))  # at the apocentre
-    found = summarise_orbit(inputs_of({"kind": "kepler", "mass": mass}, (a * (1 + e), 0, 0), (0, speed, 0)))
+    result = summarise_orbit(inputs_of({"kind": "kepler", "mass": mass}, (a * (1 + e), 0, 0), (0, speed, 0)))
     low = a * (1 - e) * (SATELLITE / (mass * (3 + e))) ** (1 / 3)
     high = a * (1 + e) * (SATELLITE / (mass * (3 - e))) ** (1 / 3)
-    assert found.period == pytest.approx(2 * math.pi * math.sqrt(a**3 / (sk.G * mass)) / sk.GYR, rel=1e-4)
-    np.testing.assert_allclose(found.r_tidal, (low, high), rtol=1e-3)
+    assert result.period == pytest.approx(2 * math.pi * math.sqrt(a**3 / (sk.G * mass)) / sk.GYR, rel=1e-4)
+    np.testing.assert_allclose(result.r_tidal, (low, high), rtol=1e-3)
 
 
 @pytest.mark.parametrize(("factor", "escapes"), [(0.99, False), (1.01, True)])
 def test_escape_speed_of_a_point_mass(factor: float, escapes: bool) -> None:
     speed = factor * math.sqrt(2 * sk.G * 1e11 / 30.0)
-    found = summarise_orbit(inputs_of({"kind": "kepler", "mass": 1e11}, (30.0, 0, 0), (0, speed, 0)))
-    assert found.escapes is escapes
+    result = summarise_orbit(inputs_of({"kind": "kepler", "mass": 1e11}, (30.0, 0, 0), (0, speed, 0)))
+    assert result.escapes is escapes
 
 
 def test_nothing_escapes_a_logarithmic_halo_but_it_may_be_too_slow_to_return() -> None:
     halo = {"kind": "logarithmic", "v_h": 120.0, "r_h": 12.0}
     loaded = sk.load(document(halo, (20.0, 0, 0), (2500.0, 300.0, 0)))
-    found = summarise_orbit(loaded.bind())
-    assert found.escapes is False
-    assert len(found.apocentres) == 0
-    assert not found.returns
-    (text,) = orbit_warnings(loaded, loaded.bind(), found)
+    result = summarise_orbit(loaded.bind())
+    assert result.escapes is False
+    assert len(result.apocentres) == 0
+    assert not result.returns
+    (text,) = orbit_warnings(loaded, loaded.bind(), result)
     assert "no apocentre within the last 13.8 Gyr" in text
 
 
@@ -110,9 +110,9 @@ def test_the_papers_swapped_proper_motions_are_caught() -> None:
     swapped = paper(
         pm_l_cosb={"normal": ["1.97 mas/yr", "0.3 mas/yr"]}, pm_b={"normal": ["-2.44 mas/yr", "0.3 mas/yr"]}
     )
-    found = run_preflight(swapped, draws=0)
-    assert len(found.streams["stream"].orbit.apocentres) == 0
-    text = found.warnings[0]
+    preflight = run_preflight(swapped, draws=0)
+    assert len(preflight.streams["stream"].orbit.apocentres) == 0
+    text = preflight.warnings[0]
     assert "unbound" in text
     assert "two proper motions swapped?" in text
     assert "progenitor.pm_l_cosb and progenitor.pm_b exchanged" in text
@@ -162,10 +162,10 @@ def test_the_epoch_aware_rule_needs_two_apocentres() -> None:
     inputs = paper().bind()
     period = summarise_orbit(inputs).period
     short = paper(lookback=1.2 * period).with_values({"observable.recent_debris": "epoch_aware"})
-    found = run_preflight(short, draws=0)
-    assert found.streams["stream"].orbit.completed == 1
-    assert orbit_warnings(short, short.bind(), found.streams["stream"].orbit) == []
-    text = next(text for text in found.warnings if "no prediction" in text)
+    preflight = run_preflight(short, draws=0)
+    assert preflight.streams["stream"].orbit.completed == 1
+    assert orbit_warnings(short, short.bind(), preflight.streams["stream"].orbit) == []
+    text = next(text for text in preflight.warnings if "no prediction" in text)
     assert "covers fewer than 2 apocentres" in text
     assert "covers 1 apocentre of" in text
     assert text.endswith("Raise progenitor.lookback.")
@@ -203,9 +203,9 @@ def test_a_longer_lookback_is_advised_by_the_orbit_whatever_the_observable(
     run["observable"] = {"kind": "stranger"}
     (tmp_path / "stranger.py").write_text(STRANGER)
     run["plugins"] = [str(tmp_path / "stranger.py")]
-    found = run_preflight(sk.load(run), draws=0)
-    assert (found.streams["stream"].orbit.completed < 2) == advised
-    text = next(text for text in found.warnings if "no prediction" in text)
+    preflight = run_preflight(sk.load(run), draws=0)
+    assert (preflight.streams["stream"].orbit.completed < 2) == advised
+    text = next(text for text in preflight.warnings if "no prediction" in text)
     assert text.startswith("There is no prediction at the prior's centre: something is missing.")
     assert text.endswith("Raise progenitor.lookback.") == advised
 
@@ -246,18 +246,18 @@ def test_rare_and_dear_streams_are_named() -> None:
 
 
 def test_the_cost_is_that_of_a_call_of_this_process() -> None:
-    found = run_preflight(paper(), draws=0)
-    assert 0 < found.cost.call < 5
-    assert found.cost.where == "the prior's centre"
-    assert found.prior_draws is None
+    preflight = run_preflight(paper(), draws=0)
+    assert 0 < preflight.cost.call < 5
+    assert preflight.cost.where == "the prior's centre"
+    assert preflight.prior_draws is None
 
 
 def test_a_run_file_without_data_says_that_it_cannot_be_fitted() -> None:
     run = copy.deepcopy(paper().document)
     for name in ("leading", "trailing", "precession"):
         del run["observable"][name]
-    found = run_preflight(sk.load(run), draws=0)
-    assert any("cannot be fitted: observable" in text for text in found.warnings)
+    preflight = run_preflight(sk.load(run), draws=0)
+    assert any("cannot be fitted: observable" in text for text in preflight.warnings)
 
 
 @pytest.mark.parametrize(
@@ -267,8 +267,8 @@ def test_a_run_file_without_data_says_that_it_cannot_be_fitted() -> None:
 def test_an_arm_that_ends_inside_the_fitted_window_is_named(first: float, last: float, text: str) -> None:
     details = {"trailing_angle": -np.arange(first, last + 1), "trailing_peak": np.array([-80.0, 100.0])}
     prediction = sk.Prediction(("trailing",), np.array([100.0]), np.array([1.0]), details=details)
-    found = Apocentres().remarks(prediction)
-    assert (text in found[0]) if text else found == ()
+    result = Apocentres().remarks(prediction)
+    assert (text in result[0]) if text else result == ()
 
 
 def test_how_far_the_bodies_go() -> None:
@@ -278,11 +278,11 @@ def test_how_far_the_bodies_go() -> None:
     clump = {"kind": "plummer", "mass": 1e6, "radius": 1.0, "friction": "none", "reflex": False}
     clump |= {"x": radius, "y": 0.0, "z": 0.0, "vx": 0.0, "vy": 0.0, "vz": speed}
     whole = document({"kind": "kepler", "mass": mass}, (20.0, 0.0, 0.0), (0.0, 100.0, 0.0)) | {"body": {"clump": clump}}
-    found = run_preflight(sk.load(whole), draws=0)
-    assert found.streams["stream"].orbit.bodies == {
+    preflight = run_preflight(sk.load(whole), draws=0)
+    assert preflight.streams["stream"].orbit.bodies == {
         "clump": (pytest.approx(radius, rel=1e-6), pytest.approx(radius, rel=1e-6))
     }
-    assert "body clump" in describe_preflight(sk.load(whole), found)
+    assert "body clump" in describe_preflight(sk.load(whole), preflight)
 
 
 def test_a_body_that_cannot_be_followed_further_ends_the_look_back_alone() -> None:
@@ -293,8 +293,8 @@ def test_a_body_that_cannot_be_followed_further_ends_the_look_back_alone() -> No
     infall |= {"x": far, "y": 0.0, "z": 0.0, "vx": math.sqrt(2 * sk.G * mass / far), "vy": 0.0, "vz": 0.0}
     whole = document({"kind": "kepler", "mass": mass}, (60.0, 0.0, 0.0), (0.0, 60.0, 0.0)) | {"body": {"in": infall}}
     whole["progenitor"]["lookback"] = 0.5
-    found = summarise_orbit(sk.load(whole).bind())
-    assert found.bodies["in"][1] == pytest.approx(far, rel=1e-9)
+    result = summarise_orbit(sk.load(whole).bind())
+    assert result.bodies["in"][1] == pytest.approx(far, rel=1e-9)
     whole["progenitor"]["lookback"] = 2.0
     with pytest.raises(sk.OutOfDomain, match="the body in passes too near the Galactic centre"):
         sk.Model(sk.load(whole)).stream()

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from astropy import units as u
 from astropy.table import QTable
-from commands import RUN, call, refused
+from commands import call, refused
+from runfiles import RUN
 from scipy.stats import norm
 
 import streamkit as sk

@@ -1,0 +1,198 @@
+"""The certificate: whether fresh calls at samples of the emulated posterior are what the emulator said, but for noise.
+
+A call of the model is noisy, so that true and emulated ln likelihood differ even where the emulator is perfect. All
+tests therefore compare with the noise: residuals of the predictions with the variances that belong to them, and ln
+likelihood with that of the residuals of *other* points put on the emulated predictions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import LinAlgError
+
+from streamkit import Array
+from streamkit.builtin.emulator.calls import Calls
+from streamkit.builtin.emulator.emulated import Emulated
+from streamkit.builtin.emulator.emulator import Predictions
+from streamkit.builtin.emulator.polynomial import regress
+
+# Largest mean square of a residual in units of its variance, over all data and of one of them.
+SIZE, ONE_SIZE = 1.5, 3.0
+# Standard deviations of a parameter that a trend of the residuals may move it.
+MOVED = 0.25
+# Fraction of trends by chance alone that must be smaller for one to count, and how many are tried.
+CHANCE, TRIES = 0.95, 40
+# Differences of ln likelihood from what the noise makes of it: standard errors, and nats, of the median; ratio of their
+# spreads.
+OFF, NATS, WIDER = 4.0, 0.7, 2.0
+# Fraction of points of the posterior that may have no prediction.
+EMPTY = 0.1
+# What the emulator's own error may change: the standard deviation of a parameter by this fraction.
+BLURRED = 0.1
+# Largest shape of the tail of the importance weights (Vehtari et al. 2024), tested where noise in ln L is below this.
+K_HAT, QUIET = 0.7, 1.0
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What fresh calls say of an emulator.
+
+    Attributes
+    ----------
+    calls
+        How many there were.
+    size, worst
+        Mean square of the residuals in units of their variance: of all data, and of the worst one.
+    trend
+        Standard deviations by which the trend of the residuals moves a parameter; NaN if it is chance.
+    offset, spread
+        Median and standard deviation of true minus emulated ln likelihood.
+    noise_offset, noise_spread
+        The same if only noise made it.
+    blur
+        Fraction of a standard deviation that the emulator's own error adds, at most.
+    empty
+        Fraction of the points without a prediction.
+    k_hat, effective
+        Shape of the tail of the importance weights, and the fraction of the samples that they leave; NaN where noise
+        decides them.
+    faults
+        Sentences: why the posterior must not be used; none if it is certified.
+    """
+
+    calls: int
+    size: float
+    worst: float
+    trend: float
+    offset: float
+    spread: float
+    noise_offset: float
+    noise_spread: float
+    blur: float
+    empty: float
+    k_hat: float
+    effective: float
+    faults: tuple[str, ...]
+
+
+def certify(emulated: Emulated, fresh: Calls, samples: Array, seed: list[int]) -> Certificate:
+    """Compare an emulator with fresh calls at samples of its posterior; samples (n, d) are more of these."""
+    rng = np.random.default_rng(seed)
+    empty = float(np.mean(~fresh.good))
+    tried, fresh = len(fresh), fresh.take(fresh.good)
+    faults = []
+    if empty > EMPTY:
+        faults.append(f"{100 * empty:.0f} % of its samples have no prediction")
+    if len(fresh) < 3 * samples.shape[1]:
+        faults.append("too few of its samples have a prediction to test it")
+        nan = float("nan")
+        return Certificate(tried, nan, nan, nan, nan, nan, nan, nan, nan, empty, nan, nan, tuple(faults))
+    problem, predicted = fresh.problem, emulated.emulator.predict(fresh.y)
+    used = np.isfinite(problem.values)
+    residual = (fresh.answers.mean - predicted.mean)[:, used]
+    variance = (predicted.fit_variance + np.maximum(predicted.noise, fresh.answers.variance))[:, used]
+    floor = (1e-3 * problem.errors[used]) ** 2
+    squares = np.minimum(residual**2 / (variance + floor), 100.0)
+    size, worst = float(squares.mean()), float(squares.mean(axis=0).max())
+    if size > SIZE or worst > ONE_SIZE:
+        faults.append(f"residuals of its predictions are {np.sqrt(max(size, worst / 2)):.1f} times what noise makes")
+    trend = _trend(emulated, fresh, residual / problem.errors[used], samples, rng)
+    if trend > MOVED:
+        faults.append(f"residuals have a trend that moves a parameter by {trend:.2f} standard deviations")
+    true, by_noise = _differences(emulated, fresh, predicted, rng)
+    offset, spread = float(np.median(true)), _spread(true)
+    noise_offset, noise_spread = float(np.median(by_noise)), _spread(by_noise)
+    error = 1.25 * np.hypot(spread, noise_spread) / np.sqrt(len(true))
+    if abs(offset - noise_offset) > OFF * error + NATS or spread > WIDER * noise_spread + NATS:
+        faults.append(
+            f"true minus emulated ln L is {offset:.1f} +- {spread:.1f}, where noise makes {noise_offset:.1f} +- "
+            f"{noise_spread:.1f}"
+        )
+    blur = _blur(emulated, samples)
+    if blur > BLURRED:
+        faults.append(f"its own error changes the width of a parameter by {100 * blur:.0f} %")
+    k_hat, effective = float("nan"), float("nan")
+    if noise_spread < QUIET:
+        k_hat, effective = _tail(true)
+        if k_hat > K_HAT:
+            faults.append(f"k-hat of the importance weights is {k_hat:.2f}, above {K_HAT}")
+    return Certificate(
+        tried, size, worst, trend, offset, spread, noise_offset, noise_spread, blur, empty, k_hat, effective,
+        tuple(faults),
+    )  # fmt: skip
+
+
+def _differences(
+    emulated: Emulated, fresh: Calls, predicted: Predictions, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """Return true minus emulated ln likelihood (n,), and the same with the residuals of other points (n,)."""
+    problem, answers = fresh.problem, fresh.answers
+    at = emulated.emulator.ln_likelihood(fresh.y, fresh.theta, emulated.noise)
+    stated = answers.variance * emulated.noise
+    true = problem.compare(fresh.theta, answers.mean, np.nan_to_num(stated), answers.details) - at
+    other = rng.permutation(len(fresh))
+    swapped = predicted.mean + (answers.mean - predicted.mean)[other]
+    noise = problem.compare(fresh.theta, swapped, np.nan_to_num(stated[other]), predicted.details) - at
+    return true, noise
+
+
+def _trend(emulated: Emulated, fresh: Calls, residual: Array, samples: Array, rng: np.random.Generator) -> float:
+    """Return how far a linear trend of residuals (n, m), in errors of the data, moves a parameter; NaN if chance."""
+    space, problem = emulated.space, fresh.problem
+    centre, scale = fresh.y.mean(axis=0), np.maximum(fresh.y.std(axis=0), 1e-300)
+    terms = np.concatenate([np.ones((len(fresh), 1)), (fresh.y - centre) / scale], axis=1)
+    some = samples[:: max(len(samples) // 1000, 1)]
+    predicted, theta = emulated.emulator.predict(some), space.back(some)
+    variance = predicted.fit_variance + predicted.noise * emulated.noise
+    base = problem.compare(theta, predicted.mean, variance, predicted.details)
+    there = np.concatenate([np.ones((len(some), 1)), np.clip((some - centre) / scale, -3.0, 3.0)], axis=1)
+    used = np.isfinite(problem.values)
+
+    def moved(rows: Array) -> float:
+        slope = regress(terms, rows, np.ones(len(rows)), 1e-6).coefficients
+        mean = predicted.mean.copy()
+        mean[:, used] += (there @ slope) * problem.errors[used]
+        change = problem.compare(theta, mean, variance, predicted.details) - base
+        return shift(some, change)
+
+    try:
+        measured = moved(residual)
+        by_chance = [moved(rng.permutation(residual)) for _ in range(TRIES)]
+    except LinAlgError:
+        return float("nan")
+    return measured if measured > np.quantile(by_chance, CHANCE) else float("nan")
+
+
+def shift(samples: Array, ln_weight: Array) -> float:
+    """Return how far weights move the mean of samples (n, d), in standard deviations, at most."""
+    weight = np.exp(np.clip(ln_weight - np.median(ln_weight), -20.0, 5.0))
+    weight /= weight.sum()
+    return float(np.max(np.abs(weight @ samples - samples.mean(axis=0)) / np.maximum(samples.std(axis=0), 1e-300)))
+
+
+def _blur(emulated: Emulated, samples: Array) -> float:
+    """Return the fraction by which the emulator's own error changes the width of a parameter, or moves it, at most."""
+    some = samples[:: max(len(samples) // 3000, 1)]
+    change = emulated.ln_likelihood(some, fit_error=False) - emulated.ln_likelihood(some)
+    weight = np.exp(np.clip(change - np.median(change), -20.0, 5.0))
+    weight /= weight.sum()
+    mean = weight @ some
+    width = np.sqrt(weight @ (some - mean) ** 2) / np.maximum(some.std(axis=0), 1e-300)
+    return float(max(np.max(np.abs(1 - width)), shift(some, change)))
+
+
+def _spread(values: Array) -> float:
+    """Return a standard deviation that leaves the wildest alone."""
+    low, high = np.quantile(values, [0.16, 0.84])
+    return float(0.5 * (high - low))
+
+
+def _tail(ln_weight: Array) -> tuple[float, float]:
+    """Return k-hat, and the fraction of the samples that the smoothed weights leave."""
+    from arviz_stats.base.array import array_stats  # a second or more to load
+
+    smoothed, k = array_stats.psislw(-ln_weight)  # type: ignore[no-untyped-call]  # which takes minus their logs
+    weight = np.exp(smoothed - smoothed.max())
+    return float(k), float(weight.sum() ** 2 / np.sum(weight**2) / len(weight))

@@ -1,0 +1,119 @@
+"""A Gaussian process as a basis: what a polynomial leaves over varies smoothly, on a length of its own per coordinate.
+
+The kernel is the squared exponential with a length for each coordinate, beside a linear function, the same for all
+data in units of their errors (Rasmussen & Williams 2006, chapters 2 and 5). It is represented by some of the points
+(their section 8.3.4, with the missing variance added as in 8.3.6), so that all points count and prediction stays cheap.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+from scipy.optimize import minimize
+
+from streamkit import Array, IntArray
+
+# Points that represent the process, those that its lengths are learned from, and steps of learning.
+INDUCING, LEARNED_FROM, STEPS = 600, 400, 25
+# Lengths in half standard deviations of the points that are expected before any are learned, and how surely in ln.
+EXPECTED, SURE = 4.0, 1.5
+# What is added to the diagonal of the kernel, so that it can be inverted.
+JITTER = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class Kernel:
+    """The terms of a Gaussian process, and the ridge penalties that make a regression on them one.
+
+    Attributes
+    ----------
+    places
+        (q, c) points that represent it.
+    lengths
+        (c,) of the squared exponential.
+    amplitude, noise
+        Variances of the process and of a point about it, squared errors of the data.
+    inverse
+        (q, q) makes terms of equal prior variance of the kernel at the places.
+    """
+
+    places: Array
+    lengths: Array
+    amplitude: float
+    noise: float
+    inverse: Array
+
+    @property
+    def penalty(self) -> Array:
+        """(terms,) Ridge penalties: none for the linear part, noise over amplitude for the process."""
+        linear = np.full(1 + len(self.lengths), 1e-9)
+        return np.concatenate([linear, np.full(len(self.places), self.noise / self.amplitude)])
+
+    def terms(self, x: Array) -> Array:
+        """(n, 1 + c + q) The terms at x (n, c)."""
+        process = squared_exponential(x, self.places, self.lengths) @ self.inverse
+        return np.concatenate([np.ones((len(x), 1)), x, process], axis=1)
+
+    def unseen(self, terms: Array) -> Array:
+        """(n,) Variance of the process that the places do not represent, from its terms (n, t)."""
+        seen = np.sum(terms[:, 1 + len(self.lengths) :] ** 2, axis=1)
+        return np.asarray(self.amplitude * np.maximum(1.0 - seen, 0.0))
+
+
+def squared_exponential(a: Array, b: Array, lengths: Array) -> Array:
+    """(n, q) exp(-r^2 / 2) between points a (n, c) and b (q, c), r in units of the lengths."""
+    a, b = a / lengths, b / lengths
+    r2 = np.sum(a**2, axis=1)[:, None] + np.sum(b**2, axis=1) - 2 * a @ b.T
+    return np.asarray(np.exp(-0.5 * np.maximum(r2, 0.0)))
+
+
+def learn_kernel(x: Array, target: Array, weight: Array, rng: np.random.Generator) -> Kernel:
+    """Learn lengths, amplitude and noise from targets (n, m), in errors of the data, at x (n, c) with weights (n,).
+
+    They maximise the marginal likelihood of what a linear fit leaves over at some of the points.
+    """
+    c = x.shape[1]
+    chosen = _some(weight, LEARNED_FROM, rng)
+    some, scale = x[chosen], 1 / np.maximum(weight[chosen], 1e-3)
+    line = np.concatenate([np.ones((len(some), 1)), some], axis=1)
+    root = np.sqrt(weight[chosen])[:, None]
+    left = target[chosen] - line @ np.linalg.lstsq(line * root, target[chosen] * root, rcond=None)[0]
+    typical = max(float(np.average(np.mean(left**2, axis=1), weights=weight[chosen])), 1e-12)
+    left = left / np.sqrt(typical)
+
+    def cost(p: Array) -> tuple[float, Array]:
+        """Minus ln marginal likelihood for each datum, with a broad prior on the lengths, and its gradient."""
+        lengths, amplitude, noise = np.exp(p[:c]), np.exp(p[c]), np.exp(p[c + 1])
+        process = amplitude * squared_exponential(some, some, lengths)
+        total = process.copy()
+        total[np.diag_indices_from(total)] += noise * scale + JITTER * amplitude
+        lower = cholesky(total, lower=True)
+        half = solve_triangular(lower, np.eye(len(lower)), lower=True)
+        inverse = half.T @ half
+        alpha = inverse @ left
+        away = (p[:c] - np.log(EXPECTED)) / SURE
+        value = 0.5 * np.sum(left * alpha) / left.shape[1] + np.log(np.diag(lower)).sum() + 0.5 * np.sum(away**2)
+        slope = 0.5 * (inverse - alpha @ alpha.T / left.shape[1])
+        shared = slope * process
+        sums, z = shared.sum(axis=1), some / lengths
+        by_length = 2 * (sums @ z**2 - np.sum(z * (shared @ z), axis=0)) + away / SURE
+        by_noise = noise * np.sum(np.diag(slope) * scale)
+        return float(value), np.concatenate([by_length, [shared.sum(), by_noise]])
+
+    begin = np.concatenate([np.full(c, np.log(EXPECTED)), [0.0, np.log(0.1)]])
+    bounds = [(np.log(0.3), np.log(100.0))] * c + [(-7.0, 6.0), (np.log(1e-7), 2.0)]
+    p = minimize(cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": STEPS}).x
+    places = x[_some(weight, INDUCING, rng)]
+    gram = squared_exponential(places, places, np.exp(p[:c]))
+    gram[np.diag_indices_from(gram)] += JITTER
+    lower = cholesky(gram, lower=True)
+    inverse = np.asarray(solve_triangular(lower, np.eye(len(lower)), lower=True).T)
+    return Kernel(places, np.exp(p[:c]), typical * float(np.exp(p[c])), typical * float(np.exp(p[c + 1])), inverse)
+
+
+def _some(weight: Array, most: int, rng: np.random.Generator) -> IntArray:
+    """(k,) Indices of all points, or of so many drawn by their weights (n,)."""
+    n = len(weight)
+    return np.arange(n) if n <= most else rng.choice(n, most, replace=False, p=weight / weight.sum())

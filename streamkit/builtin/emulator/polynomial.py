@@ -1,0 +1,103 @@
+"""Polynomials of several coordinates: their monomials, and weighted ridge regression with its error at new points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from itertools import combinations_with_replacement
+from typing import Any
+
+import numpy as np
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+
+from streamkit import Array, IntArray
+
+# Leverage of a point on its own fit, at most: a point beyond would decide its fit alone.
+HEAVIEST = 0.95
+
+
+@dataclass(frozen=True)
+class Regression:
+    """A weighted ridge regression of many targets on the same terms.
+
+    Attributes
+    ----------
+    coefficients
+        (terms, k).
+    root
+        (terms, terms): the squared length of ``terms @ root`` is the variance of the fit in units of the target's.
+    left
+        (n, k) what the fit leaves over at the points.
+    leverage
+        (n,) how much each point decides the fit there: ``left / (1 - leverage)`` is what a fit without it leaves over.
+    """
+
+    coefficients: Array
+    root: Array
+    left: Array
+    leverage: Array
+
+    @property
+    def out(self) -> Array:
+        """(n, k) The residual of every point about the fit without it."""
+        return np.asarray(self.left / (1 - self.leverage[:, None]))
+
+
+@dataclass(frozen=True)
+class Polynomial:
+    """The terms of a polynomial of this degree."""
+
+    degree: int
+
+    def terms(self, x: Array) -> Array:
+        """(n, terms) The monomials at x (n, c)."""
+        return monomials(x, self.degree)
+
+    def unseen(self, terms: Array) -> Array:
+        """(n,) Zero: a polynomial is all in its terms."""
+        return np.zeros(len(terms))
+
+
+def regress(terms: Array, target: Array, weight: Array, ridge: float | Array) -> Regression:
+    """Fit targets (n, k) by terms (n, t) with weights (n,).
+
+    The ridge penalty is in units of the mean diagonal of the normal equations, and the first term is not penalised; or
+    it is given for every term (t,). Raises LinAlgError where points do not span the terms.
+    """
+    weighted = terms * weight[:, None]
+    normal = weighted.T @ terms
+    if isinstance(ridge, float):
+        scale = ridge * np.trace(normal) / len(normal)
+        ridge = np.where(np.arange(len(normal)) > 0, scale, 1e-12 * scale)
+    normal[np.diag_indices_from(normal)] += ridge
+    lower = cholesky(normal, lower=True)
+    coefficients = np.asarray(cho_solve((lower, True), weighted.T @ target))
+    root = np.asarray(solve_triangular(lower, np.eye(len(lower)), lower=True).T)
+    leverage = np.minimum(weight * np.sum((terms @ root) ** 2, axis=1), HEAVIEST)
+    return Regression(coefficients, root, target - terms @ coefficients, leverage)
+
+
+def monomials(x: Array, degree: int) -> Array:
+    """(n, terms) All monomials of x (n, d) up to the degree, each made from one of a degree less."""
+    blocks = [np.ones((len(x), 1)), *([x] if degree > 0 else [])]
+    for k in range(2, degree + 1):
+        parent, factor = _recipe(x.shape[1], k)
+        blocks.append(blocks[-1][:, parent] * x[:, factor])
+    return np.concatenate(blocks, axis=1)
+
+
+@cache
+def _recipe(d: int, degree: int) -> tuple[IntArray, IntArray]:
+    """Return the monomials of a degree as (monomial of one degree less, one more coordinate)."""
+    lower: dict[Any, int] = {c: i for i, c in enumerate(combinations_with_replacement(range(d), degree - 1))}
+    all_of_it = list(combinations_with_replacement(range(d), degree))
+    return np.array([lower[c[:-1]] for c in all_of_it]), np.array([c[-1] for c in all_of_it])
+
+
+def count(d: int, degree: int) -> int:
+    """Return the number of monomials up to a degree."""
+    total = term = 1
+    for k in range(1, degree + 1):
+        term = term * (d + k - 1) // k
+        total += term
+    return total

@@ -1,0 +1,205 @@
+"""The rounds: calls at samples of the emulated posterior, until it has settled and fresh calls confirm it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from streamkit import Array
+from streamkit.builtin.emulator.calls import Calls
+from streamkit.builtin.emulator.certificate import Certificate, certify, shift
+from streamkit.builtin.emulator.coordinates import Space
+from streamkit.builtin.emulator.emulated import Emulated
+from streamkit.builtin.emulator.problem import Problem
+from streamkit.builtin.emulator.start import ARRIVED, Arrival, arrive, doubt_of, walkers_for
+
+# Inverse temperatures of the copies that new points come from, and the share of each. Tempered ones see regions where
+# the emulator may be too low.
+COPIES = ((1.0, 0.5), (0.5, 0.25), (0.25, 0.25))
+# New points of a round for each parameter, and in any case.
+ROUND, LEAST_ROUND = 8, 80
+# Calls of the full model where the starts have arrived, for each parameter and in any case.
+FIRST, LEAST_FIRST = 16, 160
+# Steps of the walks of a round, of which the first are not used.
+STEPS, SETTLING = 120, 40
+# Standard deviations that a parameter may move between an emulator and the one two rounds before.
+SETTLED = 0.1
+# Fresh calls of a certificate.
+FRESH = 128
+# Walkers and steps of the samples that are the answer, of which the first are not used.
+LAST_STEPS, LAST_SETTLING = 500, 100
+# Samples of the last round that the walkers of the answer begin from.
+POOL = 4000
+# Fraction of the samples that a start may have taken for impossible, and what that is in ln density below its best.
+MISSED, IMPOSSIBLE = 0.02, 12.0
+# Starts that must have seen all of the posterior, and how many are made for that at most.
+AGREEING, MOST_STARTS = 2, 4
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far the rounds are.
+
+    Attributes
+    ----------
+    calls
+        All calls with the full model.
+    cheap
+        How many were made with few particles.
+    emulated
+        The emulated posterior.
+    samples
+        (n, d) coordinates sampled from it.
+    moved
+        Standard deviations that a parameter has moved over two rounds.
+    certificate
+        What fresh calls say; None before the end.
+    missing
+        What is still asked for; empty if nothing is.
+    """
+
+    calls: Calls
+    cheap: int
+    emulated: Emulated
+    samples: Array
+    moved: float
+    certificate: Certificate | None
+    missing: str
+
+
+class Rounds:
+    """The sampling from its start to its certificate.
+
+    Parameters
+    ----------
+    problem, cheap
+        The posterior with all particles, and with few of them for the start.
+    noise
+        Whether the variance of one call is part of the likelihood.
+    starts
+        Independent ones: a mode that one of them has missed is found by another.
+    note
+        Called with a line about the progress.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        cheap: Problem,
+        noise: bool,
+        starts: int = AGREEING,
+        note: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self._problem, self._cheap, self._noise, self._note = problem, cheap, noise, note
+        self._space, self._rng = Space(problem), np.random.default_rng([problem.seed, 2])
+        self._arrivals = [self._start(i) for i in range(starts)]
+        self._agreeing = min(AGREEING, starts)
+        self._calls = self._evaluated(self._arrivals)
+        places = np.concatenate([each.places[-walkers_for(problem.size) :] for each in self._arrivals])
+        self._pools = {beta: places for beta, _ in COPIES}
+        self._before: list[Emulated] = []
+
+    def run(self, max_calls: int) -> Iterator[Progress]:
+        """Yield how far the sampling is after every round; the last is the result."""
+        turn = 0
+        while True:
+            emulator = self._calls.learn()
+            if emulator is None:  # too few of the points have a prediction
+                self._calls += self._evaluated(self._arrivals)
+                continue
+            emulated = Emulated(self._space, emulator, self._noise)
+            copies = [self._walk(emulated, beta, turn, i) for i, (beta, _) in enumerate(COPIES)]
+            samples = copies[0]
+            moved, doubt = _moved(self._before, emulated, samples), doubt_of(emulated, samples)
+            self._before = [*self._before[-1:], emulated]
+            self._note(f"{len(self._calls)} calls, moved {moved:.2f} sd, the emulator doubts {doubt:.1f} in ln L")
+            certificate, missing = None, _missing(moved, doubt)
+            if not missing:
+                certificate = self._certify(emulated, samples, turn)
+                missing = "; ".join(certificate.faults) or self._unseen(samples)
+                self._note(missing or "certified")
+            over = len(self._calls) >= max_calls or self._problem.time_left() <= 0
+            if not missing or over:
+                samples = self._last(emulated, samples, turn)
+            cheap = sum(len(arrival.calls) for arrival in self._arrivals)
+            yield Progress(self._calls, cheap, emulated, samples, moved, certificate, missing)
+            if not missing or over:
+                return
+            new = [self._some(places, share) for places, (_, share) in zip(copies, COPIES, strict=True)]
+            self._calls += Calls.at(self._problem, self._space, np.concatenate(new))
+            turn += 1
+
+    def _start(self, number: int) -> Arrival:
+        return arrive(self._cheap, self._space, [self._problem.seed, 1, number], self._note)
+
+    def _evaluated(self, arrivals: list[Arrival]) -> Calls:
+        """Call the full model where starts have arrived."""
+        size = max(FIRST * self._problem.size, LEAST_FIRST) // len(arrivals)
+        places = [self._rng.permutation(each.places)[:size] for each in arrivals]
+        return Calls.at(self._problem, self._space, np.concatenate(places))
+
+    def _walk(self, emulated: Emulated, beta: float, turn: int, copy: int) -> Array:
+        """(n, d) Sample the emulated posterior at an inverse temperature."""
+        d, seed = self._problem.size, [self._problem.seed, 3, turn, copy]
+        pool = np.concatenate([self._calls.y[self._calls.good], self._pools[beta]])
+        chain = emulated.sample(pool, walkers_for(d), STEPS, seed, beta)
+        self._pools[beta] = chain[-1]
+        return chain[SETTLING:].reshape(-1, d)
+
+    def _last(self, emulated: Emulated, samples: Array, turn: int) -> Array:
+        """(n, d) Sample the emulated posterior for long."""
+        d, seed = self._problem.size, [self._problem.seed, 5, turn]
+        chain = emulated.sample(samples[-POOL:], 2 * walkers_for(d), LAST_STEPS, seed)
+        return chain[LAST_SETTLING:].reshape(-1, d)
+
+    def _some(self, places: Array, share: float) -> Array:
+        """Choose the share of a round's new points."""
+        size = int(share * max(ROUND * self._problem.size, LEAST_ROUND))
+        return places[self._rng.choice(len(places), size, replace=False)]
+
+    def _certify(self, emulated: Emulated, samples: Array, turn: int) -> Certificate:
+        """Compare the emulator with fresh calls, and keep these."""
+        chosen = samples[self._rng.choice(len(samples), FRESH, replace=False)]
+        fresh = Calls.at(self._problem, self._space, chosen)
+        self._calls += fresh
+        return certify(emulated, fresh, samples, [self._problem.seed, 4, turn])
+
+    def _unseen(self, samples: Array) -> str:
+        """Say whether too few starts saw all of the posterior, and make another one then; empty if enough did."""
+        seen, made = sum(_covers(each, samples) for each in self._arrivals), len(self._arrivals)
+        if seen >= self._agreeing:
+            return ""
+        if made < MOST_STARTS:
+            self._note(f"{seen} of {made} starts saw all of the posterior: another one")
+            self._arrivals.append(self._start(made))
+            self._calls += self._evaluated(self._arrivals[-1:])
+            self._before = []
+        return f"only {seen} of {made} starts saw all of the posterior: there may be modes that none of them saw"
+
+
+def _moved(before: list[Emulated], now: Emulated, samples: Array) -> float:
+    """Return the standard deviations that a parameter has moved over the last two rounds; infinite before."""
+    if len(before) < 2:
+        return np.inf
+    some = samples[:: max(len(samples) // 2000, 1)]
+    here = now.ln_density(some)
+    return max(shift(some, each.ln_density(some) - here) for each in before)
+
+
+def _covers(arrival: Arrival, samples: Array) -> bool:
+    """Say whether a start had taken none of the posterior for impossible."""
+    some = samples[:: max(len(samples) // 2000, 1)]
+    best = np.quantile(arrival.emulated.ln_density(arrival.places), 0.9)
+    lost = arrival.emulated.ln_density(some) < best - IMPOSSIBLE - samples.shape[1]
+    return bool(np.mean(lost) <= MISSED)
+
+
+def _missing(moved: float, doubt: float) -> str:
+    """Say what is missing before fresh calls may test an emulator."""
+    if doubt >= ARRIVED:
+        return f"the emulator's own error still changes ln L by {doubt:.1f}"
+    if moved < SETTLED:
+        return ""
+    return f"the posterior still moves by {moved:.2f} standard deviations" if np.isfinite(moved) else "too few rounds"

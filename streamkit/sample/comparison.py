@@ -1,0 +1,166 @@
+"""The comparison of many predictions with the data at once: the observables' own likelihoods, exactly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+
+from streamkit.components import Measurement
+from streamkit.model import Model, Observation
+from streamkit.observe import parts_of, read_data
+from streamkit.stream import Array, BoolArray, Data, Prediction
+
+
+@dataclass(frozen=True)
+class Part:
+    """One observable, or data of the host, among all.
+
+    Attributes
+    ----------
+    measurement
+        At the centre of the priors.
+    place
+        Where predictions have it: the stream and the observable, or "" and the name of the host's data.
+    data
+        What it is compared with.
+    rows
+        Where its data are among all.
+    reads
+        The details that its likelihood reads.
+    free
+        The parameters that are fields of it, by field.
+    """
+
+    measurement: Measurement
+    place: tuple[str, str]
+    data: Data
+    rows: slice
+    reads: tuple[str, ...]
+    free: dict[str, int]
+
+    def of(self, observation: Observation) -> Prediction:
+        """Return what an observation says of it."""
+        stream, name = self.place
+        if not stream:
+            return observation.predictions[f"data.{name}"]
+        return parts_of(observation.predictions[stream])[name]
+
+
+class Comparison:
+    """The ln likelihood of predictions that are given, at many points at once.
+
+    Parameters
+    ----------
+    model
+        Whose observables are meant, and their data.
+
+    Attributes
+    ----------
+    undeclared
+        The measurements that cannot be compared at many points: those with a likelihood of their own that do not
+        declare what it reads, and those whose data depend on a parameter.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self._spec = spec = model.spec
+        self._parts: list[Part] = []
+        self._shapes: list[tuple[int, ...]] = []
+        self.undeclared: list[str] = []
+        self._likelihood_only = np.zeros(len(spec.names), dtype=bool)
+        bound, sections = spec.bind_all(), spec.sections
+        for name, inputs in bound.streams.items():
+            data = model.data(inputs)
+            for key, observable in sections.streams[name].observables.items():
+                self._add(observable, (name, key), data[key])
+        for name, host_data in sections.data.items():
+            self._add(host_data, ("", name), model.data_of("data", name, bound.data[name]))
+
+    def _add(self, section: Any, place: tuple[str, str], data: Data) -> None:
+        """Add one measurement behind those before it."""
+        measurement = section.centre
+        own = type(measurement).ln_likelihood is not Measurement.ln_likelihood
+        if (own and measurement.likelihood_details is None) or self._is_bent(section):
+            self.undeclared.append(f"{measurement.role} {measurement.kind}")
+        reads = tuple(measurement.likelihood_details or ()) if own else ()
+        index = {name: i for i, name in enumerate(self._spec.names)}
+        free = {field: index[f"{section.path}.{field}"] for field in section.priors}
+        for field in set(measurement.likelihood_fields()) & free.keys():
+            self._likelihood_only[free[field]] = True
+        start = self._parts[-1].rows.stop if self._parts else 0
+        rows = slice(start, start + len(data.values))
+        self._parts.append(Part(measurement, place, data, rows, reads, free))
+
+    def _is_bent(self, section: Any) -> bool:
+        """Say whether the data of a measurement depend on a parameter, or numbers in a list of its fields are free."""
+        if not section.priors:
+            return False
+        if any("." in field for field in section.priors):
+            return True
+        names, priors = self._spec.names, self._spec.priors
+        low, high = (
+            read_data(section.build({n: float(p.ppf(np.array(u))) for n, p in zip(names, priors, strict=True)}))
+            for u in (0.25, 0.75)
+        )
+        same = [np.array_equal(getattr(low, n), getattr(high, n), equal_nan=True) for n in ("values", "errors")]
+        if low.covariance is not None and high.covariance is not None:
+            same.append(np.array_equal(low.covariance, high.covariance, equal_nan=True))
+        return not all(same)
+
+    @property
+    def coordinates(self) -> BoolArray:
+        """(d,) Whether predictions depend on a parameter: the others enter the likelihood alone."""
+        return ~self._likelihood_only
+
+    def details(self, observation: Observation) -> Array:
+        """(k,) Return the details that the likelihoods read. The first observation decides their shapes."""
+        arrays = [np.asarray(part.of(observation).details[name]) for part in self._parts for name in part.reads]
+        self._shapes = self._shapes or [array.shape for array in arrays]
+        return np.concatenate([np.empty(0), *(array.ravel() for array in arrays)])
+
+    def ln_likelihood(self, points: Array, mean: Array, variance: Array, details: Array) -> Array:
+        """(n,) Return ln likelihood at points (n, d) for predictions (n, m), their variances and details (n, k).
+
+        The variances are added to those of the data, whatever the run file says of the model's own noise.
+        """
+        total, start, shapes = np.zeros(len(points)), 0, iter(self._shapes)
+        for part in self._parts:
+            arrays = {}
+            for name in part.reads:
+                shape = next(shapes)
+                stop = start + int(np.prod(shape))
+                arrays[name], start = details[:, start:stop].reshape(len(points), *shape), stop
+            names = tuple(str(i) for i in range(len(part.data.values)))
+            prediction = Prediction(names, mean[:, part.rows], variance[:, part.rows], details=arrays)
+            total += _compare(part, points, prediction)
+        return total
+
+
+def _compare(part: Part, points: Array, prediction: Prediction) -> Array:
+    """(n,) Return the ln likelihood of one measurement."""
+    measurement = part.measurement
+    if part.free:
+        measurement = measurement.model_copy(update={name: points[:, [i]] for name, i in part.free.items()})
+    own = measurement.ln_likelihood(prediction, True)
+    return gaussians(prediction.mean, prediction.variance, part.data) if own is None else np.asarray(own)
+
+
+def gaussians(mean: Array, variance: Array, data: Data) -> Array:
+    """(n,) Return the ln likelihood of Gaussian errors for predictions (n, m), their variances (n, m) added."""
+    used = np.isfinite(data.values)
+    away, noise = data.values[used] - mean[:, used], variance[:, used]
+    if data.covariance is None:
+        total = data.errors[used] ** 2 + noise
+        return np.asarray(-0.5 * np.sum(away**2 / total + np.log(2 * np.pi * total), axis=1))
+    covariance = data.covariance[np.ix_(used, used)]
+    if not noise.any():
+        root = cholesky(covariance, lower=True)
+        white = solve_triangular(root, away.T, lower=True)
+        spread = np.log(np.diag(root)).sum()
+        return np.asarray(-0.5 * (white**2).sum(axis=0) - spread - 0.5 * len(root) * np.log(2 * np.pi))
+    roots = np.linalg.cholesky(covariance + noise[:, :, None] * np.eye(used.sum()))
+    white = np.linalg.solve(roots, away[:, :, None])[:, :, 0]
+    spread = np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
+    return np.asarray(-0.5 * (white**2).sum(axis=1) - spread - 0.5 * used.sum() * np.log(2 * np.pi))

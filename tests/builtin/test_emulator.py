@@ -1,0 +1,174 @@
+"""The emulator: its regression and its own error, whole posteriors from few calls, and what its certificate refuses."""
+
+from collections import deque
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from emulated import OfToy
+from posteriors import Curved, Edges, TwoModes
+
+from streamkit.builtin.emulator import learn as learning
+from streamkit.builtin.emulator.calls import Calls
+from streamkit.builtin.emulator.certificate import certify
+from streamkit.builtin.emulator.coordinates import Space
+from streamkit.builtin.emulator.emulated import Emulated
+from streamkit.builtin.emulator.kernel import learn_kernel
+from streamkit.builtin.emulator.of_target import LikelihoodOnly
+from streamkit.builtin.emulator.polynomial import count, monomials, regress
+from streamkit.builtin.emulator.rounds import Rounds
+
+
+def test_what_is_left_over_without_a_point_is_that_of_a_fit_without_it():
+    rng = np.random.default_rng(1)
+    x, target, weight = rng.normal(size=(40, 2)), rng.normal(size=(40, 3)), rng.random(40) + 0.1
+    terms = monomials(x, 2)
+    penalty = np.full(count(2, 2), 0.3)
+    fit = regress(terms, target, weight, penalty)
+    for i in (0, 7, 39):
+        others = np.arange(40) != i
+        alone = regress(terms[others], target[others], weight[others], penalty)
+        np.testing.assert_allclose(fit.out[i], target[i] - terms[i] @ alone.coefficients, rtol=1e-9)
+
+
+def test_the_leverage_is_the_variance_of_the_fit():
+    """Repeated noise on the same points: the scatter of the fitted values, against the closed form."""
+    rng = np.random.default_rng(2)
+    x, place = rng.normal(size=(30, 2)), rng.normal(size=(1, 2))
+    terms, there = monomials(x, 2), monomials(place, 2)
+    fit = regress(terms, rng.normal(size=(30, 20000)), np.ones(30), 1e-12)
+    expected = np.sum((there @ fit.root) ** 2)
+    assert np.var(there @ fit.coefficients) == pytest.approx(expected, rel=0.05)
+
+
+def test_a_process_follows_what_no_cubic_does_and_knows_its_error():
+    rng = np.random.default_rng(3)
+
+    def truth(x):
+        return np.stack([np.sin(2 * x[:, 0]) * np.cos(x[:, 1]), np.tanh(3 * x[:, 0])], axis=1)
+
+    x, new = rng.uniform(-2, 2, size=(250, 2)), rng.uniform(-1.8, 1.8, size=(200, 2))
+    target, weight = truth(x) + 0.02 * rng.normal(size=(250, 2)), np.ones(250)
+    cubic = regress(monomials(x, 3), target, weight, 1e-8)
+    kernel = learn_kernel(x, target, weight, rng)
+    fit = regress(kernel.terms(x), target, weight, kernel.penalty)
+    terms = kernel.terms(new)
+    off = truth(new) - terms @ fit.coefficients
+    off_cubic = truth(new) - monomials(new, 3) @ cubic.coefficients
+    assert np.sqrt(np.mean(off**2)) < 0.03 < 0.1 < np.sqrt(np.mean(off_cubic**2))
+    fit_variance2 = kernel.noise * np.sum((terms @ fit.root) ** 2, axis=1) + kernel.unseen(terms)
+    assert 0.4 < np.sqrt(np.mean(off**2 / fit_variance2[:, None])) < 2.0
+    far = kernel.terms(np.array([[30.0, 30.0]]))
+    assert kernel.unseen(far)[0] == pytest.approx(kernel.amplitude)  # beyond the points it knows nothing
+
+
+def called(problem, count, seed=1):
+    space = Space(problem)
+    u = np.random.default_rng(seed).random((count, problem.size))
+    return Calls.at(problem, space, space.to(problem.from_unit(u)))
+
+
+def test_noise_averages_out():
+    """Predictions from calls with a noise of one error are right to a third of one, and the emulator says so."""
+    problem = OfToy(Curved(), noise=1.0)
+    emulator = called(problem, 600).learn()
+    y = np.random.default_rng(9).normal(scale=0.8, size=(300, 3))
+    found, true = emulator.predict(y), problem.toy.mean(y.T).T
+    off = (found.mean - true) / problem.errors
+    assert np.sqrt(np.mean(off**2)) < 0.33
+    assert 0.5 < np.sqrt(np.mean((found.mean - true) ** 2 / found.fit_variance)) < 2.0
+    np.testing.assert_allclose(found.noise, np.broadcast_to(problem.errors**2, found.noise.shape), rtol=1e-6)
+
+
+def as_it_is(problem):
+    return problem
+
+
+def sampled(toy, noise=0.0, seed=1, cheap=None, max_calls=2500, problem=as_it_is):
+    rounds = Rounds(problem(OfToy(toy, seed, noise)), problem(cheap or OfToy(toy, seed + 50, noise)), noise=False)
+    (last,) = deque(rounds.run(max_calls), maxlen=1)
+    return last
+
+
+@pytest.mark.parametrize(
+    ("toy", "noise"),
+    [
+        (Curved, 1.0),
+        pytest.param(Curved, 0.0, marks=pytest.mark.slow),
+        pytest.param(TwoModes, 1.0, marks=pytest.mark.slow),
+        pytest.param(Edges, 0.0, marks=pytest.mark.slow),
+    ],
+)
+def test_posteriors_are_right_after_some_hundred_calls(toy, noise):
+    """Also where a single call has the noise of a datum: true and emulated ln L then differ by 1.4 and 2.1, and may."""
+    last = sampled(toy(), noise)
+    mean, sd = toy().moments
+    assert last.missing == ""
+    assert last.certificate.faults == ()
+    assert len(last.calls) + last.cheap < 1800
+    np.testing.assert_allclose((last.samples.mean(axis=0) - mean) / sd, 0.0, atol=0.15)
+    np.testing.assert_allclose(last.samples.std(axis=0) / sd, 1.0, atol=0.12)
+
+
+def test_an_emulator_that_is_too_simple_is_refused(monkeypatch):
+    """A linear one of a curved posterior, which believes itself exact."""
+    monkeypatch.setattr(learning, "DEGREES", (1,))
+    monkeypatch.setattr(learning, "WORTH", np.inf)
+    problem = OfToy(Curved())
+    calls = called(problem, 400)
+    emulator = calls.learn()
+    simple = Emulated(Space(problem), replace(emulator, lack2=np.zeros(2), spread2=np.zeros(2)), noise=False)
+    samples = simple.sample(calls.y, 128, 100, [1])[50:].reshape(-1, 3)
+    fresh = Calls.at(problem, simple.space, samples[:: len(samples) // 128][:128])
+    assert any("times what noise makes" in fault for fault in certify(simple, fresh, samples, [2]).faults)
+    honest = Emulated(Space(problem), emulator, noise=False)
+    samples = honest.sample(calls.y, 128, 100, [1])[50:].reshape(-1, 3)
+    fresh = Calls.at(problem, honest.space, samples[:: len(samples) // 128][:128])
+    assert any("its own error" in fault for fault in certify(honest, fresh, samples, [2]).faults)
+
+
+class Blind(OfToy):
+    """It sees nothing at negative p0 in some of its starts: a start draws from the prior once."""
+
+    def __init__(self, toy, blind):
+        super().__init__(toy, seed=60)
+        self.blind, self.start = blind, -1
+
+    def from_unit(self, u):
+        self.start += np.ndim(u) == 2
+        return super().from_unit(u)
+
+    def evaluate(self, points):
+        found = super().evaluate(points)
+        gone = (points[:, 0] < 0) & (self.start in self.blind)
+        return found._replace(
+            mean=np.where(gone[:, None], np.nan, found.mean),
+            ln_likelihood=np.where(gone, -np.inf, found.ln_likelihood),
+        )
+
+
+@pytest.mark.slow
+def test_a_mode_that_a_start_has_missed_is_found_by_another():
+    last = sampled(TwoModes(), cheap=Blind(TwoModes(), blind={0}))
+    mean, sd = TwoModes().moments
+    assert last.missing == ""
+    np.testing.assert_allclose((last.samples.mean(axis=0) - mean) / sd, 0.0, atol=0.15)
+
+
+def test_modes_that_only_one_start_has_seen_are_not_certified():
+    last = sampled(TwoModes(), cheap=Blind(TwoModes(), blind={0, 2, 3}), max_calls=900)
+    assert "only 1 of" in last.missing
+
+
+def test_the_same_seed_gives_the_same_samples():
+    first, again = (sampled(Curved(), noise=0.5, max_calls=300) for _ in range(2))
+    np.testing.assert_array_equal(first.samples, again.samples)
+
+
+@pytest.mark.parametrize("noise", [0.0, pytest.param(0.7, marks=pytest.mark.slow)])
+def test_a_likelihood_that_cannot_be_called_is_learned_as_a_whole(noise):
+    last = sampled(Curved(), noise, problem=LikelihoodOnly)
+    mean, sd = Curved().moments
+    assert last.missing == ""
+    np.testing.assert_allclose((last.samples.mean(axis=0) - mean) / sd, 0.0, atol=0.15)
+    np.testing.assert_allclose(last.samples.std(axis=0) / sd, 1.0, atol=0.12)

@@ -1,0 +1,31 @@
+"""The sampler `emulator` in a run: certified, resumed without a call, and the same for any number of workers."""
+
+import numpy as np
+import pytest
+from toys import FIT
+
+import streamkit as sk
+
+EMULATED = FIT | {"sampler": {"kind": "emulator", "start_particles": 300, "max_calls": 600}}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    out = tmp_path_factory.mktemp("run") / "out"
+    return out, sk.run(EMULATED, out=out, progress=False, products=False)
+
+
+def test_it_is_certified(run):
+    assert "rule of emulator is met" in run[1].note()
+
+
+def test_a_finished_run_is_resumed_without_a_call(run):
+    out, first = run
+    again = sk.run(EMULATED, out=out, progress=False, products=False, resume=True)
+    assert again.calls == first.calls
+    np.testing.assert_array_equal(again.samples, first.samples)
+
+
+def test_two_workers_find_the_same_samples(run, tmp_path):
+    other = sk.run(EMULATED, out=tmp_path / "out", progress=False, products=False, workers=2)
+    np.testing.assert_array_equal(other.samples, run[1].samples)

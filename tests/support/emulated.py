@@ -1,0 +1,104 @@
+"""What the emulator samples, of a posterior in this process: the real one of a run file, or a toy."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from streamkit.builtin.emulator.problem import Answers
+from streamkit.errors import OutOfDomain
+from streamkit.model import Model
+from streamkit.sample import Posterior
+from streamkit.sample.comparison import Comparison, gaussians
+
+
+def ln_densities(priors, points):
+    """(n,) ln density of independent priors at points (n, d)."""
+    return sum(prior.lnpdf_of_many(x) for prior, x in zip(priors, points.T, strict=True))
+
+
+class Problem:
+    """Common to all."""
+
+    def __init__(self, priors, seed):
+        self.priors, self.seed, self.size = priors, seed, len(priors)
+        self.calls = 0
+
+    def from_unit(self, u):
+        return np.stack([prior.ppf(u[..., i]) for i, prior in enumerate(self.priors)], axis=-1)
+
+    def ln_prior(self, points):
+        return ln_densities(self.priors, points)
+
+    def time_left(self):
+        return np.inf
+
+    def expect(self, calls):
+        pass
+
+
+class OfRun(Problem):
+    """That of a run file."""
+
+    def __init__(self, spec, seed=1, fresh=True):
+        self.posterior = Posterior(spec)
+        self.posterior.model = Model(self.posterior.spec, fresh=fresh)
+        super().__init__(self.posterior.spec.priors, seed)
+        self.comparison = Comparison(self.posterior.model)
+        self.coordinates = self.comparison.coordinates
+        self.values, self.errors = self.posterior.data.values, self.posterior.data.errors
+        self.add_noise = self.posterior.data.add_noise
+
+    def evaluate(self, points):
+        mean, variance = (np.full((len(points), self.posterior.size), np.nan) for _ in range(2))
+        details = {}
+        lnl = np.full(len(points), -np.inf)
+        self.calls += len(points)
+        for i, theta in enumerate(points):
+            try:
+                bound = self.posterior.spec.bind_all(theta)
+                found = self.posterior.model.observe_all(bound)
+            except OutOfDomain:
+                continue
+            prediction = found.prediction
+            if prediction.why_not:
+                continue
+            mean[i], variance[i] = prediction.mean, prediction.variance
+            details[i] = self.comparison.details(found)
+        k = max((len(each) for each in details.values()), default=0)
+        filled = np.array([details.get(i, np.full(k, np.nan)) for i in range(len(points))]).reshape(len(points), k)
+        good = np.array([i in details for i in range(len(points))])
+        if good.any():
+            lnl[good] = self.compare(points[good], mean[good], variance[good] * self.add_noise, filled[good])
+        return Answers(mean, variance, filled, lnl)
+
+    def compare(self, points, mean, variance, details):
+        return self.comparison.ln_likelihood(points, mean, variance, details)
+
+
+class OfToy(Problem):
+    """That of a toy, with noise added to its predictions: so much in ln L."""
+
+    def __init__(self, toy, seed=1, noise=0.0, stated=True):
+        super().__init__(toy.priors, seed)
+        self.toy, self.data = toy, toy.data
+        self.values, self.errors = toy.data.values, toy.data.errors
+        self.coordinates = np.ones(self.size, dtype=bool)
+        self.add_noise = False
+        self.noise, self.stated = noise, stated
+
+    def evaluate(self, points):
+        self.calls += len(points)
+        m = len(self.values)
+        mean, lnl = np.full((len(points), m), np.nan), np.full(len(points), -np.inf)
+        for i, theta in enumerate(points):
+            found = self.toy.evaluate(theta)
+            if np.isfinite(found.lnp):
+                rng = np.random.default_rng([self.seed, *theta.view(np.uint32).tolist()])
+                mean[i] = found.mean + self.noise * self.errors * rng.standard_normal(m)
+        good = np.isfinite(mean).all(axis=1)
+        variance = np.broadcast_to((self.noise * self.errors) ** 2 * self.stated, mean.shape)
+        lnl[good] = self.compare(points[good], mean[good], 0 * mean[good], None)
+        return Answers(mean, variance.copy(), np.empty((len(points), 0)), lnl)
+
+    def compare(self, points, mean, variance, details):
+        return gaussians(mean, variance, self.data)
