@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from toys import FIT
+from runfiles import FIT
 
 import streamkit as sk
 from streamkit.report import decimals, describe_measured
