@@ -6,6 +6,8 @@ emcee or astropy.
 
 import lazy_loader
 
-__version__ = "0.1.0"
+from streamkit.distribution import VERSION
+
+__version__ = VERSION
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -8,8 +8,8 @@ import numpy as np
 from pydantic import Field
 
 from streamkit import Array, G, Length, Mass, Number, Potential, Symbol, cubic, cubic_pieces, log, sqrt
+from streamkit.builtin.halos import CENTRE
 
-TINY = 1e-30  # kpc^2, added to squared radii: a force at the very centre is zero and not 0/0
 CELLS = 2048  # of the table of King's mass, even in the radius
 SERIES = 0.02  # r / rs below which the mass of a truncated NFW is a series: its terms cancel there
 
@@ -40,7 +40,7 @@ class TruncatedNFW(Potential):
         c2 = c * c
         k = c2 + 1.0
         whole = (c2 - 1.0) * log(c) + np.pi * c - k
-        r2 = x * x + y * y + z * z + TINY
+        r2 = x * x + y * y + z * z + CENTRE
         s = sqrt(r2) / rs
         formula = (c2 - 1.0) * (log(1.0 + s) - 0.5 * log(1.0 + s * s / c2))
         formula = formula + 2.0 * c * np.arctan(s / c) - k * s / (1.0 + s)
@@ -97,7 +97,7 @@ class King(Potential):
     @staticmethod
     def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any, pieces: Any, edge: Any) -> Any:
         """Return -G M(r) / r^2 along the radius: that of a point mass beyond the edge."""
-        r2 = x * x + y * y + z * z + TINY
+        r2 = x * x + y * y + z * z + CENTRE
         r = sqrt(r2)
         outside = 1.0 * (r >= edge)
         k = -(1.0 - outside) * cubic(r, (0.0, edge), pieces) - outside * G * mass / (r2 * r)

@@ -19,6 +19,7 @@ import click
 from streamkit import components
 from streamkit.cli.options import INTERRUPTED, INVALID
 from streamkit.cli.process import keep_streams, leave
+from streamkit.distribution import foreign_files
 from streamkit.errors import PluginError, StreamkitError, message_of, nearest, printable
 
 GROUP = "streamkit.commands"
@@ -97,6 +98,12 @@ class Commands(click.Group):
             status = _failed(f"{where}cannot be read or written: {error.strerror or error}", INVALID)
         except click.Abort:
             status = _failed("interrupted", INTERRUPTED)
+        except (ImportError, AttributeError):
+            if not foreign_files():
+                raise
+            status = INVALID  # a module of this package is another project's: the sentence below says so
+        if sentence := foreign_files():
+            _failed(sentence, INVALID)
         status = status if isinstance(status, int) else 0
         if alone:
             leave(status)

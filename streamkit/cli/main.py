@@ -21,10 +21,11 @@ from streamkit.cli.schema import schema
 from streamkit.cli.sensitivity import sensitivity
 from streamkit.cli.status import status
 from streamkit.cli.stream import stream
+from streamkit.distribution import VERSION
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
-@click.version_option(package_name="streamkit", message="streamkit %(version)s")
+@click.version_option(VERSION, message="streamkit %(version)s")
 def main() -> None:
     """Weigh a galaxy with a tidal stream.
 

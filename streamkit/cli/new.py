@@ -12,6 +12,7 @@ import click
 
 import streamkit
 from streamkit import components
+from streamkit.distribution import NAME
 from streamkit.errors import StreamkitError
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -66,6 +67,7 @@ def package_files(role: str, name: str) -> dict[str, str]:
     package = f"streamkit-{name.replace('_', '-')}"
     words = {"role": role, "kind": name, "name": called, "package": package, "module": package.replace("-", "_")}
     words["section"] = section_of(role, name)
+    words["distribution"] = NAME
     files = {
         "pyproject.toml": "pyproject.toml.txt",
         f"{words['module']}.py": f"{role}.py.txt",

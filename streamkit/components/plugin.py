@@ -12,7 +12,7 @@ import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import Distribution, EntryPoint, PackageNotFoundError, distribution, version
+from importlib.metadata import Distribution, EntryPoint, PackageNotFoundError, entry_points, version
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -25,6 +25,7 @@ from streamkit.components.bases import Component, HostData, Integrator, Observab
 from streamkit.components.potential import Potential
 from streamkit.components.preset import Preset
 from streamkit.components.sampler import Sampler
+from streamkit.distribution import NAME, PACKAGE, VERSION
 from streamkit.errors import PluginError, SpecError, expect_file, message_of
 
 PACKAGE_PREFIX = "streamkit."
@@ -85,7 +86,13 @@ def load_file(path: Path) -> Plugin:
 
 
 def supplier_of(point: EntryPoint) -> str:
-    """Return distribution and version, which need no import."""
+    """Return distribution and version, which need no import.
+
+    The supplier of built-in components is called by the name of the package: the digest of a run has the supplier, and
+    must not change with the name on an index.
+    """
+    if is_ours(point):
+        return f"{PACKAGE} {VERSION}"
     return f"{point.dist.name} {point.dist.version}" if point.dist else point.value
 
 
@@ -135,7 +142,8 @@ def _wraps(dist: Distribution) -> list[str]:
 
 @cache
 def _required_by_streamkit() -> set[str]:
-    return {"streamkit"} | _requires(distribution("streamkit"))
+    ours = [point.dist for point in entry_points(group=PACKAGE) if is_ours(point)]
+    return {PACKAGE, NAME}.union(*(_requires(dist) for dist in ours if dist))
 
 
 def _requires(dist: Distribution) -> set[str]:

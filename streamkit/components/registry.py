@@ -154,13 +154,13 @@ def _usable(points: Iterable[EntryPoint]) -> tuple[tuple[EntryPoint, ...], tuple
         suppliers = [supplier_of(point) for point in group]
         if is_foreign and name in off:
             broken += [f"{supplier}, entry point {name!r} (switched off by {DISABLE})" for supplier in suppliers]
-        elif len(group) > 1:
+        elif is_foreign and len(group) > 1:
             broken.append(
                 f"two distributions use the entry-point name {name!r}: {' and '.join(suppliers)}. "
                 f"None of them is loaded: uninstall all but one, or switch them off with {DISABLE}."
             )
         else:
-            usable += group
+            usable.append(group[0])  # an older install under another name lists the built-in components again
     return tuple(usable), tuple(broken)
 
 

@@ -210,7 +210,7 @@ class Host:
     def tidal_bracket(self, orbit: Orbit) -> Array:
         """(n,) ``Omega^2 - d^2 Phi / dr^2`` along an orbit; NaN where it is not positive, and no tidal radius exists.
 
-        Omega = |L| / r^2 is instantaneous (Gibbons+ 2014, eq. 1).
+        Omega = ``|L|`` / r^2 is instantaneous (Gibbons+ 2014, eq. 1).
         """
         bracket = orbit.omega**2 - self._at(orbit.t).radial_second_derivative(orbit.t, orbit.q)
         return np.where(bracket > 0, bracket, np.nan)

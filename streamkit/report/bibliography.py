@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from functools import cache
-from importlib.metadata import version
 from importlib.resources import files
 
 from streamkit.components import Component, Preset
+from streamkit.distribution import VERSION
 from streamkit.runfile import Spec
 
 ALWAYS = {
@@ -92,7 +92,7 @@ def _preset_of(spec: Spec) -> Preset | None:
 def _own(spec: Spec) -> str:
     return (
         "@misc{streamkit,\n  author = {{The streamkit developers}},\n  title = {{streamkit}},\n"
-        f"  version = {{{version('streamkit')}}},\n  note = {{run digest {spec.digest()}}},\n}}"
+        f"  version = {{{VERSION}}},\n  note = {{run digest {spec.digest()}}},\n}}"
     )
 
 

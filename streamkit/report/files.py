@@ -5,10 +5,10 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from streamkit.distribution import VERSION
 from streamkit.errors import ChainError, StreamkitError, nearest
 from streamkit.runfile import Spec
 
@@ -120,7 +120,7 @@ def save_pictures(path: Path, figure: Figure, pdf: bool) -> None:
 def origin(spec: Spec) -> dict[str, Any]:
     """Return what every table says of where it comes from: streamkit's version, the run file, its digest and seed."""
     return {
-        "streamkit_version": version("streamkit"),
+        "streamkit_version": VERSION,
         "run_file": Path(str(spec.source)).name,
         "run_digest": spec.digest(),
         "seed": spec.seed,

@@ -81,10 +81,10 @@ class Comparison:
     def _add(self, section: Any, place: tuple[str, str], data: Data) -> None:
         """Add one measurement behind those before it."""
         measurement = section.centre
-        own = type(measurement).ln_likelihood is not Measurement.ln_likelihood
-        if (own and measurement.likelihood_details is None) or self._is_bent(section):
+        has_likelihood = type(measurement).ln_likelihood is not Measurement.ln_likelihood
+        if (has_likelihood and measurement.likelihood_details is None) or self._is_bent(section):
             self.undeclared.append(f"{measurement.role} {measurement.kind}")
-        reads = tuple(measurement.likelihood_details or ()) if own else ()
+        reads = tuple(measurement.likelihood_details or ()) if has_likelihood else ()
         index = {name: i for i, name in enumerate(self._spec.names)}
         free = {field: index[f"{section.path}.{field}"] for field in section.priors}
         for field in set(measurement.likelihood_fields()) & free.keys():
@@ -143,8 +143,8 @@ def _compare(part: Part, points: Array, prediction: Prediction) -> Array:
     measurement = part.measurement
     if part.free:
         measurement = measurement.model_copy(update={name: points[:, [i]] for name, i in part.free.items()})
-    own = measurement.ln_likelihood(prediction, True)
-    return gaussians(prediction.mean, prediction.variance, part.data) if own is None else np.asarray(own)
+    value = measurement.ln_likelihood(prediction, True)
+    return gaussians(prediction.mean, prediction.variance, part.data) if value is None else np.asarray(value)
 
 
 def gaussians(mean: Array, variance: Array, data: Data) -> Array:

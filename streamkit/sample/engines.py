@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
+from streamkit.distribution import NAME
 from streamkit.errors import StreamkitError
 from streamkit.runfile import Engine
 
@@ -50,7 +51,7 @@ def _package(module: str, extra: str) -> Any:
     except (ImportError, RuntimeError) as error:  # mpi4py raises the latter without an MPI library
         reason = str(error).splitlines()[0]
         raise StreamkitError(
-            f"engine {extra}: {module} cannot be imported ({reason}); pip install 'streamkit[{extra}]'"
+            f"engine {extra}: {module} cannot be imported ({reason}); pip install '{NAME}[{extra}]'"
         ) from None
 
 

@@ -15,7 +15,7 @@ COUNT = 400
 LOOKBACK = -3.0
 BRACKET = 900.0  # (km/s/kpc)^2: a tidal radius of 1.5 kpc for the mass of the checks
 NOISE = 0.05  # of a force by so few particles, in units of its largest value
-FAR = 1e3  # kpc: no progenitor holds what is so far away
+AWAY = 1e3  # kpc: no progenitor binds particles at this distance
 
 
 class PlummerSphere:
@@ -115,11 +115,11 @@ def renew_says_what_is_left(scheme: LiveStripping) -> None:
     require(first.bound.mean() > 0.5, f"only {first.bound.mean():.0%} of a sphere are bound at the look-back time")
     require(all(map(np.array_equal, before, (edge.q, edge.v, core))), "renew changes its arguments")
     far = edge.q.copy()
-    far[:, ::4] += FAR
+    far[:, ::4] += AWAY
     gone = BlockEdge(edge.t + 0.02, far, edge.v, edge.mass, core, BRACKET)
     second = scheme.renew(gone, PlummerSphere(), first)
     _sound(second)
-    require(not second.bound[::4].any(), f"particles {FAR:g} kpc away are bound")
+    require(not second.bound[::4].any(), f"particles {AWAY:g} kpc away are bound")
     require(second.mass <= first.mass * (1 + 1e-9), "a quarter of the particles is gone, and the mass has grown")
     again = scheme.renew(gone, PlummerSphere(), first)
     same = again.mass == second.mass and np.array_equal(again.bound, second.bound)

@@ -89,7 +89,7 @@ def run(engine: str, workers: int, out: Path) -> int:
 def missing(engine: str) -> str:
     """Say what an engine lacks here."""
     if (module := NEEDS.get(engine)) and importlib.util.find_spec(module) is None:
-        return f"{module} is not installed: pip install 'streamkit[{engine}]'"
+        return f"{module} is not installed: pip install 'tidal-streamkit[{engine}]'"
     return "there is no mpiexec" if engine == "mpi" and shutil.which("mpiexec") is None else ""
 
 

@@ -1,6 +1,7 @@
 """Which sampler gives most effective samples for its calls, and which is honest: on hard posteriors, or on a run file.
 
     python tests/benchmarks/samplers.py [--samplers emcee nautilus dynesty] [--seeds 1] [--only banana] [--hidden]
+    python tests/benchmarks/samplers.py --samplers emulator [--noise 2]
     python tests/benchmarks/samplers.py --run-file examples/sagittarius/sagittarius.toml --set stripping.particles=1000
 
 The posteriors are those of tests/support/posteriors.py, each with one difficulty and with known moments. For every run
@@ -8,7 +9,8 @@ a line: calls of the posterior, effective samples (of the worst parameter for a 
 calls for each of them, the largest error of a mean and of a standard deviation in units of the true standard deviation
 ("one sd" of them are 1 / sqrt(samples) and 1 / sqrt(2 samples), beside them), R-hat of chains, and what the run itself
 says that it lacks. The calls include the search for a start. With --hidden emcee's surrogate cannot tell ln likelihood
-from the predictions, as where an observable has a likelihood of its own, and learns it instead. With a run file the
+from the predictions, as where an observable has a likelihood of its own, and learns it instead. The emulator's calls
+may have noise in their predictions, so much that ln likelihood has a standard deviation of --noise. With a run file the
 calls cost time: CPU seconds, effective samples per CPU minute and M(<50), M(<100 kpc) are told in place of the errors.
 """
 
@@ -27,9 +29,11 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 
+from emulated import OfToy
 from posteriors import TOYS, Toy
 
 import streamkit as sk
+from streamkit.builtin.emulator.rounds import Rounds
 from streamkit.builtin.ensemble.sampler import Emcee
 from streamkit.cli.options import read_settings
 from streamkit.convergence import effective_samples, stuck_walkers
@@ -37,6 +41,7 @@ from streamkit.sample import ChainMemory, EvaluationCache, PosteriorTarget, Work
 from streamkit.stream import Data
 
 SAMPLERS = "emcee", "nautilus", "dynesty"
+MOST_CALLS = 4000  # of the emulator
 WALKERS, STEPS = 32, 4000
 
 
@@ -79,11 +84,24 @@ def by_plugin(toy: Toy, seed: int, kind: str) -> Found:
     return Found(last.points, last.weights, len(cache), last.ess, np.nan, last.lacks)
 
 
-def line(toy: Toy, name: str, seed: int, hidden: bool) -> str:
+def by_emulator(toy: Toy, seed: int, noise: float) -> Found:
+    """The emulator, with noise in ln likelihood: n errors in each of m data make m (n^2 + n^4 / 2) of variance."""
+    each = np.sqrt(np.sqrt(1 + 2 * noise**2 / len(toy.values)) - 1)
+    problems = (OfToy(toy, each_seed, each) for each_seed in (seed, seed + 50))
+    (last,) = deque(Rounds(*problems, noise=False).run(MOST_CALLS), maxlen=1)
+    points = last.emulated.space.back(last.samples)
+    weights = np.full(len(points), 1 / len(points))
+    return Found(points, weights, len(last.calls) + last.cheap, len(points), np.nan, last.missing)
+
+
+def line(toy: Toy, name: str, seed: int, hidden: bool, noise: float) -> str:
     """One run on a toy."""
     kind, _, moves = name.partition(":")
     begin = time.process_time()
-    found = by_ensemble(toy, seed, moves or "surrogate", hidden) if kind == "emcee" else by_plugin(toy, seed, kind)
+    if kind == "emcee":
+        found = by_ensemble(toy, seed, moves or "surrogate", hidden)
+    else:
+        found = by_emulator(toy, seed, noise) if kind == "emulator" else by_plugin(toy, seed, kind)
     spent = time.process_time() - begin
     mean, sd = toy.moments
     centre = found.weights @ found.points
@@ -129,6 +147,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=1, help="runs with seeds 1 to N")
     parser.add_argument("--only", default="", metavar="TEXT", help="only posteriors with this in their name")
     parser.add_argument("--hidden", action="store_true", help="the surrogate learns ln likelihood itself")
+    parser.add_argument("--noise", type=float, default=0.0, help="of ln likelihood, in the calls of the emulator")
     parser.add_argument("--run-file", type=Path, help="a run file in place of the toys")
     parser.add_argument(
         "--set", action="append", default=[], metavar="PATH=VALUE", help="'nautilus:sampler.live_points=500' for one"
@@ -145,7 +164,7 @@ def main() -> None:
     for toy in (cls() for cls in TOYS):
         for name in given.samplers if given.only in toy.name else ():
             for seed in range(1, given.seeds + 1):
-                print(line(toy, name, seed, given.hidden), flush=True)
+                print(line(toy, name, seed, given.hidden, given.noise), flush=True)
 
 
 if __name__ == "__main__":

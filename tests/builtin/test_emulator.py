@@ -6,17 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from emulated import OfToy
-from posteriors import Curved, Edges, TwoModes
+from posteriors import Curved, Edges, Rough, TwoModes
 
 from streamkit.builtin.emulator import learn as learning
 from streamkit.builtin.emulator.calls import Calls
-from streamkit.builtin.emulator.certificate import certify
+from streamkit.builtin.emulator.certificate import certify, fresh_calls
 from streamkit.builtin.emulator.coordinates import Space
 from streamkit.builtin.emulator.emulated import Emulated
 from streamkit.builtin.emulator.kernel import learn_kernel
 from streamkit.builtin.emulator.of_target import LikelihoodOnly
-from streamkit.builtin.emulator.polynomial import count, monomials, regress
+from streamkit.builtin.emulator.polynomial import regress
 from streamkit.builtin.emulator.rounds import Rounds
+from streamkit.builtin.monomials import count, monomials
 
 
 def test_what_is_left_over_without_a_point_is_that_of_a_fit_without_it():
@@ -125,6 +126,24 @@ def test_an_emulator_that_is_too_simple_is_refused(monkeypatch):
     samples = honest.sample(calls.y, 128, 100, [1])[50:].reshape(-1, 3)
     fresh = Calls.at(problem, honest.space, samples[:: len(samples) // 128][:128])
     assert any("its own error" in fault for fault in certify(honest, fresh, samples, [2]).faults)
+
+
+def faults_of(emulator, problem):
+    """What the certificate says against an emulator of a problem."""
+    emulated, rng = Emulated(Space(problem), emulator, noise=False), np.random.default_rng(3)
+    chain = emulated.sample(0.1 * rng.normal(size=(256, problem.size)), 128, 200, [1])
+    samples = chain[100:].reshape(-1, problem.size)
+    fresh = fresh_calls(emulated, problem, samples, rng)
+    return certify(emulated, fresh, samples, [2]).faults
+
+
+def test_slopes_that_are_a_fifth_too_small_are_refused_though_ln_l_does_not_show_it():
+    """The posterior is a quarter too wide. True minus emulated ln L is what a noise of 0.7 errors makes."""
+    problem = OfToy(Rough(), noise=0.7)
+    emulator = called(problem, 600).learn()
+    flat = emulator.mean._replace(left=0.8 * emulator.mean.left)
+    assert any("trend" in fault for fault in faults_of(replace(emulator, mean=flat), problem))
+    assert faults_of(emulator, problem) == ()
 
 
 class Blind(OfToy):

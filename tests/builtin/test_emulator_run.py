@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from toys import FIT
+from runfiles import FIT
 
 import streamkit as sk
 
-EMULATED = FIT | {"sampler": {"kind": "emulator", "start_particles": 300, "max_calls": 600}}
+EMULATED = FIT | {"sampler": {"kind": "emulator", "start_particles": 50, "starts": 1, "max_calls": 600}}
 
 
 @pytest.fixture(scope="module")
@@ -17,6 +17,19 @@ def run(tmp_path_factory):
 
 def test_it_is_certified(run):
     assert "rule of emulator is met" in run[1].note()
+
+
+def test_its_page_says_so(run):
+    (verdict,) = run[1].weighted.verdicts
+    assert (verdict.subject, verdict.level) == ("fresh calls beside the emulator", "fine")
+
+
+def test_a_run_without_a_certificate_is_not_to_be_used():
+    few = EMULATED | {"sampler": EMULATED["sampler"] | {"max_calls": 50}}
+    results = sk.run(few, progress=False, products=False)
+    (verdict,) = results.weighted.verdicts
+    assert verdict.level == "do not use"
+    assert "Raise sampler.max_calls" in verdict.sentence
 
 
 def test_a_finished_run_is_resumed_without_a_call(run):

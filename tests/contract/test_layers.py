@@ -31,7 +31,7 @@ LAYERS = (
     {"expansion"},
     {"engine"},
     {"stream"},
-    {"errors", "units", "elementary", "renamed"},
+    {"errors", "units", "elementary", "renamed", "distribution"},
 )
 
 # What stands beside the layers: it uses the doors, and nothing else, and no layer imports it.

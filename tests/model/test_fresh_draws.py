@@ -1,8 +1,8 @@
 """Random numbers that differ between parameters: as evenly spread as the common ones, and decided by seed and place."""
 
 import numpy as np
+from runfiles import APOCENTRES
 from scipy.stats import kstest
-from toys import FIT
 
 from streamkit.builtin.stripping import LagrangeCloud
 from streamkit.model import Model
@@ -19,7 +19,7 @@ def test_shifted_normals_are_standard_normal_and_more_even_than_independent_ones
 
 
 def test_seed_and_parameters_decide_a_fresh_stream():
-    model, again, common = Model(FIT, fresh=True), Model(FIT, fresh=True), Model(FIT)
+    model, again, common = Model(APOCENTRES, fresh=True), Model(APOCENTRES, fresh=True), Model(APOCENTRES)
     first, near = {"potential.v0": 230.0}, {"potential.v0": np.nextafter(230.0, 231.0)}
     np.testing.assert_array_equal(model.stream(first).q, again.stream(first).q)
     fresh = np.abs(model.stream(first).q - model.stream(near).q).max()
@@ -28,8 +28,8 @@ def test_seed_and_parameters_decide_a_fresh_stream():
 
 def test_the_mean_over_fresh_draws_is_that_of_many_particles():
     """The mean position of the debris, from many small streams and from one large one with common random numbers."""
-    small = Model(FIT | {"stripping": FIT["stripping"] | {"particles": 200}}, fresh=True)
-    large = Model(FIT | {"stripping": FIT["stripping"] | {"particles": 20000}})
+    small = Model(APOCENTRES | {"stripping": APOCENTRES["stripping"] | {"particles": 200}}, fresh=True)
+    large = Model(APOCENTRES | {"stripping": APOCENTRES["stripping"] | {"particles": 20000}})
     means = []
     for step in range(40):
         stream = small.stream({"potential.v0": 230.0 + 1e-9 * step})

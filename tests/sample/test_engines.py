@@ -59,7 +59,7 @@ def test_processes_make_the_same_chain(alone):
 def test_others_make_the_same_chain(alone, tmp_path, name):
     module = {"dask": "distributed", "mpi": "mpi4py"}[name]
     if importlib.util.find_spec(module) is None:
-        pytest.skip(f"{module} is not installed: pip install 'streamkit[{name}]'")
+        pytest.skip(f"{module} is not installed: pip install 'tidal-streamkit[{name}]'")
     if name == "mpi" and shutil.which("mpiexec") is None:
         pytest.skip("there is no mpiexec")
     (tmp_path / "script.py").write_text(SCRIPT)
@@ -74,7 +74,7 @@ def test_an_engine_that_is_not_there_says_how_to_get_it():
     for name, module in (("dask", "distributed"), ("mpi", "mpi4py")):
         if importlib.util.find_spec(module) is None:
             with (
-                pytest.raises(sk.StreamkitError, match=rf"pip install 'streamkit\[{name}\]'"),
+                pytest.raises(sk.StreamkitError, match=rf"pip install 'tidal-streamkit\[{name}\]'"),
                 engine(Engine(kind=name)),
             ):
                 pass

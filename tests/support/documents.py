@@ -20,7 +20,8 @@ STUDIES = sorted(ROOT.glob("examples/*/README.md"))  # how to use an example
 RESULTS = sorted(ROOT.glob("examples/*/RESULTS.md"))  # the results, and the study of the method
 PLUGINS = sorted(ROOT.glob("plugins/*/README.md"))
 BENCHMARKS = ROOT / "tests" / "benchmarks" / "README.md"
-DOCUMENTS = [README, CONTRIBUTING, MANUAL, *STUDIES, *RESULTS, *PLUGINS, BENCHMARKS]
+SITE = sorted(ROOT.glob(".docs/*.md"))  # the pages of the site that are no other document
+DOCUMENTS = [README, CONTRIBUTING, MANUAL, *STUDIES, *RESULTS, *PLUGINS, BENCHMARKS, *SITE]
 # The plugins of the manual: one component a file.
 EXAMPLES = [
     ROOT / "tests" / "third_party" / "streamkit_jaffe.py",

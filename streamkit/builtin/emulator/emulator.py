@@ -10,8 +10,9 @@ from scipy.special import log_expit
 
 from streamkit import Array, BoolArray
 from streamkit.builtin.emulator.kernel import Kernel
-from streamkit.builtin.emulator.polynomial import Polynomial, monomials
+from streamkit.builtin.emulator.polynomial import Polynomial
 from streamkit.builtin.emulator.problem import Problem
+from streamkit.builtin.monomials import monomials
 
 # Singular values of coefficients below this fraction of the largest are left out.
 NEGLIGIBLE = 1e-6

@@ -9,8 +9,9 @@ from scipy.special import expit
 from streamkit import Array, BoolArray
 from streamkit.builtin.emulator.emulator import Emulator, Low
 from streamkit.builtin.emulator.kernel import Kernel, learn_kernel
-from streamkit.builtin.emulator.polynomial import Polynomial, Regression, count, monomials, regress
+from streamkit.builtin.emulator.polynomial import Polynomial, Regression, regress
 from streamkit.builtin.emulator.problem import Answers, Problem
+from streamkit.builtin.monomials import count, monomials
 
 # Polynomials that are tried: degrees, most terms, effective points for each term, and ridge penalties in units of the
 # mean diagonal of the normal equations.
@@ -23,7 +24,7 @@ ENOUGH = 2.0
 # Points at least, and for each parameter, on which errors are measured if fewer are close.
 LEAST_CLOSE, CLOSE = 40, 3
 # Points that count less than this are not used for the lengths of a Gaussian process.
-FAR = 0.02
+LEAST_WEIGHT = 0.02
 # The fit is trusted to |x|^2 of the farthest near point times this.
 REACH = 1.5
 # Largest squared residual that counts in an error, in units of the typical one.
@@ -103,7 +104,7 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
     noisy = float(noise[close].mean(axis=0).sum())
     if min(fits, key=_first)[0] > WORTH * noisy + EXACT * len(errors):
         try:
-            counted = weight >= FAR
+            counted = weight >= LEAST_WEIGHT
             kernel = learn_kernel(x[counted], target[counted], weight[counted], np.random.default_rng(len(x)))
             fit = regress(kernel.terms(x), target, weight, kernel.penalty)
             fits.append((float(np.sum(error_of(fit.out[close] ** 2))), kernel, fit))

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
-from itertools import combinations_with_replacement
-from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
-from streamkit import Array, IntArray
+from streamkit import Array
+from streamkit.builtin.monomials import monomials
 
 # Leverage of a point on its own fit, at most: a point beyond would decide its fit alone.
 HEAVIEST = 0.95
@@ -75,29 +73,3 @@ def regress(terms: Array, target: Array, weight: Array, ridge: float | Array) ->
     root = np.asarray(solve_triangular(lower, np.eye(len(lower)), lower=True).T)
     leverage = np.minimum(weight * np.sum((terms @ root) ** 2, axis=1), HEAVIEST)
     return Regression(coefficients, root, target - terms @ coefficients, leverage)
-
-
-def monomials(x: Array, degree: int) -> Array:
-    """(n, terms) All monomials of x (n, d) up to the degree, each made from one of a degree less."""
-    blocks = [np.ones((len(x), 1)), *([x] if degree > 0 else [])]
-    for k in range(2, degree + 1):
-        parent, factor = _recipe(x.shape[1], k)
-        blocks.append(blocks[-1][:, parent] * x[:, factor])
-    return np.concatenate(blocks, axis=1)
-
-
-@cache
-def _recipe(d: int, degree: int) -> tuple[IntArray, IntArray]:
-    """Return the monomials of a degree as (monomial of one degree less, one more coordinate)."""
-    lower: dict[Any, int] = {c: i for i, c in enumerate(combinations_with_replacement(range(d), degree - 1))}
-    all_of_it = list(combinations_with_replacement(range(d), degree))
-    return np.array([lower[c[:-1]] for c in all_of_it]), np.array([c[-1] for c in all_of_it])
-
-
-def count(d: int, degree: int) -> int:
-    """Return the number of monomials up to a degree."""
-    total = term = 1
-    for k in range(1, degree + 1):
-        term = term * (d + k - 1) // k
-        total += term
-    return total

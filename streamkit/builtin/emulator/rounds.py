@@ -9,7 +9,7 @@ import numpy as np
 
 from streamkit import Array
 from streamkit.builtin.emulator.calls import Calls
-from streamkit.builtin.emulator.certificate import Certificate, certify, shift
+from streamkit.builtin.emulator.certificate import Certificate, certify, change_of, fresh_calls
 from streamkit.builtin.emulator.coordinates import Space
 from streamkit.builtin.emulator.emulated import Emulated
 from streamkit.builtin.emulator.problem import Problem
@@ -24,10 +24,9 @@ ROUND, LEAST_ROUND = 8, 80
 FIRST, LEAST_FIRST = 16, 160
 # Steps of the walks of a round, of which the first are not used.
 STEPS, SETTLING = 120, 40
-# Standard deviations that a parameter may move between an emulator and the one two rounds before.
+# Standard deviations that a parameter may move between an emulator and the one two rounds before, and the fraction by
+# which its width may change.
 SETTLED = 0.1
-# Fresh calls of a certificate.
-FRESH = 128
 # Walkers and steps of the samples that are the answer, of which the first are not used.
 LAST_STEPS, LAST_SETTLING = 500, 100
 # Samples of the last round that the walkers of the answer begin from.
@@ -53,7 +52,7 @@ class Progress:
     samples
         (n, d) coordinates sampled from it.
     moved
-        Standard deviations that a parameter has moved over two rounds.
+        What the last two rounds have changed: a mean in standard deviations, or a width as a fraction.
     certificate
         What fresh calls say; None before the end.
     missing
@@ -161,8 +160,7 @@ class Rounds:
 
     def _certify(self, emulated: Emulated, samples: Array, turn: int) -> Certificate:
         """Compare the emulator with fresh calls, and keep these."""
-        chosen = samples[self._rng.choice(len(samples), FRESH, replace=False)]
-        fresh = Calls.at(self._problem, self._space, chosen)
+        fresh = fresh_calls(emulated, self._problem, samples, self._rng)
         self._calls += fresh
         return certify(emulated, fresh, samples, [self._problem.seed, 4, turn])
 
@@ -180,12 +178,12 @@ class Rounds:
 
 
 def _moved(before: list[Emulated], now: Emulated, samples: Array) -> float:
-    """Return the standard deviations that a parameter has moved over the last two rounds; infinite before."""
+    """Return what the last two rounds have changed, see `change_of`; infinite before."""
     if len(before) < 2:
         return np.inf
     some = samples[:: max(len(samples) // 2000, 1)]
     here = now.ln_density(some)
-    return max(shift(some, each.ln_density(some) - here) for each in before)
+    return max(change_of(some, each.ln_density(some) - here) for each in before)
 
 
 def _covers(arrival: Arrival, samples: Array) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -13,7 +13,6 @@ from streamkit.builtin.emulator.of_target import LikelihoodOnly, OfTarget
 from streamkit.builtin.emulator.problem import Problem
 
 if TYPE_CHECKING:  # emcee and SciPy are slow to load
-    from streamkit.builtin.emulator.certificate import Certificate
     from streamkit.builtin.emulator.emulator import Predictions
     from streamkit.builtin.emulator.rounds import Progress
 
@@ -91,7 +90,7 @@ def _samples(target: Target, progress: Progress) -> Samples:
             f"ln L as a whole in place of the predictions, which takes more calls: {which} has a likelihood of its own "
             "without `likelihood_details`, or data that depend on a parameter"
         )
-    verdicts = () if progress.certificate is None else tuple(_verdicts(progress.certificate))
+    verdicts = (_verdict(progress),)
     return Samples(
         points, np.zeros(len(y)), missing=progress.missing, verdicts=verdicts, facts=facts, evaluations=evaluations
     )
@@ -112,13 +111,27 @@ def _predictions(target: Target, progress: Progress, y: Array) -> Predictions:
     return emulator.predict(y)._replace(mean=nothing, fit_variance=nothing)
 
 
-def _verdicts(certificate: Certificate) -> Sequence[Verdict]:
-    """Return the verdict of a certificate."""
-    value = f"{certificate.offset:+.1f} +- {certificate.spread:.1f}"
-    noise = f"{certificate.noise_offset:+.1f} +- {certificate.noise_spread:.1f}"
-    if certificate.faults:
-        why = "; ".join(certificate.faults)
-        sentence = f"Fresh calls do not confirm the emulator: {why}. Take more calls, or the sampler emcee."
-        return (Verdict("true minus emulated ln L", "do not use", value, sentence, RULE),)
-    sentence = f"{certificate.calls} fresh calls confirm the emulator: the noise of the particles makes {noise}."
-    return (Verdict("true minus emulated ln L", "fine", value, sentence, RULE),)
+def _verdict(progress: Progress) -> Verdict:
+    """Return the verdict of the fresh calls; "do not use" too where none were made, or a mode may be missing."""
+    from streamkit.builtin.emulator.certificate import MOVED
+
+    subject, certificate = "fresh calls beside the emulator", progress.certificate
+    if certificate is None:
+        sentence = (
+            f"No fresh calls have tested the emulator: {progress.missing}. Raise sampler.max_calls and --resume, or "
+            "run again with more particles, or take the sampler emcee."
+        )
+        return Verdict(subject, "do not use", "none", sentence, RULE)
+    value = f"true - emulated ln L = {certificate.offset:+.1f} ± {certificate.spread:.1f}"
+    if progress.missing:
+        sentence = (
+            f"Not certified: {progress.missing}. Raise sampler.max_calls and --resume, run again with another seed and "
+            "more sampler.starts, or take the sampler emcee."
+        )
+        return Verdict(subject, "do not use", value, sentence, RULE)
+    sentence = (
+        f"{certificate.calls} fresh calls confirm the emulator. The noise of the particles alone makes "
+        f"{certificate.noise_offset:+.1f} ± {certificate.noise_spread:.1f}. A mean or a width that is off by "
+        f"{max(certificate.trend_by_chance, MOVED):.2f} standard deviations would show."
+    )
+    return Verdict(subject, "fine", value, sentence, RULE)

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from functools import cache
-from itertools import combinations_with_replacement
-from typing import Any
-
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import expit
 
-from streamkit import Array, IntArray
+from streamkit import Array
 
 ITERATIONS = 12  # iterations of the fit of a probability
 
@@ -42,29 +38,3 @@ def fit(terms: Array, residual: Array, weight: Array, ridge: float) -> Array:
     normal = a.T @ terms
     normal[np.diag_indices_from(normal)] += ridge * np.trace(normal) / len(normal)
     return np.asarray(cho_solve(cho_factor(normal, lower=True), a.T @ residual))
-
-
-def monomials(x: Array, degree: int) -> Array:
-    """(n, terms) All monomials of x (n, d) up to the degree, each made from one of a degree less."""
-    blocks = [np.ones((len(x), 1)), x]
-    for k in range(2, degree + 1):
-        parent, factor = _recipe(x.shape[1], k)
-        blocks.append(blocks[-1][:, parent] * x[:, factor])
-    return np.concatenate(blocks, axis=1)
-
-
-@cache
-def _recipe(d: int, degree: int) -> tuple[IntArray, IntArray]:
-    """Return the monomials of a degree as (monomial of one degree less, one more coordinate)."""
-    lower: dict[Any, int] = {c: i for i, c in enumerate(combinations_with_replacement(range(d), degree - 1))}
-    all_of_it = list(combinations_with_replacement(range(d), degree))
-    return np.array([lower[c[:-1]] for c in all_of_it]), np.array([c[-1] for c in all_of_it])
-
-
-def count(d: int, degree: int) -> int:
-    """Return the number of monomials up to a degree."""
-    total = term = 1
-    for k in range(1, degree + 1):
-        term = term * (d + k - 1) // k
-        total += term
-    return total

@@ -9,7 +9,8 @@ from scipy.linalg import LinAlgError, cholesky, solve_triangular
 from scipy.special import expit
 
 from streamkit import Array, BoolArray, Data
-from streamkit.builtin.ensemble.polynomial import count, fit, log_odds, monomials, whitening
+from streamkit.builtin.ensemble.polynomial import fit, log_odds, whitening
+from streamkit.builtin.monomials import count, monomials
 
 DEGREES = (3, 2)  # polynomials that are tried, if there are enough points for them
 RIDGES = (1e-5, 1e-3)  # ridge penalties that are tried, in units of the mean diagonal of the normal equations

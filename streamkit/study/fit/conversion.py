@@ -8,15 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from streamkit.errors import StreamkitError
 from streamkit.stream import Array, Data
 from streamkit.study.fit.replicates import Replicates
 
 if TYPE_CHECKING:
     import pandas as pd
     from xarray import DataTree
-
-MISSING = "{what} needs {package}: pip install 'streamkit[export]'"
 
 
 def sample_columns(names: Sequence[str], kept: Array, log_prob: Array, discard: int) -> dict[str, Array]:
@@ -30,10 +27,8 @@ def sample_columns(names: Sequence[str], kept: Array, log_prob: Array, discard: 
 
 def sample_frame(names: Sequence[str], kept: Array, log_prob: Array, discard: int) -> pd.DataFrame:
     """Return the table of `sample_columns` as a pandas DataFrame."""
-    try:
-        import pandas as pd  # optional, and slow to load
-    except ImportError:
-        raise StreamkitError(MISSING.format(what="a DataFrame", package="pandas")) from None
+    import pandas as pd  # slow to load
+
     return pd.DataFrame(sample_columns(names, kept, log_prob, discard))
 
 
@@ -52,10 +47,8 @@ def arviz_tree(
     ``kept`` are the samples (steps, walkers, d) after burn-in, ``log_prob`` and ``blobs`` (steps, walkers) their ln
     posterior and stored records, ``drawn`` new data of some of the samples.
     """
-    try:
-        import arviz_base  # optional, and slow to load
-    except ImportError:
-        raise StreamkitError(MISSING.format(what="ArviZ's form of the samples", package="arviz-base")) from None
+    import arviz_base  # slow to load
+
     groups: dict[str, dict[str, Array]] = {
         "posterior": {name: kept[..., i].T for i, name in enumerate(names)},
         "sample_stats": {"lp": log_prob.T},

@@ -7,11 +7,11 @@ import logging
 import re
 import tomllib
 from collections.abc import Iterable
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from streamkit.components import IN_PYTHON, Component, is_loaded
+from streamkit.distribution import VERSION
 from streamkit.errors import ChainError, SpecError, expect_file
 from streamkit.runfile import Spec, load
 from streamkit.sample import CALLS, CHAIN, SAMPLES, Chain, Weighted, read_chain_file, read_weighted
@@ -82,7 +82,7 @@ def _check_spec(directory: Path, spec: Spec, record: dict[str, Any]) -> None:
                     ", ".join(sorted(others)))  # fmt: skip
     if spec.digest(suppliers) == record["digest"] or _is_unchanged(path, record):
         return
-    made_with, here = record["versions"].get("streamkit", ""), version("streamkit")
+    made_with, here = record["versions"].get("streamkit", ""), VERSION
     if not record["run_file"] and made_with != here:  # a field may have been added since
         log.warning("%s: cannot be compared with the run, which streamkit %s made.", path, made_with)
         return

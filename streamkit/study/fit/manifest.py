@@ -11,11 +11,12 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
+from streamkit.distribution import VERSION
 from streamkit.errors import ChainError, expect_file, printable
 from streamkit.runfile import Spec
 
 MANIFEST = "manifest.json"
-PACKAGES = "streamkit", "numpy", "scipy", "numba", "emcee", "astropy"
+PACKAGES = "numpy", "scipy", "numba", "emcee", "astropy"
 MOST_STEPS = 10**12  # a longer chain is no chain: keeps the arithmetic of times within floating-point numbers
 
 # A manifest may come from elsewhere, and its texts are shown on terminals.
@@ -54,7 +55,7 @@ def manifest_of(spec: Spec, options: dict[str, Any], run_file: bytes) -> dict[st
         "digest": spec.digest(),
         "run_file": hashlib.sha256(run_file).hexdigest(),
         "seed": spec.seed,
-        "versions": {"python": platform.python_version()} | {name: version(name) for name in PACKAGES},
+        "versions": {"python": platform.python_version(), "streamkit": VERSION} | {n: version(n) for n in PACKAGES},
         "files": dict(spec.files),
         "components": {path: f"{cls.kind} from {supplier}" for path, cls, supplier in spec.components()},
         "options": options,

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from functools import cached_property
 from html import escape
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from streamkit.components import ChainSampler, Component
+from streamkit.distribution import VERSION
 from streamkit.errors import ChainError, OutOfDomain, nearest
 from streamkit.model import Host, Observation
 from streamkit.runfile import Spec
@@ -142,10 +142,7 @@ class Results:
         return self.samples[:, self.names.index(path)]
 
     def to_pandas(self) -> pd.DataFrame:
-        """Return the samples after burn-in as a pandas DataFrame: walker, step, the parameters, ln posterior.
-
-        Raises StreamkitError without pandas: it comes with ``streamkit[export]``.
-        """
+        """Return the samples after burn-in as a pandas DataFrame: walker, step, the parameters, ln posterior."""
         return sample_frame(self.names, self.kept, self.log_prob, self.discard)
 
     def to_arviz(self) -> DataTree:
@@ -156,11 +153,9 @@ class Results:
         ``observed_data`` and ``posterior_predictive`` (new data of at most 500 samples) by measured quantity, and
         ``log_likelihood`` (of each datum at these samples): ``plot_ppc_dist`` and ``loo`` read them. For ArviZ before
         1.0, whose ``plot_ppc`` and ``loo`` do, ``arviz.InferenceData.from_datatree`` takes the tree.
-
-        Raises StreamkitError without arviz-base: it comes with ``streamkit[export]``.
         """
         attributes: dict[str, str | int | float] = {
-            "created_by": f"streamkit {version('streamkit')}",
+            "created_by": f"streamkit {VERSION}",
             "digest": self.spec.digest(),
             "note": self.note(),
             "converged": int(self.converged),

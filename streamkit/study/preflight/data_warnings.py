@@ -22,7 +22,7 @@ from streamkit.study.preflight.draws import Trial
 NEAR_ERRORS = 3.0
 # Distances of the nearest trial stream, in errors or in spreads, from which on data are doubted: with and without a
 # correction that brings them near.
-FAR, VERY_FAR = 5.0, 30.0
+DOUBTFUL, HOPELESS = 5.0, 30.0
 FEW_TRIALS = 8  # trials below which their spread is not known
 MOST_TRIALS = 16  # trial streams that corrected data are compared with
 
@@ -73,9 +73,9 @@ def data_warnings(spec: Spec, trials: Sequence[Trial]) -> list[str]:
     for measured in [*_of_streams(spec, trials), *_of_host(trials)]:
         for name, rows in measured.measurement.quantities().items():
             distance = _distance(measured.measurement, measured.predictions, rows)
-            if not distance.beyond(FAR):
+            if not distance.beyond(DOUBTFUL):
                 continue
-            if (correction := _correction(measured, name)) or distance.beyond(VERY_FAR):
+            if (correction := _correction(measured, name)) or distance.beyond(HOPELESS):
                 warnings.append(_warning(measured, name, distance, correction, len(trials)))
     return warnings
 
@@ -125,9 +125,9 @@ def _distance(measurement: Measurement, predictions: Sequence[Prediction], rows:
     away = np.abs(mean - values[there])
     scatter = np.hypot(errors[there], np.sqrt(variance))
     spread = mean.std(axis=0) if len(usable) >= FEW_TRIALS else np.zeros(there.sum())
-    near = np.maximum(NEAR_ERRORS * scatter, spread)
+    close = np.maximum(NEAR_ERRORS * scatter, spread)
     spreads = np.where(spread > 0, spread, np.inf)
-    units = (scatter, spreads, near, np.where(spread > 0, spread, np.abs(mean)))
+    units = (scatter, spreads, close, np.where(spread > 0, spread, np.abs(mean)))
     return _Distance(*(float(np.median(away / unit, axis=1).min()) for unit in units))
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import zipfile
-from importlib.metadata import version
 from pathlib import Path
 
 import h5py
@@ -40,7 +39,7 @@ def test_the_results_are_read(runs: Path) -> None:
         np.testing.assert_array_equal(weighted.ln_weights, file["ln_weights"])
 
 
-@pytest.mark.skipif(version("streamkit") != "0.1.0", reason="only the same version resumes a run")
+@pytest.mark.skipif(sk.__version__ != "0.1.0", reason="only the same version resumes a run")
 def test_the_runs_are_resumed(runs: Path) -> None:
     before = sk.load_results(runs / "chain", trust=True).chain
     options = {"resume": True, "progress": False, "products": False}

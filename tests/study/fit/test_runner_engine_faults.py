@@ -68,7 +68,7 @@ def command(*launcher, engine):
 
 def need(module, extra):
     if importlib.util.find_spec(module) is None:
-        pytest.skip(f"{module} is not installed: pip install 'streamkit[{extra}]'")
+        pytest.skip(f"{module} is not installed: pip install 'tidal-streamkit[{extra}]'")
 
 
 def alone(run_file):
@@ -101,7 +101,7 @@ def test_a_dead_worker_of_dask_is_replaced(run_file):
 def test_mpi_that_is_launched_wrongly_says_how(run_file):
     told = refused("run", run_file, "--engine", "mpi")
     if importlib.util.find_spec("mpi4py") is None:
-        assert "pip install 'streamkit[mpi]'" in told
+        assert "pip install 'tidal-streamkit[mpi]'" in told
     else:
         assert "`mpiexec -n 8 python -m mpi4py.futures -m streamkit run RUN.toml --engine mpi`" in told
     assert not run_file.with_name("run").exists()

@@ -1,0 +1,28 @@
+"""Build the site: ``python .docs/build.py [FOLDER]``, default ``site``. It needs ``pip install -e ".[docs]"``.
+
+The pages are the documents of the repository, where they are, those of this folder, and the reference, which is made
+of the installed components, of the commands and of the docstrings. A warning is an error.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+
+from pages import collect
+
+
+def build(folder: Path) -> int:
+    """Build the site in a folder, and return the exit status of Sphinx."""
+    from sphinx.cmd.build import main
+
+    here = Path(__file__).resolve().parent
+    with tempfile.TemporaryDirectory() as pages:
+        collect(here.parent, Path(pages))
+        words = ["-W", "--keep-going", "-q", "-j", "auto", "-b", "html", "-c", str(here)]
+        return main([*words, "-d", f"{pages}-cache", pages, str(folder)])
+
+
+if __name__ == "__main__":
+    sys.exit(build(Path(sys.argv[1] if len(sys.argv) > 1 else "site")))

@@ -1,0 +1,109 @@
+"""Collect the pages of the site: documents of the repository, tutorials, and the reference made of the code."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import reference
+
+# Documents, and what they link to, by the place that they have in the repository.
+DOCUMENTS = (
+    "README.md", "CONTRIBUTING.md", "LICENSE", "plugins/README.md", "plugins/*/README.md", "examples/*/*.*",
+    "examples/*.py", "tests/benchmarks/README.md", "tests/examples/*.py", "tests/third_party/*",
+)  # fmt: skip
+
+
+def collect(root: Path, pages: Path) -> None:
+    """Write all pages of the repository at ``root`` into a folder."""
+    for pattern in DOCUMENTS:
+        for path in root.glob(pattern):
+            if path.is_file() and path.suffix not in {".pyc"}:
+                copy(path, pages / path.relative_to(root))
+    for path in (root / ".docs").glob("*.md"):
+        text = path.read_text(encoding="utf-8").replace("](../", "](")  # the pages move up beside the README
+        (pages / path.name).write_text(text, encoding="utf-8")
+    tutorials(root / "examples" / "tutorials", pages)
+    changes(root / "CONTRIBUTING.md", pages / "changes.md")
+    (pages / "reference").mkdir()
+    for name, text in reference.pages(root / ".docs" / "names.md").items():
+        (pages / "reference" / name).write_text(text, encoding="utf-8")
+    (pages / "names.md").unlink()
+    for path in pages.rglob("*.md"):
+        path.write_text(without_lost_links(path), encoding="utf-8")
+
+
+def copy(path: Path, target: Path) -> None:
+    """Copy a file, making its folder."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(path, target)
+
+
+def without_lost_links(page: Path) -> str:
+    """Return a page in which a link to a folder, or to a file that is not on the site, is text alone.
+
+    The tests of the documents check that each target exists in the repository.
+    """
+    text = page.read_text(encoding="utf-8")
+    text = re.sub(r"\[([^\]\[]*)\]\(([^)#\s]+)\)", lambda link: _kept(link, page), text)
+    return text if text.lstrip().startswith(("#", "---", ":::", "(")) else f"# {page.stem}\n\n{text}"
+
+
+def _kept(link: re.Match[str], page: Path) -> str:
+    target = page.parent / link[2]
+    return link[0] if link[2].startswith("http") or target.is_file() else link[1]
+
+
+def changes(contributing: Path, page: Path) -> None:
+    """Write the page of changes: the sections of CONTRIBUTING.md on versions and changes."""
+    text = contributing.read_text(encoding="utf-8")
+    sections = dict(re.findall(r"^## (.*?)\n(.*?)(?=^## |\Z)", text, re.M | re.S))
+    title = "Versions and deprecation"
+    page.write_text(f"# Changes\n{sections['Changes']}\n## {title}\n{sections[title]}", encoding="utf-8")
+
+
+def tutorials(folder: Path, pages: Path) -> None:
+    """Write a page and a notebook of each tutorial, a script of jupytext with ``# %%`` cells, and the list of them."""
+    lines = []
+    for path in sorted(folder.glob("*.py")) if folder.is_dir() else []:
+        cells = cells_of(path.read_text(encoding="utf-8"))
+        (pages / "tutorials").mkdir(exist_ok=True)
+        copy(path, pages / "tutorials" / path.name)
+        (pages / "tutorials" / f"{path.stem}.ipynb").write_text(json.dumps(notebook(cells)), encoding="utf-8")
+        text = "\n\n".join(body if kind == "markdown" else f"```python\n{body}\n```" for kind, body in cells)
+        head, _, rest = text.partition("\n")
+        offer = f"Download: [notebook]({path.stem}.ipynb), [script]({path.name})."
+        (pages / "tutorials" / f"{path.stem}.md").write_text(f"{head}\n\n{offer}\n{rest}\n", encoding="utf-8")
+        lines.append(f"tutorials/{path.stem}")
+    index = pages / "tutorials.md"
+    text = index.read_text(encoding="utf-8")
+    index.write_text(text.replace("<!-- tutorials -->", "\n".join(lines)), encoding="utf-8")
+
+
+def cells_of(text: str) -> list[tuple[str, str]]:
+    """Return the cells of a script in jupytext's percent format: ``markdown`` or ``code``, and the text."""
+    cells = []
+    text = re.sub(r"\A# ---\n.*?^# ---\n", "", text, flags=re.M | re.S)  # jupytext's header
+    for part in re.split(r"^# %%", text, flags=re.M):
+        head, _, body = part.partition("\n")
+        if "[markdown]" in head:
+            body = re.sub(r"^# ?", "", body, flags=re.M)
+        if body.strip():
+            cells.append(("markdown" if "[markdown]" in head else "code", body.strip()))
+    return cells
+
+
+def notebook(cells: list[tuple[str, str]]) -> dict[str, object]:
+    """Return a notebook of cells, as nbformat 4 writes it."""
+    code = {"execution_count": None, "outputs": []}
+    return {
+        "cells": [
+            {"cell_type": kind, "id": f"cell-{i}", "metadata": {}, "source": body, **(code if kind == "code" else {})}
+            for i, (kind, body) in enumerate(cells)
+        ],
+        "metadata": {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}},
+        "nbformat": 4,
+        "nbformat_minor": 5,
+    }

@@ -1,0 +1,115 @@
+"""The site: every public name with an example, every figure, tutorials as pages, and a build without a warning."""
+
+import json
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from importlib import import_module
+from pathlib import Path
+from urllib.parse import unquote
+
+import pytest
+from documents import FENCE, ROOT
+
+DOCS = ROOT / ".docs"
+NAMES = (DOCS / "names.md").read_text(encoding="utf-8")
+CODE = "\n".join(match[2] for match in FENCE.finditer(NAMES) if match[1] == "python")
+SCRIPT = """# ---
+# jupyter:
+#   jupytext: {}
+# ---
+
+# %% [markdown]
+# # My stream
+#
+# A list:
+# - one
+
+# %%
+import streamkit as sk
+
+# a comment
+
+# %% [markdown]
+# The end.
+"""
+
+
+@pytest.fixture
+def pages(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.syspath_prepend(DOCS)
+    return import_module("pages")
+
+
+@pytest.mark.parametrize("module", ["streamkit", "streamkit.engine", "streamkit.testing"])
+def test_every_public_name_is_described_and_used(module: str) -> None:
+    """Add a new name to one of the lists `<!-- ... -->` of .docs/names.md, and use it in the example above the list."""
+    lists = re.findall(r"^<!-- (\S+): (.*?) -->$", NAMES, re.MULTILINE | re.DOTALL)
+    listed = [name for door, names in lists if door == module for name in names.replace(",", " ").split()]
+    assert sorted(listed) == sorted(import_module(module).__all__)
+    if module == "streamkit":
+        assert not [name for name in listed if not re.search(rf"\bsk\.{name}\b", CODE)]
+
+
+def test_every_figure_is_in_the_gallery_beside_the_file_that_makes_it() -> None:
+    gallery = (DOCS / "gallery.md").read_text(encoding="utf-8")
+    for figure in ROOT.glob("examples/*/*.png"):
+        part = gallery.partition(f"](../{figure.relative_to(ROOT)})")[2].partition("\n## ")[0]
+        assert re.search(r"\]\(\.\./examples/.*?\.(toml|py)\)", part), figure
+
+
+def test_a_tutorial_is_a_page_and_a_notebook(tmp_path: Path, pages) -> None:
+    folder = tmp_path / "scripts"
+    folder.mkdir()
+    (folder / "mine.py").write_text(SCRIPT)
+    (tmp_path / "tutorials.md").write_text("# Tutorials\n\n<!-- tutorials -->\n")
+    pages.tutorials(folder, tmp_path)
+    page = (tmp_path / "tutorials" / "mine.md").read_text()
+    assert page.startswith("# My stream\n\nDownload: [notebook](mine.ipynb), [script](mine.py).\n")
+    assert "- one\n\n```python\nimport streamkit as sk\n\n# a comment\n```\n\nThe end." in page
+    assert (tmp_path / "tutorials.md").read_text().endswith("\ntutorials/mine\n")
+    notebook = json.loads((tmp_path / "tutorials" / "mine.ipynb").read_text())
+    assert [cell["cell_type"] for cell in notebook["cells"]] == ["markdown", "code", "markdown"]
+    assert notebook["nbformat"] == 4
+
+
+class Links(HTMLParser):
+    """The targets of a page's links and pictures, and the names that links may have in it."""
+
+    def __init__(self, page: Path) -> None:
+        super().__init__()
+        self.targets: list[str] = []
+        self.names: set[str] = set()
+        self.feed(page.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        for name, value in attrs:
+            if value and name in ("href", "src"):
+                self.targets.append(value)
+            if value and name in ("id", "name"):
+                self.names.add(value)
+
+
+@pytest.mark.slow
+def test_the_site_is_built_without_a_warning_and_its_links_lead_somewhere(tmp_path: Path) -> None:
+    pytest.importorskip("sphinx_design", reason="the site needs the extra `docs`")
+    resource = pytest.importorskip("resource", reason="Windows does not say how long a process took")
+    began = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+    command = [sys.executable, DOCS / "build.py", tmp_path / "site"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - began < 120  # seconds of CPU
+    found = {page.resolve(): Links(page) for page in (tmp_path / "site").rglob("*.html")}
+    count = 0
+    for page, links in found.items():
+        for target in links.targets:
+            path, _, name = unquote(target).partition("#")
+            if re.match(r"\w+:|//", path):
+                continue
+            where = (page.parent / path.partition("?")[0]).resolve() if path else page
+            assert where.exists(), f"{page}: {target}"
+            if name and where in found:
+                assert name in found[where].names, f"{page}: {target}"
+            count += 1
+    assert count > 1000
