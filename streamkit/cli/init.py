@@ -41,17 +41,29 @@ def new_name(name: str) -> str:
 ])  # fmt: skip
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FILE",
               help="File to write; default: the example's name with .toml, in this directory.")  # fmt: skip
+@click.option("--own", is_flag=True, help="Write a template for a stream of your own, to own.toml or to FILE.")
 @FORCE_FILE
-def init(example: str | None, output: Path | None, force: bool) -> None:
+def init(example: str | None, output: Path | None, own: bool, force: bool) -> None:
     """Write an example run file to start from.
 
     Without EXAMPLE, list the examples. The file has comments and runs as it is: change it to your stream. Tables that
-    it reads are written to the same directory.
+    it reads are written to the same directory. --own writes a short template in place of an example: every line that
+    depends on the stream is marked.
     """
+    if own:
+        if example is not None:
+            raise click.UsageError(f"--own writes a template; found the example {example!r} too")
+        target = output or Path("own.toml")
+        report.check_target(target, (".toml",), "init", force)
+        text = (files("streamkit.cli") / "templates" / "own.toml.txt").read_text(encoding="utf-8")
+        report.save(target, lambda path: path.write_text(text, encoding="utf-8"))
+        click.echo(f"{target}: change the lines with <-; next, 'streamkit check {target}'")
+        return
     run_files = examples()
     if example is None:
         rows = [(name, _title(path)) for name, path in run_files.items()]
-        click.echo(f"examples\n{report.columns(rows)}\n\nstreamkit init NAME writes one to NAME.toml")
+        click.echo(f"examples\n{report.columns(rows)}\n\nstreamkit init NAME writes one to NAME.toml; "
+                   "streamkit init --own writes a template for a stream of your own")
         return
     if example not in run_files:
         hint = nearest(example, run_files)

@@ -140,6 +140,20 @@ def test_a_run_file_to_begin_with(tmp_path, monkeypatch):
     assert "Did you mean 'sagittarius'" in refused("init", "sagitarius")
 
 
+def test_a_template_for_a_stream_of_ones_own(tmp_path, monkeypatch):
+    """It is valid as it is, with member stars, and every line to change is marked."""
+    monkeypatch.chdir(tmp_path)
+    assert "streamkit init --own" in call("init").output
+    assert "own.toml" in call("init", "--own").output
+    spec = sk.load("own.toml")
+    assert "progenitor.v_los" in spec.names
+    assert spec.bind().observable.members is not None
+    text = (tmp_path / "own.toml").read_text()
+    assert text.count("<-") > 10
+    assert "--force" in refused("init", "--own")
+    assert "found the example" in refused("init", "gd1", "--own", "-f")
+
+
 def test_a_wheel_holds_the_examples():
     """Their folder is packed without texts and pictures: `init` lists the same in a clone and where it is installed."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())

@@ -55,6 +55,11 @@ class Portrait:
         momentum = angular_momentum(stream.q, stream.v) - angular_momentum(core.q[:, -1:], core.v[:, -1:])
         return None if energy is None or of_core is None else energy - of_core, momentum
 
+    @property
+    def moves(self) -> bool:
+        """Whether anything moves beside the host: energies are then not conserved."""
+        return bool(self.inputs.bodies) or self.inputs.companion is not None
+
     @cached_property
     def ends(self) -> tuple[float, float]:
         """Windings in degrees at the end of the trailing and of the leading tail; NaN without a stream."""

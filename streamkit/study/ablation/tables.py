@@ -61,6 +61,10 @@ PRINTED = (
                                              "from the reference's"),
     },
 )  # fmt: skip
+MOVING = (
+    "A body moves beside the host: energies and angular momenta are those of today, with the body where it is today. "
+    "They are not conserved, and differences of dE, dL, E and L do not last."
+)
 PULL = Measure(False, "pull", "", "difference of the observable from the reference's in standard errors of the data")
 MEASURES = {name: measure for table in PRINTED for name, measure in table.items()} | {
     "observable": Measure(False, "", "", "as the run file measures it"),
@@ -156,6 +160,8 @@ def describe_ablation(ablation: Ablation) -> str:
     parts = [paragraph(f"{len(ablation.outcomes)} variants beside {ablation.beside}{of}; L leading, T trailing")]
     parts += [legend, *(_part(rows, measures) for measures in PRINTED)]
     parts += _observables(rows)
+    if any(o.first is not None and o.first.moves for o in ablation.outcomes):
+        parts.append(paragraph(MOVING))
     for label, outcome, _ in rows:
         if outcome is not None and outcome.reasons:
             parts.append(paragraph("; ".join(outcome.reasons), f"{label}: ", "  "))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import re
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from astropy.table import QTable
 from click.testing import Result
 from commands import call, refused
 from matplotlib.figure import Figure
-from runfiles import RUN
+from runfiles import FIT, RUN
 from snapshot_files import write_gadget, write_table
 from snapshots import DATA
 
@@ -21,6 +22,7 @@ from streamkit.cli.ablate import read_variations
 from streamkit.study.ablation import PRODUCTS, read_reference, run_ablation, variants_of
 from streamkit.study.ablation.products import PICTURES, SKY
 from streamkit.study.ablation.runner import make_stream
+from streamkit.study.ablation.tables import describe_ablation
 
 GRAVITY = "--vary=stripping.progenitor_gravity=true,false"
 HERE = ("--set=potential.v0=210", "--set=progenitor.mass=6.4e8", "--set=stripping.particles=600")
@@ -326,3 +328,15 @@ def test_live_progenitor_is_a_variant_and_a_reference():
 def test_reference_that_is_neither_a_file_nor_a_live_scheme_is_a_sentence():
     with pytest.raises(sk.StreamkitError):
         read_reference("streakline", sk.load(LIVE))
+
+
+def test_energies_beside_a_moving_body_are_said_not_to_last() -> None:
+    lmc = {"kind": "hernquist", "mass": 1e10, "a": 5, "x": 0, "y": 50, "z": 0, "vx": 0, "vy": 0, "vz": 250}
+    texts = []
+    for more in ({}, {"body": {"lmc": lmc}}):
+        document = copy.deepcopy(FIT) | more
+        document["stripping"]["particles"] = 100
+        spec = sk.load(document)
+        texts.append(describe_ablation(run_ablation(spec, variants_of(spec, {"stripping.kind": ["mlcs"]}))))
+    assert "not conserved" not in texts[0]
+    assert "not conserved" in " ".join(texts[1].split())
