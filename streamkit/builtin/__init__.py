@@ -6,6 +6,7 @@ from streamkit import CONTRACT, Component, Preset, hookimpl
 from streamkit.builtin import (
     apocentres,
     bar,
+    density,
     discs,
     halos,
     host_data,
@@ -63,6 +64,7 @@ def streamkit_components() -> list[type[Component] | Preset]:
         integrators.Reference,
         apocentres.Apocentres,
         track.Track,
+        density.Density,
         remnant.RemnantData,
         sampler.Emcee,
         PredictionEmulator,

@@ -26,16 +26,16 @@ SHELLS = 64  # in which the bound mass is counted, as `Monopole` takes them
 CUSPY = 0.5  # inner slope -d ln rho / d ln r from which on the force is that of a cusp
 SOFTENING = 0.02  # of the force of a cusp, in units of the scale radius
 REACH = 30.0  # distance beyond which nothing is bound, in units of the scale radius
-DYNAMICAL = 0.3  # longest step in units of (a^3 / G M)^(1/2)
+DYNAMICAL = 0.35  # longest step in units of (a^3 / G M)^(1/2)
 
 
 class RestrictedNbody(LiveStripping):
     """Restricted N-body: debris leaves a live progenitor where and when the tide takes it. No constant is fitted.
 
     Particles drawn from the progenitor's isotropic distribution function at the look-back time move as test particles
-    in the host and in the monopole of those that are still bound, renewed every 20 Myr. Bound mass, tidal radius and
-    stripping times follow. ``mass`` and the radius of the progenitor are those at the look-back time; the mass that is
-    left today is a result. Any sphere with a density and a finite mass will do: in closed form `plummer` and
+    in the host and in the monopole of those that are still bound, renewed every 20 to 40 Myr. Bound mass, tidal radius
+    and stripping times follow. ``mass`` and the radius of the progenitor are those at the look-back time; the mass that
+    is left today is a result. Any sphere with a density and a finite mass will do: in closed form `plummer` and
     `hernquist`, others by Eddington's formula. The progenitor follows the orbit of a point of its whole mass: it loses
     no energy to its debris.
     """
@@ -71,7 +71,7 @@ class RestrictedNbody(LiveStripping):
         return replace(people, weight=satellite.weigh(q, v, density))
 
     def longest_step(self, satellite: SatelliteView, orbit: Orbit) -> float:
-        """Return 0.3 dynamical times (a^3 / G M)^(1/2)."""
+        """Return 0.35 dynamical times (a^3 / G M)^(1/2)."""
         return float(DYNAMICAL * np.sqrt(satellite.scale**3 / (G * satellite.mass)))
 
     def renew(self, edge: BlockEdge, satellite: SatelliteView, before: Remnant | None) -> Remnant:

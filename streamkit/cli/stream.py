@@ -13,8 +13,6 @@ from streamkit import observe, report
 from streamkit.cli.options import FORCE_FILE, JSON, RUN_FILE, SET, load_spec, read_settings
 from streamkit.errors import OutOfDomain, StreamkitError
 
-TRACKS = (".ecsv", *report.PICTURES)  # suffixes of --track
-
 
 @click.command()
 @RUN_FILE
@@ -53,8 +51,10 @@ def stream(
         {name: _file(path, name, spec) for name in spec.streams} for path in (output, plot, track)
     )
     for files, suffixes, option in (
-        (particles, report.FORMATS, "--output"), (pictures, report.PICTURES, "--plot"), (tracks, TRACKS, "--track"),
-    ):  # fmt: skip
+        (particles, report.FORMATS, "--output"),
+        (pictures, report.PICTURES, "--plot"),
+        (tracks, (".ecsv", *report.PICTURES), "--track"),
+    ):
         for path in filter(None, files.values()):
             report.check_target(path, suffixes, option, force)
     if frame is not None:

@@ -271,6 +271,8 @@ class Observable(Measurement):
     """A measurement of a stream as a survey would make it, and the data it is compared with."""
 
     role: ClassVar[str] = "observable"
+    wants_live: ClassVar[bool] = False
+    """Whether its data depend on the rate at which debris leaves: `check` then warns of a scheme that assumes one."""
 
     @abstractmethod
     def predict(self, stream: Stream) -> Prediction:

@@ -82,8 +82,8 @@ class BlockEdge:
 
     Attributes
     ----------
-    t
-        Time in kpc/(km/s), 0 today.
+    start, t
+        The look-back time and the time of this edge in kpc/(km/s), negative in the past.
     q, v
         (3, n) Galactocentric positions and velocities of the particles, in rows without gaps. Not to be changed.
     mass
@@ -95,6 +95,7 @@ class BlockEdge:
         ``(G M / bracket)^(1/3)``.
     """
 
+    start: float
     t: float
     q: Array
     v: Array
@@ -134,8 +135,8 @@ class LiveStripping(StrippingScheme):
 
     draws: ClassVar[int] = 6
     """Uniform random numbers wanted per particle, in one sequence."""
-    renewal: ClassVar[float] = 0.02
-    """Longest time in Gyr between two calls of `renew`."""
+    renewal: ClassVar[float] = 0.04
+    """Longest time in Gyr between two calls of `renew`; it is shorter where the progenitor turns quickly."""
 
     particles: int = Field(default=20000, ge=50, description="Number of particles that fill the progenitor.")
     quasi_random: bool = Field(
@@ -149,8 +150,8 @@ class LiveStripping(StrippingScheme):
         "Without it, it starts at the look-back time.",
     )
     step: Duration = Field(
-        default=0.004,
-        description="Longest time step. It is shorter where the progenitor or its pericentre asks for it: at most 0.3 "
+        default=0.005,
+        description="Longest time step. It is shorter where the progenitor or its pericentre asks for it: at most 0.35 "
         "dynamical times (a^3 / G M)^(1/2), and 0.06 of distance over speed of the progenitor.",
     )
 

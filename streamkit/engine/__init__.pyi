@@ -8,6 +8,7 @@ from .field import adaptive_step as adaptive_step
 from .field import build_field as build_field
 from .field import split_step as split_step
 from .kernels import Force as Force
+from .live_records import record_together as record_together
 from .march import MovingForce as MovingForce
 from .methods import LEAPFROG as LEAPFROG
 from .methods import PEFRL as PEFRL

@@ -2,7 +2,7 @@
 
 Each step drifts, kicks and drifts with one force. Particles of one time go in batches that fit into the nearest cache.
 Where the moving force is a sphere that this loop knows (`Sphere`), its force, the kick and the drift are one pass over
-the particles, and the host, which changes more slowly, kicks once in an odd number of steps, in the middle of them
+the particles, and the host, which changes more slowly, kicks once in several steps, in the middle of them
 (Tuckerman, Berne & Martyna 1992, J. Chem. Phys. 97, 1990): symmetric and symplectic like leapfrog itself.
 """
 
@@ -44,14 +44,18 @@ def _march(forces, method, lanes, particles, t0, t1):
         m = min(TOGETHER, n - begin)
         whole = (m + LANES - 1) // LANES * LANES
         for row, source in enumerate(particles):
-            lanes[row * ROW : row * ROW + m] = source[begin : begin + m]
+            lane, part = lanes[row * ROW : row * ROW + whole], source[begin : begin + m]
+            for i in range(m):
+                lane[i] = part[i]
             for i in range(m, whole):
-                lanes[row * ROW + i] = source[begin + m - 1]
+                lane[i] = part[m - 1]
         lanes[T : T + whole] = t0
         lanes[H : H + whole] = h
         compose(forces, method, True, 0, whole, steps, False, lanes, relative, centre)
         for row, out in enumerate(particles):
-            out[begin : begin + m] = lanes[row * ROW : row * ROW + m]
+            lane, part = lanes[row * ROW : row * ROW + m], out[begin : begin + m]
+            for i in range(m):
+                part[i] = lane[i]
 
 
 @cache
@@ -60,48 +64,52 @@ def _compile_with_drag() -> None:
 
 
 @cached(types.void(FORCES, _F1, _F1, types.UniTuple(_F1, 6), _F, _F, types.intp, types.intp), nogil=True)
-def _march_sphere(forces, sphere, lanes, particles, t0, t1, kicks, odd):
-    """As `_march`, with the sphere c0 ... c8, b, e (11,) on the last trajectory, and ``odd`` steps to a host kick."""
+def _march_sphere(forces, sphere, lanes, particles, t0, t1, kicks, each):
+    """As `_march`, with the sphere c0 ... c8, b, e (11,) on the last trajectory, and ``each`` steps to a host kick."""
     c0, c1, c2, c3, c4 = sphere[0], sphere[1], sphere[2], sphere[3], sphere[4]
     c5, c6, c7, c8, b, e = sphere[5], sphere[6], sphere[7], sphere[8], sphere[9], sphere[10]
     b2, e2 = b * b, e * e
     relative, centre, place = np.empty(3 * ROW), np.empty(3), np.empty(3)
-    n, steps, last = particles[0].shape[0], kicks * odd, forces.tracks.shape[0] - 1
+    n, steps, last = particles[0].shape[0], kicks * each, forces.tracks.shape[0] - 1
     h = (t1 - t0) / steps
+    rest = 0.5 * h if each % 2 == 0 else 0.0  # from a kick of the host to the force of the sphere
     for begin in range(0, n, TOGETHER):
         m = min(TOGETHER, n - begin)
         whole = (m + LANES - 1) // LANES * LANES
         for row, source in enumerate(particles):
-            lanes[row * ROW : row * ROW + m] = source[begin : begin + m]
+            lane, part = lanes[row * ROW : row * ROW + whole], source[begin : begin + m]
+            for i in range(m):
+                lane[i] = part[i]
             for i in range(m, whole):
-                lanes[row * ROW + i] = source[begin + m - 1]
+                lane[i] = part[m - 1]
         for s in range(steps):
             now = t0 + (s + 0.5) * h
             drift = h if s > 0 else 0.5 * h
             centre_at(forces, last, now, place)
             p0, p1, p2 = place[0], place[1], place[2]
-            if s % odd == odd // 2:
+            if s % each == each // 2:
+                drift -= rest
                 for i in range(whole):
                     lanes[i] += drift * lanes[V + i]
                     lanes[ROW + i] += drift * lanes[V + ROW + i]
                     lanes[2 * ROW + i] += drift * lanes[V + 2 * ROW + i]
-                lanes[T : T + whole] = now
+                lanes[T : T + whole] = now - rest
                 add_forces(forces, True, 0, whole, lanes[T:], lanes, relative, centre, lanes[A:])
                 for i in range(whole):
-                    lanes[V + i] += odd * h * lanes[A + i]
-                    lanes[V + ROW + i] += odd * h * lanes[A + ROW + i]
-                    lanes[V + 2 * ROW + i] += odd * h * lanes[A + 2 * ROW + i]
-                drift = 0.0
+                    lanes[V + i] += each * h * lanes[A + i]
+                    lanes[V + ROW + i] += each * h * lanes[A + ROW + i]
+                    lanes[V + 2 * ROW + i] += each * h * lanes[A + 2 * ROW + i]
+                drift = rest
             for i in range(whole):  # one array with constant offsets: vectors
                 u, v, w = lanes[V + i], lanes[V + ROW + i], lanes[V + 2 * ROW + i]
                 x, y, z = lanes[i] + drift * u, lanes[ROW + i] + drift * v, lanes[2 * ROW + i] + drift * w
                 dx, dy, dz = x - p0, y - p1, z - p2
                 d2 = dx * dx + dy * dy + dz * dz
-                far, near = d2 + b2, d2 + e2
-                inverse = 1.0 / (far * near)
-                q = b2 * near * inverse
+                wide, narrow = d2 + b2, d2 + e2
+                inverse = 1.0 / (wide * narrow)
+                q = b2 * narrow * inverse
                 f = c0 + q * (c1 + q * (c2 + q * (c3 + q * (c4 + q * (c5 + q * (c6 + q * (c7 + q * c8)))))))
-                k = -h * G * f * math.sqrt(near) * inverse
+                k = -h * G * f * math.sqrt(narrow) * inverse
                 lanes[i], lanes[ROW + i], lanes[2 * ROW + i] = x, y, z
                 lanes[V + i], lanes[V + ROW + i], lanes[V + 2 * ROW + i] = u + k * dx, v + k * dy, w + k * dz
         for i in range(whole):
@@ -109,13 +117,15 @@ def _march_sphere(forces, sphere, lanes, particles, t0, t1, kicks, odd):
             lanes[ROW + i] += 0.5 * h * lanes[V + ROW + i]
             lanes[2 * ROW + i] += 0.5 * h * lanes[V + 2 * ROW + i]
         for row, out in enumerate(particles):
-            out[begin : begin + m] = lanes[row * ROW : row * ROW + m]
+            lane, part = lanes[row * ROW : row * ROW + m], out[begin : begin + m]
+            for i in range(m):
+                part[i] = lane[i]
 
 
 @cache
 def split_kicks(steps: int, kicks: int) -> tuple[int, int]:
-    """Return how often the host kicks and the odd number of steps to each of its kicks, at the least cost."""
-    choices = [(k, max((steps + k - 1) // k, 1) | 1) for k in range(kicks, max(steps, kicks) + 1)]
+    """Return how often the host kicks and the number of steps to each of its kicks, at the least cost."""
+    choices = [(k, max((steps + k - 1) // k, 1)) for k in range(kicks, max(steps, kicks) + 1)]
     return min(choices, key=lambda pair: pair[0] * (HOST_COST + pair[1]))
 
 
@@ -144,9 +154,9 @@ class MovingForce:
             method = Method(LEAPFROG.drift, LEAPFROG.kick, np.zeros(2), max(steps, kicks), np.empty(0))
             _in_threads(field, lambda *parts: _march(field.all_forces, method, *parts, t0, t1), (*q, *v))
         else:
-            field, (often, odd) = self._bare, split_kicks(steps, kicks)
+            field, (often, each) = self._bare, split_kicks(steps, kicks)
             _in_threads(
-                field, lambda *parts: _march_sphere(field.forces, sphere, *parts, t0, t1, often, odd), (*q, *v)
+                field, lambda *parts: _march_sphere(field.forces, sphere, *parts, t0, t1, often, each), (*q, *v)
             )  # fmt: skip
 
     @cached_property

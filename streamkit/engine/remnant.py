@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import types
 
@@ -9,42 +11,51 @@ from streamkit.engine.cache import cached
 from streamkit.stream import Array, BoolArray
 from streamkit.units import G
 
-CHUNK = 512  # particles whose energies are computed together
+CHUNK = 256  # particles whose energies are computed together
+# Where in the scratch y = b^2 / (d^2 + b^2), the energy, the polynomial of the potential and the bound mass begin.
+Y, ENERGY, DEPTH, MASS = 0, CHUNK, 2 * CHUNK, 3 * CHUNK
 
 _F1, _F2, _F = types.float64[::1], types.float64[:, ::1], types.float64
 
 
 @cached(types.void(_F2, _F2, _F1, _F1, _F1, _F, _F, types.boolean[::1], _F1))
 def _bound_shells(q, v, mass, core, depth, scale, reach, bound, shells):
-    """Fill bound (n,) and shells (k,); see `bound_shells`."""
-    x, y, z, u, w, s = q[0], q[1], q[2], v[0], v[1], v[2]
+    """Fill bound (n,) and shells (k,); see `bound_shells`.
+
+    Loops without branches over one array of scratch run on all lanes; the sums into shells are one after another.
+    """
     x0, y0, z0, u0, w0, s0 = core[0], core[1], core[2], core[3], core[4], core[5]
-    near, energy, deep = np.empty(CHUNK), np.empty(CHUNK), np.empty(CHUNK)
+    scratch, shell = np.empty(4 * CHUNK), np.empty(CHUNK, dtype=np.int64)
     b2, last, count = scale * scale, depth.shape[0] - 1, shells.shape[0]
-    nearest = b2 / (b2 + reach * reach)
+    nearest, unit, outermost = b2 / (b2 + reach * reach), G / scale, count - 1.0
     shells[:] = 0.0
     for begin in range(0, mass.shape[0], CHUNK):
-        m = min(CHUNK, mass.shape[0] - begin)
-        xs, ys, zs = x[begin : begin + m], y[begin : begin + m], z[begin : begin + m]
-        us, ws, ss = u[begin : begin + m], w[begin : begin + m], s[begin : begin + m]
-        for i in range(m):  # without branches: vectors
-            dx, dy, dz = xs[i] - x0, ys[i] - y0, zs[i] - z0
-            du, dw, ds = us[i] - u0, ws[i] - w0, ss[i] - s0
-            a = 1.0 / (dx * dx + dy * dy + dz * dz + b2)
-            near[i] = b2 * a
-            energy[i] = 0.5 * (du * du + dw * dw + ds * ds)
-        deep[:m] = depth[last]
-        for k in range(last - 1, -1, -1):  # the coefficients outside: vectors again
-            for i in range(m):
-                deep[i] = deep[i] * near[i] + depth[k]
-        for i in range(m):
-            energy[i] -= G / scale * deep[i] * np.sqrt(near[i])
-        for i in range(m):
-            holds = energy[i] < 0.0 and near[i] > nearest
-            bound[begin + i] = holds
-            if holds:
-                k = min(int((1.0 - near[i]) * count), count - 1)
-                shells[k] += mass[begin + i]
+        end = min(begin + CHUNK, mass.shape[0])
+        x, y, z = q[0, begin:end], q[1, begin:end], q[2, begin:end]
+        u, w, s = v[0, begin:end], v[1, begin:end], v[2, begin:end]
+        here, holds = mass[begin:end], bound[begin:end]
+        for i in range(x.shape[0]):
+            dx, dy, dz = x[i] - x0, y[i] - y0, z[i] - z0
+            scratch[Y + i] = b2 * (1.0 / (dx * dx + dy * dy + dz * dz + b2))
+        for i in range(x.shape[0]):
+            du, dw, ds = u[i] - u0, w[i] - w0, s[i] - s0
+            scratch[ENERGY + i] = 0.5 * (du * du + dw * dw + ds * ds)
+        scratch[DEPTH : DEPTH + CHUNK] = depth[last]
+        for k in range(last - 1, -1, -1):  # the coefficients outside
+            c = depth[k]
+            for i in range(x.shape[0]):
+                scratch[DEPTH + i] = scratch[DEPTH + i] * scratch[Y + i] + c
+        for i in range(x.shape[0]):
+            scratch[ENERGY + i] -= unit * scratch[DEPTH + i] * math.sqrt(scratch[Y + i])
+        for i in range(x.shape[0]):
+            inside = here[i] if scratch[Y + i] > nearest else 0.0
+            scratch[MASS + i] = inside if scratch[ENERGY + i] < 0.0 else 0.0
+        for i in range(x.shape[0]):
+            shell[i] = int(min((1.0 - scratch[Y + i]) * count, outermost))
+        for i in range(x.shape[0]):
+            holds[i] = scratch[ENERGY + i] < 0.0 and scratch[Y + i] > nearest
+        for i in range(x.shape[0]):
+            shells[shell[i]] += scratch[MASS + i]
 
 
 def bound_shells(

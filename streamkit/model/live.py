@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from streamkit.components import BlockEdge, LiveStripping, Population, Remnant
-from streamkit.engine import MovingForce, record
+from streamkit.engine import MovingForce, record_together
 from streamkit.errors import ComponentError, OutOfDomain, blamed
 from streamkit.model.equilibrium import Equilibrium
 from streamkit.model.host import Host
-from streamkit.model.integrate import TURN, Records
+from streamkit.model.integrate import Records
 from streamkit.model.progenitor import progenitor_track
 from streamkit.runfile import StreamInputs
 from streamkit.stream import LEADING, TRAILING, Array, IntArray, Orbit, angle_in_plane, orbital_plane, read_only
@@ -19,7 +19,10 @@ from streamkit.units import GYR, G
 
 MOST_STEPS = 20_000  # most steps from the look-back time to today
 SHARE_OF_ORBIT = 0.06  # longest step in units of the progenitor's distance over its speed
-FEWEST_KICKS = 2  # by the host in a block, for the debris that is elsewhere on the orbit
+ELSEWHERE = 0.01  # longest time in Gyr between two kicks by the host, for the debris that is elsewhere on the orbit
+ARC = 0.4  # radians that the progenitor turns in a block at most
+# Dynamical times (a^3 / G M)^(1/2) in which the progenitor may not lose all of its mass but this share.
+AT_ONCE, LITTLE = 10.0, 0.01
 UNBOUND = 0.5  # most of the mass that may be unbound at the start: more is no progenitor
 
 
@@ -64,6 +67,7 @@ def follow_live(
     with blamed(name):
         people = scheme.populate(read_only(states[0].copy()), satellite, read_only(points))
     q, v, mass = _checked(people, name)
+    dynamical = np.sqrt(satellite.scale**3 / (G * satellite.mass))
     field = replace(host.until(float(track.t[0])), threads=threads)
     moving = MovingForce(field, track)
     books = _Books(track, q, v, edges[0], at_edges)
@@ -71,7 +75,8 @@ def follow_live(
     def renewed(k: int, before: Remnant | None) -> Remnant:
         """Return what is left of the progenitor at an edge, by the scheme."""
         with blamed(name):
-            after = scheme.renew(BlockEdge(float(edges[k]), q, v, mass, states[k], brackets[k]), satellite, before)
+            edge = BlockEdge(float(edges[0]), float(edges[k]), q, v, mass, states[k], brackets[k])
+            after = scheme.renew(edge, satellite, before)
         left[k] = _bound_mass(after, name)
         r_tidal[k] = np.cbrt(G * left[k] / brackets[k])
         return after
@@ -83,6 +88,11 @@ def follow_live(
     for k in range(1, len(edges)):
         moving.advance(remnant.force, q, v, edges[k - 1], edges[k], steps[k - 1], kicks[k - 1])
         remnant = renewed(k, remnant)
+        if left[k] < LITTLE * left[0] and edges[k] - edges[0] < AT_ONCE * dynamical:
+            raise OutOfDomain(
+                f"the progenitor {inputs.satellite.kind} dissolves at once: within {AT_ONCE:g} of its dynamical times "
+                "from the look-back time next to nothing of it is bound. It is too large for its tidal radius"
+            )
         books.write(edges[k], states[k], r_tidal[k])
     done = books.close(remnant)
     over_time = np.interp(track.t, edges, left)
@@ -109,15 +119,15 @@ def live_track(inputs: StreamInputs, scheme: LiveStripping, host: Host, track: O
 
 def _blocks(scheme: LiveStripping, satellite: Equilibrium, track: Orbit) -> tuple[Array, list[int], list[int]]:
     """Return the edges of the blocks (k + 1,), and the least number of steps and of the host's kicks in each (k,)."""
-    begin, end = float(track.t[0]), float(track.t[-1])
-    block = min(scheme.renewal * GYR, TURN / float(track.omega.max()))
-    edges = np.linspace(begin, end, max(int(np.ceil((end - begin) / block)), 1) + 1)
+    rate = np.maximum(1 / (scheme.renewal * GYR), track.omega / ARC)
+    blocks = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(track.t))])
+    edges = np.interp(np.linspace(0.0, blocks[-1], max(int(np.ceil(blocks[-1])), 1) + 1), blocks, track.t)
     with blamed(f"stripping {scheme.kind}"):
         longest = min(scheme.step * GYR, scheme.longest_step(satellite, track))
     allowed = SHARE_OF_ORBIT * track.r / np.sqrt((track.v**2).sum(axis=0))
     pieces = np.maximum(np.searchsorted(track.t, edges[:-1], side="right") - 1, 0)
     spans = np.diff(edges)
-    kicks = np.maximum(np.ceil(spans / np.minimum.reduceat(allowed, pieces) - 1e-9), FEWEST_KICKS)
+    kicks = np.ceil(spans / np.minimum(np.minimum.reduceat(allowed, pieces), ELSEWHERE * GYR) - 1e-9)
     steps = np.ceil(spans / longest - 1e-9)
     if not np.maximum(steps, kicks).sum() <= MOST_STEPS:
         raise OutOfDomain(
@@ -167,15 +177,15 @@ class _Books:
 
     def __init__(self, track: Orbit, q: Array, v: Array, t: float, at_edges: Orbit) -> None:
         n = q.shape[1]
-        self._q, self._v, self._now = q, v, np.full(n, t)
+        self._q, self._v, self._now = q, v, t
         self._plane = orbital_plane(track)
         self._swept = np.unwrap(angle_in_plane(self._plane, track.q))
         self._planar = np.ascontiguousarray(self._plane @ q)
         angle = angle_in_plane(self._plane, q)
         lag = angle - self._swept[0]
         self._offset = lag - 2 * np.pi * np.round(lag / (2 * np.pi)) - angle + self._swept[0]
-        self._revolutions = np.zeros(n, dtype=np.int64)
-        self._chi, self._gap, self._t_strip = np.zeros(n), np.zeros(n), self._now.copy()
+        self._revolutions = np.zeros(n)
+        self._chi, self._gap, self._t_strip = np.zeros(n), np.zeros(n), np.full(n, t)
         self._dq, self._dv = q - at_edges.q[:, :1], v - at_edges.v[:, :1]
 
     def open(self, core: Array, r_tidal: float) -> None:
@@ -185,10 +195,11 @@ class _Books:
 
     def write(self, t: float, core: Array, r_tidal: float) -> None:
         """Add what happened in the block that ends at t."""
-        record(
-            len(self._now), self._now, t, self._q, self._v, core, r_tidal, self._plane, self._revolutions, self._planar,
-            self._chi, self._gap, self._t_strip, self._dq, self._dv,
+        record_together(
+            self._now, t, self._q, self._v, core, r_tidal, self._plane, self._revolutions, self._planar, self._chi,
+            self._gap, self._t_strip, self._dq, self._dv,
         )  # fmt: skip
+        self._now = t
 
     def close(self, remnant: Remnant) -> Records:
         """Return the records; bound is who the scheme says, or is inside the tidal radius."""

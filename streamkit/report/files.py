@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 from streamkit.distribution import VERSION
 from streamkit.errors import ChainError, StreamkitError, nearest
-from streamkit.runfile import Spec
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -18,6 +17,8 @@ if TYPE_CHECKING:
     from astropy.table import QTable
     from filelock import BaseFileLock
     from matplotlib.figure import Figure
+
+    from streamkit.runfile import Spec
 
 PICTURES = (".png", ".pdf", ".svg")  # suffixes a picture can be written to
 LOCK = ".streamkit.lock"  # hidden file in a directory that a run writes into

@@ -11,7 +11,16 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from streamkit.observe import marks_of
-from streamkit.report.stream_axes import DATUM, LEGEND, draw_mark, draw_particles, draw_plane, draw_unwrapped
+from streamkit.report.stream_axes import (
+    DATUM,
+    LEGEND,
+    draw_mark,
+    draw_mass,
+    draw_particles,
+    draw_plane,
+    draw_unwrapped,
+    loses_mass,
+)
 from streamkit.report.style import BAND_68, BAND_95, VERMILION, NotebookFigure, angle_ticks, finish
 from streamkit.runfile import StreamInputs
 from streamkit.stream import Array, Panel, PanelData, Prediction, Stream
@@ -20,6 +29,7 @@ from streamkit.stream import Array, Panel, PanelData, Prediction, Stream
 WIDE, LEFT, GAP, SIDE, RIGHT = 5.8, 0.95, 0.85, 3.0, 0.15
 TALL, BELOW, BETWEEN = 1.2, 0.55, 0.1  # inches down: a panel, its residuals, and from one pair to the next
 FOOT, NAMES = 0.5, 2.4  # inches for the name of a horizontal axis, and for the legend
+MASS, AXIS = 1.7, 0.6  # inches down of the picture of the bound mass, and across for its second axis
 THIN = 1.3  # width of a line: the debris of a cold stream shall be seen beside it
 BANDS = (BAND_95, BAND_68)
 
@@ -39,7 +49,8 @@ def draw_sky(
     groups = [list(group) for _, group in groupby(panels, key=lambda panel: panel.x_label)]
     unwrapped = bool(marks_of(inputs.observables, prediction))
     head = 0.45 if note else 0.12
-    beside = SIDE + FOOT + (SIDE + FOOT if unwrapped else 0.0) + NAMES
+    loses = loses_mass(particles)
+    beside = SIDE + FOOT + (SIDE + FOOT if unwrapped else 0.0) + (MASS + FOOT if loses else 0.0) + NAMES
     pairs, feet = len(panels), FOOT * len(groups)
     tall = max(TALL, (beside - feet) / pairs - BELOW - BETWEEN)
     height = head + pairs * (tall + BELOW + BETWEEN) + feet
@@ -80,6 +91,9 @@ def draw_sky(
         angle_ticks(angles, 6)
         angles.xaxis.label.set_fontsize(9.5)
         down += SIDE + FOOT
+    if loses:
+        draw_mass(particles, place(left, down, SIDE - AXIS, MASS), small=True)
+        down += MASS + FOOT
     assert first is not None  # noqa: S101  there is a panel
     named = {
         text: mark for axes in (first, plane) for mark, text in zip(*axes.get_legend_handles_labels(), strict=True)

@@ -48,14 +48,19 @@ def draw_plane(particles: Stream, axes: Axes) -> None:
     finish(axes)
 
 
-def draw_mass(particles: Stream, axes: Axes) -> None:
+def loses_mass(particles: Stream) -> bool:
+    """Say whether the progenitor loses mass, so that there is something to draw."""
+    return bool((particles.orbit.mass_left != particles.orbit.mass_left[0]).any())
+
+
+def draw_mass(particles: Stream, axes: Axes, small: bool = False) -> None:
     """Draw the mass that the progenitor has left, and its tidal radius, against time."""
     orbit = particles.orbit
     t = orbit.t / GYR
     axes.plot(t, orbit.mass_left, color="black", lw=1.3)
     axes.set(xlim=(t[0], 0.0), ylim=(0.0, 1.05))
     axes.set_xlabel(r"$t\ \,[{\rm Gyr}]$", fontsize=12)
-    axes.set_ylabel("bound mass / mass at the look-back time", fontsize=11)
+    axes.set_ylabel("bound mass" if small else "bound mass / mass at the look-back time", fontsize=11)
     finish(axes)
     right = axes.twinx()
     right.plot(t, orbit.r_tidal, color=VERMILION, lw=0.9)

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from streamkit.observe import panels_of
 from streamkit.report.sky_figure import draw_sky
-from streamkit.report.stream_axes import LEGEND, draw_mass, draw_plane, draw_unwrapped
+from streamkit.report.stream_axes import LEGEND, draw_mass, draw_plane, draw_unwrapped, loses_mass
 from streamkit.report.style import VERMILION, NotebookFigure
 from streamkit.runfile import StreamInputs
 from streamkit.stream import Array, Prediction, Stream
@@ -29,7 +29,7 @@ def draw_stream(
         panels = panels_of(inputs.observables, particles, prediction)
         if panels:
             return draw_sky(particles, prediction, inputs, panels, note, intervals or {})
-    loses = bool((particles.orbit.mass_left != particles.orbit.mass_left[0]).any())
+    loses = loses_mass(particles)
     figure = NotebookFigure(figsize=(12.5 + 4.0 * loses, 5.2), layout="constrained")
     left, right, *rest = figure.subplots(1, 2 + loses, width_ratios=(1, 1.25, 0.8)[: 2 + loses])
     draw_plane(particles, left)

@@ -57,7 +57,7 @@ def _points(scheme: LiveStripping, seed: int = 7) -> Array:
 
 def _edge(people: Population, core: Array) -> BlockEdge:
     q, v = (np.ascontiguousarray(x) for x in (people.q, people.v))
-    return BlockEdge(LOOKBACK, q, v, people.mass, core, BRACKET)
+    return BlockEdge(LOOKBACK, LOOKBACK, q, v, people.mass, core, BRACKET)
 
 
 def _both(people: Population) -> Array:
@@ -116,7 +116,7 @@ def renew_says_what_is_left(scheme: LiveStripping) -> None:
     require(all(map(np.array_equal, before, (edge.q, edge.v, core))), "renew changes its arguments")
     far = edge.q.copy()
     far[:, ::4] += AWAY
-    gone = BlockEdge(edge.t + 0.02, far, edge.v, edge.mass, core, BRACKET)
+    gone = BlockEdge(LOOKBACK, edge.t + 0.02, far, edge.v, edge.mass, core, BRACKET)
     second = scheme.renew(gone, PlummerSphere(), first)
     _sound(second)
     require(not second.bound[::4].any(), f"particles {AWAY:g} kpc away are bound")

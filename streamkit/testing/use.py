@@ -43,7 +43,7 @@ def use(component: Component, seed: int = 1) -> Array:
         orbit, sphere = progenitor_orbit(-3.0), live.PlummerSphere()
         core = np.concatenate([orbit.q[:, 0], orbit.v[:, 0], orbit.a[:, 0]])
         people = component.populate(core, sphere, rng.random((component.draws, 50)))
-        edge = BlockEdge(-3.0, people.q, people.v, people.mass, core, live.BRACKET)
+        edge = BlockEdge(-3.0, -3.0, people.q, people.v, people.mass, core, live.BRACKET)
         left = component.renew(edge, sphere, None)
         return np.concatenate([people.q, people.v, np.array([left.bound, np.full(50, left.mass)])])
     if isinstance(component, Integrator):

@@ -1,7 +1,8 @@
 """Whether fits find the true host in data made by live satellites.
 
     python tests/benchmarks/nbody_recovery.py [RUN.toml] [-o DIR] [--draws N] [--particles N] [--dissolved]
-                                              [--sampler FIELD=VALUE ...]
+                                              [--sampler FIELD=VALUE ...] [--set PATH=VALUE ...]
+                                              [--fit PATH=VALUE ...] [--passages N ...]
 
 Truths are drawn from the prior of a run file, examples/mocks/mock_recovery.toml if none is named, as by `streamkit
 calibrate`. Each becomes a live satellite (plugins/streamkit-nbody), which is measured by the run file's observable,
@@ -10,6 +11,16 @@ begins at the satellite's core; where a coordinate of the progenitor is free, th
 or the live satellite cannot be measured, or no core is left, another truth is drawn; with --dissolved a satellite
 without a core is taken, and the fit begins at its point mass's place. The rank of each truth, the coverage and the
 picture are those of `streamkit calibrate`. Finished draws and simulations in DIR are kept.
+
+With --set the run file is changed for truths and fits, with --fit for the fits alone: another stripping scheme, say.
+With --passages each truth is fitted once for each number of pericentre passages of a live progenitor, and the fit with
+the largest ln posterior counts. For example, with nothing of the satellite known to the fit:
+
+    python tests/benchmarks/nbody_recovery.py -o live --draws 40 --particles 20000
+        --set 'progenitor.radius={ uniform = ["0.5 kpc", "1.2 kpc"] }'
+        --fit stripping.kind=restricted_nbody stripping.particles=20000 --passages 2 3 4
+
+A draw with 2 x 10^4 particles takes hours on one core.
 """
 
 from __future__ import annotations
@@ -30,7 +41,8 @@ from streamkit.nbody import as_stream, read_snapshot
 from streamkit.nbody.as_stream import FEWEST
 from streamkit.runfile.inputs import ONLY
 from streamkit.stream import seen_from, sky_matrix
-from streamkit.study.calibration import Calibration, Draw, calibration_products, fit_mock, measurable_truths
+from streamkit.study.ablation.variants import varied
+from streamkit.study.calibration import Calibration, Draw, calibration_products, measurable_truths, rank_truth
 from streamkit.study.grid import draw_pictures, write_tables
 
 RUN_FILE = Path(__file__).parents[2] / "examples" / "mocks" / "mock_recovery.toml"
@@ -80,8 +92,24 @@ def noisy(mock: dict[str, Any], own: np.ndarray) -> dict[str, Any]:
     return found
 
 
-def make_draw(spec: sk.Spec, index: int, particles: int, out: Path, dissolved: bool) -> Draw:
-    """Draw a truth, make a live satellite of it, measure it, and fit the data."""
+def best_fit(spec: sk.Spec, passages: list[int]) -> sk.Results:
+    """Return the fit, or of those with each number of passages the one with the largest ln posterior."""
+    specs = [spec.with_values({"stripping.passages": number}) for number in passages] or [spec]
+    fits = [sk.run(one, engine="serial", progress=False) for one in specs]
+    for number, fit in zip(passages, fits, strict=False):
+        print(f"  {number} passages: largest ln posterior {fit.log_prob.max():.1f}", flush=True)
+    return max(fits, key=lambda fit: float(fit.log_prob.max()))
+
+
+def settings(words: list[str]) -> dict[str, Any]:
+    """Read PATH=VALUE as the command line does."""
+    return {path: sk.runfile.literal(value) for path, value in (word.split("=", 1) for word in words)}
+
+
+def make_draw(
+    spec: sk.Spec, changes: dict[str, Any], passages: list[int], index: int, particles: int, out: Path, dissolved: bool
+) -> Draw:
+    """Draw a truth, make a live satellite of it, measure it, and fit the data with changes of the run file."""
     rng = np.random.default_rng([spec.seed, 7, index])
     seed = int(rng.integers(1 << 31))
     for attempt, theta, _ in measurable_truths(
@@ -100,7 +128,8 @@ def make_draw(spec: sk.Spec, index: int, particles: int, out: Path, dissolved: b
         known = {path: value for path, value in core.items() if path not in spec.names}
         true = np.array([core.get(name, value) for name, value in zip(spec.names, theta, strict=True)])
         fields = {f"observable.{name}": value for name, value in data.items()}
-        return fit_mock(spec.with_values(known | fields), index, true, spec)
+        results = best_fit(varied(spec.with_values(known | fields), changes), passages)
+        return rank_truth(results, index, true, spec)
     raise SystemExit(f"draw {index}: none of {TRIES} satellites has a core and can be measured")
 
 
@@ -113,16 +142,19 @@ def main() -> None:
     parser.add_argument("--particles", type=int, default=1000, help="of a live satellite; from 1001 on a tree is used")
     parser.add_argument("--dissolved", action="store_true", help="take satellites without a core, too")
     parser.add_argument("--sampler", nargs="*", default=[], metavar="FIELD=VALUE", help="fields of [sampler]")
+    parser.add_argument("--set", nargs="*", default=[], metavar="PATH=VALUE", help="changes for truths and fits")
+    parser.add_argument("--fit", nargs="*", default=[], metavar="PATH=VALUE", help="changes for the fits alone")
+    parser.add_argument("--passages", nargs="*", type=int, default=[], help="numbers of passages that are fitted")
     given = parser.parse_args()
-    fields = dict(setting.split("=", 1) for setting in given.sampler)
-    spec = sk.load(given.run_file)
-    if fields:
-        spec = spec.with_values({f"sampler.{name}": sk.runfile.literal(value) for name, value in fields.items()})
+    sampler = {f"sampler.{name}": value for name, value in settings(given.sampler).items()}
+    spec = sk.load(given.run_file).with_values(sampler | settings(given.set))
     given.output.mkdir(parents=True, exist_ok=True)
     file = given.output / "draws.jsonl"
     known = [Draw.of_line(line) for line in file.read_text().splitlines()] if file.exists() else []
     for index in range(len(known), given.draws):
-        known.append(make_draw(spec, index, given.particles, given.output, given.dissolved))
+        changes = settings(given.fit)
+        draw = make_draw(spec, changes, given.passages, index, given.particles, given.output, given.dissolved)
+        known.append(draw)
         with file.open("a") as lines:
             lines.write(known[-1].line() + "\n")
         print(f"{index + 1} of {given.draws} draws", flush=True)

@@ -1,6 +1,7 @@
 """What each stripping scheme is worth: streams at the true parameters beside live satellites.
 
     python tests/benchmarks/schemes.py [--mock-2 SNAPSHOT] [--mock-3 SNAPSHOT] [--seeds N] [--particles N]
+                                       [--only SCHEME ...]
 
 The live satellites of figure 5 and of mock 1 are in tests/data; those of the other mocks come from `streamkit nbody`
 with the truths of examples/mocks. For each it prints what the scheme has minus what the live satellite has: the
@@ -198,6 +199,7 @@ def main() -> None:
     parser.add_argument("--mock-2", type=Path, metavar="SNAPSHOT", help="of truth_bulge_disc_halo.toml")
     parser.add_argument("--mock-3", type=Path, metavar="SNAPSHOT", help="of truth_lm10.toml")
     parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--only", nargs="*", default=[], metavar="SCHEME", help="such as restricted_nbody")
     parser.add_argument("--particles", type=int, default=10000)
     given = parser.parse_args()
     cases = [stored("figure 5", "A"), stored("mock 1", "B")]
@@ -213,6 +215,8 @@ def main() -> None:
         row("live", *(", ".join(f"{x:.1f}" for x in live[rule]) for rule in RULES), "", "")
         row("d / d ln M", *(", ".join(f"{x:+.0f}" for x in slopes[rule]) for rule in RULES), "", "")
         for label, (fields, live_rate) in schemes(case).items():
+            if given.only and label not in given.only:
+                continue
             streams = made(case, fields, given.seeds, given.particles, live_rate)
             cells = []
             for rule in RULES:

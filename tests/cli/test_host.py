@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from astropy.table import QTable
-from commands import RUN, call, refused
+from commands import call, refused
 from pictures import assert_readable
+from runfiles import RUN
 
 import streamkit as sk
 from streamkit.model import moving_objects

@@ -189,8 +189,8 @@ def test_the_digest_follows_the_content_and_not_the_place(tmp_path):
 def place_of(function, folder, monkeypatch):
     """Return where a function's machine code is kept, None for nowhere, if numba is to use a folder."""
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(folder))
-    cache._strange.cache_clear()
-    cache._refused.cache_clear()
+    cache._reason_not_to_trust.cache_clear()
+    cache._refused_folders.cache_clear()
     result = cache.disk_cache(function, "digest")
     return None if isinstance(result, NullCache) else result.cache_path
 

@@ -1,7 +1,7 @@
 import numpy as np
 from pydantic import Field
 
-from streamkit import Duration, G, LiveStripping, Remnant, hookimpl
+from streamkit import GYR, Duration, G, LiveStripping, Remnant, hookimpl
 from streamkit.builtin.potentials import Plummer
 
 
@@ -13,8 +13,7 @@ class Evaporation(LiveStripping):
 
     def renew(self, edge, satellite, before):
         """Return a Plummer sphere of the remaining mass."""
-        lost = satellite.mass * self.renewal / self.lifetime
-        left = satellite.mass if before is None else max(before.mass - lost, 0.01 * lost)
+        left = satellite.mass * max(1 - (edge.t - edge.start) / (self.lifetime * GYR), 1e-3)
         d2 = ((edge.q - edge.core[:3, None]) ** 2).sum(axis=0)
         v2 = ((edge.v - edge.core[3:6, None]) ** 2).sum(axis=0)
         bound = 0.5 * v2 < G * left / np.sqrt(d2 + satellite.scale**2)

@@ -40,7 +40,7 @@ def streamkit_components():
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """The run file of the commands' tests with a host that is not compiled."""
-    from commands import RUN
+    from runfiles import RUN
 
     folder = tmp_path_factory.mktemp("expanded")
     (folder / "disc.py").write_text(PLUGIN)

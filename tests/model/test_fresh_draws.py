@@ -22,8 +22,10 @@ def test_seed_and_parameters_decide_a_fresh_stream():
     model, again, common = Model(APOCENTRES, fresh=True), Model(APOCENTRES, fresh=True), Model(APOCENTRES)
     first, near = {"potential.v0": 230.0}, {"potential.v0": np.nextafter(230.0, 231.0)}
     np.testing.assert_array_equal(model.stream(first).q, again.stream(first).q)
-    fresh = np.abs(model.stream(first).q - model.stream(near).q).max()
-    assert fresh > 1.0 > 1e-3 > np.abs(common.stream(first).q - common.stream(near).q).max()
+    fresh = np.abs(model.stream(first).q - model.stream(near).q)
+    change = np.abs(common.stream(first).q - common.stream(near).q)
+    # A bound particle is chaotic: a last bit of v0 may move it by a kiloparsec.
+    assert np.median(fresh) > 1.0 > 1e-3 > np.percentile(change, 90)
 
 
 def test_the_mean_over_fresh_draws_is_that_of_many_particles():

@@ -19,16 +19,11 @@ class Evaporation(LiveStripping):
 
     def renew(self, edge, satellite, before):
         """Return a Plummer sphere of the mass that is left; bound is who has less energy than it takes to leave."""
-        left = satellite.mass if before is None else before.mass - self._loss(edge, satellite)
-        left = max(left, 1e-3 * satellite.mass)
+        left = satellite.mass * max(1 - (edge.t - edge.start) / (self.lifetime * sk.GYR), 1e-3)
         d2 = ((edge.q - edge.core[:3, None]) ** 2).sum(axis=0)
         v2 = ((edge.v - edge.core[3:6, None]) ** 2).sum(axis=0)
         bound = 0.5 * v2 < sk.G * left / np.sqrt(d2 + satellite.scale**2)
         return Remnant(Plummer(mass=left, radius=satellite.scale), left, bound)
-
-    def _loss(self, edge, satellite):
-        """Return what is lost in a block, which is 20 Myr long here."""
-        return satellite.mass * 0.02 / self.lifetime
 
 
 CLUSTER = {

@@ -91,7 +91,7 @@ def test_a_killed_run_goes_on_as_if_it_had_not(whole, tmp_path):
 
 def test_it_may_be_asked_for_more_when_it_goes_on(whole, tmp_path):
     fit(tmp_path / "run")
-    longer = RUN | {"sampler": RUN["sampler"] | {"evidence_left": 0.1}}
+    longer = RUN | {"sampler": RUN["sampler"] | {"evidence_left": 0.3}}
     more = fit(tmp_path / "run", longer, resume=True)
     assert more.attributes["counts"]["calls"] > whole.attributes["counts"]["calls"]
     same(more, fit(document=longer))

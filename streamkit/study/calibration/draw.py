@@ -15,7 +15,7 @@ from streamkit.observe import parts_of
 from streamkit.runfile import Spec
 from streamkit.sample import Posterior
 from streamkit.stream import Array
-from streamkit.study.fit import run
+from streamkit.study.fit import Results, run
 
 MASS_RADII = (50.0, 100.0, 200.0)  # kpc: where enclosed masses are compared besides the parameters
 TRIES = 1000  # most draws of a truth until one has a measurable stream
@@ -91,7 +91,11 @@ def fit_mock(mocked: Spec, index: int, theta: Array, truth: Spec) -> Draw:
 
     The truth is the run file whose host is the true one at ``theta`` (d,).
     """
-    results = run(mocked, engine="serial", progress=False)
+    return rank_truth(run(mocked, engine="serial", progress=False), index, theta, truth)
+
+
+def rank_truth(results: Results, index: int, theta: Array, truth: Spec) -> Draw:
+    """Return the rank of the truth among the samples of a finished fit; arguments as for `fit_mock`."""
     samples, radii = results.samples, np.array(MASS_RADII)
     masses = Host(truth.bind_all(theta).potentials).mass_inside(radii)
     fitted = results.profiles(radii)[0]

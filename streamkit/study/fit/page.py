@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from streamkit.components import LEVELS
+from streamkit.components import LEVELS, LiveStripping
 from streamkit.errors import message_of
 from streamkit.observe import frame_of
-from streamkit.report import cited, labels, number
+from streamkit.report import cited, describe_live, labels, number
+from streamkit.runfile import ONLY
 from streamkit.study.fit.diagnostics import contraction, predictive, prior_fractions
 from streamkit.study.fit.directory import stream_pictures
 from streamkit.study.fit.draws import ENDED
@@ -182,10 +183,20 @@ def _run(results: Results) -> dict[str, Any]:
             "ended": ENDED.get(results.status, "not yet, or by an interruption"),
             "streams made": f"{results.calls} by the sampler, {results.search_calls} in the search for a start",
             **results.facts,
+            **_live(results),
         },
         "components": [(path, cls.kind, supplier, cls.reference) for path, cls, supplier in spec.components()],
         "versions": notes.get("versions", {}),
     }
+
+
+def _live(results: Results) -> dict[str, str]:
+    """What a fit of live progenitors assumes: a fact for each of them."""
+    facts = {}
+    for name, stream in results.spec.sections.streams.items():
+        if isinstance(scheme := stream.stripping.centre, LiveStripping):
+            facts["progenitor" if name == ONLY else f"progenitor of {name}"] = describe_live(scheme)
+    return facts
 
 
 def _pictures(results: Results) -> dict[str, str]:

@@ -16,6 +16,7 @@ from streamkit.study.preflight.conformance_warnings import conformance_warnings
 from streamkit.study.preflight.cost import Cost, search_cost, time_call
 from streamkit.study.preflight.data_warnings import data_warnings
 from streamkit.study.preflight.draws import PriorDraws, observe, try_prior_draws
+from streamkit.study.preflight.live_warnings import live_warnings
 from streamkit.study.preflight.orbit import OrbitSummary, summarise_orbit
 from streamkit.study.preflight.progenitor_warnings import frame_warnings, progenitor_warnings
 from streamkit.study.preflight.warnings import orbit_warnings, prior_warnings, short_lookback, sun_warnings
@@ -114,5 +115,6 @@ def _of_streams(spec: Spec, looks: Mapping[str, Look]) -> list[str]:
     for name, look in looks.items():
         before = f"{name}: " if len(looks) > 1 else ""
         texts = [*orbit_warnings(spec, look.inputs, look.orbit), *progenitor_warnings(look.inputs, look.orbit)]
-        warnings += [before + text for text in [*texts, *frame_warnings(spec, look.inputs)]]
+        texts += [*frame_warnings(spec, look.inputs), *live_warnings(spec, look.inputs)]
+        warnings += [before + text for text in texts]
     return warnings

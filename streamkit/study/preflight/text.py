@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from streamkit.components import Stripping
+from streamkit.components import LiveStripping, Stripping
 from streamkit.report import (
     columns,
     describe_expansions,
+    describe_live,
     describe_measured,
     describe_prediction,
     number,
@@ -81,11 +82,9 @@ def _radii(radii: Array) -> str:
 
 def _gravity(inputs: StreamInputs) -> str:
     scheme = inputs.stripping
-    if isinstance(scheme, Stripping):
-        return f"progenitor's gravity {'on' if scheme.progenitor_gravity else 'off'}"
-    passages = getattr(scheme, "passages", None)
-    start = f"the apocentre before passage {passages} from today" if passages else "the look-back time"
-    return f"in a live progenitor of {inputs.mass:.3g} Msun at {start}; leapfrog in place of [integrator]"
+    if isinstance(scheme, LiveStripping):
+        return f"in {describe_live(scheme)}; leapfrog in place of [integrator]"
+    return f"progenitor's gravity {'on' if isinstance(scheme, Stripping) and scheme.progenitor_gravity else 'off'}"
 
 
 def _prior_draws(tried: PriorDraws) -> str:
