@@ -147,6 +147,21 @@ class Convergence:
             return False
         return bool(np.isinf(self.largest_r_hat) or (self.r_hat < self.largest_r_hat).all())
 
+    @property
+    def expected_steps(self) -> float:
+        """Steps after which the rule may be met, a multiple of `CHECK`; NaN without an estimate.
+
+        R-hat - 1 falls as the inverse of the length, about.
+        """
+        steps, longest = len(self.chain), float(np.max(self.tau))
+        if self:
+            return float(steps)
+        wanted = self.learned + self.tau_factor * longest
+        if wanted < steps and np.isfinite(self.largest_r_hat):
+            ratio = (float(np.max(self.r_hat)) - 1) / (self.largest_r_hat - 1)
+            wanted = self.learned + (steps - self.learned) * ratio
+        return float(CHECK * np.ceil(max(wanted, steps + 1) / CHECK))
+
     def missing(self, names: Sequence[str]) -> str:
         """Say what a chain of parameters of these names lacks; empty if it has converged."""
         if self:

@@ -7,6 +7,7 @@ the run file (Gyr and degrees); `Component.in_engine_units` converts once, where
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from typing import Annotated, Any, get_args
 
@@ -188,13 +189,38 @@ def unit_of(field: FieldInfo) -> Unit | None:
     return None
 
 
-def symbol_of(field: FieldInfo, owner: str = "") -> str:
-    """Return the symbol of a field with the name of its owner as an index (``sat``, ``halo``); '' if it has none."""
+GREEK = frozenset((
+    "alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "kappa", "lambda", "mu", "nu", "xi", "pi",
+    "rho", "sigma", "tau", "phi", "chi", "psi", "omega",
+))  # fmt: skip
+NAMED = {"mass": "$M$"}  # fields whose symbol is not their name
+
+
+def symbol_of(name: str, field: FieldInfo, owner: str = "") -> str:
+    """Return the symbol of a field with the name of its owner as an index (``sat``, ``halo``); '' if it has none.
+
+    A field without a symbol of its own has that of its name, if that is a letter or a Greek one with an index: ``r_s``,
+    ``q1``, ``alpha``.
+    """
     tex = next((item.tex for item in reversed(field.metadata) if isinstance(item, Symbol)), "")  # the outermost
+    tex = tex or _symbol_of_name(name)
     if not tex or not owner:
         return tex
     mark, name = "^" if "_" in tex else "_", owner.replace("_", r"\_")
     return rf"{tex.removesuffix('$')}{mark}{{\rm {name}}}$"
+
+
+def _symbol_of_name(name: str) -> str:
+    r"""Return ``$r_{\rm s}$`` for ``r_s``, ``$q_{1}$`` for ``q1``, ``$\alpha$`` for ``alpha``; '' for words."""
+    parts = re.fullmatch(r"([A-Za-z]+?)(?:_([A-Za-z]{1,4})|_?([0-9]+))?", name)
+    if name in NAMED or parts is None:
+        return NAMED.get(name, "")
+    letter, word, number = parts.groups("")
+    if len(letter) > 1 and letter not in GREEK:
+        return ""
+    shown = rf"\{letter}" if letter in GREEK else letter
+    index = rf"\rm {word}" if word else number
+    return f"${shown}_{{{index}}}$" if index else f"${shown}$"
 
 
 def datum_unit(field: FieldInfo) -> str:

@@ -37,7 +37,7 @@ lmc = {
     "distance": "49.6 kpc", "pm_ra_cosdec": "1.91 mas/yr", "pm_dec": "0.229 mas/yr", "v_los": "262.2 km/s",
 }  # fmt: skip
 frame = sk.sky_frame("OrphanKoposov19")
-grid = np.arange(-60.0, 90.0, 30.0)
+grid = np.arange(-30.0, 90.0, 20.0)
 alone = sk.Model(run).stream().track(frame, grid, kernel=4)
 beside = sk.Model(run | {"body": {"lmc": lmc}}).stream().track(frame, grid, kernel=4)
 for name, unit in (("phi2", "deg"), ("pm_phi2", "mas/yr"), ("radial_velocity", "km/s")):

@@ -81,7 +81,7 @@ print(sorted(path.name for path in Path("calibration").iterdir()))
 # differ by more than the errors of the data, the mass depends on the scheme.
 
 # %%
-other = sk.load("short.toml").with_values({"stripping": {"kind": "streakline", "particles": particles}})
+other = spec.with_values({"stripping.kind": "streakline"})
 centre = {"potential.v0": 215.0, "potential.alpha": 0.45}
 both = [observable.predict(sk.Model(one).stream(centre)) for one in (spec, other)]
 for name, shift in zip(both[0].names, (both[1].mean - both[0].mean) / errors, strict=True):

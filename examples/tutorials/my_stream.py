@@ -19,7 +19,7 @@ from astropy.table import QTable
 import streamkit as sk
 
 FULL = bool(os.environ.get("FULL"))
-particles, steps = (8000, 4000) if FULL else (800, 10)
+particles, steps = (8000, 4000) if FULL else (300, 6)
 
 # %% [markdown]
 # ## The stars, and the great circle through them
@@ -107,6 +107,7 @@ pm_dec_error = "pmdec_error"
 [sampler]
 walkers = 32
 steps = {steps}
+start_particles = {min(particles, 1000)}
 """
 Path("gd1.toml").write_text(run_file)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -10,8 +10,8 @@ import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 import streamkit as sk
-from streamkit.builtin.track_columns import COLUMNS, DEPTH, column_of, within
-from streamkit.builtin.track_likelihood import ln_mixture, ln_mixture_of_pairs, scatter_of
+from streamkit.builtin.track_columns import COLUMNS, DEPTH, column_of, radii_of, within
+from streamkit.builtin.track_likelihood import Side, ln_of_each, ln_sum, mixture_residuals, scatter_of
 from streamkit.builtin.track_lines import ENOUGH, REACH, Lines, gather, lines_at
 from streamkit.builtin.track_members import MEMBERS, MOTIONS, Members, members_of, which_columns
 from streamkit.builtin.track_panels import column_label, column_panel, fine_grid, longitude_label
@@ -205,8 +205,7 @@ class Track(sk.Observable):
     def quantities(self) -> dict[str, sk.IntArray]:
         """Return the rows of each column, by the name of its field."""
         ends = np.cumsum([len(phi1) for phi1, _, _ in self.given.values()])
-        rows = np.split(np.arange(ends[-1]), ends[:-1])
-        return dict(zip(self.given, rows, strict=True))
+        return dict(zip(self.given, np.split(np.arange(ends[-1]), ends[:-1]), strict=True))
 
     def predict(self, stream: sk.Stream) -> sk.Prediction:
         """Fit the line at every longitude.
@@ -282,8 +281,20 @@ class Track(sk.Observable):
 
         The two proper motions of a member are one pair, with their covariance.
         """
-        total, start = np.zeros(np.shape(prediction.mean)[:-1]), 0
-        pairs = []
+        total = np.zeros(np.shape(prediction.mean)[:-1])
+        return ln_sum(total, self._compared(prediction, add_noise), self._pair, self._pair_covariance)
+
+    def ln_likelihoods(self, prediction: sk.Prediction, add_noise: bool) -> sk.Array:
+        """Return the terms of `ln_likelihood`; the second proper motion of a member is compared given the first."""
+        return ln_of_each(self._compared(prediction, add_noise), self._pair, self._pair_covariance)
+
+    def residuals(self, prediction: sk.Prediction, add_noise: bool) -> sk.Array:
+        """Return the normal scores of the data in the distributions of `ln_likelihood`, each datum by itself."""
+        return np.concatenate([mixture_residuals(*parts) for _, parts in self._compared(prediction, add_noise)])
+
+    def _compared(self, prediction: sk.Prediction, add_noise: bool) -> Iterator[tuple[str, Side]]:
+        """Return the arguments of `ln_mixture` for each column, by its name."""
+        start = 0
         for name, (phi1, value, error) in self.given.items():
             part = np.s_[..., start : (start := start + len(phi1))]
             variance = self.scatter2(name, error, prediction.details["spread"][part])
@@ -291,20 +302,16 @@ class Track(sk.Observable):
                 variance = variance + prediction.variance[part]
             outliers = 0.0 if name == DEPTH else getattr(self, f"{name}_outliers")
             coverage = prediction.details["ln_coverage"][part]
-            background = scatter_of(value, error)
-            if name in self._pair:
-                pairs.append((value, variance, prediction.mean[part], coverage, outliers, background))
-            else:
-                total = total + ln_mixture(value, variance, prediction.mean[part], coverage, outliers, background)
-        if self._stars is not None and pairs:
-            covariance = self._stars.covariance[self._stars.rows(MOTIONS[0])]
-            total = total + ln_mixture_of_pairs(pairs[0], pairs[1], covariance)
-        return total
+            yield name, (value, variance, prediction.mean[part], coverage, outliers, scatter_of(value, error))
 
     @cached_property
     def _pair(self) -> tuple[str, ...]:
         """The proper motions, if both are those of members."""
         return MOTIONS if set(MOTIONS) <= set(self._of_members) else ()
+
+    @property
+    def _pair_covariance(self) -> sk.Array | None:
+        return None if self._stars is None else self._stars.covariance[self._stars.rows(MOTIONS[0])]
 
     def scatter2(self, name: str, error: sk.Array, spread: sk.Array) -> sk.Array:
         """(..., k) Variances of one field's data about the lines: errors, extra dispersion, for stars the spread."""
@@ -388,12 +395,4 @@ class Track(sk.Observable):
 
     def radii(self) -> dict[str, float]:
         """Return the least and the greatest Galactocentric radius of the distances, seen from 8 kpc at phi2 = 0."""
-        parts = [(phi1, value) for name, (phi1, value, _) in self.given.items() if name == "distance"]
-        parts += [(phi1, 10 ** ((value - 10) / 5)) for name, (phi1, value, _) in self.given.items()
-                  if name == "distance_modulus"]  # fmt: skip
-        if not parts:
-            return {}
-        phi1, distance = (np.concatenate(part) for part in zip(*parts, strict=True))
-        q = sk.place_on_sky(phi1, np.zeros(len(phi1)), distance, sk.sky_matrix(self.frame))
-        r = np.sqrt((q**2).sum(axis=0))
-        return {"innermost distance": float(r.min()), "outermost distance": float(r.max())}
+        return radii_of(self.given, sk.sky_matrix(self.frame))

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from streamkit import Array, Seen
+from streamkit import Array, Seen, place_on_sky
 
 
 class Column(NamedTuple):
@@ -39,3 +39,20 @@ def column_of(name: str) -> str:
 def within(angle: Array, middle: float) -> Array:
     """(n,) Angles in degrees within half a turn of the middle."""
     return np.asarray(angle - 360.0 * np.round((angle - middle) / 360.0))
+
+
+def radii_of(given: Mapping[str, tuple[Array, Array, Array]], matrix: Array) -> dict[str, float]:
+    """Return the least and the greatest Galactocentric radius of the distances, seen from 8 kpc at phi2 = 0.
+
+    ``given`` are the data by field: longitudes, values and errors; the matrix (3, 3) leads from ICRS to their frame.
+    """
+    parts = [(phi1, value) for name, (phi1, value, _) in given.items() if name == "distance"]
+    parts += [
+        (phi1, 10 ** ((value - 10) / 5)) for name, (phi1, value, _) in given.items() if name == "distance_modulus"
+    ]
+    if not parts:
+        return {}
+    phi1, distance = (np.concatenate(part) for part in zip(*parts, strict=True))
+    q = place_on_sky(phi1, np.zeros(len(phi1)), distance, matrix)
+    r = np.sqrt((q**2).sum(axis=0))
+    return {"innermost distance": float(r.min()), "outermost distance": float(r.max())}

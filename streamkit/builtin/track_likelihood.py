@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from functools import reduce
 
 import numpy as np
@@ -34,13 +35,53 @@ def ln_mixture(
     background
         Mean and standard deviation of the outliers. Hogg, Bovy & Lang 2010, arXiv:1008.4686, equation 17.
     """
+    return np.asarray(ln_mixture_of_each(value, variance, mean, ln_coverage, outliers, background).sum(axis=-1))
+
+
+def ln_mixture_of_each(
+    value: Array,
+    variance: Array,
+    mean: Array,
+    ln_coverage: Array,
+    outliers: float | Array,
+    background: tuple[float, float],
+) -> Array:
+    """(..., m) The terms of `ln_mixture`, whose arguments these are."""
     stream = ln_gaussian(value - mean, variance) + ln_coverage
     if not np.any(outliers):
-        return np.asarray(stream.sum(axis=-1))
+        return stream
     other = ln_gaussian(value - background[0], np.full(len(value), background[1] ** 2))
     with np.errstate(divide="ignore"):  # a fraction of zero among others: ln 0
-        mixed = np.logaddexp(np.log1p(-outliers) + stream, np.log(outliers) + other)
-    return np.asarray(mixed.sum(axis=-1))
+        return np.asarray(np.logaddexp(np.log1p(-outliers) + stream, np.log(outliers) + other))
+
+
+def mixture_residuals(
+    value: Array,
+    variance: Array,
+    mean: Array,
+    ln_coverage: Array,
+    outliers: float | Array,
+    background: tuple[float, float],
+) -> Array:
+    """(m,) Normal scores of data in the distribution of `ln_mixture`, whose arguments these are.
+
+    The score z of a datum has the probability of the datum, P(< z) = P(< datum) (Dunn & Smyth 1996). Missing debris
+    adds -2 ln(c) to z^2, as it does to -2 ln L.
+    """
+    from scipy.special import log_ndtr, ndtri_exp  # slow to load, and a stream needs none
+
+    score = (value - mean) / np.sqrt(variance)
+    ln_weight = ln_coverage
+    if np.any(outliers):
+        other = (value - background[0]) / background[1]
+        ln_stream, ln_other = np.log1p(-outliers) + ln_coverage, np.log(outliers) + np.zeros(len(value))
+        ln_weight = np.logaddexp(ln_stream, ln_other)
+        below, above = (
+            np.logaddexp(ln_stream + log_ndtr(sign * score), ln_other + log_ndtr(sign * other)) - ln_weight
+            for sign in (1, -1)
+        )
+        score = np.where(below < above, ndtri_exp(np.minimum(below, 0.0)), -ndtri_exp(np.minimum(above, 0.0)))
+    return np.asarray(np.copysign(np.sqrt(score**2 - 2 * ln_weight), score))
 
 
 # Data, variances and means of the stream, ln coverage, the fraction of outliers, their mean and standard deviation.
@@ -48,7 +89,12 @@ Side = tuple[Array, Array, Array, Array, float | Array, tuple[float, float]]
 
 
 def ln_mixture_of_pairs(one: Side, other: Side, covariance: Array) -> Array:
-    """(...) Return the sum over stars of the ln density of two data with correlated errors.
+    """(...) Return the sum over stars of the ln density of two data with correlated errors."""
+    return np.asarray(ln_mixture_of_each_pair(one, other, covariance).sum(axis=-1))
+
+
+def ln_mixture_of_each_pair(one: Side, other: Side, covariance: Array) -> Array:
+    """(..., m) The ln density of two data with correlated errors, of each star.
 
     Either datum may be an outlier, and only where neither is do the errors correlate. Without a covariance it is the
     product of two `ln_mixture`.
@@ -71,7 +117,29 @@ def ln_mixture_of_pairs(one: Side, other: Side, covariance: Array) -> Array:
         ln_in + ln_too + first + given + y_coverage, ln_in + ln_g + first + foreign,
         ln_f + ln_too + strange + second, ln_f + ln_g + strange + foreign,
     ]  # fmt: skip
-    return np.asarray(reduce(np.logaddexp, terms).sum(axis=-1))
+    return np.asarray(reduce(np.logaddexp, terms))
+
+
+def ln_sum(total: Array, compared: Iterable[tuple[str, Side]], pair: Sequence[str], covariance: Array | None) -> Array:
+    """Return a total (...) plus the ln likelihood of columns by their names, of which a pair may have a covariance."""
+    pairs = []
+    for name, side in compared:
+        if name in pair:
+            pairs.append(side)
+        else:
+            total = total + ln_mixture(*side)
+    if covariance is not None and pairs:
+        total = total + ln_mixture_of_pairs(pairs[0], pairs[1], covariance)
+    return total
+
+
+def ln_of_each(compared: Iterable[tuple[str, Side]], pair: Sequence[str], covariance: Array | None) -> Array:
+    """(m,) The terms of `ln_sum`, of all data. Of a pair, the second is that given the first."""
+    sides = dict(compared)
+    terms = {name: ln_mixture_of_each(*side) for name, side in sides.items()}
+    if covariance is not None and pair:
+        terms[pair[1]] = ln_mixture_of_each_pair(sides[pair[0]], sides[pair[1]], covariance) - terms[pair[0]]
+    return np.concatenate(list(terms.values()))
 
 
 def ln_gaussian(difference: Array, variance: Array) -> Array:

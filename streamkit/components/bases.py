@@ -251,6 +251,27 @@ class Measurement(Component):
         """
         return None
 
+    def ln_likelihoods(self, prediction: Prediction, add_noise: bool) -> Array | None:
+        """Return the ln likelihood (m,) of each datum if `ln_likelihood` is not None; None where it has no terms.
+
+        Their sum is that of `ln_likelihood`, whose arguments these are. Leave-one-out comparisons read them. Optional.
+        """
+        return None
+
+    def residuals(self, prediction: Prediction, add_noise: bool) -> Array | None:
+        """Return the residual (m,) of each datum if `ln_likelihood` is not None; None where there are none. Optional.
+
+        A residual is standard normal if the prediction is right: data minus model in standard deviations, or the
+        normal score of the datum in its predicted distribution (Dunn & Smyth 1996). The goodness of fit of a run is
+        judged by the residuals. For a Gaussian likelihood they are known.
+
+        Parameters
+        ----------
+        prediction, add_noise
+            As for `ln_likelihood`.
+        """
+        return None
+
     def likelihood_fields(self) -> tuple[str, ...]:
         """Return the fields that `ln_likelihood` alone reads: `predict` and `data` do not depend on them. Optional."""
         return ()

@@ -321,6 +321,17 @@ class ChainSampler(Sampler):
         """Return the rule of convergence, applied to a chain (steps, walkers, d)."""
         return Convergence(chain, self.learning_steps(chain), self.tau_factor, self.r_hat)
 
+    def expected_steps(self, chain: Array, judged: Convergence | None = None) -> float:
+        """Return how long a chain (steps, walkers, d) will be at its end, by the last look at its convergence.
+
+        ``judged`` is that look, if it is known. Without an estimate the chain takes all ``steps``.
+        """
+        looked = len(chain) - len(chain) % CHECK
+        if judged is None and looked:
+            judged = self.convergence(chain[:looked])
+        expected = np.nan if judged is None else judged.expected_steps
+        return float(max(min(self.steps, expected), len(chain))) if np.isfinite(expected) else float(self.steps)
+
     def sample(self, target: Target) -> Iterator[Ensemble]:
         """Walk until the chain has converged, ``steps`` are taken, or the time is over."""
         ensemble = target.restore()
@@ -330,7 +341,7 @@ class ChainSampler(Sampler):
         done = ensemble.number
         if done >= self.steps or (done and self.convergence(target.chain())):
             return
-        target.expect(self.steps)
+        target.expect(self.expected_steps(target.chain()))
         for after in self.walk(target, ensemble):
             yield after
             done += 1
@@ -340,6 +351,7 @@ class ChainSampler(Sampler):
                 judged = self.convergence(target.chain())
                 if judged:
                     return
+                target.expect(self.expected_steps(target.chain(), judged))
                 if np.isfinite(judged.span):
                     target.remark(f"tau {np.max(judged.tau):.0f}")
             if done == self.steps:

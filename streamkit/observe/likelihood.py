@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from streamkit.components import Measurement
-from streamkit.errors import ComponentError, blamed
-from streamkit.stream import Data, Prediction
+from streamkit.errors import ComponentError, StreamkitError, blamed
+from streamkit.stream import Array, Data, Prediction
 
 
 def compare_with_data(observable: Measurement, prediction: Prediction, data: Data) -> float:
@@ -21,6 +21,50 @@ def compare_with_data(observable: Measurement, prediction: Prediction, data: Dat
     if not np.isfinite(value):
         raise ComponentError(f"{name}: the likelihood is no finite number; {_farthest(prediction, data)}")
     return value
+
+
+def residuals_of(observable: Measurement, prediction: Prediction, data: Data) -> Array | None:
+    """Return the residual (m,) of each datum: the observable's own, or those of `Data.residuals`.
+
+    None for an observable with a likelihood of its own and without residuals. Raises ComponentError if the method
+    fails, or returns another shape.
+    """
+    name = f"{observable.role} {observable.kind}"
+    with blamed(name):
+        given = observable.residuals(prediction, data.add_noise)
+        own = given is not None or observable.ln_likelihood(prediction, data.add_noise) is not None
+    if not own:
+        return data.residuals(prediction.mean, prediction.variance)
+    if given is not None and np.shape(given) != np.shape(data.values):
+        raise ComponentError(f"{name}: {np.shape(given)} residuals for {np.shape(data.values)} data")
+    return None if given is None else np.asarray(given, dtype=float)
+
+
+def ln_likelihood_of_each(observable: Measurement, prediction: Prediction, data: Data) -> Array | None:
+    """Return the ln likelihood (m,) of each datum: the observable's own terms, or those of `Data.gaussian_of_each`.
+
+    None for an observable with a likelihood of its own that has no terms.
+    """
+    with blamed(f"{observable.role} {observable.kind}"):
+        given = observable.ln_likelihoods(prediction, data.add_noise)
+        own = given is not None or observable.ln_likelihood(prediction, data.add_noise) is not None
+    return given if own else data.gaussian_of_each(prediction.mean, prediction.variance)
+
+
+def new_data(observable: Measurement, prediction: Prediction, data: Data, rng: np.random.Generator) -> Array | None:
+    """Draw values (m,) of new data about a prediction: by the observable's `mock`, or Gaussian ones.
+
+    None for an observable with a likelihood of its own that makes no mock data.
+    """
+    with blamed(f"{observable.role} {observable.kind}"):
+        if observable.ln_likelihood(prediction, data.add_noise) is None:
+            return data.drawn(prediction.mean, prediction.variance, rng)
+        try:
+            drawn = observable.mock(prediction, rng)
+        except StreamkitError:
+            return None
+        fields = {name: getattr(observable, name) for name in type(observable).model_fields}
+        return np.asarray(type(observable)(**(fields | drawn)).data()[0], dtype=float)
 
 
 def _farthest(prediction: Prediction, data: Data) -> str:

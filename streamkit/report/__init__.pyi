@@ -36,6 +36,7 @@ from .stream_figure import draw_stream as draw_stream
 from .stream_file import FORMATS as FORMATS
 from .stream_file import write_stream as write_stream
 from .stream_record import stream_record as stream_record
+from .stream_text import decimals as decimals
 from .stream_text import describe_expansions as describe_expansions
 from .stream_text import describe_measured as describe_measured
 from .stream_text import describe_prediction as describe_prediction

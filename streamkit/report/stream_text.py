@@ -39,7 +39,7 @@ def describe_measured(called: str, measured: Sequence[Measurement], prediction: 
     if prediction.why_not:
         return f"{called} ({kinds}): no value, {prediction.why_not}"
     data, errors = np.concatenate([each.data() for each in measured], axis=1)
-    rows, note = [("", "model", "own noise", "data", "model - data")], ""
+    rows, note = [("", "model", "own noise", "data", "data - model")], ""
     selected = np.arange(len(data))
     if len(data) > MOST_ROWS:
         away = np.nan_to_num(np.abs(prediction.mean - data) / errors, nan=-1.0)
@@ -49,12 +49,19 @@ def describe_measured(called: str, measured: Sequence[Measurement], prediction: 
         name, mean, variance = prediction.names[i], prediction.mean[i], prediction.variance[i]
         datum, error = data[i], errors[i]
         has_datum = np.isfinite(datum)
-        shown = (f"{mean:.2f}", f"{np.sqrt(variance):.2f}") if np.isfinite(mean) else ("-", "-")
+        noise = float(np.sqrt(variance))
+        digits = decimals(min(noise or np.inf, error if has_datum else np.inf))
+        shown = (f"{mean:.{digits}f}", f"{noise:.2g}") if np.isfinite(mean) else ("-", "-")
         rows.append((
-            name, *shown, f"{datum:g} +- {error:g}" if has_datum else "-",
-            f"{(mean - datum) / error:+.1f} sigma" if has_datum else "-",
+            name, *shown, f"{datum:.{decimals(error)}f} +- {error:.{decimals(error)}f}" if has_datum else "-",
+            f"{(datum - mean) / error:+.1f} sigma" if has_datum else "-",
         ))  # fmt: skip
     return "\n".join([f"{called} ({kinds}){note}", columns(rows)])
+
+
+def decimals(error: float) -> int:
+    """Return the decimal places that show an error with two digits; none for one of 10 or more."""
+    return 2 if not np.isfinite(error) or error <= 0 else int(np.clip(1 - np.floor(np.log10(error)), 0, 8))
 
 
 def describe_stream(

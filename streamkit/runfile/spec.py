@@ -114,7 +114,7 @@ class Spec:
             for name, field in section.cls.model_fields.items():
                 if (unit := unit_of(field)) is not None:
                     path = f"{section.path}.{name}"
-                    fields[path] = unit, section.priors.get(name), symbol_of(field, owner) or path
+                    fields[path] = unit, section.priors.get(name), symbol_of(name, field, owner) or path
             for name, unit in section.entries().items():
                 fields[f"{section.path}.{name}"] = unit, section.priors.get(name), f"{section.path}.{name}"
         return {path: fields[path] for path in _paths(self.document) if path in fields}

@@ -178,6 +178,7 @@ class _Attributes(BaseModel):
     status: Literal["converged", "few", "steps", "time", "unfinished"] = "unfinished"
     since: float = Field(default=0.0, ge=0, le=MOST)
     first: Count = 0
+    deadline: float = Field(default=0.0, ge=0, le=MOST)
     counts: Counts = Counts()
 
 

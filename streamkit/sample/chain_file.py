@@ -5,13 +5,12 @@ from __future__ import annotations
 import io
 import json
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import emcee
 import h5py
 import numpy as np
 from emcee.backends import HDFBackend
@@ -26,6 +25,9 @@ from streamkit.stream import Array
 # Steps in the journal after which they are moved into the chain file, or an eighth of the chain if that is more. The
 # file is written anew each time, so that a kill leaves the old one unchanged.
 TAIL = 100
+# Level of compression: most proposals are refused, and the sample and its predictions then repeat those before them.
+COMPRESSION = 4
+LARGE = 100_000  # bytes of other arrays from which on they are compressed
 
 
 class ChainMemory:
@@ -185,14 +187,7 @@ class ChainFile(ChainMemory):
         """
         image = self._image()
         if self._steps:
-            image.grow(len(self._steps), self._steps[0].blobs)
-            for step in self._steps:
-                state = emcee.State(step.coords, log_prob=step.log_prob, blobs=step.blobs, copy=True)
-                if step is self._steps[-1] and not isinstance(step.random_state, Mapping):
-                    state.random_state = step.random_state
-                else:
-                    state.random_state = ()  # HDF5 does not reuse the space of the former one
-                image.save_step(state, step.accepted)
+            image.extend(self._steps)
         self._write(image)
         if self._steps:
             self._steps, self._patience = [], 0
@@ -239,8 +234,24 @@ class _Image(HDFBackend):  # type: ignore[misc]
     """
 
     def __init__(self, content: bytes) -> None:
-        super().__init__("")
+        super().__init__("", compression="gzip", compression_opts=COMPRESSION)
         self.content = io.BytesIO(content)
+
+    def extend(self, steps: Sequence[Step]) -> None:
+        """Write steps as `HDFBackend.save_step` does, in one block: each chunk is compressed once."""
+        self.grow(len(steps), steps[0].blobs)
+        with self.open("a") as file:
+            group = file[self.name]
+            done = int(group.attrs["iteration"])
+            rows = slice(done, done + len(steps))
+            group["chain"][rows] = np.array([step.coords for step in steps])
+            group["log_prob"][rows] = np.array([step.log_prob for step in steps])
+            group["blobs"][rows] = np.array([step.blobs for step in steps])
+            group["accepted"][:] += np.sum([step.accepted for step in steps], axis=0)
+            if not isinstance(steps[-1].random_state, Mapping):
+                for i, part in enumerate(steps[-1].random_state):
+                    group.attrs[f"random_state_{i}"] = part
+            group.attrs["iteration"] = done + len(steps)
 
     def open(self, mode: str = "r") -> h5py.File:
         """Open the file."""
@@ -250,9 +261,15 @@ class _Image(HDFBackend):  # type: ignore[misc]
 
 
 def _put(file: h5py.File, name: str, array: Array) -> None:
-    if name in file and file[name].shape == array.shape:
-        file[name][...] = array
+    """Write an array in place of one of this name; HDF5 does not use the room of a deleted one again."""
+    stored = file.get(name)
+    if stored is not None and stored.shape[1:] == array.shape[1:] and None in stored.maxshape[:1]:
+        stored.resize(array.shape)
+    if stored is not None and stored.shape == array.shape:
+        stored[...] = array
         return
-    if name in file:
+    if stored is not None:
         del file[name]
-    file[name] = array
+    large = array.nbytes > LARGE
+    grows = {"maxshape": (None, *array.shape[1:]), "compression": "gzip", "shuffle": True} if large else {}
+    file.create_dataset(name, data=array, **grows)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from time import monotonic
+from time import monotonic, time
 from typing import Any
 
 import numpy as np
@@ -55,7 +55,7 @@ class PosteriorTarget:
     progress
         Whether to show progress.
     mass
-        The mass inside 100 kpc in Msun at a point, for the progress of a chain.
+        A radius in kpc, and the mass inside it in Msun at a point, for the progress of a chain.
     small_cache
         Holds the evaluations of small streams.
     posterior
@@ -78,7 +78,7 @@ class PosteriorTarget:
         deadline: float = np.inf,
         search_deadline: float = np.inf,
         progress: bool = False,
-        mass: Callable[[Array], float] | None = None,
+        mass: tuple[float, Callable[[Array], float]] | None = None,
         full_cost: float = 1.0,
         small_cache: EvaluationCache | None = None,
         posterior: Posterior | None = None,
@@ -171,6 +171,7 @@ class PosteriorTarget:
         # the calls of the search are counted apart; from here on every call is a proposal of the sampler
         self._pool.calls["full"] = 0
         self._pool.reasons["full"].clear()
+        self._note_begin(0)
         return Ensemble(
             points,
             np.array([each.lnp for each in evaluations]),
@@ -183,12 +184,20 @@ class PosteriorTarget:
         step = self._chain.last if self._resumes else None
         if step is None:
             return None
+        self._note_begin(step.number)
         self._before = self._before | {name: value for name, value in step.counts.items() if name in self._before}
         for point, lnp, blob in zip(step.coords, step.log_prob, step.blobs, strict=True):
             evaluation = Evaluation(float(lnp), float(blob["ln_likelihood"]), blob["mean"], blob["variance"])
             self._cache.add(np.ascontiguousarray(point), evaluation)
         accepted = np.asarray(step.accepted, dtype=bool)
         return Ensemble(step.coords, step.log_prob, accepted, step.random_state, step.memory, number=step.number)
+
+    def _note_begin(self, number: int) -> None:
+        """Store when the walkers begin, after which step, and when their time is over: `streamkit status` reads it."""
+        left = self.time_left()
+        self._chain.note(since=time(), first=number, deadline=time() + left if np.isfinite(left) else 0.0)
+        with suppress(ChainError):  # a full disk stops the run at its next step, and loses none
+            self._chain.consolidate()
 
     def chain(self) -> Array:
         """Return the (steps, walkers, d) samples of all steps so far."""
@@ -303,8 +312,9 @@ class PosteriorTarget:
             yield f"accepted {100 * self._chain.acceptance:.0f} %"
         yield f"{(self._pool.calls['full'] - calls) / max(now - begin, 1e-9):.1f} calls/s"
         if step is not None and self._mass is not None:
-            low, middle, high = np.percentile([self._mass(point) / 1e11 for point in step.coords], [16, 50, 84])
-            yield f"M(100 kpc) {middle:.2f} +{high - middle:.2f} -{middle - low:.2f}e11 Msun"
+            radius, mass = self._mass
+            low, middle, high = np.percentile([mass(point) / 1e11 for point in step.coords], [16, 50, 84])
+            yield f"M({radius:g} kpc) {middle:.3g} +{high - middle:.2g} -{middle - low:.2g}e11 Msun"
 
     def _weighted(self, sampler: Sampler, samples: Samples) -> Weighted:
         """Return weighted samples with their evaluations; ComponentError for wrong shapes, weights or points."""

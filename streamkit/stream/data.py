@@ -47,3 +47,35 @@ class Data:
         root = cholesky(self.covariance[np.ix_(used, used)] + np.diag(noise * np.ones(used.sum())), lower=True)
         white = solve_triangular(root, self.values[used] - mean[used], lower=True)
         return float(-0.5 * (white @ white + len(white) * np.log(2 * np.pi)) - np.log(np.diag(root)).sum())
+
+    def residuals(self, mean: Array, variance: Array) -> Array:
+        """(m,) Data minus prediction in standard deviations of the likelihood; NaN without a datum.
+
+        Correlations are left aside. The arguments are those of `gaussian`.
+        """
+        total = self.errors**2 + (variance if self.add_noise else 0.0)
+        return np.asarray((self.values - mean) / np.sqrt(total))
+
+    def gaussian_of_each(self, mean: Array, variance: Array) -> Array:
+        """(m,) ln likelihood of each datum, given all others if they correlate; NaN without a datum.
+
+        Burkner, Gabry & Vehtari 2021, equation 5, for a covariance. The arguments are those of `gaussian`.
+        """
+        away, total = self.values - mean, self.errors**2 + (variance if self.add_noise else 0.0)
+        if self.covariance is not None:
+            used = np.isfinite(self.values)
+            inverse = np.linalg.inv((self.covariance + np.diag(total - self.errors**2))[np.ix_(used, used)])
+            total, away = np.full(len(total), np.nan), np.array(away)
+            total[used] = 1 / np.diag(inverse)
+            away[used] = inverse @ away[used] * total[used]
+        return np.asarray(-0.5 * (away**2 / total + np.log(2 * np.pi * total)))
+
+    def drawn(self, mean: Array, variance: Array, rng: np.random.Generator) -> Array:
+        """(m,) New data about a prediction; NaN without a datum. The arguments are those of `gaussian`."""
+        used = np.isfinite(self.values)
+        noise = variance[used] if self.add_noise else np.zeros(used.sum())
+        covariance = np.diag(self.errors[used] ** 2) if self.covariance is None else self.covariance[np.ix_(used, used)]
+        values = np.full(len(self.values), np.nan)
+        root = np.linalg.cholesky(covariance + np.diag(noise))
+        values[used] = mean[used] + root @ rng.standard_normal(used.sum())
+        return values

@@ -151,6 +151,9 @@ def has_a_likelihood(observable: Observable) -> None:
         first, second = (observable.ln_likelihood(full, add_noise) for _ in range(2))
         require(first == second, f"two calls of ln_likelihood give {first} and {second}")
         require(first is None or (np.ndim(first) == 0 and np.isfinite(first)), f"ln_likelihood gives {first}")
+        residuals, m = observable.residuals(full, add_noise), len(full.names)
+        shape = (m,) if residuals is None else np.shape(residuals)
+        require(shape == (m,), f"residuals have the shape {shape} for {m} data")
 
 
 CHECKS: tuple[Check, ...] = (

@@ -5,15 +5,18 @@ import shlex
 import shutil
 import tomllib
 
+import numpy as np
 import pytest
 from commands import call, refused
 from documents import ROOT
 from runfiles import FIT
 
 import streamkit as sk
+from streamkit.builtin.ensemble.sampler import Emcee
 from streamkit.cli.init import examples, tables_of
 from streamkit.report import locked
 from streamkit.runfile import to_toml
+from streamkit.sample import read_chain_file
 from streamkit.study.fit import describe_status, read_status
 from streamkit.study.fit.status import _expected_end
 
@@ -54,6 +57,47 @@ def test_the_expected_end_is_that_of_the_mean_pace(run):
     end = _expected_end(run, known | {"most_steps": 45}, attributes)
     assert end == pytest.approx(known["last_alive"] + 60 / 30 * 15)
     assert _expected_end(run, known, {}) is None
+
+
+def test_log_and_status_expect_the_same_end():
+    """Walkers of one autocorrelation time (1 + phi) / (1 - phi) = 9 converge after 50 of them: the look at 500 steps.
+
+    The log hears it at the look at 300 steps, the status reads it between two looks.
+    """
+    rng, phi = np.random.default_rng(2), 0.8
+    chain = rng.standard_normal((370, 64, 2))
+    for i in range(1, len(chain)):
+        chain[i] = phi * chain[i - 1] + np.sqrt(1 - phi**2) * chain[i]
+    sampler = Emcee(moves="stretch", walkers=64, steps=5000)
+    at_the_look = sampler.expected_steps(chain[:300], sampler.convergence(chain[:300]))
+    assert at_the_look in (400.0, 500.0)
+    assert sampler.expected_steps(chain) == at_the_look
+    assert sampler.model_copy(update={"steps": 380}).expected_steps(chain) == 380
+    assert sampler.expected_steps(chain[:50]) == 5000  # before the first look
+
+
+def test_a_chain_that_is_long_enough_waits_for_r_hat():
+    """Walkers about different means: the length is there, and R-hat - 1 falls with the inverse of the length."""
+    rng = np.random.default_rng(4)
+    chain = rng.standard_normal((400, 16, 1)) + np.linspace(-0.4, 0.4, 16)[:, None]
+    judged = Emcee(moves="stretch", walkers=16).convergence(chain)
+    assert not judged
+    assert judged.span > judged.tau_factor
+    assert judged.expected_steps == pytest.approx(400 * (judged.r_hat.max() - 1) / 0.02, abs=100)
+
+
+def test_the_expected_end_is_that_of_the_time_limit_if_sooner(run):
+    known = read_status(run.directory) | {"most_steps": 1000}
+    attributes = {"since": known["last_alive"] - 60.0, "first": 0}
+    assert _expected_end(run, known, attributes | {"deadline": 1e9}) == 1e9
+    assert _expected_end(run, known, attributes | {"deadline": 0.0}) > known["last_alive"] + 60
+
+
+def test_the_pace_does_not_count_the_search(run):
+    """The run notes when its walkers begin, in the file that `status` reads."""
+    attributes = read_chain_file(run.directory / "chain.h5").attributes
+    assert attributes["first"] == 0
+    assert (run.directory / "manifest.json").stat().st_mtime < attributes["since"]
 
 
 def test_the_command_to_go_on_keeps_the_options(tmp_path, monkeypatch):

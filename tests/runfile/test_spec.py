@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from astropy import units as u
+from pydantic import Field
 from runfiles import BASE, EXAMPLES, changed, error_of
 
 import streamkit as sk
@@ -260,6 +261,29 @@ def test_symbols_say_whose_they_are_and_fall_back_to_the_path() -> None:
         "stripping.sigma": r"$\sigma$",
         "stripping.burst_width": "stripping.burst_width",
     }
+
+
+class Foreign(sk.Potential):
+    """A sphere whose fields have no symbols, as those of many plugins."""
+
+    kind = "foreign_symbols"
+    m: sk.Mass = Field(description="Mass.")
+    r_s: sk.Length = Field(description="Radius.")
+    q1: sk.PositiveNumber = Field(description="Axis ratio.")
+    beta_0: sk.Number = Field(description="Slope.")
+    concentration: sk.PositiveNumber = Field(description="A word.")
+
+    @staticmethod
+    def acceleration(x: Any, y: Any, z: Any, t: Any, m: Any, r_s: Any, q1: Any, beta_0: Any, concentration: Any) -> Any:
+        k = -sk.G * m / (x * x + y * y + z * z + r_s * r_s) ** 1.5
+        return k * x, k * y, k * z
+
+
+def test_fields_without_a_symbol_have_that_of_their_name() -> None:
+    prior = {"uniform": [1, 2]}
+    fields = dict.fromkeys(("m", "r_s", "q1", "beta_0", "concentration"), prior)
+    spec = sk.load(changed("potential", {"kind": "foreign_symbols"} | fields), components=[Foreign])
+    assert spec.symbols[:5] == ("$m$", r"$r_{\rm s}$", "$q_{1}$", r"$\beta_{0}$", "potential.concentration")
 
 
 def test_a_path_or_a_mapping_stands_for_a_spec(tmp_path: Path) -> None:

@@ -17,6 +17,8 @@ import streamkit as sk
 from streamkit.report import hdf5
 from streamkit.sample import ChainFile, chain_file, read_chain_file
 from streamkit.sample.journal import Journal, journal_of
+from streamkit.sample.posterior import blob_dtype
+from streamkit.sample.step import Step
 
 SLOW = pytest.mark.slow
 PARTS = "chain", "log_prob", "blobs", "accepted", "checksum"
@@ -370,3 +372,27 @@ def test_nothing_is_written_through_a_link_in_place_of_a_journal(tmp_path):
             Journal(journal.path).append({"x": np.zeros(1)})
     assert (tmp_path / "mine").read_bytes() == b""
     assert not (tmp_path / "missing").exists()
+
+
+def test_samples_that_repeat_take_little_room(tmp_path):
+    """One proposal in four is accepted: with each other sample go the 200 numbers that were predicted before."""
+    rng, walkers, m = np.random.default_rng(6), 16, 100
+    file = ChainFile(tmp_path / "chain.h5")
+    file.reset(walkers, 2)
+    blobs = np.zeros(walkers, dtype=blob_dtype(m))
+    random_state = np.random.RandomState(1).get_state()
+    for number in range(151):
+        accepted = rng.random(walkers) < 0.25
+        blobs = blobs.copy()
+        for name in ("mean", "variance"):
+            blobs[name][accepted] = rng.random((accepted.sum(), m))
+        history = {"trials": rng.random((walkers, 2 * m))} if number else {}
+        file.append(Step(number, rng.random((walkers, 2)), rng.random(walkers), blobs, accepted, random_state, {}, {},
+                         history))  # fmt: skip
+    file.consolidate()
+    trials, predictions = (150 * walkers * 2 * m * 8 for _ in range(2))
+    assert file.path.stat().st_size < trials + 0.5 * predictions
+    stored = read_chain_file(file.path)
+    np.testing.assert_array_equal(stored.blobs[-1], blobs)
+    backend = emcee.backends.HDFBackend(str(file.path), read_only=True)
+    np.testing.assert_array_equal(backend.get_chain(), stored.chain)

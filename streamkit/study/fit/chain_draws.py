@@ -56,6 +56,11 @@ class ChainDraws(Draws):
         """(d,) Effective number of independent samples after burn-in."""
         return effective_samples(self.kept, self.tau)
 
+    @property
+    def trusted_ess(self) -> Array:
+        """(d,) Effective number of samples; NaN where R-hat says that the walkers have no common distribution."""
+        return np.where(self.r_hat > checks.R_HAT.limits[1], np.nan, self.ess)
+
     @cached_property
     def stuck(self) -> IntArray:
         """(n,) Numbers of the walkers that are stuck far below the others."""
@@ -79,7 +84,7 @@ class ChainDraws(Draws):
         return [
             checks.length_verdict(self.convergence.span, self.convergence.is_stable),
             checks.r_hat_verdict(names, self.r_hat),
-            checks.samples_verdict(names, self.ess),
+            checks.samples_verdict(names, self.trusted_ess),
             checks.drift_verdict(names, drift(self.kept, self.tau)),
             checks.ranks_verdict(rank_scores(self.kept, self.tau)),
             checks.stuck_verdict(len(self.stuck), self.chain.shape[1]),
@@ -131,8 +136,3 @@ class ChainDraws(Draws):
     def pictures(self, labels: Sequence[str]) -> dict[str, Callable[[], Figure]]:
         """Return the rank plots."""
         return {"ranks": partial(rank_plots, self.kept, self.tau, labels)}
-
-    def wanted_steps(self) -> float:
-        """Return the steps of learning and as many autocorrelation times as the rule needs."""
-        judged = self.convergence
-        return judged.learned + judged.tau_factor * float(np.max(judged.tau))

@@ -27,9 +27,7 @@ R_HAT = Check(
     larger_is_worse=True,
 )
 # With 100 effective samples the median is known to 0.13 of the standard deviation.
-SAMPLES = Check(
-    "effective samples", (400.0, 100.0), "fine from 400 on (Vehtari+ 2021, sec. 4), do not use below 100"
-)
+SAMPLES = Check("effective samples", (400.0, 100.0), "fine from 400 on (Vehtari+ 2021, sec. 4), do not use below 100")
 # The chance that a stationary chain drifts as much as this one, over all parameters.
 DRIFT = Check(
     "traces",
@@ -53,9 +51,7 @@ STUCK = Check(
 TAIL_95 = 0.025
 # Random walks lose little from 0.15 to 0.5 (Roberts & Rosenthal 2001, sec. 3; emcee's authors advise 0.2 to 0.5). One
 # in a hundred is the sign of a rough likelihood. High acceptance is no fault here: short steps show in the length.
-ACCEPTANCE = Check(
-    "acceptance", (0.15, 0.01), "fine from 0.15 on (Roberts & Rosenthal 2001), do not use below 0.01"
-)
+ACCEPTANCE = Check("acceptance", (0.15, 0.01), "fine from 0.15 on (Roberts & Rosenthal 2001), do not use below 0.01")
 
 
 def length_verdict(span: float, stable: bool) -> Verdict:
@@ -90,7 +86,9 @@ def samples_verdict(names: Sequence[str], ess: Array) -> Verdict:
     sentences = {
         FINE: f"The median of every parameter is known to {error:.2f} of its standard deviation or better.",
         LOOK: f"The median of {worst} is known to {error:.2f} of its standard deviation only, the 95 % limits worse.",
-        DO_NOT: f"There are too few independent samples of {worst} for an interval.",
+        DO_NOT: f"There are too few independent samples of {worst} for an interval."
+        if np.isfinite(least)
+        else "The walkers disagree, or moved too little: the number of independent samples has no meaning yet.",
     }
     return SAMPLES.judge(least, number(least, ".0f"), sentences)
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from streamkit.stream import Array, Data
+from streamkit.study.fit.replicates import Replicates
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -39,26 +40,36 @@ def arviz_tree(
     blobs: Any,
     data: Data,
     attributes: Mapping[str, str | int | float],
+    drawn: Replicates | None = None,
 ) -> DataTree:
     """Return samples as ArviZ reads them, each walker a chain: see `Results.to_arviz`.
 
     ``kept`` are the samples (steps, walkers, d) after burn-in, ``log_prob`` and ``blobs`` (steps, walkers) their ln
-    posterior and stored records.
+    posterior and stored records, ``drawn`` new data of some of the samples.
     """
     import arviz_base  # slow to load
 
     groups: dict[str, dict[str, Array]] = {
         "posterior": {name: kept[..., i].T for i, name in enumerate(names)},
         "sample_stats": {"lp": log_prob.T},
-        "observed_data": {"value": data.values, "error": data.errors},
+        "constant_data": {"value": data.values, "error": data.errors},
     }
     if blobs is not None and blobs.dtype.names and "mean" in blobs.dtype.names:
         groups["sample_stats"]["ln_likelihood"] = blobs["ln_likelihood"].T
         groups["predictions"] = {name: np.swapaxes(blobs[name], 0, 1) for name in ("mean", "variance")}
     datum = {name: ["datum"] for name in ("value", "error", "mean", "variance")}
+    coordinates: dict[str, list[str]] = {}
+    if drawn is not None:
+        for name, labels in drawn.names.items():
+            datum[name], coordinates[f"{name} datum"] = [f"{name} datum"], list(labels)
+        groups["observed_data"] = drawn.data
+        groups["posterior_predictive"] = {name: values[None] for name, values in drawn.drawn.items()}
+        if drawn.labels:
+            groups["log_likelihood"] = {"data": drawn.ln_likelihood[None]}
+            datum["data"], coordinates["data datum"] = ["data datum"], list(drawn.labels)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Found chain dimension", UserWarning)  # a short chain may have more walkers
-        tree: DataTree = arviz_base.from_dict(groups, dims=datum, pred_dims=datum)
+        tree: DataTree = arviz_base.from_dict(groups, dims=datum, pred_dims=datum, coords=coordinates)
     for name, unit in zip(names, units, strict=True):
         tree["posterior"][name].attrs["units"] = unit
     tree.attrs.update(attributes)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from streamkit.errors import OutOfDomain
 from streamkit.runfile import Prior
@@ -48,8 +47,6 @@ class Predictive:
         (n, m) predictions of the samples, and the variance of each estimate.
     add_noise
         Whether the likelihood adds that variance to the errors.
-    covariance
-        (m, m) of the errors; None where they are independent.
     gaussian
         Whether the likelihood is the Gaussian of these data, and no observable has one of its own.
     """
@@ -60,7 +57,6 @@ class Predictive:
     mean: Array
     variance: Array
     add_noise: bool = False
-    covariance: Array | None = None
     gaussian: bool = True
 
     @property
@@ -70,25 +66,13 @@ class Predictive:
 
     @property
     def deviations(self) -> Array:
-        """(m,) Median prediction minus datum, in standard errors of the datum."""
-        return np.asarray((np.median(self.mean, axis=0) - self.data) / self.errors)
+        """(m,) Datum minus median prediction, in standard errors of the datum."""
+        return np.asarray((self.data - np.median(self.mean, axis=0)) / self.errors)
 
     @property
     def noise(self) -> Array:
         """(m,) The model's own noise over the error of the datum, median over the samples."""
         return np.asarray(np.sqrt(np.median(self.variance, axis=0)) / self.errors)
-
-    @property
-    def p_value(self) -> float:
-        """The posterior predictive p-value of chi^2 (Gelman, Meng & Stern 1996, eq. 8)."""
-        away = self.mean - self.data
-        if self.covariance is None:
-            squares = (away**2 / self.total).sum(axis=1)
-        else:
-            noise = self.total - self.errors**2
-            pairs = zip(away, noise, strict=True)
-            squares = np.array([r @ np.linalg.solve(self.covariance + np.diag(v), r) for r, v in pairs])
-        return float(chi2.sf(squares, len(self.data)).mean())
 
 
 def predicted_intervals(results: Results, stream: str) -> dict[str, Array]:
@@ -134,7 +118,6 @@ def predictive(results: Results) -> Predictive | None:
         kept["mean"][:, used],
         kept["variance"][:, used],
         data.add_noise,
-        None if data.covariance is None else data.covariance[np.ix_(used, used)],
         bool(np.allclose(some["ln_likelihood"], expected, rtol=1e-6)),
     )
 
@@ -152,7 +135,7 @@ def predictions_table(seen: Predictive | None) -> QTable:
     table = QTable({"datum": list(seen.names), "value": seen.data, "error": seen.errors, "median": median})
     for name, column in {"lo68": lo68, "hi68": hi68, "lo95": lo95, "hi95": hi95}.items():
         table[name] = column
-    table["deviation"] = Column(seen.deviations, description="median prediction minus datum, in errors of the datum")
+    table["deviation"] = Column(seen.deviations, description="datum minus median prediction, in errors of the datum")
     table["noise"] = Column(seen.noise, description="the model's own noise over the error of the datum")
     return printable(table)
 

@@ -173,6 +173,7 @@ class Draws(ABC):
         """Return pictures for the page that only samples of this kind have, by name."""
         return {}
 
-    def wanted_steps(self) -> float:
-        """Return how many steps the rule of convergence needs in all, estimated from those so far; NaN if unknown."""
-        return np.nan
+    @property
+    def trusted_ess(self) -> Array:
+        """(d,) Effective number of samples; NaN where the chains disagree so much that the number has no meaning."""
+        return self.ess

@@ -10,6 +10,7 @@ import numpy as np
 from streamkit.report import save, save_table
 from streamkit.runfile import Prior
 from streamkit.study.fit.conversion import sample_columns
+from streamkit.study.fit.paper import paper_table
 
 if TYPE_CHECKING:
     from streamkit.study.fit.results import Results
@@ -19,6 +20,7 @@ EXPORTS = {
     ".nc": "netCDF for ArviZ",
     ".csv": "one row per sample",
     ".ecsv": "the same with units",
+    ".tex": "a LaTeX table for a paper: parameters and masses, no samples",
     ".txt": "GetDist, with .paramnames and .ranges beside it",
 }
 
@@ -38,6 +40,9 @@ def write_samples(results: Results, path: Path) -> list[Path]:
             save_table(path, table)
         else:
             save(path, lambda part: table.write(part, format="ascii.csv", overwrite=True))
+        return [path]
+    if path.suffix == ".tex":
+        save(path, lambda part: part.write_text(paper_table(results), encoding="utf-8"))
         return [path]
     return write_getdist(results, path)
 

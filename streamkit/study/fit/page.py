@@ -76,6 +76,7 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
         pictures=_pictures(results),
         streams=results.spec.streams,
         on_sky=_on_sky(results),
+        goodness=list(_goodness(results)),
         data=list(_data(results)),
         reasons=list(_reasons(results)),
         run=_run(results),
@@ -92,7 +93,8 @@ def _on_sky(results: Results) -> set[str]:
 
 def _parameters(results: Results) -> Iterator[dict[str, Any]]:
     fractions = (prior_fractions(p, x) for p, x in zip(results.spec.priors, results.samples.T, strict=True))
-    for row, unit, prior, u in zip(results.summary(), results.spec.units, results.spec.priors, fractions, strict=True):
+    columns = results.summary(), results.spec.units, results.spec.priors, fractions, results.draws.trusted_ess
+    for row, unit, prior, u, n_eff in zip(*columns, strict=True):
         yield {
             "name": row["parameter"],
             "unit": unit.replace(" ", ""),
@@ -100,7 +102,7 @@ def _parameters(results: Results) -> Iterator[dict[str, Any]]:
             "interval": tuple((number(row[f"lo{p}"]), number(row[f"hi{p}"])) for p in (68, 95)),
             "best": number(row["best"]),
             "prior": prior.text(unit.replace(" ", "")),
-            "n_eff": _or_dash(row["effective_samples"], ".0f"),
+            "n_eff": _or_dash(n_eff, ".0f"),
             "tau": _or_dash(row["autocorrelation_time"], ".0f"),
             "r_hat": _or_dash(row["r_hat"], ".3f"),
             "contraction": f"{contraction(u):.2f}",
@@ -161,6 +163,18 @@ def _data(results: Results) -> Iterator[dict[str, Any]]:
             "model": f"{middle:.4g} (+{high - middle:.2g} −{middle - low:.2g})",
             "deviation": f"{seen.deviations[k]:+.1f}",
             "noise": f"{seen.noise[k]:.2f}",
+        }
+
+
+def _goodness(results: Results) -> Iterator[dict[str, Any]]:
+    for row in results.goodness():
+        yield {
+            "name": row["quantity"],
+            "data": int(row["data"]),
+            "chi2": f"{row['chi2']:.1f}",
+            "p": f"{row['p']:.2g}",
+            "worst": row["worst"],
+            "residual": f"{row['residual']:+.1f}".replace("-", "−"),
         }
 
 

@@ -20,7 +20,7 @@ LONGEST = 40  # most rows in a column
 
 
 def predictions(results: Results) -> Figure:
-    """Draw the model and, for a Gaussian likelihood, new data: minus the datum, in units of its error.
+    """Draw every datum minus the model and, for a Gaussian likelihood, minus new data: in units of its error.
 
     ChainError if the run kept no predictions.
     """
@@ -52,7 +52,7 @@ def draw_predictive(seen: Predictive, note: str = "") -> Figure:
         every.append(axes)
     for axes in every:
         axes.set_xlim(-reach, reach)
-        axes.set_xlabel("(prediction $-$ datum) / error", fontsize=11)
+        axes.set_xlabel("(datum $-$ prediction) / error", fontsize=11)
     names = dict(zip(*reversed(every[0].get_legend_handles_labels()), strict=True))
     figure.legend(
         names.values(), names.keys(), loc="upper center", ncols=3 * columns, frameon=False, fontsize=9,
@@ -66,7 +66,7 @@ def draw_predictive(seen: Predictive, note: str = "") -> Figure:
 def _column(axes: Axes, seen: Predictive, chosen: IntArray) -> float:
     """Draw some of the data below each other; return how far the axis must reach."""
     datum, error = seen.data[chosen], seen.errors[chosen]
-    model = (seen.mean[:, chosen] - datum) / error
+    model = (datum - seen.mean[:, chosen]) / error
     y = np.arange(len(chosen))
     axes.axvspan(-1, 1, color="#F6D5BF", lw=0, label="error of the datum")
     ends = [2.0]

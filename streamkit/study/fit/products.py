@@ -53,6 +53,7 @@ TABLES: dict[str, Callable[[Results], QTable]] = {
     "summary.ecsv": Results.summary,
     "mass_profile.ecsv": lambda results: results.mass_profile(PROFILE_RADII),
     "diagnostics.ecsv": Results.diagnostics,
+    "goodness.ecsv": Results.goodness,
     "predictions.ecsv": lambda results: results.with_provenance(predictions_table(predictive(results))),
 }
 FIGURES: dict[str, Callable[[Results], Figure]] = {

@@ -17,8 +17,9 @@ def results_record(results: Results) -> dict[str, Any]:
 
     Keys: directory, digest, status, quick, converged, note, verdict ("fine", "look here" or "do not use"), steps,
     walkers, burn_in, acceptance, calls, search_calls, rejected (by reason), stuck (numbers of walkers), r_hat (the
-    largest), effective_samples (the least), parameters and mass_profile (``rows``, and ``units`` by column). A sampler
-    that weighs its samples has weighted_samples, ln_evidence and ln_evidence_error in place of steps, walkers, burn_in.
+    largest), effective_samples (the least), goodness, parameters and mass_profile (``rows``, and ``units`` by column).
+    A sampler that weighs its samples has weighted_samples, ln_evidence and ln_evidence_error in place of steps,
+    walkers, burn_in.
     """
     return {
         "directory": None if results.directory is None else str(results.directory),
@@ -36,6 +37,7 @@ def results_record(results: Results) -> dict[str, Any]:
         "stuck": results.stuck,
         "r_hat": float(np.max(results.r_hat)),
         "effective_samples": float(np.min(results.ess)),
+        "goodness": table_record(results.goodness()),
         "parameters": table_record(results.summary()),
         "mass_profile": table_record(results.mass_profile(PRINTED_RADII)),
     }

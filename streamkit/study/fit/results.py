@@ -12,7 +12,7 @@ import numpy as np
 
 from streamkit.components import ChainSampler, Component
 from streamkit.distribution import VERSION
-from streamkit.errors import ChainError, nearest
+from streamkit.errors import ChainError, OutOfDomain, nearest
 from streamkit.model import Host, Observation
 from streamkit.runfile import Spec
 from streamkit.sample import Chain, Posterior, Weighted
@@ -20,8 +20,10 @@ from streamkit.stream import Array, IntArray, Prediction, Stream
 from streamkit.study.fit.chain_draws import ChainDraws
 from streamkit.study.fit.conversion import arviz_tree, sample_frame
 from streamkit.study.fit.draws import Draws
+from streamkit.study.fit.goodness import Goodness, Sampled, goodness, goodness_table
 from streamkit.study.fit.integrity import load_spec, read_chain, read_samples
 from streamkit.study.fit.manifest import manifest
+from streamkit.study.fit.replicates import replicates
 from streamkit.study.fit.tables import diagnostics_table, profile_table, summary_table
 from streamkit.study.fit.weighted_draws import WeightedDraws
 
@@ -147,8 +149,10 @@ class Results:
         """Return the samples after burn-in as ArviZ reads them: an xarray DataTree, each walker a chain.
 
         Groups: ``posterior`` (the parameters, with units), ``sample_stats`` (``lp``, ln posterior, and ln likelihood),
-        ``predictions`` (mean and variance for each datum) and ``observed_data``. For ArviZ before 1.0,
-        ``arviz.InferenceData.from_datatree`` takes it.
+        ``predictions`` (mean and variance of each datum), ``constant_data`` (value and error of each datum);
+        ``observed_data`` and ``posterior_predictive`` (new data of at most 500 samples) by measured quantity, and
+        ``log_likelihood`` (of each datum at these samples): ``plot_ppc_dist`` and ``loo`` read them. For ArviZ before
+        1.0, whose ``plot_ppc`` and ``loo`` do, ``arviz.InferenceData.from_datatree`` takes the tree.
         """
         attributes: dict[str, str | int | float] = {
             "created_by": f"streamkit {VERSION}",
@@ -159,8 +163,9 @@ class Results:
         }
         blobs = None if self.blobs is None else self.blobs[self.discard :]
         kept, log_prob = self.kept, self.log_prob[self.discard :]
-        data = Posterior(self.spec).data
-        return arviz_tree(self.names, self.spec.units, kept, log_prob, blobs, data, attributes)
+        data, sampled = Posterior(self.spec).data, self._sampled()
+        drawn = None if sampled is None else replicates(sampled)
+        return arviz_tree(self.names, self.spec.units, kept, log_prob, blobs, data, attributes, drawn)
 
     def best(self) -> dict[str, float]:
         """Return the parameters of the highest ln posterior."""
@@ -199,6 +204,29 @@ class Results:
             "r_hat": self.r_hat,
         }
         return self.with_provenance(summary_table(self.names, self.spec.units, self.samples, judged))
+
+    @cached_property
+    def fit(self) -> Goodness | None:
+        """The goodness of fit; None if nothing can be judged, or the best stream cannot be made again."""
+        sampled = self._sampled()
+        return None if sampled is None else goodness(sampled)
+
+    def _sampled(self) -> Sampled | None:
+        """Return the samples with their predictions; None if the best stream cannot be made again."""
+        try:
+            predictions = self.best_observation.predictions
+        except OutOfDomain:  # another machine's rounding may lose a stream at the edge
+            return None
+        blobs = None if self.blobs is None else self.blobs[self.discard :].ravel()
+        return Sampled(self.spec, self.best(), predictions, self.samples, blobs)
+
+    def goodness(self) -> QTable:
+        """Return one row per measured quantity and one for all data: how well the model makes the data.
+
+        Columns: quantity, number of data, chi^2 at the best sample, its posterior predictive p-value, the worst datum,
+        its residual (data minus model, in standard deviations of the likelihood), and the chance of one so far away.
+        """
+        return self.with_provenance(goodness_table(self.fit))
 
     def mass_profile(self, radii: Any) -> QTable:
         """Return the mass inside radii (kpc, or a Quantity), and the circular velocity there.

@@ -6,13 +6,14 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from time import monotonic, time
+from time import monotonic
 
 import numpy as np
 
 from streamkit.components import ChainSampler, Component, Sampler
 from streamkit.errors import ChainError, ComponentError, Interrupted, SpecError
 from streamkit.model import Host
+from streamkit.observe import radii_of
 from streamkit.report import locked
 from streamkit.runfile import Engine, Source, Spec, as_spec
 from streamkit.sample import (
@@ -145,6 +146,7 @@ def run(
         stored = _Stored(directory, spec, quick, resumes)
         again = resume_command(directory or Path(), options)
         stack.enter_context(_explained(pool, lambda: stored.left(again)))
+        radius = _measured_radius(spec)
         target = PosteriorTarget(
             spec.priors, posterior.data, spec.seed, pool, stored.cache, stored.chain,
             resumes=resumes,
@@ -152,7 +154,7 @@ def run(
             deadline=begin + QUICK_SAMPLING if quick else np.inf,
             search_deadline=begin + QUICK_SEARCH if quick else np.inf,
             progress=progress,
-            mass=lambda theta: _mass_100(spec, theta),
+            mass=(radius, lambda theta: _mass_inside(spec, theta, radius)),
             full_cost=_particles(spec) / _particles(cheap_spec(spec)),
             small_cache=stored.small_cache,
             posterior=posterior if sampler.emulates else None,
@@ -185,7 +187,6 @@ class _Stored:
         self.chain.note(status="unfinished", **self._notes)
         if isinstance(self.chain, ChainFile) and self._is_chain and resumes:
             self.chain.load()
-        self.chain.note(since=time(), first=self.chain.iteration)
 
     def keep(self, weighted: Weighted, late: bool) -> None:
         """Store weighted samples; ``late`` if the time limit is over."""
@@ -241,9 +242,18 @@ def _particles(spec: Spec) -> int:
     return sum(stream.stripping.centre.particles for stream in spec.sections.streams.values())
 
 
-def _mass_100(spec: Spec, theta: Array) -> float:
-    """Return the mass inside 100 kpc in Msun."""
-    return float(Host(spec.bind_all(theta).potentials).mass_inside(np.array([100.0]))[0])
+def _measured_radius(spec: Spec) -> float:
+    """Return the largest radius of the data in kpc, or that of a progenitor where none is known, with two digits."""
+    bound = spec.bind_all()
+    measured = [radii_of(inputs.observables) for inputs in bound.streams.values()] + [radii_of(bound.data)]
+    radii = [radius for each in measured for radius in each.values()]
+    radii = radii or [float(np.sqrt(inputs.q @ inputs.q)) for inputs in bound.streams.values()]
+    return float(f"{max(radii):.2g}")
+
+
+def _mass_inside(spec: Spec, theta: Array, radius: float) -> float:
+    """Return the mass inside a radius in kpc in Msun."""
+    return float(Host(spec.bind_all(theta).potentials).mass_inside(np.array([radius]))[0])
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from streamkit.components import ChainSampler
 from streamkit.errors import ChainError
 from streamkit.report import columns, is_locked, paragraph, seconds
 from streamkit.sample import CALLS, CHAIN, JOURNAL, SAMPLES
@@ -24,7 +25,8 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
 
     Keys: state ("running", or `Results.status`), steps, most_steps, walkers, acceptance, effective_samples (the least),
     r_hat (the largest), verdict, note, last_alive and expected_end (seconds since 1970; the latter of a running run: it
-    reaches its number of steps or, if sooner, as many autocorrelation times as its rule needs), and go_on (a command).
+    has converged, by the last look of its sampler, or reaches its number of steps or its time limit if that is sooner),
+    and go_on (a command).
 
     Raises ChainError if there is no run, or if it has plugin files and no ``trust``.
     """
@@ -44,10 +46,10 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
         load_spec(directory, trust=trust)
     try:
         results = load_results(directory, trust=trust)
-    except ChainError:
+    except ChainError as error:
         run_file(directory, trust)
-        if any(path.name in (CHAIN, JOURNAL) for path in files) and not running:
-            read_chain(directory)  # says what is wrong with it; one without a step is readable
+        if any(path.name in (CHAIN, JOURNAL) for path in files):
+            status |= _bare(directory, running, str(error) if options.get("given") else "")
         return status
     steps = len(results.chain)
     level, sentence = overall(verdicts(results))
@@ -56,7 +58,7 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
         "steps": steps,
         "walkers": results.draws.record().get("walkers"),
         "acceptance": results.acceptance,
-        "effective_samples": _plain(np.min(results.ess)),
+        "effective_samples": _plain(np.min(results.draws.trusted_ess)),
         "r_hat": _plain(np.max(results.r_hat)),
         "verdict": level,
         "sentence": sentence,
@@ -67,15 +69,33 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
     return status
 
 
+def _bare(directory: Path, running: bool, why: str) -> dict[str, Any]:
+    """Return what a chain says without its run file; ``why`` is the reason, for a run with classes given in Python.
+
+    ChainError for a chain that cannot be read, unless the run is about to write it.
+    """
+    try:
+        stored = read_chain(directory)
+    except ChainError:
+        if running:
+            return {}
+        raise
+    bare: dict[str, Any] = {"steps": len(stored.chain)}
+    if why and bare["steps"]:
+        bare |= {"walkers": stored.chain.shape[1], "sentence": "There is no verdict here.", "note": why}
+        bare |= {} if running else {"state": stored.attributes.get("status", "unfinished")}
+    return bare
+
+
 def _expected_end(results: Results, status: dict[str, Any], attributes: dict[str, Any]) -> float | None:
-    """When the run may end, from its mean pace since it was started or resumed."""
+    """When the run may end, as its log says: by its mean pace since the first step after a start or a resumption."""
     since, first = attributes.get("since"), attributes.get("first", 0)
-    steps, last = status["steps"], status["last_alive"]
-    if since is None or steps <= first or status["most_steps"] is None:
+    steps, last, sampler = status["steps"], status["last_alive"], results.spec.sampler
+    if since is None or steps <= first or status["most_steps"] is None or not isinstance(sampler, ChainSampler):
         return None
-    wanted = results.draws.wanted_steps()
-    most = min(status["most_steps"], max(wanted, steps)) if np.isfinite(wanted) else status["most_steps"]
-    return float(last + (last - since) / (steps - first) * (most - steps))
+    most = sampler.model_copy(update={"steps": status["most_steps"]}).expected_steps(results.chain)
+    end = float(last + (last - since) / (steps - first) * (most - steps))
+    return min(end, attributes.get("deadline", 0.0) or np.inf)
 
 
 def _plain(value: float) -> float | None:

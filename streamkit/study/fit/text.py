@@ -10,6 +10,7 @@ import numpy as np
 
 from streamkit.report import columns, paragraph, warning_list
 from streamkit.stream import Array
+from streamkit.study.fit.figures import reach
 from streamkit.study.fit.results import Results
 
 if TYPE_CHECKING:
@@ -30,25 +31,38 @@ def stuck_warnings(stuck: Sequence[int], walkers: int) -> list[str]:
 
 # Radii in kpc of the masses that a run prints: those of Gibbons+ 2014, table 3.
 PRINTED_RADII = (50.0, 100.0, 150.0, 200.0)
+# Smaller ones, which are printed where the streams or the data reach them.
+INNER_RADII = (5.0, 10.0, 20.0, 30.0)
+
+
+def radii_in_reach(results: Results) -> list[float]:
+    """Return the radii in kpc of a table of masses that the best stream or the data reach."""
+    low, high = reach(results)
+    return [r for r in (*INNER_RADII, *PRINTED_RADII) if low <= r <= high]
 
 
 def describe_results(results: Results) -> str:
     """Return a run as text: its convergence, the parameters, the masses, the counts of its calls."""
     draws = results.draws
-    summary, profile = results.summary(), results.mass_profile(PRINTED_RADII)
+    inside = radii_in_reach(results)
+    radii = [*(r for r in INNER_RADII if r in inside), *PRINTED_RADII]
+    summary, profile = results.summary(), results.mass_profile(radii)
     rows = [("parameter", "median", "68 %", "95 %", "unit", "tau", "n_eff")]
     rows += [
         (
             row["parameter"], f"{row['median']:.4g}", _interval(row, 68), _interval(row, 95),
-            row["unit"] or "-", _or_dash(row["autocorrelation_time"]), f"{row['effective_samples']:.0f}",
+            row["unit"] or "-", _or_dash(row["autocorrelation_time"]), _or_dash(n_eff),
         )
-        for row in summary
+        for row, n_eff in zip(summary, draws.trusted_ess, strict=True)
     ]  # fmt: skip
     masses = [("r", "M(<r)", "68 %", "95 %", "in 1e11 Msun")]
     masses += [
-        (f"{r:g} kpc", f"{m[0]:.2f}", f"{m[1]:.2f} to {m[2]:.2f}", f"{m[3]:.2f} to {m[4]:.2f}", "")
-        for r, m in zip(PRINTED_RADII, _masses(profile), strict=True)
-    ]
+        (
+            f"{r:g} kpc", f"{m[0]:.3g}", f"{m[1]:.3g} to {m[2]:.3g}", f"{m[3]:.3g} to {m[4]:.3g}",
+            "" if r in inside else "extrapolated: beyond the data and the best stream",
+        )
+        for r, m in zip(radii, _masses(profile), strict=True)
+    ]  # fmt: skip
     calls = draws.rows()
     if np.isfinite(results.r_hat).any():
         worst = int(np.nanargmax(results.r_hat))
@@ -58,12 +72,25 @@ def describe_results(results: Results) -> str:
         calls += [("stuck", str(len(results.stuck)), f"of {results.chain.shape[1]} walkers")]
     parts = [f"{draws.headline()}\n{paragraph(results.note())}", f"parameters\n{columns(rows)}"]
     parts += [f"mass of the host\n{columns(masses)}", f"sampler\n{columns(calls)}"]
+    if results.fit is not None:
+        parts.insert(2, f"fit to the data, at the best sample\n{columns(_goodness(results))}")
     if warnings := stuck_warnings(results.stuck.tolist(), results.chain.shape[1]):
         parts.append(warning_list(warnings))
     if results.directory is not None:
         names = sorted(path.name for path in results.directory.iterdir() if not path.name.startswith("."))
         parts.append(paragraph(", ".join(names), f"products in {results.directory}: ", "  "))
     return "\n\n".join(parts)
+
+
+def _goodness(results: Results) -> list[tuple[str, ...]]:
+    rows = [("quantity", "data", "chi^2", "p", "worst datum", "data - model")]
+    return rows + [
+        (
+            row["quantity"], f"{row['data']}", f"{row['chi2']:.1f}", f"{row['p']:.2g}", row["worst"],
+            f"{row['residual']:+.1f} sigma",
+        )
+        for row in results.goodness()
+    ]  # fmt: skip
 
 
 def _or_dash(value: float) -> str:

@@ -47,9 +47,41 @@ def test_netcdf_holds_walkers_as_chains_with_predictions_and_data(run, tmp_path)
         mean = tree["predictions"]["mean"]
         assert mean.dims == ("chain", "draw", "datum")
         np.testing.assert_array_equal(mean[3, 2], run.blobs["mean"][run.discard + 2, 3])
-        np.testing.assert_array_equal(tree["observed_data"]["value"], [57, 112, 100])
-        np.testing.assert_array_equal(tree["observed_data"]["error"], [5, 15, 8])
+        np.testing.assert_array_equal(tree["constant_data"]["value"], [57, 112, 100])
+        np.testing.assert_array_equal(tree["constant_data"]["error"], [5, 15, 8])
         assert tree.attrs["digest"] == run.spec.digest()
+
+
+def test_arviz_has_new_data_and_likelihoods_of_each_datum(run):
+    """New data scatter about the predictions by the errors, and the ln likelihoods add up to that of the sample."""
+    tree = run.to_arviz()
+    errors = {"leading": 5.0, "trailing": 15.0, "precession": 8.0}
+    assert list(tree["observed_data"].data_vars) == list(errors)
+    for name, value in zip(errors, (57, 112, 100), strict=True):
+        np.testing.assert_array_equal(tree["observed_data"][name], [value])
+        assert tree["observed_data"][f"{name} datum"].values.tolist() == [name]
+    draws = tree["posterior_predictive"].sizes["draw"]
+    blobs = run.blobs[run.discard :].ravel()
+    assert draws == min(len(blobs), 500)
+    for row, (name, error) in enumerate(errors.items()):
+        scores = (tree["posterior_predictive"][name].values[0, :, 0] - blobs["mean"][:, row]) / error
+        assert scores.mean() == pytest.approx(0, abs=5 / np.sqrt(draws))
+        assert scores.std() == pytest.approx(1, abs=4 / np.sqrt(draws))
+    ln_each = tree["log_likelihood"]["data"]
+    assert ln_each["data datum"].values.tolist() == list(errors)
+    np.testing.assert_allclose(ln_each.sum("data datum").values[0], blobs["ln_likelihood"])
+
+
+def test_leave_one_out_is_that_of_arviz(run):
+    """Its estimate is never above the ln likelihood of the data that were fitted."""
+    pytest.importorskip("xarray_einstats")  # arviz_stats needs it for trees
+    from arviz_stats import loo
+
+    tree = run.to_arviz()
+    estimate = loo(tree, reff=1.0)
+    assert np.isfinite(estimate.elpd)
+    ln_each = tree["log_likelihood"]["data"].values[0]
+    assert estimate.elpd <= np.log(np.exp(ln_each).mean(axis=0)).sum()
 
 
 def test_getdist_reads_samples_labels_and_ranges(run, tmp_path):

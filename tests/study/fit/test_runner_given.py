@@ -6,7 +6,7 @@ from pydantic import Field
 from runfiles import FIT
 
 import streamkit as sk
-from streamkit.study.fit import read_status
+from streamkit.study.fit import describe_status, read_status
 
 
 class Own(sk.Potential):
@@ -34,7 +34,11 @@ def test_a_run_with_a_class_given_in_python(tmp_path):
     assert mass == pytest.approx(v0**2 * 50 / sk.G, rel=0.02)
     with pytest.raises(sk.ChainError, match=r"components given in Python \(own_isothermal from Own given.*components="):
         sk.load_results(out)
-    go_on = read_status(out)["go_on"]
+    known = read_status(out)
+    assert (known["state"], known["steps"], known["walkers"]) == ("steps", 2, 6)
+    assert "components=[...]" in known["note"]
+    assert "steps" in describe_status(out, known)
+    go_on = known["go_on"]
     assert go_on == f"streamkit.run({str(out / 'run.toml')!r}, out={str(out)!r}, components=[Own], resume=True)"
     assert sk.load_results(out, [Own]).spec.digest() == first.spec.digest()
     more = sk.run(out / "run.toml", out, components=[Own], resume=True, progress=False, steps=3, products=False)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
 
 from streamkit.components import DO_NOT, FINE, LOOK
 from streamkit.runfile import LogUniform, Normal, Uniform
@@ -105,34 +104,6 @@ def seen(mean, noise=0.0, add_noise=False, n=4000):
     rng = np.random.default_rng(3)
     mean = np.asarray(mean) + 0.1 * rng.standard_normal((n, 2))
     return Predictive(("near", "far"), np.zeros(2), np.ones(2), mean, np.full((n, 2), noise**2), add_noise)
-
-
-def test_the_predictive_p_value_is_that_of_replicated_data():
-    """Gelman, Meng & Stern 1996, section 2.3: the share of replicated data that lie farther from their own model."""
-    found = seen([1.0, 1.5])
-    rng = np.random.default_rng(4)
-    replicated = found.mean + rng.standard_normal(found.mean.shape)
-    farther = ((replicated - found.mean) ** 2).sum(axis=1) > ((found.data - found.mean) ** 2).sum(axis=1)
-    assert found.p_value == pytest.approx(farther.mean(), abs=0.02)
-    assert found.p_value == pytest.approx(chi2.sf(3.25, 2), abs=0.02)
-
-
-def test_a_covariance_counts_in_the_predictive_p_value():
-    """Data with a correlation of 0.9: a common shift is likely, an opposite one is not."""
-    mean, nothing = np.array([[2.0, 2.0]]), np.zeros((1, 2))
-    covariance = np.array([[1, 0.9], [0.9, 1]])
-    for sign, chi_2 in ((1, 2 * 4 / 1.9), (-1, 2 * 4 / 0.1)):
-        shift = mean * [1, sign]
-        found = Predictive(("a", "b"), np.zeros(2), np.ones(2), shift, nothing, covariance=covariance)
-        assert found.p_value == pytest.approx(chi2.sf(chi_2, 2))
-
-
-def test_a_model_that_does_not_make_the_data_is_seen():
-    assert rules.predictive_verdict(seen([0.3, 0.5])).level == FINE
-    assert rules.predictive_verdict(seen([0.0, 3.0])).level == LOOK
-    found = rules.predictive_verdict(seen([0.0, -5.0]))
-    assert found.level == DO_NOT
-    assert "far, -5.0 sigma" in found.sentence
 
 
 @pytest.mark.parametrize(
