@@ -1,6 +1,5 @@
 """Samples for other programs: each is read back by the program itself, and holds the same numbers."""
 
-import builtins
 
 import numpy as np
 import pytest
@@ -112,17 +111,3 @@ def test_the_command_writes_and_refuses(run, tmp_path):
     assert "must be one of .nc" in refused("export", run.directory, "-o", tmp_path / "samples.hdf5")
     (tmp_path / "chain.ranges").touch()
     assert "chain.ranges" in refused("export", run.directory, "-o", tmp_path / "chain.txt")
-
-
-@pytest.mark.parametrize(("package", "method"), [("pandas", "to_pandas"), ("arviz_base", "to_arviz")])
-def test_a_package_that_is_not_there_is_named(run, monkeypatch, package, method):
-    real = builtins.__import__
-
-    def missing(name, *args, **options):
-        if name == package:
-            raise ImportError(name)
-        return real(name, *args, **options)
-
-    monkeypatch.setattr(builtins, "__import__", missing)
-    with pytest.raises(sk.StreamkitError, match=r"streamkit\[export\]"):
-        getattr(run, method)()

@@ -21,7 +21,7 @@ from streamkit.study.fit.figures import mass_profile, remark, rotation_curve
 from streamkit.study.fit.products import PRODUCTS
 from streamkit.study.fit.results import Results, draws_of, load_results
 
-TABLES = ("summary.ecsv", "mass_profile.ecsv", "diagnostics.ecsv", "predictions.ecsv")
+TABLES = ("summary.ecsv", "mass_profile.ecsv", "diagnostics.ecsv", "predictions.ecsv", "goodness.ecsv")
 PICTURES = (
     "corner.png", "mass_profile.png", "rotation_curve.png", "best_stream.png", "traces.png", "predictions.png",
     "priors.png",
