@@ -60,6 +60,7 @@ HOSTS: dict[str, dict[str, Any]] = {
     "gd1_recovery": {"v0": [215, 230], "q": 0.9},
     "mock_recovery": {"v0": [205, 215], "alpha": 0.45},
     "pal5": {"halo.mass": [4e11, 5e11], "halo.q": 1.0},
+    "pal5_density": {"halo.mass": [4e11, 5e11], "halo.q": 1.0},
     "gd1_pal5": {"halo.mass": [4e11, 5e11], "halo.q": 1.0, "disc.mass": 6.8e10},
     "gd1_pal5_literal": {"halo.mass": [4e11, 5e11], "halo.q": 1.0, "disc.mass": 6.8e10},
     "orphan_lmc": {"halo.mass": [4e11, 5e11], "halo.rs": 16.0},

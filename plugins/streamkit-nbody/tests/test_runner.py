@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from matplotlib.figure import Figure
+from PIL import Image
 from streamkit_nbody import cli, runner, snapshot
 from streamkit_nbody.gravity import NotFinite
 from streamkit_nbody.plan import Options
@@ -234,7 +235,7 @@ def test_streamkit_reads_the_snapshot(simulation, tmp_path):
 
 def test_a_model_is_compared_with_the_snapshot(simulation, run_file, tmp_path, monkeypatch):
     """From the file that a run leaves to every table and picture of an ablation, which are not rendered here."""
-    monkeypatch.setattr(Figure, "savefig", lambda figure, file, **options: Path(file).touch())
+    monkeypatch.setattr(Figure, "savefig", lambda figure, file, **options: Image.new("RGB", (1, 1)).save(file, "png"))
     runner.run(simulation, tmp_path / "out", progress=False)
     done = CliRunner().invoke(
         main, ["ablate", run_file, "-o", "compared", "-q", "--set", "stripping.particles=400",

@@ -245,7 +245,7 @@ def test_long_names_of_data_are_not_cut(monkeypatch):
 def test_a_row_has_the_model_and_new_data_in_errors_of_the_datum():
     (axes,) = draw_predictive(predicted(3)).axes
     (medians,) = (line for line in axes.lines if line.get_label() == "median")
-    assert medians.get_xdata() == pytest.approx([2, 2, 2], abs=0.02)
+    assert medians.get_xdata() == pytest.approx([-2, -2, -2], abs=0.02)
     (narrow,) = (part for part in axes.collections if part.get_label() == "model, 68 %")
     ends = np.array([segment[:, 0] for segment in narrow.get_segments()])
     assert np.ptp(ends, axis=1) == pytest.approx(2 * 0.1 * np.arange(1, 4), rel=0.06)
@@ -260,7 +260,7 @@ def test_the_table_of_predictions_has_the_numbers_of_the_picture():
     assert list(table["datum"]) == ["datum 1", "datum 2", "datum 3"]
     assert np.asarray(table["median"]) == pytest.approx([2, 3, 4], abs=0.02)
     assert np.asarray(table["hi68"] - table["lo68"]) == pytest.approx(0.1 * np.arange(1, 4), rel=0.06)
-    assert np.asarray(table["deviation"]) == pytest.approx([2, 2, 2], abs=0.02)
+    assert np.asarray(table["deviation"]) == pytest.approx([-2, -2, -2], abs=0.02)
     assert len(predictions_table(None)) == 0
 
 
