@@ -24,7 +24,7 @@ nothing of the satellite known to the fit:
         --set 'progenitor.radius={ uniform = ["0.5 kpc", "1.2 kpc"] }' --passages 2 3 4
         --fit stripping.kind=restricted_nbody stripping.particles=3000 --fit stripping.particles=3000
 
-A draw of this takes four minutes on a slow core.
+A draw of this takes some three minutes on a slow core.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ LONGEST = 7.0  # Gyr in which the numbers of passages that are tried must fit
 LITTLE = 0.01  # share of the mass that must be left by the model, before a live satellite is made
 DRAWS, MASSES = "draws.jsonl", "masses.jsonl"
 # The search for the number of passages: particles, draws from the prior, and generations of so many around the best.
-FEW, FROM_PRIOR, GENERATIONS, AROUND, PARENTS = 1000, 60, 3, 25, 8
+FEW, FROM_PRIOR, GENERATIONS, AROUND, PARENTS = 1000, 48, 2, 20, 8
 EXCLUDED = 2.0  # in ln posterior below the best number of passages
 
 
