@@ -150,7 +150,10 @@ class Track(sk.Observable):
         if twice:
             raise ValueError(f"{twice[0]} is a table and also in members: leave it out of `compared`")
         if self.members is not None and self.unwrapped:
-            raise ValueError("ra and dec do not say which wrap of an unwrapped stream a star is on; leave out members")
+            raise ValueError(
+                "ra and dec do not say which wrap of an unwrapped stream a star is on; leave out members, or give "
+                "tables of their columns with the phi1 of their wrap, and name the columns in `stars`"
+            )
 
     @cached_property
     def _stars(self) -> Members | None:
@@ -292,6 +295,12 @@ class Track(sk.Observable):
         """Return the normal scores of the data in the distributions of `ln_likelihood`, each datum by itself."""
         return np.concatenate([mixture_residuals(*parts) for _, parts in self._compared(prediction, add_noise)])
 
+    def scatter(self, prediction: sk.Prediction) -> sk.Array:
+        """Return the root of `scatter2` for all data."""
+        rows, spread = self.quantities(), prediction.details["spread"]
+        parts = [self.scatter2(name, error, spread[rows[name]]) for name, (_, _, error) in self.given.items()]
+        return np.sqrt(np.concatenate(parts))
+
     def _compared(self, prediction: sk.Prediction, add_noise: bool) -> Iterator[tuple[str, Side]]:
         """Return the arguments of `ln_mixture` for each column, by its name."""
         start = 0
@@ -356,8 +365,7 @@ class Track(sk.Observable):
             part = slice(start, start := start + len(phi1))
             pull = np.full(len(phi1), np.nan)
             if not prediction.why_not:
-                scatter = np.sqrt(self.scatter2(name, error, prediction.details["spread"][part]))
-                pull = (value - prediction.mean[part]) / scatter
+                pull = (value - prediction.mean[part]) / self.scatter(prediction)[part]
             x = longitude if self.unwrapped else within(longitude, float(phi1.mean()))
             y = np.full(len(longitude), np.nan) if name == DEPTH else columns[name]
             labels = longitude_label(self.frame, self.unwrapped), column_label(name, self.velocity_frame == "gsr")
