@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from streamkit.components import Measurement
 from streamkit.errors import OutOfDomain
 from streamkit.observe import scatter_of
 from streamkit.runfile import Prior
@@ -158,7 +159,9 @@ def _scatter(results: Results, errors: Array) -> Array:
     except OutOfDomain:
         return errors
     bound = results.spec.bind_all(results.best())
-    measured = {name: list(inputs.observables.values()) for name, inputs in bound.streams.items()}
+    measured: dict[str, list[Measurement]] = {
+        name: list(inputs.observables.values()) for name, inputs in bound.streams.items()
+    }
     measured |= {f"data.{name}": [data] for name, data in bound.data.items()}
     return np.concatenate([scatter_of(measured[name], prediction) for name, prediction in predictions.items()])
 
