@@ -26,7 +26,6 @@ def collect(root: Path, pages: Path) -> None:
         text = path.read_text(encoding="utf-8").replace("](../", "](")  # the pages move up beside the README
         (pages / path.name).write_text(text, encoding="utf-8")
     tutorials(root / "examples" / "tutorials", pages)
-    changes(root / "CONTRIBUTING.md", pages / "changes.md")
     (pages / "reference").mkdir()
     for name, text in reference.pages(root / ".docs" / "names.md").items():
         (pages / "reference" / name).write_text(text, encoding="utf-8")
@@ -54,14 +53,6 @@ def without_lost_links(page: Path) -> str:
 def _kept(link: re.Match[str], page: Path) -> str:
     target = page.parent / link[2]
     return link[0] if link[2].startswith("http") or target.is_file() else link[1]
-
-
-def changes(contributing: Path, page: Path) -> None:
-    """Write the page of changes: the sections of CONTRIBUTING.md on versions and changes."""
-    text = contributing.read_text(encoding="utf-8")
-    sections = dict(re.findall(r"^## (.*?)\n(.*?)(?=^## |\Z)", text, re.M | re.S))
-    title = "Versions and deprecation"
-    page.write_text(f"# Changes\n{sections['Changes']}\n## {title}\n{sections[title]}", encoding="utf-8")
 
 
 def tutorials(folder: Path, pages: Path) -> None:

@@ -50,17 +50,18 @@ steps = {steps}
 # %% [markdown]
 # ## Do the data weigh the host?
 #
-# Move the host, and see how far the predictions move in the errors of the data. `streamkit sensitivity` does this for
-# every parameter with a picture.
+# Move the host, and see how far the predictions move in the errors of the data. A host that is too light or too heavy
+# has no measurable stream, and its predictions are nan. `streamkit sensitivity` does this for every parameter with a
+# picture.
 
 # %%
 spec = sk.load("short.toml")
 model = sk.Model(spec)
 observable = spec.bind().observable
 errors = observable.data()[1]
-low, high = (observable.predict(model.stream({"potential.v0": v0})) for v0 in (200.0, 230.0))
+low, high = (observable.predict(model.stream({"potential.v0": v0})) for v0 in (205.0, 225.0))
 for name, shift in zip(low.names, (high.mean - low.mean) / errors, strict=True):
-    print(f"{name}: {shift:+.1f} errors for 30 km/s of v0")
+    print(f"{name}: {shift:+.1f} errors for 20 km/s of v0")
 
 # %% [markdown]
 # ## Does the fit find what is known?

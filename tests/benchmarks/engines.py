@@ -8,7 +8,7 @@ The calls sleep, so that nothing but the engine is measured; the least of five r
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
 
 import numpy as np
@@ -50,4 +50,6 @@ def main(kind: str) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1] if len(sys.argv) > 1 else "processes")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("kind", nargs="?", default="processes", choices=("processes", "serial", "mpi", "dask"))
+    main(parser.parse_args().kind)

@@ -18,7 +18,7 @@ import numpy as np
 import streamkit as sk
 from streamkit.model import Host
 from streamkit.sample import Evaluation, Posterior, Workers
-from streamkit.sample.posterior import gaussian
+from streamkit.stream import Data
 from streamkit.study.fit.results import load_results
 
 RADII = np.array([50.0, 100.0, 150.0, 200.0])
@@ -67,10 +67,13 @@ def main() -> None:
     line("the fit", mass, np.ones(len(some)))
     base = evaluate(spec, some)
     lnp = np.array([e.lnp for e in base])
-    data, sigma = spec.bind(some[0]).observable.data()
-    added = np.array([e.lnp - e.ln_likelihood + gaussian(e.mean, e.variance, data, sigma, True) for e in base])
-    ignored = np.array([e.lnp - e.ln_likelihood + gaussian(e.mean, e.variance, data, sigma, False) for e in base])
-    weigh("likelihood.noise = add", added, ignored)
+    values, errors = spec.bind(some[0]).observable.data()
+
+    def with_noise(add: bool) -> np.ndarray:
+        data = Data(values, errors, add)
+        return np.array([e.lnp - e.ln_likelihood + data.gaussian(e.mean, e.variance) for e in base])
+
+    weigh("likelihood.noise = add", with_noise(True), with_noise(False))
     rules = {"literal", "epoch_aware", "turning"} - {spec.document["observable"]["recent_debris"]}
     choices = {
         "stripping.particles = 30000": {"stripping.particles": 30000},

@@ -5,6 +5,8 @@ import pytest
 from runfiles import FIT
 
 import streamkit as sk
+from streamkit.study.fit import describe_status, read_status
+from streamkit.study.fit.verdicts import verdicts
 
 EMULATED = FIT | {"sampler": {"kind": "emulator", "start_particles": 50, "starts": 1, "max_calls": 600}}
 
@@ -16,12 +18,22 @@ def run(tmp_path_factory):
 
 
 def test_it_is_certified(run):
-    assert "rule of emulator is met" in run[1].note()
+    assert "emulator has ended by its own rule" in run[1].note()
 
 
 def test_its_page_says_so(run):
     (verdict,) = run[1].weighted.verdicts
     assert (verdict.subject, verdict.level) == ("fresh calls beside the emulator", "fine")
+    subjects = [each.subject for each in verdicts(run[1])]
+    assert verdict.subject in subjects
+    assert "own noise" not in subjects  # that of a single call, which the emulator averages
+
+
+def test_its_status_counts_samples(run):
+    text = describe_status(run[0], read_status(run[0]))
+    assert "samples            4" in text
+    assert "steps" not in text
+    assert "acceptance" not in text
 
 
 def test_a_run_without_a_certificate_is_not_to_be_used():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -31,7 +32,9 @@ def run(script: Path, folder: Path, **more: str) -> str:
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
 def test_a_tutorial_runs(script: Path, tmp_path: Path) -> None:
-    assert run(script, tmp_path)
+    text = run(script, tmp_path)
+    assert text
+    assert not re.search(r"[+-]nan", text), text
 
 
 @pytest.mark.slow

@@ -212,13 +212,13 @@ class Disturbed:
         os.closerange(3, 100)
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         os.chdir(self._folder)
-        commit = ChainFile.commit
+        append = ChainFile.append
 
         def told(chain: ChainFile, *args: Any) -> None:
-            commit(chain, *args)
+            append(chain, *args)
             self._shared[:] = struct.pack("q", chain.iteration)
 
-        ChainFile.commit = told  # type: ignore[method-assign]
+        ChainFile.append = told  # type: ignore[method-assign]
         if self._before is not None:
             self._before()
         sys.argv = ["streamkit", *self._arguments]

@@ -16,6 +16,8 @@ from streamkit.builtin.monomials import monomials
 
 # Singular values of coefficients below this fraction of the largest are left out.
 NEGLIGIBLE = 1e-6
+# Noise of a call below this many squared errors of the data is none.
+SILENCE = 1e-3
 
 
 class Low(NamedTuple):
@@ -81,8 +83,11 @@ class Emulator:
         (terms, terms): the squared length of ``terms @ root`` is the leverage, the variance of the fit over that of the
         points about it.
     spread2, lack2
-        (m,) in squared errors of the data: variance of the points about the fit, and how much of it is not the noise
-        that the observable states: it does not average out.
+        (m,) in squared errors of the data: variance of the points about the fit, and how much of it is not noise: it
+        does not average out.
+    more2, stated2, pairs
+        (m,) in squared errors of the data: noise of a call beyond what the observable states, measured by pairs of
+        calls; what it states; and the number of pairs.
     low, rest, positive, ends
         Polynomials of this degree for ln variance and the details, (terms, m + k); which details are logarithms; the
         range in which they stay.
@@ -101,6 +106,9 @@ class Emulator:
     root: Array
     spread2: Array
     lack2: Array
+    more2: Array
+    stated2: Array
+    pairs: int
     low: int
     rest: Low
     positive: BoolArray
@@ -108,6 +116,11 @@ class Emulator:
     typical_r2: float
     trusted_r2: float
     exists: Array
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether pairs of calls have shown that there is no noise."""
+        return self.pairs > 0 and bool(np.max(self.stated2 + self.more2) < SILENCE)
 
     def predict(self, y: Array) -> Predictions:
         """Return the predictions at coordinates y (n, d); NaN where there is no datum."""
@@ -126,7 +139,7 @@ class Emulator:
         mean, fit_variance, noise = (np.full((len(y), len(used)), np.nan) for _ in range(3))
         mean[:, used] = self.problem.values[used] + errors * self.mean.at(terms)
         fit_variance[:, used] = errors**2 * fit_variance2
-        noise[:, used] = errors**2 * np.exp(rest[:, :m])
+        noise[:, used] = errors**2 * (np.exp(rest[:, :m]) + self.more2)
         ln_exists = log_expit(few @ self.exists)
         return Predictions(mean, fit_variance, noise, details, ln_exists, np.maximum(r2 / self.trusted_r2, 1.0))
 

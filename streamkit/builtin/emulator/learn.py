@@ -9,6 +9,8 @@ from scipy.special import expit
 from streamkit import Array, BoolArray
 from streamkit.builtin.emulator.emulator import Emulator, Low
 from streamkit.builtin.emulator.kernel import Kernel, learn_kernel
+from streamkit.builtin.emulator.pairs import ENOUGH as ENOUGH_PAIRS
+from streamkit.builtin.emulator.pairs import pairs_of
 from streamkit.builtin.emulator.polynomial import Polynomial, Regression, regress
 from streamkit.builtin.emulator.problem import Answers, Problem
 from streamkit.builtin.monomials import count, monomials
@@ -113,8 +115,10 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
     _, basis, fit = min(fits, key=_first)
     degree = basis.degree if isinstance(basis, Polynomial) else 1
     spread2 = error_of((fit.left * fit.out)[close])
-    typical = noise[close].mean(axis=0)
-    lack2 = np.maximum(spread2 - typical * (1 + CHANCE * np.sqrt(2 / close.sum())), 0.0)
+    more2, pairs = unstated(x, target, noise, close)
+    typical = noise[close].mean(axis=0) + more2
+    uncertain = 2 / close.sum() + np.where(more2 > 0, 2 / max(pairs, 1), 0.0)
+    lack2 = np.maximum(spread2 - typical * (1 + CHANCE * np.sqrt(uncertain)), 0.0)
     low = min(max(degrees), 2)
     others, positive = _forms(noise, answers.details[there])
     rest = regress(monomials(x, low), others, weight, RIDGES[-2])
@@ -130,6 +134,9 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
         root=fit.root,
         spread2=spread2,
         lack2=lack2,
+        more2=more2,
+        stated2=typical - more2,
+        pairs=pairs,
         low=low,
         rest=Low.of(rest.coefficients),
         positive=positive,
@@ -138,6 +145,21 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
         trusted_r2=float(REACH * r2[close].max()),
         exists=exists,
     )
+
+
+def unstated(x: Array, target: Array, noise: Array, close: BoolArray) -> tuple[Array, int]:
+    """Return the noise that observables do not state (m,), squared errors, and the number of pairs that measure it.
+
+    From targets (n, m) at points x (n, c) and their stated noise (n, m): zero where it is less than chance explains.
+    """
+    pairs = pairs_of(x)
+    pairs = pairs[close[pairs].all(axis=1)]
+    if len(pairs) < ENOUGH_PAIRS:
+        return np.zeros(target.shape[1]), 0
+    measured = error_of(0.5 * (target[pairs[:, 0]] - target[pairs[:, 1]]) ** 2)
+    stated = noise[pairs].mean(axis=(0, 1))
+    more = measured - stated
+    return np.where(more > CHANCE * np.sqrt(2 / len(pairs)) * stated, more, 0.0), len(pairs)
 
 
 def _first(fit: tuple[float, Polynomial | Kernel, Regression]) -> float:

@@ -12,6 +12,7 @@ from streamkit.builtin.emulator.calls import Calls
 from streamkit.builtin.emulator.certificate import Certificate, certify, change_of, fresh_calls
 from streamkit.builtin.emulator.coordinates import Space
 from streamkit.builtin.emulator.emulated import Emulated
+from streamkit.builtin.emulator.pairs import paired
 from streamkit.builtin.emulator.problem import Problem
 from streamkit.builtin.emulator.start import ARRIVED, Arrival, arrive, doubt_of, walkers_for
 
@@ -22,6 +23,8 @@ COPIES = ((1.0, 0.5), (0.5, 0.25), (0.25, 0.25))
 ROUND, LEAST_ROUND = 8, 80
 # Calls of the full model where the starts have arrived, for each parameter and in any case.
 FIRST, LEAST_FIRST = 16, 160
+# Fraction of a round's new points of the posterior that are pairs: two calls at one place differ by their noise alone.
+PAIRED = 0.5
 # Steps of the walks of a round, of which the first are not used.
 STEPS, SETTLING = 120, 40
 # Standard deviations that a parameter may move between an emulator and the one two rounds before, and the fraction by
@@ -127,6 +130,7 @@ class Rounds:
             if not missing or over:
                 return
             new = [self._some(places, share) for places, (_, share) in zip(copies, COPIES, strict=True)]
+            new[0] = paired(new[0], 0 if emulator.is_silent else int(PAIRED * len(new[0])) // 2)
             self._calls += Calls.at(self._problem, self._space, np.concatenate(new))
             turn += 1
 

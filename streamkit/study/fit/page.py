@@ -23,6 +23,7 @@ from streamkit.study.fit.figures import reach, remark
 from streamkit.study.fit.literature import DENSITY, POTENTIAL, beside_literature
 from streamkit.study.fit.manifest import manifest
 from streamkit.study.fit.results import Results
+from streamkit.study.fit.text import radii_to_show
 from streamkit.study.fit.verdicts import overall, verdicts
 
 if TYPE_CHECKING:
@@ -32,7 +33,6 @@ PAGE = "report.html"
 TEMPLATE = "page.html.jinja"
 WIDEST = 1700  # pixels of a picture in the page: two for each of the widest column
 COLOURS = 160  # colours of a picture in the page: drawings have few, and a picture is a third as large with a palette
-RADII = (25.0, 50.0, 75.0, 100.0, 150.0, 200.0)  # radii in kpc of the masses in the page
 # Pictures of the page that are products of their own.
 DRAWN = {
     "mass": "mass_profile.png",
@@ -111,7 +111,7 @@ def _parameters(results: Results) -> Iterator[dict[str, Any]]:
 
 def _masses(results: Results) -> Iterator[dict[str, Any]]:
     low, high = reach(results)
-    table = results.mass_profile(RADII)
+    table = results.mass_profile(radii_to_show(results))
     for row in table:
         r = float(row["r"].to_value("kpc"))
         mass = [row[f"M{suffix}"].to_value("1e11 Msun") for suffix in ("", "_lo68", "_hi68", "_lo95", "_hi95")]

@@ -23,12 +23,12 @@ from streamkit.study.fit.integrity import RUN_FILE
 from streamkit.study.fit.literature import read_literature
 from streamkit.study.fit.manifest import MANIFEST
 from streamkit.study.fit.page import PAGE, page_text
-from streamkit.study.fit.page import RADII as PAGE_RADII
 from streamkit.study.fit.predictive_figure import predictions
 from streamkit.study.fit.prior_figure import priors
 from streamkit.study.fit.recovery import DRAWN, RADII, recovery_figure, recovery_table, true_host
 from streamkit.study.fit.results import Results, load_results
 from streamkit.study.fit.tables import printable
+from streamkit.study.fit.text import radii_to_show
 
 if TYPE_CHECKING:
     from astropy.table import QTable
@@ -131,7 +131,7 @@ def write_products(
     for file, name in stream_pictures(results.spec).items():
         figures[file] = partial(best_stream, name=name)
     published = _published(where, literature)
-    wanted = [PROFILE_RADII, radii(results), np.array(PAGE_RADII)]
+    wanted = [PROFILE_RADII, radii(results), np.array(radii_to_show(results))]
     wide = COLUMN if column else WIDE
     figures["mass_profile.png"] = partial(mass_profile, literature=published, wide=wide)
     figures["rotation_curve.png"] = partial(rotation_curve, literature=published, wide=wide)

@@ -110,8 +110,9 @@ def describe_status(directory: Path, status: dict[str, Any], now: float | None =
     """Return the result of `read_status` as text for a terminal, at a time in seconds since 1970."""
     now = time.time() if now is None else now
     rows = [("state", STATES[status["state"]])]
+    weighted = "verdict" in status and status["walkers"] is None
     most = f" of at most {status['most_steps']}" if status["most_steps"] is not None else ""
-    rows.append(("steps", f"{status['steps']}{most}"))
+    rows.append(("samples", f"{status['steps']}") if weighted else ("steps", f"{status['steps']}{most}"))
     if status["last_alive"] is not None:
         last = status["last_alive"]
         rows.append(("last alive", f"{_clock(last)}, {seconds(max(now - last, 0))} ago"))
@@ -119,7 +120,7 @@ def describe_status(directory: Path, status: dict[str, Any], now: float | None =
         left = status["expected_end"] - now
         rows.append(("expected end", f"{_clock(status['expected_end'])}, in {seconds(max(left, 0))}"))
     for name, form in (("acceptance", ".2f"), ("effective_samples", ".0f"), ("r_hat", ".3f")):
-        if status.get(name) is not None:
+        if status.get(name) is not None and not (weighted and name == "acceptance"):
             rows.append((name.replace("_", " ").replace("r hat", "R-hat"), f"{status[name]:{form}}"))
     parts = [f"{directory}\n{columns(rows)}"]
     if "note" in status:

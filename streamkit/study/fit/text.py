@@ -41,11 +41,17 @@ def radii_in_reach(results: Results) -> list[float]:
     return [r for r in (*INNER_RADII, *PRINTED_RADII) if low <= r <= high]
 
 
+def radii_to_show(results: Results) -> list[float]:
+    """Return the radii in kpc of the masses that the page and the terminal show."""
+    inside = radii_in_reach(results)
+    return [*(r for r in INNER_RADII if r in inside), *PRINTED_RADII]
+
+
 def describe_results(results: Results) -> str:
     """Return a run as text: its convergence, the parameters, the masses, the counts of its calls."""
     draws = results.draws
     inside = radii_in_reach(results)
-    radii = [*(r for r in INNER_RADII if r in inside), *PRINTED_RADII]
+    radii = radii_to_show(results)
     summary, profile = results.summary(), results.mass_profile(radii)
     rows = [("parameter", "median", "68 %", "95 %", "unit", "tau", "n_eff")]
     rows += [

@@ -65,7 +65,8 @@ def verdicts(results: Results) -> list[Verdict]:
     outcomes += results.draws.verdicts(results.names)
     if results.fit is not None:
         outcomes += [goodness_verdict(results.fit), worst_verdict(results.fit.whole)]
-    if (seen := predictive(results)) is not None:
+    # An emulator averages the noise of its calls, and judges its own error itself.
+    if not results.spec.sampler.emulates and (seen := predictive(results)) is not None:
         outcomes.append(noise_verdict(seen))
     outcomes.append(reasons_verdict(results.reasons, results.calls))
     fractions = [prior_fractions(p, x) for p, x in zip(results.spec.priors, results.samples.T, strict=True)]

@@ -80,20 +80,21 @@ class WeightedDraws(Draws):
 
     def praise(self) -> str:
         """Return the sampler's rule, the effective samples and the evidence."""
-        return f"The rule of {self._kind} is met, with {self.weighted.ess:.0f} effective samples; {self.evidence()}."
+        samples = f"{self.weighted.ess:.0f} effective samples{self.evidence()}"
+        return f"The sampler {self._kind} has ended by its own rule, with {samples}."
 
     def evidence(self) -> str:
-        """Return "ln evidence -12.3 +- 0.1"."""
+        """Return "; ln evidence -12.3 +- 0.1"; empty for a sampler without evidence."""
         if not np.isfinite(self.weighted.ln_evidence):
-            return "no evidence"
-        return f"ln evidence {self.weighted.ln_evidence:.2f} +- {self.weighted.ln_evidence_error:.2f}"
+            return ""
+        return f"; ln evidence {self.weighted.ln_evidence:.2f} +- {self.weighted.ln_evidence_error:.2f}"
 
     def verdicts(self, names: Sequence[str]) -> list[Verdict]:
         """Return the outcome of the sampler's rule, its own checks, and those of the weights."""
         stored, kind = self.weighted, self._kind
         rule_said = {
-            FINE: f"The rule of {kind} is met. There is no R-hat, which compares chains: that no region was missed "
-            "rests on this rule. Run it again with another seed where much depends on it.",
+            FINE: f"{kind} has ended by its own rule. There is no R-hat, which compares chains: that no region was "
+            "missed rests on this rule. Run it again with another seed where much depends on it.",
             LOOK: f"Not ended by its own rule: {stored.missing}. Continue with --resume.",
         }
         level = LOOK if stored.missing else FINE
@@ -122,7 +123,8 @@ class WeightedDraws(Draws):
 
     def headline(self) -> str:
         """Return the number of the samples, and of those of equal weight."""
-        return f"{self!r}, shown as {len(self.chain)} of equal weight"
+        same = len(self.chain) == len(self.weighted.points)
+        return f"{self!r}" if same else f"{self!r}, shown as {len(self.chain)} of equal weight"
 
     def rows(self) -> list[Row]:
         """Return calls, evidence and facts."""
@@ -151,7 +153,8 @@ class WeightedDraws(Draws):
     def description(self) -> str:
         """Return the number of the samples and of parameters, and the evidence."""
         steps, _, d = self.chain.shape
-        return f"none: {self!r}, {d} free parameters, here as {steps} of equal weight; {self.evidence()}"
+        shown = "" if steps == len(self.weighted.points) else f", here as {steps} of equal weight"
+        return f"{d} free parameters, {self!r} of the sampler {self._kind}{shown}{self.evidence()}"
 
     @property
     def trace(self) -> tuple[str, str]:
