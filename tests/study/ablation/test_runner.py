@@ -138,7 +138,7 @@ def test_many_data_are_one_column_for_each_quantity() -> None:
     ablation = run_ablation(spec, variants_of(spec, {"stripping.progenitor_gravity": [True, False]}))
     column = next(each for each in paper_columns(ablation) if "distance" in each.head)
     assert (column.head, column.unit, column.mean[0]) == ("rms difference of distance", "errors", 0.0)
-    measures = ablation.outcomes[1].measures[spec.seed]
+    measures = ablation.outcomes[1].measures[0]
     pulls = np.array([value for name, value in measures.items() if name.startswith("pull_distance")])
     assert len(pulls) == n
     assert column.mean[1] == pytest.approx(np.sqrt(np.mean(pulls**2)))
