@@ -150,10 +150,7 @@ class Track(sk.Observable):
         if twice:
             raise ValueError(f"{twice[0]} is a table and also in members: leave it out of `compared`")
         if self.members is not None and self.unwrapped:
-            raise ValueError(
-                "ra and dec do not say which wrap of an unwrapped stream a star is on; leave out members, or give "
-                "tables of their columns with the phi1 of their wrap, and name the columns in `stars`"
-            )
+            raise ValueError("ra and dec do not say which wrap a star is on; give tables with phi1, and `stars`")
 
     @cached_property
     def _stars(self) -> Members | None:
@@ -168,11 +165,10 @@ class Track(sk.Observable):
     def given(self) -> dict[str, tuple[sk.Array, sk.Array, sk.Array]]:
         """The data by field: longitudes, values and errors, (k,) each."""
         tables = {name: getattr(self, name) for name in (*COLUMNS, DEPTH)}
-        key = {DEPTH: "depth"}
         parts = {}
         for name, table in tables.items():
             if table is not None:
-                parts[name] = table["phi1"], table[key.get(name, name)], table["error"]
+                parts[name] = table["phi1"], table["depth" if name == DEPTH else name], table["error"]
             elif self._stars is not None and name in self._of_members:
                 parts[name] = self._stars.column(name)
         return parts
@@ -244,8 +240,7 @@ class Track(sk.Observable):
             farthest = np.abs(at - middle).max() + REACH * self.kernel
             margin = float(np.clip(farthest - SEAM, 0.0, 360.0))
         away = np.flatnonzero(chosen)
-        of_debris = [column[away] for column in columns.values()]
-        debris = gather(longitude[away], of_debris, stream.weight[away], margin)
+        debris = gather(longitude[away], [column[away] for column in columns.values()], stream.weight[away], margin)
         of = list(columns)
         depth = of.index("distance") if DEPTH in self.given else -1
         return lines_at(debris, at, self.kernel, depth), of
@@ -379,8 +374,7 @@ class Track(sk.Observable):
             return {}
         grid = fine_grid(np.concatenate([phi1 for phi1, _, _ in self.given.values()]))
         lines, of = self.lines(stream, grid)
-        there = lines.ln_count > np.log(ENOUGH)
-        every = np.arange(len(grid))
+        there, every = lines.ln_count > np.log(ENOUGH), np.arange(len(grid))
         parts = {name: self.part_of(name, lines, of.index(column_of(name)), every)[0] for name in self.given}
         return {name: (grid, np.where(there, part, np.nan)) for name, part in parts.items()}
 
