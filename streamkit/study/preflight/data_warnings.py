@@ -66,8 +66,11 @@ NOWHERE = _Distance(np.nan, np.nan, np.nan, np.nan)  # without a datum or a pred
 
 
 def data_warnings(spec: Spec, trials: Sequence[Trial]) -> list[str]:
-    """Return a warning for each measured quantity that no trial stream comes near."""
-    if not trials:
+    """Return a warning for each measured quantity that no trial stream comes near.
+
+    Few trials of a run file with free parameters are no reason to doubt the data: then there is none.
+    """
+    if not trials or (spec.names and len(trials) < FEW_TRIALS):
         return []
     warnings = []
     for measured in [*_of_streams(spec, trials), *_of_host(trials)]:
