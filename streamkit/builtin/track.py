@@ -150,7 +150,7 @@ class Track(sk.Observable):
         if twice:
             raise ValueError(f"{twice[0]} is a table and also in members: leave it out of `compared`")
         if self.members is not None and self.unwrapped:
-            raise ValueError("ra and dec do not say which wrap of an unwrapped stream a star is on; leave out members")
+            raise ValueError("ra and dec do not say which wrap a star is on; give tables with phi1, and `stars`")
 
     @cached_property
     def _stars(self) -> Members | None:
@@ -165,11 +165,10 @@ class Track(sk.Observable):
     def given(self) -> dict[str, tuple[sk.Array, sk.Array, sk.Array]]:
         """The data by field: longitudes, values and errors, (k,) each."""
         tables = {name: getattr(self, name) for name in (*COLUMNS, DEPTH)}
-        key = {DEPTH: "depth"}
         parts = {}
         for name, table in tables.items():
             if table is not None:
-                parts[name] = table["phi1"], table[key.get(name, name)], table["error"]
+                parts[name] = table["phi1"], table["depth" if name == DEPTH else name], table["error"]
             elif self._stars is not None and name in self._of_members:
                 parts[name] = self._stars.column(name)
         return parts
@@ -241,8 +240,7 @@ class Track(sk.Observable):
             farthest = np.abs(at - middle).max() + REACH * self.kernel
             margin = float(np.clip(farthest - SEAM, 0.0, 360.0))
         away = np.flatnonzero(chosen)
-        of_debris = [column[away] for column in columns.values()]
-        debris = gather(longitude[away], of_debris, stream.weight[away], margin)
+        debris = gather(longitude[away], [column[away] for column in columns.values()], stream.weight[away], margin)
         of = list(columns)
         depth = of.index("distance") if DEPTH in self.given else -1
         return lines_at(debris, at, self.kernel, depth), of
@@ -291,6 +289,12 @@ class Track(sk.Observable):
     def residuals(self, prediction: sk.Prediction, add_noise: bool) -> sk.Array:
         """Return the normal scores of the data in the distributions of `ln_likelihood`, each datum by itself."""
         return np.concatenate([mixture_residuals(*parts) for _, parts in self._compared(prediction, add_noise)])
+
+    def scatter(self, prediction: sk.Prediction) -> sk.Array:
+        """Return the root of `scatter2` for all data."""
+        rows, spread = self.quantities(), prediction.details["spread"]
+        parts = [self.scatter2(name, error, spread[rows[name]]) for name, (_, _, error) in self.given.items()]
+        return np.sqrt(np.concatenate(parts))
 
     def _compared(self, prediction: sk.Prediction, add_noise: bool) -> Iterator[tuple[str, Side]]:
         """Return the arguments of `ln_mixture` for each column, by its name."""
@@ -356,8 +360,7 @@ class Track(sk.Observable):
             part = slice(start, start := start + len(phi1))
             pull = np.full(len(phi1), np.nan)
             if not prediction.why_not:
-                scatter = np.sqrt(self.scatter2(name, error, prediction.details["spread"][part]))
-                pull = (value - prediction.mean[part]) / scatter
+                pull = (value - prediction.mean[part]) / self.scatter(prediction)[part]
             x = longitude if self.unwrapped else within(longitude, float(phi1.mean()))
             y = np.full(len(longitude), np.nan) if name == DEPTH else columns[name]
             labels = longitude_label(self.frame, self.unwrapped), column_label(name, self.velocity_frame == "gsr")
@@ -371,8 +374,7 @@ class Track(sk.Observable):
             return {}
         grid = fine_grid(np.concatenate([phi1 for phi1, _, _ in self.given.values()]))
         lines, of = self.lines(stream, grid)
-        there = lines.ln_count > np.log(ENOUGH)
-        every = np.arange(len(grid))
+        there, every = lines.ln_count > np.log(ENOUGH), np.arange(len(grid))
         parts = {name: self.part_of(name, lines, of.index(column_of(name)), every)[0] for name in self.given}
         return {name: (grid, np.where(there, part, np.nan)) for name, part in parts.items()}
 

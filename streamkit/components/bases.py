@@ -232,6 +232,14 @@ class Measurement(Component):
         """
         return {self.kind: np.arange(len(self.data()[0]))}
 
+    def scatter(self, prediction: Prediction) -> Array:
+        """Return the standard deviations (m,) of the data about a prediction: their errors by default. Optional.
+
+        For a likelihood with more than errors, such as an extra dispersion or the spread of the debris about which
+        single stars scatter. The noise of the model is not in it. Tables give deviations in units of it.
+        """
+        return np.asarray(self.data()[1], dtype=float)
+
     def covariance(self) -> Array | None:
         """Return the covariance (m, m) of the data, or None where their errors are independent. Optional.
 

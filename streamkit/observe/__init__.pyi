@@ -9,6 +9,7 @@ from .likelihood import compare_with_data as compare_with_data
 from .likelihood import ln_likelihood_of_each as ln_likelihood_of_each
 from .likelihood import new_data as new_data
 from .likelihood import residuals_of as residuals_of
+from .likelihood import scatter_of as scatter_of
 from .measure import UNNAMED as UNNAMED
 from .measure import measure_host as measure_host
 from .measure import measure_stream as measure_stream

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from streamkit.components import Measurement
 from streamkit.errors import ComponentError, StreamkitError, blamed
+from streamkit.observe.measure import parts_of
 from streamkit.stream import Array, Data, Prediction
 
 
@@ -38,6 +41,22 @@ def residuals_of(observable: Measurement, prediction: Prediction, data: Data) ->
     if given is not None and np.shape(given) != np.shape(data.values):
         raise ComponentError(f"{name}: {np.shape(given)} residuals for {np.shape(data.values)} data")
     return None if given is None else np.asarray(given, dtype=float)
+
+
+def scatter_of(measured: Sequence[Measurement], prediction: Prediction) -> Array:
+    """Return the standard deviations (m,) of the data of all ``measured`` about their joint prediction.
+
+    Raises ComponentError if a method `scatter` fails, or returns another shape.
+    """
+    parts = []
+    for each, part in zip(measured, parts_of(prediction).values(), strict=True):
+        name = f"{each.role} {each.kind}"
+        with blamed(name):
+            scatter = np.asarray(each.scatter(part), dtype=float)
+        if scatter.shape != part.mean.shape:
+            raise ComponentError(f"{name}: a scatter of shape {scatter.shape} for {part.mean.shape} data")
+        parts.append(scatter)
+    return np.concatenate(parts)
 
 
 def ln_likelihood_of_each(observable: Measurement, prediction: Prediction, data: Data) -> Array | None:

@@ -25,6 +25,8 @@ from .hdf5 import read_foreign as read_foreign
 from .hdf5 import read_own as read_own
 from .hdf5 import verified as verified
 from .hdf5 import with_checksum as with_checksum
+from .latex import LATEX_UNITS as LATEX_UNITS
+from .latex import latex_escaped as latex_escaped
 from .live_progenitor import describe_live as describe_live
 from .plain import as_json as as_json
 from .plain import prediction_record as prediction_record

@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 
 from streamkit.components import Measurement
+from streamkit.observe import scatter_of
 from streamkit.report.text import columns, number, paragraph, seconds
 from streamkit.runfile import Spec, StreamInputs, as_written
 from streamkit.stream import Prediction
 
+WIDER = "sigma: the error with the extra dispersion and, for single stars, the spread of the debris"
 MOST_ROWS, FARTHEST = 200, 20  # data above which a text shows only some of them, and how many
 
 
@@ -27,7 +29,7 @@ def describe_expansions(inputs: StreamInputs) -> str:
 
 
 def describe_prediction(inputs: StreamInputs, prediction: Prediction | None) -> str:
-    """Show the observables beside the data, and the difference in standard errors of the data."""
+    """Show the observables beside the data, and the difference in standard deviations of the likelihood."""
     if not inputs.observables or prediction is None:
         return "observables: the run file has none"
     return describe_measured("observables", list(inputs.observables.values()), prediction)
@@ -39,10 +41,11 @@ def describe_measured(called: str, measured: Sequence[Measurement], prediction: 
     if prediction.why_not:
         return f"{called} ({kinds}): no value, {prediction.why_not}"
     data, errors = np.concatenate([each.data() for each in measured], axis=1)
+    scatter = scatter_of(measured, prediction)
     rows, note = [("", "model", "own noise", "data", "data - model")], ""
     selected = np.arange(len(data))
     if len(data) > MOST_ROWS:
-        away = np.nan_to_num(np.abs(prediction.mean - data) / errors, nan=-1.0)
+        away = np.nan_to_num(np.abs(prediction.mean - data) / scatter, nan=-1.0)
         selected = np.sort(np.argsort(-away, kind="stable")[:FARTHEST])
         note = f", the {FARTHEST} of {len(data)} that are farthest from the data"
     for i in selected.tolist():
@@ -54,9 +57,12 @@ def describe_measured(called: str, measured: Sequence[Measurement], prediction: 
         shown = (f"{mean:.{digits}f}", f"{noise:.2g}") if np.isfinite(mean) else ("-", "-")
         rows.append((
             name, *shown, f"{datum:.{decimals(error)}f} +- {error:.{decimals(error)}f}" if has_datum else "-",
-            f"{(datum - mean) / error:+.1f} sigma" if has_datum else "-",
+            f"{(datum - mean) / scatter[i]:+.1f} sigma" if has_datum else "-",
         ))  # fmt: skip
-    return "\n".join([f"{called} ({kinds}){note}", columns(rows)])
+    lines = [f"{called} ({kinds}){note}", columns(rows)]
+    if np.any(scatter[selected] > 1.001 * errors[selected]):
+        lines.append(paragraph(WIDER, "  "))
+    return "\n".join(lines)
 
 
 def decimals(error: float) -> int:

@@ -154,6 +154,9 @@ def has_a_likelihood(observable: Observable) -> None:
         residuals, m = observable.residuals(full, add_noise), len(full.names)
         shape = (m,) if residuals is None else np.shape(residuals)
         require(shape == (m,), f"residuals have the shape {shape} for {m} data")
+    scatter, used = observable.scatter(full), np.isfinite(observable.data()[0])
+    require(np.shape(scatter) == (m,), f"scatter has the shape {np.shape(scatter)} for {m} data")
+    require(bool((scatter[used] > 0).all()), f"scatter is not positive: {scatter[used]}")
 
 
 CHECKS: tuple[Check, ...] = (

@@ -17,6 +17,7 @@ from scipy.stats import multivariate_normal, norm
 import streamkit as sk
 from streamkit.builtin.track import Track
 from streamkit.builtin.track_likelihood import ln_mixture, ln_mixture_of_pairs
+from streamkit.report import describe_measured
 from streamkit.testing.streams import example_stream
 
 PM = u.mas / u.yr
@@ -181,3 +182,23 @@ def test_columns_may_be_chosen() -> None:
                   radial_velocity={"phi1": [0], "radial_velocity": [1], "error": [2]})  # fmt: skip
     assert list(track.given) == ["phi2", "pm_phi2", "radial_velocity"]
     assert np.isfinite(track.ln_likelihood(track.predict(example_stream()), True))
+
+
+def test_tables_count_deviations_in_the_scatter_of_the_likelihood() -> None:
+    """A position has an error of 0.001 deg: a star is judged by the debris about it, with an extra dispersion."""
+    track = Track(frame=FRAME, members=table(), compared=["phi2"], phi2_dispersion=0.5)
+    prediction = track.predict(example_stream())
+    scatter = np.sqrt(0.001**2 + 0.5**2 + prediction.details["spread"] ** 2)
+    np.testing.assert_allclose(track.scatter(prediction), scatter)
+    text = describe_measured("observables", [track], prediction)
+    stars = (track.data()[0] - prediction.mean) / scatter
+    assert [float(line.split()[-2]) for line in text.splitlines()[2:14]] == pytest.approx(stars.tolist(), abs=0.051)
+    assert "spread of the debris" in text
+
+
+def test_means_without_dispersion_count_in_their_errors() -> None:
+    means = {"phi1": [-10.0, 10.0], "phi2": [0.0, 1.0], "error": [0.5, 2.0]}
+    track = Track(frame=FRAME, phi2=means)
+    prediction = track.predict(example_stream())
+    assert track.scatter(prediction).tolist() == [0.5, 2.0]
+    assert "spread" not in describe_measured("observables", [track], prediction)

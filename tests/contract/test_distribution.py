@@ -175,4 +175,4 @@ def test_wheels_from_sdists_install_without_an_index(tmp_path: Path) -> None:
     listing = run("-m", "streamkit", "plugins", cwd=tmp_path, **environment)
     assert all(f"{name} 0.1" in listing for name in PLUGINS if name != "streamkit-nbody")  # a command, no component
     run("-m", "streamkit", "init", "gd1", cwd=tmp_path, **environment)
-    assert "ln_posterior" in run("-m", "streamkit", "check", "gd1.toml", "--draws", "0", cwd=tmp_path, **environment)
+    assert "observables" in run("-m", "streamkit", "check", "gd1.toml", "--draws", "0", cwd=tmp_path, **environment)

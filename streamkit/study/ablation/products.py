@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any
 
 from streamkit.study.ablation import figures
+from streamkit.study.ablation.paper import small_csv, small_latex
 from streamkit.study.ablation.runner import Ablation
 from streamkit.study.ablation.sky_figure import has_panels, tracks_on_sky
 from streamkit.study.ablation.tables import describe_ablation, measures_table, tracks_table
@@ -19,7 +20,8 @@ PICTURES = {
 }  # fmt: skip
 SKY = "sky.png"  # only with an observable that is drawn on the sky
 TABLE, TRACKS, RUN = "ablation.ecsv", "tracks.ecsv", "ablation.toml"
-PRODUCTS = (TABLE, TRACKS, RUN, *PICTURES, SKY)
+CSV, LATEX = "ablation.csv", "ablation.tex"  # the small table
+PRODUCTS = (TABLE, CSV, LATEX, TRACKS, RUN, *PICTURES, SKY)
 
 
 def ablation_products(ablation: Ablation, options: dict[str, Any]) -> Products:
@@ -40,4 +42,5 @@ def ablation_products(ablation: Ablation, options: dict[str, Any]) -> Products:
         {name: partial(draw, portraits) for name, draw in pictures.items()},
         {"vary": vary, **options},
         ablation.stopped,
+        {CSV: small_csv(ablation), LATEX: small_latex(ablation)},
     )

@@ -80,7 +80,7 @@ def measures_table(ablation: Ablation) -> QTable:
     from astropy import units as u
     from astropy.table import Column, QTable
 
-    rows = _rows(ablation)
+    rows = rows_of(ablation)
     names = list(dict.fromkeys(name for _, _, measures in rows for one in measures for name in one))
     several = any(len(measures) > 1 for _, _, measures in rows)
     out = QTable()
@@ -91,7 +91,7 @@ def measures_table(ablation: Ablation) -> QTable:
     for name in names:
         values = [[one.get(name, np.nan) for one in measures] for _, _, measures in rows]
         measure = MEASURES[_base(name)]
-        for column, statistic in ((name, _mean), (f"{name}_sd", _scatter))[: 1 + several]:
+        for column, statistic in ((name, mean_of), (f"{name}_sd", scatter_of_seeds))[: 1 + several]:
             numbers = np.array([statistic(value) for value in values])
             out[column] = numbers * u.Unit(measure.unit) if measure.unit else numbers
         out[name].info.description = measure.meaning
@@ -100,24 +100,26 @@ def measures_table(ablation: Ablation) -> QTable:
     return out
 
 
-_Row = tuple[str, Outcome | None, list[dict[str, float]]]
+Row = tuple[str, Outcome | None, list[dict[str, float]]]
 
 
-def _rows(ablation: Ablation) -> list[_Row]:
+def rows_of(ablation: Ablation) -> list[Row]:
     """Return label, outcome and the measures of each seed; the reference, which has no outcome, first."""
-    rows: list[_Row] = []
+    rows: list[Row] = []
     reference = ablation.reference
     if reference.title:
         rows.append((REFERENCE, None, [{**reference.measures(), **observables(reference)}]))
     return rows + [(o.variant.label, o, [o.measures[seed] for seed in sorted(o.measures)]) for o in ablation.outcomes]
 
 
-def _mean(values: Sequence[float]) -> float:
+def mean_of(values: Sequence[float]) -> float:
+    """Return the mean over the seeds, of those that have a value; NaN without any."""
     finite = [value for value in values if np.isfinite(value)]
     return float(np.mean(finite)) if finite else np.nan
 
 
-def _scatter(values: Sequence[float]) -> float:
+def scatter_of_seeds(values: Sequence[float]) -> float:
+    """Return the standard deviation over the seeds that have a value; NaN for fewer than two."""
     finite = [value for value in values if np.isfinite(value)]
     return float(np.std(finite, ddof=1)) if len(finite) > 1 else np.nan
 
@@ -154,7 +156,7 @@ def tracks_table(ablation: Ablation) -> QTable:
 
 def describe_ablation(ablation: Ablation) -> str:
     """Show the table for a terminal, in four parts, with what each column means."""
-    rows, legend = _numbered(_rows(ablation))
+    rows, legend = _numbered(rows_of(ablation))
     seeds = max((len(measures) for _, _, measures in rows), default=0)
     of = f"; means over {seeds} seeds, their scatter is in the table's columns _sd" if seeds > 1 else ""
     parts = [paragraph(f"{len(ablation.outcomes)} variants beside {ablation.beside}{of}; L leading, T trailing")]
@@ -168,7 +170,7 @@ def describe_ablation(ablation: Ablation) -> str:
     return "\n\n".join(part for part in parts if part)
 
 
-def _numbered(rows: list[_Row]) -> tuple[list[_Row], str]:
+def _numbered(rows: list[Row]) -> tuple[list[Row], str]:
     """Return the rows with numbers for labels, and a list of these, where the labels leave no room for the columns."""
     if max(len(label) for label, _, _ in rows) <= LABEL:
         return rows, ""
@@ -178,7 +180,7 @@ def _numbered(rows: list[_Row]) -> tuple[list[_Row], str]:
     return [(names.get(id(outcome), REFERENCE), outcome, measures) for _, outcome, measures in rows], legend
 
 
-def _part(rows: Sequence[_Row], measures: Mapping[str, Measure]) -> str:
+def _part(rows: Sequence[Row], measures: Mapping[str, Measure]) -> str:
     """Show one of the printed tables, and below it what its columns mean."""
     head, names, notes = ["variant"], [], []
     for base, measure in measures.items():
@@ -191,7 +193,7 @@ def _part(rows: Sequence[_Row], measures: Mapping[str, Measure]) -> str:
     return "\n".join([columns([head, *body]), *notes])
 
 
-def _observables(rows: Sequence[_Row]) -> list[str]:
+def _observables(rows: Sequence[Row]) -> list[str]:
     """Show the observables and their pulls, if there are any."""
     names = dict.fromkeys(n for _, _, ms in rows for one in ms for n in one if _base(n) == "observable")
     if not names:
@@ -206,11 +208,13 @@ def _observables(rows: Sequence[_Row]) -> list[str]:
     return ["\n".join([columns(body), paragraph(PULL.meaning, "  pull: ", "    ")])]
 
 
-def _columns(rows: Sequence[_Row], names: Sequence[str]) -> str:
+def _columns(rows: Sequence[Row], names: Sequence[str]) -> str:
     """Return many observables by column: the rms difference from the reference, and the farthest."""
     shown = [row for row in rows if row[2]]
     body = [["column", *(label for label, _, _ in shown)]]
-    pulls = [np.array([_mean([one.get(f"pull_{name}", np.nan) for one in ms]) for name in names]) for _, _, ms in shown]
+    pulls = [
+        np.array([mean_of([one.get(f"pull_{name}", np.nan) for one in ms]) for name in names]) for _, _, ms in shown
+    ]
     for column, which in by_column(names).items():
         cells = []
         for pull in (each[which] for each in pulls):
@@ -223,7 +227,7 @@ def _columns(rows: Sequence[_Row], names: Sequence[str]) -> str:
 
 def _cell(measures: Sequence[dict[str, float]], name: str, form: str = "") -> str:
     """Write the mean over the seeds."""
-    mean = _mean([one.get(name, np.nan) for one in measures])
+    mean = mean_of([one.get(name, np.nan) for one in measures])
     if not np.isfinite(mean):
         return "-"
     digits = 0 if abs(mean) >= 100 else 1 if abs(mean) >= 10 else 2

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from streamkit.components import Measurement
 from streamkit.errors import OutOfDomain
+from streamkit.observe import scatter_of
 from streamkit.runfile import Prior
 from streamkit.sample import Posterior
 from streamkit.stream import Array
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
 
 MOST = 2000  # samples that a prediction is compared with the data for
 COMPARED = 5  # samples whose ln likelihood is compared with that of a Gaussian
+SIGMA = "standard deviations of the likelihood: the error, an extra dispersion, the debris about a single star"
 EDGE = 0.02  # the outermost fraction of a prior, at either end, that counts as its edge
 
 
@@ -49,6 +52,8 @@ class Predictive:
         Whether the likelihood adds that variance to the errors.
     gaussian
         Whether the likelihood is the Gaussian of these data, and no observable has one of its own.
+    scatter
+        (m,) standard deviations of the data about the best sample's predictions; None: their errors.
     """
 
     names: tuple[str, ...]
@@ -58,6 +63,12 @@ class Predictive:
     variance: Array
     add_noise: bool = False
     gaussian: bool = True
+    scatter: Array | None = None
+
+    @property
+    def sigma(self) -> Array:
+        """(m,) The unit of deviations."""
+        return self.errors if self.scatter is None else self.scatter
 
     @property
     def total(self) -> Array:
@@ -66,13 +77,13 @@ class Predictive:
 
     @property
     def deviations(self) -> Array:
-        """(m,) Datum minus median prediction, in standard errors of the datum."""
-        return np.asarray((self.data - np.median(self.mean, axis=0)) / self.errors)
+        """(m,) Datum minus median prediction, in `sigma`."""
+        return np.asarray((self.data - np.median(self.mean, axis=0)) / self.sigma)
 
     @property
     def noise(self) -> Array:
-        """(m,) The model's own noise over the error of the datum, median over the samples."""
-        return np.asarray(np.sqrt(np.median(self.variance, axis=0)) / self.errors)
+        """(m,) The model's own noise over `sigma`, median over the samples."""
+        return np.asarray(np.sqrt(np.median(self.variance, axis=0)) / self.sigma)
 
 
 def predicted_intervals(results: Results, stream: str) -> dict[str, Array]:
@@ -119,6 +130,7 @@ def predictive(results: Results) -> Predictive | None:
         kept["variance"][:, used],
         data.add_noise,
         bool(np.allclose(some["ln_likelihood"], expected, rtol=1e-6)),
+        _scatter(results, data.errors)[used],
     )
 
 
@@ -135,9 +147,23 @@ def predictions_table(seen: Predictive | None) -> QTable:
     table = QTable({"datum": list(seen.names), "value": seen.data, "error": seen.errors, "median": median})
     for name, column in {"lo68": lo68, "hi68": hi68, "lo95": lo95, "hi95": hi95}.items():
         table[name] = column
-    table["deviation"] = Column(seen.deviations, description="datum minus median prediction, in errors of the datum")
-    table["noise"] = Column(seen.noise, description="the model's own noise over the error of the datum")
+    table["deviation"] = Column(seen.deviations, description=f"datum minus median prediction, in {SIGMA}")
+    table["noise"] = Column(seen.noise, description=f"the model's own noise over {SIGMA}")
     return printable(table)
+
+
+def _scatter(results: Results, errors: Array) -> Array:
+    """(m,) Standard deviations of all data about the best sample's predictions; their errors where it has none."""
+    try:
+        predictions = results.best_observation.predictions
+    except OutOfDomain:
+        return errors
+    bound = results.spec.bind_all(results.best())
+    measured: dict[str, list[Measurement]] = {
+        name: list(inputs.observables.values()) for name, inputs in bound.streams.items()
+    }
+    measured |= {f"data.{name}": [data] for name, data in bound.data.items()}
+    return np.concatenate([scatter_of(measured[name], prediction) for name, prediction in predictions.items()])
 
 
 def _names(results: Results, m: int) -> tuple[str, ...]:

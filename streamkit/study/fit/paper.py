@@ -6,14 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from streamkit.report import decimals
+from streamkit.report import LATEX_UNITS, decimals, latex_escaped
 from streamkit.study.fit.text import PRINTED_RADII, radii_in_reach
 
 if TYPE_CHECKING:
     from streamkit.study.fit.results import Results
 
 LARGE, SMALL = 1e5, 1e-3  # medians beyond these are written with a power of ten
-UNITS = {"Msun": r"M$_\odot$", "km/s": r"km\,s$^{-1}$", "mas/yr": r"mas\,yr$^{-1}$"}
 
 
 def paper_table(results: Results) -> str:
@@ -23,13 +22,13 @@ def paper_table(results: Results) -> str:
     """
     rows = []
     for row, symbol in zip(results.summary(), results.spec.symbols, strict=True):
-        name = symbol if symbol.startswith("$") else rf"\texttt{{{_escaped(row['parameter'])}}}"
+        name = symbol if symbol.startswith("$") else rf"\texttt{{{latex_escaped(row['parameter'])}}}"
         unit = "" if row["unit"] in ("", "1") else row["unit"]
-        rows.append((name, measured(row["median"], row["lo68"], row["hi68"]), UNITS.get(unit, unit)))
+        rows.append((name, measured(row["median"], row["lo68"], row["hi68"]), LATEX_UNITS.get(unit, unit)))
     radii = radii_in_reach(results) or list(PRINTED_RADII)
     for row in results.mass_profile(radii):
         mass = [row[name].to_value("Msun") for name in ("M", "M_lo68", "M_hi68")]
-        rows.append((rf"$M(<{row['r'].to_value('kpc'):g}\,{{\rm kpc}})$", measured(*mass), UNITS["Msun"]))
+        rows.append((rf"$M(<{row['r'].to_value('kpc'):g}\,{{\rm kpc}})$", measured(*mass), LATEX_UNITS["Msun"]))
     remark = [] if results.converged else [f"% {results.note()}"]
     lines = [*remark, r"\begin{tabular}{lll}", r"\hline", r"parameter & median and 68\,\% & unit \\", r"\hline"]
     lines += [" & ".join(row) + r" \\" for row in rows]
@@ -45,6 +44,3 @@ def measured(median: float, low: float, high: float) -> str:
     factor = rf" \times 10^{{{power}}}" if power else ""
     return f"${shown}{factor}$"
 
-
-def _escaped(name: str) -> str:
-    return name.replace("_", r"\_")

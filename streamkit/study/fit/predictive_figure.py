@@ -1,4 +1,4 @@
-"""The picture of the posterior predictive: every datum, in units of its error, beside what the samples predict."""
+"""The picture of the posterior predictive: every datum, in units of its scatter, beside what the samples predict."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LONGEST = 40  # most rows in a column
 
 
 def predictions(results: Results) -> Figure:
-    """Draw every datum minus the model and, for a Gaussian likelihood, minus new data: in units of its error.
+    """Draw every datum minus the model and, for a Gaussian likelihood, minus new data: in units of its scatter.
 
     ChainError if the run kept no predictions.
     """
@@ -52,7 +52,7 @@ def draw_predictive(seen: Predictive, note: str = "") -> Figure:
         every.append(axes)
     for axes in every:
         axes.set_xlim(-reach, reach)
-        axes.set_xlabel("(datum $-$ prediction) / error", fontsize=11)
+        axes.set_xlabel(rf"(datum $-$ prediction) / {_unit(seen)}", fontsize=11)
     names = dict(zip(*reversed(every[0].get_legend_handles_labels()), strict=True))
     figure.legend(
         names.values(), names.keys(), loc="upper center", ncols=3 * columns, frameon=False, fontsize=9,
@@ -63,15 +63,20 @@ def draw_predictive(seen: Predictive, note: str = "") -> Figure:
     return figure
 
 
+def _unit(seen: Predictive) -> str:
+    """Return the word for the unit of the deviations."""
+    return "scatter" if np.any(seen.sigma > 1.001 * seen.errors) else "error"
+
+
 def _column(axes: Axes, seen: Predictive, chosen: IntArray) -> float:
     """Draw some of the data below each other; return how far the axis must reach."""
-    datum, error = seen.data[chosen], seen.errors[chosen]
-    model = (datum - seen.mean[:, chosen]) / error
+    datum, error, sigma = seen.data[chosen], seen.errors[chosen], seen.sigma[chosen]
+    model = (datum - seen.mean[:, chosen]) / sigma
     y = np.arange(len(chosen))
-    axes.axvspan(-1, 1, color="#F6D5BF", lw=0, label="error of the datum")
+    axes.axvspan(-1, 1, color="#F6D5BF", lw=0, label=f"{_unit(seen)} of the datum")
     ends = [2.0]
     if seen.gaussian:
-        noise = np.random.default_rng(0).standard_normal(model.shape) * np.sqrt(seen.total[:, chosen]) / error
+        noise = np.random.default_rng(0).standard_normal(model.shape) * np.sqrt(seen.total[:, chosen]) / sigma
         for name, levels, colour in (("95 %", (2.5, 97.5), BAND_95), ("68 %", (16, 84), BAND_68)):
             low, high = np.percentile(model + noise, levels, axis=0)
             axes.barh(y, high - low, left=low, height=0.72, color=colour, lw=0, label=f"new data, {name}", zorder=2)
@@ -90,9 +95,9 @@ def _column(axes: Axes, seen: Predictive, chosen: IntArray) -> float:
     axes.set_yticks(y, [seen.names[k].replace("_", " ") for k in chosen], fontsize=8)
     axes.set_ylim(len(chosen) - 0.4, -0.6)
     axes.xaxis.set_major_locator(MaxNLocator(7, integer=True))
-    for i, (value, sigma) in enumerate(zip(datum.tolist(), error.tolist(), strict=True)):
+    for i, (value, plus) in enumerate(zip(datum.tolist(), error.tolist(), strict=True)):
         axes.annotate(
-            f"{number(value + 0.0)} ± {sigma:.2g}".replace("-", "−"), (1, i), (6, 0),
+            f"{number(value + 0.0)} ± {plus:.2g}".replace("-", "−"), (1, i), (6, 0),
             xycoords=axes.get_yaxis_transform(), textcoords="offset points", fontsize=8, va="center",
         )  # fmt: skip
     return 1.08 * max(ends)

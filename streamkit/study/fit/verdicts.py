@@ -37,13 +37,13 @@ WORST = Check(
 NOISE = Check(
     "own noise",
     (1 / 3, 1.0),
-    "standard deviation over the datum's error: fine up to 1/3, 5 % in quadrature; do not use above 1",
+    "standard deviation over the datum's scatter: fine up to 1/3, 5 % in quadrature; do not use above 1",
     larger_is_worse=True,
 )
 NOISE_ADDED = Check(
     "own noise",
     (1.0, np.inf),
-    "standard deviation over the datum's error, added in the likelihood here: fine up to 1",
+    "standard deviation over the datum's scatter, added in the likelihood here: fine up to 1",
     larger_is_worse=True,
 )
 # Share of all proposals that one reason may refuse, before it may cut the posterior where nobody meant it to.

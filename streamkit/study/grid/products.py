@@ -21,7 +21,8 @@ class Products:
     """The products of a study: its run file and the file name of that, text for a terminal, tables and pictures.
 
     Tables and pictures are given by file name; pictures are drawn when they are written. The header is added to the
-    provenance of the tables. ``stopped`` is the reason of an early end; empty without one.
+    provenance of the tables. ``stopped`` is the reason of an early end; empty without one. Further files of text are
+    ``texts``.
     """
 
     spec: Spec
@@ -31,6 +32,7 @@ class Products:
     pictures: Mapping[str, Callable[[], Figure]]
     header: Mapping[str, Any] = field(default_factory=dict)
     stopped: str = ""
+    texts: Mapping[str, str] = field(default_factory=dict)
 
 
 def write_tables(products: Products, out: Path) -> None:
@@ -38,6 +40,8 @@ def write_tables(products: Products, out: Path) -> None:
     for name, table in products.tables.items():
         table.meta = {**origin(products.spec), **products.header}
         save_table(out / name, table)
+    for name, content in products.texts.items():
+        save(out / name, lambda part, content=content: part.write_text(content, encoding="utf-8"))  # type: ignore[misc]
     text = products.spec.toml()
     save(out / products.run, lambda part: part.write_text(text))
 

@@ -11,7 +11,7 @@ import numpy as np
 from streamkit.components import HostData, Measurement, Observable
 from streamkit.errors import StreamkitError
 from streamkit.model import Host
-from streamkit.observe import UNNAMED, measure_host, measure_stream, parts_of
+from streamkit.observe import UNNAMED, measure_host, measure_stream, parts_of, scatter_of
 from streamkit.runfile import Spec
 from streamkit.stream import IntArray, Prediction
 from streamkit.study.preflight.corrections import corrected
@@ -43,7 +43,7 @@ class _Distance(NamedTuple):
     Attributes
     ----------
     errors
-        In errors of the data, the noise of the trial stream included.
+        In standard deviations of the likelihood, the noise of the trial stream included.
     spreads
         In standard deviations of the predictions of all trials; 0 where they are few.
     nearness
@@ -66,8 +66,11 @@ NOWHERE = _Distance(np.nan, np.nan, np.nan, np.nan)  # without a datum or a pred
 
 
 def data_warnings(spec: Spec, trials: Sequence[Trial]) -> list[str]:
-    """Return a warning for each measured quantity that no trial stream comes near."""
-    if not trials:
+    """Return a warning for each measured quantity that no trial stream comes near.
+
+    Few trials of a run file with free parameters are no reason to doubt the data: then there is none.
+    """
+    if not trials or (spec.names and len(trials) < FEW_TRIALS):
         return []
     warnings = []
     for measured in [*_of_streams(spec, trials), *_of_host(trials)]:
@@ -116,14 +119,15 @@ def _some(trials: Sequence[Trial]) -> list[Trial]:
 
 def _distance(measurement: Measurement, predictions: Sequence[Prediction], rows: IntArray) -> _Distance:
     """Return the distance of some rows of the data from the nearest prediction."""
-    values, errors = (np.asarray(each, dtype=float)[rows] for each in measurement.data())
+    values = np.asarray(measurement.data()[0], dtype=float)[rows]
     usable = [prediction for prediction in predictions if not prediction.why_not]
     there = np.isfinite(values)
     if not usable or not there.any():
         return NOWHERE
     mean, variance = (np.array([getattr(one, name)[rows[there]] for one in usable]) for name in ("mean", "variance"))
     away = np.abs(mean - values[there])
-    scatter = np.hypot(errors[there], np.sqrt(variance))
+    errors = np.array([scatter_of([measurement], one)[rows[there]] for one in usable])
+    scatter = np.hypot(errors, np.sqrt(variance))
     spread = mean.std(axis=0) if len(usable) >= FEW_TRIALS else np.zeros(there.sum())
     close = np.maximum(NEAR_ERRORS * scatter, spread)
     spreads = np.where(spread > 0, spread, np.inf)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from astropy import units as u
-from astropy.table import QTable
+from astropy.table import QTable, Table
 from click.testing import Result
 from commands import call, refused
 from matplotlib.figure import Figure
@@ -20,6 +20,7 @@ from snapshots import DATA
 import streamkit as sk
 from streamkit.cli.ablate import read_variations
 from streamkit.study.ablation import PRODUCTS, read_reference, run_ablation, variants_of
+from streamkit.study.ablation.paper import paper_columns
 from streamkit.study.ablation.products import PICTURES, SKY
 from streamkit.study.ablation.runner import make_stream
 from streamkit.study.ablation.tables import describe_ablation
@@ -97,6 +98,50 @@ def test_it_writes_a_table_the_tracks_and_the_pictures(made: tuple[Path, Result]
     assert both["density"].sum().value == pytest.approx(1.0, abs=0.03)  # a kernel at the progenitor loses a little
     for name in ("with progenitor gravity", "without", "len L", "precession", "pull"):
         assert name in result.stdout
+
+
+def test_the_small_table_for_a_paper_has_the_numbers_of_the_large_one(made: tuple[Path, Result]) -> None:
+    out, _ = made
+    large, small = QTable.read(out / "ablation.ecsv"), Table.read(out / "ablation.csv", format="ascii.csv")
+    assert len(small.colnames) < 20
+    for head, name in (
+        ("length leading [deg]", "length_leading"), ("sd of length trailing [deg]", "length_trailing_sd"),
+        ("track trailing [kpc]", "track_near_trailing"), ("apocentres leading [kpc]", "observable_leading"),
+        ("apocentres precession [deg]", "observable_precession"), ("fraction bound", "bound"),
+    ):  # fmt: skip
+        np.testing.assert_allclose(small[head], u.Quantity(large[name]).value, rtol=5e-3, equal_nan=True)
+    assert not any(head.startswith("M(<") for head in small.colnames)  # there is one host
+    latex = (out / "ablation.tex").read_text().splitlines()
+    assert latex[0].startswith(r"\begin{tabular}")
+    assert [len(line.split("&")) for line in latex[2:4]] == [len(latex[5].split("&"))] * 2
+    length, scatter = (large[name][0].value for name in ("length_leading", "length_leading_sd"))
+    value, error = (float(part) for part in latex[5].split("&")[1].strip(" $").split(r"\pm"))
+    assert (value, error) == (pytest.approx(length, abs=scatter / 10), pytest.approx(scatter, rel=0.06))
+
+
+def test_the_small_table_weighs_hosts_that_differ(run_file: Path) -> None:
+    """M(<r) of the truncated flat host goes with v0 squared (Gibbons et al. 2014, equation 7)."""
+    spec = sk.load(run_file).with_values({"stripping.particles": 200, "progenitor.mass": 6.4e8})
+    ablation = run_ablation(spec, variants_of(spec, {"potential.v0": [200, 240]}))
+    masses = next(column for column in paper_columns(ablation) if column.head == "M(<50 kpc)")
+    assert masses.unit == "1e11 Msun"
+    assert masses.mean[1] / masses.mean[0] == pytest.approx(1.44)
+
+
+def test_many_data_are_one_column_for_each_quantity() -> None:
+    """The first variant is the reference."""
+    document = copy.deepcopy(FIT)
+    n = 10
+    distance = {"phi1": np.linspace(-5, 5, n).tolist(), "distance": [24.6] * n, "error": [1.0] * n}
+    document["observable"]["distance"] = distance
+    spec = sk.load(document)
+    ablation = run_ablation(spec, variants_of(spec, {"stripping.progenitor_gravity": [True, False]}))
+    column = next(each for each in paper_columns(ablation) if "distance" in each.head)
+    assert (column.head, column.unit, column.mean[0]) == ("rms difference of distance", "errors", 0.0)
+    measures = ablation.outcomes[1].measures[0]
+    pulls = np.array([value for name, value in measures.items() if name.startswith("pull_distance")])
+    assert len(pulls) == n
+    assert column.mean[1] == pytest.approx(np.sqrt(np.mean(pulls**2)))
 
 
 def test_long_labels_become_numbers_with_a_list(run_file: Path, tmp_path: Path) -> None:

@@ -1,5 +1,7 @@
 """Whether to believe a run: chains whose faults are known, and numbers with known distributions."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -113,6 +115,13 @@ def seen(mean, noise=0.0, add_noise=False, n=4000):
 def test_noise_matters_more_where_it_is_left_out(noise, add, level):
     found = rules.noise_verdict(seen([0.0, 0.0], noise, add))
     assert (found.level, found.value) == (level, f"{noise:.2f}")
+
+
+def test_noise_and_deviations_count_in_the_scatter_of_the_likelihood():
+    """A star's position has an error of nothing beside the debris that it is one of."""
+    stars = replace(seen([0.2, 0.0], 0.03), errors=np.full(2, 0.001), scatter=np.full(2, 0.1))
+    assert stars.deviations == pytest.approx([-2, 0], abs=0.1)
+    assert rules.noise_verdict(stars).value == "0.30"
 
 
 @pytest.mark.parametrize("prior", [Uniform(-3, 5), LogUniform(1e8, 1e9), Normal(3, 0.5)])

@@ -174,3 +174,7 @@ def test_a_host_in_other_units_is_named_where_its_progenitor_is_unbound() -> Non
     run = example()
     run["potential"]["v0"] = {"uniform": ["150 m/s", "300 m/s"]}
     assert any("is unbound" in text and "Is a speed in m/s" in text for text in warnings_of(run, draws=0))
+
+
+def test_the_centre_of_the_prior_alone_is_no_reason_to_doubt_the_data():
+    assert warnings_of(example(), draws=0) == []
