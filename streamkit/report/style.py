@@ -25,6 +25,8 @@ class NotebookFigure(Figure):
         return buffer.getvalue()
 
 
+# Inches: one column of a journal and both; points of the smallest text in them.
+COLUMN, BOTH, SMALLEST = 3.4, 7.1, 6.5
 LETTER = 0.62  # mean width of a letter over the size of the font
 ACROSS = 4  # most panels beside each other
 
@@ -47,6 +49,20 @@ def typical_reach(reaches: Iterable[float]) -> float:
     """Return how far the axes must reach for most streams: one outlier must not shrink all the others."""
     lengths = list(reaches)
     return 1.15 * float(np.median(lengths)) if lengths else 1.0
+
+
+def shrink_text(figure: Figure, factor: float, smallest: float = SMALLEST) -> None:
+    """Multiply the size of every text of a figure, down to the smallest that a journal prints."""
+    for axes in figure.axes:
+        for each in (axes.xaxis.label, axes.yaxis.label, axes.title, *axes.texts):
+            each.set_fontsize(max(factor * each.get_fontsize(), smallest))
+        for axis, name in ((axes.xaxis, "x"), (axes.yaxis, "y")):
+            sizes = [label.get_fontsize() for label in axis.get_ticklabels()]
+            if sizes:
+                axes.tick_params(axis=name, labelsize=max(factor * sizes[0], smallest))  # type: ignore[arg-type]
+    legends = [*figure.legends, *(legend for axes in figure.axes if (legend := axes.get_legend()) is not None)]
+    for each in (*figure.texts, *(text for legend in legends for text in legend.get_texts())):
+        each.set_fontsize(max(factor * each.get_fontsize(), smallest))
 
 
 def label_all(figure: Figure, x: str, y: str) -> None:
