@@ -7,7 +7,7 @@ import numpy as np
 from streamkit import GYR
 from streamkit.report import columns, number
 from streamkit.stream import angle_in_plane
-from streamkit_nbody.gravity import DIRECT
+from streamkit_nbody.gravity import PAIRS
 from streamkit_nbody.simulation import Simulation
 from streamkit_nbody.state import State
 
@@ -23,7 +23,7 @@ def describe_plan(simulation: Simulation) -> str:
     ]
     if inputs.values:
         rows.append(("at prior's centre", ", ".join(f"{name} = {value:.5g}" for name, value in inputs.values.items())))
-    if plan.particles > DIRECT:
+    if plan.particles > PAIRS:
         rows.append(("", "compiling the tree, which takes some 20 s of every run"))
     return columns(rows)
 

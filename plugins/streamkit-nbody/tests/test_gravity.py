@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from streamkit_nbody import gravity
 from streamkit_nbody.binding import remnant
-from streamkit_nbody.gravity import DIRECT, Gravity, NotFinite
+from streamkit_nbody.gravity import DIRECT, PAIRS, Gravity, NotFinite
 from streamkit_nbody.plan import Options
 from streamkit_nbody.plummer import sample
 from streamkit_nbody.simulation import Simulation
@@ -40,19 +41,54 @@ def test_the_softening_is_plummer_equivalent():
 TREE = pytest.mark.slow
 
 
-@pytest.mark.parametrize("n", [DIRECT, pytest.param(DIRECT + 1, marks=TREE)])
-def test_against_a_direct_sum(n):
+@pytest.fixture
+def with_tree(monkeypatch):
+    """The tree for few particles, too."""
+    monkeypatch.setattr(gravity, "PAIRS", DIRECT)
+
+
+def errors(n, offset=0.0):
+    """Errors of accelerations and potentials of n particles, and whether they have a net force."""
     q, _ = sample(n, MASS, RADIUS, np.random.default_rng(2))
     exact, potential = direct(q, MASS / n)
-    found, own = Gravity(MASS / n, 1e-7, 0.7).forces_and_potential(q)
+    found, own = Gravity(MASS / n, 1e-7, 0.7).forces_and_potential(q + offset)
     size = np.sqrt((exact**2).sum(axis=0))
     error = np.sqrt(((found - exact) ** 2).sum(axis=0)) / size
-    assert np.sqrt((error**2).mean()) < (2e-3 if n > DIRECT else 1e-10)
-    assert own == pytest.approx(potential, rel=5e-3 if n > DIRECT else 1e-10)
     assert np.abs(found.sum(axis=1)).max() < 1e-9 * size.sum()
+    return np.sqrt((error**2).mean()), np.abs(own / potential - 1).max()
+
+
+def test_against_a_direct_sum():
+    assert max(errors(DIRECT)) < 1e-10
+
+
+@pytest.mark.parametrize("offset", [0.0, 100.0])
+def test_single_precision_against_a_direct_sum(offset):
+    """Wherever the satellite is: 100 kpc have a spacing of 8e-6 kpc in single precision."""
+    assert max(errors(DIRECT + 1, offset)) < 1e-5
 
 
 @TREE
+@pytest.mark.usefixtures("with_tree")
+def test_the_tree_against_a_direct_sum():
+    a, potential = errors(DIRECT + 1)
+    assert a < 2e-3
+    assert potential < 5e-3
+
+
+def test_the_softened_force_is_that_of_few_particles():
+    """Two codes of the same spline: with a long softening most pairs are inside its support."""
+    q, _ = sample(DIRECT, MASS, RADIUS, np.random.default_rng(2))
+    own = Gravity(MASS / DIRECT, 0.5, 0.7)
+    exact, potential = own.forces_and_potential(q)
+    single = own._over_pairs(q, accel=True, potential=True)
+    away = np.sqrt(((single["accel"].T - exact) ** 2).sum(axis=0) / (exact**2).sum(axis=0))
+    assert np.sqrt((away**2).mean()) < 1e-5
+    assert single["potential"] == pytest.approx(potential, rel=1e-5)
+
+
+@TREE
+@pytest.mark.usefixtures("with_tree")
 def test_energy_with_the_tree():
     """Of a satellite in a host."""
     document = {
@@ -71,8 +107,9 @@ def test_energy_with_the_tree():
     assert state.energy_error < 1e-3
 
 
-@TREE
-def test_threads_do_not_change_a_bit():
+@pytest.mark.parametrize("most", [PAIRS, pytest.param(DIRECT, marks=TREE)])
+def test_threads_do_not_change_a_bit(most, monkeypatch):
+    monkeypatch.setattr(gravity, "PAIRS", most)
     q, _ = sample(2 * DIRECT, MASS, RADIUS, np.random.default_rng(3))
     one, two = (Gravity(1e4, 0.05, 0.7, workers).forces_and_potential(q) for workers in (1, 2))
     assert np.array_equal(one[0], two[0])
