@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from itertools import groupby
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -129,7 +130,8 @@ def draw_sky_column(
     tall = SMALLER * TALL
     height = head + len(panels) * (tall + below + BETWEEN) + foot * len(groups) + COLUMN_NAMES
     figure = NotebookFigure(figsize=(COLUMN, height))
-    top, named = head, {}
+    top = head
+    named: dict[str, Artist] = {}
     for group in groups:
         low, high = _reach(group)
         for panel in group:

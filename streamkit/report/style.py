@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from streamkit.stream import Array
@@ -53,16 +54,19 @@ def typical_reach(reaches: Iterable[float]) -> float:
 
 def shrink_text(figure: Figure, factor: float, smallest: float = SMALLEST) -> None:
     """Multiply the size of every text of a figure, down to the smallest that a journal prints."""
+
+    def shrunk(text: Text) -> float:
+        return max(factor * float(text.get_fontsize()), smallest)
+
     for axes in figure.axes:
-        for each in (axes.xaxis.label, axes.yaxis.label, axes.title, *axes.texts):
-            each.set_fontsize(max(factor * each.get_fontsize(), smallest))
-        for axis, name in ((axes.xaxis, "x"), (axes.yaxis, "y")):
-            sizes = [label.get_fontsize() for label in axis.get_ticklabels()]
-            if sizes:
-                axes.tick_params(axis=name, labelsize=max(factor * sizes[0], smallest))  # type: ignore[arg-type]
+        for text in (axes.xaxis.label, axes.yaxis.label, axes.title, *axes.texts):
+            text.set_fontsize(shrunk(text))
+        for axis in (axes.xaxis, axes.yaxis):
+            if numbers := axis.get_ticklabels():
+                axis.set_tick_params(labelsize=shrunk(numbers[0]))
     legends = [*figure.legends, *(legend for axes in figure.axes if (legend := axes.get_legend()) is not None)]
-    for each in (*figure.texts, *(text for legend in legends for text in legend.get_texts())):
-        each.set_fontsize(max(factor * each.get_fontsize(), smallest))
+    for text in (*figure.texts, *(each for legend in legends for each in legend.get_texts())):
+        text.set_fontsize(shrunk(text))
 
 
 def label_all(figure: Figure, x: str, y: str) -> None:
