@@ -154,7 +154,7 @@ class Search:
                 self._expect(draws_for(self.population, len(lnl) / drawn) - drawn, SWEEPS_IN_ALL)
                 self.report(f"{len(lnl)} of {drawn} draws of the prior have a stream")
                 now = monotonic()
-                if len(lnl) >= (max(d + 2, self.walkers) if now > self.deadline else ENOUGH * self.population):
+                if len(lnl) >= (1 if now > self.deadline else ENOUGH) * self.population:
                     return u, lnl
                 if self._out_of_time():
                     if len(lnl) >= d + 2:

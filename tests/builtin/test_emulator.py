@@ -10,13 +10,14 @@ from posteriors import Curved, Edges, Rough, TwoModes
 
 from streamkit.builtin.emulator import learn as learning
 from streamkit.builtin.emulator.calls import Calls
-from streamkit.builtin.emulator.certificate import certify, fresh_calls
+from streamkit.builtin.emulator.certificate import certify, change_of, fresh_calls
 from streamkit.builtin.emulator.coordinates import Space
 from streamkit.builtin.emulator.emulated import Emulated
 from streamkit.builtin.emulator.kernel import learn_kernel
 from streamkit.builtin.emulator.of_target import LikelihoodOnly
+from streamkit.builtin.emulator.pairs import paired, pairs_of
 from streamkit.builtin.emulator.polynomial import regress
-from streamkit.builtin.emulator.rounds import Rounds
+from streamkit.builtin.emulator.rounds import Rounds, with_axes
 from streamkit.builtin.monomials import count, monomials
 
 
@@ -30,6 +31,19 @@ def test_what_is_left_over_without_a_point_is_that_of_a_fit_without_it():
         others = np.arange(40) != i
         alone = regress(terms[others], target[others], weight[others], penalty)
         np.testing.assert_allclose(fit.out[i], target[i] - terms[i] @ alone.coefficients, rtol=1e-9)
+
+
+def test_what_is_left_over_without_a_pair_is_that_of_a_fit_without_both():
+    rng = np.random.default_rng(1)
+    x, target, weight = rng.normal(size=(40, 2)), rng.normal(size=(40, 3)), rng.random(40) + 0.1
+    x[30:], weight[30:] = x[:10], weight[:10]
+    terms = monomials(x, 2)
+    penalty = np.full(count(2, 2), 0.3)
+    out = regress(terms, target, weight, penalty).out_without(pairs_of(x))
+    for i in (0, 33):
+        others = (np.arange(40) - i) % 30 != 0
+        alone = regress(terms[others], target[others], weight[others], penalty)
+        np.testing.assert_allclose(out[i], target[i] - terms[i] @ alone.coefficients, rtol=1e-9)
 
 
 def test_the_leverage_is_the_variance_of_the_fit():
@@ -144,6 +158,27 @@ def test_slopes_that_are_a_fifth_too_small_are_refused_though_ln_l_does_not_show
     flat = emulator.mean._replace(left=0.8 * emulator.mean.left)
     assert any("trend" in fault for fault in faults_of(replace(emulator, mean=flat), problem))
     assert faults_of(emulator, problem) == ()
+
+
+def test_a_move_along_a_narrow_direction_is_seen():
+    """What is known best is a difference of two parameters: it moves by half its standard deviation, they do not."""
+    rng = np.random.default_rng(4)
+    both, difference = rng.normal(size=(2, 4000))
+    samples = np.stack([both + 0.01 * difference, both - 0.01 * difference], axis=1)
+    ln_weight = 0.5 * difference
+    assert change_of(samples, ln_weight) < 0.1
+    assert change_of(with_axes(samples), ln_weight) == pytest.approx(0.5, abs=0.06)
+
+
+def test_pairs_of_calls_measure_noise_that_is_not_stated():
+    """A curved posterior whose data have a noise of 0.7 errors, of which their variances say nothing."""
+    problem = OfToy(Curved(), noise=0.7, stated=False)
+    calls = called(problem, 600)
+    y = paired(calls.y[np.argsort(-calls.answers.ln_likelihood)][:200], 100)
+    emulator = (calls + Calls.at(problem, calls.space, y)).learn()
+    assert emulator.pairs > 50
+    np.testing.assert_allclose(np.sqrt(emulator.more2), 0.7, rtol=0.25)
+    assert np.all(emulator.lack2 < 0.3 * 0.7**2)
 
 
 class Blind(OfToy):

@@ -266,7 +266,7 @@ def test_the_second_command_line_is_what_ci_runs() -> None:
     assert script.read_text().splitlines()[-1] == second[0]
     assert "set -euo pipefail" in script.read_text()
     assert os.access(script, os.X_OK)
-    assert "--quick" in first[0]
+    assert "--sampler emulator" in first[0]
 
 
 def test_the_set_up_names_what_exists() -> None:

@@ -122,6 +122,14 @@ class Emulator:
         """Whether pairs of calls have shown that there is no noise."""
         return self.pairs > 0 and bool(np.max(self.stated2 + self.more2) < SILENCE)
 
+    @property
+    def larger_noise(self) -> tuple[int, float] | None:
+        """How many data have more noise than is stated, and by which factor at most (of a standard deviation)."""
+        more = self.more2 > 0
+        if not more.any():
+            return None
+        return int(more.sum()), float(np.sqrt(1 + np.max(self.more2[more] / np.maximum(self.stated2[more], SILENCE))))
+
     def predict(self, y: Array) -> Predictions:
         """Return the predictions at coordinates y (n, d); NaN where there is no datum."""
         x = (y[:, self.problem.coordinates] - self.centre) @ self.whiten

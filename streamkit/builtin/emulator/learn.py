@@ -91,6 +91,7 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
     errors = problem.errors[used]
     target = (answers.mean[there][:, used] - problem.values[used]) / errors
     noise = answers.variance[there][:, used] / errors**2
+    pairs = pairs_of(x)
     degrees = [k for k in DEGREES if POINTS_PER_TERM * count(d, k) <= effective and count(d, k) <= MOST_TERMS]
     fits: list[tuple[float, Polynomial | Kernel, Regression]] = []
     for degree in degrees:
@@ -100,7 +101,7 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
                 fit = regress(terms, target, weight, ridge)
             except LinAlgError:  # walkers that hardly moved
                 continue
-            fits.append((float(np.sum(error_of(fit.out[close] ** 2))), Polynomial(degree), fit))
+            fits.append((float(np.sum(error_of(fit.out_without(pairs)[close] ** 2))), Polynomial(degree), fit))
     if not fits:
         return None
     noisy = float(noise[close].mean(axis=0).sum())
@@ -109,15 +110,16 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
             counted = weight >= LEAST_WEIGHT
             kernel = learn_kernel(x[counted], target[counted], weight[counted], np.random.default_rng(len(x)))
             fit = regress(kernel.terms(x), target, weight, kernel.penalty)
-            fits.append((float(np.sum(error_of(fit.out[close] ** 2))), kernel, fit))
+            fits.append((float(np.sum(error_of(fit.out_without(pairs)[close] ** 2))), kernel, fit))
         except LinAlgError:
             pass
     _, basis, fit = min(fits, key=_first)
     degree = basis.degree if isinstance(basis, Polynomial) else 1
-    spread2 = error_of((fit.left * fit.out)[close])
-    more2, pairs = unstated(x, target, noise, close)
+    spread2 = error_of((fit.left * fit.out_without(pairs))[close])
+    pairs = pairs[close[pairs].all(axis=1) & (x[pairs[:, 0]] != x[pairs[:, 1]]).any(axis=1)]  # one call has one noise
+    more2 = unstated(target[pairs], noise[pairs])
     typical = noise[close].mean(axis=0) + more2
-    uncertain = 2 / close.sum() + np.where(more2 > 0, 2 / max(pairs, 1), 0.0)
+    uncertain = 2 / close.sum() + np.where(more2 > 0, 2 / max(len(pairs), 1), 0.0)
     lack2 = np.maximum(spread2 - typical * (1 + CHANCE * np.sqrt(uncertain)), 0.0)
     low = min(max(degrees), 2)
     others, positive = _forms(noise, answers.details[there])
@@ -136,7 +138,7 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
         lack2=lack2,
         more2=more2,
         stated2=typical - more2,
-        pairs=pairs,
+        pairs=len(pairs) if len(pairs) >= ENOUGH_PAIRS else 0,
         low=low,
         rest=Low.of(rest.coefficients),
         positive=positive,
@@ -147,19 +149,16 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
     )
 
 
-def unstated(x: Array, target: Array, noise: Array, close: BoolArray) -> tuple[Array, int]:
-    """Return the noise that observables do not state (m,), squared errors, and the number of pairs that measure it.
+def unstated(targets: Array, noise: Array) -> Array:
+    """(m,) Return the noise, in squared errors, that observables do not state; 0 where it may be chance.
 
-    From targets (n, m) at points x (n, c) and their stated noise (n, m): zero where it is less than chance explains.
+    From targets (p, 2, m) of pairs of calls, and the noise (p, 2, m) that is stated.
     """
-    pairs = pairs_of(x)
-    pairs = pairs[close[pairs].all(axis=1)]
-    if len(pairs) < ENOUGH_PAIRS:
-        return np.zeros(target.shape[1]), 0
-    measured = error_of(0.5 * (target[pairs[:, 0]] - target[pairs[:, 1]]) ** 2)
-    stated = noise[pairs].mean(axis=(0, 1))
-    more = measured - stated
-    return np.where(more > CHANCE * np.sqrt(2 / len(pairs)) * stated, more, 0.0), len(pairs)
+    pairs, _, m = targets.shape
+    if pairs < ENOUGH_PAIRS:
+        return np.zeros(m)
+    measured, stated = error_of(0.5 * (targets[:, 0] - targets[:, 1]) ** 2), noise.mean(axis=(0, 1))
+    return np.where(measured - stated > CHANCE * np.sqrt(2 / pairs) * stated, measured - stated, 0.0)
 
 
 def _first(fit: tuple[float, Polynomial | Kernel, Regression]) -> float:

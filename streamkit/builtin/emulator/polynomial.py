@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
-from streamkit import Array
+from streamkit import Array, IntArray
 from streamkit.builtin.monomials import monomials
 
 # Leverage of a point on its own fit, at most: a point beyond would decide its fit alone.
@@ -39,6 +39,18 @@ class Regression:
     def out(self) -> Array:
         """(n, k) The residual of every point about the fit without it."""
         return np.asarray(self.left / (1 - self.leverage[:, None]))
+
+    def out_without(self, pairs: IntArray) -> Array:
+        """(n, k) The same, where both points of each pair (p, 2) are left out: each would give the other away.
+
+        With a leverage h of each, what both leave over is (1 - H)^-1 of what they leave over in the fit, H = h in all
+        four entries.
+        """
+        out, h = self.out, np.minimum(self.leverage[pairs].mean(axis=1), 0.5 * HEAVIEST)
+        shared = (h / (1 - 2 * h))[:, None] * self.left[pairs].sum(axis=1)
+        for side in (0, 1):
+            out[pairs[:, side]] = self.left[pairs[:, side]] + shared
+        return out
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,8 @@ FIRST, LEAST_FIRST = 16, 160
 PAIRED = 0.5
 # Steps of the walks of a round, of which the first are not used.
 STEPS, SETTLING = 120, 40
-# Standard deviations that a parameter may move between an emulator and the one two rounds before, and the fraction by
-# which its width may change.
+# Standard deviations that a parameter, or a principal axis, may move between an emulator and the one two rounds before,
+# and the fraction by which its width may change.
 SETTLED = 0.1
 # Walkers and steps of the samples that are the answer, of which the first are not used.
 LAST_STEPS, LAST_SETTLING = 500, 100
@@ -160,6 +160,7 @@ class Rounds:
     def _some(self, places: Array, share: float) -> Array:
         """Choose the share of a round's new points."""
         size = int(share * max(ROUND * self._problem.size, LEAST_ROUND))
+        places = np.unique(places, axis=0)  # a walker that has rested is one place
         return places[self._rng.choice(len(places), size, replace=False)]
 
     def _certify(self, emulated: Emulated, samples: Array, turn: int) -> Certificate:
@@ -186,8 +187,18 @@ def _moved(before: list[Emulated], now: Emulated, samples: Array) -> float:
     if len(before) < 2:
         return np.inf
     some = samples[:: max(len(samples) // 2000, 1)]
-    here = now.ln_density(some)
-    return max(change_of(some, each.ln_density(some) - here) for each in before)
+    here, moving = now.ln_density(some), with_axes(some)
+    return max(change_of(moving, each.ln_density(some) - here) for each in before)
+
+
+def with_axes(samples: Array) -> Array:
+    """(n, 2 d) Append the principal axes of samples (n, d), each in units of its standard deviation.
+
+    What data know best, such as a mass, is a combination of parameters: it may move where none of these does.
+    """
+    scaled = (samples - samples.mean(axis=0)) / np.maximum(samples.std(axis=0), 1e-300)
+    _, axes = np.linalg.eigh(np.atleast_2d(np.cov(scaled.T)))
+    return np.concatenate([samples, scaled @ axes], axis=1)
 
 
 def _covers(arrival: Arrival, samples: Array) -> bool:

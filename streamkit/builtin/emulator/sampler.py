@@ -90,6 +90,11 @@ def _samples(target: Target, progress: Progress) -> Samples:
             f"ln L as a whole in place of the predictions, which takes more calls: {which} has a likelihood of its own "
             "without `likelihood_details`, or data that depend on a parameter"
         )
+    elif larger := progress.emulated.emulator.larger_noise:
+        facts["noise of a call"] = (
+            f"{larger[0]} of {np.isfinite(target.data.values).sum()} data scatter more than their observables "
+            f"state, by a factor of {larger[1]:.1f} at most: measured by pairs of calls at one place"
+        )
     verdicts = (_verdict(progress),)
     return Samples(
         points, np.zeros(len(y)), missing=progress.missing, verdicts=verdicts, facts=facts, evaluations=evaluations

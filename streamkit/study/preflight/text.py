@@ -102,4 +102,6 @@ def _cost(spec: Spec, cost: Cost) -> str:
             few = f"about {cost.search_calls} calls, most with {spec.sampler.search_size()[1]} particles"
             rows.append(("the search for a start", f"{few}: {seconds(cost.search)}"))
         rows.append(("the run", f"{calls}: {seconds(total * cost.call + cost.search)}, shared by the workers"))
+        if not spec.sampler.emulates:
+            rows.append(("with --sampler emulator", "some hundred to some thousand calls in place of the run's"))
     return "\n".join(["cost in CPU time", columns(rows)])
