@@ -18,7 +18,7 @@ from streamkit.study import fit
               help="Compare with the true host of a mock: the [potential] of this run file.")  # fmt: skip
 @LITERATURE
 @PDF
-@click.option("--column", is_flag=True, help="Draw the profiles for one column of a journal, 3.4 inches wide.")
+@click.option("--column", is_flag=True, help="Draw the pictures for one column of a journal, 3.4 inches wide.")
 @TRUST
 @JSON
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing.")

@@ -32,6 +32,7 @@ from .plain import as_json as as_json
 from .plain import prediction_record as prediction_record
 from .plain import table_record as table_record
 from .progress import Progress as Progress
+from .sky_figure import SMALLER as SMALLER
 from .stream_axes import draw_unwrapped as draw_unwrapped
 from .stream_axes import radial_limits as radial_limits
 from .stream_figure import draw_stream as draw_stream
@@ -49,7 +50,10 @@ from .style import ARM_STYLE as ARM_STYLE
 from .style import BAND_68 as BAND_68
 from .style import BAND_95 as BAND_95
 from .style import BLUE as BLUE
+from .style import BOTH as BOTH
+from .style import COLUMN as COLUMN
 from .style import GREY as GREY
+from .style import SMALLEST as SMALLEST
 from .style import VERMILION as VERMILION
 from .style import NotebookFigure as NotebookFigure
 from .style import across as across
@@ -61,6 +65,7 @@ from .style import label_all as label_all
 from .style import labels as labels
 from .style import panel_grid as panel_grid
 from .style import scaled as scaled
+from .style import shrink_text as shrink_text
 from .style import text_inches as text_inches
 from .style import ticks as ticks
 from .style import typical_reach as typical_reach

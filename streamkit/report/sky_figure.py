@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from itertools import groupby
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -21,12 +22,23 @@ from streamkit.report.stream_axes import (
     draw_unwrapped,
     loses_mass,
 )
-from streamkit.report.style import BAND_68, BAND_95, VERMILION, NotebookFigure, angle_ticks, finish
+from streamkit.report.style import (
+    BAND_68,
+    BAND_95,
+    COLUMN,
+    VERMILION,
+    NotebookFigure,
+    angle_ticks,
+    finish,
+    shrink_text,
+)
 from streamkit.runfile import StreamInputs
 from streamkit.stream import Array, Panel, PanelData, Prediction, Stream
 
 # Widths in inches: panels, numbers left of them, gap, the pictures right of them, and the edge.
 WIDE, LEFT, GAP, SIDE, RIGHT = 5.8, 0.95, 0.85, 3.0, 0.15
+# The same in one column of a journal, which has the panels alone, with the names below them; and a part of all sizes.
+COLUMN_LEFT, COLUMN_RIGHT, COLUMN_NAMES, SMALLER = 0.72, 0.08, 0.4, 0.75
 TALL, BELOW, BETWEEN = 1.2, 0.55, 0.1  # inches down: a panel, its residuals, and from one pair to the next
 FOOT, NAMES = 0.5, 2.4  # inches for the name of a horizontal axis, and for the legend
 MASS, AXIS = 1.7, 0.6  # inches down of the picture of the bound mass, and across for its second axis
@@ -102,6 +114,53 @@ def draw_sky(
     figure.legend(named.values(), named.keys(), loc="upper left", bbox_to_anchor=anchor, borderaxespad=0, **LEGEND)
     if note:
         figure.suptitle(note, color=VERMILION, fontsize=13, y=1 - 0.08 / height, va="top")
+    return figure
+
+
+def draw_sky_column(
+    particles: Stream,
+    panels: Sequence[Panel],
+    note: str = "",
+    intervals: Mapping[str, Array] | None = None,
+) -> Figure:
+    """Draw the panels of `draw_sky` alone, for one column of a journal."""
+    head = 0.3 if note else 0.06
+    foot, below, wide = SMALLER * FOOT, SMALLER * BELOW, COLUMN - COLUMN_LEFT - COLUMN_RIGHT
+    groups = [list(group) for _, group in groupby(panels, key=lambda panel: panel.x_label)]
+    tall = SMALLER * TALL
+    height = head + len(panels) * (tall + below + BETWEEN) + foot * len(groups) + COLUMN_NAMES
+    figure = NotebookFigure(figsize=(COLUMN, height))
+    top = head
+    named: dict[str, Artist] = {}
+    for group in groups:
+        low, high = _reach(group)
+        for panel in group:
+            pair = []
+            for high_inches in (tall, below):
+                box = (COLUMN_LEFT / COLUMN, 1 - (top + high_inches) / height, wide / COLUMN, high_inches / height)
+                pair.append(figure.add_axes(box))
+                top += high_inches
+            upper, lower = pair
+            draw_panel(particles, panel, upper, (low, high), intervals or {})
+            draw_residuals(panel.data, lower)
+            lower.set_xlim(low, high)
+            for axes, label in ((upper, panel.y_label), (lower, r"$\Delta/\sigma$")):
+                axes.set_ylabel(label.replace(" [", "\n["), fontsize=11)
+                axes.yaxis.set_label_coords(-0.36 / wide, 0.5)
+                angle_ticks(axes, 5)
+            upper.tick_params(labelbottom=False)
+            lower.tick_params(labelbottom=panel is group[-1])
+            named |= dict(zip(*reversed(upper.get_legend_handles_labels()), strict=True))
+            top += BETWEEN
+        lower.set_xlabel(group[0].x_label, fontsize=11)
+        top += foot
+    figure.legend(
+        named.values(), named.keys(), loc="lower center", ncols=min(len(named), 3), frameon=False, fontsize=9,
+        bbox_to_anchor=(0.5, 0.0), borderaxespad=0.2, columnspacing=1.0, handletextpad=0.4,
+    )  # fmt: skip
+    if note:
+        figure.suptitle(note, color=VERMILION, fontsize=13, y=1 - 0.04 / height, va="top")
+    shrink_text(figure, SMALLER)
     return figure
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator, MultipleLocator
 
 from streamkit.stream import Array
@@ -25,6 +26,8 @@ class NotebookFigure(Figure):
         return buffer.getvalue()
 
 
+# Inches: one column of a journal and both; points of the smallest text in them.
+COLUMN, BOTH, SMALLEST = 3.4, 7.1, 6.5
 LETTER = 0.62  # mean width of a letter over the size of the font
 ACROSS = 4  # most panels beside each other
 
@@ -47,6 +50,23 @@ def typical_reach(reaches: Iterable[float]) -> float:
     """Return how far the axes must reach for most streams: one outlier must not shrink all the others."""
     lengths = list(reaches)
     return 1.15 * float(np.median(lengths)) if lengths else 1.0
+
+
+def shrink_text(figure: Figure, factor: float, smallest: float = SMALLEST) -> None:
+    """Multiply the size of every text of a figure, down to the smallest that a journal prints."""
+
+    def shrunk(text: Text) -> float:
+        return max(factor * float(text.get_fontsize()), smallest)
+
+    for axes in figure.axes:
+        for text in (axes.xaxis.label, axes.yaxis.label, axes.title, *axes.texts):
+            text.set_fontsize(shrunk(text))
+        for axis in (axes.xaxis, axes.yaxis):
+            if numbers := axis.get_ticklabels():
+                axis.set_tick_params(labelsize=shrunk(numbers[0]))
+    legends = [*figure.legends, *(legend for axes in figure.axes if (legend := axes.get_legend()) is not None)]
+    for text in (*figure.texts, *(each for legend in legends for each in legend.get_texts())):
+        text.set_fontsize(shrunk(text))
 
 
 def label_all(figure: Figure, x: str, y: str) -> None:

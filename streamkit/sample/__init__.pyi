@@ -8,6 +8,7 @@ from .engines import launcher as launcher
 from .evaluation_cache import CALLS as CALLS
 from .evaluation_cache import SMALL_CALLS as SMALL_CALLS
 from .evaluation_cache import EvaluationCache as EvaluationCache
+from .evaluation_cache import calls_in as calls_in
 from .journal import JOURNAL as JOURNAL
 from .posterior import Evaluation as Evaluation
 from .posterior import Posterior as Posterior

@@ -108,6 +108,11 @@ class EvaluationCache:
         self._unwritten, self._written = [], monotonic()
 
 
+def calls_in(path: Path) -> int:
+    """Return how many evaluations a journal holds; 0 without a file. ChainError for a file that cannot be read."""
+    return sum(len(record["points"]) for record in Journal(path).read() if "points" in record)
+
+
 def details_of(evaluations: Sequence[Evaluation]) -> Array:
     """(n, k) Return the details of evaluations; NaN where there is no prediction."""
     k = max((len(each.details) for each in evaluations), default=0)

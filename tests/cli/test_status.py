@@ -16,7 +16,8 @@ from streamkit.builtin.ensemble.sampler import Emcee
 from streamkit.cli.init import examples, tables_of
 from streamkit.report import locked
 from streamkit.runfile import to_toml
-from streamkit.sample import read_chain_file
+from streamkit.sample import CALLS, SMALL_CALLS, EvaluationCache, read_chain_file
+from streamkit.sample.posterior import Evaluation
 from streamkit.study.fit import describe_status, read_status
 from streamkit.study.fit.status import _expected_end
 
@@ -37,6 +38,27 @@ def test_the_status_of_a_run_that_ended(run):
     assert "30 of at most 30" in text
     assert known["go_on"] in text
     assert run.note()[:30] in " ".join(text.split())
+
+
+def test_a_sampler_without_steps_shows_its_calls(run, tmp_path):
+    """From its first calls on, long before its first samples."""
+    for name in ("run.toml", "manifest.json", "data"):
+        if (source := run.directory / name).is_dir():
+            shutil.copytree(source, tmp_path / name)
+        elif source.exists():
+            shutil.copy(source, tmp_path / name)
+    for name, n in ((CALLS, 2), (SMALL_CALLS, 5)):
+        cache = EvaluationCache(tmp_path / name, run.spec.digest())
+        for i in range(n):
+            nothing = np.full(1, np.nan)
+            cache.add(np.full(2, float(i)), Evaluation(-np.inf, -np.inf, nothing, nothing, "no stream"))
+        cache.write()
+    known = read_status(tmp_path)
+    assert (known["calls"], known["small_calls"], known["steps"]) == (2, 5, 0)
+    text = describe_status(tmp_path, known)
+    assert "2 with all particles, 5 with few" in text
+    assert not any(line.split()[:1] == ["steps"] for line in text.splitlines())
+    assert "calls" not in read_status(run.directory)
 
 
 def test_a_run_that_is_going_on_has_an_expected_end(run):

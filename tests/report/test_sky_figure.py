@@ -65,6 +65,25 @@ def test_residuals_are_those_of_the_likelihood(drawn: Any) -> None:
         assert np.abs(axes.get_ylim()).min() > np.abs(line.get_ydata()).max()
 
 
+@pytest.mark.parametrize("observable", ["sky", "turn"])
+def test_the_picture_for_one_column_of_a_journal_can_be_read(
+    drawn: Any, observable: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On the sky, and unwrapped: 3.4 inches wide, with the residuals of the wide picture."""
+    stream, prediction, _ = drawn
+    one = sk.load(RUN | {"observable": RUN["observable"][observable]}).bind()
+    figure = draw_stream(stream, prediction.parts[observable], one, "not converged", column=True)
+    assert figure.get_figwidth() == pytest.approx(3.4)
+    if observable == "turn":
+        assert len(figure.axes) == 2
+        return
+    assert_readable(figure, monkeypatch)
+    wide = draw_stream(*drawn)
+    for narrow, usual in zip(pairs(figure.axes), pairs(wide.axes), strict=True):
+        residuals = [axes.lines[-1].get_xydata() for axes in (narrow[1], usual[1])]
+        np.testing.assert_allclose(residuals[0], residuals[1])
+
+
 def test_the_track_is_drawn_on_a_fine_grid_through_the_predictions(drawn: Any) -> None:
     prediction = drawn[1].parts["sky"]
     start = 0

@@ -35,6 +35,7 @@ NARROW: dict[str, Any] = {
     "sampler.steps": 4,
     "sampler.start_particles": 500,
 }
+NARROW_EMULATOR: dict[str, Any] = {"sampler.max_calls": 20, "sampler.start_particles": 500}
 # Errors so wide that every stream fits.
 WIDE: dict[str, Any] = {
     "observable.leading": ["48 kpc", "20 kpc"],
@@ -63,6 +64,7 @@ HOSTS: dict[str, dict[str, Any]] = {
     "pal5_density": {"halo.mass": [4e11, 5e11], "halo.q": 1.0},
     "gd1_pal5": {"halo.mass": [4e11, 5e11], "halo.q": 1.0, "disc.mass": 6.8e10},
     "gd1_pal5_literal": {"halo.mass": [4e11, 5e11], "halo.q": 1.0, "disc.mass": 6.8e10},
+    "four_streams": {"halo.mass": [4e11, 5e11], "halo.rs": 16.0, "halo.q": 1.0, "disc.mass": 6.8e10},
     "orphan_lmc": {"halo.mass": [4e11, 5e11], "halo.rs": 16.0},
     "orphan_alone": {"halo.mass": [4e11, 5e11], "halo.rs": 16.0},
     "figure5": {"m200": [7e11, 8e11], "c200": [19, 21]},
@@ -156,7 +158,8 @@ def reduced(path: Path, particles: int = 500) -> Spec:
         host["progenitor.lookback"] = {"uniform": [3.6, 3.8]}
     wide = WIDE if spec.document.get("observable", {}).get("kind") == "apocentres" else {}
     few = {f"{s.path}.particles": particles for s in spec.sections.all if s.path.endswith("stripping")}
-    return spec.with_values(centre | host | NARROW | wide | few)
+    narrow = NARROW_EMULATOR if spec.document["sampler"]["kind"] == "emulator" else NARROW
+    return spec.with_values(centre | host | narrow | wide | few)
 
 
 def lay_desk(where: Path) -> None:

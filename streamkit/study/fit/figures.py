@@ -18,6 +18,9 @@ from streamkit.report import (
     BAND_68,
     BAND_95,
     BLUE,
+    BOTH,
+    COLUMN,
+    SMALLEST,
     VERMILION,
     NotebookFigure,
     across,
@@ -35,7 +38,9 @@ if TYPE_CHECKING:
     from astropy.table import QTable
 
 FEW = 200  # samples below which a corner plot shows points without contours
-WIDE, COLUMN = 6.0, 3.4  # inches: pictures of profiles, and those for one column of a journal
+WIDE = 6.0  # inches: pictures of profiles
+FEW_PARAMETERS = 4  # that a corner plot of one column of a journal may have
+TITLED = 0.95  # inches of a panel that has room for a title
 GAP = 0.11  # inches between the panels of a corner plot
 
 
@@ -70,8 +75,11 @@ def remark(results: Results) -> str:
     return "" if results.converged else "not converged"
 
 
-def corner(results: Results) -> Figure:
-    """Draw the marginal distributions of all pairs of parameters, with 68 % and 95 % contours."""
+def corner(results: Results, column: bool = False) -> Figure:
+    """Draw the marginal distributions of all pairs of parameters, with 68 % and 95 % contours.
+
+    For a journal it is as wide as one ``column`` up to `FEW_PARAMETERS`, else as two; small panels have no titles.
+    """
     from corner import corner as draw  # it loads pyplot, which is slow and needed here alone
 
     samples, names, units = _scaled(results)
@@ -80,8 +88,15 @@ def corner(results: Results) -> Figure:
     panel = 2.6 if d == 1 else 2.0 if d < 7 else 1.7
     titles = [_title(name, column) for name, column in zip(names, samples.T, strict=True)]
     lines = 1 + max(map(_lines, names))
-    left, right = 0.4 if d == 1 else 1.0 + 0.3 * lines, 0.7
-    bottom, top = 0.45 + 0.26 * lines, 0.25 + 0.22 * _lines(titles[0]) + (0.4 if text else 0)
+    part = 1.0  # of all texts and margins
+    if column:
+        part = 0.6
+        sides = part * ((0.4 if d == 1 else 1.0 + 0.3 * lines) + 0.7)
+        panel = ((COLUMN if d <= FEW_PARAMETERS else BOTH) - sides - GAP * (d - 1)) / d
+        titles = titles if panel > TITLED else [""] * d
+    letters = 14 * part if panel > TITLED else max(14 * part * panel / TITLED, SMALLEST)
+    left, right = part * (0.4 if d == 1 else 1.0 + 0.3 * lines), part * 0.7
+    bottom, top = part * (0.45 + 0.26 * lines), part * (0.25 + 0.22 * _lines(titles[0]) + (0.4 if text else 0))
     width, height = (panel * d + GAP * (d - 1) + sides for sides in (left + right, bottom + top))
     figure = NotebookFigure(figsize=(width, height))
     many = len(samples) >= FEW
@@ -106,22 +121,22 @@ def corner(results: Results) -> Figure:
         logging.getLogger("root").removeFilter(_no_contour_warning)
     grid = np.array(figure.axes).reshape(d, d)
     for i, (name, unit, title) in enumerate(zip(names, units, titles, strict=True)):
-        grid[i, i].set_title(title, fontsize=12, loc="left")
+        grid[i, i].set_title(title, fontsize=max(12 * part, SMALLEST), loc="left")
         low, middle, high = np.percentile(samples[:, i], [16, 50, 84])
         for value, style in ((low, ":"), (middle, "--"), (high, ":")):
             grid[i, i].axvline(value, color="black", lw=0.9, ls=style)
-        values = inner_ticks(*_range(samples[:, i]), panel)
+        values = inner_ticks(*_range(samples[:, i]), panel / part * (0.8 if column else 1.0))
         for axes in grid[i:, i]:
             axes.set_xticks(values)
         for axes in grid[i, :i]:
             axes.set_yticks(values)
-        grid[-1, i].set_xlabel(with_unit(name, unit, "\n"), fontsize=14)
-        grid[-1, i].xaxis.set_label_coords(0.5, -0.33 / panel)
+        grid[-1, i].set_xlabel(with_unit(name, unit, "\n"), fontsize=letters)
+        grid[-1, i].xaxis.set_label_coords(0.5, -0.33 * part / panel)
         if i:
-            grid[i, 0].set_ylabel(with_unit(name, unit, "\n"), fontsize=14)
-            grid[i, 0].yaxis.set_label_coords(-0.85 / panel, 0.5)
+            grid[i, 0].set_ylabel(with_unit(name, unit, "\n"), fontsize=letters)
+            grid[i, 0].yaxis.set_label_coords(-0.85 * part / panel, 0.5)
     for axes in figure.axes:
-        axes.tick_params(labelsize=11, labelrotation=0, direction="in", top=True, right=True)
+        axes.tick_params(labelsize=max(11 * part, SMALLEST), labelrotation=0, direction="in", top=True, right=True)
         for axis in (axes.xaxis, axes.yaxis):
             if isinstance(formatter := axis.get_major_formatter(), ScalarFormatter):
                 formatter.set_useOffset(False)
@@ -135,7 +150,7 @@ def corner(results: Results) -> Figure:
             1 - 0.15 / height,
             text,
             color=VERMILION,
-            fontsize=14 if d < 4 else 20,
+            fontsize=part * (14 if d < 4 else 20),
             ha="right",
             va="top",
         )

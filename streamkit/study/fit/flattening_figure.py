@@ -9,10 +9,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from streamkit.errors import StreamkitError
-from streamkit.report import VERMILION, NotebookFigure, ticks
+from streamkit.report import SMALLER, VERMILION, NotebookFigure, shrink_text, ticks
 from streamkit.runfile import Spec
 from streamkit.stream import Array
-from streamkit.study.fit.figures import bands, data_radii, radii, reach, remark
+from streamkit.study.fit.figures import WIDE, bands, data_radii, radii, reach, remark
 from streamkit.study.fit.flattening import flattening_at, flattenings
 from streamkit.study.fit.literature import POTENTIAL, beside_literature, draw_literature
 from streamkit.study.fit.results import Results
@@ -39,7 +39,7 @@ def is_sphere(spec: Spec) -> bool:
     return not (np.abs(q[np.isfinite(q)] - 1) > ROUND).any()
 
 
-def flattening(results: Results, literature: QTable | None = None) -> Figure:
+def flattening(results: Results, literature: QTable | None = None, wide: float = WIDE) -> Figure:
     """Draw the flattening q of the potential (`Host.flattening`), 45 deg above the plane with 68 % and 95 % bands.
 
     Lines are the medians nearer to the plane and to the axis. What lies beyond the `reach` of stream and data is
@@ -47,7 +47,7 @@ def flattening(results: Results, literature: QTable | None = None) -> Figure:
     """
     rows = None if literature is None else literature[[name == POTENTIAL for name in literature["quantity"]]]
     r = radii(results, rows)[::2]
-    figure = NotebookFigure(figsize=(6.0, 4.5), layout="constrained")
+    figure = NotebookFigure(figsize=(wide, 0.75 * wide), layout="constrained")
     axes = figure.subplots()
     for angle, style in DIRECTIONS.items():
         q = flattenings(results, *_along(angle, r))
@@ -72,7 +72,11 @@ def flattening(results: Results, literature: QTable | None = None) -> Figure:
     ticks(axes)
     bottom, top = axes.get_ylim()
     axes.set_ylim(bottom, top + (0.4 if literature is None else 0.6) * (top - bottom))
-    axes.legend(framealpha=1, edgecolor="none", loc="upper center", ncols=2, fontsize=9)
+    narrow = wide < WIDE
+    axes.legend(framealpha=1, edgecolor="none", loc="upper center", ncols=1 if narrow else 2, fontsize=9)
+    if narrow:
+        axes.set_ylim(bottom, top + (0.9 if literature is None else 1.6) * (top - bottom))
+        shrink_text(figure, SMALLER)
     return figure
 
 

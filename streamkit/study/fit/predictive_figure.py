@@ -8,7 +8,20 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from streamkit.errors import ChainError
-from streamkit.report import BAND_68, BAND_95, BLUE, VERMILION, NotebookFigure, finish, number, text_inches
+from streamkit.report import (
+    BAND_68,
+    BAND_95,
+    BLUE,
+    COLUMN,
+    SMALLER,
+    SMALLEST,
+    VERMILION,
+    NotebookFigure,
+    finish,
+    number,
+    shrink_text,
+    text_inches,
+)
 from streamkit.stream import IntArray
 from streamkit.study.fit.diagnostics import Predictive, predictive
 from streamkit.study.fit.figures import remark
@@ -17,49 +30,54 @@ from streamkit.study.fit.results import Results
 # Inches: the height of a row, and across a column the axes, the names left of it and the numbers right of it.
 ROW, WIDE, NAMES, NUMBERS = 0.2, 2.9, 1.75, 1.35  # at least so much for the names
 LONGEST = 40  # most rows in a column
+SMALL_ROW = 0.15  # inches of a row in one column of a journal
 
 
-def predictions(results: Results) -> Figure:
+def predictions(results: Results, column: bool = False) -> Figure:
     """Draw every datum minus the model and, for a Gaussian likelihood, minus new data: in units of its scatter.
 
-    ChainError if the run kept no predictions.
+    For one ``column`` of a journal the data themselves are left out, and of many more than `LONGEST` there are two
+    columns. ChainError if the run kept no predictions.
     """
     seen = predictive(results)
     if seen is None:
         raise ChainError("the run kept no predictions")
-    return draw_predictive(seen, remark(results))
+    return draw_predictive(seen, remark(results), column)
 
 
-def draw_predictive(seen: Predictive, note: str = "") -> Figure:
+def draw_predictive(seen: Predictive, note: str = "", narrow: bool = False) -> Figure:
     """Draw predictions of any origin in this way, with a caveat above."""
     m = len(seen.names)
     columns = -(-m // LONGEST)
     rows = -(-m // columns)
     shown = [name.replace("_", " ") for name in seen.names]
-    left = max(NAMES, text_inches(shown, 8) + 0.25)
-    across = left + WIDE + NUMBERS
-    top, foot = 0.95 if columns == 1 else 0.75, 0.55
-    width, height = columns * across, top + rows * ROW + foot
+    left = text_inches(shown, SMALLEST) + 0.15 if narrow else max(NAMES, text_inches(shown, 8) + 0.25)
+    wide, row = (COLUMN - left - 0.1, SMALL_ROW) if narrow else (WIDE, ROW)
+    across = COLUMN if narrow else left + WIDE + NUMBERS
+    top, foot = (1.05 if narrow else 0.95) if columns == 1 else 0.75, 0.55
+    width, height = columns * across, top + rows * row + foot
     figure = NotebookFigure(figsize=(width, height))
     reach = 0.0
     every: list[Axes] = []
     for k in range(columns):
         chosen = np.arange(k * rows, min((k + 1) * rows, m))
-        high = len(chosen) * ROW
-        box = ((k * across + left) / width, 1 - (top + high) / height, WIDE / width, high / height)
+        high = len(chosen) * row
+        box = ((k * across + left) / width, 1 - (top + high) / height, wide / width, high / height)
         axes = figure.add_axes(box)
-        reach = max(reach, _column(axes, seen, chosen))
+        reach = max(reach, _column(axes, seen, chosen, not narrow))
         every.append(axes)
     for axes in every:
         axes.set_xlim(-reach, reach)
         axes.set_xlabel(rf"(datum $-$ prediction) / {_unit(seen)}", fontsize=11)
     names = dict(zip(*reversed(every[0].get_legend_handles_labels()), strict=True))
     figure.legend(
-        names.values(), names.keys(), loc="upper center", ncols=3 * columns, frameon=False, fontsize=9,
-        bbox_to_anchor=(0.5, 1 - (0.3 if note else 0.1) / height),
+        names.values(), names.keys(), loc="upper center", ncols=(2 if narrow else 3) * columns, frameon=False,
+        fontsize=9, bbox_to_anchor=(0.5, 1 - (0.3 if note else 0.1) / height),
     )  # fmt: skip
     if note:
         figure.suptitle(note, color=VERMILION, fontsize=12, y=1 - 0.06 / height, va="top")
+    if narrow:
+        shrink_text(figure, SMALLER)
     return figure
 
 
@@ -68,8 +86,8 @@ def _unit(seen: Predictive) -> str:
     return "scatter" if np.any(seen.sigma > 1.001 * seen.errors) else "error"
 
 
-def _column(axes: Axes, seen: Predictive, chosen: IntArray) -> float:
-    """Draw some of the data below each other; return how far the axis must reach."""
+def _column(axes: Axes, seen: Predictive, chosen: IntArray, numbers: bool) -> float:
+    """Draw some of the data below each other, with their numbers beside; return how far the axis must reach."""
     datum, error, sigma = seen.data[chosen], seen.errors[chosen], seen.sigma[chosen]
     model = (datum - seen.mean[:, chosen]) / sigma
     y = np.arange(len(chosen))
@@ -95,7 +113,7 @@ def _column(axes: Axes, seen: Predictive, chosen: IntArray) -> float:
     axes.set_yticks(y, [seen.names[k].replace("_", " ") for k in chosen], fontsize=8)
     axes.set_ylim(len(chosen) - 0.4, -0.6)
     axes.xaxis.set_major_locator(MaxNLocator(7, integer=True))
-    for i, (value, plus) in enumerate(zip(datum.tolist(), error.tolist(), strict=True)):
+    for i, (value, plus) in enumerate(zip(datum.tolist(), error.tolist(), strict=True) if numbers else ()):
         axes.annotate(
             f"{number(value + 0.0)} ± {plus:.2g}".replace("-", "−"), (1, i), (6, 0),
             xycoords=axes.get_yaxis_transform(), textcoords="offset points", fontsize=8, va="center",

@@ -12,12 +12,12 @@ import numpy as np
 
 from streamkit.components import ChainSampler
 from streamkit.errors import ChainError, OutOfDomain, message_of
-from streamkit.report import UnwritableError, draw_stream, save, save_pictures, save_table
+from streamkit.report import COLUMN, UnwritableError, draw_stream, save, save_pictures, save_table
 from streamkit.runfile import Spec
 from streamkit.sample import CALLS, CHAIN, SAMPLES
 from streamkit.study.fit.diagnostics import predicted_intervals, predictions_table, predictive
 from streamkit.study.fit.directory import LITERATURE, RECOVERY, stream_pictures
-from streamkit.study.fit.figures import COLUMN, WIDE, corner, mass_profile, radii, remark, rotation_curve, traces
+from streamkit.study.fit.figures import WIDE, corner, mass_profile, radii, remark, rotation_curve, traces
 from streamkit.study.fit.flattening_figure import flattening, is_sphere
 from streamkit.study.fit.integrity import RUN_FILE
 from streamkit.study.fit.literature import read_literature
@@ -39,14 +39,15 @@ if TYPE_CHECKING:
 PROFILE_RADII = np.arange(5.0, 201.0, 5.0)
 
 
-def best_stream(results: Results, name: str) -> Figure:
-    """Draw the stream of this name at the best sample."""
+def best_stream(results: Results, name: str, column: bool = False) -> Figure:
+    """Draw the stream of this name at the best sample, also for one ``column`` of a journal."""
     try:
         best = results.best_observation
     except OutOfDomain as error:  # another machine's rounding may lose a stream at the edge
         raise ChainError(f"the stream of the best sample could not be made again: {error.reason}") from None
     inputs, note = results.spec.bind(results.best(), name), remark(results) if results.quick else ""
-    return draw_stream(best.streams[name], best.predictions[name], inputs, note, predicted_intervals(results, name))
+    intervals = predicted_intervals(results, name)
+    return draw_stream(best.streams[name], best.predictions[name], inputs, note, intervals, column)
 
 
 TABLES: dict[str, Callable[[Results], QTable]] = {
@@ -118,7 +119,8 @@ def write_products(
     trust
         Whether the plugin files in the directory may be run.
     column
-        Draw mass profile and rotation curve for one column of a journal.
+        Draw the pictures of a paper for one column of a journal: profiles, streams, predictions and, for few
+        parameters, the corner plot; of more it is as wide as two.
 
     Raises ChainError if there is no readable run. Raises SpecError if the truth is not valid. Nothing has then been
     written. Raises ChainError if a product cannot be written, on a full disk, once all the others have been.
@@ -129,15 +131,17 @@ def write_products(
         raise ChainError("these results are in memory only: a report needs a directory")
     tables, figures = dict(TABLES), figures_of(results.spec)
     for file, name in stream_pictures(results.spec).items():
-        figures[file] = partial(best_stream, name=name)
+        figures[file] = partial(best_stream, name=name, column=column)
     published = _published(where, literature)
     wanted = [PROFILE_RADII, radii(results), np.array(radii_to_show(results))]
     wide = COLUMN if column else WIDE
+    if column:
+        figures |= {"corner.png": partial(corner, column=True), "predictions.png": partial(predictions, column=True)}
     figures["mass_profile.png"] = partial(mass_profile, literature=published, wide=wide)
     figures["rotation_curve.png"] = partial(rotation_curve, literature=published, wide=wide)
+    if FLATTENING in figures:
+        figures[FLATTENING] = partial(flattening, literature=published, wide=wide)
     if published is not None:
-        if FLATTENING in figures:
-            figures[FLATTENING] = partial(flattening, literature=published)
         wanted.append(np.asarray(published["radius"]))
         for quantity in ("M", "v_c"):
             wanted.append(radii(results, published[[name == quantity for name in published["quantity"]]]))

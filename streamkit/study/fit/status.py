@@ -11,7 +11,7 @@ import numpy as np
 from streamkit.components import ChainSampler
 from streamkit.errors import ChainError
 from streamkit.report import columns, is_locked, paragraph, seconds
-from streamkit.sample import CALLS, CHAIN, JOURNAL, SAMPLES
+from streamkit.sample import CALLS, CHAIN, JOURNAL, SAMPLES, SMALL_CALLS, calls_in
 from streamkit.study.fit.directory import resume_command
 from streamkit.study.fit.draws import ENDED
 from streamkit.study.fit.integrity import RUN_FILE, load_spec, read_chain, run_file
@@ -23,7 +23,8 @@ from streamkit.study.fit.verdicts import overall, verdicts
 def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
     """Return the status of a run, running or not, as JSON can hold it; None for a number that is not status.
 
-    Keys: state ("running", or `Results.status`), steps, most_steps, walkers, acceptance, effective_samples (the least),
+    Keys: state ("running", or `Results.status`), steps, calls and small_calls (of a sampler that makes no chain, with
+    all and with few particles), most_steps, walkers, acceptance, effective_samples (the least),
     r_hat (the largest), verdict, note, last_alive and expected_end (seconds since 1970; the latter of a running run: it
     has converged, by the last look of its sampler, or reaches its number of steps or its time limit if that is sooner),
     and go_on (a command).
@@ -34,7 +35,7 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
         raise ChainError(f"{directory}: there is no such directory")
     options = manifest(directory).get("options", {})
     running = is_locked(directory)
-    files = [path for name in (CHAIN, JOURNAL, SAMPLES, CALLS) if (path := directory / name).exists()]
+    files = [path for name in (CHAIN, JOURNAL, SAMPLES, CALLS, SMALL_CALLS) if (path := directory / name).exists()]
     status: dict[str, Any] = {
         "state": "running" if running else "unfinished",
         "steps": 0,
@@ -42,6 +43,8 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
         "last_alive": max((path.stat().st_mtime for path in files), default=None),
         "go_on": resume_command(directory, options),
     }
+    if not any(path.name in (CHAIN, JOURNAL) for path in files):
+        status |= {"calls": calls_in(directory / CALLS), "small_calls": calls_in(directory / SMALL_CALLS)}
     if (directory / RUN_FILE).exists() and not options["given"]:  # Python alone can read a run with given classes
         load_spec(directory, trust=trust)
     try:
@@ -112,7 +115,13 @@ def describe_status(directory: Path, status: dict[str, Any], now: float | None =
     rows = [("state", STATES[status["state"]])]
     weighted = "verdict" in status and status["walkers"] is None
     most = f" of at most {status['most_steps']}" if status["most_steps"] is not None else ""
-    rows.append(("samples", f"{status['steps']}") if weighted else ("steps", f"{status['steps']}{most}"))
+    if weighted:
+        rows.append(("samples", f"{status['steps']}"))
+    elif not status.get("calls", 0) + status.get("small_calls", 0):
+        rows.append(("steps", f"{status['steps']}{most}"))
+    if status.get("calls", 0) + status.get("small_calls", 0):
+        few = f", {status['small_calls']} with few" if status["small_calls"] else ""
+        rows.append(("calls", f"{status['calls']} with all particles{few}"))
     if status["last_alive"] is not None:
         last = status["last_alive"]
         rows.append(("last alive", f"{_clock(last)}, {seconds(max(now - last, 0))} ago"))

@@ -11,10 +11,11 @@ from pictures import assert_readable
 from runfiles import APOCENTRES
 
 import streamkit as sk
-from streamkit.report import NotebookFigure, labels
+from streamkit.report import BOTH, COLUMN, NotebookFigure, labels
 from streamkit.sample import Chain
+from streamkit.study.fit import figures
 from streamkit.study.fit.diagnostics import Predictive, predicted_intervals, predictions_table
-from streamkit.study.fit.figures import COLUMN, WIDE, _labels, corner, mass_profile, reach, rotation_curve, traces
+from streamkit.study.fit.figures import WIDE, _labels, corner, mass_profile, reach, rotation_curve, traces
 from streamkit.study.fit.flattening_figure import flattening, is_sphere
 from streamkit.study.fit.predictive_figure import LONGEST, draw_predictive, predictions
 from streamkit.study.fit.prior_figure import priors
@@ -153,6 +154,14 @@ def test_the_legend_does_not_cover_the_median_of_a_quick_look(draw, wide, monkey
     assert not covered.any()
 
 
+@pytest.mark.parametrize("most", [20, 0])
+def test_a_corner_plot_is_as_wide_as_one_column_of_a_journal_or_as_both(most, monkeypatch):
+    monkeypatch.setattr(figures, "FEW_PARAMETERS", most)
+    figure = corner(synthetic(freed()), column=True)
+    assert figure.get_figwidth() == pytest.approx(COLUMN if most else BOTH)
+    assert_readable(figure, monkeypatch)
+
+
 @pytest.mark.parametrize(("draw", "quantity", "value"), [(mass_profile, "M", 9e12), (rotation_curve, "v_c", 700.0)])
 def test_published_values_are_inside_the_axes(draw, quantity, value):
     """Far beyond the stream, and far above the curve."""
@@ -235,6 +244,13 @@ def test_every_datum_has_a_row_that_can_be_read(m, monkeypatch):
     assert names == [f"datum {k + 1}" for k in range(m)]
     if m < 100:
         assert_readable(figure, monkeypatch)
+
+
+@pytest.mark.parametrize("m", [3, 40])
+def test_predictions_fit_into_a_journals_column(m, monkeypatch):
+    figure = draw_predictive(predicted(m), "not converged", narrow=True)
+    assert figure.get_figwidth() == pytest.approx(COLUMN)
+    assert_readable(figure, monkeypatch)
 
 
 def test_long_names_of_data_are_not_cut(monkeypatch):
