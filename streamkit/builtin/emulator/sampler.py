@@ -83,7 +83,7 @@ def _samples(target: Target, progress: Progress) -> Samples:
     evaluations = Evaluations(
         target.ln_prior(points) + lnl, lnl, predicted.mean, predicted.fit_variance, ("",) * len(y), predicted.details
     )
-    facts = {"calls": f"{len(progress.calls)} with all particles, {progress.cheap} with few"}
+    facts = {}
     if target.undeclared:
         which = ", ".join(target.undeclared)
         facts["learned"] = (

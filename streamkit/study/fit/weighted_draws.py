@@ -128,7 +128,8 @@ class WeightedDraws(Draws):
 
     def rows(self) -> list[Row]:
         """Return calls, evidence and facts."""
-        rows = [("calls", str(self.calls), f"{self.calls / self.weighted.ess:.1f} for each effective sample")]
+        search = f"; {self.search_calls} more with few particles" if self.search_calls else ""
+        rows = [("calls", str(self.calls), f"{self.calls / self.weighted.ess:.1f} for each effective sample{search}")]
         if np.isfinite(self.weighted.ln_evidence):
             evidence, error = self.weighted.ln_evidence, self.weighted.ln_evidence_error
             rows.append(("ln evidence", f"{evidence:.2f}", f"+- {error:.2f}"))
