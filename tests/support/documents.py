@@ -46,6 +46,7 @@ WIDE: dict[str, Any] = {
 HOSTS: dict[str, dict[str, Any]] = {
     "sagittarius": {"v0": [235, 245], "rs": [20, 22], "alpha": 0.72},
     "sagittarius_modern": {"v0": [235, 245], "rs": [20, 22], "alpha": 0.72},
+    "sagittarius_live": {"v0": [240, 255], "rs": [18, 20], "alpha": 0.75},
     "sagittarius_track": {"v0": [235, 245], "rs": [20, 22], "alpha": 0.72},
     "sagittarius_track_lmc": {"v0": [235, 245], "rs": [20, 22], "alpha": 0.72},
     "sagittarius_lmc": {"halo.mass": [5e11, 6e11]},
