@@ -115,11 +115,12 @@ def describe_status(directory: Path, status: dict[str, Any], now: float | None =
     rows = [("state", STATES[status["state"]])]
     weighted = "verdict" in status and status["walkers"] is None
     most = f" of at most {status['most_steps']}" if status["most_steps"] is not None else ""
+    has_calls = bool(status.get("calls") or status.get("small_calls"))
     if weighted:
         rows.append(("samples", f"{status['steps']}"))
-    elif not status.get("calls", 0) + status.get("small_calls", 0):
+    elif not has_calls:
         rows.append(("steps", f"{status['steps']}{most}"))
-    if status.get("calls", 0) + status.get("small_calls", 0):
+    if has_calls:
         few = f", {status['small_calls']} with few" if status["small_calls"] else ""
         rows.append(("calls", f"{status['calls']} with all particles{few}"))
     if status["last_alive"] is not None:
