@@ -15,11 +15,12 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from streamkit.components import Component, Registry, Sampler
+from streamkit.components import Component, Potential, Registry, Sampler
 from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.fields import Files
 from streamkit.runfile.document import read_toml, to_toml
 from streamkit.runfile.inputs import ONLY, ModelInputs, StreamInputs
+from streamkit.runfile.other_kind import at_default, lacked
 from streamkit.runfile.priors import Prior
 from streamkit.runfile.progenitor import OTHER_NAMES, Place
 from streamkit.runfile.reader import DEFAULT_KIND, resolve
@@ -75,7 +76,7 @@ class Spec:
                 "Define it at the top level of a module, or in a file that the run file names under plugins; or give "
                 "`workers` a number."
             )
-        return _unpickled, (self.document, self.source, self.folder, self.given, self.files)
+        return _make, (self.document, self.source, None, self.folder, self.given, self.files)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Spec) and all(
@@ -186,6 +187,10 @@ class Spec:
         """Return all streams at the given parameters, and what they share; ``theta`` and errors as for `bind`."""
         return self.sections.bound(self._values(theta))
 
+    def host(self, theta: Array | Mapping[str, Any] | None = None) -> dict[str, Potential]:
+        """Return the potentials of the host alone, for a small part of the cost of `bind_all`; arguments as there."""
+        return self.sections.host(self._values(theta))
+
     def _values(self, theta: Array | Mapping[str, Any] | None) -> dict[str, float]:
         theta = {} if theta is None else theta
         if not isinstance(theta, Mapping):
@@ -242,22 +247,27 @@ class Spec:
         Parameters
         ----------
         values
-            Path -> number, quantity, prior or other value: ``{"progenitor.mass": "6.4e8 Msun"}``. A new
-            ``kind`` keeps the fields that differ from the old one's defaults. Raises SpecError for a value that is not
-            allowed.
+            Path -> number, quantity, prior or other value: ``{"progenitor.mass": "6.4e8 Msun"}``. A new ``kind`` keeps
+            the fields that it has too, unless at the old one's default. Raises SpecError for a value not allowed.
         """
         document = copy.deepcopy(self.document)
         values = self.by_path(values)
-        for path, value in sorted(values.items(), key=lambda item: not item[0].endswith(".kind")):
+        for path in values:
             self._check_path(path, values)
+        for section in [each for each in self.sections.all if f"{each.path}.kind" in values]:
+            table = functools.reduce(lambda inner, key: inner.get(key, {}), section.path.split("."), document)
+            for name in [*at_default(section), *lacked(section, values, self.registry)]:
+                table.pop(name, None)  # there may be no section [engine]
+        for path, value in values.items():
             *tables, name = path.split(".")
-            if name == "kind":
-                self._drop_defaults(document, ".".join(tables))
-            table = document
-            for key in tables:
-                table = table.setdefault(key, {})
+            table = functools.reduce(lambda inner, key: inner.setdefault(key, {}), tables, document)
             table[int(name) if isinstance(table, list) else name] = value
         return _make(document, self.source, self.registry, self.folder, self.given, self.files)
+
+    def dropped_by(self, values: Mapping[str, Any]) -> list[str]:
+        """Return the paths of the fields that the run file sets and that a new ``kind`` in ``values`` lacks."""
+        values = self.by_path(values)
+        return [f"{each.path}.{name}" for each in self.sections.all for name in lacked(each, values, self.registry)]
 
     def with_sampler(self, kind: str) -> Spec:
         """Return the spec with another sampler, with its default settings; SpecError if there is none of this kind."""
@@ -278,12 +288,6 @@ class Spec:
         renewed = f"{parent}.kind" in values or parent in without
         if path not in paths and not (renewed and parent in tables):
             raise SpecError(f"{self.source}: there is no field {path!r}.{nearest(path, paths)}")
-
-    def _drop_defaults(self, document: dict[str, Any], path: str) -> None:
-        for section in (section for section in self.sections.all if section.path == path):
-            table = functools.reduce(lambda inner, key: inner.get(key, {}), path.split("."), document)
-            for name in [name for name, value in section.defaults().items() if table.get(name) == value]:
-                del table[name]
 
     def components(self) -> list[tuple[str, type[Component], str]]:
         """Return path, class and supplier of every component in use."""
@@ -375,12 +379,6 @@ def _make(
     given, files = tuple(components), Files(folder, digests or {})
     document, name, registry, sections = resolve(source, name, registry, files, given)
     return Spec(document, name, registry, sections, folder, files.read, given)
-
-
-def _unpickled(
-    document: Mapping[str, Any], name: str, folder: Path, given: tuple[type[Component], ...], files: Mapping[str, str]
-) -> Spec:
-    return _make(document, name, None, folder, given, files)
 
 
 def _moved(value: Any, places: Mapping[str, str]) -> Any:
