@@ -26,6 +26,8 @@ SIZE, ONE_SIZE = 1.5, 3.0
 MOVED = 0.12
 # Fraction of trends by chance alone that must be smaller for one to count, and how many are tried.
 CHANCE, TRIES = 0.95, 40
+# Largest trend by chance that still tests anything: calls so noisy were certified with a width off by a half.
+BLIND = 0.3
 # Fresh calls at a time, and how often they are made at most: until a trend by chance alone is below `MOVED`.
 FRESH, MOST_BATCHES = 128, 3
 # Differences of ln likelihood from what the noise makes of it: standard errors, and nats, of the median; ratio of their
@@ -129,6 +131,11 @@ def certify(emulated: Emulated, fresh: Calls, samples: Array, seed: list[int]) -
         faults.append(
             "residuals have a trend along the parameters, which moves one or changes its width by "
             f"{trend:.2f} standard deviations"
+        )
+    elif chance > BLIND:
+        faults.append(
+            f"calls are too noisy for a test: a mean or a width off by {chance:.2f} standard deviations would not show. "
+            "Take more particles"
         )
     true, by_noise = _differences(emulated, fresh, predicted, rng)
     offset, spread = float(np.median(true)), _spread(true)
