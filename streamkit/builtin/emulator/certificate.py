@@ -134,8 +134,8 @@ def certify(emulated: Emulated, fresh: Calls, samples: Array, seed: list[int]) -
         )
     elif chance > BLIND:
         faults.append(
-            f"calls are too noisy for a test: a mean or a width off by {chance:.2f} standard deviations would not show. "
-            "Take more particles"
+            f"calls are too noisy for a test: a mean or a width off by {chance:.2f} standard deviations would not "
+            "show. Take more particles"
         )
     true, by_noise = _differences(emulated, fresh, predicted, rng)
     offset, spread = float(np.median(true)), _spread(true)
