@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from streamkit import report
-from streamkit.cli.options import SET, load_spec, read_settings
+from streamkit.cli.options import SET, load_spec, read_settings, with_settings
 from streamkit.cli.study import StudyOptions, conduct, study_options
 from streamkit.study import calibration as study
 from streamkit.study import grid
@@ -48,7 +48,7 @@ def calibrate(
     report.check_directory(options.out, study.PRODUCTS, "a calibration", options.force or resume)
     spec = load_spec(run_file, settings)
     other = read_settings(truth_settings, "--truth-set")
-    truth = spec.with_values(other) if other else None
+    truth = with_settings(spec, other) if other else None
 
     def run(done: Callable[[], object]) -> grid.Products:
         calibration = study.calibrate(spec, options.out, draws, options.workers, resume, done, truth)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +55,15 @@ def load_spec(run_file: Path, settings: Sequence[str] = (), sampler: str | None 
         announce_compilation()
     spec = sk.load(run_file)
     spec = spec if sampler is None else spec.with_sampler(sampler)
-    return spec.with_values(read_settings(settings)) if settings else spec
+    return with_settings(spec, read_settings(settings)) if settings else spec
+
+
+def with_settings(spec: sk.Spec, values: Mapping[str, Any]) -> sk.Spec:
+    """Replace fields of the run file; a line on stderr names those that a new kind does not have."""
+    new = spec.with_values(values)
+    if dropped := spec.dropped_by(values):
+        click.echo(f"{spec.source}: dropped {', '.join(dropped)}: the new kind has no such field", err=True)
+    return new
 
 
 def read_settings(settings: Sequence[str], option: str = "--set") -> dict[str, Any]:

@@ -11,7 +11,7 @@ import click
 import streamkit as sk
 from streamkit import report
 from streamkit.cli.completion import free_parameters
-from streamkit.cli.options import SEEDS, SET, load_spec, read_settings
+from streamkit.cli.options import SEEDS, SET, load_spec, read_settings, with_settings
 from streamkit.cli.study import StudyOptions, conduct, study_options
 from streamkit.study import grid
 from streamkit.study import sensitivity as study
@@ -56,4 +56,4 @@ def apart(spec: sk.Spec, settings: Mapping[str, Any]) -> tuple[sk.Spec, dict[str
     settings = spec.by_path(settings)
     point = {path: value for path, value in settings.items() if path in spec.names and not isinstance(value, Mapping)}
     rest = {path: value for path, value in settings.items() if path not in point}
-    return spec.with_values(rest) if rest else spec, point
+    return with_settings(spec, rest) if rest else spec, point

@@ -20,6 +20,7 @@ from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.fields import Files
 from streamkit.runfile.document import read_toml, to_toml
 from streamkit.runfile.inputs import ONLY, ModelInputs, StreamInputs
+from streamkit.runfile.other_kind import at_default, lacked
 from streamkit.runfile.priors import Prior
 from streamkit.runfile.progenitor import OTHER_NAMES, Place
 from streamkit.runfile.reader import DEFAULT_KIND, resolve
@@ -242,22 +243,27 @@ class Spec:
         Parameters
         ----------
         values
-            Path -> number, quantity, prior or other value: ``{"progenitor.mass": "6.4e8 Msun"}``. A new
-            ``kind`` keeps the fields that differ from the old one's defaults. Raises SpecError for a value that is not
-            allowed.
+            Path -> number, quantity, prior or other value: ``{"progenitor.mass": "6.4e8 Msun"}``. A new ``kind`` keeps
+            the fields that it has too, unless at the old one's default. Raises SpecError for a value not allowed.
         """
         document = copy.deepcopy(self.document)
         values = self.by_path(values)
-        for path, value in sorted(values.items(), key=lambda item: not item[0].endswith(".kind")):
+        for path in values:
             self._check_path(path, values)
+        for section in [each for each in self.sections.all if f"{each.path}.kind" in values]:
+            table = functools.reduce(lambda inner, key: inner.get(key, {}), section.path.split("."), document)
+            for name in [*at_default(section), *lacked(section, values, self.registry)]:
+                table.pop(name, None)  # there may be no section [engine]
+        for path, value in values.items():
             *tables, name = path.split(".")
-            if name == "kind":
-                self._drop_defaults(document, ".".join(tables))
-            table = document
-            for key in tables:
-                table = table.setdefault(key, {})
+            table = functools.reduce(lambda inner, key: inner.setdefault(key, {}), tables, document)
             table[int(name) if isinstance(table, list) else name] = value
         return _make(document, self.source, self.registry, self.folder, self.given, self.files)
+
+    def dropped_by(self, values: Mapping[str, Any]) -> list[str]:
+        """Return the paths of the fields that the run file sets and that a new ``kind`` in ``values`` lacks."""
+        values = self.by_path(values)
+        return [f"{each.path}.{name}" for each in self.sections.all for name in lacked(each, values, self.registry)]
 
     def with_sampler(self, kind: str) -> Spec:
         """Return the spec with another sampler, with its default settings; SpecError if there is none of this kind."""
@@ -278,12 +284,6 @@ class Spec:
         renewed = f"{parent}.kind" in values or parent in without
         if path not in paths and not (renewed and parent in tables):
             raise SpecError(f"{self.source}: there is no field {path!r}.{nearest(path, paths)}")
-
-    def _drop_defaults(self, document: dict[str, Any], path: str) -> None:
-        for section in (section for section in self.sections.all if section.path == path):
-            table = functools.reduce(lambda inner, key: inner.get(key, {}), path.split("."), document)
-            for name in [name for name, value in section.defaults().items() if table.get(name) == value]:
-                del table[name]
 
     def components(self) -> list[tuple[str, type[Component], str]]:
         """Return path, class and supplier of every component in use."""

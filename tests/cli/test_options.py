@@ -46,6 +46,13 @@ def test_check_as_json_and_quietly(run_file: Path):
     assert done.stdout == "" or done.stdout.startswith("warnings")
 
 
+def test_another_kind_drops_fields_with_a_remark(run_file: Path):
+    run_file.write_text(RUN.replace("particles = 400", "particles = 400\nsigma = '8 km/s'"))
+    done = call("check", run_file, "--draws", "0", "-q", "--set", "stripping.kind=restricted_nbody")
+    assert done.exit_code == 0, done.output
+    assert f"{run_file}: dropped stripping.sigma: the new kind has no such field" in done.stderr
+
+
 def test_data_on_the_host_are_in_the_json_of_a_stream(run_file: Path):
     run_file.write_text(f"{RUN}[data.speed]\nkind = 'circular_velocity'\nradius = 8\nv_c = [230, 5]\n")
     _, found = record("stream", run_file)

@@ -167,6 +167,20 @@ def test_with_values_changes_a_kind_and_keeps_what_was_set() -> None:
     assert seen.document["observable"]["kind"] == "apocentres"
 
 
+def test_with_values_drops_the_fields_that_a_new_kind_lacks() -> None:
+    spec, changes = sk.load(BASE), {"stripping.kind": "restricted_nbody", "stripping.particles": 60}
+    assert spec.dropped_by(changes) == ["stripping.sigma"]
+    live = spec.with_values(changes)
+    assert "sigma" not in live.document["stripping"]
+    assert live.names == ("potential.v0", "progenitor.mass", "progenitor.lookback")
+    assert live.dropped_by({"stripping.kind": "mlcs"}) == []
+    halo = {"potential.kind": "kepler", "potential.mass": 1e12}
+    assert spec.dropped_by(halo) == ["potential.v0", "potential.rs", "potential.alpha"]
+    assert spec.with_values(halo).document["potential"]["kind"] == "kepler"
+    with pytest.raises(sk.SpecError, match="'restricted_nbody' has no field 'sigma'"):
+        spec.with_values(changes | {"stripping.sigma": 4.0})
+
+
 @pytest.mark.parametrize(
     ("path", "value", "part"),
     [

@@ -43,34 +43,16 @@ def variants_of(spec: Spec, vary: Mapping[str, Sequence[Any]]) -> list[Variant]:
 
 
 def varied(spec: Spec, values: Mapping[str, Any]) -> Spec:
-    """Return the spec with other values; a live progenitor drops fields of a releasing scheme, such as ``mass_loss``.
-
-    And the other way round.
-    """
-    try:
-        return _without_own(spec, values).with_values(values)
-    except SpecError as error:
-        try:
-            return _without_own(spec, values, whole_role=True).with_values(values)
-        except SpecError:
-            raise error from None
-
-
-def _without_own(spec: Spec, values: Mapping[str, Any], *, whole_role: bool = False) -> Spec:
-    """Reset the fields that only the present kinds have, where a variant has another kind.
-
-    The fields that kinds of the same sort share stay; with ``whole_role``, only those that all kinds of the role share.
-    """
+    """Return the spec with other values; a new kind drops the fields that only kinds of the old one's sort have."""
     reset: dict[str, Any] = {}
     for path, cls, _ in spec.components():
         if not issubclass(cls, Component) or values.get(f"{path}.kind", cls.kind) == cls.kind:
             continue
-        bases = [base for base in cls.__mro__[1:] if issubclass(base, Component) and "kind" not in base.__dict__]
-        base = next((base for base in bases if "role" in base.__dict__), bases[0]) if whole_role else bases[0]
+        base = next(each for each in cls.__mro__[1:] if issubclass(each, Component) and "kind" not in each.__dict__)
         for name, info in cls.model_fields.items():
             if name not in base.model_fields and not info.is_required():
                 reset[f"{path}.{name}"] = info.get_default(call_default_factory=True)
-    return spec.with_values(reset) if reset else spec
+    return (spec.with_values(reset) if reset else spec).with_values(values)
 
 
 def _short(paths: list[str]) -> dict[str, str]:
