@@ -22,6 +22,10 @@ from streamkit.runfile import to_toml
 collect_ignore = ["third_party"]  # a package of its own: test_third_party.py installs it and runs its test
 
 
+# The interpreters that tests start, and the workers of xdist, read modules that another one has compiled.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Compile the loops in the first worker of xdist; the others wait, and read the machine code that it has saved.
 
@@ -62,6 +66,17 @@ def unrendered_pictures(request: pytest.FixtureRequest, monkeypatch: pytest.Monk
             render(Figure(), file, **options)
 
     monkeypatch.setattr(Figure, "savefig", write)
+
+
+@pytest.fixture
+def short_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For the commands of documents: few trial streams for a check, few draws for the start of a chain.
+
+    A search for a start looks after every 16 draws whether it has enough, and a fourth as many are enough.
+    """
+    monkeypatch.setattr("streamkit.study.preflight.draws.BUDGET", 0.5)
+    monkeypatch.setattr("streamkit.sample.search.ENOUGH", 1)
+    monkeypatch.setattr("streamkit.sample.search.PARTS", 64)
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -62,13 +63,8 @@ class RestrictedNbody(LiveStripping):
         people = super().populate(core, satellite, points)
         if self.stars_radius is None:
             return people
-        a, plummer = self.stars_radius, self.stars == "plummer"
-
-        def density(r: Array) -> Array:
-            """Return that of the stars, in units of its own."""
-            return (1 + (r / a) ** 2) ** -2.5 if plummer else 1 / ((r / a) * (1 + r / a) ** 3)
-
         q, v = people.q - core[:3, None], people.v - core[3:6, None]
+        density = partial(star_density, self.stars, self.stars_radius)
         return replace(people, weight=satellite.weigh(q, v, density))
 
     def longest_step(self, satellite: SatelliteView, orbit: Orbit) -> float:
@@ -82,6 +78,12 @@ class RestrictedNbody(LiveStripping):
         bound, shells = engine.bound_shells(edge.q, edge.v, edge.mass, edge.core, last.depth, last.b, reach, SHELLS)
         inside = np.cumsum(shells)
         return Remnant(Monopole.of_shells(inside, last.b, last.e), float(inside[-1]), bound)
+
+
+def star_density(kind: str, scale: float, r: Array) -> Array:
+    """(k,) Density of the stars at radii (k,) in kpc for a scale radius in kpc, in units of its own."""
+    s = r / scale
+    return (1 + s**2) ** -2.5 if kind == "plummer" else 1 / (s * (1 + s) ** 3)
 
 
 def _whole(satellite: SatelliteView) -> Monopole:

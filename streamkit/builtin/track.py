@@ -288,7 +288,7 @@ class Track(sk.Observable):
 
     def residuals(self, prediction: sk.Prediction, add_noise: bool) -> sk.Array:
         """Return the normal scores of the data in the distributions of `ln_likelihood`, each datum by itself."""
-        return np.concatenate([mixture_residuals(*parts) for _, parts in self._compared(prediction, add_noise)])
+        return np.concatenate([mixture_residuals(side) for _, side in self._compared(prediction, add_noise)])
 
     def scatter(self, prediction: sk.Prediction) -> sk.Array:
         """Return the root of `scatter2` for all data."""
@@ -297,7 +297,7 @@ class Track(sk.Observable):
         return np.sqrt(np.concatenate(parts))
 
     def _compared(self, prediction: sk.Prediction, add_noise: bool) -> Iterator[tuple[str, Side]]:
-        """Return the arguments of `ln_mixture` for each column, by its name."""
+        """Return the data of each column beside the stream, by its name."""
         start = 0
         for name, (phi1, value, error) in self.given.items():
             part = np.s_[..., start : (start := start + len(phi1))]
@@ -306,7 +306,7 @@ class Track(sk.Observable):
                 variance = variance + prediction.variance[part]
             outliers = 0.0 if name == DEPTH else getattr(self, f"{name}_outliers")
             coverage = prediction.details["ln_coverage"][part]
-            yield name, (value, variance, prediction.mean[part], coverage, outliers, scatter_of(value, error))
+            yield name, Side(value, variance, prediction.mean[part], coverage, outliers, scatter_of(value, error))
 
     @cached_property
     def _pair(self) -> tuple[str, ...]:

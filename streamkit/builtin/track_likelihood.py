@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from functools import reduce
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,17 +13,10 @@ from streamkit import Array
 BROAD = 3.0  # errors by which the broad Gaussian of outliers is wider than the scatter of the data
 
 
-def ln_mixture(
-    value: Array,
-    variance: Array,
-    mean: Array,
-    ln_coverage: Array,
-    outliers: float | Array,
-    background: tuple[float, float],
-) -> Array:
-    """(...) Return the sum over data of ln [(1 - f) c N(value; mean, variance) + f N(value; background)].
+class Side(NamedTuple):
+    """Data of one column beside the Gaussians that the stream predicts, and the outliers among the data.
 
-    Parameters
+    Attributes
     ----------
     value
         (m,) data.
@@ -35,18 +29,23 @@ def ln_mixture(
     background
         Mean and standard deviation of the outliers. Hogg, Bovy & Lang 2010, arXiv:1008.4686, equation 17.
     """
-    return np.asarray(ln_mixture_of_each(value, variance, mean, ln_coverage, outliers, background).sum(axis=-1))
+
+    value: Array
+    variance: Array
+    mean: Array
+    ln_coverage: Array
+    outliers: float | Array
+    background: tuple[float, float]
 
 
-def ln_mixture_of_each(
-    value: Array,
-    variance: Array,
-    mean: Array,
-    ln_coverage: Array,
-    outliers: float | Array,
-    background: tuple[float, float],
-) -> Array:
-    """(..., m) The terms of `ln_mixture`, whose arguments these are."""
+def ln_mixture(side: Side) -> Array:
+    """(...) Return the sum over data of ln [(1 - f) c N(value; mean, variance) + f N(value; background)]."""
+    return np.asarray(ln_mixture_of_each(side).sum(axis=-1))
+
+
+def ln_mixture_of_each(side: Side) -> Array:
+    """(..., m) The terms of `ln_mixture`."""
+    value, variance, mean, ln_coverage, outliers, background = side
     stream = ln_gaussian(value - mean, variance) + ln_coverage
     if not np.any(outliers):
         return stream
@@ -55,21 +54,15 @@ def ln_mixture_of_each(
         return np.asarray(np.logaddexp(np.log1p(-outliers) + stream, np.log(outliers) + other))
 
 
-def mixture_residuals(
-    value: Array,
-    variance: Array,
-    mean: Array,
-    ln_coverage: Array,
-    outliers: float | Array,
-    background: tuple[float, float],
-) -> Array:
-    """(m,) Normal scores of data in the distribution of `ln_mixture`, whose arguments these are.
+def mixture_residuals(side: Side) -> Array:
+    """(m,) Normal scores of data in the distribution of `ln_mixture`.
 
     The score z of a datum has the probability of the datum, P(< z) = P(< datum) (Dunn & Smyth 1996). Missing debris
     adds -2 ln(c) to z^2, as it does to -2 ln L.
     """
     from scipy.special import log_ndtr, ndtri_exp  # slow to load, and a stream needs none
 
+    value, variance, mean, ln_coverage, outliers, background = side
     score = (value - mean) / np.sqrt(variance)
     ln_weight = ln_coverage
     if np.any(outliers):
@@ -82,10 +75,6 @@ def mixture_residuals(
         )
         score = np.where(below < above, ndtri_exp(np.minimum(below, 0.0)), -ndtri_exp(np.minimum(above, 0.0)))
     return np.asarray(np.copysign(np.sqrt(score**2 - 2 * ln_weight), score))
-
-
-# Data, variances and means of the stream, ln coverage, the fraction of outliers, their mean and standard deviation.
-Side = tuple[Array, Array, Array, Array, float | Array, tuple[float, float]]
 
 
 def ln_mixture_of_pairs(one: Side, other: Side, covariance: Array) -> Array:
@@ -102,7 +91,7 @@ def ln_mixture_of_each_pair(one: Side, other: Side, covariance: Array) -> Array:
     Parameters
     ----------
     one, other
-        The arguments of `ln_mixture` for each datum.
+        The two data of each star.
     covariance
         (m,) of the two.
     """
@@ -127,7 +116,7 @@ def ln_sum(total: Array, compared: Iterable[tuple[str, Side]], pair: Sequence[st
         if name in pair:
             pairs.append(side)
         else:
-            total = total + ln_mixture(*side)
+            total = total + ln_mixture(side)
     if covariance is not None and pairs:
         total = total + ln_mixture_of_pairs(pairs[0], pairs[1], covariance)
     return total
@@ -136,7 +125,7 @@ def ln_sum(total: Array, compared: Iterable[tuple[str, Side]], pair: Sequence[st
 def ln_of_each(compared: Iterable[tuple[str, Side]], pair: Sequence[str], covariance: Array | None) -> Array:
     """(m,) The terms of `ln_sum`, of all data. Of a pair, the second is that given the first."""
     sides = dict(compared)
-    terms = {name: ln_mixture_of_each(*side) for name, side in sides.items()}
+    terms = {name: ln_mixture_of_each(side) for name, side in sides.items()}
     if covariance is not None and pair:
         terms[pair[1]] = ln_mixture_of_each_pair(sides[pair[0]], sides[pair[1]], covariance) - terms[pair[0]]
     return np.concatenate(list(terms.values()))

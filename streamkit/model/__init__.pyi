@@ -1,3 +1,4 @@
+from .equilibrium import Equilibrium as Equilibrium
 from .host import NODE as NODE
 from .host import Host as Host
 from .host_profile import PROFILE as PROFILE

@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from streamkit.components import Component, Registry, Sampler
+from streamkit.components import Component, Potential, Registry, Sampler
 from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.fields import Files
 from streamkit.runfile.document import read_toml, to_toml
@@ -76,7 +76,7 @@ class Spec:
                 "Define it at the top level of a module, or in a file that the run file names under plugins; or give "
                 "`workers` a number."
             )
-        return _unpickled, (self.document, self.source, self.folder, self.given, self.files)
+        return _make, (self.document, self.source, None, self.folder, self.given, self.files)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Spec) and all(
@@ -186,6 +186,10 @@ class Spec:
     def bind_all(self, theta: Array | Mapping[str, Any] | None = None) -> ModelInputs:
         """Return all streams at the given parameters, and what they share; ``theta`` and errors as for `bind`."""
         return self.sections.bound(self._values(theta))
+
+    def host(self, theta: Array | Mapping[str, Any] | None = None) -> dict[str, Potential]:
+        """Return the potentials of the host alone, for a small part of the cost of `bind_all`; arguments as there."""
+        return self.sections.host(self._values(theta))
 
     def _values(self, theta: Array | Mapping[str, Any] | None) -> dict[str, float]:
         theta = {} if theta is None else theta
@@ -375,12 +379,6 @@ def _make(
     given, files = tuple(components), Files(folder, digests or {})
     document, name, registry, sections = resolve(source, name, registry, files, given)
     return Spec(document, name, registry, sections, folder, files.read, given)
-
-
-def _unpickled(
-    document: Mapping[str, Any], name: str, folder: Path, given: tuple[type[Component], ...], files: Mapping[str, str]
-) -> Spec:
-    return _make(document, name, None, folder, given, files)
 
 
 def _moved(value: Any, places: Mapping[str, str]) -> Any:

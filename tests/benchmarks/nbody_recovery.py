@@ -65,7 +65,7 @@ EXCLUDED = 2.0  # in ln posterior below the best number of passages
 def place_of(truth: sk.Spec, q: np.ndarray, v: np.ndarray) -> dict[str, float]:
     """Return the fields of [progenitor] that say where the core is, in the coordinates of the run file."""
     place = truth.sections.streams[ONLY].phase
-    names, frame = place.cls.coordinates(), getattr(place.centre, "frame", None)
+    names, frame = place.cls.coordinates(), getattr(place.centre, "frame", getattr(place.cls, "sky", None))
     if frame is None:
         values = [*q, *v]
     else:

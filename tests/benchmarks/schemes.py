@@ -1,31 +1,39 @@
 """What each stripping scheme is worth: streams at the true parameters beside live satellites.
 
-    python tests/benchmarks/schemes.py [--mock-2 SNAPSHOT] [--mock-3 SNAPSHOT] [--seeds N] [--particles N]
-                                       [--only SCHEME ...]
+    python tests/benchmarks/schemes.py [DIR ...] [--seeds N] [--particles N] [--only SCHEME ...] [--without-stored]
 
-The live satellites of figure 5 and of mock 1 are in tests/data; those of the other mocks come from `streamkit nbody`
-with the truths of examples/mocks. For each it prints what the scheme has minus what the live satellite has: the
-apocentres (leading, trailing, precession) by each rule with the shift of a fitted mass that they make, and the mean
-(rms) difference of the leading and trailing tracks in distance and radial velocity; then the apocentres by stripping
-passage, and the rms over the mocks.
+The live satellites of figure 5 and of mock 1 are in tests/data; others are in directories of `streamkit nbody`, such as
+of the truths of examples/mocks. For each it prints what the scheme has minus what the live satellite has: the
+apocentres (leading, trailing, precession) by each rule with the shift of a fitted mass that they make, the mean (rms)
+difference of the leading and trailing tracks in distance and radial velocity, and the rms over time of the bound mass,
+in units of the first; then the apocentres by stripping passage, and the rms over the satellites. Where the run file of
+a directory has stars (`stripping.stars_radius`), the live particles are weighed by their share of stars.
 
 A host of the right shape whose mass is off by a factor f moves the apocentres as the true host does with a progenitor
 whose velocity, dispersion and rate of time are divided by sqrt f, and its mass by f. That gives d(apocentres)/d ln M,
-and the mass that a fit of the three numbers would find.
+and the mass that a fit of the three numbers would find; not beside a moving body, whose own velocity is known.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from nbody_recovery import place_of
+from streamkit_nbody.plan import Options
+from streamkit_nbody.runner import RUN_FILE, SNAPSHOT
+from streamkit_nbody.simulation import Simulation
 
 import streamkit as sk
+from streamkit.builtin.restricted_nbody import RestrictedNbody, star_density
 from streamkit.builtin.track_lines import gather, local_lines
+from streamkit.model import Equilibrium
 from streamkit.nbody import as_stream, read_snapshot
 from streamkit.study.ablation.measures import match_rate
 
@@ -44,12 +52,16 @@ STRETCH = 0.05  # ln of the factor in mass by which the derivative is taken
 
 
 class Case(NamedTuple):
-    """A live satellite, the run file at its true parameters, and the share of its mass that it has lost."""
+    """A live satellite, the run file at its true parameters, and the share of its mass that it has lost.
+
+    Of one by `streamkit nbody` also (2, k) the times and the bound mass in units of the first.
+    """
 
     name: str
     spec: sk.Spec
     live: sk.Stream
     lost: float
+    mass: np.ndarray | None = None
 
 
 def stored(name: str, letter: str) -> Case:
@@ -57,26 +69,36 @@ def stored(name: str, letter: str) -> Case:
     return Case(name, run_file(letter), nbody_stream(letter), 0.34)
 
 
-def simulated(name: str, truth: str, path: Path) -> Case:
-    """A snapshot of `streamkit nbody`, with the progenitor where its core is."""
+def simulated(folder: Path) -> Case:
+    """One by `streamkit nbody`, with the progenitor where its core is."""
     import h5py
 
+    path, begun = folder / SNAPSHOT.format(1), sk.load(folder / RUN_FILE)
     with h5py.File(path) as file:
-        core = file["Progenitor"].attrs
-        place = [*core["Position"], *core["Velocity"]]
-        left = float(core["BoundMass"])
-    spec = sk.load(ROOT / "examples" / "mocks" / truth)
-    there = dict(zip(("x", "y", "z", "vx", "vy", "vz"), map(float, place), strict=True))
-    spec = spec.with_values({f"progenitor.{key}": value for key, value in there.items()})
-    mass = spec.bind().mass
-    return Case(name, spec, as_stream(read_snapshot(path), spec.bind()), 1 - left / mass)
+        track = file["Progenitor"]
+        place = place_of(begun, track.attrs["Position"], track.attrs["Velocity"])
+        t, mass = track["Times"][:], track["BoundMass"][:]
+    spec, left = begun.with_values(place), mass / mass[0]
+    live = as_stream(read_snapshot(path), spec.bind())
+    live = replace(live, weight=stars(begun, len(live)))
+    return Case(folder.name, spec, live, 1 - left[-1], np.array([t - t[-1], left]))
+
+
+def stars(begun: sk.Spec, particles: int) -> np.ndarray:
+    """(particles,) How many stars each live particle stands for; 1 where they are distributed as the mass is."""
+    scheme = begun.bind().stripping
+    if not isinstance(scheme, RestrictedNbody) or scheme.stars_radius is None:
+        return np.ones(particles)
+    start = Simulation.of(begun, Options(particles)).start()
+    density = partial(star_density, scheme.stars, scheme.stars_radius)
+    return Equilibrium(begun.bind().satellite).weigh(start.q - start.track.q, start.v - start.track.v, density)
 
 
 def schemes(case: Case) -> dict[str, tuple[dict[str, object], bool]]:
     """The fields of each scheme, and whether its debris is weighed by the live satellite's rate."""
-    lost = {"stripping.mass_loss": round(case.lost, 2)}
+    lost = {"stripping.kind": "mlcs", "stripping.mass_loss": round(case.lost, 2)}
     return {
-        "mlcs": ({}, False),
+        "mlcs": ({"stripping.kind": "mlcs"}, False),
         "mlcs, mass loss, bursts": ({**lost, "stripping.release_times": "pericentre"}, False),
         "mlcs, mass loss, live rate": (lost, True),
         "streakline": ({"stripping.kind": "streakline"}, False),
@@ -111,8 +133,10 @@ def measured(stream: sk.Stream, rule: str) -> sk.Prediction:
 
 
 def mass_slopes(case: Case, seeds: int, particles: int) -> dict[str, np.ndarray]:
-    """By rule (3,) d(apocentres) / d ln M of the host at its own shape, by mLCS."""
+    """By rule (3,) d(apocentres) / d ln M of the host at its own shape, by mLCS; NaN beside a moving body."""
     inputs, sides = case.spec.bind(), []
+    if inputs.bodies:
+        return {rule: np.full(3, np.nan) for rule in RULES}
     for sign in (1, -1):
         root = np.exp(0.5 * sign * STRETCH)
         fields: dict[str, object] = {
@@ -121,6 +145,7 @@ def mass_slopes(case: Case, seeds: int, particles: int) -> dict[str, np.ndarray]
         fields |= {
             "progenitor.mass": inputs.mass / root**2,
             "progenitor.lookback": inputs.lookback * root,  # Gyr
+            "stripping.kind": "mlcs",
             "stripping.sigma": 10.0 / root,
         }
         streams = made(case, fields, seeds, particles, False)
@@ -151,6 +176,16 @@ def track_differences(case: Case, streams: list[sk.Stream]) -> dict[str, tuple[f
         mean, rms = away.mean(axis=1), np.sqrt((away**2).mean(axis=1))
         out[arm] = (mean[0], rms[0], mean[1], rms[1])
     return out
+
+
+def mass_difference(case: Case, streams: list[sk.Stream]) -> str:
+    """The rms over time of the bound mass minus the live one, and that of today, in units of the first."""
+    if case.mass is None:
+        return ""
+    t, live = case.mass
+    left = [each.orbit.mass_left / each.orbit.mass_left[0] for each in streams]
+    away = np.mean([np.interp(t, each.orbit.t, x) for each, x in zip(streams, left, strict=True)], axis=0) - live
+    return f"{np.sqrt((away**2).mean()):.3f}; {away[-1]:+.3f}"
 
 
 def passages(stream: sk.Stream, peaks: dict[str, np.ndarray]) -> dict[str, list[str]]:
@@ -196,24 +231,29 @@ def row(*cells: object) -> None:
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--mock-2", type=Path, metavar="SNAPSHOT", help="of truth_bulge_disc_halo.toml")
-    parser.add_argument("--mock-3", type=Path, metavar="SNAPSHOT", help="of truth_lm10.toml")
+    parser.add_argument("live", type=Path, nargs="*", metavar="DIR", help="a directory of `streamkit nbody`")
+    parser.add_argument("--without-stored", action="store_true", help="only the directories")
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--only", nargs="*", default=[], metavar="SCHEME", help="such as restricted_nbody")
     parser.add_argument("--particles", type=int, default=10000)
     given = parser.parse_args()
-    cases = [stored("figure 5", "A"), stored("mock 1", "B")]
-    cases += [simulated("mock 2", "truth_bulge_disc_halo.toml", given.mock_2)] if given.mock_2 else []
-    cases += [simulated("mock 3", "truth_lm10.toml", given.mock_3)] if given.mock_3 else []
+    cases = [] if given.without_stored else [stored("figure 5", "A"), stored("mock 1", "B")]
+    cases += [simulated(folder) for folder in given.live]
     errors = np.array([pair[1] for pair in ERRORS.values()])
     every: dict[tuple[str, str], list[np.ndarray]] = {}
     for case in cases:
         print(f"\n{case.name}: {case.lost:.0%} of the mass lost")
         slopes = mass_slopes(case, given.seeds, given.particles)
         live = {rule: apocentres(case.live, rule) for rule in RULES}
-        row("scheme", *(f"{rule}: kpc, kpc, deg; ln M" for rule in RULES), "distance L; T", "v_r L; T")
-        row("live", *(", ".join(f"{x:.1f}" for x in live[rule]) for rule in RULES), "", "")
-        row("d / d ln M", *(", ".join(f"{x:+.0f}" for x in slopes[rule]) for rule in RULES), "", "")
+        row(
+            "scheme",
+            *(f"{rule}: kpc, kpc, deg; ln M" for rule in RULES),
+            "distance L; T",
+            "v_r L; T",
+            "M(t)/M0: rms; end",
+        )
+        row("live", *(", ".join(f"{x:.1f}" for x in live[rule]) for rule in RULES), "", "", "")
+        row("d / d ln M", *(", ".join(f"{x:+.0f}" for x in slopes[rule]) for rule in RULES), "", "", "")
         for label, (fields, live_rate) in schemes(case).items():
             if given.only and label not in given.only:
                 continue
@@ -227,9 +267,10 @@ def main() -> None:
             tracks = track_differences(case, streams)
             for first in (0, 2):
                 cells.append("; ".join(f"{each[first]:+.1f} ({each[first + 1]:.1f})" for each in tracks.values()))
-            row(label, *cells)
+            row(label, *cells, mass_difference(case, streams))
         peaks = measured(case.live, "turning").details
-        for label, stream in (("live", case.live), ("mlcs", made(case, {}, 1, 4 * given.particles, False)[0])):
+        mlcs = made(case, {"stripping.kind": "mlcs"}, 1, 4 * given.particles, False)[0]
+        for label, stream in (("live", case.live), ("mlcs", mlcs)):
             for arm, told in passages(stream, peaks).items():
                 row(f"by passage, {label}, {arm}", *told)
     print("\nrms over the mocks: kpc, kpc, deg, per cent of M")

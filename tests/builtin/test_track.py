@@ -13,7 +13,7 @@ from scipy.stats import norm
 
 import streamkit as sk
 from streamkit.builtin.track import Track
-from streamkit.builtin.track_likelihood import ln_mixture, scatter_of
+from streamkit.builtin.track_likelihood import Side, ln_mixture, scatter_of
 from streamkit.builtin.track_lines import ENOUGH, REACH, WING, Debris, gather, lines_at, local_lines
 from streamkit.stream import orbital_plane
 from streamkit.stream.frames import axes
@@ -117,10 +117,10 @@ def test_the_mixture_is_its_formula() -> None:
     rng = np.random.default_rng(0)
     value, mean, error = rng.normal(0, 5, 20), rng.normal(0, 5, 20), rng.uniform(0.5, 2, 20)
     coverage = np.log(rng.uniform(0.1, 1, 20))
-    plain = ln_mixture(value, error**2, mean, np.zeros(20), 0.0, (0.0, 9.0))
+    plain = ln_mixture(Side(value, error**2, mean, np.zeros(20), 0.0, (0.0, 9.0)))
     assert plain == pytest.approx(norm(mean, error).logpdf(value).sum())
     parts = [np.log(0.7) + coverage + norm(mean, error).logpdf(value), np.log(0.3) + norm(1.0, 9.0).logpdf(value)]
-    found = ln_mixture(value, error**2, mean, coverage, 0.3, (1.0, 9.0))
+    found = ln_mixture(Side(value, error**2, mean, coverage, 0.3, (1.0, 9.0)))
     assert found == pytest.approx(logsumexp(parts, axis=0).sum())
     assert scatter_of(np.array([3.0]), np.array([2.0])) == (3.0, 6.0)
 

@@ -16,7 +16,7 @@ from scipy.stats import multivariate_normal, norm
 
 import streamkit as sk
 from streamkit.builtin.track import Track
-from streamkit.builtin.track_likelihood import ln_mixture, ln_mixture_of_pairs
+from streamkit.builtin.track_likelihood import Side, ln_mixture, ln_mixture_of_pairs
 from streamkit.report import describe_measured
 from streamkit.testing.streams import example_stream
 
@@ -86,11 +86,11 @@ def test_a_pair_is_scipys_bivariate_gaussian() -> None:
         for i in range(n)
     )
     out = 0.0, 3.0
-    one, two = (x, xx, mean, none, 0.0, out), (y, yy, other, none, 0.0, out)
+    one, two = Side(x, xx, mean, none, 0.0, out), Side(y, yy, other, none, 0.0, out)
     assert ln_mixture_of_pairs(one, two, cross) == pytest.approx(expected)
     # with outliers and without a covariance: two mixtures
-    one, two = (x, xx, mean, none - 0.1, 0.2, out), (y, yy, other, none - 0.1, 0.3, (1.0, 4.0))
-    apart = ln_mixture(x, xx, mean, none - 0.1, 0.2, out) + ln_mixture(y, yy, other, none - 0.1, 0.3, (1.0, 4.0))
+    one, two = Side(x, xx, mean, none - 0.1, 0.2, out), Side(y, yy, other, none - 0.1, 0.3, (1.0, 4.0))
+    apart = ln_mixture(one) + ln_mixture(two)
     assert ln_mixture_of_pairs(one, two, none) == pytest.approx(apart)
 
 

@@ -6,7 +6,6 @@ import os
 import re
 import runpy
 import shlex
-import subprocess
 import sys
 import tomllib
 from importlib import import_module
@@ -45,7 +44,9 @@ from streamkit.cli.main import main
 from streamkit.components import Component, load_registry
 from streamkit.runfile import to_toml
 from streamkit.study.fit.products import PRODUCTS
+from streamkit.testing.contained import in_a_process
 
+pytestmark = pytest.mark.usefixtures("short_search")
 SHELL = ("sh", "console", "")
 JAFFE = ROOT / "tests" / "third_party" / "streamkit_jaffe.py"
 EXAMPLE_TEXTS = {path: path.read_text(encoding="utf-8") for path in EXAMPLES}
@@ -67,13 +68,6 @@ def laid(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return where
 
 
-@pytest.fixture(autouse=True)
-def short_search(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A search for a start looks after every 16 draws whether it has enough, and a fourth as many are enough."""
-    monkeypatch.setattr("streamkit.sample.search.ENOUGH", 1)
-    monkeypatch.setattr("streamkit.sample.search.PARTS", 64)
-
-
 @pytest.fixture
 def desk(laid: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The desk as working directory."""
@@ -85,15 +79,6 @@ def desk(laid: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def carried_out() -> set[str]:
     """Commands that were run: several documents show the same one."""
     return set()
-
-
-def run_in(folder: Path, *command: str | Path) -> str:
-    done = subprocess.run(
-        [sys.executable, *command], cwd=folder, capture_output=True, text=True, timeout=300,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
-    assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
-    return done.stdout
 
 
 def carry_out(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -194,13 +179,15 @@ def test_an_example_plugin_loads_as_a_file_and_conforms(path: Path, monkeypatch:
         testing.check(cls)
 
 
-def test_a_plugin_file_works_in_a_second_process(tmp_path: Path) -> None:
+def test_a_plugin_file_works_in_a_second_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Numba looks for a kernel's module by name when it reads the machine code back from the disk."""
     (tmp_path / "my_potential.py").write_text(EXAMPLE_TEXTS[JAFFE] + "# a file of its own")
     host = {"kind": "jaffe", "mass": 1e12, "a": 80.0}
     document = {"plugins": ["my_potential.py"]} | BASE | {"potential": host}
     (tmp_path / "run.toml").write_text(to_toml(document))
-    first, second = (run_in(tmp_path, "-m", "streamkit", "stream", "run.toml") for _ in range(2))
+    monkeypatch.chdir(tmp_path)
+    first, second = (in_a_process(lambda: [call("stream", "run.toml").stdout])[0] for _ in range(2))
+    assert " bound" in first
     assert first.split("CPU time")[0] == second.split("CPU time")[0]
 
 

@@ -2,45 +2,61 @@
 
 from __future__ import annotations
 
-import os
 import re
+import runpy
 import shutil
 import subprocess
-import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+from commands import call
 
 FOLDER = Path(__file__).parents[2] / "examples" / "tutorials"
 SCRIPTS = sorted(FOLDER.glob("*.py"))
 NEEDS = {"from_gala_galpy_agama": ("streamkit_gala", "streamkit_galpy")}
 
 
-def run(script: Path, folder: Path, **more: str) -> str:
-    """Run a copy in a folder of its own, with the commands of this environment."""
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working directory with the data, where the commands of tutorials run in this process."""
+    for file in FOLDER.glob("*.ecsv"):
+        shutil.copy(file, tmp_path)
+    monkeypatch.chdir(tmp_path)
+
+    start = subprocess.run
+
+    def run(command: list[str], **options: Any) -> subprocess.CompletedProcess[str]:
+        if command[0] != "streamkit":
+            return start(command, **options)
+        result = call(*command[1:])
+        assert result.exit_code == 0, result.output
+        return subprocess.CompletedProcess(command, 0, result.stdout, result.stderr)
+
+    monkeypatch.setattr(subprocess, "run", run)
+    return tmp_path
+
+
+@pytest.mark.filterwarnings("ignore:The MilkyWayPotential2022")  # of gala
+@pytest.mark.usefixtures("place", "short_search")
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+def test_a_tutorial_runs(script: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for module in NEEDS.get(script.stem, ()):
         pytest.importorskip(module)
-    for file in (script, *FOLDER.glob("*.ecsv")):
-        shutil.copy(file, folder)
-    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"} | more
-    environment["MPLBACKEND"] = "agg"
-    command = [sys.executable, script.name]
-    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
-
-
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
-def test_a_tutorial_runs(script: Path, tmp_path: Path) -> None:
-    text = run(script, tmp_path)
+    runpy.run_path(str(script), run_name="__main__")
+    text = capsys.readouterr().out
     assert text
     assert not re.search(r"[+-]nan", text), text
 
 
 @pytest.mark.slow
-def test_the_fit_of_ones_own_stream_converges(tmp_path: Path) -> None:
-    text = run(FOLDER / "my_stream.py", tmp_path, FULL="1")
-    assert "converged: True" in text
+@pytest.mark.usefixtures("place")
+def test_the_fit_of_ones_own_stream_converges(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("FULL", "1")
+    runpy.run_path(str(FOLDER / "my_stream.py"), run_name="__main__")
+    assert "converged: True" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)

@@ -1,8 +1,8 @@
 """From an `acceleration` to machine code: the elementary functions, and the disk cache keyed by content."""
 
+import ctypes
 import importlib.util
 import os
-import subprocess
 import sys
 from pathlib import Path
 
@@ -12,6 +12,7 @@ import pytest
 from numba import njit
 from numba.core import registry
 from numba.core.caching import NullCache
+from numba.extending import overload
 
 import streamkit as sk
 from streamkit.builtin import potentials
@@ -20,6 +21,9 @@ from streamkit.engine import (
     vector,  # noqa: F401  compiles the elementary functions
 )
 from streamkit.engine.cache import content_digest
+from streamkit.engine.kernels import compiled_kernel
+from streamkit.engine.loops import ROW
+from streamkit.testing.contained import in_a_process
 
 
 @njit
@@ -98,30 +102,24 @@ class Point(Potential):
         k = -{inline} * helper(r2) * mass / r2**0.5
         return k * x, k * y, k * z
 """
-PROBE = """
-import ctypes
-import numba
-import numpy as np
-import point
-from streamkit.engine.cache import content_digest
-from streamkit.engine.kernels import compiled_kernel
-from streamkit.engine.loops import ROW
-numba.config.CACHE_DIR = "cache"  # for the kernel alone: the loops have been loaded by now
-kernel = compiled_kernel(point.Point, (0,))
-q, a = np.zeros(3 * ROW), np.full(3 * ROW, np.nan)  # a is replaced
-q[0], q[ROW] = 3.0, 4.0
-arrays = [np.zeros(1), np.array([1e11]), np.zeros(3), q, a]
-kernel.ctypes(1, *(a.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for a in arrays), 1)
-print(content_digest(point.Point.acceleration, (0,)), arrays[4][0].hex(), kernel.cache_hits)
-"""
 
 
 def probe(folder):
-    """Digest, acceleration along x, and whether the machine code came from the disk, in a fresh process."""
-    environment = {**os.environ, "PYTHONPATH": f"{folder}{os.pathsep}{Path(sk.__file__).parents[1]}"}
-    done = subprocess.run([sys.executable, "-c", PROBE], env=environment, capture_output=True, text=True, cwd=folder)
-    assert done.returncode == 0, done.stderr
-    digest, value, hits = done.stdout.split()
+    """Digest, acceleration along x, and whether the machine code came from the disk, in a process of its own."""
+
+    def compile_and_call():
+        sys.path.insert(0, str(folder))
+        sys.dont_write_bytecode = True  # the module is written twice within the second that its bytecode is dated to
+        numba.config.CACHE_DIR = str(folder / "cache")
+        point = importlib.import_module("point").Point
+        kernel = compiled_kernel(point, (0,))
+        q, a = np.zeros(3 * ROW), np.full(3 * ROW, np.nan)  # a is replaced
+        q[0], q[ROW] = 3.0, 4.0
+        arrays = [np.zeros(1), np.array([1e11]), np.zeros(3), q, a]
+        kernel.ctypes(1, *(a.ctypes.data_as(ctypes.POINTER(ctypes.c_double)) for a in arrays), 1)
+        return [content_digest(point.acceleration, (0,)), arrays[4][0].hex(), str(kernel.cache_hits)]
+
+    digest, value, hits = in_a_process(compile_and_call)
     return digest, float.fromhex(value), int(hits)
 
 
@@ -333,31 +331,24 @@ def test_what_has_no_sure_description_is_not_cached(tmp_path, definition, used):
     assert content_digest(module.acceleration, 1) is None
 
 
-OVERLOADED = """
-import numpy as np
-from numba.extending import overload
-from streamkit.engine.cache import content_digest
-
-def acceleration(x, y, z, t):
-    return np.sinc(x), y, z
-
-def plain(x, y, z, t):
-    return np.sqrt(x), y, z
-
-before = content_digest(acceleration, 0)
-
-@overload(np.sinc)
-def sinc(x):
-    return lambda x: 2.0 * x
-
-print(before is not None, content_digest(acceleration, 0), content_digest(plain, 0) is not None)
-"""
-
-
 def test_what_an_overload_replaces_is_not_cached():
     """In a process of its own: an overload cannot be taken back."""
-    done = subprocess.run([sys.executable, "-c", OVERLOADED], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["True", "None", "True"]
+
+    def acceleration(x, y, z, t):
+        return np.sinc(x), y, z
+
+    def plain(x, y, z, t):
+        return np.sqrt(x), y, z
+
+    def replace():
+        before = content_digest(acceleration, 0)
+        overload(np.sinc)(lambda x: lambda x: 2.0 * x)
+        return [before, content_digest(acceleration, 0), content_digest(plain, 0)]
+
+    before, after, other = in_a_process(replace)
+    assert before is not None
+    assert after is None
+    assert other is not None
 
 
 def test_every_built_in_potential_is_cached():

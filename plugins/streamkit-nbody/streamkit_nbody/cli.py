@@ -36,9 +36,9 @@ def nbody(
 ) -> None:  # fmt: skip
     """Disrupt a live satellite.
 
-    The progenitor of the run file, integrated back by the look-back time, becomes a Plummer sphere of particles,
-    and is followed to today in the run file's host. Free parameters are at the prior's centre unless --set says
-    otherwise. Ctrl-C and kill lose at most a minute: continue with --resume.
+    The progenitor of the run file, integrated back by the look-back time, becomes a sphere of particles in
+    equilibrium, and is followed to today in the run file's host. Free parameters are at the prior's centre unless
+    --set says otherwise. Ctrl-C and kill lose at most a minute: continue with --resume.
     """
     if resume and force:
         raise click.UsageError("--resume continues the run in DIR and --force replaces it: give one of them")

@@ -12,6 +12,7 @@ import numpy as np
 
 from streamkit import GYR, G, Orbit
 from streamkit.runfile import Spec, StreamInputs
+from streamkit_nbody import sphere
 
 RECORD = 0.01 * GYR  # longest time between two records of the bound mass, the energy and who is inside the tidal radius
 TRAVEL = 0.5  # a particle of mean speed moves at most this many softening lengths in a step (Rodionov & Sotnikova 2005)
@@ -79,7 +80,7 @@ def make_plan(inputs: StreamInputs, orbit: Orbit, options: Options) -> Plan:
     than half a softening length keep a Plummer sphere as it was. The longer softening here is that of a spline, whose
     force is exact beyond 2.8 of them, and halves the number of steps.
     """
-    radius = float(inputs.satellite.radius)  # type: ignore[attr-defined]  # a Plummer sphere: `Simulation.of` sees to it
+    radius = sphere.size_of(inputs)
     n = options.particles
     softening = options.softening or radius * (4.0 * math.pi / (3.0 * n)) ** (1.0 / 3.0)
     if options.step is None:

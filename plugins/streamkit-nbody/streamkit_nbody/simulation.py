@@ -12,7 +12,7 @@ from streamkit.engine import Field
 from streamkit.model import NODE, Host, Satellite
 from streamkit.runfile import Spec, StreamInputs
 from streamkit.stream import angle_in_plane, orbital_plane
-from streamkit_nbody import plummer
+from streamkit_nbody import sphere
 from streamkit_nbody.binding import Remnant, remnant
 from streamkit_nbody.gravity import Gravity
 from streamkit_nbody.plan import Options, Plan, make_plan
@@ -53,16 +53,12 @@ class Simulation:
         Raises
         ------
         SpecError
-            If the progenitor is not a Plummer sphere.
+            If the host has a force that depends on velocity.
         OutOfDomain
-            If its orbit is not finite.
+            If the progenitor is no sphere in isotropic equilibrium with an end to its mass, or its orbit is not finite.
         """
         inputs = spec.bind()
-        if inputs.satellite.kind != "plummer":
-            raise SpecError(
-                f"{spec.source}: progenitor.kind: found {inputs.satellite.kind!r}; a live satellite must be 'plummer', "
-                "the one whose distribution function is at hand"
-            )
+        sphere.sample(1, inputs)  # refuses what is no sphere in equilibrium, before the orbit is made
         for name, potential in inputs.potentials.items():
             if potential.has_drag():
                 raise SpecError(
@@ -80,7 +76,7 @@ class Simulation:
     def gravity(self) -> Gravity:
         """The particles' own gravity."""
         plan = self.plan
-        return Gravity(self.inputs.mass / plan.particles, plan.softening, plan.theta, self.workers)
+        return Gravity(sphere.mass_of(self.inputs) / plan.particles, plan.softening, plan.theta, self.workers)
 
     @cached_property
     def plane(self) -> Array:
@@ -106,8 +102,7 @@ class Simulation:
         """Return the satellite in equilibrium on the first point of the orbit."""
         n, inputs = self.plan.particles, self.inputs
         place, motion = self.orbit.q[:, 0], self.orbit.v[:, 0]
-        radius = float(inputs.satellite.radius)  # type: ignore[attr-defined]
-        q, v = plummer.sample(n, inputs.mass, radius, np.random.default_rng(inputs.seed))
+        q, v = sphere.sample(n, inputs)
         potential = self.gravity.potential(q)
         binding = -self.gravity.mass * float(0.5 * potential.sum() + 0.5 * (v * v).sum())
         q, v = np.ascontiguousarray(q + place[:, None]), np.ascontiguousarray(v + motion[:, None])

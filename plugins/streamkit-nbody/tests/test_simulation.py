@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.stats import kstest
 from streamkit_nbody.plan import Options
 from streamkit_nbody.simulation import Simulation, _crossings
 
-from streamkit import GYR, OutOfDomain, SpecError, load
+from streamkit import GYR, OutOfDomain, load
 from streamkit.engine import build_field
 from streamkit.model import NODE, Satellite
 
@@ -178,14 +179,41 @@ def test_the_step_and_the_softening_follow_the_stated_rules():
     assert plan.step * plan.steps * plan.records == pytest.approx(0.15 * GYR)
 
 
-def test_another_progenitor_is_refused():
+def satellite(**progenitor):
     document = {
-        "potential": FLAT,
-        "progenitor": {"kind": "hernquist", "mass": 1e8, "a": 0.5, "lookback": 1.0, **ORBIT},
+        "seed": 3,
+        "potential": EMPTY,
+        "progenitor": {"lookback": 0.15, **progenitor, **REST},
         "stripping": {"kind": "mlcs", "sigma": 10.0},
     }
-    with pytest.raises(SpecError, match=r"progenitor\.kind: found 'hernquist'.*'plummer'"):
-        Simulation.of(load(document), Options())
+    return Simulation.of(load(document), Options(particles=2000))
+
+
+def test_a_cuspy_satellite_is_in_equilibrium():
+    """M(r) = M r^2 / (r + a)^2, cut at 20 a; the virial ratio is 1, and stays so for ten dynamical times."""
+    run = satellite(kind="hernquist", mass=1e9, a=1.0)
+    begin, *_, end = states(run)
+    inside = (20 / 21) ** 2
+    assert run.gravity.mass * 2000 == pytest.approx(1e9 * inside, rel=1e-3)
+    r = np.sqrt(((begin.q - begin.track.q) ** 2).sum(axis=0))
+    assert kstest((r / (r + 1)) ** 2 / inside, "uniform").pvalue > 0.01
+    for state in (begin, end):
+        q, v = (x - x[:, state.bound].mean(axis=1, keepdims=True) for x in (state.q, state.v))
+        force = run.gravity.forces(state.q)
+        assert (v**2).sum() / -(q * force).sum() == pytest.approx(1.0, abs=0.1)
+        assert np.median(np.sqrt((q**2).sum(axis=0))) == pytest.approx(np.median(r), rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("progenitor", "message"),
+    [
+        ({"kind": "nfw", "mass": 1e9, "rs": 1.0}, "no end to its mass"),
+        ({"kind": "miyamoto_nagai", "mass": 1e9, "a": 1.0, "b": 0.3}, "no sphere"),
+    ],
+)
+def test_a_progenitor_without_an_equilibrium_is_refused(progenitor, message):
+    with pytest.raises(OutOfDomain, match=message):
+        satellite(**progenitor)
 
 
 def test_a_satellite_at_the_centre_of_a_point_mass_is_a_message():

@@ -97,7 +97,7 @@ def fit_mock(mocked: Spec, index: int, theta: Array, truth: Spec) -> Draw:
 def rank_truth(results: Results, index: int, theta: Array, truth: Spec) -> Draw:
     """Return the rank of the truth among the samples of a finished fit; arguments as for `fit_mock`."""
     samples, radii = results.samples, np.array(MASS_RADII)
-    masses = Host(truth.bind_all(theta).potentials).mass_inside(radii)
+    masses = Host(truth.host(theta)).mass_inside(radii)
     fitted = results.profiles(radii)[0]
     return Draw(
         index,

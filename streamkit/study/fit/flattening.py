@@ -14,7 +14,7 @@ MOST = 300  # samples that the flattening is computed for
 
 def flattening_at(spec: Spec, theta: Array, radii: Array, z: Array) -> Array:
     """(k,) `Host.flattening` at parameters (d,), at cylindrical radii and heights (k,) in kpc."""
-    return Host(spec.bind_all(theta).potentials).flattening(radii, z)
+    return Host(spec.host(theta)).flattening(radii, z)
 
 
 def flattenings(results: Results, radii: Array, z: Array) -> Array:

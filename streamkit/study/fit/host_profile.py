@@ -43,7 +43,7 @@ def host_table(source: Spec | Results, radii: Any = HOST_RADII) -> QTable:
     if isinstance(source, Results):
         samples = source.samples
         chosen = samples[np.linspace(0, len(samples) - 1, min(len(samples), MOST)).astype(int)]
-        each = [profile_values(Host(source.spec.bind_all(theta).potentials), r) for theta in chosen]
+        each = [profile_values(Host(source.spec.host(theta)), r) for theta in chosen]
         drawn = {name: np.array([one[name] for one in each]) for name in PROFILE}
         drawn["M"], drawn["v_c"] = source.profiles(r)
         for name, values in drawn.items():

@@ -262,7 +262,7 @@ class Results:
         if len(samples) > MAX_MODELS:
             samples = samples[np.linspace(0, len(samples) - 1, MAX_MODELS).astype(int)]
         distinct, where = np.unique(samples, axis=0, return_inverse=True)
-        hosts = [Host(self.spec.bind_all(theta).potentials) for theta in distinct]
+        hosts = [Host(self.spec.host(theta)) for theta in distinct]
         mass = np.reshape([host.mass_inside(radii) for host in hosts], (-1, len(radii)))
         v_c = np.reshape([host.circular_velocity(radii) for host in hosts], (-1, len(radii)))
         return mass[where.ravel()], v_c[where.ravel()]

@@ -253,7 +253,7 @@ def _measured_radius(spec: Spec) -> float:
 
 def _mass_inside(spec: Spec, theta: Array, radius: float) -> float:
     """Return the mass inside a radius in kpc in Msun."""
-    return float(Host(spec.bind_all(theta).potentials).mass_inside(np.array([radius]))[0])
+    return float(Host(spec.host(theta)).mass_inside(np.array([radius]))[0])
 
 
 @contextmanager

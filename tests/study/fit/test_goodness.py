@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2, kstest, multivariate_normal, norm
 
 import streamkit as sk
-from streamkit.builtin.track_likelihood import mixture_residuals
+from streamkit.builtin.track_likelihood import Side, mixture_residuals
 from streamkit.components import DO_NOT, FINE, LOOK
 from streamkit.observe import ln_likelihood_of_each, new_data, residuals_of
 from streamkit.stream import Data
@@ -29,22 +29,22 @@ def alone(fit):
 
 def test_without_outliers_the_score_is_the_residual():
     value, mean, variance = np.array([1.0, -3.0, 50.0]), np.array([0.0, 1.0, 2.0]), np.array([1.0, 4.0, 9.0])
-    found = mixture_residuals(value, variance, mean, np.zeros(3), 0.0, (0.0, 1.0))
+    found = mixture_residuals(Side(value, variance, mean, np.zeros(3), 0.0, (0.0, 1.0)))
     np.testing.assert_allclose(found, [1.0, -2.0, 16.0])
 
 
 def test_missing_debris_adds_to_the_square_what_it_takes_from_ln_l():
-    found = mixture_residuals(np.array([2.0]), np.ones(1), np.zeros(1), np.array([-3.0]), 0.0, (0.0, 1.0))
+    found = mixture_residuals(Side(np.array([2.0]), np.ones(1), np.zeros(1), np.array([-3.0]), 0.0, (0.0, 1.0)))
     assert found[0] ** 2 == pytest.approx(2.0**2 + 2 * 3.0)
 
 
 def test_scores_of_a_mixture_are_those_of_its_distribution():
     f, (centre, width) = 0.2, (1.0, 8.0)
     value = np.linspace(-20, 20, 41)
-    found = mixture_residuals(value, np.full(41, 2.25), np.full(41, -1.0), np.zeros(41), f, (centre, width))
+    found = mixture_residuals(Side(value, np.full(41, 2.25), np.full(41, -1.0), np.zeros(41), f, (centre, width)))
     below = (1 - f) * norm.cdf(value, -1.0, 1.5) + f * norm.cdf(value, centre, width)
     np.testing.assert_allclose(found, norm.ppf(below), rtol=1e-9, atol=1e-9)
-    far = mixture_residuals(np.array([500.0]), np.ones(1), np.zeros(1), np.zeros(1), f, (centre, width))
+    far = mixture_residuals(Side(np.array([500.0]), np.ones(1), np.zeros(1), np.zeros(1), f, (centre, width)))
     assert np.isfinite(far[0])  # where the distribution function is 1 to all digits
     assert far[0] > 50
 
@@ -53,7 +53,7 @@ def test_scores_of_data_drawn_from_the_mixture_are_standard_normal():
     rng = np.random.default_rng(8)
     n, f = 20000, 0.3
     value = np.where(rng.random(n) < f, rng.normal(5, 10, n), rng.normal(0, 1, n))
-    found = mixture_residuals(value, np.ones(n), np.zeros(n), np.zeros(n), f, (5.0, 10.0))
+    found = mixture_residuals(Side(value, np.ones(n), np.zeros(n), np.zeros(n), f, (5.0, 10.0)))
     assert kstest(found, "norm").pvalue > 0.01
 
 
