@@ -116,8 +116,8 @@ def test_the_studies_as_json(run_file: Path):
     assert all(table["rows"] for table in found["tables"].values())
     assert list((run_file.parent / "a").glob("*.pdf"))
     for picture in (run_file.parent / "a").glob("*.png"):
-        pixels, per_inch = Image.open(picture).width, Image.open(picture).info["dpi"][0]
-        assert pixels / per_inch < 7.2, picture
+        with Image.open(picture) as image:
+            assert image.width / image.info["dpi"][0] < 7.2, picture
 
 
 def test_texts_are_as_wide_as_the_terminal(monkeypatch):
