@@ -65,8 +65,11 @@ def tutorials(folder: Path, pages: Path) -> None:
         (pages / "tutorials" / f"{path.stem}.ipynb").write_text(json.dumps(notebook(cells)), encoding="utf-8")
         text = "\n\n".join(body if kind == "markdown" else f"```python\n{body}\n```" for kind, body in cells)
         head, _, rest = text.partition("\n")
-        offer = f"Download: [notebook]({path.stem}.ipynb), [script]({path.name})."
-        (pages / "tutorials" / f"{path.stem}.md").write_text(f"{head}\n\n{offer}\n{rest}\n", encoding="utf-8")
+        offer = f"Download: [notebook]({path.stem}.ipynb), [script]({path.name})"
+        for table in (each for each in sorted(folder.glob("*.ecsv")) if each.name in text):
+            copy(table, pages / "tutorials" / table.name)
+            offer += f", [its table]({table.name})"
+        (pages / "tutorials" / f"{path.stem}.md").write_text(f"{head}\n\n{offer}.\n{rest}\n", encoding="utf-8")
         lines.append(f"tutorials/{path.stem}")
     index = pages / "tutorials.md"
     text = index.read_text(encoding="utf-8")

@@ -2,7 +2,8 @@
 # # Add the LMC
 #
 # The Large Magellanic Cloud pulls at streams beyond some 15 kpc, and moves the Galaxy itself. A section `[body.lmc]`
-# brings both. Here the Orphan stream's model is made with and without the LMC.
+# brings both. Here the Orphan stream's model is made with and without the LMC. On a new machine the first streams take
+# a minute or two: streamkit compiles their equations, once, and says nothing in Python meanwhile.
 
 # %%
 import numpy as np

@@ -14,6 +14,9 @@ from streamkit import report
 from streamkit.cli.options import FORCE, INTERRUPTED, INVALID, JSON, PDF, QUIET, RUN_FILE, WORKERS, directory
 from streamkit.study import grid
 
+COLUMN = click.option("--column", is_flag=True,
+                      help="Draw the pictures for a journal: as wide as one of its columns, or as both.")  # fmt: skip
+
 
 @dataclass(frozen=True)
 class StudyOptions:
@@ -23,6 +26,7 @@ class StudyOptions:
     workers: int
     force: bool
     pdf: bool
+    column: bool
     as_json: bool
     quiet: bool
 
@@ -36,11 +40,12 @@ def study_options(suffix: str) -> Callable[[Callable[..., None]], Callable[..., 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         @wraps(command)
         def with_options(run_file: Path, output: Path | None, **values: Any) -> None:
-            shared = {name: values.pop(name) for name in ("workers", "force", "pdf", "as_json", "quiet")}
+            shared = {name: values.pop(name) for name in ("workers", "force", "pdf", "column", "as_json", "quiet")}
             out = output if output is not None else Path(f"{run_file.stem}{suffix}")
             command(run_file=run_file, options=StudyOptions(out, **shared), **values)
 
-        for option in (QUIET, JSON, PDF, FORCE, directory(suffix), WORKERS, RUN_FILE):  # the last is the first in help
+        # The last is the first in help.
+        for option in (QUIET, JSON, COLUMN, PDF, FORCE, directory(suffix), WORKERS, RUN_FILE):
             with_options = option(with_options)
         return with_options
 
@@ -64,7 +69,7 @@ def conduct(
             click.echo(report.as_json({"directory": str(out), "stopped": products.stopped, "tables": tables}))
         elif not silent:
             click.echo(f"{products.text}\n")
-        failed = grid.draw_pictures(products, out, options.pdf)
+        failed = grid.draw_pictures(products, out, options.pdf, options.column)
     if not silent:
         click.echo(f"tables and picture{'s' * (len(products.pictures) > 1)}: {out}")
     if failed:

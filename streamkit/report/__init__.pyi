@@ -59,6 +59,7 @@ from .style import NotebookFigure as NotebookFigure
 from .style import across as across
 from .style import angle_ticks as angle_ticks
 from .style import finish as finish
+from .style import fit_to_journal as fit_to_journal
 from .style import folded as folded
 from .style import inner_ticks as inner_ticks
 from .style import label_all as label_all

@@ -69,6 +69,14 @@ def shrink_text(figure: Figure, factor: float, smallest: float = SMALLEST) -> No
         text.set_fontsize(shrunk(text))
 
 
+def fit_to_journal(figure: Figure) -> None:
+    """Make a figure as wide as a column of a journal, or as both where that would make it half as wide or less."""
+    width, height = figure.get_size_inches()
+    factor = min((COLUMN if width < 2 * COLUMN else BOTH) / width, 1.0)
+    figure.set_size_inches(factor * width, factor * height)
+    shrink_text(figure, factor)
+
+
 def label_all(figure: Figure, x: str, y: str) -> None:
     """Label all panels at once."""
     figure.supxlabel(x, fontsize=11)

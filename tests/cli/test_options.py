@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import call, refused
+from PIL import Image
 from runfiles import RUN
 
 import streamkit as sk
@@ -110,10 +111,13 @@ def test_literature_that_cannot_be_read_is_told_before_the_run(fit_file: Path):
 
 
 def test_the_studies_as_json(run_file: Path):
-    found = record("ablate", run_file, "--vary", "stripping.kind=mlcs,streakline", "-o", "a", "--pdf")
+    found = record("ablate", run_file, "--vary", "stripping.kind=mlcs,streakline", "-o", "a", "--pdf", "--column")
     assert found["stopped"] == ""
     assert all(table["rows"] for table in found["tables"].values())
     assert list((run_file.parent / "a").glob("*.pdf"))
+    for picture in (run_file.parent / "a").glob("*.png"):
+        with Image.open(picture) as image:
+            assert image.width / image.info["dpi"][0] < 7.2, picture
 
 
 def test_texts_are_as_wide_as_the_terminal(monkeypatch):

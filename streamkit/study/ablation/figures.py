@@ -47,6 +47,7 @@ STAR: dict[str, Any] = {"marker": "*", "ms": 11, "color": "black", "mec": "white
 CROSS: dict[str, Any] = {
     "marker": "+", "ms": 9, "mew": 1.4, "color": "black", "ls": "none", "label": "Galactic centre, at rest"
 }  # fmt: skip
+TITLE = 24  # letters in a line of the title of a small panel
 ALONG = "angle along the stream [deg]  (leading > 0)"
 
 
@@ -98,7 +99,7 @@ def bow_tie(portraits: Portraits) -> Figure:
         axes.contour(*outline, colors="black", linewidths=0.9)
         axes.plot(0, 0, **STAR)
         axes.set(xlim=extent[:2], ylim=extent[2:])
-        axes.set_title(title, fontsize=9)
+        axes.set_title(folded(title, TITLE), fontsize=9)
         finish(axes)
     panels[0].add_line(Line2D([], [], color="black", lw=0.9, label=f"95 % of {next(iter(shown))}"))
     label_all(
@@ -145,7 +146,7 @@ def phase_space(portraits: Portraits) -> Figure:
             if i % ACROSS == 0:
                 axes.set_ylabel(rf"${axis[1]}\ \,[{{\rm {unit}}}]$", fontsize=11)
             if row == 0:
-                axes.set_title(title, fontsize=10)
+                axes.set_title(folded(title, TITLE), fontsize=10)
             finish(axes)
     if portraits:
         _legend(figure, panels[0, :1], ncols=4 if beside > 1 else 2, loc="outside upper left", handletextpad=0.1)
@@ -295,10 +296,11 @@ def along(portraits: Portraits) -> Figure:
                 offsets.append(away[both])
                 bottom.plot(arm * track.angle[:k], away, **style)
     bottom.axhline(0, color="black", lw=0.8)
-    reach = max(1.3 * float(np.percentile(np.abs(np.concatenate(offsets)), 93)), 1.0)
+    reach = 1.3 * float(np.percentile(np.abs(np.concatenate(offsets)), 93)) or 1.0
     ends = [portrait.ends for portrait in portraits.values()]
     low, high = np.median(ends, axis=0) if ends else (-180.0, 180.0)
-    bottom.set(xlim=(high + 40, low - 40), ylim=(-reach, reach))
+    rim = 0.1 * (high - low) or 10.0
+    bottom.set(xlim=(high + rim, low - rim), ylim=(-reach, reach))
     angle_ticks(bottom, 14)
     top.set_ylabel("particles per degree / all unbound", fontsize=11)
     of = folded(f"that of {next(iter(portraits), 'the first')}", 38)

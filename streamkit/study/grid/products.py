@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from streamkit.errors import StreamkitError
-from streamkit.report import origin, save, save_pictures, save_table
+from streamkit.report import fit_to_journal, origin, save, save_pictures, save_table
 from streamkit.runfile import Spec
 
 if TYPE_CHECKING:
@@ -46,8 +46,8 @@ def write_tables(products: Products, out: Path) -> None:
     save(out / products.run, lambda part: part.write_text(text))
 
 
-def draw_pictures(products: Products, out: Path, pdf: bool = False) -> str:
-    """Draw the pictures, as PDF too if ``pdf`` is set or an older PDF exists.
+def draw_pictures(products: Products, out: Path, pdf: bool = False, column: bool = False) -> str:
+    """Draw the pictures, as PDF too if ``pdf`` is set or an older PDF exists; for a journal if ``column`` is set.
 
     If one fails, the others are drawn: return the failures with their reasons, empty without any.
     No picture of an earlier study stays in its place. A file that cannot be written is a `StreamkitError`.
@@ -55,7 +55,10 @@ def draw_pictures(products: Products, out: Path, pdf: bool = False) -> str:
     failed = []
     for name, draw in products.pictures.items():
         try:
-            save_pictures(out / name, draw(), pdf)
+            figure = draw()
+            if column:
+                fit_to_journal(figure)
+            save_pictures(out / name, figure, pdf)
         except StreamkitError:
             raise
         except Exception as error:

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from snapshots import nbody_stream, run_file
 
 from streamkit import Model
+from streamkit.report import fit_to_journal
 from streamkit.study.ablation.figures import (
     _released,
     along,
@@ -57,6 +58,29 @@ def test_each_is_drawn_for_any_number_of_streams(draw: Any, portraits: dict[str,
         snapshots = sum(title.startswith("N-body") for title in shown)
         expected["crossings"] = 3 * (len(shown) - snapshots)  # a snapshot holds no crossings
         assert len(panels(figure)) == expected.get(draw.__name__, len(shown))
+
+
+@pytest.mark.parametrize("draw", [bow_tie, phase_space, along], ids=lambda draw: draw.__name__)
+def test_a_picture_for_a_journal_is_readable(draw: Any, portraits: dict[str, Portrait]) -> None:
+    """As wide as both columns, no text below 6.5 points, and long titles of panels keep apart."""
+    shown = [portraits["gravity True"], portraits["gravity False"]] * 2
+    figure = draw({f"streakline {i}, without progenitor gravity": each for i, each in enumerate(shown)})
+    fit_to_journal(figure)
+    figure.draw_without_rendering()
+    assert figure.get_size_inches()[0] == pytest.approx(7.1)
+    titles = [axes.title for axes in panels(figure) if axes.get_title()]
+    assert all(title.get_fontsize() >= 6.5 for title in titles)
+    boxes = [title.get_window_extent() for title in titles]
+    assert not any(one.overlaps(other) for i, one in enumerate(boxes) for other in boxes[:i])
+
+
+def test_the_profiles_fill_their_axes(portraits: dict[str, Portrait]) -> None:
+    top, bottom = along({title: portraits[title] for title in ("gravity True", "gravity False")}).axes
+    left, right = top.get_xlim()
+    ends = [portraits[title].ends for title in ("gravity True", "gravity False")]
+    assert left - right < 1.3 * np.ptp(ends)
+    away = np.concatenate([line.get_ydata() for line in bottom.lines])
+    assert bottom.get_ylim()[1] < 2 * np.nanmax(np.abs(away))
 
 
 def test_the_bow_tie_has_the_phase_in_every_cell(portraits: dict[str, Portrait]) -> None:
