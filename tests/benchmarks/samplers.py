@@ -87,11 +87,11 @@ def by_plugin(toy: Toy, seed: int, kind: str) -> Found:
 def by_emulator(toy: Toy, seed: int, noise: float) -> Found:
     """The emulator, with noise in ln likelihood: n errors in each of m data make m (n^2 + n^4 / 2) of variance."""
     each = np.sqrt(np.sqrt(1 + 2 * noise**2 / len(toy.values)) - 1)
-    problems = (OfToy(toy, each_seed, each) for each_seed in (seed, seed + 50))
-    (last,) = deque(Rounds(*problems, noise=False).run(MOST_CALLS), maxlen=1)
+    full, small = (OfToy(toy, each_seed, each) for each_seed in (seed, seed + 50))
+    (last,) = deque(Rounds(full, small, noise=False).run(MOST_CALLS), maxlen=1)
     points = last.emulated.space.back(last.samples)
     weights = np.full(len(points), 1 / len(points))
-    return Found(points, weights, len(last.calls) + last.cheap, len(points), np.nan, last.missing)
+    return Found(points, weights, full.calls + small.calls, len(points), np.nan, last.missing)
 
 
 def line(toy: Toy, name: str, seed: int, hidden: bool, noise: float) -> str:

@@ -10,14 +10,15 @@ from posteriors import Curved, Edges, Rough, TwoModes
 
 from streamkit.builtin.emulator import learn as learning
 from streamkit.builtin.emulator.calls import Calls
-from streamkit.builtin.emulator.certificate import certify, change_of, fresh_calls
+from streamkit.builtin.emulator.certificate import certify, fresh_calls
+from streamkit.builtin.emulator.changes import change_of, changes_of, uncertainty, with_axes
 from streamkit.builtin.emulator.coordinates import Space
 from streamkit.builtin.emulator.emulated import Emulated
 from streamkit.builtin.emulator.kernel import learn_kernel
 from streamkit.builtin.emulator.of_target import LikelihoodOnly
 from streamkit.builtin.emulator.pairs import paired, pairs_of
 from streamkit.builtin.emulator.polynomial import regress
-from streamkit.builtin.emulator.rounds import Rounds, with_axes
+from streamkit.builtin.emulator.rounds import Rounds
 from streamkit.builtin.monomials import count, monomials
 
 
@@ -100,9 +101,10 @@ def as_it_is(problem):
 
 
 def sampled(toy, noise=0.0, seed=1, cheap=None, max_calls=2500, problem=as_it_is):
-    rounds = Rounds(problem(OfToy(toy, seed, noise)), problem(cheap or OfToy(toy, seed + 50, noise)), noise=False)
-    (last,) = deque(rounds.run(max_calls), maxlen=1)
-    return last
+    """Return the last progress, and the number of calls, those with few particles included."""
+    full, small = OfToy(toy, seed, noise), cheap or OfToy(toy, seed + 50, noise)
+    (last,) = deque(Rounds(problem(full), problem(small), noise=False).run(max_calls), maxlen=1)
+    return last, full.calls + small.calls
 
 
 @pytest.mark.parametrize(
@@ -116,11 +118,11 @@ def sampled(toy, noise=0.0, seed=1, cheap=None, max_calls=2500, problem=as_it_is
 )
 def test_posteriors_are_right_after_some_hundred_calls(toy, noise):
     """Also where a single call has the noise of a datum: true and emulated ln L then differ by 1.4 and 2.1, and may."""
-    last = sampled(toy(), noise)
+    last, calls = sampled(toy(), noise)
     mean, sd = toy().moments
     assert last.missing == ""
     assert last.certificate.faults == ()
-    assert len(last.calls) + last.cheap < 1800
+    assert calls < 1800
     np.testing.assert_allclose((last.samples.mean(axis=0) - mean) / sd, 0.0, atol=0.15)
     np.testing.assert_allclose(last.samples.std(axis=0) / sd, 1.0, atol=0.12)
 
@@ -170,6 +172,23 @@ def test_a_move_along_a_narrow_direction_is_seen():
     assert change_of(with_axes(samples), ln_weight) == pytest.approx(0.5, abs=0.06)
 
 
+def test_the_uncertainty_is_the_scatter_of_posteriors_from_other_calls():
+    """Emulators of a Gaussian posterior that have learned from calls with other noise move its means and widths."""
+    rng = np.random.default_rng(5)
+    samples = rng.normal(Rough.values, Rough.errors, size=(2000, 4))
+    true = Rough().smooth(samples.T)
+    changes, stated = [], []
+    for seed in range(20):
+        problem = OfToy(Rough(), seed, noise=1.0)
+        calls = Calls.at(problem, Space(problem), samples[:200])
+        emulated = Emulated(calls.space, calls.learn(), noise=False)
+        changes.append(changes_of(with_axes(samples), emulated.ln_density(samples) - true))
+        stated.append(uncertainty(emulated, samples, rng))
+    scatter = np.std(changes, axis=0).max()
+    assert np.mean(stated) == pytest.approx(scatter, rel=0.35)
+    assert 0.05 < scatter < 0.5
+
+
 def test_pairs_of_calls_measure_noise_that_is_not_stated():
     """A curved posterior whose data have a noise of 0.7 errors, of which their variances say nothing."""
     problem = OfToy(Curved(), noise=0.7, stated=False)
@@ -203,25 +222,25 @@ class Blind(OfToy):
 
 @pytest.mark.slow
 def test_a_mode_that_a_start_has_missed_is_found_by_another():
-    last = sampled(TwoModes(), cheap=Blind(TwoModes(), blind={0}))
+    last, _ = sampled(TwoModes(), cheap=Blind(TwoModes(), blind={0}))
     mean, sd = TwoModes().moments
     assert last.missing == ""
     np.testing.assert_allclose((last.samples.mean(axis=0) - mean) / sd, 0.0, atol=0.15)
 
 
 def test_modes_that_only_one_start_has_seen_are_not_certified():
-    last = sampled(TwoModes(), cheap=Blind(TwoModes(), blind={0, 2, 3}), max_calls=900)
+    last, _ = sampled(TwoModes(), cheap=Blind(TwoModes(), blind={0, 2, 3}), max_calls=900)
     assert "only 1 of" in last.missing
 
 
 def test_the_same_seed_gives_the_same_samples():
-    first, again = (sampled(Curved(), noise=0.5, max_calls=300) for _ in range(2))
+    (first, _), (again, _) = (sampled(Curved(), noise=0.5, max_calls=300) for _ in range(2))
     np.testing.assert_array_equal(first.samples, again.samples)
 
 
 @pytest.mark.parametrize("noise", [0.0, pytest.param(0.7, marks=[pytest.mark.slow, pytest.mark.timeout(3600)])])
 def test_a_likelihood_that_cannot_be_called_is_learned_as_a_whole(noise):
-    last = sampled(Curved(), noise, problem=LikelihoodOnly)
+    last, _ = sampled(Curved(), noise, problem=LikelihoodOnly)
     mean, sd = Curved().moments
     assert last.missing == ""
     np.testing.assert_allclose((last.samples.mean(axis=0) - mean) / sd, 0.0, atol=0.15)

@@ -14,6 +14,7 @@ from scipy.linalg import LinAlgError
 
 from streamkit import Array
 from streamkit.builtin.emulator.calls import Calls
+from streamkit.builtin.emulator.changes import change_of
 from streamkit.builtin.emulator.emulated import Emulated
 from streamkit.builtin.emulator.emulator import Predictions
 from streamkit.builtin.emulator.polynomial import regress
@@ -25,6 +26,8 @@ SIZE, ONE_SIZE = 1.5, 3.0
 MOVED = 0.12
 # Fraction of trends by chance alone that must be smaller for one to count, and how many are tried.
 CHANCE, TRIES = 0.95, 40
+# Largest trend by chance that still tests anything: calls so noisy were certified with a width off by a half.
+BLIND = 0.3
 # Fresh calls at a time, and how often they are made at most: until a trend by chance alone is below `MOVED`.
 FRESH, MOST_BATCHES = 128, 3
 # Differences of ln likelihood from what the noise makes of it: standard errors, and nats, of the median; ratio of their
@@ -35,8 +38,9 @@ EMPTY = 0.1
 # What the emulator's own error may change: the standard deviation of a parameter by this fraction. The error is part of
 # the likelihood, so that it widens intervals and hides nothing. A twentieth refused emulators that were right.
 BLURRED = 0.1
-# Largest shape of the tail of the importance weights (Vehtari et al. 2024), tested where noise in ln L is below this.
-K_HAT, QUIET = 0.7, 1.0
+# Largest shape of the tail of the importance weights (Vehtari et al. 2024). It is tested where noise in ln L is below
+# this, and where the weights leave fewer than this fraction of the samples: a tail of weights of one says nothing.
+K_HAT, QUIET, ALL = 0.7, 1.0, 0.99
 
 
 @dataclass(frozen=True)
@@ -128,6 +132,11 @@ def certify(emulated: Emulated, fresh: Calls, samples: Array, seed: list[int]) -
             "residuals have a trend along the parameters, which moves one or changes its width by "
             f"{trend:.2f} standard deviations"
         )
+    elif chance > BLIND:
+        faults.append(
+            f"calls are too noisy for a test: a mean or a width off by {chance:.2f} standard deviations would not "
+            "show. Take more particles"
+        )
     true, by_noise = _differences(emulated, fresh, predicted, rng)
     offset, spread = float(np.median(true)), _spread(true)
     noise_offset, noise_spread = float(np.median(by_noise)), _spread(by_noise)
@@ -143,7 +152,7 @@ def certify(emulated: Emulated, fresh: Calls, samples: Array, seed: list[int]) -
     k_hat, effective = float("nan"), float("nan")
     if noise_spread < QUIET:
         k_hat, effective = _tail(true)
-        if k_hat > K_HAT:
+        if k_hat > K_HAT and effective < ALL:
             faults.append(f"k-hat of the importance weights is {k_hat:.2f}, above {K_HAT}")
     return Certificate(
         tried, size, worst, trend, chance, offset, spread, noise_offset, noise_spread, blur, empty, k_hat, effective,
@@ -192,16 +201,6 @@ def _trend(
     except LinAlgError:
         return float("nan"), float("nan")
     return measured, float(np.quantile(by_chance, CHANCE))
-
-
-def change_of(samples: Array, ln_weight: Array) -> float:
-    """Return the most that weights (n,) change of samples (n, d): a mean, or a width, in standard deviations."""
-    weight = np.exp(np.clip(ln_weight - np.median(ln_weight), -20.0, 5.0))
-    weight /= weight.sum()
-    mean, width = weight @ samples, np.maximum(samples.std(axis=0), 1e-300)
-    moved = np.abs(mean - samples.mean(axis=0)) / width
-    wider = np.abs(np.sqrt(weight @ (samples - mean) ** 2) / width - 1)
-    return float(max(moved.max(), wider.max()))
 
 
 def _blur(emulated: Emulated, samples: Array) -> float:

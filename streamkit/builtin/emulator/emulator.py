@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -150,6 +150,13 @@ class Emulator:
         noise[:, used] = errors**2 * (np.exp(rest[:, :m]) + self.more2)
         ln_exists = log_expit(few @ self.exists)
         return Predictions(mean, fit_variance, noise, details, ln_exists, np.maximum(r2 / self.trusted_r2, 1.0))
+
+    def redrawn(self, rng: np.random.Generator) -> Emulator:
+        """Return what other calls at the same points could have given: other noise, so other coefficients."""
+        left, right = self.mean
+        coefficients = left if right is None else left @ right
+        chance = self.root @ rng.standard_normal(coefficients.shape) * np.sqrt(self.spread2)
+        return replace(self, mean=Low(coefficients + chance))
 
     def ln_likelihood(self, y: Array, theta: Array, noise: bool = False, fit_error: bool = True) -> Array:
         """(n,) ln likelihood at coordinates y (n, d), which are the parameters theta (n, d).

@@ -19,6 +19,8 @@ from streamkit.builtin.monomials import count, monomials
 # mean diagonal of the normal equations.
 DEGREES, MOST_TERMS, POINTS_PER_TERM = (1, 2, 3, 4, 5, 6, 7, 8), 1000, 1.6
 RIDGES = (1e-8, 1e-6, 1e-4, 1e-2)
+# Degrees above the best one that are tried in vain before no higher one is: two, as a function may be even or odd.
+IN_VAIN = 2
 # Points lower in ln likelihood than the best by so much, plus half the number of parameters, count a quarter.
 NEAR = 10.0
 # Effective points that the weights leave at least, for each term of a quadratic.
@@ -94,14 +96,20 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
     pairs = pairs_of(x)
     degrees = [k for k in DEGREES if POINTS_PER_TERM * count(d, k) <= effective and count(d, k) <= MOST_TERMS]
     fits: list[tuple[float, Polynomial | Kernel, Regression]] = []
+    best = 1
     for degree in degrees:
+        if degree > best + IN_VAIN:
+            break
         terms = monomials(x, degree)
         for ridge in RIDGES:
             try:
                 fit = regress(terms, target, weight, ridge)
             except LinAlgError:  # walkers that hardly moved
                 continue
-            fits.append((float(np.sum(error_of(fit.out_without(pairs)[close] ** 2))), Polynomial(degree), fit))
+            left = float(np.sum(error_of(fit.out_without(pairs)[close] ** 2)))
+            if not fits or left < min(fits, key=_first)[0]:
+                best = degree
+            fits.append((left, Polynomial(degree), fit))
     if not fits:
         return None
     noisy = float(noise[close].mean(axis=0).sum())

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from streamkit import Array
 from streamkit.builtin.emulator.calls import Calls
-from streamkit.builtin.emulator.certificate import Certificate, certify, change_of, fresh_calls
+from streamkit.builtin.emulator.certificate import Certificate, certify, fresh_calls
+from streamkit.builtin.emulator.changes import moved_since, uncertainty
 from streamkit.builtin.emulator.coordinates import Space
 from streamkit.builtin.emulator.emulated import Emulated
 from streamkit.builtin.emulator.pairs import paired
@@ -30,6 +31,8 @@ STEPS, SETTLING = 120, 40
 # Standard deviations that a parameter, or a principal axis, may move between an emulator and the one two rounds before,
 # and the fraction by which its width may change.
 SETTLED = 0.1
+# Largest standard error of a mean or a width, in standard deviations, that the noise of the calls may leave.
+UNCERTAIN = 0.1
 # Walkers and steps of the samples that are the answer, of which the first are not used.
 LAST_STEPS, LAST_SETTLING = 500, 100
 # Samples of the last round that the walkers of the answer begin from.
@@ -48,14 +51,12 @@ class Progress:
     ----------
     calls
         All calls with the full model.
-    cheap
-        How many were made with few particles.
     emulated
         The emulated posterior.
     samples
         (n, d) coordinates sampled from it.
-    moved
-        What the last two rounds have changed: a mean in standard deviations, or a width as a fraction.
+    uncertain
+        How uncertain the noise of the calls leaves a mean, in standard deviations, or a width, as a fraction.
     certificate
         What fresh calls say; None before the end.
     missing
@@ -63,10 +64,9 @@ class Progress:
     """
 
     calls: Calls
-    cheap: int
     emulated: Emulated
     samples: Array
-    moved: float
+    uncertain: float
     certificate: Certificate | None
     missing: str
 
@@ -114,19 +114,24 @@ class Rounds:
             emulated = Emulated(self._space, emulator, self._noise)
             copies = [self._walk(emulated, beta, turn, i) for i, (beta, _) in enumerate(COPIES)]
             samples = copies[0]
-            moved, doubt = _moved(self._before, emulated, samples), doubt_of(emulated, samples)
+            moved, doubt = moved_since(self._before, emulated, samples), doubt_of(emulated, samples)
+            uncertain = uncertainty(emulated, samples, self._rng)
             self._before = [*self._before[-1:], emulated]
-            self._note(f"{len(self._calls)} calls, moved {moved:.2f} sd, the emulator doubts {doubt:.1f} in ln L")
-            certificate, missing = None, _missing(moved, doubt)
+            self._note(
+                f"{len(self._calls)} calls, moved {moved:.2f} sd, uncertain by {uncertain:.2f} sd, the emulator doubts "
+                f"{doubt:.1f} in ln L"
+            )
+            certificate, missing = None, _missing(moved, uncertain, doubt)
             if not missing:
                 certificate = self._certify(emulated, samples, turn)
                 missing = "; ".join(certificate.faults) or self._unseen(samples)
+                if not missing:
+                    emulated, missing = self._with_all(emulated, samples)
                 self._note(missing or "certified")
             over = len(self._calls) >= max_calls or self._problem.time_left() <= 0
             if not missing or over:
                 samples = self._last(emulated, samples, turn)
-            cheap = sum(len(arrival.calls) for arrival in self._arrivals)
-            yield Progress(self._calls, cheap, emulated, samples, moved, certificate, missing)
+            yield Progress(self._calls, emulated, samples, uncertain, certificate, missing)
             if not missing or over:
                 return
             new = [self._some(places, share) for places, (_, share) in zip(copies, COPIES, strict=True)]
@@ -169,6 +174,17 @@ class Rounds:
         self._calls += fresh
         return certify(emulated, fresh, samples, [self._problem.seed, 4, turn])
 
+    def _with_all(self, emulated: Emulated, samples: Array) -> tuple[Emulated, str]:
+        """Learn from the fresh calls too; say how much that moves the posterior if it is too much."""
+        emulator = self._calls.learn()
+        if emulator is None:  # cannot be: fewer calls were enough
+            return emulated, "too few calls"
+        learned = replace(emulated, emulator=emulator)
+        moved = moved_since([emulated, emulated], learned, samples)
+        if moved < SETTLED:
+            return learned, ""
+        return learned, f"the fresh calls move the posterior by {moved:.2f} standard deviations"
+
     def _unseen(self, samples: Array) -> str:
         """Say whether too few starts saw all of the posterior, and make another one then; empty if enough did."""
         seen, made = sum(_covers(each, samples) for each in self._arrivals), len(self._arrivals)
@@ -182,25 +198,6 @@ class Rounds:
         return f"only {seen} of {made} starts saw all of the posterior: there may be modes that none of them saw"
 
 
-def _moved(before: list[Emulated], now: Emulated, samples: Array) -> float:
-    """Return what the last two rounds have changed, see `change_of`; infinite before."""
-    if len(before) < 2:
-        return np.inf
-    some = samples[:: max(len(samples) // 2000, 1)]
-    here, moving = now.ln_density(some), with_axes(some)
-    return max(change_of(moving, each.ln_density(some) - here) for each in before)
-
-
-def with_axes(samples: Array) -> Array:
-    """(n, 2 d) Append the principal axes of samples (n, d), each in units of its standard deviation.
-
-    What data know best, such as a mass, is a combination of parameters: it may move where none of these does.
-    """
-    scaled = (samples - samples.mean(axis=0)) / np.maximum(samples.std(axis=0), 1e-300)
-    _, axes = np.linalg.eigh(np.atleast_2d(np.cov(scaled.T)))
-    return np.concatenate([samples, scaled @ axes], axis=1)
-
-
 def _covers(arrival: Arrival, samples: Array) -> bool:
     """Say whether a start had taken none of the posterior for impossible."""
     some = samples[:: max(len(samples) // 2000, 1)]
@@ -209,10 +206,14 @@ def _covers(arrival: Arrival, samples: Array) -> bool:
     return bool(np.mean(lost) <= MISSED)
 
 
-def _missing(moved: float, doubt: float) -> str:
+def _missing(moved: float, uncertain: float, doubt: float) -> str:
     """Say what is missing before fresh calls may test an emulator."""
     if doubt >= ARRIVED:
         return f"the emulator's own error still changes ln L by {doubt:.1f}"
-    if moved < SETTLED:
-        return ""
-    return f"the posterior still moves by {moved:.2f} standard deviations" if np.isfinite(moved) else "too few rounds"
+    if not np.isfinite(moved):
+        return "too few rounds"
+    if moved >= SETTLED:
+        return f"the posterior still moves by {moved:.2f} standard deviations"
+    if uncertain >= UNCERTAIN:
+        return f"the noise of the calls leaves a mean or a width uncertain by {uncertain:.2f} standard deviations"
+    return ""

@@ -137,6 +137,7 @@ def _verdict(progress: Progress) -> Verdict:
     sentence = (
         f"{certificate.calls} fresh calls confirm the emulator. The noise of the particles alone makes "
         f"{certificate.noise_offset:+.1f} ± {certificate.noise_spread:.1f}. A mean or a width that is off by "
-        f"{max(certificate.trend_by_chance, MOVED):.2f} standard deviations would show."
+        f"{max(certificate.trend_by_chance, MOVED):.2f} standard deviations would show; the noise of all calls leaves "
+        f"{progress.uncertain:.2f} at most."
     )
     return Verdict(subject, "fine", value, sentence, RULE)
