@@ -100,7 +100,9 @@ def test_the_site_is_built_without_a_warning_and_its_links_lead_somewhere(tmp_pa
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - began < 120  # seconds of CPU
-    found = {page.resolve(): Links(page) for page in (tmp_path / "site").rglob("*.html")}
+    pages = (tmp_path / "site").rglob("*.html")
+    every = [page for page in pages if "_static" not in page.parts]  # there the theme has templates
+    found = {page.resolve(): Links(page) for page in every}
     count = 0
     for page, links in found.items():
         for target in links.targets:
