@@ -52,16 +52,22 @@ def readers(directory: Path) -> dict[str, Callable[[], str]]:
     }  # fmt: skip
 
 
+def files_of(directory: Path) -> dict[Path, bytes]:
+    """Return the files below a directory, without the bytecode that Python writes beside a plugin."""
+    files = (path for path in directory.rglob("*") if path.is_file() and "__pycache__" not in path.parts)
+    return {path: path.read_bytes() for path in files}
+
+
 def check_all_refuse(directory: Path, *words: str) -> None:
     """Check that all commands and the call in Python refuse the directory, with these words, and change nothing."""
-    before = {path: path.read_bytes() for path in directory.rglob("*") if path.is_file()}
+    before = files_of(directory)
     for name, reader in readers(directory).items():
         message = reader()
         assert all(word in message for word in words), f"{name}: {message}"
     with pytest.raises(sk.StreamkitError) as caught:
         sk.load_results(directory, trust=True)
     assert all(word in str(caught.value) for word in words)
-    assert {path: path.read_bytes() for path in directory.rglob("*") if path.is_file()} == before
+    assert files_of(directory) == before
 
 
 def test_an_edited_run_file_is_refused(directory: Path) -> None:
