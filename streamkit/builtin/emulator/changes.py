@@ -29,9 +29,7 @@ def changes_of(samples: Array, ln_weight: Array) -> Array:
 
 
 def moved_since(before: list[Emulated], now: Emulated, samples: Array) -> float:
-    """Return what the last two rounds have changed, see `change_of`; infinite before."""
-    if len(before) < 2:
-        return np.inf
+    """Return the most that has changed since one of the emulators before (`change_of`); samples (n, d) are of now."""
     some = samples[:: max(len(samples) // 2000, 1)]
     here, moving = now.ln_density(some), with_axes(some)
     return max(change_of(moving, each.ln_density(some) - here) for each in before)

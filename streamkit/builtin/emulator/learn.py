@@ -96,9 +96,9 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
     pairs = pairs_of(x)
     degrees = [k for k in DEGREES if POINTS_PER_TERM * count(d, k) <= effective and count(d, k) <= MOST_TERMS]
     fits: list[tuple[float, Polynomial | Kernel, Regression]] = []
-    best = 1
+    best = (np.inf, 1)  # what the best polynomial leaves over, and its degree
     for degree in degrees:
-        if degree > best + IN_VAIN:
+        if degree > best[1] + IN_VAIN:
             break
         terms = monomials(x, degree)
         for ridge in RIDGES:
@@ -107,8 +107,7 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
             except LinAlgError:  # walkers that hardly moved
                 continue
             left = float(np.sum(error_of(fit.out_without(pairs)[close] ** 2)))
-            if not fits or left < min(fits, key=_first)[0]:
-                best = degree
+            best = min(best, (left, degree))
             fits.append((left, Polynomial(degree), fit))
     if not fits:
         return None

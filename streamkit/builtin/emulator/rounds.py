@@ -28,9 +28,9 @@ FIRST, LEAST_FIRST = 16, 160
 PAIRED = 0.5
 # Steps of the walks of a round, of which the first are not used.
 STEPS, SETTLING = 120, 40
-# Standard deviations that a parameter, or a principal axis, may move between an emulator and the one two rounds before,
-# and the fraction by which its width may change.
-SETTLED = 0.1
+# Standard deviations that a parameter, or a principal axis, may move between an emulator and those of so many rounds
+# before, and the fraction by which its width may change.
+SETTLED, ROUNDS = 0.1, 2
 # Largest standard error of a mean or a width, in standard deviations, that the noise of the calls may leave.
 UNCERTAIN = 0.1
 # Walkers and steps of the samples that are the answer, of which the first are not used.
@@ -114,9 +114,10 @@ class Rounds:
             emulated = Emulated(self._space, emulator, self._noise)
             copies = [self._walk(emulated, beta, turn, i) for i, (beta, _) in enumerate(COPIES)]
             samples = copies[0]
-            moved, doubt = moved_since(self._before, emulated, samples), doubt_of(emulated, samples)
+            moved = moved_since(self._before, emulated, samples) if len(self._before) == ROUNDS else np.inf
+            doubt = doubt_of(emulated, samples)
             uncertain = uncertainty(emulated, samples, self._rng)
-            self._before = [*self._before[-1:], emulated]
+            self._before = [*self._before, emulated][-ROUNDS:]
             self._note(
                 f"{len(self._calls)} calls, moved {moved:.2f} sd, uncertain by {uncertain:.2f} sd, the emulator doubts "
                 f"{doubt:.1f} in ln L"
@@ -177,10 +178,9 @@ class Rounds:
     def _with_all(self, emulated: Emulated, samples: Array) -> tuple[Emulated, str]:
         """Learn from the fresh calls too; say how much that moves the posterior if it is too much."""
         emulator = self._calls.learn()
-        if emulator is None:  # cannot be: fewer calls were enough
-            return emulated, "too few calls"
+        assert emulator is not None  # noqa: S101  fewer calls were enough
         learned = replace(emulated, emulator=emulator)
-        moved = moved_since([emulated, emulated], learned, samples)
+        moved = moved_since([emulated], learned, samples)
         if moved < SETTLED:
             return learned, ""
         return learned, f"the fresh calls move the posterior by {moved:.2f} standard deviations"
