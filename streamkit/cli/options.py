@@ -34,6 +34,9 @@ FORCE_FILE = click.option("-f", "--force", is_flag=True, help="Replace the files
 TRUST = click.option("--trust", is_flag=True, help="Run the plugin files in DIR, which are Python code.")
 JSON = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 PDF = click.option("--pdf", is_flag=True, help="Write each picture as PDF too.")
+COLUMN = click.option(
+    "--column", is_flag=True, help="Draw the pictures for a journal: as wide as one of its columns, or as both."
+)
 LITERATURE = click.option(
     "--literature", metavar="FILE", type=click.Path(path_type=Path),
     help="A table of published masses, circular velocities or flattenings to compare with the run's.",

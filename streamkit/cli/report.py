@@ -8,7 +8,7 @@ import click
 
 from streamkit import report as reports
 from streamkit.cli.compiling import announce_compilation
-from streamkit.cli.options import JSON, LITERATURE, PDF, TRUST
+from streamkit.cli.options import COLUMN, JSON, LITERATURE, PDF, TRUST
 from streamkit.study import fit
 
 
@@ -18,7 +18,7 @@ from streamkit.study import fit
               help="Compare with the true host of a mock: the [potential] of this run file.")  # fmt: skip
 @LITERATURE
 @PDF
-@click.option("--column", is_flag=True, help="Draw the pictures for one column of a journal, 3.4 inches wide.")
+@COLUMN
 @TRUST
 @JSON
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing.")

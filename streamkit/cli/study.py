@@ -11,11 +11,8 @@ from typing import Any
 import click
 
 from streamkit import report
-from streamkit.cli.options import FORCE, INTERRUPTED, INVALID, JSON, PDF, QUIET, RUN_FILE, WORKERS, directory
+from streamkit.cli.options import COLUMN, FORCE, INTERRUPTED, INVALID, JSON, PDF, QUIET, RUN_FILE, WORKERS, directory
 from streamkit.study import grid
-
-COLUMN = click.option("--column", is_flag=True,
-                      help="Draw the pictures for a journal: as wide as one of its columns, or as both.")  # fmt: skip
 
 
 @dataclass(frozen=True)
