@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from streamkit.components import LiveStripping
 from streamkit.runfile import Spec, StreamInputs
+from streamkit.stream import Stream
+
+FEW = 300.0  # equal particles that those of a live progenitor should be worth
 
 
 def live_warnings(spec: Spec, inputs: StreamInputs) -> list[str]:
@@ -24,3 +27,20 @@ def live_warnings(spec: Spec, inputs: StreamInputs) -> list[str]:
         for name, observable in inputs.observables.items()
         if observable.wants_live
     ]
+
+
+def weight_warnings(spec: Spec, inputs: StreamInputs, stream: Stream) -> list[str]:
+    """Return a warning where few particles stand for most stars of a live progenitor, or of its debris."""
+    if not isinstance(inputs.stripping, LiveStripping):
+        return []
+    for which, weight in (("those that have left it", stream.weight[~stream.bound]), ("all of them", stream.weight)):
+        if not weight.any():
+            continue
+        worth = weight.sum() ** 2 / (weight**2).sum()  # Kish 1965
+        if worth < min(FEW, 0.5 * len(weight)):
+            return [
+                f"Few particles of the progenitor stand for most of its stars: by their weights, {which} "
+                f"({len(weight)}) are worth {worth:.0f} equal ones, and have the noise of so few. Raise "
+                f"{spec.prefix(inputs.name)}stripping.particles."
+            ]
+    return []
