@@ -83,11 +83,9 @@ def check_moments(chain, expected, precision=0.03):
 MOVES = [move for move, _ in proposals("surrogate", PRIORS)]
 
 
-@pytest.mark.parametrize(
-    ("move", "steps"), [(MOVES[1], 2300), (MOVES[2], 2700), (MOVES[3], 3300)], ids=["best", "third", "one"]
-)
-def test_every_move_alone_samples_the_prior(move, steps):
-    found = sampled(move, ln_prior, steps)
+@pytest.mark.parametrize("move", MOVES[1:], ids=["best", "third", "one"])
+def test_every_move_alone_samples_the_prior(move):
+    found = sampled(move, ln_prior, 4000)
     exact = [
         stats.uniform(0, 1), stats.uniform(-1, 2), stats.norm(1, 2), stats.loguniform(0.1, 10),
         stats.truncnorm(-0.5, np.inf), stats.uniform(0.5, 7.5),
