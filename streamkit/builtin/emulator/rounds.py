@@ -36,9 +36,9 @@ STEPS, SETTLING = 120, 40
 SETTLED, ROUNDS = 0.1, 2
 # Largest standard error of a mean or a width, in standard deviations, that the noise of the calls may leave.
 UNCERTAIN = 0.1
-# Steps of the walk that gives the answer, of which the first are not used. It goes on until the others are this many
-# autocorrelation times long, or for so many steps.
-LAST_STEPS, LAST_SETTLING, LONG, MOST_STEPS = 500, 100, 10, 8000
+# Steps of the walk that gives the answer, of which the first are not used. It goes on until it has given so many
+# independent samples, or for so many steps.
+LAST_STEPS, LAST_SETTLING, INDEPENDENT, MOST_STEPS = 500, 100, 4000, 8000
 # Samples of the last round that the walkers of the answer begin from.
 POOL = 4000
 # Fraction of the posterior that walks from a start may not come to.
@@ -164,13 +164,13 @@ class Rounds:
         return chain[SETTLING:].reshape(-1, d)
 
     def _last(self, emulated: Emulated, samples: Array, turn: int) -> Array:
-        """(n, d) Sample the emulated posterior for long; one place of a walker for each autocorrelation time."""
+        """(n, d) Sample the emulated posterior for long: independent samples."""
         d, seed = self._problem.size, [self._problem.seed, 5, turn]
         chain = emulated.sample(samples[-POOL:], 2 * walkers_for(d), LAST_STEPS, seed)
-        while (time := _autocorrelation_time(chain)) * LONG > len(chain) - LAST_SETTLING and len(chain) < MOST_STEPS:
-            more, _ = walk(emulated.ln_density, chain[-1], len(chain), [*seed, len(chain)])
+        while len(answer := _independent(chain[LAST_SETTLING:])) < INDEPENDENT and len(chain) < MOST_STEPS:
+            more, _ = walk(emulated.ln_density, chain[-1], LAST_STEPS, [*seed, len(chain)])
             chain = np.concatenate([chain, more])
-        return chain[LAST_SETTLING :: max(int(np.ceil(time)), 1)].reshape(-1, d)
+        return answer
 
     def _some(self, places: Array, share: float) -> Array:
         """Choose the share of a round's new points."""
@@ -211,9 +211,10 @@ class Rounds:
         return f"only {seen} of {made} starts saw all of the posterior: there may be modes that none of them saw"
 
 
-def _autocorrelation_time(chain: Array) -> float:
-    """Return the longest autocorrelation time of a parameter, in steps of the chain (steps, w, d)."""
-    return float(emcee.autocorr.integrated_time(chain[LAST_SETTLING:], tol=0).max())
+def _independent(chain: Array) -> Array:
+    """(n, d) Take one place of every walker for each of the longest autocorrelation times of a chain (steps, w, d)."""
+    time = emcee.autocorr.integrated_time(chain, tol=0).max()
+    return chain[:: max(int(np.ceil(time)), 1)].reshape(-1, chain.shape[2])
 
 
 def _missing(moved: float, uncertain: float, doubt: float) -> str:
