@@ -30,33 +30,17 @@ class Entry:
 
 @dataclass(frozen=True)
 class Registry:
-    """The components by role and kind, and a sentence for every plugin or kind that is not available.
+    """The components by role and kind, and a sentence for every plugin or kind that is not available."""
 
-    Attributes
-    ----------
-    entries
-        The loaded components, by role and kind.
-    failed
-        A sentence for every plugin that cannot be used, and for every kind that several packages provide.
-    presets
-        Published galaxies by name.
-    plugins
-        The loaded plugins, the built-in one first.
-    local
-        Plugin files of a run file, and classes given in Python: they take precedence over installed plugins.
-    waiting
-        Entry points that are not loaded yet.
-    broken
-        The sentences of ``failed`` about whole plugins.
-    """
-
-    entries: Mapping[str, Mapping[str, Entry]]
+    entries: Mapping[str, Mapping[str, Entry]]  # the loaded components, by role and kind
+    # A sentence for every plugin that cannot be used, and for every kind that several packages provide.
     failed: tuple[str, ...] = ()
-    presets: Mapping[str, Preset] = field(default_factory=dict)
-    plugins: tuple[Plugin, ...] = ()
+    presets: Mapping[str, Preset] = field(default_factory=dict)  # published galaxies by name
+    plugins: tuple[Plugin, ...] = ()  # the loaded plugins, the built-in one first
+    # Plugin files of a run file, and classes given in Python: they take precedence over installed plugins.
     local: tuple[Plugin, ...] = ()
-    waiting: tuple[EntryPoint, ...] = field(default=(), repr=False)
-    broken: tuple[str, ...] = ()
+    waiting: tuple[EntryPoint, ...] = field(default=(), repr=False)  # entry points that are not loaded yet
+    broken: tuple[str, ...] = ()  # the sentences of ``failed`` about whole plugins
 
     def having(self, role: str, kind: Any) -> Registry:
         """Return a registry that has searched for a kind: in the entry points of that name, then in all."""

@@ -35,20 +35,11 @@ class NoExpansion(Exception):  # noqa: N818  a statement about a potential, whos
 
 @dataclass(frozen=True)
 class Expanded:
-    """An expansion, and its error.
+    """An expansion, and its error."""
 
-    Attributes
-    ----------
-    force
-        The force in the compiled loop.
-    grid
-        Its nodes.
-    error, points
-        Largest relative error of the acceleration, and the number of held-out points at which it was found.
-    """
-
-    force: Expansion
+    force: Expansion  # the force in the compiled loop
     grid: Grid
+    # Largest relative error of the acceleration, and the number of held-out points at which it was found.
     error: float
     points: int
 

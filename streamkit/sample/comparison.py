@@ -16,30 +16,15 @@ from streamkit.stream import Array, BoolArray, Data, Prediction
 
 @dataclass(frozen=True)
 class Part:
-    """One observable, or data of the host, among all.
+    """One observable, or data of the host, among all."""
 
-    Attributes
-    ----------
-    measurement
-        At the centre of the priors.
-    place
-        Where predictions have it: the stream and the observable, or "" and the name of the host's data.
-    data
-        What it is compared with.
-    rows
-        Where its data are among all.
-    reads
-        The details that its likelihood reads.
-    free
-        The parameters that are fields of it, by field.
-    """
-
-    measurement: Measurement
+    measurement: Measurement  # at the centre of the priors
+    # Where predictions have it: the stream and the observable, or "" and the name of the host's data.
     place: tuple[str, str]
-    data: Data
-    rows: slice
-    reads: tuple[str, ...]
-    free: dict[str, int]
+    data: Data  # what it is compared with
+    rows: slice  # where its data are among all
+    reads: tuple[str, ...]  # the details that its likelihood reads
+    free: dict[str, int]  # the parameters that are fields of it, by field
 
     def of(self, observation: Observation) -> Prediction:
         """Return what an observation says of it."""

@@ -21,30 +21,15 @@ from streamkit_nbody.state import State, Track
 
 @dataclass(frozen=True)
 class Simulation:
-    """The constants of a run.
+    """The constants of a run."""
 
-    Attributes
-    ----------
-    spec
-        The run file: its potential, progenitor and seed are used.
-    inputs
-        The same, bound: free parameters are at the centre of their priors.
-    host
-        The galaxy, in which the satellite is disrupted.
-    plan
-        Softening, step, records.
-    orbit
-        The point-mass orbit in the host from the look-back time to today: the satellite is set on its first point.
-    workers
-        Threads of the tree; the result does not depend on their number.
-    """
-
-    spec: Spec
-    inputs: StreamInputs
-    host: Host
-    plan: Plan
+    spec: Spec  # the run file: its potential, progenitor and seed are used
+    inputs: StreamInputs  # the same, bound: free parameters are at the centre of their priors
+    host: Host  # the galaxy, in which the satellite is disrupted
+    plan: Plan  # softening, step, records
+    # The point-mass orbit in the host from the look-back time to today: the satellite is set on its first point.
     orbit: Orbit
-    workers: int = 1
+    workers: int = 1  # threads of the tree; the result does not depend on their number
 
     @staticmethod
     def of(spec: Spec, options: Options, workers: int = 1) -> Simulation:
