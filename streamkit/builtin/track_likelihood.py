@@ -71,17 +71,10 @@ def ln_mixture_of_pairs(one: Side, other: Side, covariance: Array) -> Array:
 
 
 def ln_mixture_of_each_pair(one: Side, other: Side, covariance: Array) -> Array:
-    """(..., m) The ln density of two data with correlated errors, of each star.
+    """(..., m) The ln density of two data with correlated errors, of each star; the covariance is (m,).
 
     Either datum may be an outlier, and only where neither is do the errors correlate. Without a covariance it is the
     product of two `ln_mixture`.
-
-    Parameters
-    ----------
-    one, other
-        The two data of each star.
-    covariance
-        (m,) of the two.
     """
     (x, xx, x_mean, coverage, f, x_out), (y, yy, y_mean, y_coverage, g, y_out) = one, other
     slope = covariance / xx

@@ -76,21 +76,11 @@ def gather(longitude: Array, columns: Sequence[Array], weight: Array, margin: fl
 
 
 def local_lines(debris: Debris, at: Array, kernel: float, enough: float = ENOUGH, depth: int = -1) -> Lines:
-    """Fit a line at every longitude.
+    """Fit a line to debris, at least one particle, at every longitude (m,) with a kernel, all in degrees.
 
-    Parameters
-    ----------
-    debris
-        At least one particle.
-    at
-        (m,) longitudes in degrees.
-    kernel
-        Standard deviation of the Gaussian, degrees.
-    enough
-        Particles under a kernel below which the slope shrinks towards zero, by a ridge of kernel^2 enough / count. The
-        spread shrinks towards its mean over all longitudes. 0 for plain weighted least squares.
-    depth
-        The column for whose spread the variance is computed; -1 for none.
+    With fewer than ``enough`` particles under a kernel the slope shrinks towards zero, by a ridge of
+    kernel^2 enough / count, and the spread towards its mean over all longitudes; 0 gives plain weighted least squares.
+    ``depth`` is the column for whose spread the variance is computed; -1 for none.
     """
     order = np.argsort(at)
     powers = _powers(debris, kernel)

@@ -104,18 +104,9 @@ def load_registry(
     """Load the plugins of the entry-point group ``streamkit``, one-off plugin files, and classes given in Python.
 
     An installed plugin that is broken, or clashes with another, stops no run that does without it: it is recorded, and
-    named when a run file has a kind that is missing. Plugins that `DISABLE` names are not loaded.
-
-    Parameters
-    ----------
-    files
-        One-off plugin files.
-    points
-        Entry points, in place of the installed ones.
-    classes
-        Component classes, as they are.
-    lazy
-        Import the installed plugins when `Registry.having` or `Registry.find` needs them.
+    named when a run file has a kind that is missing. Plugins that `DISABLE` names are not loaded. With ``lazy``
+    installed plugins are imported when `Registry.having` or `Registry.find` needs them. ``points`` are entry points in
+    place of the installed ones.
 
     Raises PluginError for a file or a class that is broken, or whose kind is that of a built-in component or of another
     file or class.

@@ -60,14 +60,8 @@ class Expanded:
 def expand(force: ForceAt, form: Form, tolerance: float) -> Expanded:
     """Expand a force in a form, with the fewest nodes that meet the tolerance at held-out points.
 
-    Parameters
-    ----------
-    force
-        Acceleration (3, n) in (km/s)^2/kpc at a time and positions (3, n) in kpc.
-    form
-        ``auto`` takes the simplest that the force's symmetries allow.
-    tolerance
-        Largest relative error |da| / |a| from 0.1 to 500 kpc.
+    The tolerance is the largest relative error |da| / |a| from 0.1 to 500 kpc. The form ``auto`` is the simplest that
+    the force's symmetries allow.
 
     Raises NoExpansion if the force depends on time, is not finite somewhere, or `MOST_NODES` nodes miss the tolerance.
     """

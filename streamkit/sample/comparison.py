@@ -35,24 +35,14 @@ class Part:
 
 
 class Comparison:
-    """The ln likelihood of predictions that are given, at many points at once.
-
-    Parameters
-    ----------
-    model
-        Whose observables are meant, and their data.
-
-    Attributes
-    ----------
-    undeclared
-        The measurements that cannot be compared at many points: those with a likelihood of their own that do not
-        declare what it reads, and those whose data depend on a parameter.
-    """
+    """The ln likelihood of predictions of a model's observables that are given, at many points at once."""
 
     def __init__(self, model: Model) -> None:
         self._spec = spec = model.spec
         self._parts: list[Part] = []
         self._shapes: list[tuple[int, ...]] = []
+        # The measurements that cannot be compared at many points: those with a likelihood of their own that do not
+        # declare what it reads, and those whose data depend on a parameter.
         self.undeclared: list[str] = []
         self._likelihood_only = np.zeros(len(spec.names), dtype=bool)
         bound, sections = spec.bind_all(), spec.sections

@@ -163,13 +163,8 @@ def checksum_of(*parts: Any) -> str:
 
 
 def extend_checksum(before: str, coords: Array, log_prob: Array, blobs: Any) -> str:
-    """Return the checksum of a chain that is continued by the samples of a step.
+    """Return the checksum of a chain that is continued by the samples of a step, as in `Step`.
 
-    Parameters
-    ----------
-    before
-        The checksum of the chain without them; that of no sample at all is the digest of the run.
-    coords, log_prob, blobs
-        As in `Step`.
+    ``before`` is the checksum of the chain without them; that of no sample at all is the digest of the run.
     """
     return checksum_of(before, coords, log_prob, *([] if blobs is None else [blobs]))

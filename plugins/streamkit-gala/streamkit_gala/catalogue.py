@@ -91,13 +91,8 @@ def construct(cls: Any, values: Mapping[tuple[str, ...], Any]) -> Any:
 def parameters_of(name: str, options: Mapping[str, Any]) -> tuple[Parameter, ...]:
     """Return the parameters of the potential that gala calls ``name``.
 
-    Parameters
-    ----------
-    name
-        gala's name of the class.
-    options
-        What the section of the run file says: the ``version`` of a Milky Way and the ``lmax`` of a multipole
-        decide which parameters there are.
+    ``options`` is the section of the run file: the ``version`` of a Milky Way and the ``lmax`` of a multipole decide
+    which parameters there are.
 
     Raises ValueError: If there is no such potential, or it takes what a run file cannot hold.
     """

@@ -44,13 +44,7 @@ class Gravity:
         return self._evaluate(q, potential=True)["potential"]
 
     def _evaluate(self, q: Array, *, accel: bool = False, potential: bool = False) -> dict[str, Array]:
-        """Return what is asked for: accelerations (n, 3), potentials (n,).
-
-        Raises
-        ------
-        NotFinite
-            If a position is not.
-        """
+        """Return what is asked for: accelerations (n, 3), potentials (n,). Raises NotFinite if a position is not."""
         import numba
         from pytreegrav import frontend  # type: ignore[import-untyped]  # slow to import
 

@@ -35,12 +35,8 @@ class Simulation:
     def of(spec: Spec, options: Options, workers: int = 1) -> Simulation:
         """Prepare a run.
 
-        Raises
-        ------
-        SpecError
-            If the host has a force that depends on velocity.
-        OutOfDomain
-            If the progenitor is no sphere in isotropic equilibrium with an end to its mass, or its orbit is not finite.
+        Raises SpecError if the host has a force that depends on velocity. Raises OutOfDomain if the progenitor is no
+        sphere in isotropic equilibrium with an end to its mass, or its orbit is not finite.
         """
         inputs = spec.bind()
         sphere.sample(1, inputs)  # refuses what is no sphere in equilibrium, before the orbit is made
@@ -109,13 +105,7 @@ class Simulation:
         )  # fmt: skip
 
     def advance(self, state: State) -> State:
-        """Return the state at the next record.
-
-        Raises
-        ------
-        NotFinite
-            If a particle is lost.
-        """
+        """Return the state at the next record. Raises NotFinite if a particle is lost."""
         plan, q, v, a = self.plan, state.q.copy(), state.v.copy(), state.a
         begin, end = state.time, plan.time(state.record + 1)
         for k in range(1, plan.steps + 1):

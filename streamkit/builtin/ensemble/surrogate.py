@@ -100,16 +100,9 @@ def learn(points: Array, mean: Array, variance: Array, data: Data, lnl: Array | 
     Where these do not explain ln likelihood, as the observable has its own or its data depend on a parameter, the
     deviance is fitted. Degree and ridge are those of which a fit to the older points predicts the newest best.
 
-    Parameters
-    ----------
-    points
-        (n, d) coordinates at which the model was evaluated, the oldest first.
-    mean, variance
-        (n, m) what the model predicts there, and the variance of that estimate; NaN where there is no observable.
-    data
-        The m data.
-    lnl
-        (n,) ln likelihood there; None or NaN if it is the Gaussian one of the data.
+    ``points`` (n, d) are coordinates at which the model was evaluated, the oldest first; ``mean`` and ``variance``
+    (n, m) are its predictions there, NaN where there is no observable; ``lnl`` (n,) is ln likelihood there, None or
+    NaN if it is the Gaussian one of the data.
     """
     used = np.isfinite(data.values)
     points, mean, variance = points[-MAX_POINTS:], mean[-MAX_POINTS:], variance[-MAX_POINTS:]
