@@ -9,7 +9,7 @@ from streamkit.builtin.emulator.changes import with_axes
 from streamkit.builtin.emulator.emulated import Emulated
 
 # Steps of a walk from the places of a start, of which the last are compared with the samples.
-STEPS, LAST = 240, 80
+STEPS, LAST = 600, 200
 # Parts of equal probability along each parameter and principal axis. One is empty with less than this fraction of its
 # share.
 PARTS, EMPTY = 20, 0.1
