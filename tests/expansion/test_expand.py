@@ -51,8 +51,8 @@ def test_a_sphere_converges_with_the_fourth_power_of_the_nodes():
         pytest.param((HALO,), "spherical", 1e-4, id="sphere"),
         pytest.param(GALAXY, "axisymmetric", 1e-4, id="galaxy"),
         pytest.param((LogarithmicHalo(v0=220.0, rc=1.0, q=0.8),), "axisymmetric", 1e-4, id="flattened log"),
-        pytest.param((TRIAXIAL,), "general", 1e-3, id="triaxial, coarse"),
-        pytest.param((TURNED,), "general", 1e-3, id="turned, coarse"),
+        pytest.param((TRIAXIAL,), "general", 3e-3, id="triaxial, coarse"),  # every order more is compiled for seconds
+        pytest.param((TURNED,), "general", 3e-3, id="turned, coarse"),
         pytest.param((TRIAXIAL,), "general", 1e-4, id="triaxial", marks=pytest.mark.slow),  # minutes
         pytest.param((TURNED,), "general", 1e-4, id="turned", marks=pytest.mark.slow),
     ],
@@ -68,7 +68,7 @@ def test_the_form_is_found_and_the_tolerance_met_where_nobody_looked(potentials,
 
 def test_without_any_symmetry():
     def force(t, q):
-        return force_of(HALO)(t, q) + force_of(Plummer(mass=2e10, radius=15.0))(t, q - np.array([[8.0], [5.0], [3.0]]))
+        return force_of(HALO)(t, q) + force_of(Plummer(mass=5e9, radius=15.0))(t, q - np.array([[8.0], [5.0], [3.0]]))
 
     expanded = expand(force, "auto", 3e-3)
     assert not expanded.grid.mirror
