@@ -22,7 +22,7 @@ PC_OF_MODULUS = 10.0  # pc at a distance modulus of zero
 def example(path: Path = GD1) -> dict[str, Any]:
     """Return a run file as a dictionary, with the tables of its track as lists, and few particles."""
     run = tomllib.loads(path.read_text())
-    run["stripping"]["particles"] = 500
+    run["stripping"]["particles"] = 1000
     observable = run["observable"]
     for name, value in observable.items():
         if isinstance(value, str) and value.endswith(".ecsv"):
