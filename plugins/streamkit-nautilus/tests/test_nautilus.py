@@ -100,7 +100,7 @@ def test_a_killed_run_goes_on_as_if_it_had_not(whole, document, tmp_path):
 
 def test_it_may_be_asked_for_more_when_it_goes_on(whole, document, tmp_path):
     fit(tmp_path / "run", document)
-    longer = with_settings(document, effective_samples=250)
+    longer = with_settings(document, effective_samples=400)
     more = fit(tmp_path / "run", longer, resume=True)
     assert more.attributes["counts"]["calls"] > whole.attributes["counts"]["calls"]
     same(more, fit(document=longer))
@@ -108,7 +108,7 @@ def test_it_may_be_asked_for_more_when_it_goes_on(whole, document, tmp_path):
 
 def test_it_says_how_far_it_is_and_when_it_may_end(document, monkeypatch, capsys):
     monkeypatch.setattr("streamkit.report.progress.EVERY", 0.0)
-    longer = with_settings(document, effective_samples=600)
+    longer = with_settings(document, effective_samples=900)
     sk.run(longer, progress=True, products=False, components=[Nautilus])
     found, told = capsys.readouterr(), "streamkit: sampling: "
     lines = [line for line in found.err.splitlines() if told in line]
