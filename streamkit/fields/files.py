@@ -31,21 +31,12 @@ _COMMAS = re.compile(r"(?m)^# delimiter: [\"']?,")
 
 @dataclass
 class Files:
-    """The data files that the fields of one run file name: each is read once.
+    """The data files that the fields of one run file name: each is read once."""
 
-    Attributes
-    ----------
-    folder
-        The folder that paths are relative to.
-    expected
-        SHA-256 that files had before, by their names in the run file: another content is then an error.
-    read
-        SHA-256 of those that have been read.
-    """
-
-    folder: Path = field(default_factory=Path.cwd)
+    folder: Path = field(default_factory=Path.cwd)  # the folder that paths are relative to
+    # SHA-256 that files had before, by their names in the run file: another content is then an error.
     expected: Mapping[str, str] = field(default_factory=dict)
-    read: dict[str, str] = field(default_factory=dict)
+    read: dict[str, str] = field(default_factory=dict)  # SHA-256 of those that have been read
     _contents: dict[str, bytes] = field(default_factory=dict, repr=False)
     _tables: dict[str, Table] = field(default_factory=dict, repr=False)
     _plain: dict[str, Table] = field(default_factory=dict, repr=False)

@@ -22,18 +22,13 @@ def distances(a: Array, b: Array) -> Array:
 
 @dataclass(frozen=True)
 class Past:
-    """The past of particles, from their orbits followed back: see `streamkit.Stream`.
-
-    Attributes
-    ----------
-    nearest
-        (n,) nearest approach to the progenitor on the way back, in tidal radii: much above 1 for a particle that has
-        not come from it, as far as the fixed mass of the progenitor can say.
-    """
+    """The past of particles, from their orbits followed back: see `streamkit.Stream`."""
 
     t_strip: Array
     winding: Array
     chi: Array
+    # (n,) nearest approach to the progenitor on the way back, in tidal radii: much above 1 for a particle that has not
+    # come from it, as far as the fixed mass of the progenitor can say.
     nearest: Array
 
 

@@ -36,17 +36,13 @@ _EDGE = 1e-6  # a prior may end on an open bound, such as 0 for a length: its in
 class Section(Generic[M]):
     """A validated section."""
 
-    path: str
-    """Its path in the run file: ``potential.halo``."""
+    path: str  # its path in the run file: ``potential.halo``
     cls: type[M]
-    given: dict[str, Any]
-    """The values from the run file of the fields without a prior."""
-    priors: dict[str, Prior]
-    """By field, or ``v_c.0`` for the first entry of an array."""
-    centre: M
-    """The instance with every free field at the centre of its prior."""
+    given: dict[str, Any]  # the values from the run file of the fields without a prior
+    priors: dict[str, Prior]  # by field, or ``v_c.0`` for the first entry of an array
+    centre: M  # the instance with every free field at the centre of its prior
+    # The values of fields with an array, a table or a file as the run file has them; they stay as they are.
     written: dict[str, Any] = dataclass_field(default_factory=dict)
-    """The values of fields with an array, a table or a file as the run file has them; they stay as they are."""
 
     def build(self, values: Mapping[str, float]) -> M:
         """Return the instance at ``values``, by the full name of each free field; `OutOfDomain` if one breaks it."""

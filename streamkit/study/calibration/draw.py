@@ -23,33 +23,20 @@ TRIES = 1000  # most draws of a truth until one has a measurable stream
 
 @dataclass(frozen=True)
 class Draw:
-    """The result of one draw.
+    """The result of one draw."""
 
-    Attributes
-    ----------
-    index
-        Its number, which determines the random numbers together with the run file's seed.
-    truth, ranks
-        (d,) the parameters, in the units of the run file, and the share of the posterior samples below each.
-    masses, mass_ranks
-        The same of the enclosed mass in Msun at `MASS_RADII`.
-    r_hat, ess
-        The largest R-hat, NaN for weighted samples, and the smallest effective number of samples, of the fit.
-    calls
-        Number of streams that were made.
-    converged
-        Whether the rule of its sampler was met: `Results.converged`.
-    """
-
-    index: int
+    index: int  # its number, which determines the random numbers together with the run file's seed
+    # (d,) the parameters, in the units of the run file, and the share of the posterior samples below each.
     truth: tuple[float, ...]
     ranks: tuple[float, ...]
+    # the same of the enclosed mass in Msun at `MASS_RADII`.
     masses: tuple[float, ...]
     mass_ranks: tuple[float, ...]
+    # the largest R-hat, NaN for weighted samples, and the smallest effective number of samples, of the fit.
     r_hat: float
     ess: float
-    calls: int
-    converged: bool
+    calls: int  # number of streams that were made
+    converged: bool  # whether the rule of its sampler was met: `Results.converged`
 
     def line(self) -> str:
         """Return it as a line of JSON."""

@@ -40,29 +40,18 @@ def contraction(fractions: Array) -> float:
 
 @dataclass(frozen=True)
 class Predictive:
-    """The data and what the posterior predicts for them.
+    """The data and what the posterior predicts for them."""
 
-    Attributes
-    ----------
-    names, data, errors
-        (m,) of the data that are there.
-    mean, variance
-        (n, m) predictions of the samples, and the variance of each estimate.
-    add_noise
-        Whether the likelihood adds that variance to the errors.
-    gaussian
-        Whether the likelihood is the Gaussian of these data, and no observable has one of its own.
-    scatter
-        (m,) standard deviations of the data about the best sample's predictions; None: their errors.
-    """
-
+    # (m,) of the data that are there.
     names: tuple[str, ...]
     data: Array
     errors: Array
+    # (n, m) predictions of the samples, and the variance of each estimate.
     mean: Array
     variance: Array
-    add_noise: bool = False
-    gaussian: bool = True
+    add_noise: bool = False  # whether the likelihood adds that variance to the errors
+    gaussian: bool = True  # whether the likelihood is the Gaussian of these data, and no observable has one of its own
+    # (m,) standard deviations of the data about the best sample's predictions; None: their errors.
     scatter: Array | None = None
 
     @property

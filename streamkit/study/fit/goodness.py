@@ -26,27 +26,13 @@ ALL = "all data"
 
 @dataclass(frozen=True)
 class Fitted:
-    """The fit to the data of one quantity, or to all data.
+    """The fit to the data of one quantity, or to all data."""
 
-    Attributes
-    ----------
-    name
-        The quantity with its measurement.
-    data
-        The names of its n data.
-    residuals
-        (n,) data minus the best sample's predictions, in standard deviations of the likelihood.
-    best
-        chi^2 at the best sample, correlations included.
-    samples
-        (k,) chi^2 at samples of the posterior; empty where predictions were not stored.
-    """
-
-    name: str
-    data: tuple[str, ...]
-    residuals: Array
-    best: float
-    samples: Array
+    name: str  # the quantity with its measurement
+    data: tuple[str, ...]  # the names of its n data
+    residuals: Array  # (n,) data minus the best sample's predictions, in standard deviations of the likelihood
+    best: float  # chi^2 at the best sample, correlations included
+    samples: Array  # (k,) chi^2 at samples of the posterior; empty where predictions were not stored
 
     @property
     def p_value(self) -> float:
@@ -70,21 +56,11 @@ class Fitted:
 
 @dataclass(frozen=True)
 class Goodness:
-    """The fit to each quantity, and to all data together.
+    """The fit to each quantity, and to all data together."""
 
-    Attributes
-    ----------
-    quantities
-        One for each quantity that has data and residuals.
-    whole
-        All of their data.
-    unjudged
-        Measurements with a likelihood of their own and without residuals.
-    """
-
-    quantities: tuple[Fitted, ...]
-    whole: Fitted
-    unjudged: tuple[str, ...] = ()
+    quantities: tuple[Fitted, ...]  # one for each quantity that has data and residuals
+    whole: Fitted  # all of their data
+    unjudged: tuple[str, ...] = ()  # measurements with a likelihood of their own and without residuals
 
     @property
     def least(self) -> tuple[Fitted, float]:
@@ -101,22 +77,14 @@ def at_least_one(p: float, n: int) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """The samples of a run with their predictions.
+    """The samples of a run with their predictions."""
 
-    Attributes
-    ----------
-    spec
-        The run.
-    best, predictions
-        The best sample by name, and what is predicted there; its details stand for those of all samples, as runs store
-        means and variances only.
-    samples, blobs
-        (n, d) samples, and (n,) records of `streamkit.sample.blob_dtype`; None if predictions were not stored.
-    """
-
-    spec: Spec
+    spec: Spec  # the run
+    # the best sample by name, and what is predicted there; its details stand for those of all samples, as runs store
+    # means and variances only.
     best: Mapping[str, float]
     predictions: Mapping[str, Prediction]
+    # (n, d) samples, and (n,) records of `streamkit.sample.blob_dtype`; None if predictions were not stored.
     samples: Array
     blobs: Any
 

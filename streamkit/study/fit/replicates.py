@@ -15,25 +15,14 @@ DRAWS = 500  # samples that new data are drawn for
 
 @dataclass(frozen=True)
 class Replicates:
-    """The data of each quantity by its name, with what some samples say of them.
+    """The data of each quantity by its name, with what some samples say of them."""
 
-    Attributes
-    ----------
-    names, data
-        (n,) names and values of the data of each quantity.
-    drawn
-        (k, n) new data of k samples; without a quantity of which none can be drawn.
-    labels
-        (m,) names of all data that have a likelihood of their own.
-    ln_likelihood
-        (k, m) their ln likelihoods.
-    """
-
+    # (n,) names and values of the data of each quantity.
     names: dict[str, tuple[str, ...]]
     data: dict[str, Array]
-    drawn: dict[str, Array]
-    labels: tuple[str, ...]
-    ln_likelihood: Array
+    drawn: dict[str, Array]  # (k, n) new data of k samples; without a quantity of which none can be drawn
+    labels: tuple[str, ...]  # (m,) names of all data that have a likelihood of their own
+    ln_likelihood: Array  # (k, m) their ln likelihoods
 
 
 def replicates(sampled: Sampled) -> Replicates | None:

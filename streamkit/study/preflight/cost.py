@@ -20,21 +20,14 @@ SLOW = 5.0  # CPU seconds above which a first call is not repeated: loading mach
 
 @dataclass(frozen=True)
 class Cost:
-    """CPU seconds of the first call of a process and of a later one, measured at ``where``, and of the search.
-
-    Attributes
-    ----------
-    search_calls
-        Streams that the search for a start will make, about; 0 where nothing can be fitted or was tried.
-    search
-        CPU seconds of them, about.
-    """
+    """CPU seconds of the first call of a process and of a later one, measured at ``where``, and of the search."""
 
     first: float
     call: float
     where: str
+    # streams that the search for a start will make, about; 0 where nothing can be fitted or was tried.
     search_calls: int = 0
-    search: float = 0.0
+    search: float = 0.0  # CPU seconds of them, about
 
 
 def search_cost(spec: Spec, tried: PriorDraws | None, call: float) -> tuple[int, float]:

@@ -38,24 +38,12 @@ class _Measured:
 
 
 class _Distance(NamedTuple):
-    """The distance of data from the nearest trial stream: that of the median datum.
+    """The distance of data from the nearest trial stream: that of the median datum."""
 
-    Attributes
-    ----------
-    errors
-        In standard deviations of the likelihood, the noise of the trial stream included.
-    spreads
-        In standard deviations of the predictions of all trials; 0 where they are few.
-    nearness
-        In the larger of `NEAR_ERRORS` errors and one spread.
-    rank
-        In spreads, or in predicted values where trials are few: no error of the data enters.
-    """
-
-    errors: float
-    spreads: float
-    nearness: float
-    rank: float
+    errors: float  # in standard deviations of the likelihood, the noise of the trial stream included
+    spreads: float  # in standard deviations of the predictions of all trials; 0 where they are few
+    nearness: float  # in the larger of `NEAR_ERRORS` errors and one spread
+    rank: float  # in spreads, or in predicted values where trials are few: no error of the data enters
 
     def beyond(self, limit: float) -> bool:
         """Say whether the data are farther than a limit in errors or in spreads, and not near."""

@@ -29,30 +29,14 @@ class Trial:
 
 @dataclass(frozen=True)
 class PriorDraws:
-    """Trial streams of `TRIAL_PARTICLES` particles at draws from the prior.
+    """Trial streams of `TRIAL_PARTICLES` particles at draws from the prior."""
 
-    Attributes
-    ----------
-    draws
-        Number of draws.
-    good
-        (good, d) The draws with a stream that the observable can measure.
-    seconds
-        (good,) CPU seconds of each of them.
-    reasons
-        Reasons of the other draws, with their numbers.
-    total
-        CPU seconds of all of them.
-    trials
-        The streams of the draws in ``good``, and their predictions.
-    """
-
-    draws: int
-    good: Array
-    seconds: Array
-    reasons: Counter[str]
-    total: float = 0.0
-    trials: tuple[Trial, ...] = ()
+    draws: int  # number of draws
+    good: Array  # (good, d) The draws with a stream that the observable can measure
+    seconds: Array  # (good,) CPU seconds of each of them
+    reasons: Counter[str]  # reasons of the other draws, with their numbers
+    total: float = 0.0  # CPU seconds of all of them
+    trials: tuple[Trial, ...] = ()  # the streams of the draws in ``good``, and their predictions
 
 
 def observe(model: Model, theta: Array) -> tuple[Trial | None, str]:

@@ -36,30 +36,15 @@ class Look:
 
 @dataclass(frozen=True)
 class Preflight:
-    """The results of the preflight of a run.
+    """The results of the preflight of a run."""
 
-    Attributes
-    ----------
-    streams
-        Each stream at the prior's centre, by name.
-    data
-        Data that are no stream, each with the prediction by the host at the prior's centre, by name.
-    reason
-        Why there is no prediction at the prior's centre; empty if there is one.
-    cost
-        Of one posterior call, or of one stream where there is nothing to fit.
-    prior_draws
-        Trial streams over the prior; None if there were none.
-    warnings
-        One paragraph each.
-    """
-
-    streams: dict[str, Look]
+    streams: dict[str, Look]  # each stream at the prior's centre, by name
+    # data that are no stream, each with the prediction by the host at the prior's centre, by name.
     data: dict[str, tuple[HostData, Prediction]]
-    reason: str
-    cost: Cost
-    prior_draws: PriorDraws | None
-    warnings: tuple[str, ...]
+    reason: str  # why there is no prediction at the prior's centre; empty if there is one
+    cost: Cost  # of one posterior call, or of one stream where there is nothing to fit
+    prior_draws: PriorDraws | None  # trial streams over the prior; None if there were none
+    warnings: tuple[str, ...]  # one paragraph each
 
 
 def run_preflight(spec: Spec, *, draws: int = 64, progress: bool = False) -> Preflight:
