@@ -193,7 +193,7 @@ def _run(results: Results) -> dict[str, Any]:
             "digest": spec.digest(),
             "seed": spec.seed,
             "sampler": spec.sampler.kind,
-            "chain": results.draws.description(),
+            "chain": results.draws.headline,
             "ended": ENDED.get(results.status, "not yet, or by an interruption"),
             "streams made": f"{results.calls} by the sampler, {results.search_calls} in the search for a start",
             **results.facts,

@@ -16,7 +16,7 @@ from streamkit.errors import ChainError, OutOfDomain, nearest
 from streamkit.model import Host, Observation
 from streamkit.runfile import Spec
 from streamkit.sample import Chain, Posterior, Weighted
-from streamkit.stream import Array, IntArray, Prediction, Stream
+from streamkit.stream import Array, Prediction, Stream
 from streamkit.study.fit.chain_draws import ChainDraws
 from streamkit.study.fit.conversion import arviz_tree, sample_frame
 from streamkit.study.fit.draws import Draws
@@ -38,22 +38,28 @@ MAX_MODELS = 5000  # samples that a mass profile is computed for
 class Results:
     """A finished, interrupted or running run: `streamkit.load_results` reads one, `streamkit.run` returns one.
 
-    Parameters
-    ----------
-    spec
-        The run.
-    draws
-        Its samples.
-    directory
-        Where it is, or None for one in memory.
-
     Attributes
     ----------
+    spec, directory
+        The run, and where it is; None for one in memory.
+    draws
+        Its samples, which describe and judge themselves.
+    names
+        The free parameters.
     chain, log_prob
         (steps, walkers, d) samples and (steps, walkers) ln posterior, burn-in included. Weighted samples have the form
         of a chain too: as many of equal weight as they are worth, drawn with the seed of the run, as one walker.
     discard
-        Steps of learning and burn-in that `samples` leaves out.
+        Steps left out: those of learning, then three times the longest autocorrelation time, at most half.
+    kept, samples
+        (steps, walkers, d) the chain after burn-in, and (n, d) the same without regard to walkers.
+    tau, ess
+        (d,) Autocorrelation times in steps, of the chain after learning, NaN where there is no estimate; and effective
+        numbers of independent samples after burn-in.
+    r_hat
+        (d,) Rank-normalised split R-hat after burn-in, each walker a chain; NaN for weighted samples.
+    stuck
+        (n,) Numbers of the walkers that are stuck far below the others.
     acceptance
         Fraction of the proposals that were accepted, those of the steps of learning left out.
     calls, search_calls
@@ -73,65 +79,29 @@ class Results:
     """
 
     def __init__(self, spec: Spec, draws: Draws, directory: Path | None = None) -> None:
-        if draws.chain.shape[2] != len(spec.names):
+        self.names, d = spec.names, draws.chain.shape[2]
+        if d != len(self.names):
             raise ChainError(
-                f"the chain has {draws.chain.shape[2]} parameters and the run file {len(spec.names)} free ones: "
+                f"the chain has {d} parameters and the run file {len(self.names)} free ones: "
                 "they belong to different runs"
             )
         self.spec, self.draws, self.directory = spec, draws, directory
         self.chain, self.log_prob, self.blobs = draws.chain, draws.log_prob, draws.blobs
+        self.discard, self.kept, self.samples = draws.discard, draws.kept, draws.kept.reshape(-1, d)
+        self.tau, self.ess, self.r_hat, self.stuck = draws.tau, draws.ess, draws.r_hat, draws.stuck
         self.calls, self.search_calls, self.reasons = draws.calls, draws.search_calls, draws.reasons
         self.facts, self.status, self.quick = draws.facts, draws.status, draws.quick
         self.weighted, self.acceptance = draws.weighted, draws.acceptance
         self.failed: dict[str, str] = {}
         self._profiles: dict[float, tuple[Array, Array]] = {}
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The free parameters."""
-        return self.spec.names
-
     def __repr__(self) -> str:
         trust = "converged" if self.converged else "not converged"
-        return f"<Results: {self.draws!r}, {len(self.names)} parameters, {trust}>"
+        number = self.draws.headline.partition(",")[0]
+        return f"<Results: {number}, {len(self.names)} parameters, {trust}>"
 
     def _repr_html_(self) -> str:
         return f"<p>{escape(self.note())}</p>{self.summary()._repr_html_()}"
-
-    @property
-    def discard(self) -> int:
-        """Steps left out: those of learning, then three times the longest autocorrelation time, at most half."""
-        return self.draws.discard
-
-    @property
-    def kept(self) -> Array:
-        """(steps, walkers, d) The chain after burn-in."""
-        return self.draws.kept
-
-    @property
-    def samples(self) -> Array:
-        """(n, d) Samples after burn-in."""
-        return self.kept.reshape(-1, self.chain.shape[2])
-
-    @property
-    def tau(self) -> Array:
-        """(d,) Autocorrelation times in steps, of the chain after learning; NaN where there is no estimate."""
-        return self.draws.tau
-
-    @property
-    def ess(self) -> Array:
-        """(d,) Effective number of independent samples after burn-in."""
-        return self.draws.ess
-
-    @property
-    def r_hat(self) -> Array:
-        """(d,) Rank-normalised split R-hat after burn-in, each walker a chain; NaN for weighted samples."""
-        return self.draws.r_hat
-
-    @property
-    def stuck(self) -> IntArray:
-        """(n,) Numbers of the walkers that are stuck far below the others."""
-        return self.draws.stuck
 
     def __getitem__(self, name: str) -> Array:
         """(n,) Samples after burn-in of the parameter with this name, such as ``results["potential.v0"]``."""
@@ -185,11 +155,11 @@ class Results:
     @property
     def converged(self) -> bool:
         """Whether the percentiles can be trusted, by the rule of the sampler as the run file sets it."""
-        return not self.quick and not self.draws.lacks(self.names)
+        return not self.quick and not self.draws.lacks
 
     def note(self) -> str:
         """Return in one sentence how far the percentiles can be trusted, and what is missing."""
-        return self.draws.note(self.names)
+        return self.draws.note()
 
     def summary(self) -> QTable:
         """Return one row per parameter.
@@ -280,7 +250,7 @@ def draws_of(stored: Chain | Weighted, spec: Spec, quick: bool) -> Draws:
         return WeightedDraws(stored, spec.sampler.kind, spec.seed, quick)
     if not isinstance(spec.sampler, ChainSampler):
         raise ChainError(f"there is a chain, and the sampler {spec.sampler.kind!r} of the run file makes none")
-    return ChainDraws(stored, spec.sampler, quick)
+    return ChainDraws(stored, spec.sampler, spec.names, quick)
 
 
 def load_results(directory: str | Path, components: Iterable[type[Component]] = (), trust: bool = False) -> Results:

@@ -76,7 +76,7 @@ def describe_results(results: Results) -> str:
     calls += [("rejected", str(n), reason) for reason, n in Counter(results.reasons).most_common()]
     if draws.weighted is None:
         calls += [("stuck", str(len(results.stuck)), f"of {results.chain.shape[1]} walkers")]
-    parts = [f"{draws.headline()}\n{paragraph(results.note())}", f"parameters\n{columns(rows)}"]
+    parts = [f"{draws.headline}\n{paragraph(results.note())}", f"parameters\n{columns(rows)}"]
     parts += [f"mass of the host\n{columns(masses)}", f"sampler\n{columns(calls)}"]
     if results.fit is not None:
         parts.insert(2, f"fit to the data, at the best sample\n{columns(_goodness(results))}")

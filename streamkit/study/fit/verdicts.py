@@ -62,7 +62,7 @@ UNINFORMED = 0.9
 def verdicts(results: Results) -> list[Verdict]:
     """Return the outcome of every check that the run allows."""
     outcomes = [quick_verdict()] if results.quick else []
-    outcomes += results.draws.verdicts(results.names)
+    outcomes += results.draws.verdicts()
     if results.fit is not None:
         outcomes += [goodness_verdict(results.fit), worst_verdict(results.fit.whole)]
     # An emulator averages the noise of its calls, and judges its own error itself.
