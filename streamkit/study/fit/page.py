@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import re
+from collections import Counter
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
@@ -16,7 +17,7 @@ from streamkit.errors import message_of
 from streamkit.observe import frame_of
 from streamkit.report import cited, describe_live, labels, number
 from streamkit.runfile import ONLY
-from streamkit.study.fit.diagnostics import contraction, predictive, prior_fractions
+from streamkit.study.fit.diagnostics import contraction, predictions_table, predictive, prior_fractions
 from streamkit.study.fit.directory import stream_pictures
 from streamkit.study.fit.draws import ENDED
 from streamkit.study.fit.figures import reach, remark
@@ -60,7 +61,7 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
         loader=PackageLoader("streamkit.study.fit", "."), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
     environment.globals.update(css=CLASSES, sign=SIGNS)
-    environment.filters["options"] = _unbroken
+    environment.filters.update(options=_unbroken, number=number, or_dash=_or_dash)
     return environment.get_template(TEMPLATE).render(
         title=Path(str(results.spec.source)).name if results.directory is None else results.directory.resolve().name,
         remark=remark(results),
@@ -71,14 +72,16 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
         counts={name: sum(v.level == name for v in outcomes) for name in LEVELS},
         by_subject={v.subject: v for v in outcomes},
         parameters=list(_parameters(results)),
-        masses=list(_masses(results)),
+        masses=results.mass_profile(radii_to_show(results)),
+        reach=reach(results),
         literature=[] if literature is None else list(_literature(results, literature)),
         pictures=_pictures(results),
         streams=results.spec.streams,
         on_sky=_on_sky(results),
-        goodness=list(_goodness(results)),
-        data=list(_data(results)),
-        reasons=list(_reasons(results)),
+        goodness=results.goodness(),
+        data=predictions_table(predictive(results)),
+        reasons=Counter(results.reasons).most_common(),
+        calls=max(results.calls, 1),
         run=_run(results),
         toml=results.spec.toml(),
         bibtex=cited(results.spec),
@@ -92,36 +95,13 @@ def _on_sky(results: Results) -> set[str]:
 
 
 def _parameters(results: Results) -> Iterator[dict[str, Any]]:
-    fractions = (prior_fractions(p, x) for p, x in zip(results.spec.priors, results.samples.T, strict=True))
-    columns = results.summary(), results.spec.units, results.spec.priors, fractions, results.draws.trusted_ess
-    for row, unit, prior, u, n_eff in zip(*columns, strict=True):
-        yield {
-            "name": row["parameter"],
-            "unit": unit.replace(" ", ""),
-            "median": number(row["median"]),
-            "interval": tuple((number(row[f"lo{p}"]), number(row[f"hi{p}"])) for p in (68, 95)),
-            "best": number(row["best"]),
-            "prior": prior.text(unit.replace(" ", "")),
-            "n_eff": _or_dash(n_eff, ".0f"),
-            "tau": _or_dash(row["autocorrelation_time"], ".0f"),
-            "r_hat": _or_dash(row["r_hat"], ".3f"),
-            "contraction": f"{contraction(u):.2f}",
-        }
-
-
-def _masses(results: Results) -> Iterator[dict[str, Any]]:
-    low, high = reach(results)
-    table = results.mass_profile(radii_to_show(results))
-    for row in table:
-        r = float(row["r"].to_value("kpc"))
-        mass = [row[f"M{suffix}"].to_value("1e11 Msun") for suffix in ("", "_lo68", "_hi68", "_lo95", "_hi95")]
-        speed = [row[f"v_c{suffix}"].to_value("km/s") for suffix in ("", "_lo68", "_hi68", "_lo95", "_hi95")]
-        yield {
-            "r": f"{r:g}",
-            "M": [f"{m:.2f}" for m in mass],
-            "v_c": [f"{v:.0f}" for v in speed],
-            "beyond": not low <= r <= high,
-        }
+    """Yield the row of each parameter in the summary, with more columns: its prior among them."""
+    spec = results.spec
+    for row, unit, prior, x, n_eff in zip(
+        results.summary(), spec.units, spec.priors, results.samples.T, results.draws.trusted_ess, strict=True
+    ):
+        more = {"prior": prior.text(unit.replace(" ", "")), "contraction": contraction(prior_fractions(prior, x))}
+        yield {**dict(zip(row.colnames, row, strict=True)), **more, "n_eff": n_eff}
 
 
 # Published quantities on the page: their scale, unit and decimal places; flattenings have neither.
@@ -150,37 +130,6 @@ def _literature(results: Results, table: QTable) -> Iterator[dict[str, Any]]:
             "deviation": f"{row['deviation']:+.1f}" if np.isfinite(row["deviation"]) else "-",
             "reference": row["reference"],
         }
-
-
-def _data(results: Results) -> Iterator[dict[str, Any]]:
-    if (seen := predictive(results)) is None:
-        return
-    for k, name in enumerate(seen.names):
-        low, middle, high = np.percentile(seen.mean[:, k], [16, 50, 84])
-        yield {
-            "name": name,
-            "data": f"{seen.data[k]:.4g} ± {seen.errors[k]:.3g}",
-            "model": f"{middle:.4g} (+{high - middle:.2g} −{middle - low:.2g})",
-            "deviation": f"{seen.deviations[k]:+.1f}",
-            "noise": f"{seen.noise[k]:.2f}",
-        }
-
-
-def _goodness(results: Results) -> Iterator[dict[str, Any]]:
-    for row in results.goodness():
-        yield {
-            "name": row["quantity"],
-            "data": int(row["data"]),
-            "chi2": f"{row['chi2']:.1f}",
-            "p": f"{row['p']:.2g}",
-            "worst": row["worst"],
-            "residual": f"{row['residual']:+.1f}".replace("-", "−"),
-        }
-
-
-def _reasons(results: Results) -> Iterator[dict[str, Any]]:
-    for reason, n in sorted(results.reasons.items(), key=lambda item: -item[1]):
-        yield {"reason": reason, "count": n, "share": 100 * n / max(results.calls, 1)}
 
 
 def _run(results: Results) -> dict[str, Any]:
