@@ -14,7 +14,7 @@ from streamkit.observe import scatter_of
 from streamkit.runfile import Prior
 from streamkit.sample import Posterior
 from streamkit.stream import Array
-from streamkit.study.fit.tables import printable
+from streamkit.study.fit.tables import intervals, printable
 
 if TYPE_CHECKING:
     from astropy.table import QTable
@@ -132,9 +132,9 @@ def predictions_table(seen: Predictive | None) -> QTable:
 
     if seen is None:
         return QTable({"datum": Column([], dtype=str)})
-    lo95, lo68, median, hi68, hi95 = np.percentile(seen.mean, [2.5, 16, 50, 84, 97.5], axis=0)
-    table = QTable({"datum": list(seen.names), "value": seen.data, "error": seen.errors, "median": median})
-    for name, column in {"lo68": lo68, "hi68": hi68, "lo95": lo95, "hi95": hi95}.items():
+    levels = intervals(seen.mean)
+    table = QTable({"datum": list(seen.names), "value": seen.data, "error": seen.errors, "median": levels.pop("")})
+    for name, column in levels.items():
         table[name] = column
     table["deviation"] = Column(seen.deviations, description=f"datum minus median prediction, in {SIGMA}")
     table["noise"] = Column(seen.noise, description=f"the model's own noise over {SIGMA}")

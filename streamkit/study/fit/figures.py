@@ -82,8 +82,8 @@ def corner(results: Results, column: bool = False) -> Figure:
     """
     from corner import corner as draw  # it loads pyplot, which is slow and needed here alone
 
-    samples, names, units = _scaled(results)
-    d = samples.shape[1]
+    scale, names, units = _labels(results)
+    samples, d = results.samples / scale, len(names)
     text = remark(results)
     panel = 2.6 if d == 1 else 2.0 if d < 7 else 1.7
     titles = [_title(name, column) for name, column in zip(names, samples.T, strict=True)]
@@ -157,51 +157,48 @@ def corner(results: Results, column: bool = False) -> Figure:
     return figure
 
 
-def mass_profile(
-    results: Results, profile: QTable | None = None, axes: Axes | None = None, literature: QTable | None = None,
-    wide: float = WIDE,
-) -> Figure:  # fmt: skip
+def mass_profile(results: Results, literature: QTable | None = None, wide: float = WIDE) -> Figure:
     """Draw the mass inside each radius with its 68 % and 95 % bands, the radii of the data and published values."""
-    return _profile(results, profile, axes, literature, "M", 1e-11, r"$M(<r)\ \,[10^{11}\,M_\odot]$", wide)
+    return _profile(results, literature, "M", 1e-11, r"$M(<r)\ \,[10^{11}\,M_\odot]$", wide)
 
 
-def rotation_curve(
-    results: Results, profile: QTable | None = None, axes: Axes | None = None, literature: QTable | None = None,
-    wide: float = WIDE,
-) -> Figure:  # fmt: skip
+def rotation_curve(results: Results, literature: QTable | None = None, wide: float = WIDE) -> Figure:
     """Draw the circular velocity with its 68 % and 95 % bands, the radii of the data and published values."""
-    return _profile(results, profile, axes, literature, "v_c", 1.0, r"$v_{\rm c}(r)\ \,[{\rm km\,s}^{-1}]$", wide)
+    return _profile(results, literature, "v_c", 1.0, r"$v_{\rm c}(r)\ \,[{\rm km\,s}^{-1}]$", wide)
 
 
-def _profile(
-    results: Results,
-    profile: QTable | None,
-    axes: Axes | None,
-    literature: QTable | None,
-    name: str,
-    factor: float,
-    label: str,
-    wide: float,
-) -> Figure:
-    """Draw one column of a profile, so many inches wide; what is extrapolated beyond the `reach` is shaded."""
-    if profile is None:
-        rows = None if literature is None else literature[[quantity == name for quantity in literature["quantity"]]]
-        profile = results.mass_profile(radii(results, rows))
-    if axes is None:
-        axes = NotebookFigure(figsize=(wide, 0.75 * wide), layout="constrained").subplots()
-    narrow = wide < WIDE
-    figure = axes.get_figure(root=True)
-    assert isinstance(figure, Figure)  # noqa: S101  axes always have one
+def _profile(results: Results, literature: QTable | None, name: str, factor: float, label: str, wide: float) -> Figure:
+    """Draw one column of a profile, so many inches wide."""
+    rows = None if literature is None else literature[[quantity == name for quantity in literature["quantity"]]]
+    profile = results.mass_profile(radii(results, rows))
     r = profile["r"].value
+    figure, axes = profile_axes(results, r, label, wide)
     bands(axes, r, levels(profile, name, factor))
+    if rows is not None:
+        draw_literature(axes, rows, name, factor)
+    entries = axes.get_legend_handles_labels()[1]
+    size = 7.0 if wide < WIDE else 10.0
+    columns = min(across(entries, 0.8 * wide, size), 3)
+    # the curve must not be covered: the legend has room of its own above
+    lines = -(-len(entries) // columns) * 1.7 * size / 72 / (0.6 * wide)
+    axes.set_ylim(0, axes.get_ylim()[1] / max(1 - lines - 0.02, 0.3))
+    axes.legend(framealpha=1, edgecolor="none", loc="upper left", ncols=columns, fontsize=size)
+    return figure
+
+
+def profile_axes(results: Results, r: Array, label: str, wide: float) -> tuple[Figure, Axes]:
+    """Return a figure so many inches wide, and its axes over radii (nr,) in kpc, with the radii of the data.
+
+    What is extrapolated beyond the `reach` of stream and data is shaded.
+    """
+    figure = NotebookFigure(figsize=(wide, 0.75 * wide), layout="constrained")
+    axes, narrow = figure.subplots(), wide < WIDE
     axes.set_xlim(r[0], r[-1])
     low, high = reach(results)
     shade: Any = {"color": "#EDEDED", "lw": 0, "zorder": 0.5}
     axes.axvspan(min(r[0], low), low, **shade)
     axes.axvspan(high, max(r[-1], high), **shade, label="extrapolated")
     data_radii(axes, results)
-    if literature is not None:
-        draw_literature(axes, literature, name, factor)
     axes.set_xlabel(r"$r\ \,[{\rm kpc}]$", fontsize=9 if narrow else 13)
     axes.set_ylabel(label, fontsize=9 if narrow else 13)
     if text := remark(results):
@@ -209,14 +206,7 @@ def _profile(
     ticks(axes)
     if narrow:
         axes.tick_params(labelsize=8)
-    entries = axes.get_legend_handles_labels()[1]
-    size = 7.0 if narrow else 10.0
-    columns = min(across(entries, 0.8 * wide, size), 3)
-    # the curve must not be covered: the legend has room of its own above
-    lines = -(-len(entries) // columns) * 1.7 * size / 72 / (0.6 * wide)
-    axes.set_ylim(0, axes.get_ylim()[1] / max(1 - lines - 0.02, 0.3))
-    axes.legend(framealpha=1, edgecolor="none", loc="upper left", ncols=columns, fontsize=size)
-    return figure
+    return figure, axes
 
 
 def traces(results: Results) -> Figure:
@@ -292,11 +282,6 @@ def _labels(results: Results) -> tuple[Array, list[str], list[str]]:
     scales_and_units = [scaled(*each) for each in zip(results.spec.units, typical.tolist(), strict=True)]
     scales, units = zip(*scales_and_units, strict=True)
     return np.array(scales), labels(results.names, results.spec.symbols), list(units)
-
-
-def _scaled(results: Results) -> tuple[Array, list[str], list[str]]:
-    scale, names, units = _labels(results)
-    return results.samples / scale, names, units
 
 
 def _lines(text: str) -> int:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from streamkit.model import PROFILE, Moving
-from streamkit.report import BAND_68, BAND_95, BLUE, VERMILION, panel_grid, ticks
+from streamkit.report import BLUE, VERMILION, panel_grid, ticks
+from streamkit.study.fit.figures import bands, levels
 from streamkit.units import GYR
 
 if TYPE_CHECKING:
@@ -20,15 +21,14 @@ LOGARITHMIC = ("M", "rho")  # columns over several powers of ten
 
 def draw_host(profile: QTable, objects: Mapping[str, Moving], note: str = "") -> Figure:
     """Draw the columns of `host_table` against radius, with their intervals if it has them, and the orbits' radii."""
-    shown = [name for name in PROFILE if np.isfinite(_plain(profile[name])).any()]
+    shown = [name for name in PROFILE if np.isfinite(profile[name].value).any()]
     figure, panels = panel_grid(len(shown) + bool(objects), 3.4, 2.9, across=3, share=False)
-    r = profile["r"].value
+    r, has_bands = profile["r"].value, f"{shown[0]}_lo68" in profile.colnames
     for axes, name in zip(panels, shown, strict=False):
-        bands = [(_plain(profile[f"{name}_lo{p}"]), _plain(profile[f"{name}_hi{p}"]), colour, f"{p} %")
-                 for p, colour in ((95, BAND_95), (68, BAND_68)) if f"{name}_lo{p}" in profile.colnames]  # fmt: skip
-        for low, high, colour, label in bands:
-            axes.fill_between(r, low, high, color=colour, lw=0, label=label)
-        axes.plot(r, _plain(profile[name]), color=BLUE, lw=1.8, label="median" if bands else None)
+        if has_bands:
+            bands(axes, r, levels(profile, name, 1.0))
+        else:
+            axes.plot(r, profile[name].value, color=BLUE, lw=1.8)
         axes.set_ylabel(PROFILE[name].label, fontsize=11)
         axes.set_xlabel("r [kpc]", fontsize=11)
         axes.set_xscale("log")
@@ -45,12 +45,8 @@ def draw_host(profile: QTable, objects: Mapping[str, Moving], note: str = "") ->
         ticks(axes)
         axes.set_ylim(0, 1.25 * axes.get_ylim()[1])
         axes.legend(frameon=False, fontsize=8, ncols=2, loc="upper left")
-    if f"{shown[0]}_lo68" in profile.colnames:
+    if has_bands:
         panels[0].legend(frameon=False, fontsize=9)
     if note:
         figure.suptitle(note, color=VERMILION, fontsize=12)
     return figure
-
-
-def _plain(column: Any) -> Any:
-    return np.asarray(getattr(column, "value", column))

@@ -41,8 +41,7 @@ def host_table(source: Spec | Results, radii: Any = HOST_RADII) -> QTable:
         raise ValueError("the radii of a host must be positive numbers, in kpc")
     table = QTable({"r": r * u.kpc})
     if isinstance(source, Results):
-        samples = source.samples
-        chosen = samples[np.linspace(0, len(samples) - 1, min(len(samples), MOST)).astype(int)]
+        chosen = source.some(MOST)
         each = [profile_values(Host(source.spec.host(theta)), r) for theta in chosen]
         drawn = {name: np.array([one[name] for one in each]) for name in PROFILE}
         drawn["M"], drawn["v_c"] = source.profiles(r)

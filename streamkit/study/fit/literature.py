@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from streamkit.errors import StreamkitError, nearest
-from streamkit.study.fit.flattening import flattenings
+from streamkit.model import Host
+from streamkit.stream import Array
 
 if TYPE_CHECKING:
     from astropy.table import QTable, Table
@@ -23,6 +24,7 @@ UNITS = {"M": "Msun", "v_c": "km / s", POTENTIAL: "", DENSITY: ""}
 NUMBERS = ("radius", "value", "error_minus", "error_plus")
 COLUMNS = ("quantity", *NUMBERS, "reference")
 MARKERS = "sD^vopP*hX"
+MOST = 300  # samples that the flattening is computed for
 
 
 def read_literature(path: str | Path) -> QTable:
@@ -141,3 +143,8 @@ def beside_literature(results: Results, table: QTable) -> QTable:
     for name, column in ours.items():
         beside[name] = column
     return beside
+
+
+def flattenings(results: Results, radii: Array, z: Array) -> Array:
+    """(n, k) `Host.flattening` of at most `MOST` samples, at cylindrical radii and heights (k,) in kpc."""
+    return np.array([Host(results.spec.host(theta)).flattening(radii, z) for theta in results.some(MOST)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from functools import cached_property
 from html import escape
@@ -11,20 +12,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from streamkit.components import ChainSampler, Component
-from streamkit.distribution import VERSION
 from streamkit.errors import ChainError, OutOfDomain, nearest
 from streamkit.model import Host, Observation
 from streamkit.runfile import Spec
 from streamkit.sample import Chain, Posterior, Weighted
 from streamkit.stream import Array, Prediction, Stream
 from streamkit.study.fit.chain_draws import ChainDraws
-from streamkit.study.fit.conversion import arviz_tree, sample_frame
+from streamkit.study.fit.conversion import arviz_tree, sample_columns
 from streamkit.study.fit.draws import Draws
 from streamkit.study.fit.goodness import Goodness, Sampled, goodness, goodness_table
 from streamkit.study.fit.integrity import load_spec, read_chain, read_samples
 from streamkit.study.fit.manifest import manifest
 from streamkit.study.fit.replicates import replicates
-from streamkit.study.fit.tables import diagnostics_table, profile_table, summary_table
+from streamkit.study.fit.tables import intervals, printable
 from streamkit.study.fit.weighted_draws import WeightedDraws
 
 if TYPE_CHECKING:
@@ -111,9 +111,16 @@ class Results:
             raise KeyError(f"no free parameter is called {name!r}.{nearest(name, self.names)} Known: {names}")
         return self.samples[:, self.names.index(path)]
 
+    def some(self, most: int) -> Array:
+        """(n, d) At most so many of the samples after burn-in, evenly spaced."""
+        n = len(self.samples)
+        return self.samples[np.linspace(0, n - 1, min(n, most)).astype(int)]
+
     def to_pandas(self) -> pd.DataFrame:
         """Return the samples after burn-in as a pandas DataFrame: walker, step, the parameters, ln posterior."""
-        return sample_frame(self.names, self.kept, self.log_prob, self.discard)
+        import pandas as pd  # slow to load
+
+        return pd.DataFrame(sample_columns(self))
 
     def to_arviz(self) -> DataTree:
         """Return the samples after burn-in as ArviZ reads them: an xarray DataTree, each walker a chain.
@@ -124,18 +131,8 @@ class Results:
         ``log_likelihood`` (of each datum at these samples): ``plot_ppc_dist`` and ``loo`` read them. For ArviZ before
         1.0, whose ``plot_ppc`` and ``loo`` do, ``arviz.InferenceData.from_datatree`` takes the tree.
         """
-        attributes: dict[str, str | int | float] = {
-            "created_by": f"streamkit {VERSION}",
-            "digest": self.spec.digest(),
-            "note": self.note(),
-            "converged": int(self.converged),
-            "burn_in": self.discard,
-        }
-        blobs = None if self.blobs is None else self.blobs[self.discard :]
-        kept, log_prob = self.kept, self.log_prob[self.discard :]
-        data, sampled = Posterior(self.spec).data, self._sampled()
-        drawn = None if sampled is None else replicates(sampled)
-        return arviz_tree(self.names, self.spec.units, kept, log_prob, blobs, data, attributes, drawn)
+        sampled = self._sampled()
+        return arviz_tree(self, Posterior(self.spec).data, None if sampled is None else replicates(sampled))
 
     def best(self) -> dict[str, float]:
         """Return the parameters of the highest ln posterior."""
@@ -167,13 +164,17 @@ class Results:
         Columns: name, median, 68 % interval, unit, best sample, autocorrelation time, effective samples,
         rank-normalised R-hat, 95 % interval.
         """
-        judged = {
-            "best": np.array(list(self.best().values())),
-            "autocorrelation_time": self.tau,
-            "effective_samples": self.ess,
-            "r_hat": self.r_hat,
-        }
-        return self.with_provenance(summary_table(self.names, self.spec.units, self.samples, judged))
+        from astropy.table import QTable
+
+        levels = intervals(self.samples)
+        # A narrow terminal leaves out columns in the middle: in this order it still shows medians and intervals.
+        table = QTable({"parameter": list(self.names), "median": levels[""], "lo68": levels["lo68"]})
+        table["hi68"] = levels["hi68"]
+        table["unit"] = [unit.replace(" ", "") or "1" for unit in self.spec.units]
+        table["best"] = list(self.best().values())
+        table["autocorrelation_time"], table["effective_samples"], table["r_hat"] = self.tau, self.ess, self.r_hat
+        table["lo95"], table["hi95"] = levels["lo95"], levels["hi95"]
+        return self.with_provenance(printable(table))
 
     @cached_property
     def fit(self) -> Goodness | None:
@@ -205,15 +206,29 @@ class Results:
         5000 of the samples, evenly spaced.
         """
         from astropy import units as u
+        from astropy.table import QTable
 
         r = np.atleast_1d(u.Quantity(radii, u.kpc).value).astype(float)
         mass, v_c = self.profiles(r)
-        return self.with_provenance(profile_table(r, mass, v_c), {"samples used": len(mass)})
+        table = QTable({"r": r * u.kpc})
+        for name, values, unit in (("M", mass, u.Msun), ("v_c", v_c, u.km / u.s)):
+            for level, column in intervals(values).items():
+                table[f"{name}_{level}".rstrip("_")] = column * unit
+        return self.with_provenance(printable(table), {"samples used": len(mass)})
 
     def diagnostics(self) -> QTable:
         """Return the sampler's calls, the rejected ones by reason, and how many walkers are stuck."""
-        walkers = self.chain.shape[1] if self.weighted is None else 0  # weighted samples have none that could be stuck
-        return self.with_provenance(diagnostics_table(self.calls, self.reasons, len(self.stuck), walkers))
+        from astropy.table import QTable
+
+        rows = [("evaluated proposals", self.calls, self.calls)]
+        rows += [(f"rejected: {reason}", n, self.calls) for reason, n in Counter(self.reasons).most_common()]
+        if self.weighted is None:  # weighted samples have no walkers that could be stuck
+            rows.append(("stuck walkers", len(self.stuck), self.chain.shape[1]))
+        table = QTable(
+            rows=[(what, n, n / whole if whole else np.nan) for what, n, whole in rows],
+            names=("what", "count", "fraction"),
+        )
+        return self.with_provenance(printable(table))
 
     def profiles(self, radii: Array) -> tuple[Array, Array]:
         """Return M (n, nr) in Msun and v_c (n, nr) in km/s of at most 5000 samples at radii (nr,) in kpc.
@@ -228,10 +243,7 @@ class Results:
         return np.stack([m for m, _ in columns], axis=1), np.stack([v for _, v in columns], axis=1)
 
     def _make_profiles(self, radii: Array) -> tuple[Array, Array]:
-        samples = self.samples
-        if len(samples) > MAX_MODELS:
-            samples = samples[np.linspace(0, len(samples) - 1, MAX_MODELS).astype(int)]
-        distinct, where = np.unique(samples, axis=0, return_inverse=True)
+        distinct, where = np.unique(self.some(MAX_MODELS), axis=0, return_inverse=True)
         hosts = [Host(self.spec.host(theta)) for theta in distinct]
         mass = np.reshape([host.mass_inside(radii) for host in hosts], (-1, len(radii)))
         v_c = np.reshape([host.circular_velocity(radii) for host in hosts], (-1, len(radii)))

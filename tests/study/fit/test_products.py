@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from astropy import units as u
 from astropy.table import QTable
-from matplotlib.figure import Figure
 from matplotlib.image import imread
 from runfiles import FIT
 
@@ -205,15 +204,6 @@ def test_a_quick_look_says_so_everywhere(tmp_path):
     assert not run.converged
     with pytest.raises(sk.ChainError, match=r"stripping\.particles"):
         sk.run(sk.load(document), out=tmp_path / "run", resume=True, progress=False)
-
-
-def test_pictures_can_be_drawn_into_given_axes(run):
-    axes = Figure().subplots(1, 2)
-    mass_profile(run, axes=axes[0])
-    rotation_curve(run, axes=axes[1])
-    for panel in axes:
-        assert len(panel.collections) == 2  # the 68 % and the 95 % band
-        assert "kpc" in panel.get_xlabel()
 
 
 @pytest.mark.rendered
