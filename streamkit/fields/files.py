@@ -78,20 +78,9 @@ class Files:
     ) -> Array:
         """Return a column of a table, (n,) in a unit.
 
-        Parameters
-        ----------
-        name
-            The file: ECSV, FITS or CSV.
-        column
-            Name of the column.
-        unit
-            What its values are converted to.
-        given_unit
-            Unit in the run file of a column for which the file gives none.
-        key
-            The key of that unit in the run file, for messages: what stands before `` = "deg"``.
-        gaps
-            Whether values may be missing; they are then NaN.
+        The file is ECSV, FITS or CSV. ``given_unit`` is the unit in the run file of a column for which the file gives
+        none, and ``key`` the key of that unit, for messages: what stands before `` = "deg"``. With ``gaps`` values may
+        be missing; they are then NaN.
 
         Raises ValueError for a file that holds no table, a column that is missing (names the nearest), has no unit or
         one of another dimension, has no numbers, or lacks some.

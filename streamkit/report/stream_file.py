@@ -21,18 +21,8 @@ FORMATS = {".ecsv": "ascii.ecsv", ".hdf5": "hdf5", ".h5": "hdf5", ".fits": "fits
 def write_stream(stream: Stream, spec: Spec, path: Path, *, frame: Frame = None, force: bool = False) -> None:
     """Write one row per particle, with units, and in the header what is needed to make the stream again.
 
-    Parameters
-    ----------
-    stream
-        The stream; its particles are written as `Stream.table` gives them.
-    spec
-        The run file it was made from: its digest, seed and resolved text go into the header.
-    path
-        Ends in one of `FORMATS`.
-    frame
-        Frame on the sky whose angles are written beside RA and Dec; None for none.
-    force
-        Whether an existing file may be replaced. It is replaced whole, or not at all.
+    The columns are those of `Stream.table`: with a ``frame``, its angles stand beside RA and Dec. The path ends in one
+    of `FORMATS`. An existing file is replaced by ``force`` alone, whole or not at all.
 
     Raises StreamkitError if the file exists, cannot be written, or has another suffix.
     """

@@ -132,23 +132,13 @@ def run_ablation(
 ) -> Ablation:
     """Make every variant on the same seeds and measure it against the reference, or against the first variant.
 
-    Free parameters stand at the centres of their priors. After an interruption the finished
-    streams are returned. A `StreamkitError` gives the reasons if no variant has a stream.
+    Free parameters stand at the centres of their priors. The seed of ``spec`` is the first of ``seeds`` consecutive
+    ones. ``variants`` and ``reference`` are those of `variants_of` and `read_reference`; without the latter, the first
+    variant that has a stream is the one. ``stream`` is the name of the stream that is compared. With ``match`` the
+    particles are weighed so that as many are stripped at each time as in the reference. ``done`` is called after each
+    stream. After an interruption the finished streams are returned.
 
-    Parameters
-    ----------
-    spec
-        What the variants start from; its seed is the first of ``seeds`` consecutive ones.
-    variants, reference
-        From `variants_of` and `read_reference`; without the latter, the first variant that has a stream is the one.
-    stream
-        The name of the stream that is looked at; may be left out where there is one.
-    workers
-        Processes.
-    match
-        Whether the particles are weighed so that as many are stripped at each time as in the reference.
-    done
-        Called after each stream.
+    Raises StreamkitError with the reasons if no variant has a stream.
     """
     outcomes, name = tuple(Outcome(variant) for variant in variants), spec.stream_name(stream)
     jobs = {

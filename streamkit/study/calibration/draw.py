@@ -55,15 +55,8 @@ def make_draw(spec: Spec, index: int, truth: Spec | None = None) -> Draw:
 
     Talts+ 2018, arXiv:1804.06788. A truth without a measurable stream is drawn again: its posterior is empty too.
 
-    Parameters
-    ----------
-    spec
-        The run file of the fit.
-    index
-        Number of the draw.
-    truth
-        Another run file with the same free parameters, whose stream gives the data: this tests a fit by a model
-        that is not the true one. Default: the run file of the fit.
+    ``truth`` is another run file with the same free parameters, whose stream gives the data: this tests a fit by a
+    model that is not the true one.
 
     Raises StreamkitError if none of a thousand truths has a stream, or the observable makes no mock data.
     """

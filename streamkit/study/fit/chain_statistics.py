@@ -11,11 +11,8 @@ from streamkit.stream import Array
 def drift(kept: Array, tau: Array) -> Array:
     """(d,) Difference of the means of the last and the first third of a chain, in its standard errors (Geweke 1992).
 
-    Parameters
-    ----------
-    kept, tau
-        (steps, walkers, d) samples after burn-in, and (d,) their autocorrelation times in steps; NaN for fewer than
-        6 steps.
+    ``kept`` (steps, walkers, d) are the samples after burn-in, ``tau`` (d,) their autocorrelation times in steps. NaN
+    for fewer than 6 steps.
     """
     steps, walkers, d = kept.shape
     third = steps // 3

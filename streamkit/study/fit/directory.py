@@ -31,18 +31,8 @@ def claim(
 ) -> bool:
     """Claim the directory for this run; return whether there is a chain to continue.
 
-    Parameters
-    ----------
-    directory
-        It exists, and is `locked`.
-    spec
-        The run.
-    options
-        Command options for the manifest.
-    products
-        Every file that a run or a report may write there.
-    resume, force
-        Continue the same run; overwrite the products of another one.
+    The directory exists, and is `locked`. ``options`` are those of the command, for the manifest; ``products`` every
+    file that a run or a report may write there. ``resume`` continues the same run, ``force`` overwrites another one.
 
     Raises ChainError if it holds files that must not be changed. Nothing has then been changed.
     """

@@ -114,7 +114,7 @@ class Results:
     def some(self, most: int) -> Array:
         """(n, d) At most so many of the samples after burn-in, evenly spaced."""
         n = len(self.samples)
-        return self.samples[np.linspace(0, n - 1, min(n, most)).astype(int)]
+        return np.asarray(self.samples[np.linspace(0, n - 1, min(n, most)).astype(int)])
 
     def to_pandas(self) -> pd.DataFrame:
         """Return the samples after burn-in as a pandas DataFrame: walker, step, the parameters, ln posterior."""

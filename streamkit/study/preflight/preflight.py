@@ -50,13 +50,6 @@ class Preflight:
 def run_preflight(spec: Spec, *, draws: int = 64, progress: bool = False) -> Preflight:
     """Check the run file's physics at the prior's centre, make streams at draws from the prior, and time one call.
 
-    Parameters
-    ----------
-    draws
-        The most draws from the prior.
-    progress
-        Whether to show the progress of the draws.
-
     Raises ComponentError if a component fails, CallTimeout if one does not return within the sampler's limit.
     """
     centre = spec.centre()
