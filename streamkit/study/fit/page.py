@@ -34,16 +34,11 @@ PAGE = "report.html"
 TEMPLATE = "page.html.jinja"
 WIDEST = 1700  # pixels of a picture in the page: two for each of the widest column
 COLOURS = 160  # colours of a picture in the page: drawings have few, and a picture is a third as large with a palette
-# Pictures of the page that are products of their own.
-DRAWN = {
-    "mass": "mass_profile.png",
-    "rotation": "rotation_curve.png",
-    "flattening": "flattening.png",
-    "corner": "corner.png",
-    "traces": "traces.png",
-    "data": "predictions.png",
-    "priors": "priors.png",
-}
+# Pictures of the page that are products of their own, besides those of the streams.
+DRAWN = (
+    "mass_profile.png", "rotation_curve.png", "flattening.png", "corner.png", "traces.png", "predictions.png",
+    "priors.png",
+)  # fmt: skip
 CLASSES = dict(zip(LEVELS, ("fine", "look", "not"), strict=True))
 SIGNS = dict(zip(LEVELS, ("✓", "!", "✕"), strict=True))
 
@@ -76,7 +71,7 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
         reach=reach(results),
         literature=[] if literature is None else list(_literature(results, literature)),
         pictures=_pictures(results),
-        streams=results.spec.streams,
+        streams=stream_pictures(results.spec),
         on_sky=_on_sky(results),
         goodness=results.goodness(),
         data=predictions_table(predictive(results)),
@@ -165,11 +160,9 @@ def _live(results: Results) -> dict[str, str]:
 def _pictures(results: Results) -> dict[str, str]:
     """Return the pictures by name; one that fails is left out, with the reason in `Results.failed`."""
     makers = results.draws.pictures(labels(results.names, results.spec.symbols))
-    pictures = {}
-    files = DRAWN | {f"stream {name}": file for file, name in stream_pictures(results.spec).items()}
-    for name, file in files.items():
-        if results.directory is not None and (path := results.directory / file).exists():
-            pictures[name] = embedded(path.read_bytes())
+    files = [Path(results.directory or "", name) for name in (*DRAWN, *stream_pictures(results.spec))]
+    shown = [path for path in files if results.directory is not None and path.exists()]
+    pictures = {path.name: embedded(path.read_bytes()) for path in shown}
     for name, make in makers.items():
         buffer = BytesIO()
         try:

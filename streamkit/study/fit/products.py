@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -57,39 +57,38 @@ TABLES: dict[str, Callable[[Results], QTable]] = {
     "goodness.ecsv": Results.goodness,
     "predictions.ecsv": lambda results: results.with_provenance(predictions_table(predictive(results))),
 }
-FIGURES: dict[str, Callable[[Results], Figure]] = {
-    "corner.png": corner,
-    "mass_profile.png": mass_profile,
-    "predictions.png": predictions,
-    "priors.png": priors,
-    "rotation_curve.png": rotation_curve,
-    "traces.png": traces,
-}
-
-
 FLATTENING = "flattening.png"  # only of a host that is no sphere
 
 
-def figures_of(spec: Spec) -> dict[str, Callable[[Results], Figure]]:
-    """Return the pictures of a run of this spec, those of streams aside."""
-    return FIGURES | ({} if is_sphere(spec) else {FLATTENING: flattening})
+def figures_of(
+    spec: Spec, published: QTable | None = None, column: bool = False
+) -> dict[str, Callable[[Results], Figure]]:
+    """Return the pictures of a run of this spec, with published values; also for one ``column`` of a journal."""
+    profile: dict[str, Any] = {"literature": published, "wide": COLUMN if column else WIDE}
+    figures: dict[str, Callable[[Results], Figure]] = {
+        "corner.png": partial(corner, column=column),
+        "mass_profile.png": partial(mass_profile, **profile),
+        "predictions.png": partial(predictions, column=column),
+        "priors.png": priors,
+        "rotation_curve.png": partial(rotation_curve, **profile),
+        "traces.png": traces,
+    }
+    if not is_sphere(spec):
+        figures[FLATTENING] = partial(flattening, **profile)
+    for file, name in stream_pictures(spec).items():
+        figures[file] = partial(best_stream, name=name, column=column)
+    return figures
 
 
 def products_of(spec: Spec) -> tuple[str, ...]:
     """Return every file that a run of this spec writes into its output directory."""
     kept = (CHAIN,) if isinstance(spec.sampler, ChainSampler) else (SAMPLES, CALLS)
-    return (RUN_FILE, MANIFEST, *kept, *TABLES, *figures_of(spec), *stream_pictures(spec), PAGE)
-
-
-# `products_of` a run file with one stream.
-PRODUCTS = (RUN_FILE, MANIFEST, CHAIN, *TABLES, *FIGURES, "best_stream.png", PAGE)
+    return (RUN_FILE, MANIFEST, *kept, *TABLES, *figures_of(spec), PAGE)
 
 
 def pdfs_of(spec: Spec) -> tuple[str, ...]:
     """Return the PDFs that a report of this spec may write beside its pictures."""
-    return tuple(
-        str(Path(name).with_suffix(".pdf")) for name in (*figures_of(spec), *stream_pictures(spec), RECOVERY[1])
-    )
+    return tuple(str(Path(name).with_suffix(".pdf")) for name in (*figures_of(spec), RECOVERY[1]))
 
 
 def write_products(
@@ -129,18 +128,9 @@ def write_products(
     where = results.directory
     if where is None:
         raise ChainError("these results are in memory only: a report needs a directory")
-    tables, figures = dict(TABLES), figures_of(results.spec)
-    for file, name in stream_pictures(results.spec).items():
-        figures[file] = partial(best_stream, name=name, column=column)
     published = _published(where, literature)
+    tables, figures = dict(TABLES), figures_of(results.spec, published, column)
     wanted = [PROFILE_RADII, radii(results), np.array(radii_to_show(results))]
-    wide = COLUMN if column else WIDE
-    if column:
-        figures |= {"corner.png": partial(corner, column=True), "predictions.png": partial(predictions, column=True)}
-    figures["mass_profile.png"] = partial(mass_profile, literature=published, wide=wide)
-    figures["rotation_curve.png"] = partial(rotation_curve, literature=published, wide=wide)
-    if FLATTENING in figures:
-        figures[FLATTENING] = partial(flattening, literature=published, wide=wide)
     if published is not None:
         wanted.append(np.asarray(published["radius"]))
         for quantity in ("M", "v_c"):
@@ -154,9 +144,11 @@ def write_products(
     results.failed = {}
     unwritten: list[str] = []
     writers: dict[str, Callable[[Path], None]] = {
-        name: partial(_draw, draw=draw, results=results, pdf=pdf) for name, draw in figures.items()
+        name: lambda path, draw=draw: save_pictures(path, draw(results), pdf)  # type: ignore[misc]
+        for name, draw in figures.items()
     }
-    writers[PAGE] = partial(_write_page, results=results, literature=published)  # last: it shows the pictures
+    # last: it shows the pictures
+    writers[PAGE] = lambda path: save(path, lambda part: part.write_text(page_text(results, published), "utf-8"))
     for name, write in writers.items():
         try:
             write(where / name)
@@ -194,12 +186,3 @@ def _published(where: Path, literature: str | Path | None) -> QTable | None:
     table = read_literature(literature)
     save_table(kept, table)
     return table
-
-
-def _draw(path: Path, draw: Callable[[Results], Figure], results: Results, pdf: bool) -> None:
-    save_pictures(path, draw(results), pdf)
-
-
-def _write_page(path: Path, results: Results, literature: QTable | None) -> None:
-    text = page_text(results, literature)
-    save(path, lambda part: part.write_text(text, encoding="utf-8"))
