@@ -27,9 +27,6 @@ class Past:
     t_strip: Array
     winding: Array
     chi: Array
-    # (n,) nearest approach to the progenitor on the way back, in tidal radii: much above 1 for a particle that has not
-    # come from it, as far as the fixed mass of the progenitor can say.
-    nearest: Array
 
 
 def rewind(field: Field, orbit: Orbit, q: Array, v: Array) -> Past:
@@ -67,4 +64,4 @@ def rewind(field: Field, orbit: Orbit, q: Array, v: Array) -> Past:
         t_strip[going[nearer]] = t1
         going = going[gap > 1.0]
     turns = np.where(nearest < RETURNED, np.round(lag / (2 * np.pi)), 0.0)
-    return Past(t_strip, today - 2 * np.pi * turns, chi, nearest)
+    return Past(t_strip, today - 2 * np.pi * turns, chi)

@@ -9,6 +9,7 @@ from importlib.resources import files
 
 from streamkit.components import Component, Preset
 from streamkit.distribution import VERSION
+from streamkit.report.latex import latex_escaped
 from streamkit.runfile import Spec
 
 ALWAYS = {
@@ -110,7 +111,7 @@ def _named(reference: str, other: str) -> list[tuple[str, str]]:
     """Return keys and entries of the papers in a reference; a note of the key ``other`` if none of them is known."""
     key = other.replace("_", "-")
     papers = [(key, entry) for key, entry in bibliography().items() if _is_named(entry, reference)]
-    return papers or [(key, f"@misc{{{key},\n  note = {{{escaped(reference)}}},\n}}")]
+    return papers or [(key, f"@misc{{{key},\n  note = {{{latex_escaped(reference)}}},\n}}")]
 
 
 def _is_named(entry: str, reference: str) -> bool:
@@ -122,8 +123,3 @@ def _is_named(entry: str, reference: str) -> bool:
     families = [author.partition(",")[0] for author in field["author"].split(" and ")]
     named = f"{' & '.join(families)} {field['year']}"
     return entry.startswith("@book") and (field["title"] in reference or named in reference)
-
-
-def escaped(text: str) -> str:
-    """Return a text for TeX: its special characters escaped."""
-    return re.sub(r"([&%$#_{}])", r"\\\1", text).replace("~", r"\textasciitilde{}").replace("^", r"\textasciicircum{}")

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from streamkit.components import Measurement
+from streamkit.components import LiveStripping, Measurement
 from streamkit.observe import scatter_of
 from streamkit.report.text import columns, number, paragraph, seconds
 from streamkit.runfile import Spec, StreamInputs, as_written
@@ -26,6 +26,17 @@ def describe_expansions(inputs: StreamInputs) -> str:
     """List the expansions of potentials that are not compiled; nothing without any."""
     expansions = inputs.expansions()
     return f"expansions\n{columns(expansions.items())}" if expansions else ""
+
+
+def describe_live(scheme: LiveStripping) -> str:
+    """Say to which time the mass and the radius belong, and which numbers of passages are tried."""
+    begins = "a live progenitor: its mass and radius are those at"
+    if scheme.passages is None:
+        return f"{begins} the look-back time, whatever number of pericentre passages that holds"
+    return (
+        f"{begins} the apocentre before {scheme.passages} pericentre passages; no other number of passages is tried: "
+        "each is a fit of its own"
+    )
 
 
 def describe_prediction(inputs: StreamInputs, prediction: Prediction | None) -> str:
