@@ -9,6 +9,8 @@ import numpy as np
 from streamkit import Array
 
 CELLS = 1024  # of a table of speeds: linear in it, far below the noise of any number of particles
+# Cells are even in 1 - (1 - share^(1/3))^(1/4): slow particles are as rare as the cube of their speed, and those near
+# the speed of escape as a high power of the energy that is left to them.
 RADII = np.linspace(np.log(1e-4), np.log(1e4), 321)  # ln(r / a) at which Hernquist's are tabulated
 
 
@@ -22,10 +24,10 @@ def plummer_speeds(chance: Array) -> Array:
 
 @cache
 def _plummer_table() -> tuple[Array, Array]:
-    """Cube roots of the shares on an even grid, and the speeds: slow particles are as rare as the speed's cube."""
+    """Cube roots of the shares at the edges of the cells, and the speeds."""
     from scipy.special import betaincinv  # slow to import
 
-    roots = np.linspace(0.0, 1.0, CELLS + 1)
+    roots = _edges()
     return roots, np.sqrt(betaincinv(1.5, 4.5, roots**3))
 
 
@@ -34,9 +36,9 @@ def hernquist_speeds(radius: Array, chance: Array) -> Array:
     table = _hernquist_table()
     place = np.clip((np.log(radius) - RADII[0]) / (RADII[1] - RADII[0]), 0, len(RADII) - 1)
     i = np.minimum(place.astype(int), len(RADII) - 2)
-    root = np.cbrt(chance) * CELLS
-    k = np.minimum(root.astype(int), CELLS - 1)
-    s, w = place - i, root - k
+    cell = (1 - np.sqrt(np.sqrt(1 - np.cbrt(chance)))) * CELLS
+    k = np.minimum(cell.astype(int), CELLS - 1)
+    s, w = place - i, cell - k
     below = (1 - w) * table[i, k] + w * table[i, k + 1]
     above = (1 - w) * table[i + 1, k] + w * table[i + 1, k + 1]
     return np.asarray((1 - s) * below + s * above)
@@ -44,8 +46,8 @@ def hernquist_speeds(radius: Array, chance: Array) -> Array:
 
 @cache
 def _hernquist_table() -> Array:
-    """(radii, CELLS + 1) Speeds at each radius and at even cube roots of the shares."""
-    roots = np.linspace(0.0, 1.0, CELLS + 1)
+    """(radii, CELLS + 1) Speeds at each radius and at the edges of the cells."""
+    roots = _edges()
     s = np.linspace(0.0, 1.0, 4 * CELLS + 1) ** 2  # finer where the slow ones of a cusp are
     table = np.empty((len(RADII), CELLS + 1))
     for row, depth in zip(table, 1 / (1 + np.exp(RADII)), strict=True):
@@ -56,3 +58,8 @@ def _hernquist_table() -> Array:
         shares = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(s))])
         row[:] = np.interp(roots, np.cbrt(shares / shares[-1]), s)
     return table
+
+
+def _edges() -> Array:
+    """(CELLS + 1,) Cube roots of the shares at the edges of the cells."""
+    return np.asarray(1 - (1 - np.linspace(0.0, 1.0, CELLS + 1)) ** 4)

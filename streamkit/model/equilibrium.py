@@ -187,7 +187,7 @@ class Equilibrium:
         quantiles = self._quantiles
         depth = np.interp(ln_r, table.ln_r, table.depth)
         i, s = _cell(np.interp(ln_r, table.ln_r, np.arange(NODES)), NODES - 1)
-        k, w = _cell(np.cbrt(chance) * SPEEDS, SPEEDS)
+        k, w = _cell((1 - np.sqrt(np.sqrt(1 - np.cbrt(chance)))) * SPEEDS, SPEEDS)
         below = (1 - w) * quantiles[i, k] + w * quantiles[i, k + 1]
         above = (1 - w) * quantiles[i + 1, k] + w * quantiles[i + 1, k + 1]
         return np.exp(ln_r), ((1 - s) * below + s * above) * np.sqrt(2 * depth)
@@ -196,7 +196,8 @@ class Equilibrium:
     def _quantiles(self) -> Array:
         """(k, SPEEDS + 1) At every radius, speeds over that of escape below which are shares of particles.
 
-        The shares are the cubes of an even grid from 0 to 1: slow particles are as rare as the cube of their speed.
+        The shares are even in 1 - (1 - share^(1/3))^(1/4): slow particles are as rare as the cube of their speed, and
+        those near the speed of escape as a high power of the energy that is left to them.
         """
         from scipy.interpolate import PchipInterpolator  # slow to import
 
@@ -206,7 +207,7 @@ class Equilibrium:
         of_energy = PchipInterpolator(np.log(energy[bound]), np.log(integral[bound]))
         lowest = energy[bound][0]
         s = np.linspace(0.0, 1.0, SPEEDS + 1)
-        cubes = s**3
+        shares = (1 - (1 - s) ** 4) ** 3
         out = np.empty((len(table.depth), SPEEDS + 1))
         speed = np.sqrt(2 * table.depth)
         left = np.maximum(table.depth[:, None] * (1 - s**2), 1e-300)
@@ -218,7 +219,7 @@ class Equilibrium:
             if rising[-1] > 0:
                 share = rising / rising[-1]
                 first = max(int(np.searchsorted(share, 0.0, side="right")) - 1, 0)
-                row[:] = np.interp(cubes, share[first:], s[first:])
+                row[:] = np.interp(shares, share[first:], s[first:])
             else:  # nothing is there
                 row[:] = 0.0
         return out

@@ -90,6 +90,32 @@ def test_eddington_gives_the_closed_forms(points):
         assert np.abs(speed_table[inner] / speed[inner] - 1).mean() < 2e-3
 
 
+@pytest.mark.parametrize("tail", [1e-2, 1e-3, 1e-4])
+def test_particles_near_the_speed_of_escape_are_as_rare_as_they_should_be(tail):
+    """Plummer's s^2 (1 - s^2)^(7/2), and Hernquist's eq. 17 integrated at r = a, beyond 99 to 99.99 % of the speeds."""
+    from scipy.integrate import quad
+    from scipy.optimize import brentq
+    from scipy.special import betaincinv
+
+    def hernquist(s):
+        q2 = 0.5 * (1 - s * s)
+        q = np.sqrt(q2)
+        return s * s * (
+            3 * np.arcsin(q) + q * np.sqrt(1 - q2) * (1 - 2 * q2) * (8 * q2 * q2 - 8 * q2 - 3)
+        ) / (1 - q2) ** 2.5
+
+    whole = quad(hernquist, 0, 1)[0]
+    at_a = brentq(lambda s: quad(hernquist, s, 1)[0] - tail * whole, 0.5, 0.9999)
+    for potential, share, expected in (
+        (SPHERES[0], 0.5, np.sqrt(betaincinv(1.5, 4.5, 1 - tail))), (SPHERES[1], 0.25, at_a),
+    ):  # fmt: skip
+        r, speed = type(potential).equilibrium(np.array([share]), np.array([1 - tail]), *potential.in_engine_units())
+        _, by_table = Equilibrium(potential)._drawn(np.array([share]), np.array([1 - tail]))
+        escape = np.sqrt(2 * np.interp(np.log(r), *(Equilibrium(potential).table[k] for k in (0, 2))))
+        assert speed / escape == pytest.approx(expected, rel=2e-3)
+        assert by_table / escape == pytest.approx(expected, rel=5e-3)
+
+
 def test_scale_of_plummer_and_hernquist_is_their_own():
     assert Equilibrium(SPHERES[0]).scale == pytest.approx(0.85, rel=1e-6)
     assert Equilibrium(SPHERES[1]).scale == pytest.approx(1.0, rel=1e-3)
@@ -130,6 +156,19 @@ def test_negative_distribution_function_is_an_error_with_a_sentence():
 
 def plummer(a):
     return lambda r: (1 + (r / a) ** 2) ** -2.5
+
+
+def hernquist(a):
+    return lambda r: 1 / (r * (r + a) ** 3)
+
+
+def test_stars_that_fall_less_steeply_than_their_halo_are_carried_by_all_particles(points):
+    """f ~ E^(n - 3/2) far out where the density falls as r^-n: for stars with n = 4 in a halo with n = 5 the ratio is
+    1 / E, and so large only for particles that are nearly free, which are as rare as E^(9/2)."""
+    sphere = Equilibrium(TruncatedNFW(mass=2e9, rs=1.0, rt=5.0))
+    weight = sphere.weigh(*sphere.sample(points), hernquist(0.7))
+    assert weight.max() < 20
+    assert weight.sum() ** 2 / (weight**2).sum() > 0.6 * N
 
 
 @pytest.mark.parametrize(

@@ -16,8 +16,9 @@ from streamkit.study.preflight.conformance_warnings import conformance_warnings
 from streamkit.study.preflight.cost import Cost, search_cost, time_call
 from streamkit.study.preflight.data_warnings import data_warnings
 from streamkit.study.preflight.draws import PriorDraws, observe, try_prior_draws
+from streamkit.study.preflight.live_warnings import live_warnings, weight_warnings
 from streamkit.study.preflight.orbit import OrbitSummary, summarise_orbit
-from streamkit.study.preflight.progenitor_warnings import frame_warnings, live_warnings, progenitor_warnings
+from streamkit.study.preflight.progenitor_warnings import frame_warnings, progenitor_warnings
 from streamkit.study.preflight.warnings import orbit_warnings, prior_warnings, short_lookback, sun_warnings
 
 
@@ -76,6 +77,9 @@ def run_preflight(spec: Spec, *, draws: int = 64, progress: bool = False) -> Pre
     for look in looks.values():
         if look.prediction is not None:
             warnings += remarks_of(look.inputs.observables, look.prediction)
+    if trial is not None:
+        for name, stream in trial.observation.streams.items():
+            warnings += weight_warnings(spec, bound.streams[name], stream)
     trials = [trial] if trial is not None and not reason else []
     warnings += data_warnings(spec, [*trials, *(tried.trials if tried is not None else ())])
     warnings += prior_warnings(spec, bound, tried)
