@@ -29,6 +29,7 @@ from .latex import LATEX_UNITS as LATEX_UNITS
 from .latex import latex_escaped as latex_escaped
 from .plain import as_json as as_json
 from .plain import prediction_record as prediction_record
+from .plain import stream_record as stream_record
 from .plain import table_record as table_record
 from .progress import Progress as Progress
 from .sky_figure import SMALLER as SMALLER
@@ -37,7 +38,6 @@ from .stream_axes import radial_limits as radial_limits
 from .stream_figure import draw_stream as draw_stream
 from .stream_file import FORMATS as FORMATS
 from .stream_file import write_stream as write_stream
-from .stream_record import stream_record as stream_record
 from .stream_text import decimals as decimals
 from .stream_text import describe_expansions as describe_expansions
 from .stream_text import describe_live as describe_live

@@ -1,14 +1,17 @@
-"""The tables of a calibration: every draw, and the coverage of the masses."""
+"""The products of a calibration: tables of every draw and of the coverage, and the picture of the ranks."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from streamkit.report import columns, paragraph
 from streamkit.study.calibration.draw import MASS_RADII
-from streamkit.study.calibration.runner import Calibration
+from streamkit.study.calibration.figure import calibration_figure
+from streamkit.study.calibration.runner import DRAWS, Calibration
+from streamkit.study.grid import Products
 
 if TYPE_CHECKING:
     from astropy.table import QTable
@@ -73,3 +76,21 @@ def describe_calibration(calibration: Calibration) -> str:
     samples, calls = (np.median([getattr(draw, name) for draw in calibration.draws]) for name in ("ess", "calls"))
     note += f" In the median {samples:.0f} effective samples of {calls:.0f} streams."
     return f"{shown}\n\n{paragraph(note)}"
+
+
+TABLE, COVERAGE, PICTURE, RUN = "calibration.ecsv", "coverage.ecsv", "calibration.png", "calibration.toml"
+PRODUCTS = (DRAWS, TABLE, COVERAGE, PICTURE, RUN)
+
+
+def calibration_products(calibration: Calibration) -> Products:
+    """Return the draws, the coverage of the masses, and the picture of the ranks."""
+    tables = {TABLE: draws_table(calibration), COVERAGE: coverage_table(calibration)}
+    pictures = {PICTURE: partial(calibration_figure, calibration)}
+    text = describe_calibration(calibration)
+    header: dict[str, Any] = {
+        "draws": len(calibration.draws),
+        "converged": sum(draw.converged for draw in calibration.draws),
+    }
+    if calibration.truth is not None:
+        header["truth"] = calibration.truth.document
+    return Products(calibration.spec, RUN, text, tables, pictures, header, calibration.stopped)

@@ -17,14 +17,13 @@ from streamkit.runfile import Spec
 from streamkit.sample import CALLS, CHAIN, SAMPLES
 from streamkit.study.fit.diagnostics import predicted_intervals, predictions_table, predictive
 from streamkit.study.fit.directory import LITERATURE, RECOVERY, stream_pictures
-from streamkit.study.fit.figures import WIDE, corner, mass_profile, radii, remark, rotation_curve, traces
+from streamkit.study.fit.figures import WIDE, corner, mass_profile, priors, radii, remark, rotation_curve, traces
 from streamkit.study.fit.flattening_figure import flattening, is_sphere
 from streamkit.study.fit.integrity import RUN_FILE
 from streamkit.study.fit.literature import read_literature
 from streamkit.study.fit.manifest import MANIFEST
 from streamkit.study.fit.page import PAGE, page_text
 from streamkit.study.fit.predictive_figure import predictions
-from streamkit.study.fit.prior_figure import priors
 from streamkit.study.fit.recovery import DRAWN, RADII, recovery_figure, recovery_table, true_host
 from streamkit.study.fit.results import Results, load_results
 from streamkit.study.fit.tables import printable
@@ -33,7 +32,6 @@ from streamkit.study.fit.text import radii_to_show
 if TYPE_CHECKING:
     from astropy.table import QTable
     from matplotlib.figure import Figure
-
 
 # Radii in kpc of the table of masses: 5 to 200, with 50, 100, 150 and 200 among them.
 PROFILE_RADII = np.arange(5.0, 201.0, 5.0)

@@ -18,12 +18,11 @@ from streamkit.runfile import Spec
 from streamkit.sample import Chain, Posterior, Weighted
 from streamkit.stream import Array, Prediction, Stream
 from streamkit.study.fit.chain_draws import ChainDraws
-from streamkit.study.fit.conversion import arviz_tree, sample_columns
+from streamkit.study.fit.conversion import arviz_tree, replicates, sample_columns
 from streamkit.study.fit.draws import Draws
 from streamkit.study.fit.goodness import Goodness, Sampled, goodness, goodness_table
 from streamkit.study.fit.integrity import load_spec, read_chain, read_samples
 from streamkit.study.fit.manifest import manifest
-from streamkit.study.fit.replicates import replicates
 from streamkit.study.fit.tables import intervals, printable
 from streamkit.study.fit.weighted_draws import WeightedDraws
 

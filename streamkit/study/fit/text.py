@@ -1,4 +1,4 @@
-"""A fit as text for a terminal."""
+"""A fit as text for a terminal, and as plain values for programs."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from streamkit.report import columns, paragraph, warning_list
+from streamkit.report import columns, paragraph, table_record, warning_list
 from streamkit.study.fit.chain_verdicts import stuck_verdict
 from streamkit.study.fit.figures import reach
 from streamkit.study.fit.results import Results
 from streamkit.study.fit.tables import LEVELS
+from streamkit.study.fit.verdicts import overall, verdicts
 
 # Radii in kpc of the masses that a run prints: those of Gibbons+ 2014, table 3.
 PRINTED_RADII = (50.0, 100.0, 150.0, 200.0)
@@ -87,3 +88,34 @@ def _or_dash(value: float) -> str:
 
 def _interval(row: Any, percent: int) -> str:
     return f"{row[f'lo{percent}']:.4g} to {row[f'hi{percent}']:.4g}"
+
+
+def results_record(results: Results) -> dict[str, Any]:
+    """Return the verdict on a run, its parameters, the masses, and the counts of its calls.
+
+    Keys: directory, digest, status, quick, converged, note, verdict ("fine", "look here" or "do not use"), steps,
+    walkers, burn_in, acceptance, calls, search_calls, rejected (by reason), stuck (numbers of walkers), r_hat (the
+    largest), effective_samples (the least), goodness, parameters and mass_profile (``rows``, and ``units`` by column).
+    A sampler that weighs its samples has weighted_samples, ln_evidence and ln_evidence_error in place of steps,
+    walkers, burn_in.
+    """
+    return {
+        "directory": None if results.directory is None else str(results.directory),
+        "digest": results.spec.digest(),
+        "status": results.status,
+        "quick": results.quick,
+        "converged": results.converged,
+        "note": results.note(),
+        "verdict": overall(verdicts(results))[0],
+        **results.draws.record(),
+        "acceptance": results.acceptance,
+        "calls": results.calls,
+        "search_calls": results.search_calls,
+        "rejected": results.reasons,
+        "stuck": results.stuck,
+        "r_hat": float(np.max(results.r_hat)),
+        "effective_samples": float(np.min(results.ess)),
+        "goodness": table_record(results.goodness()),
+        "parameters": table_record(results.summary()),
+        "mass_profile": table_record(results.mass_profile(PRINTED_RADII)),
+    }
