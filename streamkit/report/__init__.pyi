@@ -42,7 +42,6 @@ from .stream_text import decimals as decimals
 from .stream_text import describe_expansions as describe_expansions
 from .stream_text import describe_live as describe_live
 from .stream_text import describe_measured as describe_measured
-from .stream_text import describe_prediction as describe_prediction
 from .stream_text import describe_stream as describe_stream
 from .stream_text import warning_list as warning_list
 from .style import ACROSS as ACROSS

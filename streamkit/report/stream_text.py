@@ -39,13 +39,6 @@ def describe_live(scheme: LiveStripping) -> str:
     )
 
 
-def describe_prediction(inputs: StreamInputs, prediction: Prediction | None) -> str:
-    """Show the observables beside the data, and the difference in standard deviations of the likelihood."""
-    if not inputs.observables or prediction is None:
-        return "observables: the run file has none"
-    return describe_measured("observables", list(inputs.observables.values()), prediction)
-
-
 def describe_measured(called: str, measured: Sequence[Measurement], prediction: Prediction) -> str:
     """Show what is predicted of all ``measured`` beside their data; of very many those that are farthest from it."""
     kinds = ", ".join(each.kind for each in measured)
@@ -110,8 +103,11 @@ def describe_stream(
     parts = [f"{spec.source}: {title} (seed {spec.seed})"]
     parts += [f"parameters\n{columns(rows)}"] if rows else []
     parts += [f"stream\n{columns(counts)}", describe_expansions(inputs)]
-    if prediction is not None or not inputs.observables:
-        parts += [describe_prediction(inputs, prediction), warning_list(record["warnings"])]
+    if not inputs.observables:
+        parts.append("observables: the run file has none")
+    elif prediction is not None:
+        parts.append(describe_measured("observables", list(inputs.observables.values()), prediction))
+        parts.append(warning_list(record["warnings"]))
     return "\n\n".join(part for part in parts if part)
 
 

@@ -123,19 +123,19 @@ def goodness(sampled: Sampled) -> Goodness | None:
     unjudged = tuple(one.name or one.measurement.kind for one in here if one.residuals is None)
     if not any(len(here[k].rows) for k in judged):
         return None
-    quantities = []
-    for k in judged:
-        for name, rows in here[k].quantities():
-            samples = np.array([each[k].square(rows) for each in stored])
-            quantities.append(Fitted(name, here[k].labels(rows), here[k].of(rows), here[k].square(rows), samples))
-    whole = Fitted(
-        ALL,
-        tuple(label for k in judged for label in here[k].labels(here[k].rows)),
-        np.concatenate([here[k].of(here[k].rows) for k in judged]),
-        sum(here[k].square(here[k].rows) for k in judged),
-        np.array([sum(each[k].square(each[k].rows) for k in judged) for each in stored]),
-    )
-    return Goodness(tuple(quantities), whole, unjudged)
+
+    def fitted(name: str, parts: Mapping[int, IntArray]) -> Fitted:
+        """Return the fit to some rows of some measurements."""
+        return Fitted(
+            name,
+            tuple(label for k, rows in parts.items() for label in here[k].labels(rows)),
+            np.concatenate([here[k].of(rows) for k, rows in parts.items()]),
+            sum(here[k].square(rows) for k, rows in parts.items()),
+            np.array([sum(each[k].square(rows) for k, rows in parts.items()) for each in stored]),
+        )
+
+    quantities = tuple(fitted(name, {k: rows}) for k in judged for name, rows in here[k].quantities())
+    return Goodness(quantities, fitted(ALL, {k: here[k].rows for k in judged}), unjudged)
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,8 @@ def describe_preflight(spec: Spec, preflight: Preflight) -> str:
         if name == next(iter(preflight.streams)) and (expansions := report.describe_expansions(look.inputs)):
             parts.append(expansions)
         if look.inputs.observables and look.prediction is not None:
-            parts.append(report.describe_prediction(look.inputs, look.prediction))
+            observables = list(look.inputs.observables.values())
+            parts.append(report.describe_measured("observables", observables, look.prediction))
     for name, (data, prediction) in preflight.data.items():
         parts.append(report.describe_measured(f"data {name}", [data], prediction))
     if preflight.prior_draws is not None:
