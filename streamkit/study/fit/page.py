@@ -56,7 +56,7 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
         loader=PackageLoader("streamkit.study.fit", "."), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
     environment.globals.update(css=CLASSES, sign=SIGNS)
-    environment.filters.update(options=_unbroken, number=number, or_dash=_or_dash)
+    environment.filters.update(options=_unbroken, number=number, or_dash=_or_dash, place=_place)
     return environment.get_template(TEMPLATE).render(
         title=Path(str(results.spec.source)).name if results.directory is None else results.directory.resolve().name,
         remark=remark(results),
@@ -69,7 +69,7 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
         parameters=list(_parameters(results)),
         masses=results.mass_profile(radii_to_show(results)),
         reach=reach(results),
-        literature=[] if literature is None else list(_literature(results, literature)),
+        literature=[] if literature is None else beside_literature(results, literature),
         pictures=_pictures(results),
         streams=stream_pictures(results.spec),
         on_sky=_on_sky(results),
@@ -99,32 +99,11 @@ def _parameters(results: Results) -> Iterator[dict[str, Any]]:
         yield {**dict(zip(row.colnames, row, strict=True)), **more, "n_eff": n_eff}
 
 
-# Published quantities on the page: their scale, unit and decimal places; flattenings have neither.
-SHOWN_AS = {"M": (1e11, "1e11 Msun", 2), "v_c": (1.0, "km/s", 0)}
-
-
 def _place(row: Any) -> str:
     """Return the quantity and the place of a published value."""
     names = {"M": "M(<r)", "v_c": "v_c", POTENTIAL: "q of the potential", DENSITY: "q of the halo's density"}
     place = f"(R, z) = ({row['radius']:g}, {row['z']:g}) kpc" if np.isfinite(row["z"]) else f"{row['radius']:g} kpc"
     return f"{names[row['quantity']]}, {place}"
-
-
-def _literature(results: Results, table: QTable) -> Iterator[dict[str, Any]]:
-    for row in beside_literature(results, table):
-        scale, unit, digits = SHOWN_AS.get(row["quantity"], (1.0, "", 2))
-        theirs, ours = (
-            [f"{row[name] / scale:.{digits}f}" if np.isfinite(row[name]) else "" for name in names]
-            for names in (("value", "error_minus", "error_plus"), ("ours", "ours_minus", "ours_plus"))
-        )
-        yield {
-            "what": _place(row),
-            "unit": unit,
-            "theirs": theirs,
-            "ours": ours,
-            "deviation": f"{row['deviation']:+.1f}" if np.isfinite(row["deviation"]) else "-",
-            "reference": row["reference"],
-        }
 
 
 def _run(results: Results) -> dict[str, Any]:
@@ -199,4 +178,4 @@ def _unbroken(text: str) -> str:
 
 
 def _or_dash(value: float, form: str) -> str:
-    return f"{value:{form}}" if np.isfinite(value) else "–"
+    return f"{value:{form}}" if np.isfinite(value) else "-"

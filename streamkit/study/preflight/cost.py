@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -49,15 +50,11 @@ def time_call(spec: Spec, theta: Array, first: float) -> tuple[float, str]:
     then the reason why.
     """
     unfit = ""
-    call: Callable[[Array], object]
+    call: Callable[[Array], object] = partial(observe, Model(spec))
     try:
         call = Posterior(spec)
     except SpecError as error:
-        unfit, model = str(error), Model(spec)
-
-        def call(theta: Array) -> object:
-            return observe(model, theta)
-
+        unfit = str(error)
     if first > SLOW:
         return first, unfit
     first_call(spec.sampler.call_limit, call, theta)  # draws the random numbers of a new process
