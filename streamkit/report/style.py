@@ -105,15 +105,13 @@ def labels(names: Sequence[str], symbols: Sequence[str]) -> list[str]:
         parts = name.split(".")
         if symbol == name:
             tails = [".".join(parts[-n:]) for n in range(1, len(parts) + 1)]
-            texts.append(_folded(next(t for t in tails if sum(f".{other}".endswith(f".{t}") for other in names) == 1)))
+            tail = next(t for t in tails if sum(f".{other}".endswith(f".{t}") for other in names) == 1)
+            # in lines of some fourteen letters, broken after dots and underscores
+            words = re.sub("([._])", r"\1 ", tail)
+            texts.append(textwrap.fill(words, 14, break_long_words=False).replace(" ", ""))
         else:
             texts.append(symbol)
     return texts
-
-
-def _folded(name: str) -> str:
-    """Break a name after dots and underscores into lines of some fourteen letters."""
-    return textwrap.fill(re.sub("([._])", r"\1 ", name), 14, break_long_words=False).replace(" ", "")
 
 
 def folded(text: str, letters: int) -> str:

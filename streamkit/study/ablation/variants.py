@@ -30,7 +30,8 @@ def variants_of(spec: Spec, vary: Mapping[str, Sequence[Any]]) -> list[Variant]:
     """
     if not vary:
         raise SpecError(f"{spec.source}: nothing is varied: name a field and its values")
-    labels = _short(list(vary))
+    last = {path: path.rpartition(".")[2] for path in vary}
+    labels = {path: name if list(last.values()).count(name) == 1 else path for path, name in last.items()}
     variants = []
     for point in itertools.product(*vary.values()):
         values = dict(zip(vary, point, strict=True))
@@ -53,12 +54,6 @@ def varied(spec: Spec, values: Mapping[str, Any]) -> Spec:
             if name not in base.model_fields and not info.is_required():
                 reset[f"{path}.{name}"] = info.get_default(call_default_factory=True)
     return (spec.with_values(reset) if reset else spec).with_values(values)
-
-
-def _short(paths: list[str]) -> dict[str, str]:
-    """Return the last part of each path, or the whole where two end alike."""
-    last = [path.rpartition(".")[2] for path in paths]
-    return {path: name if last.count(name) == 1 else path for path, name in zip(paths, last, strict=True)}
 
 
 def _label(name: str, value: Any) -> str:

@@ -10,7 +10,6 @@ import numpy as np
 from streamkit.components import DO_NOT, FINE, LOOK, Check, Verdict
 from streamkit.stream import Array
 from streamkit.study.fit.chain_statistics import chance
-from streamkit.study.fit.sentences import listed, number
 
 # 50 autocorrelation times as emcee's documentation asks for; with fewer than 10 their estimate means nothing.
 LENGTH = Check(
@@ -136,3 +135,15 @@ def acceptance_verdict(acceptance: float) -> Verdict:
         "particles, or noise = 'add'.",
     }
     return ACCEPTANCE.judge(acceptance, f"{acceptance:.2f}", sentences)
+
+
+def number(value: float, form: str, unit: str = "") -> str:
+    """Return a number in a format, with its unit; "unknown" for NaN and infinity."""
+    return f"{value:{form}}{unit}" if np.isfinite(value) else "unknown"
+
+
+def listed(names: Sequence[str], most: int = 4) -> str:
+    """Return "a, b and c", and how many more there are."""
+    if len(names) > most + 1:
+        return f"{', '.join(names[:most])} and {len(names) - most} more"
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)

@@ -11,7 +11,6 @@ from matplotlib.figure import Figure
 from streamkit.model import PROFILE, Host, Moving, profile_values
 from streamkit.report import BLUE, VERMILION, columns, number, panel_grid, paragraph, ticks
 from streamkit.runfile import Spec
-from streamkit.stream import Array
 from streamkit.study.fit.figures import bands, levels
 from streamkit.study.fit.results import Results
 from streamkit.study.fit.tables import LEVELS, printable
@@ -52,20 +51,14 @@ def host_table(source: Spec | Results, radii: Any = HOST_RADII) -> QTable:
             how: Literal["linear", "nearest"] = "linear" if name in ("M", "v_c") else "nearest"
             for level, percent in LEVELS.items():
                 column = np.percentile(values, percent, axis=0, method=how)
-                table[f"{name}_{level}".rstrip("_")] = _with_unit(name, column)
+                table[f"{name}_{level}".rstrip("_")] = column * u.Unit(PROFILE[name].unit)
         source.with_provenance(table, {"samples used": len(chosen)})
     else:
         for name, column in profile_values(Host.at(source), r).items():
-            table[name] = _with_unit(name, column)
+            table[name] = column * u.Unit(PROFILE[name].unit)
     for name, column in PROFILE.items():
         table[name].info.description = column.meaning
     return printable(table)
-
-
-def _with_unit(name: str, values: Array) -> Any:
-    from astropy import units as u
-
-    return values * u.Unit(PROFILE[name].unit)
 
 
 def objects_table(objects: Mapping[str, Moving]) -> QTable:

@@ -52,6 +52,7 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
 
     outcomes = verdicts(results)
     level, sentence = overall(outcomes)
+    streams = results.spec.bind_all(results.best()).streams
     environment = Environment(
         loader=PackageLoader("streamkit.study.fit", "."), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
@@ -72,7 +73,7 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
         literature=[] if literature is None else beside_literature(results, literature),
         pictures=_pictures(results),
         streams=stream_pictures(results.spec),
-        on_sky=_on_sky(results),
+        on_sky={name for name, inputs in streams.items() if frame_of(inputs.observables) is not None},
         goodness=results.goodness(),
         data=predictions_table(predictive(results)),
         reasons=Counter(results.reasons).most_common(),
@@ -81,12 +82,6 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
         toml=results.spec.toml(),
         bibtex=cited(results.spec),
     )
-
-
-def _on_sky(results: Results) -> set[str]:
-    """Return the names of the streams that are shown on the sky."""
-    bound = results.spec.bind_all(results.best())
-    return {name for name, inputs in bound.streams.items() if frame_of(inputs.observables) is not None}
 
 
 def _parameters(results: Results) -> Iterator[dict[str, Any]]:

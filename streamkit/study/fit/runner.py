@@ -17,7 +17,6 @@ from streamkit.model import Host
 from streamkit.observe import radii_of
 from streamkit.report import locked
 from streamkit.runfile import Engine, Source, Spec, as_spec
-from streamkit.stream import Array
 from streamkit.study.fit.directory import LITERATURE, RECOVERY, claim, resume_command
 from streamkit.study.fit.literature import read_literature
 from streamkit.study.fit.products import pdfs_of, products_of, write_products
@@ -133,7 +132,7 @@ def run(
             deadline=begin + QUICK_SAMPLING if quick else np.inf,
             search_deadline=begin + QUICK_SEARCH if quick else np.inf,
             progress=progress,
-            mass=(radius, lambda theta: _mass_inside(spec, theta, radius)),
+            mass=(radius, lambda theta: float(Host(spec.host(theta)).mass_inside(np.array([radius]))[0])),
             full_cost=_particles(spec) / _particles(cheap_spec(spec)),
             small_cache=stored.small_cache,
             posterior=posterior if sampler.emulates else None,
@@ -228,11 +227,6 @@ def _measured_radius(spec: Spec) -> float:
     radii = [radius for each in measured for radius in each.values()]
     radii = radii or [float(np.sqrt(inputs.q @ inputs.q)) for inputs in bound.streams.values()]
     return float(f"{max(radii):.2g}")
-
-
-def _mass_inside(spec: Spec, theta: Array, radius: float) -> float:
-    """Return the mass inside a radius in kpc in Msun."""
-    return float(Host(spec.host(theta)).mass_inside(np.array([radius]))[0])
 
 
 @contextmanager

@@ -12,9 +12,9 @@ import numpy as np
 
 from streamkit.components import DO_NOT, FINE, LEVELS, LOOK, Check, Verdict
 from streamkit.stream import Array
+from streamkit.study.fit.chain_verdicts import listed
 from streamkit.study.fit.diagnostics import EDGE, Predictive, contraction, predictive, prior_fractions
 from streamkit.study.fit.goodness import Fitted, Goodness
-from streamkit.study.fit.sentences import listed
 
 if TYPE_CHECKING:
     from streamkit.study.fit.results import Results

@@ -9,9 +9,8 @@ import numpy as np
 from streamkit.components import DO_NOT, FINE, LOOK, Check, Verdict
 from streamkit.report import BLUE, GREY
 from streamkit.sample import Weighted
-from streamkit.study.fit.chain_verdicts import SAMPLES
+from streamkit.study.fit.chain_verdicts import SAMPLES, number
 from streamkit.study.fit.draws import Draws, Row
-from streamkit.study.fit.sentences import number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
