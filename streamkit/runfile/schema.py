@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Union
+from typing import Annotated, Any, Literal, Union, cast
 
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, create_model
 from pydantic.json_schema import GenerateJsonSchema
@@ -75,6 +75,7 @@ def _component(cls: type[Component], what: str = "", way: type[Place] | None = N
     """Return the model of a section of this kind, or of a progenitor or body whose place is given in this way."""
     kind: Any = Annotated[Literal[cls.kind], WithJsonSchema({"const": cls.kind})]
     fields: Any = {"kind": (kind, cls.kind if way is None and DEFAULT_KIND.get(cls.role) == cls.kind else ...)}
+    made: Any
     if way is None:
         made = create_model(f"{cls.role}/{cls.kind}", __base__=section_model(cls), **fields)
     else:
@@ -84,7 +85,7 @@ def _component(cls: type[Component], what: str = "", way: type[Place] | None = N
     if varies(cls):  # fields that are not known yet
         made.model_config["extra"] = "allow"
         made.model_rebuild(force=True)
-    return made
+    return cast("type[BaseModel]", made)
 
 
 def _allow_other_names(definition: dict[str, Any]) -> None:
