@@ -84,7 +84,7 @@ def test_one_that_fails_is_named_and_costs_no_other(
     for arguments in (["tilt", "3"], ["tilt", "--help"]):
         assert f"the command 'tilt' of streamkit-tilt 1.2 {reason}" in refused(*arguments)
     assert "  tilt " in call("--help").stdout
-    assert call("schema").exit_code == 0
+    assert call("plugins", "potential", "nfw").exit_code == 0
 
 
 def test_a_built_in_command_wins(install: Install) -> None:
@@ -102,7 +102,7 @@ def test_two_packages_with_one_command(install: Install) -> None:
         "the command 'tilt' comes from two packages, streamkit-one 1.2 and streamkit-two 1.2: uninstall one"
         in refused("tilt", "3")
     )
-    assert call("schema").exit_code == 0
+    assert call("plugins", "potential", "nfw").exit_code == 0
 
 
 def test_another_interpreter_finds_it_too(install: Install, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -99,7 +99,7 @@ def test_every_move_alone_samples_the_prior(move):
 
 @pytest.mark.parametrize(
     ("move", "steps", "last"),
-    [(MOVES[0], 300, True), (MOVES[0], 450, False), (MOVES[1], 4000, True), (MOVES[2], 4000, True)],
+    [(MOVES[0], 150, True), (MOVES[0], 200, False), (MOVES[1], 1500, True), (MOVES[2], 1500, True)],
     ids=["surrogate", "tempered replicas", "best", "third"],
 )
 def test_every_move_alone_samples_a_cut_gaussian(move, steps, last):
@@ -218,9 +218,9 @@ def test_too_little_to_learn_from():
 def test_walks_on_the_surrogate_save_calls_and_keep_the_answer():
     """Three parameters, two data, curved: expected values by quadrature."""
     chain, plain = ChainMemory(), ChainMemory()
-    banana_run(chain, 900, "surrogate")
-    banana_run(plain, 900, "de")
-    kept, usual = chain.samples()[LEAST_STEPS:], plain.samples()[LEAST_STEPS:]
+    banana_run(chain, 650, "surrogate")
+    banana_run(plain, 400, "de")
+    kept, usual = chain.samples()[LEAST_STEPS:], plain.samples()[100:]
     grid = np.stack(np.meshgrid(*(np.linspace(-3, 3, 121),) * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     residual = (Banana().mean(grid.T).T - Banana.data.values) / Banana.data.errors
     weight = np.exp(-0.5 * np.sum(residual**2, axis=1))
@@ -229,14 +229,16 @@ def test_walks_on_the_surrogate_save_calls_and_keep_the_answer():
     assert autocorrelation_times(kept).max() < 0.5 * autocorrelation_times(usual).max()
 
 
-@pytest.mark.parametrize(("toy", "subject"), [(Many(), "the observables"), (Heavy(), "ln likelihood")])
-def test_the_surrogate_works_for_dozens_of_correlated_numbers_and_for_a_likelihood_of_its_own(toy, subject):
+@pytest.mark.parametrize(
+    ("toy", "steps", "subject"), [(Many(), 650, "the observables"), (Heavy(), 750, "ln likelihood")]
+)
+def test_the_surrogate_works_for_dozens_of_correlated_numbers_and_for_a_likelihood_of_its_own(toy, steps, subject):
     """Both against differential evolution on the same posterior, and against quadrature."""
     chain, plain = ChainMemory(), ChainMemory()
-    banana_run(chain, 900, "surrogate", toy=toy)
-    banana_run(plain, 900, "de", toy=toy)
+    banana_run(chain, steps, "surrogate", toy=toy)
+    banana_run(plain, 400, "de", toy=toy)
     assert chain.last.counts["facts"] == {"surrogate": subject}
-    kept, usual = chain.samples()[LEAST_STEPS:], plain.samples()[LEAST_STEPS:]
+    kept, usual = chain.samples()[LEAST_STEPS:], plain.samples()[100:]
     grid = np.stack(np.meshgrid(*(np.linspace(-3, 3, 41),) * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     weight = np.exp([toy.ln_likelihood(point) for point in grid])
     expected = np.average(np.column_stack([grid, grid**2]), axis=0, weights=weight)
@@ -261,10 +263,17 @@ def test_what_is_learned_from_is_all_that_was_tried(tmp_path):
     assert np.isnan(mean[~found]).all()
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A chain of 70 steps that was not interrupted."""
+    file = ChainFile(tmp_path_factory.mktemp("whole") / "chain.h5")
+    banana_run(file, 70, "surrogate")
+    return file
+
+
 @pytest.mark.parametrize("stop", [17, 60])
-def test_a_chain_that_learns_is_resumed_bit_for_bit(tmp_path, stop):
-    whole, parts = (ChainFile(tmp_path / f"{name}.h5") for name in ("whole", "parts"))
-    banana_run(whole, 70, "surrogate")
+def test_a_chain_that_learns_is_resumed_bit_for_bit(tmp_path, whole, stop):
+    parts = ChainFile(tmp_path / "parts.h5")
     banana_run(parts, stop, "surrogate")
     parts = ChainFile(parts.path)
     parts.load()
@@ -295,21 +304,22 @@ def test_learning_goes_on_until_enough_is_accepted(chain, expected):
     assert learning_steps("de", chain) == 0
 
 
-@pytest.mark.parametrize("stop", [15, 35, 55])
-def test_a_chain_that_learns_for_longer_is_resumed_bit_for_bit(tmp_path, monkeypatch, stop):
+def test_a_chain_that_learns_for_longer_is_resumed_bit_for_bit(tmp_path, monkeypatch):
     for module in (learning, walk):
         monkeypatch.setattr(module, "LEARNING", (10, 20, 30, 40, 50))
     monkeypatch.setattr(learning, "LEAST_STEPS", 20)
     monkeypatch.setattr(learning, "ACCEPTED", 0.55)
-    whole, parts = (ChainFile(tmp_path / f"{name}.h5") for name in ("whole", "parts"))
+    whole = ChainFile(tmp_path / "whole.h5")
     banana_run(whole, 70, "surrogate")
-    banana_run(parts, stop, "surrogate")
-    parts = ChainFile(parts.path)
-    parts.load()
-    banana_run(parts, 70, "surrogate", resumes=True)
     assert 20 < learning_steps("surrogate", whole.samples()) == len(whole.history("trials")) < 50
-    np.testing.assert_array_equal(whole.samples(), parts.samples())
-    np.testing.assert_array_equal(whole.last.memory["replicas"], parts.last.memory["replicas"])
+    for stop in (15, 35, 55):
+        parts = ChainFile(tmp_path / f"{stop}.h5")
+        banana_run(parts, stop, "surrogate")
+        parts = ChainFile(parts.path)
+        parts.load()
+        banana_run(parts, 70, "surrogate", resumes=True)
+        np.testing.assert_array_equal(whole.samples(), parts.samples())
+        np.testing.assert_array_equal(whole.last.memory["replicas"], parts.last.memory["replicas"])
 
 
 def test_a_finished_chain_stays_finished(tmp_path):
