@@ -28,11 +28,15 @@ def changes_of(samples: Array, ln_weight: Array) -> Array:
     return np.array([moved, wider])
 
 
-def moved_since(before: list[Emulated], now: Emulated, samples: Array) -> float:
-    """Return the most that has changed since one of the emulators before (`change_of`); samples (n, d) are of now."""
+def moved_by(others: list[Emulated], emulated: Emulated, samples: Array) -> float:
+    """Return the most that one of some other emulators changes of a posterior (`change_of`).
+
+    Samples (n, d) are of the posterior of `emulated`. Those of the others would not do: where an emulator gives up a
+    tail, the few samples there would weigh the more.
+    """
     some = samples[:: max(len(samples) // 2000, 1)]
-    here, moving = now.ln_density(some), with_axes(some)
-    return max(change_of(moving, each.ln_density(some) - here) for each in before)
+    here, moving = emulated.ln_density(some), with_axes(some)
+    return max(change_of(moving, each.ln_density(some) - here) for each in others)
 
 
 def with_axes(samples: Array) -> Array:

@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
+import emcee
 import numpy as np
 
 from streamkit import Array
+from streamkit.builtin.emulator.agreement import missed_by
 from streamkit.builtin.emulator.calls import Calls
 from streamkit.builtin.emulator.certificate import Certificate, certify, fresh_calls
-from streamkit.builtin.emulator.changes import moved_since, uncertainty
+from streamkit.builtin.emulator.changes import moved_by, uncertainty
 from streamkit.builtin.emulator.coordinates import Space
 from streamkit.builtin.emulator.emulated import Emulated
 from streamkit.builtin.emulator.pairs import paired
 from streamkit.builtin.emulator.problem import Problem
 from streamkit.builtin.emulator.start import ARRIVED, Arrival, arrive, doubt_of, walkers_for
+from streamkit.builtin.emulator.walk import walk
 
 # Inverse temperatures of the copies that new points come from, and the share of each. Tempered ones see regions where
 # the emulator may be too low.
@@ -33,12 +36,13 @@ STEPS, SETTLING = 120, 40
 SETTLED, ROUNDS = 0.1, 2
 # Largest standard error of a mean or a width, in standard deviations, that the noise of the calls may leave.
 UNCERTAIN = 0.1
-# Walkers and steps of the samples that are the answer, of which the first are not used.
-LAST_STEPS, LAST_SETTLING = 500, 100
+# Steps of the walk that gives the answer, of which the first are not used. It goes on until the others are this many
+# autocorrelation times long, or for so many steps.
+LAST_STEPS, LAST_SETTLING, LONG, MOST_STEPS = 500, 100, 10, 8000
 # Samples of the last round that the walkers of the answer begin from.
 POOL = 4000
-# Fraction of the samples that a start may have taken for impossible, and what that is in ln density below its best.
-MISSED, IMPOSSIBLE = 0.02, 12.0
+# Fraction of the posterior that walks from a start may not come to.
+MISSED = 0.05
 # Starts that must have seen all of the posterior, and how many are made for that at most.
 AGREEING, MOST_STARTS = 2, 4
 
@@ -114,7 +118,7 @@ class Rounds:
             emulated = Emulated(self._space, emulator, self._noise)
             copies = [self._walk(emulated, beta, turn, i) for i, (beta, _) in enumerate(COPIES)]
             samples = copies[0]
-            moved = moved_since(self._before, emulated, samples) if len(self._before) == ROUNDS else np.inf
+            moved = moved_by(self._before, emulated, samples) if len(self._before) == ROUNDS else np.inf
             doubt = doubt_of(emulated, samples)
             uncertain = uncertainty(emulated, samples, self._rng)
             self._before = [*self._before, emulated][-ROUNDS:]
@@ -124,8 +128,10 @@ class Rounds:
             )
             certificate, missing = None, _missing(moved, uncertain, doubt)
             if not missing:
-                certificate = self._certify(emulated, samples, turn)
-                missing = "; ".join(certificate.faults) or self._unseen(samples)
+                missing = self._unseen(emulated, samples, turn)
+                if not missing:
+                    certificate = self._certify(emulated, samples, turn)
+                    missing = "; ".join(certificate.faults)
                 if not missing:
                     emulated, missing = self._with_all(emulated, samples)
                 self._note(missing or "certified")
@@ -158,10 +164,13 @@ class Rounds:
         return chain[SETTLING:].reshape(-1, d)
 
     def _last(self, emulated: Emulated, samples: Array, turn: int) -> Array:
-        """(n, d) Sample the emulated posterior for long."""
+        """(n, d) Sample the emulated posterior for long; one place of a walker for each autocorrelation time."""
         d, seed = self._problem.size, [self._problem.seed, 5, turn]
         chain = emulated.sample(samples[-POOL:], 2 * walkers_for(d), LAST_STEPS, seed)
-        return chain[LAST_SETTLING:].reshape(-1, d)
+        while (time := _autocorrelation_time(chain)) * LONG > len(chain) - LAST_SETTLING and len(chain) < MOST_STEPS:
+            more, _ = walk(emulated.ln_density, chain[-1], len(chain), [*seed, len(chain)])
+            chain = np.concatenate([chain, more])
+        return chain[LAST_SETTLING :: max(int(np.ceil(time)), 1)].reshape(-1, d)
 
     def _some(self, places: Array, share: float) -> Array:
         """Choose the share of a round's new points."""
@@ -180,30 +189,31 @@ class Rounds:
         emulator = self._calls.learn()
         assert emulator is not None  # noqa: S101  fewer calls were enough
         learned = replace(emulated, emulator=emulator)
-        moved = moved_since([emulated], learned, samples)
+        moved = moved_by([learned], emulated, samples)
         if moved < SETTLED:
             return learned, ""
         return learned, f"the fresh calls move the posterior by {moved:.2f} standard deviations"
 
-    def _unseen(self, samples: Array) -> str:
+    def _unseen(self, emulated: Emulated, samples: Array, turn: int) -> str:
         """Say whether too few starts saw all of the posterior, and make another one then; empty if enough did."""
-        seen, made = sum(_covers(each, samples) for each in self._arrivals), len(self._arrivals)
+        walkers, made = walkers_for(self._problem.size), len(self._arrivals)
+        missed = [
+            missed_by(each.places, emulated, samples, walkers, [self._problem.seed, 6, turn, i])
+            for i, each in enumerate(self._arrivals)
+        ]
+        seen = sum(each <= MISSED for each in missed)
         if seen >= self._agreeing:
             return ""
         if made < MOST_STARTS:
             self._note(f"{seen} of {made} starts saw all of the posterior: another one")
             self._arrivals.append(self._start(made))
             self._calls += self._evaluated(self._arrivals[-1:])
-            self._before = []
         return f"only {seen} of {made} starts saw all of the posterior: there may be modes that none of them saw"
 
 
-def _covers(arrival: Arrival, samples: Array) -> bool:
-    """Say whether a start had taken none of the posterior for impossible."""
-    some = samples[:: max(len(samples) // 2000, 1)]
-    best = np.quantile(arrival.emulated.ln_density(arrival.places), 0.9)
-    lost = arrival.emulated.ln_density(some) < best - IMPOSSIBLE - samples.shape[1]
-    return bool(np.mean(lost) <= MISSED)
+def _autocorrelation_time(chain: Array) -> float:
+    """Return the longest autocorrelation time of a parameter, in steps of the chain (steps, w, d)."""
+    return float(emcee.autocorr.integrated_time(chain[LAST_SETTLING:], tol=0).max())
 
 
 def _missing(moved: float, uncertain: float, doubt: float) -> str:
