@@ -11,7 +11,7 @@ from .arrays import ProperMotionArray as ProperMotionArray
 from .arrays import SpeedArray as SpeedArray
 from .arrays import TimeArray as TimeArray
 from .arrays import VelocityArray as VelocityArray
-from .datafile import DataFile as DataFile
+from .files import DataFile as DataFile
 from .files import Files as Files
 from .table import Columns as Columns
 from .table import Table as Table

@@ -36,6 +36,7 @@ from .sky_figure import SMALLER as SMALLER
 from .stream_axes import draw_unwrapped as draw_unwrapped
 from .stream_axes import radial_limits as radial_limits
 from .stream_figure import draw_stream as draw_stream
+from .stream_figure import draw_track as draw_track
 from .stream_file import FORMATS as FORMATS
 from .stream_file import write_stream as write_stream
 from .stream_text import decimals as decimals
@@ -75,4 +76,3 @@ from .text import number as number
 from .text import paragraph as paragraph
 from .text import seconds as seconds
 from .text import span as span
-from .track_figure import draw_track as draw_track

@@ -12,14 +12,19 @@ from streamkit.observe import remarks_of
 from streamkit.runfile import Spec, StreamInputs
 from streamkit.sample import first_call
 from streamkit.stream import Prediction
-from streamkit.study.preflight.conformance_warnings import conformance_warnings
 from streamkit.study.preflight.cost import Cost, search_cost, time_call
 from streamkit.study.preflight.data_warnings import data_warnings
 from streamkit.study.preflight.draws import PriorDraws, observe, try_prior_draws
 from streamkit.study.preflight.live_warnings import live_warnings, weight_warnings
 from streamkit.study.preflight.orbit import OrbitSummary, summarise_orbit
 from streamkit.study.preflight.progenitor_warnings import frame_warnings, progenitor_warnings
-from streamkit.study.preflight.warnings import orbit_warnings, prior_warnings, short_lookback, sun_warnings
+from streamkit.study.preflight.warnings import (
+    conformance_warnings,
+    orbit_warnings,
+    prior_warnings,
+    short_lookback,
+    sun_warnings,
+)
 
 
 @dataclass(frozen=True)
