@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from streamkit.report import LATEX_UNITS, decimals, latex_escaped, save, save_table
+from streamkit.report import LATEX_UNITS, decimals, latex_escaped, save
 from streamkit.runfile import Prior
 from streamkit.study.fit.conversion import sample_columns
 from streamkit.study.fit.text import PRINTED_RADII, radii_in_reach
@@ -30,21 +31,16 @@ def write_samples(results: Results, path: Path) -> list[Path]:
 
     Raises StreamkitError if the file cannot be written, or a package that is needed is not there.
     """
-    if path.suffix == ".nc":
-        tree = results.to_arviz()
-        save(path, lambda part: tree.to_netcdf(part, engine="h5netcdf"))
-        return [path]
-    if path.suffix in (".csv", ".ecsv"):
-        table = sample_table(results)
-        if path.suffix == ".ecsv":
-            save_table(path, table)
-        else:
-            save(path, lambda part: table.write(part, format="ascii.csv", overwrite=True))
-        return [path]
-    if path.suffix == ".tex":
-        save(path, lambda part: part.write_text(paper_table(results), encoding="utf-8"))
-        return [path]
-    return write_getdist(results, path)
+    if path.suffix == ".txt":
+        return write_getdist(results, path)
+    writers: dict[str, Callable[[Path], object]] = {
+        ".nc": lambda part: results.to_arviz().to_netcdf(part, engine="h5netcdf"),
+        ".csv": lambda part: sample_table(results).write(part, format="ascii.csv", overwrite=True),
+        ".ecsv": lambda part: sample_table(results).write(part, format="ascii.ecsv", overwrite=True),
+        ".tex": lambda part: part.write_text(paper_table(results), encoding="utf-8"),
+    }
+    save(path, writers[path.suffix])
+    return [path]
 
 
 def sample_table(results: Results) -> Any:

@@ -119,10 +119,8 @@ def run_sensitivity(
     curves = []
     for name, (i, x, thetas) in grids.items():
         if all((theta, seed) in evaluations for theta in thetas for seed in range(seeds)):
-            unit, by_point = (
-                spec.units[i].replace(" ", ""),
-                [[evaluations[at, k] for k in range(seeds)] for at in thetas],
-            )
+            unit = spec.units[i].replace(" ", "")
+            by_point = [[evaluations[at, k] for k in range(seeds)] for at in thetas]
             curves.append(curve_of(name, unit, spec.priors[i], values[name], x, by_point))
     if not curves:
         raise StreamkitError(f"{spec.source}: {stopped} before the first parameter was finished")
