@@ -32,12 +32,14 @@ LETTER = 0.62  # mean width of a letter over the size of the font
 ACROSS = 4  # most panels beside each other
 
 
-def panel_grid(n: int, width: float, height: float, *, across: int = ACROSS, share: bool) -> tuple[Figure, list[Axes]]:
-    """Return a figure and n panels, in rows of at most ``across``."""
+def panel_grid(
+    n: int, width: float, height: float, *, across: int = ACROSS, share: bool, share_y: bool = True
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure and n panels, in rows of at most ``across``; they may share both axes, or the horizontal one."""
     columns = max(min(n, across), 1)
     rows = max(-(-n // columns), 1)
     figure = NotebookFigure(figsize=(width * columns + 0.9, height * rows + 0.5), layout="constrained")
-    panels: Any = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=share)
+    panels: Any = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=share and share_y)
     every = list(panels.flat)
     for axes in every[n:]:
         axes.set_visible(False)

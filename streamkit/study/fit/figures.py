@@ -24,6 +24,7 @@ from streamkit.report import (
     VERMILION,
     NotebookFigure,
     across,
+    decimals,
     finish,
     inner_ticks,
     labels,
@@ -216,23 +217,15 @@ def traces(results: Results) -> Figure:
     """Draw the traces of every parameter and of ln p, by `Draws.draw_trace`."""
     d = len(results.names)
     scale, labels_of, units = _labels(results)
-    columns = min(3, d + 1)
-    rows = -(-(d + 1) // columns)
-    figure = NotebookFigure(figsize=(4.3 * columns, 1.75 * rows + 0.8), layout="constrained")
-    panels: Any = figure.subplots(rows, columns, squeeze=False, sharex=True)
+    figure, panels = panel_grid(d + 1, 4.3, 1.75, across=3, share=True, share_y=False)
     between = ["\n" if len(name) > (25 if "$" in name else 8) else " " for name in labels_of]
     names = [with_unit(*each) for each in zip(labels_of, units, between, strict=True)] + [r"$\ln p$"]
-    for i, (axes, name) in enumerate(zip(panels.flat, names, strict=False)):
+    for i, (axes, name) in enumerate(zip(panels, names, strict=True)):
         parameter = i if i < d else None
         results.draws.draw_trace(axes, parameter, 1.0 if parameter is None else scale[i])
         axes.set_ylabel(name, fontsize=12)
         ticks(axes)
-    for axes in list(panels.flat)[d + 1 :]:
-        axes.set_visible(False)
     x_label, legend = results.draws.trace
-    for column in range(columns):
-        bottom = max(row for row in range(rows) if row * columns + column <= d)
-        panels[bottom, column].tick_params(labelbottom=True)
     figure.supxlabel(x_label, fontsize=12)
     text = remark(results)
     figure.suptitle(f"{text} ({legend})" if text else legend, fontsize=11, color=VERMILION if text else "black")
@@ -300,8 +293,7 @@ def _title(name: str, values: Array) -> str:
 def _interval(values: Array) -> str:
     """Return median and 68 % interval, with two significant digits of the smaller error."""
     low, middle, high = np.percentile(values, [16, 50, 84])
-    error = min(high - middle, middle - low)
-    digits = int(np.clip(1 - np.floor(np.log10(error)), 0, 6)) if error > 0 else 3
+    digits = decimals(min(high - middle, middle - low))
     return rf"${middle:.{digits}f}^{{+{high - middle:.{digits}f}}}_{{-{middle - low:.{digits}f}}}$"
 
 
