@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Union, cast
+from typing import Annotated, Any, Literal, Union
 
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, create_model
 from pydantic.json_schema import GenerateJsonSchema
@@ -75,17 +75,16 @@ def _component(cls: type[Component], what: str = "", way: type[Place] | None = N
     """Return the model of a section of this kind, or of a progenitor or body whose place is given in this way."""
     kind: Any = Annotated[Literal[cls.kind], WithJsonSchema({"const": cls.kind})]
     fields: Any = {"kind": (kind, cls.kind if way is None and DEFAULT_KIND.get(cls.role) == cls.kind else ...)}
-    made: Any
-    if way is None:
-        made = create_model(f"{cls.role}/{cls.kind}", __base__=section_model(cls), **fields)
-    else:
-        bases = section_model(cls, HOST_ALONE), section_model(way)
+    name, text = f"{cls.role}/{cls.kind}", ""
+    bases: tuple[type[BaseModel], ...] = (section_model(cls),)
+    if way is not None:
+        name, bases = f"{what}/{cls.kind}/{way.__name__}", (section_model(cls, HOST_ALONE), section_model(way))
         text = f"{section_model(cls).__doc__} As a {what}, its place given as: {way.title}."
-        made = create_model(f"{what}/{cls.kind}/{way.__name__}", __base__=bases, __doc__=text, **fields)
+    made = create_model(name, __base__=bases, __doc__=text or None, **fields)
     if varies(cls):  # fields that are not known yet
         made.model_config["extra"] = "allow"
         made.model_rebuild(force=True)
-    return cast("type[BaseModel]", made)
+    return made
 
 
 def _allow_other_names(definition: dict[str, Any]) -> None:
