@@ -14,27 +14,15 @@ BROAD = 3.0  # errors by which the broad Gaussian of outliers is wider than the 
 
 
 class Side(NamedTuple):
-    """Data of one column beside the Gaussians that the stream predicts, and the outliers among the data.
+    """Data of one column beside the Gaussians that the stream predicts, and the outliers among the data."""
 
-    Attributes
-    ----------
-    value
-        (m,) data.
-    variance, mean
-        (..., m) of the Gaussian that the stream predicts, errors included.
-    ln_coverage
-        (..., m) ln c: zero where the stream has debris, falling with the distance to the nearest.
-    outliers
-        f, the fraction of data that are none of the stream: a number, or (..., 1).
-    background
-        Mean and standard deviation of the outliers. Hogg, Bovy & Lang 2010, arXiv:1008.4686, equation 17.
-    """
-
-    value: Array
+    value: Array  # (m,) data
+    # (..., m) of the Gaussian that the stream predicts, errors included.
     variance: Array
     mean: Array
-    ln_coverage: Array
-    outliers: float | Array
+    ln_coverage: Array  # (..., m) ln c: zero where the stream has debris, falling with the distance to the nearest
+    outliers: float | Array  # f, the fraction of data that are none of the stream: a number, or (..., 1)
+    # Mean and standard deviation of the outliers. Hogg, Bovy & Lang 2010, arXiv:1008.4686, equation 17.
     background: tuple[float, float]
 
 
@@ -83,17 +71,10 @@ def ln_mixture_of_pairs(one: Side, other: Side, covariance: Array) -> Array:
 
 
 def ln_mixture_of_each_pair(one: Side, other: Side, covariance: Array) -> Array:
-    """(..., m) The ln density of two data with correlated errors, of each star.
+    """(..., m) The ln density of two data with correlated errors, of each star; the covariance is (m,).
 
     Either datum may be an outlier, and only where neither is do the errors correlate. Without a covariance it is the
     product of two `ln_mixture`.
-
-    Parameters
-    ----------
-    one, other
-        The two data of each star.
-    covariance
-        (m,) of the two.
     """
     (x, xx, x_mean, coverage, f, x_out), (y, yy, y_mean, y_coverage, g, y_out) = one, other
     slope = covariance / xx

@@ -30,51 +30,26 @@ TILE, BLOCK = 12, 512  # lines that are fitted together, and particles that are 
 
 
 class Debris(NamedTuple):
-    """Particles in the order of their longitudes.
+    """Particles in the order of their longitudes."""
 
-    Attributes
-    ----------
-    longitude
-        (n,) degrees, increasing.
-    columns
-        (c, n) measured values, less their mean over all particles.
-    weight
-        (n,) statistical weight of each.
-    centre, slope
-        (c,) that mean, and the ratio of the standard deviations of the column and the longitude: how steep a line
-        may be.
-    """
-
-    longitude: Array
-    columns: Array
-    weight: Array
+    longitude: Array  # (n,) degrees, increasing
+    columns: Array  # (c, n) measured values, less their mean over all particles
+    weight: Array  # (n,) statistical weight of each
+    # (c,) that mean, and the ratio of the standard deviations of the column and the longitude: how steep a line may be.
     centre: Array
     slope: Array
 
 
 class Lines(NamedTuple):
-    """The lines at m longitudes, of c columns.
+    """The lines at m longitudes, of c columns."""
 
-    Attributes
-    ----------
-    value
-        (c, m) b, the column at the longitude.
-    variance
-        (c, m) variance of b from the finite number of particles, and from a line that debris on one side or far away
-        does not fix.
-    spread
-        (c, m) standard deviation of the particles about the line.
-    depth_variance
-        (m,) variance of the spread of one column.
-    ln_count
-        (m,) ln of the number of particles under the kernel.
-    """
-
-    value: Array
+    value: Array  # (c, m) b, the column at the longitude
+    # (c, m) variance of b from the finite number of particles, and from a line that debris on one side or far away does
+    # not fix.
     variance: Array
-    spread: Array
-    depth_variance: Array
-    ln_count: Array
+    spread: Array  # (c, m) standard deviation of the particles about the line
+    depth_variance: Array  # (m,) variance of the spread of one column
+    ln_count: Array  # (m,) ln of the number of particles under the kernel
 
 
 def gather(longitude: Array, columns: Sequence[Array], weight: Array, margin: float = 0.0) -> Debris:
@@ -101,21 +76,11 @@ def gather(longitude: Array, columns: Sequence[Array], weight: Array, margin: fl
 
 
 def local_lines(debris: Debris, at: Array, kernel: float, enough: float = ENOUGH, depth: int = -1) -> Lines:
-    """Fit a line at every longitude.
+    """Fit a line to debris, at least one particle, at every longitude (m,) with a kernel, all in degrees.
 
-    Parameters
-    ----------
-    debris
-        At least one particle.
-    at
-        (m,) longitudes in degrees.
-    kernel
-        Standard deviation of the Gaussian, degrees.
-    enough
-        Particles under a kernel below which the slope shrinks towards zero, by a ridge of kernel^2 enough / count. The
-        spread shrinks towards its mean over all longitudes. 0 for plain weighted least squares.
-    depth
-        The column for whose spread the variance is computed; -1 for none.
+    With fewer than ``enough`` particles under a kernel the slope shrinks towards zero, by a ridge of
+    kernel^2 enough / count, and the spread towards its mean over all longitudes; 0 gives plain weighted least squares.
+    ``depth`` is the column for whose spread the variance is computed; -1 for none.
     """
     order = np.argsort(at)
     powers = _powers(debris, kernel)

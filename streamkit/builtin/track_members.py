@@ -29,24 +29,15 @@ MEMBERS = (
 
 @dataclass(frozen=True, eq=False)
 class Members:
-    """The stars of a table, in the frame of the stream.
-
-    Attributes
-    ----------
-    phi1
-        (n,) degrees.
-    values, errors
-        (n,) by the names of the track's columns; NaN where a star has none.
-    covariance
-        (n,) of the two proper motions, (mas/yr)^2; NaN where a star has none.
-    """
+    """The stars of a table, in the frame of the stream."""
 
     table: sk.Table
     frame: sk.SkyFrame
-    phi1: sk.Array
+    phi1: sk.Array  # (n,) degrees
+    # (n,) by the names of the track's columns; NaN where a star has none.
     values: Mapping[str, sk.Array]
     errors: Mapping[str, sk.Array]
-    covariance: sk.Array
+    covariance: sk.Array  # (n,) of the two proper motions, (mas/yr)^2; NaN where a star has none
 
     def rows(self, name: str) -> sk.IntArray:
         """(k,) The stars that have a value of a column."""

@@ -36,26 +36,13 @@ ROLES: dict[str, type[Component]] = {
 
 @dataclass(frozen=True)
 class Plugin:
-    """The components and presets of one plugin, and their supplier.
+    """The components and presets of one plugin, and their supplier."""
 
-    Attributes
-    ----------
-    supplier
-        Distribution and version, or file; with a hash of the code if these do not identify it. It is in the digest of
-        a run.
-    name
-        Of the entry point; empty for a file, and for classes given in Python.
-    contract
-        The contract that the plugin states it was written for; None if it states none.
-    classes
-        Its components.
-    presets
-        Its presets.
-    """
-
+    # Distribution and version, or file; with a hash of the code if these do not identify it. It is in the digest of a
+    # run.
     supplier: str
-    name: str
-    contract: int | None
+    name: str  # of the entry point; empty for a file, and for classes given in Python
+    contract: int | None  # the contract that the plugin states it was written for; None if it states none
     classes: tuple[type[Component], ...]
     presets: tuple[Preset, ...] = ()
 

@@ -30,33 +30,17 @@ class Entry:
 
 @dataclass(frozen=True)
 class Registry:
-    """The components by role and kind, and a sentence for every plugin or kind that is not available.
+    """The components by role and kind, and a sentence for every plugin or kind that is not available."""
 
-    Attributes
-    ----------
-    entries
-        The loaded components, by role and kind.
-    failed
-        A sentence for every plugin that cannot be used, and for every kind that several packages provide.
-    presets
-        Published galaxies by name.
-    plugins
-        The loaded plugins, the built-in one first.
-    local
-        Plugin files of a run file, and classes given in Python: they take precedence over installed plugins.
-    waiting
-        Entry points that are not loaded yet.
-    broken
-        The sentences of ``failed`` about whole plugins.
-    """
-
-    entries: Mapping[str, Mapping[str, Entry]]
+    entries: Mapping[str, Mapping[str, Entry]]  # the loaded components, by role and kind
+    # A sentence for every plugin that cannot be used, and for every kind that several packages provide.
     failed: tuple[str, ...] = ()
-    presets: Mapping[str, Preset] = field(default_factory=dict)
-    plugins: tuple[Plugin, ...] = ()
+    presets: Mapping[str, Preset] = field(default_factory=dict)  # published galaxies by name
+    plugins: tuple[Plugin, ...] = ()  # the loaded plugins, the built-in one first
+    # Plugin files of a run file, and classes given in Python: they take precedence over installed plugins.
     local: tuple[Plugin, ...] = ()
-    waiting: tuple[EntryPoint, ...] = field(default=(), repr=False)
-    broken: tuple[str, ...] = ()
+    waiting: tuple[EntryPoint, ...] = field(default=(), repr=False)  # entry points that are not loaded yet
+    broken: tuple[str, ...] = ()  # the sentences of ``failed`` about whole plugins
 
     def having(self, role: str, kind: Any) -> Registry:
         """Return a registry that has searched for a kind: in the entry points of that name, then in all."""
@@ -120,18 +104,9 @@ def load_registry(
     """Load the plugins of the entry-point group ``streamkit``, one-off plugin files, and classes given in Python.
 
     An installed plugin that is broken, or clashes with another, stops no run that does without it: it is recorded, and
-    named when a run file has a kind that is missing. Plugins that `DISABLE` names are not loaded.
-
-    Parameters
-    ----------
-    files
-        One-off plugin files.
-    points
-        Entry points, in place of the installed ones.
-    classes
-        Component classes, as they are.
-    lazy
-        Import the installed plugins when `Registry.having` or `Registry.find` needs them.
+    named when a run file has a kind that is missing. Plugins that `DISABLE` names are not loaded. With ``lazy``
+    installed plugins are imported when `Registry.having` or `Registry.find` needs them. ``points`` are entry points in
+    place of the installed ones.
 
     Raises PluginError for a file or a class that is broken, or whose kind is that of a built-in component or of another
     file or class.

@@ -123,18 +123,10 @@ class Total:
 
 
 def add_up(what: str, potentials: Iterable[Part], q: Array) -> Array:
-    """Add up a static method of potentials at positions q (3, n) today, called with whole arrays.
+    """Add up a static method of potentials at positions q (3, n) in kpc today, called with whole arrays.
 
-    Parameters
-    ----------
-    what
-        "acceleration": (3, n) in (km/s)^2/kpc; "potential": (n,) in (km/s)^2.
-    potentials
-        All centred on the origin.
-    q
-        (3, n) kpc.
-
-    Raises ComponentError if one of them fails.
+    It is "acceleration", (3, n) in (km/s)^2/kpc, or "potential", (n,) in (km/s)^2; the potentials are centred on the
+    origin. Raises ComponentError if one of them fails.
     """
     x, y, z = read_only(np.ascontiguousarray(q))
     t = read_only(np.zeros_like(x))

@@ -35,20 +35,11 @@ class NoExpansion(Exception):  # noqa: N818  a statement about a potential, whos
 
 @dataclass(frozen=True)
 class Expanded:
-    """An expansion, and its error.
+    """An expansion, and its error."""
 
-    Attributes
-    ----------
-    force
-        The force in the compiled loop.
-    grid
-        Its nodes.
-    error, points
-        Largest relative error of the acceleration, and the number of held-out points at which it was found.
-    """
-
-    force: Expansion
+    force: Expansion  # the force in the compiled loop
     grid: Grid
+    # Largest relative error of the acceleration, and the number of held-out points at which it was found.
     error: float
     points: int
 
@@ -69,14 +60,8 @@ class Expanded:
 def expand(force: ForceAt, form: Form, tolerance: float) -> Expanded:
     """Expand a force in a form, with the fewest nodes that meet the tolerance at held-out points.
 
-    Parameters
-    ----------
-    force
-        Acceleration (3, n) in (km/s)^2/kpc at a time and positions (3, n) in kpc.
-    form
-        ``auto`` takes the simplest that the force's symmetries allow.
-    tolerance
-        Largest relative error |da| / |a| from 0.1 to 500 kpc.
+    The tolerance is the largest relative error |da| / |a| from 0.1 to 500 kpc. The form ``auto`` is the simplest that
+    the force's symmetries allow.
 
     Raises NoExpansion if the force depends on time, is not finite somewhere, or `MOST_NODES` nodes miss the tolerance.
     """

@@ -14,33 +14,15 @@ POLE = 1.0 - 5e-7  # cos(theta) of the node at the pole, where the direction of 
 
 @dataclass(frozen=True)
 class Grid:
-    """The nodes of an expansion; they stay the same throughout a fit.
+    """The nodes of an expansion; they stay the same throughout a fit."""
 
-    Attributes
-    ----------
-    radii
-        Number of nodes in ln r.
-    heights
-        Number of nodes in w: 1 for a sphere.
-    angles
-        Number of azimuths: 1 for an axisymmetric potential.
-    thickness
-        h of the coordinate w in kpc; with an infinite one w is mu.
-    mirror
-        Whether the potential is the same above and below the plane z = 0.
-    step
-        2 if it is the same after half a turn about the z axis, else 1.
-    sines
-        Whether the potential differs between y and -y.
-    """
-
-    radii: int
-    heights: int = 1
-    angles: int = 1
-    thickness: float = np.inf
-    mirror: bool = True
-    step: int = 1
-    sines: bool = False
+    radii: int  # number of nodes in ln r
+    heights: int = 1  # number of nodes in w: 1 for a sphere
+    angles: int = 1  # number of azimuths: 1 for an axisymmetric potential
+    thickness: float = np.inf  # h of the coordinate w in kpc; with an infinite one w is mu
+    mirror: bool = True  # whether the potential is the same above and below the plane z = 0
+    step: int = 1  # 2 if it is the same after half a turn about the z axis, else 1
+    sines: bool = False  # whether the potential differs between y and -y
 
     @property
     def form(self) -> str:

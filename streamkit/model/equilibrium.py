@@ -39,32 +39,19 @@ DIRECTIONS = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.6, 0.64, 0.48]]).T
 
 
 class Table(NamedTuple):
-    """The sphere at radii that increase.
+    """The sphere at radii that increase."""
 
-    Attributes
-    ----------
-    ln_r, mass, depth, density
-        (k,) ln of the radius in kpc, mass inside in Msun, relative potential in (km/s)^2 and density in Msun/kpc^3.
-    integral
-        (k,) I(E) at E = depth, in Msun/kpc^3/(km/s).
-    """
-
+    # (k,) ln of the radius in kpc, mass inside in Msun, relative potential in (km/s)^2 and density in Msun/kpc^3.
     ln_r: Array
     mass: Array
     depth: Array
     density: Array
-    integral: Array
+    integral: Array  # (k,) I(E) at E = depth, in Msun/kpc^3/(km/s)
 
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """A progenitor at the look-back time, see `SatelliteView`.
-
-    Attributes
-    ----------
-    potential
-        Its own.
-    """
+    """A progenitor at the look-back time, see `SatelliteView`."""
 
     potential: Potential
 

@@ -28,21 +28,11 @@ INFINITY = 1e100  # kpc, in place of infinity: so far that even a logarithmic po
 
 
 class Paths(NamedTuple):
-    """The orbits of all that moves.
+    """The orbits of all that moves."""
 
-    Attributes
-    ----------
-    centre
-        The host's, in the inertial frame in which it rests today.
-    bodies
-        The orbits of the bodies about the host, by name.
-    progenitor
-        The orbit of the progenitor about the host, if it is a body with friction or reflex.
-    """
-
-    centre: Orbit
-    bodies: dict[str, Orbit]
-    progenitor: Orbit | None
+    centre: Orbit  # the host's, in the inertial frame in which it rests today
+    bodies: dict[str, Orbit]  # the orbits of the bodies about the host, by name
+    progenitor: Orbit | None  # the orbit of the progenitor about the host, if it is a body with friction or reflex
 
 
 @dataclass(frozen=True)

@@ -28,24 +28,12 @@ UNBOUND = 0.5  # most of the mass that may be unbound at the start: more is no p
 
 @dataclass(frozen=True)
 class Followed:
-    """What became of the particles and of the progenitor.
+    """What became of the particles and of the progenitor."""
 
-    Attributes
-    ----------
-    records
-        Of the particles.
-    orbit
-        The progenitor's track with the mass that it has left, and the tidal radius of that.
-    tail
-        (n,) the Lagrange point on whose side each particle is today.
-    weight
-        (n,) how much each counts.
-    """
-
-    records: Records
-    orbit: Orbit
-    tail: IntArray
-    weight: Array
+    records: Records  # of the particles
+    orbit: Orbit  # the progenitor's track with the mass that it has left, and the tidal radius of that
+    tail: IntArray  # (n,) the Lagrange point on whose side each particle is today
+    weight: Array  # (n,) how much each counts
 
 
 def follow_live(

@@ -18,23 +18,12 @@ EDGE = 1e-12
 
 @dataclass(frozen=True)
 class Start:
-    """The initial state of n particles.
+    """The initial state of n particles."""
 
-    Attributes
-    ----------
-    orbit
-        The progenitor's whole track, with the mass that it has left and the tidal radius of that mass.
-    at_release
-        The progenitor at the release times (n,).
-    tail
-        (n,) Lagrange point of each particle.
-    q, v
-        (3, n) their positions and velocities.
-    """
-
-    orbit: Orbit
-    at_release: Orbit
-    tail: IntArray
+    orbit: Orbit  # the progenitor's whole track, with the mass that it has left and the tidal radius of that mass
+    at_release: Orbit  # the progenitor at the release times (n,)
+    tail: IntArray  # (n,) Lagrange point of each particle
+    # (3, n) their positions and velocities.
     q: Array
     v: Array
 

@@ -17,29 +17,17 @@ LONGEST_ARM = 7200.0  # longest arm in degrees: twenty turns
 
 @dataclass(frozen=True)
 class Track:
-    """The mean track of one arm, smoothed with a Gaussian kernel.
+    """The mean track of one arm, smoothed with a Gaussian kernel."""
 
-    Attributes
-    ----------
-    angle
-        (k,) degrees from the progenitor in its orbital plane, counted positive along either arm.
-    r, height
-        (k,) mean distance from the centre within the plane, and mean height above it, kpc.
-    width, thickness
-        (k,) standard deviations of the two, kpc.
-    density
-        (k,) fraction of the stream's unbound particles per degree.
-    count
-        (k,) effective number of particles under the kernel, those in its far wings not counted.
-    """
-
-    angle: Array
+    angle: Array  # (k,) degrees from the progenitor in its orbital plane, counted positive along either arm
+    # (k,) mean distance from the centre within the plane, and mean height above it, kpc.
     r: Array
     height: Array
+    # (k,) standard deviations of the two, kpc.
     width: Array
     thickness: Array
-    density: Array
-    count: Array
+    density: Array  # (k,) fraction of the stream's unbound particles per degree
+    count: Array  # (k,) effective number of particles under the kernel, those in its far wings not counted
 
     @cached_property
     def slant(self) -> Array:

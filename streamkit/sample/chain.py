@@ -41,46 +41,21 @@ RESTORE = "Restore it from a copy, or start again with --force."
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """The content of a chain file and of the journal beside it.
+    """The content of a chain file and of the journal beside it."""
 
-    Attributes
-    ----------
-    chain
-        (steps, walkers, d) samples.
-    log_prob
-        (steps, walkers) ln posterior.
-    blobs
-        (steps, walkers) records of `streamkit.sample.blob_dtype`.
-    accepted
-        (walkers,) accepted moves.
-    attributes
-        Attributes of the run: digest, quick, status, counts.
-    random_state
-        That of the generator after the last step; None without a step.
-    memory, history
-        Arrays by name: those after the last step, and those of every step (steps, ...) that has some.
-    journal
-        The steps at the end that only the journal holds.
-    start
-        The ensemble before the first step, if the journal holds it.
-    checksum
-        Of all samples.
-    torn
-        Bytes at the end of the journal that are a part of the step after the last: `Journal.torn`.
-    """
-
-    chain: Array
-    log_prob: Array
-    blobs: Any
-    accepted: Array
-    attributes: dict[str, Any]
-    random_state: Any = None
+    chain: Array  # (steps, walkers, d) samples
+    log_prob: Array  # (steps, walkers) ln posterior
+    blobs: Any  # (steps, walkers) records of `streamkit.sample.blob_dtype`
+    accepted: Array  # (walkers,) accepted moves
+    attributes: dict[str, Any]  # attributes of the run: digest, quick, status, counts
+    random_state: Any = None  # that of the generator after the last step; None without a step
+    # Arrays by name: those after the last step, and those of every step (steps, ...) that has some.
     memory: Mapping[str, Array] = field(default_factory=dict)
     history: Mapping[str, Array] = field(default_factory=dict)
-    journal: list[Step] = field(default_factory=list)
-    start: Step | None = None
-    checksum: str = ""
-    torn: int = 0
+    journal: list[Step] = field(default_factory=list)  # the steps at the end that only the journal holds
+    start: Step | None = None  # the ensemble before the first step, if the journal holds it
+    checksum: str = ""  # of all samples
+    torn: int = 0  # bytes at the end of the journal that are a part of the step after the last: `Journal.torn`
 
 
 def read_chain_file(path: Path) -> Chain:

@@ -31,16 +31,10 @@ LARGE = 100_000  # bytes of other arrays from which on they are compressed
 
 
 class ChainMemory:
-    """The steps of a chain in memory.
-
-    Attributes
-    ----------
-    last
-        The last step that was stored, number 0 for the start; None for an empty chain.
-    """
+    """The steps of a chain in memory."""
 
     def __init__(self) -> None:
-        self.last: Step | None = None
+        self.last: Step | None = None  # the last step that was stored, number 0 for the start; None for an empty chain
         self._attributes: dict[str, Any] = {}
         self._coords: list[Array] = []
         self._steps: list[Step] = []

@@ -16,30 +16,15 @@ from streamkit.stream import Array, BoolArray, Data, Prediction
 
 @dataclass(frozen=True)
 class Part:
-    """One observable, or data of the host, among all.
+    """One observable, or data of the host, among all."""
 
-    Attributes
-    ----------
-    measurement
-        At the centre of the priors.
-    place
-        Where predictions have it: the stream and the observable, or "" and the name of the host's data.
-    data
-        What it is compared with.
-    rows
-        Where its data are among all.
-    reads
-        The details that its likelihood reads.
-    free
-        The parameters that are fields of it, by field.
-    """
-
-    measurement: Measurement
+    measurement: Measurement  # at the centre of the priors
+    # Where predictions have it: the stream and the observable, or "" and the name of the host's data.
     place: tuple[str, str]
-    data: Data
-    rows: slice
-    reads: tuple[str, ...]
-    free: dict[str, int]
+    data: Data  # what it is compared with
+    rows: slice  # where its data are among all
+    reads: tuple[str, ...]  # the details that its likelihood reads
+    free: dict[str, int]  # the parameters that are fields of it, by field
 
     def of(self, observation: Observation) -> Prediction:
         """Return what an observation says of it."""
@@ -50,24 +35,14 @@ class Part:
 
 
 class Comparison:
-    """The ln likelihood of predictions that are given, at many points at once.
-
-    Parameters
-    ----------
-    model
-        Whose observables are meant, and their data.
-
-    Attributes
-    ----------
-    undeclared
-        The measurements that cannot be compared at many points: those with a likelihood of their own that do not
-        declare what it reads, and those whose data depend on a parameter.
-    """
+    """The ln likelihood of predictions of a model's observables that are given, at many points at once."""
 
     def __init__(self, model: Model) -> None:
         self._spec = spec = model.spec
         self._parts: list[Part] = []
         self._shapes: list[tuple[int, ...]] = []
+        # The measurements that cannot be compared at many points: those with a likelihood of their own that do not
+        # declare what it reads, and those whose data depend on a parameter.
         self.undeclared: list[str] = []
         self._likelihood_only = np.zeros(len(spec.names), dtype=bool)
         bound, sections = spec.bind_all(), spec.sections

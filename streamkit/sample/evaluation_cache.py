@@ -21,14 +21,7 @@ PERIOD = 1.0  # seconds between two writes: a kill loses at most this much work,
 
 
 class EvaluationCache:
-    """The evaluations of a run, by point.
-
-    Parameters
-    ----------
-    path
-        The journal that holds them; None keeps them in memory.
-    digest
-        That of the run they belong to.
+    """The evaluations of the run with this digest, by point: in a journal, or in memory without a path.
 
     Raises ChainError if the file is damaged, or that of another run.
     """

@@ -26,16 +26,11 @@ class Journal:
 
     When `append` returns, the record has been written and synchronised with ``fsync``. A kill or a full disk leaves at
     most one incomplete record, the last, which is dropped. The file need not exist; it is open only during a write.
-
-    Attributes
-    ----------
-    torn
-        Bytes behind the last whole record, when the file was read: the part of a record that was being written.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.torn = 0
+        self.torn = 0  # bytes behind the last whole record, when the file was read: a record that was being written
         self._end: int | None = None
 
     def read(self) -> list[dict[str, Array]]:

@@ -20,27 +20,15 @@ OUTSIDE = "outside the prior"
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The result of one call of the posterior.
+    """The result of one call of the posterior."""
 
-    Attributes
-    ----------
-    lnp
-        ln prior + ln likelihood; -inf where there is no stream or no observable.
-    ln_likelihood
-        The second term alone; -inf likewise.
-    mean, variance
-        (m,) the prediction of the observable, and the variance of that estimate; NaN if there is none.
-    reason
-        Why lnp is -inf, else empty.
-    details
-        (k,) what else of the prediction the likelihoods read, for a sampler that emulates predictions; else empty.
-    """
-
-    lnp: float
-    ln_likelihood: float
+    lnp: float  # ln prior + ln likelihood; -inf where there is no stream or no observable
+    ln_likelihood: float  # the second term alone; -inf likewise
+    # (m,) the prediction of the observable, and the variance of that estimate; NaN if there is none.
     mean: Array
     variance: Array
-    reason: str = ""
+    reason: str = ""  # why lnp is -inf, else empty
+    # (k,) what else of the prediction the likelihoods read, for a sampler that emulates predictions; else empty.
     details: Array = field(default_factory=lambda: np.empty(0))
 
     def row(self) -> tuple[float, float, Array, Array]:

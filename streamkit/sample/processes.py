@@ -90,23 +90,14 @@ class Processes(Executor):
 
     The processes are forked at once where the platform has fork. That takes milliseconds and does not import the
     caller's main module. They ignore SIGINT and SIGTERM, which their parent handles, and end with their parent.
-
-    Parameters
-    ----------
-    count
-        Number of processes.
-    initializer, initargs
-        Called in each process first.
-    limit
-        Seconds that a call may take. Then its process is killed, and the call raises `CallTimeout`.
     """
 
     def __init__(
         self,
         count: int,
-        initializer: Callable[..., object] = lambda: None,
+        initializer: Callable[..., object] = lambda: None,  # called in each process first
         initargs: tuple[Any, ...] = (),
-        limit: float = math.inf,
+        limit: float = math.inf,  # seconds of a call; then its process is killed, and the call raises `CallTimeout`
     ) -> None:
         method = "fork" if "fork" in multiprocessing.get_all_start_methods() else "spawn"
         self._context: Any = multiprocessing.get_context(method)

@@ -65,40 +65,20 @@ Evaluate = Callable[[Array, str], list[Evaluation]]
 
 @dataclass
 class Search:
-    """The search for a starting ensemble.
+    """The search for a starting ensemble."""
 
-    Parameters
-    ----------
-    priors
-        d priors.
-    evaluate
-        ``evaluate(points (n, d), "cheap" or "full")``.
-    walkers
-        How many starting points are wanted.
-    rng
-        The only source of random numbers.
-    deadline
-        Value of `time.monotonic` after which the cheap search ends with its present population; infinity for none.
-        After as long again, a search with too few streams fails.
-    report
-        Called with a line about the progress after every batch of evaluations.
-    full_cost
-        Cost of a "full" evaluation in units of a "cheap" one, about.
-
-    Attributes
-    ----------
-    work, work_left
-        Work done, and an estimate of the work left, in cheap evaluations.
-    """
-
-    priors: Sequence[HasQuantile]
-    evaluate: Evaluate
-    walkers: int
-    rng: np.random.Generator
+    priors: Sequence[HasQuantile]  # d priors
+    evaluate: Evaluate  # ``evaluate(points (n, d), "cheap" or "full")``
+    walkers: int  # how many starting points are wanted
+    rng: np.random.Generator  # the only source of random numbers
+    # Value of `time.monotonic` after which the cheap search ends with its present population; infinity for none. After
+    # as long again, a search with too few streams fails.
     deadline: float = np.inf
+    # Called with a line about the progress after every batch of evaluations.
     report: Callable[[str], None] = lambda _: None
-    full_cost: float = 1.0
+    full_cost: float = 1.0  # cost of a "full" evaluation in units of a "cheap" one, about
     calls: int = 0
+    # Work done, and an estimate of the work left, in cheap evaluations.
     work: float = 0.0
     work_left: float = 0.0
     inverse_temperature: float = 0.0

@@ -48,37 +48,21 @@ class _Entries(BaseModel):
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """The ensemble after a step, or before the first, as it is stored.
+    """The ensemble after a step, or before the first, as it is stored."""
 
-    Attributes
-    ----------
-    number
-        Steps taken, this one included.
-    coords, log_prob, blobs
-        (walkers, d), (walkers,), and (walkers,) records of `streamkit.sample.blob_dtype`.
-    accepted
-        (walkers,) whether the step moved each walker.
-    random_state, memory, history
-        As those of `streamkit.Ensemble`.
-    counts
-        Calls and rejections up to the end of the step, and the sampler's facts.
-    checksum
-        That of all samples up to this step: `extend_checksum`.
-    digest
-        That of the run.
-    """
-
-    number: int
+    number: int  # steps taken, this one included
+    # (walkers, d), (walkers,), and (walkers,) records of `streamkit.sample.blob_dtype`.
     coords: Array
     log_prob: Array
     blobs: Any
-    accepted: Array
-    random_state: Any
+    accepted: Array  # (walkers,) whether the step moved each walker
+    random_state: Any  # this, memory and history: as in `streamkit.Ensemble`
+    # Calls and rejections up to the end of the step, and the sampler's facts.
     counts: Mapping[str, Any] = field(default_factory=dict)
     memory: Mapping[str, Array] = field(default_factory=dict)
     history: Mapping[str, Array] = field(default_factory=dict)
-    checksum: str = ""
-    digest: str = ""
+    checksum: str = ""  # that of all samples up to this step: `extend_checksum`
+    digest: str = ""  # that of the run
 
     def record(self) -> dict[str, Any]:
         """Return the step as a record of a journal."""
@@ -179,13 +163,8 @@ def checksum_of(*parts: Any) -> str:
 
 
 def extend_checksum(before: str, coords: Array, log_prob: Array, blobs: Any) -> str:
-    """Return the checksum of a chain that is continued by the samples of a step.
+    """Return the checksum of a chain that is continued by the samples of a step, as in `Step`.
 
-    Parameters
-    ----------
-    before
-        The checksum of the chain without them; that of no sample at all is the digest of the run.
-    coords, log_prob, blobs
-        As in `Step`.
+    ``before`` is the checksum of the chain without them; that of no sample at all is the digest of the run.
     """
     return checksum_of(before, coords, log_prob, *([] if blobs is None else [blobs]))

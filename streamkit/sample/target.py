@@ -34,54 +34,28 @@ PART = 256  # points sent to the workers at a time: a stop loses at most their e
 
 
 class PosteriorTarget:
-    """A posterior to be sampled: a `streamkit.Target`.
-
-    Parameters
-    ----------
-    priors, data, seed
-        Priors of the d free parameters; the data; and the seed of all that the sampler draws.
-    pool
-        Evaluates the posterior "full", and for a search "cheap", whose streams are small.
-    cache
-        Holds the evaluations.
-    chain
-        Where the steps of a chain are stored.
-    resumes
-        Whether these files hold a chain to continue.
-    workers
-        Points that are evaluated at a time.
-    deadline, search_deadline
-        Values of `time.monotonic` at which the sampling, and the search for a start before it, end.
-    progress
-        Whether to show progress.
-    mass
-        A radius in kpc, and the mass inside it in Msun at a point, for the progress of a chain.
-    small_cache
-        Holds the evaluations of small streams.
-    posterior
-        What given predictions are compared by, in this process; None where no sampler emulates them.
-    full_cost
-        Cost of a "full" call in units of a "cheap" one, about: for the expected end of the search.
-    """
+    """A posterior to be sampled: a `streamkit.Target`."""
 
     def __init__(
         self,
         priors: Sequence[Prior],
         data: Data,
         seed: int,
-        pool: Workers,
+        pool: Workers,  # evaluates the posterior "full", and for a search "cheap", whose streams are small
         cache: EvaluationCache | None = None,
         chain: ChainMemory | None = None,
         *,
-        resumes: bool = False,
-        workers: int = 1,
+        resumes: bool = False,  # whether these files hold a chain to continue
+        workers: int = 1,  # points that are evaluated at a time
+        # Values of `time.monotonic` at which the sampling, and the search for a start before it, end.
         deadline: float = np.inf,
         search_deadline: float = np.inf,
         progress: bool = False,
+        # A radius in kpc, and the mass inside it in Msun at a point, for the progress of a chain.
         mass: tuple[float, Callable[[Array], float]] | None = None,
-        full_cost: float = 1.0,
-        small_cache: EvaluationCache | None = None,
-        posterior: Posterior | None = None,
+        full_cost: float = 1.0,  # of a "full" call in units of a "cheap" one, about: for the expected end of the search
+        small_cache: EvaluationCache | None = None,  # of small streams
+        posterior: Posterior | None = None,  # compares given predictions; None where no sampler emulates them
     ) -> None:
         self.priors, self.data, self.size, self.seed = tuple(priors), data, len(priors), seed
         self.workers, self.progress = workers, progress

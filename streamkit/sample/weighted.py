@@ -26,33 +26,19 @@ ENOUGH = 400  # effective samples of a converged run (Vehtari+ 2021, sec. 4)
 
 @dataclass(frozen=True, eq=False)
 class Weighted:
-    """Weighted samples of the posterior with their evaluations.
+    """Weighted samples of the posterior with their evaluations."""
 
-    Attributes
-    ----------
-    points, ln_weights
-        (n, d), and (n,) natural logs of the weights up to a constant.
-    log_prob, blobs
-        (n,) ln posterior, and (n,) records of `streamkit.sample.blob_dtype`.
-    ln_evidence, ln_evidence_error
-        NaN if unknown.
-    missing
-        What the sampler's stopping rule still requires; empty when the rule is met.
-    attributes
-        Attributes of the run: digest, quick, status, counts.
-    verdicts
-        The sampler's own checks.
-    """
-
+    # (n, d), and (n,) natural logs of the weights up to a constant.
     points: Array
     ln_weights: Array
+    # (n,) ln posterior, and (n,) records of `streamkit.sample.blob_dtype`.
     log_prob: Array
     blobs: Any
-    ln_evidence: float
+    ln_evidence: float  # it and its error are NaN if unknown
     ln_evidence_error: float
-    missing: str
-    attributes: dict[str, Any]
-    verdicts: tuple[Verdict, ...] = ()
+    missing: str  # what the sampler's stopping rule still requires; empty when the rule is met
+    attributes: dict[str, Any]  # attributes of the run: digest, quick, status, counts
+    verdicts: tuple[Verdict, ...] = ()  # the sampler's own checks
 
     @cached_property
     def weights(self) -> Array:

@@ -57,35 +57,17 @@ class Workers:
 
     Use as a context manager, entered before any thread is started: the processes are forked then.
 
-    Parameters
-    ----------
-    posteriors
-        By name; for an executor of your own they must pickle.
-    workers
-        A number of processes; or any `concurrent.futures.Executor` (MPI's and Dask's among them), left running.
-    limit
-        Seconds that a call may take. Then a worker process of ours is killed. In this process and on MPI ranks, Python
-        code is interrupted; compiled code ends first. With Dask or an executor of your own, a longer call is detected
-        when it ends. If no call ends within the limit, a `CallTimeout` is raised.
-    reject
-        Whether a longer call counts as a rejection; else `CallTimeout` is raised.
-
-    Attributes
-    ----------
-    calls
-        Evaluations so far, by posterior.
-    reasons
-        Rejections so far, by posterior and reason. Rejected proposals count too.
-    stop
-        Number of the signal that requested an end, or 0.
+    A call may take ``limit`` seconds. Then a worker process of ours is killed. In this process and on MPI ranks, Python
+    code is interrupted; compiled code ends first. With Dask or an executor of your own, a longer call is detected
+    when it ends. If no call ends within the limit, a `CallTimeout` is raised.
     """
 
     def __init__(
         self,
-        posteriors: Mapping[str, Evaluates],
-        workers: int | Executor = 1,
+        posteriors: Mapping[str, Evaluates],  # by name; for an executor of your own they must pickle
+        workers: int | Executor = 1,  # a number of processes; or any executor, MPI's and Dask's too, left running
         limit: float = math.inf,
-        reject: bool = False,
+        reject: bool = False,  # whether a longer call counts as a rejection; else `CallTimeout` is raised
     ) -> None:
         self._limit, self._reject = limit, reject
         self._posteriors = dict(posteriors)
@@ -93,9 +75,10 @@ class Workers:
         self._slots = slots(workers) if isinstance(workers, Executor) else workers
         self._executor: Executor | None = None
         self._sent, self._heard = b"", monotonic()
-        self.calls: Counter[str] = Counter()
+        self.calls: Counter[str] = Counter()  # evaluations so far, by posterior
+        # Rejections so far, by posterior and reason. Rejected proposals count too.
         self.reasons: dict[str, Counter[str]] = {name: Counter() for name in posteriors}
-        self.stop = 0
+        self.stop = 0  # number of the signal that requested an end
 
     def __enter__(self) -> Workers:
         if isinstance(self._workers, Executor):

@@ -49,23 +49,10 @@ def to_galactocentric(
     v_los: float,
     sun: Observer,
 ) -> tuple[Array, Array]:
-    """Transform one object from the sky.
+    """Return Galactocentric position (3,) in kpc and velocity (3,) in km/s of one object on the sky.
 
-    Parameters
-    ----------
-    sky
-        Frame of the coordinates and of the proper motions: a name, or the matrix (3, 3) that leads to it from ICRS.
-    lon, lat
-        Degrees.
-    distance, pm_lon_cos_lat, pm_lat, v_los
-        kpc, mas/yr, mas/yr, km/s; heliocentric.
-    sun
-        Where the Sun is, and how it moves.
-
-    Returns
-    -------
-    q, v
-        (3,) Galactocentric position in kpc and velocity in km/s.
+    Its heliocentric angles are in degrees, its distance in kpc, motions in mas/yr and km/s. ``sky`` is the frame of
+    angles and proper motions: a name, or the matrix (3, 3) that leads to it from ICRS.
     """
     a, d = math.radians(lon), math.radians(lat)
     ca, sa, cd, sd = math.cos(a), math.sin(a), math.cos(d), math.sin(d)
@@ -124,16 +111,9 @@ for _former, _name in (("phi1", "lon"), ("phi2", "lat"), ("pm_phi1_cosphi2", "pm
 
 
 def seen_from(sun: Observer, q: Array, v: Array, matrix: Array) -> Seen:
-    """Return Galactocentric particles as the Sun sees them.
+    """Return particles at Galactocentric q (3, n) in kpc, v (3, n) in km/s as the Sun sees them.
 
-    Parameters
-    ----------
-    sun
-        Where the Sun is, and how it moves.
-    q, v
-        (3, n) Galactocentric positions in kpc and velocities in km/s.
-    matrix
-        (3, 3) Rotation from ICRS to the frame of the angles, as `sky_matrix` gives it.
+    The matrix (3, 3) leads from ICRS to the frame of the angles, as `sky_matrix` gives it.
     """
     turn = matrix @ (sun.tilt @ axes("icrs")).T
     x, y, z = turn @ (q - sun.q[:, None])

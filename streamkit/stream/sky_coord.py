@@ -15,15 +15,9 @@ if TYPE_CHECKING:
 
 
 def to_sky_coord(seen: Seen, matrix: Array | None) -> SkyCoord:
-    """Return a SkyCoord with distance, proper motions and radial velocity.
+    """Return a SkyCoord with distance, proper motions and radial velocity, in ICRS or in the frame of a matrix (3, 3).
 
-    Parameters
-    ----------
-    seen
-        Particles as the Sun sees them, in the frame of the matrix.
-    matrix
-        (3, 3) From ICRS to that frame, or None for ICRS. Its coordinates are then called phi1 and phi2, and astropy
-        transforms them to any other frame.
+    Coordinates in such a frame are called phi1 and phi2, and astropy transforms them to any other frame.
     """
     from astropy import units as u  # slow to import
     from astropy.coordinates import ICRS, SkyCoord

@@ -107,18 +107,9 @@ class SkyTrack:
 
 
 def track_of(longitude: Array, seen: Seen, weight: Array, at: Array, kernel: float, turn: bool) -> SkyTrack:
-    """Fit lines to debris at longitudes (k,) by weighted least squares with a Gaussian kernel.
+    """Fit lines to debris (n,) at longitudes (k,) by weighted least squares with a Gaussian kernel, all in degrees.
 
-    Parameters
-    ----------
-    longitude, seen, weight
-        (n,) of the debris; longitudes in degrees.
-    at
-        (k,) degrees.
-    kernel
-        Standard deviation in degrees.
-    turn
-        Whether longitudes are a turn: kernels then reach over its seam.
+    Where longitudes are a ``turn``, kernels reach over its seam.
     """
     columns = np.array([seen.lat, seen.distance, seen.pm_lon_coslat, seen.pm_lat, seen.radial_velocity])
     if turn:

@@ -12,14 +12,9 @@ from streamkit import Array
 
 
 class Together:
-    """Walks run in threads. When all of them wait for a likelihood, these are evaluated in one go, by the caller.
+    """So many walks run in threads. When all wait for a likelihood, these are evaluated in one go, by the caller.
 
-    Parameters
-    ----------
-    evaluate
-        Returns ln likelihood (n,) at points (n, d). It is called in the thread that calls `map`, and nowhere else.
-    size
-        Walks at a time.
+    ``evaluate`` returns ln likelihood (n,) at points (n, d). It is called in the thread that calls `map` alone.
     """
 
     def __init__(self, evaluate: Callable[[Array], Array], size: int) -> None:

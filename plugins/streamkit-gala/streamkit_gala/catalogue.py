@@ -18,27 +18,13 @@ NOT_ALONE = ("PotentialBase", "CPotentialBase", "CompositePotential", "CComposit
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter of a gala potential.
+    """A parameter of a gala potential."""
 
-    Attributes
-    ----------
-    name
-        In the run file: gala's own, ``m``, and for a part of a composite ``halo_m``.
-    keys
-        Where gala takes it: ``("m",)``, ``("halo", "m")``.
-    physical_type
-        By astropy's name; None for what is no physical quantity.
-    default
-        gala's, in the units of `unit_system`; None if there is none.
-    dimensions
-        0 for a number.
-    """
-
-    name: str
-    keys: tuple[str, ...]
-    physical_type: str | None
-    default: Any = None
-    dimensions: int = 0
+    name: str  # in the run file: gala's own, ``m``, and for a part of a composite ``halo_m``
+    keys: tuple[str, ...]  # where gala takes it: ``("m",)``, ``("halo", "m")``
+    physical_type: str | None  # by astropy's name; None for what is no physical quantity
+    default: Any = None  # gala's, in the units of `unit_system`; None if there is none
+    dimensions: int = 0  # 0 for a number
 
 
 @cache
@@ -105,13 +91,8 @@ def construct(cls: Any, values: Mapping[tuple[str, ...], Any]) -> Any:
 def parameters_of(name: str, options: Mapping[str, Any]) -> tuple[Parameter, ...]:
     """Return the parameters of the potential that gala calls ``name``.
 
-    Parameters
-    ----------
-    name
-        gala's name of the class.
-    options
-        What the section of the run file says: the ``version`` of a Milky Way and the ``lmax`` of a multipole
-        decide which parameters there are.
+    ``options`` is the section of the run file: the ``version`` of a Milky Way and the ``lmax`` of a multipole decide
+    which parameters there are.
 
     Raises ValueError: If there is no such potential, or it takes what a run file cannot hold.
     """

@@ -16,25 +16,14 @@ AXIS = 1e-12  # least cylindrical radius in ro: on the axis itself galpy's torqu
 
 @dataclass(frozen=True)
 class Evaluator:
-    """A galpy potential in kpc and km/s.
+    """A galpy potential in kpc and km/s."""
 
-    Attributes
-    ----------
-    source
-        A potential, or a sum of potentials, of galpy's.
-    ro, vo
-        Its scales in kpc and km/s.
-    arrays
-        Whether it takes arrays of positions.
-    static
-        Whether it is static.
-    """
-
-    source: Any
+    source: Any  # A potential, or a sum of potentials, of galpy's
+    # Its scales in kpc and km/s.
     ro: float
     vo: float
-    arrays: bool = True
-    static: bool = True
+    arrays: bool = True  # whether it takes arrays of positions
+    static: bool = True  # whether it is static
 
     @classmethod
     def of(cls, source: Any, ro: float, vo: float) -> Evaluator:

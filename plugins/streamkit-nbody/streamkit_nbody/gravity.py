@@ -23,24 +23,12 @@ class NotFinite(StreamkitError):  # noqa: N818  it names the finding
 
 @dataclass(frozen=True)
 class Gravity:
-    """Forces between equal particles, softened by the cubic spline of Monaghan & Lattanzio 1985, A&A 149, 135.
+    """Forces between equal particles, softened by the cubic spline of Monaghan & Lattanzio 1985, A&A 149, 135."""
 
-    Attributes
-    ----------
-    mass
-        Of each particle, Msun.
-    softening
-        Plummer-equivalent softening length, kpc; forces are exact beyond `SUPPORT` times as much.
-    theta
-        Opening angle of the tree; its nodes have quadrupoles.
-    workers
-        Threads. Each force is summed by one thread, in the same order for any number of them.
-    """
-
-    mass: float
-    softening: float
-    theta: float
-    workers: int = 1
+    mass: float  # of each particle, Msun
+    softening: float  # Plummer-equivalent softening length, kpc; forces are exact beyond `SUPPORT` times as much
+    theta: float  # opening angle of the tree; its nodes have quadrupoles
+    workers: int = 1  # Threads. Each force is summed by one thread, in the same order for any number of them.
 
     def forces(self, q: Array) -> Array:
         """(3, n) accelerations in (km/s)^2/kpc of particles at q (3, n), with no net force."""
@@ -56,13 +44,7 @@ class Gravity:
         return self._evaluate(q, potential=True)["potential"]
 
     def _evaluate(self, q: Array, *, accel: bool = False, potential: bool = False) -> dict[str, Array]:
-        """Return what is asked for: accelerations (n, 3), potentials (n,).
-
-        Raises
-        ------
-        NotFinite
-            If a position is not.
-        """
+        """Return what is asked for: accelerations (n, 3), potentials (n,). Raises NotFinite if a position is not."""
         import numba
         from pytreegrav import frontend  # type: ignore[import-untyped]  # slow to import
 

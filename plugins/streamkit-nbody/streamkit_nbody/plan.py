@@ -22,41 +22,23 @@ TURN = 0.02
 
 @dataclass(frozen=True)
 class Options:
-    """The command's options; None: chosen from the run.
+    """The command's options; None: chosen from the run."""
 
-    Attributes
-    ----------
-    particles
-        Number of particles.
-    softening
-        Plummer-equivalent softening length in kpc.
-    theta
-        Opening angle of the tree.
-    step
-        Longest step in Gyr.
-    """
-
-    particles: int = 20000
-    softening: float | None = None
-    theta: float = 0.7
-    step: float | None = None
+    particles: int = 20000  # number of particles
+    softening: float | None = None  # Plummer-equivalent softening length in kpc
+    theta: float = 0.7  # opening angle of the tree
+    step: float | None = None  # longest step in Gyr
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The numbers of a run: kpc, Msun, times in kpc/(km/s).
+    """The numbers of a run: kpc, Msun, times in kpc/(km/s)."""
 
-    Attributes
-    ----------
-    particles, softening, theta
-        As in `Options`, all chosen.
-    span, step, steps, records
-        Time from the start to today, length of a step, steps between records, number of records until today.
-    """
-
+    # As in `Options`, all chosen.
     particles: int
     softening: float
     theta: float
+    # Time from the start to today, length of a step, steps between records, number of records until today.
     span: float
     step: float
     steps: int

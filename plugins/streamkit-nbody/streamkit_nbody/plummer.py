@@ -13,25 +13,8 @@ def sample(n: int, mass: float, radius: float, rng: np.random.Generator) -> tupl
     """Draw n particles of a Plummer sphere at rest at the origin, in equilibrium.
 
     Radii by inversion of M(r) = M r^3 / (r^2 + a^2)^(3/2), up to `TRUNCATION` a. Speeds from f ~ (-E)^(7/2): the
-    density of x = (v / v_esc)^2 is x^(1/2) (1 - x)^(7/2), the beta distribution (3/2, 9/2).
-
-    Parameters
-    ----------
-    n
-        Number of particles.
-    mass, radius
-        Msun, kpc.
-    rng
-        The only source of chance.
-
-    Returns
-    -------
-    q, v
-        (3, n) positions in kpc and velocities in km/s, with the mean of each taken off.
-
-    References
-    ----------
-    Aarseth, Henon & Wielen 1974, A&A 37, 183 (appendix).
+    density of x = (v / v_esc)^2 is x^(1/2) (1 - x)^(7/2), the beta distribution (3/2, 9/2) (Aarseth, Henon & Wielen
+    1974, A&A 37, 183, appendix). Returns q (3, n) in kpc and v (3, n) in km/s, with the mean of each taken off.
     """
     inside = (1.0 + TRUNCATION**-2) ** -1.5
     r = radius / np.sqrt((inside * rng.uniform(size=n)) ** (-2.0 / 3.0) - 1.0)

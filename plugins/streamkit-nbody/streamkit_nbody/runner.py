@@ -28,34 +28,17 @@ EVERY = 60.0  # seconds between checkpoints
 
 def run(
     simulation: Simulation,
-    out: Path,
+    out: Path,  # directory of the snapshots and the checkpoint
     *,
-    snapshots: int = 1,
+    snapshots: int = 1,  # at equal intervals; the last one is today's
     resume: bool = False,
     force: bool = False,
     progress: bool = True,
 ) -> State:
     """Carry a live satellite to today, and return its last state.
 
-    Parameters
-    ----------
-    simulation
-        What to run.
-    out
-        Directory of the snapshots and the checkpoint.
-    snapshots
-        Number of snapshots, at equal intervals; the last one is today's.
-    resume, force
-        Continue from the checkpoint in the directory; or throw away what a run has left there.
-    progress
-        Show a progress bar.
-
-    Raises
-    ------
-    ChainError
-        If the directory or its checkpoint cannot be used. Nothing is then changed.
-    Interrupted
-        After Ctrl-C or SIGTERM.
+    Raises ChainError if the directory or its checkpoint cannot be used: nothing is then changed. Raises Interrupted
+    after Ctrl-C or SIGTERM.
     """
     here = _Run(simulation, out)
     with locked(out), Signals(here):

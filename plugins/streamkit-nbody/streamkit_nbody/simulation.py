@@ -21,41 +21,22 @@ from streamkit_nbody.state import State, Track
 
 @dataclass(frozen=True)
 class Simulation:
-    """The constants of a run.
+    """The constants of a run."""
 
-    Attributes
-    ----------
-    spec
-        The run file: its potential, progenitor and seed are used.
-    inputs
-        The same, bound: free parameters are at the centre of their priors.
-    host
-        The galaxy, in which the satellite is disrupted.
-    plan
-        Softening, step, records.
-    orbit
-        The point-mass orbit in the host from the look-back time to today: the satellite is set on its first point.
-    workers
-        Threads of the tree; the result does not depend on their number.
-    """
-
-    spec: Spec
-    inputs: StreamInputs
-    host: Host
-    plan: Plan
+    spec: Spec  # the run file: its potential, progenitor and seed are used
+    inputs: StreamInputs  # the same, bound: free parameters are at the centre of their priors
+    host: Host  # the galaxy, in which the satellite is disrupted
+    plan: Plan  # softening, step, records
+    # The point-mass orbit in the host from the look-back time to today: the satellite is set on its first point.
     orbit: Orbit
-    workers: int = 1
+    workers: int = 1  # threads of the tree; the result does not depend on their number
 
     @staticmethod
     def of(spec: Spec, options: Options, workers: int = 1) -> Simulation:
         """Prepare a run.
 
-        Raises
-        ------
-        SpecError
-            If the host has a force that depends on velocity.
-        OutOfDomain
-            If the progenitor is no sphere in isotropic equilibrium with an end to its mass, or its orbit is not finite.
+        Raises SpecError if the host has a force that depends on velocity. Raises OutOfDomain if the progenitor is no
+        sphere in isotropic equilibrium with an end to its mass, or its orbit is not finite.
         """
         inputs = spec.bind()
         sphere.sample(1, inputs)  # refuses what is no sphere in equilibrium, before the orbit is made
@@ -124,13 +105,7 @@ class Simulation:
         )  # fmt: skip
 
     def advance(self, state: State) -> State:
-        """Return the state at the next record.
-
-        Raises
-        ------
-        NotFinite
-            If a particle is lost.
-        """
+        """Return the state at the next record. Raises NotFinite if a particle is lost."""
         plan, q, v, a = self.plan, state.q.copy(), state.v.copy(), state.a
         begin, end = state.time, plan.time(state.record + 1)
         for k in range(1, plan.steps + 1):

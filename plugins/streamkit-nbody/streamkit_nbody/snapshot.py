@@ -26,17 +26,7 @@ BOUND = -1.0  # stripping time of a particle that has not been stripped
 
 
 def write(path: Path, simulation: Simulation, state: State, content: dict[str, Any]) -> None:
-    """Write a state, whole or not at all.
-
-    Parameters
-    ----------
-    path
-        The file; replaced if it exists.
-    simulation, state
-        The run and its state.
-    content
-        What the run is, by `plan.content`.
-    """
+    """Write a state, whole or not at all, with the `plan.content` of its run; a file that exists is replaced."""
 
     def fill(part: Path) -> None:
         import h5py
@@ -102,13 +92,7 @@ def _dataset(group: Any, name: str, values: Any, unit: str, what: str) -> None:
 
 
 def read(path: Path) -> tuple[State, dict[str, Any]]:
-    """Read a state and the content of its run.
-
-    Raises
-    ------
-    ChainError
-        If the file cannot be read, or is no snapshot of this package.
-    """
+    """Read a state and the content of its run; ChainError if the file is no readable snapshot of this package."""
     try:
         state, content, stated = read_foreign(path, _read)
     except DamagedError as error:

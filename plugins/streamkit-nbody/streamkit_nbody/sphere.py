@@ -28,12 +28,8 @@ def mass_of(inputs: StreamInputs) -> float:
 def sample(n: int, inputs: StreamInputs) -> tuple[Array, Array]:
     """Draw n particles from the isotropic distribution function, by Eddington's formula where none is at hand.
 
-    Returns
-    -------
-    q, v
-        (3, n) positions in kpc and velocities in km/s, with the mean of each taken off.
-
-    Raises OutOfDomain if there is no such function.
+    Returns q (3, n) in kpc and v (3, n) in km/s, with the mean of each taken off. Raises OutOfDomain if there is no
+    such function.
     """
     rng = np.random.default_rng(inputs.seed)
     if _closed(inputs):

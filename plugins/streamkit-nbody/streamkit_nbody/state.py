@@ -12,29 +12,17 @@ from streamkit.stream import angle_in_plane
 
 @dataclass(frozen=True)
 class Track:
-    """The satellite at each record so far, k of them.
+    """The satellite at each record so far, k of them."""
 
-    Attributes
-    ----------
-    t
-        (k,) times since the start.
-    q, v
-        (3, k) Galactocentric position and velocity of the core: the mean of the most bound half.
-    mass
-        (k,) bound mass; 0 once the satellite is gone.
-    r_tidal
-        (k,) tidal radius for that mass; where the host has none at that place, the one before (at the start: the
-        distance from the Galactic centre).
-    energy
-        (k,) total energy of all particles in Msun (km/s)^2; NaN if the host gives no potential energy.
-    """
-
-    t: Array
+    t: Array  # (k,) times since the start
+    # (3, k) Galactocentric position and velocity of the core: the mean of the most bound half.
     q: Array
     v: Array
-    mass: Array
+    mass: Array  # (k,) bound mass; 0 once the satellite is gone
+    # (k,) tidal radius for that mass; where the host has none at that place, the one before (at the start: the distance
+    # from the Galactic centre).
     r_tidal: Array
-    energy: Array
+    energy: Array  # (k,) total energy of all particles in Msun (km/s)^2; NaN if the host gives no potential energy
 
     def and_then(self, t: float, q: Array, v: Array, mass: float, r_tidal: float, energy: float) -> Track:
         """Return the track with one more record."""
@@ -50,40 +38,23 @@ class Track:
 
 @dataclass(frozen=True)
 class State:
-    """The whole state at a record; the run continues from it bit for bit.
+    """The whole state at a record; the run continues from it bit for bit."""
 
-    Attributes
-    ----------
-    q, v, a
-        (3, n) Galactocentric positions, velocities and accelerations.
-    bound
-        (n,) bound to the satellite.
-    gap
-        (n,) distance from the satellite's core minus the tidal radius.
-    t_strip
-        (n,) last time inside the tidal radius, since the start.
-    dq_strip, dv_strip
-        (3, n) position and velocity relative to the core at the last record inside, along x, y, z.
-    revolutions
-        (n,) of the particle about the Galactic centre in the orbital plane: its swept angle is its present angle
-        plus 2 pi times as many.
-    track
-        The satellite so far.
-    binding
-        Binding energy of the isolated satellite, the yardstick of the energy error; Msun (km/s)^2.
-    """
-
+    # (3, n) Galactocentric positions, velocities and accelerations.
     q: Array
     v: Array
     a: Array
-    bound: BoolArray
-    gap: Array
-    t_strip: Array
+    bound: BoolArray  # (n,) bound to the satellite
+    gap: Array  # (n,) distance from the satellite's core minus the tidal radius
+    t_strip: Array  # (n,) last time inside the tidal radius, since the start
+    # (3, n) position and velocity relative to the core at the last record inside, along x, y, z.
     dq_strip: Array
     dv_strip: Array
+    # (n,) of the particle about the Galactic centre in the orbital plane: its swept angle is its present angle plus 2
+    # pi times as many.
     revolutions: IntArray
     track: Track
-    binding: float
+    binding: float  # binding energy of the isolated satellite, the yardstick of the energy error; Msun (km/s)^2
 
     @property
     def record(self) -> int:

@@ -41,40 +41,25 @@ class Surrogate:
     """Residuals (prediction - datum) / error, or the deviance, as polynomials of the whitened coordinates.
 
     The deviance is twice the difference of ln likelihood from its largest value among the training points.
-
-    Attributes
-    ----------
-    centre, whiten
-        (d,) and (d, d): x = (y - centre) @ whiten.
-    coefficients
-        (terms, m), or (terms, 1) of the deviance.
-    variance
-        (m,) of the data, in units of their own: 1, plus the model's noise if added; none for the deviance.
-    spread, least
-        (quadratic terms, m) coefficients of the square of the polynomial's error, and (m,) its lower bound.
-    floor, freedom
-        The least chi^2, which is subtracted if there are more data than parameters, and the degrees of freedom of the
-        Student's t that replaces the Gaussian of the rest.
-    reach
-        Largest |x|^2 of the training points without those of large residuals.
-    points
-        (n, d) training points near the data.
-    exists
-        (quadratic terms,) coefficients of the log odds that there is an observable.
     """
 
+    # (d,) and (d, d): x = (y - centre) @ whiten.
     centre: Array
     whiten: Array
     degree: int
-    coefficients: Array
+    coefficients: Array  # (terms, m), or (terms, 1) of the deviance
+    # (m,) of the data, in units of their own: 1, plus the model's noise if added; none for the deviance.
     variance: Array
+    # (quadratic terms, m) coefficients of the square of the polynomial's error, and (m,) its lower bound.
     spread: Array
     least: Array
+    # The least chi^2, which is subtracted if there are more data than parameters, and the degrees of freedom of the
+    # Student's t that replaces the Gaussian of the rest.
     floor: float
     freedom: float
-    reach: float
-    points: Array
-    exists: Array
+    reach: float  # largest |x|^2 of the training points without those of large residuals
+    points: Array  # (n, d) training points near the data
+    exists: Array  # (quadratic terms,) coefficients of the log odds that there is an observable
 
     @property
     def subject(self) -> str:
@@ -115,16 +100,9 @@ def learn(points: Array, mean: Array, variance: Array, data: Data, lnl: Array | 
     Where these do not explain ln likelihood, as the observable has its own or its data depend on a parameter, the
     deviance is fitted. Degree and ridge are those of which a fit to the older points predicts the newest best.
 
-    Parameters
-    ----------
-    points
-        (n, d) coordinates at which the model was evaluated, the oldest first.
-    mean, variance
-        (n, m) what the model predicts there, and the variance of that estimate; NaN where there is no observable.
-    data
-        The m data.
-    lnl
-        (n,) ln likelihood there; None or NaN if it is the Gaussian one of the data.
+    ``points`` (n, d) are coordinates at which the model was evaluated, the oldest first; ``mean`` and ``variance``
+    (n, m) are its predictions there, NaN where there is no observable; ``lnl`` (n,) is ln likelihood there, None or
+    NaN if it is the Gaussian one of the data.
     """
     used = np.isfinite(data.values)
     points, mean, variance = points[-MAX_POINTS:], mean[-MAX_POINTS:], variance[-MAX_POINTS:]
