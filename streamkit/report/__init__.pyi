@@ -29,7 +29,6 @@ from .latex import LATEX_UNITS as LATEX_UNITS
 from .latex import latex_escaped as latex_escaped
 from .plain import as_json as as_json
 from .plain import prediction_record as prediction_record
-from .plain import stream_record as stream_record
 from .plain import table_record as table_record
 from .progress import Progress as Progress
 from .sky_figure import SMALLER as SMALLER
@@ -44,6 +43,7 @@ from .stream_text import describe_expansions as describe_expansions
 from .stream_text import describe_live as describe_live
 from .stream_text import describe_measured as describe_measured
 from .stream_text import describe_stream as describe_stream
+from .stream_text import stream_record as stream_record
 from .stream_text import warning_list as warning_list
 from .style import ACROSS as ACROSS
 from .style import ARM_STYLE as ARM_STYLE

@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic_core import to_json
 
-from streamkit.observe import remarks_of
-from streamkit.runfile import Spec, StreamInputs
-from streamkit.stream import Prediction, Stream
+from streamkit.stream import Prediction
 
 if TYPE_CHECKING:
     from astropy.table import QTable
@@ -41,24 +39,3 @@ def prediction_record(measured: Sequence[Measurement], prediction: Prediction | 
     rows = zip(prediction.names, prediction.mean, np.sqrt(prediction.variance), data, errors, strict=True)
     keys = "model", "own_noise", "data", "error"
     return {name: dict(zip(keys, numbers, strict=True)) for name, *numbers in rows}
-
-
-def stream_record(
-    spec: Spec, inputs: StreamInputs, stream: Stream, prediction: Prediction | None, spent: float
-) -> dict[str, Any]:
-    """Return the parameters of a stream with their units, the counts per arm, the observables and the CPU seconds."""
-    units = zip(spec.names, spec.units, strict=True)
-    remarks = remarks_of(inputs.observables, prediction) if inputs.observables and prediction is not None else ()
-    return {
-        "stream": inputs.name,
-        "seed": spec.seed,
-        "digest": spec.digest(),
-        "parameters": {name: {"value": inputs.values[name], "unit": unit} for name, unit in units},
-        "particles": len(stream),
-        "leading": int((stream.arm == 1).sum()),
-        "trailing": int((stream.arm == -1).sum()),
-        "bound": int(stream.bound.sum()),
-        "cpu_seconds": spent,
-        "observables": prediction_record(list(inputs.observables.values()), prediction),
-        "warnings": remarks,
-    }

@@ -1,4 +1,4 @@
-"""One stream as text for a terminal: parameters, counts, observables beside the data."""
+"""One stream as text for a terminal and as plain values: parameters, counts, observables beside the data."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from streamkit.components import LiveStripping, Measurement
-from streamkit.observe import scatter_of
+from streamkit.observe import remarks_of, scatter_of
+from streamkit.report.plain import prediction_record
 from streamkit.report.text import columns, number, paragraph, seconds
 from streamkit.runfile import Spec, StreamInputs, as_written
-from streamkit.stream import Prediction
+from streamkit.stream import Prediction, Stream
 
 WIDER = "sigma: the error with the extra dispersion and, for single stars, the spread of the debris"
 MOST_ROWS, FARTHEST = 200, 20  # data above which a text shows only some of them, and how many
@@ -72,6 +73,27 @@ def describe_measured(called: str, measured: Sequence[Measurement], prediction: 
 def decimals(error: float) -> int:
     """Return the decimal places that show an error with two digits; none for one of 10 or more."""
     return 2 if not np.isfinite(error) or error <= 0 else int(np.clip(1 - np.floor(np.log10(error)), 0, 8))
+
+
+def stream_record(
+    spec: Spec, inputs: StreamInputs, stream: Stream, prediction: Prediction | None, spent: float
+) -> dict[str, Any]:
+    """Return the parameters of a stream with their units, the counts per arm, the observables and the CPU seconds."""
+    units = zip(spec.names, spec.units, strict=True)
+    remarks = remarks_of(inputs.observables, prediction) if inputs.observables and prediction is not None else ()
+    return {
+        "stream": inputs.name,
+        "seed": spec.seed,
+        "digest": spec.digest(),
+        "parameters": {name: {"value": inputs.values[name], "unit": unit} for name, unit in units},
+        "particles": len(stream),
+        "leading": int((stream.arm == 1).sum()),
+        "trailing": int((stream.arm == -1).sum()),
+        "bound": int(stream.bound.sum()),
+        "cpu_seconds": spent,
+        "observables": prediction_record(list(inputs.observables.values()), prediction),
+        "warnings": remarks,
+    }
 
 
 def describe_stream(

@@ -15,7 +15,7 @@ from streamkit.report import BAND_95, BLUE, GREY, finish, panel_grid
 from streamkit.sample import Chain
 from streamkit.stream import Array
 from streamkit.study.fit import chain_verdicts as checks
-from streamkit.study.fit.chain_statistics import drift, rank_scores, ranks
+from streamkit.study.fit.chain_verdicts import drift, rank_scores, ranks
 from streamkit.study.fit.draws import Draws, Row
 
 if TYPE_CHECKING:

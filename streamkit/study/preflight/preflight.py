@@ -12,9 +12,8 @@ from streamkit.observe import remarks_of
 from streamkit.runfile import Spec, StreamInputs
 from streamkit.sample import first_call
 from streamkit.stream import Prediction
-from streamkit.study.preflight.cost import Cost, search_cost, time_call
 from streamkit.study.preflight.data_warnings import data_warnings
-from streamkit.study.preflight.draws import PriorDraws, observe, try_prior_draws
+from streamkit.study.preflight.draws import Cost, PriorDraws, observe, search_cost, time_call, try_prior_draws
 from streamkit.study.preflight.live_warnings import live_warnings, weight_warnings
 from streamkit.study.preflight.orbit import OrbitSummary, summarise_orbit
 from streamkit.study.preflight.progenitor_warnings import frame_warnings, progenitor_warnings

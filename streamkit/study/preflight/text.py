@@ -11,8 +11,7 @@ from streamkit.components import LiveStripping, Stripping
 from streamkit.report import prediction_record
 from streamkit.runfile import ONLY, Spec, StreamInputs
 from streamkit.stream import Array
-from streamkit.study.preflight.cost import Cost
-from streamkit.study.preflight.draws import PriorDraws
+from streamkit.study.preflight.draws import Cost, PriorDraws
 from streamkit.study.preflight.orbit import OrbitSummary
 from streamkit.study.preflight.preflight import Look, Preflight
 
