@@ -102,22 +102,12 @@ def write_products(
     A picture or page that cannot be made is left out, with a warning in the log; `Results.failed` and the diagnostics
     hold the reason.
 
-    Parameters
-    ----------
-    run
-        The run, or its directory.
-    truth
-        A TOML file whose ``[potential]`` is the true host of a mock: the recovery is written too.
-    literature
-        A table of published masses, circular velocities and flattenings (`read_literature`) to show beside the run's
-        own. It is kept in the directory, and shown again by later reports.
-    pdf
-        Write every picture as PDF too. One that is there is written again in any case.
-    trust
-        Whether the plugin files in the directory may be run.
-    column
-        Draw the pictures of a paper for one column of a journal: profiles, streams, predictions and, for few
-        parameters, the corner plot; of more it is as wide as two.
+    The run may be given by its directory, whose plugin files are run if ``trust`` allows it. ``truth`` is a TOML file
+    whose ``[potential]`` is the true host of a mock: the recovery is written too. ``literature`` is a table of
+    published values (`read_literature`) to show beside the run's own: it is kept in the directory, and shown by later
+    reports. With ``pdf`` every picture is written as PDF too; one that is there is written again in any case. With
+    ``column`` the pictures of a paper are drawn for one column of a journal: profiles, streams, predictions and, for
+    few parameters, the corner plot; of more it is as wide as two.
 
     Raises ChainError if there is no readable run. Raises SpecError if the truth is not valid. Nothing has then been
     written. Raises ChainError if a product cannot be written, on a full disk, once all the others have been.
