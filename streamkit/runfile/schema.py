@@ -75,16 +75,13 @@ def _component(cls: type[Component], what: str = "", way: type[Place] | None = N
     """Return the model of a section of this kind, or of a progenitor or body whose place is given in this way."""
     kind: Any = Annotated[Literal[cls.kind], WithJsonSchema({"const": cls.kind})]
     fields: Any = {"kind": (kind, cls.kind if way is None and DEFAULT_KIND.get(cls.role) == cls.kind else ...)}
-    name, text = f"{cls.role}/{cls.kind}", ""
-    bases: tuple[type[BaseModel], ...] = (section_model(cls),)
-    if way is not None:
-        name, bases = f"{what}/{cls.kind}/{way.__name__}", (section_model(cls, HOST_ALONE), section_model(way))
-        text = f"{section_model(cls).__doc__} As a {what}, its place given as: {way.title}."
-    made = create_model(name, __base__=bases, __doc__=text or None, **fields)
-    if varies(cls):  # fields that are not known yet
-        made.model_config["extra"] = "allow"
-        made.model_rebuild(force=True)
-    return made
+    if way is None:
+        made = create_model(f"{cls.role}/{cls.kind}", __base__=section_model(cls), **fields)
+        return _open(made) if varies(cls) else made
+    bases = section_model(cls, HOST_ALONE), section_model(way)
+    text = f"{section_model(cls).__doc__} As a {what}, its place given as: {way.title}."
+    placed = create_model(f"{what}/{cls.kind}/{way.__name__}", __base__=bases, __doc__=text, **fields)
+    return _open(placed) if varies(cls) else placed
 
 
 def _allow_other_names(definition: dict[str, Any]) -> None:
@@ -94,3 +91,10 @@ def _allow_other_names(definition: dict[str, Any]) -> None:
             definition["properties"][other] = definition["properties"][name]
             definition["required"].remove(name)
             definition["oneOf"] = [{"required": [name]}, {"required": [other]}]
+
+
+def _open(made: type[BaseModel]) -> type[BaseModel]:
+    """Allow fields that are not known yet."""
+    made.model_config["extra"] = "allow"
+    made.model_rebuild(force=True)
+    return made
