@@ -69,7 +69,6 @@ def init(example: str | None, output: Path | None, own: bool, force: bool) -> No
         hint = nearest(example, run_files)
         raise StreamkitError(f"init: no example is called {example!r}.{hint} Known: {', '.join(run_files)}.")
     target = Path(f"{example}.toml") if output is None else output
-    report.check_target(target, (".toml",), "init", force)
     text, tables = run_files[example].read_text(encoding="utf-8"), tables_of(run_files[example])
     for name in tables:
         text = text.replace(f'"{name}"', f'"{new_name(name)}"')

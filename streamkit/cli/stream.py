@@ -58,7 +58,10 @@ def stream(
         for path in filter(None, files.values()):
             report.check_target(path, suffixes, option, force)
     if frame is not None:
-        _require_frame(frame)
+        try:
+            sk.sky_matrix(frame)
+        except ValueError as error:
+            raise click.BadParameter(str(error), param_hint="'--frame'") from None
     model = sk.Model(spec, threads)
     records: list[dict[str, Any]] = []
     show = (lambda _: None) if as_json or quiet else click.echo
@@ -90,13 +93,6 @@ def stream(
         records.append({"data": name, "observables": report.prediction_record([bound.data[name]], measured)})
     if as_json:
         click.echo(report.as_json(records))
-
-
-def _require_frame(name: str) -> None:
-    try:
-        sk.sky_matrix(name)
-    except ValueError as error:
-        raise click.BadParameter(str(error), param_hint="'--frame'") from None
 
 
 def _write_track(made: sk.Stream, frame: sk.Frame, file: Path) -> None:

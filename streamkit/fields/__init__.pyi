@@ -11,10 +11,10 @@ from .arrays import ProperMotionArray as ProperMotionArray
 from .arrays import SpeedArray as SpeedArray
 from .arrays import TimeArray as TimeArray
 from .arrays import VelocityArray as VelocityArray
-from .datafile import DataFile as DataFile
+from .files import DataFile as DataFile
 from .files import Files as Files
-from .marks import array_of as array_of
-from .marks import array_unit as array_unit
-from .marks import columns_of as columns_of
 from .table import Columns as Columns
 from .table import Table as Table
+from .table import array_of as array_of
+from .table import array_unit as array_unit
+from .table import columns_of as columns_of

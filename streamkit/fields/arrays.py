@@ -23,33 +23,15 @@ ANY, NOT_NEGATIVE, POSITIVE = "", "zero or more", "positive"
 
 @dataclass(frozen=True)
 class ArrayOf:
-    """Marks a field that holds an array of numbers in a unit, and reads it. The array is read-only.
+    """Marks a field that holds an array of numbers in a unit, and reads it. The array is read-only."""
 
-    Attributes
-    ----------
-    unit
-        That of the field.
-    sign
-        Condition on every number: positive, zero or more, or none.
-    increasing
-        Whether each number must be larger than the one before.
-    least
-        Fewest numbers.
-    ndim
-        Number of dimensions; None for any.
-    between
-        The least and the greatest number that is allowed, in the unit.
-    gaps
-        Whether numbers may be missing: NaN.
-    """
-
-    unit: Unit
-    sign: str = ANY
-    increasing: bool = False
-    least: int = 1
-    ndim: int | None = 1
-    between: tuple[float, float] = (-np.inf, np.inf)
-    gaps: bool = False
+    unit: Unit  # of the field
+    sign: str = ANY  # condition on every number: positive, zero or more, or none
+    increasing: bool = False  # whether each number must be larger than the one before
+    least: int = 1  # fewest numbers
+    ndim: int | None = 1  # number of dimensions; None for any
+    between: tuple[float, float] = (-np.inf, np.inf)  # the least and the greatest number that is allowed, in the unit
+    gaps: bool = False  # whether numbers may be missing: NaN
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         """Read with `read`, write as a list of numbers."""

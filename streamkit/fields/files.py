@@ -1,4 +1,4 @@
-"""The data files of a run file: their folder, contents and digests."""
+"""The data files of a run file: their folder, contents and digests; and a file of any format as a field."""
 
 from __future__ import annotations
 
@@ -13,14 +13,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic_core import CoreSchema, core_schema
 
-from streamkit.errors import expect_file, nearest
+from streamkit.errors import SpecError, expect_file, nearest
 from streamkit.stream import Array
 
 if TYPE_CHECKING:
     from astropy.table import Table
 
     from streamkit.units import Unit
+
 
 # Suffixes of tables, with astropy's names of their formats. A `.npy` file holds one array.
 FORMATS = {".ecsv": "ascii.ecsv", ".csv": "ascii.csv", ".fits": "fits", ".fit": "fits"}
@@ -31,21 +34,12 @@ _COMMAS = re.compile(r"(?m)^# delimiter: [\"']?,")
 
 @dataclass
 class Files:
-    """The data files that the fields of one run file name: each is read once.
+    """The data files that the fields of one run file name: each is read once."""
 
-    Attributes
-    ----------
-    folder
-        The folder that paths are relative to.
-    expected
-        SHA-256 that files had before, by their names in the run file: another content is then an error.
-    read
-        SHA-256 of those that have been read.
-    """
-
-    folder: Path = field(default_factory=Path.cwd)
+    folder: Path = field(default_factory=Path.cwd)  # the folder that paths are relative to
+    # SHA-256 that files had before, by their names in the run file: another content is then an error.
     expected: Mapping[str, str] = field(default_factory=dict)
-    read: dict[str, str] = field(default_factory=dict)
+    read: dict[str, str] = field(default_factory=dict)  # SHA-256 of those that have been read
     _contents: dict[str, bytes] = field(default_factory=dict, repr=False)
     _tables: dict[str, Table] = field(default_factory=dict, repr=False)
     _plain: dict[str, Table] = field(default_factory=dict, repr=False)
@@ -87,20 +81,9 @@ class Files:
     ) -> Array:
         """Return a column of a table, (n,) in a unit.
 
-        Parameters
-        ----------
-        name
-            The file: ECSV, FITS or CSV.
-        column
-            Name of the column.
-        unit
-            What its values are converted to.
-        given_unit
-            Unit in the run file of a column for which the file gives none.
-        key
-            The key of that unit in the run file, for messages: what stands before `` = "deg"``.
-        gaps
-            Whether values may be missing; they are then NaN.
+        The file is ECSV, FITS or CSV. ``given_unit`` is the unit in the run file of a column for which the file gives
+        none, and ``key`` the key of that unit, for messages: what stands before `` = "deg"``. With ``gaps`` values may
+        be missing; they are then NaN.
 
         Raises ValueError for a file that holds no table, a column that is missing (names the nearest), has no unit or
         one of another dimension, has no numbers, or lacks some.
@@ -179,3 +162,53 @@ def _require_different(name: str, text: str) -> None:
     names = next(csv.reader([header.strip()], delimiter=delimiter, skipinitialspace=True))
     if twice := [each for i, each in enumerate(names) if each in names[:i]]:
         raise ValueError(f"{name!r} has two columns {twice[0]!r}; each needs a name of its own")
+
+
+@dataclass(frozen=True)
+class DataFile:
+    """A file that a run file names, relative to itself. Two are equal if their contents are."""
+
+    path: Path = field(compare=False)
+    """Its absolute path."""
+    sha256: str
+    """The digest of its content when the run file was read."""
+
+    def read_bytes(self) -> bytes:
+        """Return its content; SpecError if the file is gone, or has changed since the run file was read."""
+        try:
+            content = self.path.read_bytes()
+        except OSError as error:
+            raise SpecError(f"cannot read the data file {str(self.path)!r}: {error.strerror}") from None
+        if hashlib.sha256(content).hexdigest() != self.sha256:
+            raise SpecError(f"the data file {str(self.path)!r} has changed since the run file was read")
+        return content
+
+    def read_text(self) -> str:
+        """Return its content as text in UTF-8; raises as `read_bytes`, and for other bytes."""
+        try:
+            return self.read_bytes().decode()
+        except UnicodeDecodeError as error:
+            raise SpecError(f"{self.path}: not a text file in UTF-8: {error.reason} at byte {error.start}") from None
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Read a path, write it."""
+        return core_schema.with_info_plain_validator_function(
+            lambda value, info: cls._read(value, info.context),
+            serialization=core_schema.plain_serializer_function_ser_schema(lambda file: str(file.path)),
+        )
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """Describe the path."""
+        return {"type": "string", "examples": ["table.dat"]}
+
+    @classmethod
+    def _read(cls, value: Any, files: Files | None) -> DataFile:
+        if isinstance(value, DataFile):
+            return value
+        if not isinstance(value, str | Path):
+            raise ValueError(f"found {value!r}, expected the name of a file in quotes")
+        files = files or Files()
+        files.content(str(value))
+        return cls((files.folder / value).absolute(), files.read[str(value)])

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, get_args
 
 import numpy as np
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, core_schema
 
 from streamkit.errors import nearest
@@ -189,3 +190,28 @@ class Columns:
             except ValueError as error:
                 raise ValueError(f"column {renamed.get(name, name)!r} of {file!r}: {error}") from None
         return columns
+
+
+T = TypeVar("T")
+
+
+def _mark(field: FieldInfo, kind: type[T]) -> T | None:
+    """Return the mark of a kind in the metadata of a field, or of a part of a union such as ``X | None``."""
+    optional = (item for part in get_args(field.annotation) for item in getattr(part, "__metadata__", ()))
+    return next((item for item in (*field.metadata, *optional) if isinstance(item, kind)), None)
+
+
+def array_of(field: FieldInfo) -> ArrayOf | None:
+    """Return the mark of a field that holds an array, which may be left out; None for any other field."""
+    return _mark(field, ArrayOf)
+
+
+def columns_of(field: FieldInfo) -> Columns | None:
+    """Return the declared columns of a field that holds a table, which may be left out; None for any other field."""
+    return _mark(field, Columns)
+
+
+def array_unit(field: FieldInfo) -> Unit | None:
+    """Return the unit of a field that holds an array; None for any other field."""
+    mark = array_of(field)
+    return None if mark is None else mark.unit

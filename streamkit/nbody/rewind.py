@@ -22,19 +22,11 @@ def distances(a: Array, b: Array) -> Array:
 
 @dataclass(frozen=True)
 class Past:
-    """The past of particles, from their orbits followed back: see `streamkit.Stream`.
-
-    Attributes
-    ----------
-    nearest
-        (n,) nearest approach to the progenitor on the way back, in tidal radii: much above 1 for a particle that has
-        not come from it, as far as the fixed mass of the progenitor can say.
-    """
+    """The past of particles, from their orbits followed back: see `streamkit.Stream`."""
 
     t_strip: Array
     winding: Array
     chi: Array
-    nearest: Array
 
 
 def rewind(field: Field, orbit: Orbit, q: Array, v: Array) -> Past:
@@ -72,4 +64,4 @@ def rewind(field: Field, orbit: Orbit, q: Array, v: Array) -> Past:
         t_strip[going[nearer]] = t1
         going = going[gap > 1.0]
     turns = np.where(nearest < RETURNED, np.round(lag / (2 * np.pi)), 0.0)
-    return Past(t_strip, today - 2 * np.pi * turns, chi, nearest)
+    return Past(t_strip, today - 2 * np.pi * turns, chi)

@@ -33,33 +33,20 @@ class SnapshotError(StreamkitError):
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Particles of a satellite at one time, which is t = 0, in engine units.
+    """Particles of a satellite at one time, which is t = 0, in engine units."""
 
-    Attributes
-    ----------
-    source
-        The file, for messages.
-    q, v
-        (3, n) positions and velocities.
-    t_strip
-        (n,) last time inside the tidal radius, NaN for bound particles; None where the file does not say.
-    winding
-        (n,) angle swept relative to the progenitor, radians, leading positive; None likewise.
-    chi
-        (n,) phase of Gibbons+ 2014; None likewise.
-    core
-        (7, T) track of the satellite's core: t, q, v, up to t = 0; None likewise. One column is its state alone.
-    dq_strip, dv_strip
-        (3, n) position and velocity relative to the core at the stripping time, Galactocentric; None likewise.
-    """
-
-    source: str
+    source: str  # the file, for messages
+    # (3, n) positions and velocities.
     q: Array
     v: Array
+    # (n,) last time inside the tidal radius, NaN for bound particles; None where the file does not say.
     t_strip: Array | None = None
+    # (n,) angle swept relative to the progenitor, radians, leading positive; None likewise.
     winding: Array | None = None
-    chi: Array | None = None
+    chi: Array | None = None  # (n,) phase of Gibbons+ 2014; None likewise
+    # (7, T) track of the satellite's core: t, q, v, up to t = 0; None likewise. One column is its state alone.
     core: Array | None = None
+    # (3, n) position and velocity relative to the core at the stripping time, Galactocentric; None likewise.
     dq_strip: Array | None = None
     dv_strip: Array | None = None
 

@@ -27,7 +27,6 @@ from .hdf5 import verified as verified
 from .hdf5 import with_checksum as with_checksum
 from .latex import LATEX_UNITS as LATEX_UNITS
 from .latex import latex_escaped as latex_escaped
-from .live_progenitor import describe_live as describe_live
 from .plain import as_json as as_json
 from .plain import prediction_record as prediction_record
 from .plain import table_record as table_record
@@ -36,14 +35,15 @@ from .sky_figure import SMALLER as SMALLER
 from .stream_axes import draw_unwrapped as draw_unwrapped
 from .stream_axes import radial_limits as radial_limits
 from .stream_figure import draw_stream as draw_stream
+from .stream_figure import draw_track as draw_track
 from .stream_file import FORMATS as FORMATS
 from .stream_file import write_stream as write_stream
-from .stream_record import stream_record as stream_record
 from .stream_text import decimals as decimals
 from .stream_text import describe_expansions as describe_expansions
+from .stream_text import describe_live as describe_live
 from .stream_text import describe_measured as describe_measured
-from .stream_text import describe_prediction as describe_prediction
 from .stream_text import describe_stream as describe_stream
+from .stream_text import stream_record as stream_record
 from .stream_text import warning_list as warning_list
 from .style import ACROSS as ACROSS
 from .style import ARM_STYLE as ARM_STYLE
@@ -76,4 +76,3 @@ from .text import number as number
 from .text import paragraph as paragraph
 from .text import seconds as seconds
 from .text import span as span
-from .track_figure import draw_track as draw_track

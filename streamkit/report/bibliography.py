@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from functools import cache
 from importlib.resources import files
 
 from streamkit.components import Component, Preset
 from streamkit.distribution import VERSION
+from streamkit.report.latex import latex_escaped
 from streamkit.runfile import Spec
 
 ALWAYS = {
@@ -44,14 +44,14 @@ def cited(spec: Spec) -> str:
     """
     uses: dict[str, list[str]] = {}
     entries = dict(bibliography())
-    for path, cls, supplier in spec.components():
-        for key, entry in _of_component(cls):
-            entries.setdefault(key, entry)
-            uses.setdefault(key, []).append(f"{path} = {cls.kind} ({supplier})")
+    used = [(_of_component(cls), f"{path} = {cls.kind} ({supplier})") for path, cls, supplier in spec.components()]
     if (preset := _preset_of(spec)) is not None:
-        for key, entry in _named(preset.reference, f"preset-{preset.name}"):
+        what = f"the potentials of the preset {preset.name!r}: {preset.reference}"
+        used.append((_named(preset.reference, f"preset-{preset.name}"), what))
+    for papers, what in used:
+        for key, entry in papers:
             entries.setdefault(key, entry)
-            uses.setdefault(key, []).append(f"the potentials of the preset {preset.name!r}: {preset.reference}")
+            uses.setdefault(key, []).append(what)
     software = dict(ALWAYS)
     if spec.names:
         software |= spec.sampler.cites() | FIT
@@ -96,21 +96,19 @@ def _own(spec: Spec) -> str:
     )
 
 
-def _of_component(cls: type[Component]) -> Iterator[tuple[str, str]]:
-    """Yield keys and entries of what a component follows."""
+def _of_component(cls: type[Component]) -> list[tuple[str, str]]:
+    """Return keys and entries of what a component follows."""
     if cls.bibtex.strip():
-        for part in re.split(r"^\s*@", cls.bibtex, flags=re.MULTILINE)[1:]:
-            yield key_of(part), f"@{part.strip()}"
-        return
-    if cls.reference:
-        yield from _named(cls.reference, f"{cls.role}-{cls.kind}")
+        parts = re.split(r"^\s*@", cls.bibtex, flags=re.MULTILINE)[1:]
+        return [(key_of(part), f"@{part.strip()}") for part in parts]
+    return _named(cls.reference, f"{cls.role}-{cls.kind}") if cls.reference else []
 
 
 def _named(reference: str, other: str) -> list[tuple[str, str]]:
     """Return keys and entries of the papers in a reference; a note of the key ``other`` if none of them is known."""
     key = other.replace("_", "-")
     papers = [(key, entry) for key, entry in bibliography().items() if _is_named(entry, reference)]
-    return papers or [(key, f"@misc{{{key},\n  note = {{{escaped(reference)}}},\n}}")]
+    return papers or [(key, f"@misc{{{key},\n  note = {{{latex_escaped(reference)}}},\n}}")]
 
 
 def _is_named(entry: str, reference: str) -> bool:
@@ -122,8 +120,3 @@ def _is_named(entry: str, reference: str) -> bool:
     families = [author.partition(",")[0] for author in field["author"].split(" and ")]
     named = f"{' & '.join(families)} {field['year']}"
     return entry.startswith("@book") and (field["title"] in reference or named in reference)
-
-
-def escaped(text: str) -> str:
-    """Return a text for TeX: its special characters escaped."""
-    return re.sub(r"([&%$#_{}])", r"\\\1", text).replace("~", r"\textasciitilde{}").replace("^", r"\textasciicircum{}")

@@ -47,16 +47,7 @@ def check_target(path: Path, suffixes: Collection[str], option: str, force: bool
 def check_directory(directory: Path, products: Collection[str], what: str, force: bool) -> None:
     """Refuse to replace the products of an earlier command, before anything is computed.
 
-    Parameters
-    ----------
-    directory
-        It need not exist.
-    products
-        The files that would be written.
-    what
-        What they are together: ``"an ablation"``.
-    force
-        Whether they may be replaced.
+    The directory need not exist. ``what`` names its ``products`` together: "an ablation".
 
     Raises StreamkitError if some of them are there and may not be replaced.
     """

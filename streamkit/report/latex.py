@@ -5,7 +5,9 @@ from __future__ import annotations
 LATEX_UNITS = {
     "Msun": r"M$_\odot$", "1e11 Msun": r"$10^{11}$\,M$_\odot$", "km/s": r"km\,s$^{-1}$", "mas/yr": r"mas\,yr$^{-1}$",
 }  # fmt: skip
-SPECIAL = {"_": r"\_", "%": r"\%", "&": r"\&", "#": r"\#", "$": r"\$", "{": r"\{", "}": r"\}", "<": "$<$", ">": "$>$"}
+SPECIAL = {letter: rf"\{letter}" for letter in "_%&#${}"} | {
+    "<": "$<$", ">": "$>$", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
+}  # fmt: skip
 
 
 def latex_escaped(text: str) -> str:

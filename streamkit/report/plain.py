@@ -1,13 +1,12 @@
-"""Results as JSON, for programs."""
+"""Results as plain values and as JSON, for programs."""
 
 from __future__ import annotations
 
-import json
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from pydantic_core import to_json
 
 from streamkit.stream import Prediction
 
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
 
 def as_json(value: Any) -> str:
     """Return JSON text of mappings, sequences, arrays and numbers; what is no finite number is null."""
-    return json.dumps(_plain(value), indent=2, ensure_ascii=False)
+    return to_json(value, indent=2, inf_nan_mode="null", fallback=lambda each: each.tolist()).decode()
 
 
 def table_record(table: QTable) -> dict[str, Any]:
@@ -40,15 +39,3 @@ def prediction_record(measured: Sequence[Measurement], prediction: Prediction | 
     rows = zip(prediction.names, prediction.mean, np.sqrt(prediction.variance), data, errors, strict=True)
     keys = "model", "own_noise", "data", "error"
     return {name: dict(zip(keys, numbers, strict=True)) for name, *numbers in rows}
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if value is None or isinstance(value, bool | int | str):
-        return value
-    return [_plain(item) for item in value]

@@ -41,6 +41,7 @@ WIDE, LEFT, GAP, SIDE, RIGHT = 5.8, 0.95, 0.85, 3.0, 0.15
 COLUMN_LEFT, COLUMN_RIGHT, COLUMN_NAMES, SMALLER = 0.72, 0.08, 0.4, 0.75
 TALL, BELOW, BETWEEN = 1.2, 0.55, 0.1  # inches down: a panel, its residuals, and from one pair to the next
 FOOT, NAMES = 0.5, 2.4  # inches for the name of a horizontal axis, and for the legend
+NAME = 0.5  # inches from a panel to the name of its vertical axis
 MASS, AXIS = 1.7, 0.6  # inches down of the picture of the bound mass, and across for its second axis
 THIN = 1.3  # width of a line: the debris of a cold stream shall be seen beside it
 BANDS = (BAND_95, BAND_68)
@@ -58,41 +59,20 @@ def draw_sky(
 
     The intervals (2, m), by what a legend calls them and the widest first, are those of the predicted numbers.
     """
-    groups = [list(group) for _, group in groupby(panels, key=lambda panel: panel.x_label)]
     unwrapped = bool(marks_of(inputs.observables, prediction))
     head = 0.45 if note else 0.12
     loses = loses_mass(particles)
     beside = SIDE + FOOT + (SIDE + FOOT if unwrapped else 0.0) + (MASS + FOOT if loses else 0.0) + NAMES
-    pairs, feet = len(panels), FOOT * len(groups)
+    pairs, feet = len(panels), FOOT * len(_groups(panels))
     tall = max(TALL, (beside - feet) / pairs - BELOW - BETWEEN)
     height = head + pairs * (tall + BELOW + BETWEEN) + feet
     width = LEFT + WIDE + GAP + SIDE + RIGHT
     figure = NotebookFigure(figsize=(width, height))
+    (first, *_) = _draw_panels(figure, particles, panels, intervals or {}, head, (LEFT, WIDE, tall))
 
-    def place(left: float, top: float, wide: float, high: float, share: Axes | None = None) -> Axes:
-        box = (left / width, 1 - (top + high) / height, wide / width, high / height)
-        return figure.add_axes(box, sharex=share)
+    def place(left: float, top: float, wide: float, high: float) -> Axes:
+        return figure.add_axes((left / width, 1 - (top + high) / height, wide / width, high / height))
 
-    top, first = head, None
-    for group in groups:
-        low, high = _reach(group)
-        shared: Axes | None = None
-        for panel in group:
-            upper = shared = place(LEFT, top, WIDE, tall, shared)
-            lower = place(LEFT, top + tall, WIDE, BELOW, shared)
-            first = first or upper
-            draw_panel(particles, panel, upper, (low, high), intervals or {})
-            upper.tick_params(labelbottom=False)
-            lower.tick_params(labelbottom=panel is group[-1])
-            draw_residuals(panel.data, lower)
-            for axes, label, size in ((upper, panel.y_label, 11), (lower, r"$\Delta/\sigma$", 10)):
-                axes.set_ylabel(label.replace(" [", "\n["), fontsize=size)
-                axes.yaxis.set_label_coords(-0.5 / WIDE, 0.5)
-            top += tall + BELOW + BETWEEN
-        lower.set_xlim(low, high)
-        angle_ticks(lower)
-        lower.set_xlabel(group[0].x_label, fontsize=12)
-        top += FOOT
     left = LEFT + WIDE + GAP
     plane = place(left, head, SIDE, SIDE)
     draw_plane(particles, plane)
@@ -106,7 +86,6 @@ def draw_sky(
     if loses:
         draw_mass(particles, place(left, down, SIDE - AXIS, MASS), small=True)
         down += MASS + FOOT
-    assert first is not None  # noqa: S101  there is a panel
     named = {
         text: mark for axes in (first, plane) for mark, text in zip(*axes.get_legend_handles_labels(), strict=True)
     }
@@ -125,35 +104,13 @@ def draw_sky_column(
 ) -> Figure:
     """Draw the panels of `draw_sky` alone, for one column of a journal."""
     head = 0.3 if note else 0.06
-    foot, below, wide = SMALLER * FOOT, SMALLER * BELOW, COLUMN - COLUMN_LEFT - COLUMN_RIGHT
-    groups = [list(group) for _, group in groupby(panels, key=lambda panel: panel.x_label)]
-    tall = SMALLER * TALL
-    height = head + len(panels) * (tall + below + BETWEEN) + foot * len(groups) + COLUMN_NAMES
+    tall, below, foot = (SMALLER * inches for inches in (TALL, BELOW, FOOT))
+    height = head + len(panels) * (tall + below + BETWEEN) + foot * len(_groups(panels)) + COLUMN_NAMES
     figure = NotebookFigure(figsize=(COLUMN, height))
-    top = head
+    size = (COLUMN_LEFT, COLUMN - COLUMN_LEFT - COLUMN_RIGHT, tall)
     named: dict[str, Artist] = {}
-    for group in groups:
-        low, high = _reach(group)
-        for panel in group:
-            pair = []
-            for high_inches in (tall, below):
-                box = (COLUMN_LEFT / COLUMN, 1 - (top + high_inches) / height, wide / COLUMN, high_inches / height)
-                pair.append(figure.add_axes(box))
-                top += high_inches
-            upper, lower = pair
-            draw_panel(particles, panel, upper, (low, high), intervals or {})
-            draw_residuals(panel.data, lower)
-            lower.set_xlim(low, high)
-            for axes, label in ((upper, panel.y_label), (lower, r"$\Delta/\sigma$")):
-                axes.set_ylabel(label.replace(" [", "\n["), fontsize=11)
-                axes.yaxis.set_label_coords(-0.36 / wide, 0.5)
-                angle_ticks(axes, 5)
-            upper.tick_params(labelbottom=False)
-            lower.tick_params(labelbottom=panel is group[-1])
-            named |= dict(zip(*reversed(upper.get_legend_handles_labels()), strict=True))
-            top += BETWEEN
-        lower.set_xlabel(group[0].x_label, fontsize=11)
-        top += foot
+    for axes in _draw_panels(figure, particles, panels, intervals or {}, head, size, SMALLER):
+        named |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     figure.legend(
         named.values(), named.keys(), loc="lower center", ncols=min(len(named), 3), frameon=False, fontsize=9,
         bbox_to_anchor=(0.5, 0.0), borderaxespad=0.2, columnspacing=1.0, handletextpad=0.4,
@@ -162,6 +119,55 @@ def draw_sky_column(
         figure.suptitle(note, color=VERMILION, fontsize=13, y=1 - 0.04 / height, va="top")
     shrink_text(figure, SMALLER)
     return figure
+
+
+def _groups(panels: Sequence[Panel]) -> list[list[Panel]]:
+    """Return the panels that follow each other over one axis."""
+    return [list(group) for _, group in groupby(panels, key=lambda panel: panel.x_label)]
+
+
+def _draw_panels(
+    figure: Figure,
+    particles: Stream,
+    panels: Sequence[Panel],
+    intervals: Mapping[str, Array],
+    top: float,
+    size: tuple[float, float, float],
+    part: float = 1.0,
+) -> list[Axes]:
+    """Draw the panels below each other, each above its residuals; return the axes of the panels.
+
+    Inches: ``top`` is the distance from the upper edge, ``size`` the left edge, width and height of a panel. Residuals
+    and feet have the ``part`` of their usual sizes.
+    """
+    width, height = figure.get_size_inches()
+    left, wide, tall = size
+    drawn = []
+    for group in _groups(panels):
+        reach = _reach(group)
+        axes: Axes | None = None
+        for panel in group:
+            pair = []
+            for high in (tall, part * BELOW):
+                box = (left / width, 1 - (top + high) / height, wide / width, high / height)
+                axes = figure.add_axes(box, sharex=axes)
+                pair.append(axes)
+                top += high
+            upper, lower = pair
+            draw_panel(particles, panel, upper, reach, intervals)
+            draw_residuals(panel.data, lower)
+            upper.tick_params(labelbottom=False)
+            lower.tick_params(labelbottom=panel is group[-1])
+            for each, label, points in ((upper, panel.y_label, 11), (lower, r"$\Delta/\sigma$", 10)):
+                each.set_ylabel(label.replace(" [", "\n["), fontsize=points)
+                each.yaxis.set_label_coords(-NAME * part / wide, 0.5)
+            drawn.append(upper)
+            top += BETWEEN
+        lower.set_xlim(*reach)
+        angle_ticks(lower, 8 if part == 1 else 5)
+        lower.set_xlabel(group[0].x_label, fontsize=12)
+        top += part * FOOT
+    return drawn
 
 
 def draw_panel(

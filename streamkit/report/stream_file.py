@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from streamkit.report.files import check_target, origin, save
 from streamkit.runfile import Spec
 from streamkit.stream import Frame, Stream
-
-if TYPE_CHECKING:
-    from astropy.table import QTable
-
 
 # Suffixes a stream can be written to, with astropy's name of the format.
 FORMATS = {".ecsv": "ascii.ecsv", ".hdf5": "hdf5", ".h5": "hdf5", ".fits": "fits"}
@@ -21,44 +17,20 @@ FORMATS = {".ecsv": "ascii.ecsv", ".hdf5": "hdf5", ".h5": "hdf5", ".fits": "fits
 def write_stream(stream: Stream, spec: Spec, path: Path, *, frame: Frame = None, force: bool = False) -> None:
     """Write one row per particle, with units, and in the header what is needed to make the stream again.
 
-    Parameters
-    ----------
-    stream
-        The stream; its particles are written as `Stream.table` gives them.
-    spec
-        The run file it was made from: its digest, seed and resolved text go into the header.
-    path
-        Ends in one of `FORMATS`.
-    frame
-        Frame on the sky whose angles are written beside RA and Dec; None for none.
-    force
-        Whether an existing file may be replaced. It is replaced whole, or not at all.
+    The columns are those of `Stream.table`: with a ``frame``, its angles stand beside RA and Dec. The path ends in one
+    of `FORMATS`. An existing file is replaced by ``force`` alone, whole or not at all.
 
     Raises StreamkitError if the file exists, cannot be written, or has another suffix.
     """
     check_target(path, FORMATS, "output", force)
     table = stream.table(frame)
-    table.meta.update(provenance(stream, spec))
-    save(path, lambda part: _write_table(table, part, FORMATS[path.suffix]))
-
-
-def provenance(stream: Stream, spec: Spec) -> dict[str, Any]:
-    """Return the header of a stream: the `origin`, and the run file.
-
-    ``run`` is the resolved run file with every free parameter at the stream's value: `streamkit.load` takes
-    it, and makes the same stream again.
-    """
-    return {**origin(spec), "run": spec.with_values(stream.parameters).document}
-
-
-def _write_table(table: QTable, path: Path, form: str) -> None:
+    form = FORMATS[path.suffix]
+    # ``run`` is the resolved run file with every free parameter at the stream's value: `streamkit.load` takes it.
+    table.meta.update(origin(spec) | {"run": spec.with_values(stream.parameters).document})
+    options: dict[str, Any] = {"path": "stream", "serialize_meta": True} if form == "hdf5" else {}
     if form == "fits":
         table.meta = fits_cards(table.meta)
-        table.write(path, format=form, overwrite=True)
-    elif form == "hdf5":
-        table.write(str(path), format=form, path="stream", serialize_meta=True, overwrite=True)
-    else:
-        table.write(path, format=form, overwrite=True)
+    save(path, lambda part: table.write(str(part), format=form, overwrite=True, **options))
 
 
 def fits_cards(meta: dict[str, Any]) -> dict[str, Any]:

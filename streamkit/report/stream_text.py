@@ -1,4 +1,4 @@
-"""One stream as text for a terminal: parameters, counts, observables beside the data."""
+"""One stream as text for a terminal and as plain values: parameters, counts, observables beside the data."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from streamkit.components import Measurement
-from streamkit.observe import scatter_of
+from streamkit.components import LiveStripping, Measurement
+from streamkit.observe import remarks_of, scatter_of
+from streamkit.report.plain import prediction_record
 from streamkit.report.text import columns, number, paragraph, seconds
 from streamkit.runfile import Spec, StreamInputs, as_written
-from streamkit.stream import Prediction
+from streamkit.stream import Prediction, Stream
 
 WIDER = "sigma: the error with the extra dispersion and, for single stars, the spread of the debris"
 MOST_ROWS, FARTHEST = 200, 20  # data above which a text shows only some of them, and how many
@@ -28,11 +29,15 @@ def describe_expansions(inputs: StreamInputs) -> str:
     return f"expansions\n{columns(expansions.items())}" if expansions else ""
 
 
-def describe_prediction(inputs: StreamInputs, prediction: Prediction | None) -> str:
-    """Show the observables beside the data, and the difference in standard deviations of the likelihood."""
-    if not inputs.observables or prediction is None:
-        return "observables: the run file has none"
-    return describe_measured("observables", list(inputs.observables.values()), prediction)
+def describe_live(scheme: LiveStripping) -> str:
+    """Say to which time the mass and the radius belong, and which numbers of passages are tried."""
+    begins = "a live progenitor: its mass and radius are those at"
+    if scheme.passages is None:
+        return f"{begins} the look-back time, whatever number of pericentre passages that holds"
+    return (
+        f"{begins} the apocentre before {scheme.passages} pericentre passages; no other number of passages is tried: "
+        "each is a fit of its own"
+    )
 
 
 def describe_measured(called: str, measured: Sequence[Measurement], prediction: Prediction) -> str:
@@ -70,6 +75,27 @@ def decimals(error: float) -> int:
     return 2 if not np.isfinite(error) or error <= 0 else int(np.clip(1 - np.floor(np.log10(error)), 0, 8))
 
 
+def stream_record(
+    spec: Spec, inputs: StreamInputs, stream: Stream, prediction: Prediction | None, spent: float
+) -> dict[str, Any]:
+    """Return the parameters of a stream with their units, the counts per arm, the observables and the CPU seconds."""
+    units = zip(spec.names, spec.units, strict=True)
+    remarks = remarks_of(inputs.observables, prediction) if inputs.observables and prediction is not None else ()
+    return {
+        "stream": inputs.name,
+        "seed": spec.seed,
+        "digest": spec.digest(),
+        "parameters": {name: {"value": inputs.values[name], "unit": unit} for name, unit in units},
+        "particles": len(stream),
+        "leading": int((stream.arm == 1).sum()),
+        "trailing": int((stream.arm == -1).sum()),
+        "bound": int(stream.bound.sum()),
+        "cpu_seconds": spent,
+        "observables": prediction_record(list(inputs.observables.values()), prediction),
+        "warnings": remarks,
+    }
+
+
 def describe_stream(
     spec: Spec,
     inputs: StreamInputs,
@@ -99,8 +125,11 @@ def describe_stream(
     parts = [f"{spec.source}: {title} (seed {spec.seed})"]
     parts += [f"parameters\n{columns(rows)}"] if rows else []
     parts += [f"stream\n{columns(counts)}", describe_expansions(inputs)]
-    if prediction is not None or not inputs.observables:
-        parts += [describe_prediction(inputs, prediction), warning_list(record["warnings"])]
+    if not inputs.observables:
+        parts.append("observables: the run file has none")
+    elif prediction is not None:
+        parts.append(describe_measured("observables", list(inputs.observables.values()), prediction))
+        parts.append(warning_list(record["warnings"]))
     return "\n\n".join(part for part in parts if part)
 
 

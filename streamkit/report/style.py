@@ -32,12 +32,14 @@ LETTER = 0.62  # mean width of a letter over the size of the font
 ACROSS = 4  # most panels beside each other
 
 
-def panel_grid(n: int, width: float, height: float, *, across: int = ACROSS, share: bool) -> tuple[Figure, list[Axes]]:
-    """Return a figure and n panels, in rows of at most ``across``."""
+def panel_grid(
+    n: int, width: float, height: float, *, across: int = ACROSS, share: bool, share_y: bool = True
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure and n panels, in rows of at most ``across``; they may share both axes, or the horizontal one."""
     columns = max(min(n, across), 1)
     rows = max(-(-n // columns), 1)
     figure = NotebookFigure(figsize=(width * columns + 0.9, height * rows + 0.5), layout="constrained")
-    panels: Any = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=share)
+    panels: Any = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=share and share_y)
     every = list(panels.flat)
     for axes in every[n:]:
         axes.set_visible(False)
@@ -105,15 +107,13 @@ def labels(names: Sequence[str], symbols: Sequence[str]) -> list[str]:
         parts = name.split(".")
         if symbol == name:
             tails = [".".join(parts[-n:]) for n in range(1, len(parts) + 1)]
-            texts.append(_folded(next(t for t in tails if sum(f".{other}".endswith(f".{t}") for other in names) == 1)))
+            tail = next(t for t in tails if sum(f".{other}".endswith(f".{t}") for other in names) == 1)
+            # in lines of some fourteen letters, broken after dots and underscores
+            words = re.sub("([._])", r"\1 ", tail)
+            texts.append(textwrap.fill(words, 14, break_long_words=False).replace(" ", ""))
         else:
             texts.append(symbol)
     return texts
-
-
-def _folded(name: str) -> str:
-    """Break a name after dots and underscores into lines of some fourteen letters."""
-    return textwrap.fill(re.sub("([._])", r"\1 ", name), 14, break_long_words=False).replace(" ", "")
 
 
 def folded(text: str, letters: int) -> str:

@@ -56,19 +56,19 @@ def no_part_of_a_host(path: str, cls: type[Potential]) -> str:
     return ""
 
 
+def varies(cls: type[Component]) -> bool:
+    """Return whether the section of a component decides which fields there are."""
+    return cls.for_section.__func__ is not Component.for_section.__func__  # type: ignore[attr-defined]
+
+
 def massless(path: str, cls: type[Potential], potential: Section[Potential] | None, progenitor: bool) -> str:
     """Return why the potential of a progenitor or a body has no mass; an empty text if it has one.
 
     ``potential`` is None where its fields could not be read; the section may decide which fields there are.
     """
     of_its_own = cls.parameters().get("mass", Unit("")).name == "Msun"
-    varies = cls.for_section.__func__ is not Component.for_section.__func__  # type: ignore[attr-defined]
     try:
-        if (
-            of_its_own
-            or (potential is None and varies)
-            or (potential is not None and not np.isnan(total_mass(potential.centre)))
-        ):
+        if of_its_own or (varies(cls) if potential is None else not np.isnan(total_mass(potential.centre))):
             return ""
     except StreamkitError as error:
         return f"{path}: {error}"

@@ -25,25 +25,14 @@ def mass_of(potential: Potential, owner: str) -> float:
 
 @dataclass(frozen=True)
 class Body:
-    """A galaxy that moves beside the Milky Way, or a clump that moves in it.
+    """A galaxy that moves beside the Milky Way, or a clump that moves in it."""
 
-    Attributes
-    ----------
-    potential
-        Its own potential, centred on itself; it has a mass.
-    q, v
-        (3,) Galactocentric position (kpc) and velocity (km/s) today.
-    friction
-        Whether Chandrasekhar's dynamical friction in the Milky Way acts on its mass.
-    reflex
-        Whether the Milky Way moves because of it.
-    """
-
-    potential: Potential
+    potential: Potential  # its own potential, centred on itself; it has a mass
+    # (3,) Galactocentric position (kpc) and velocity (km/s) today.
     q: Array
     v: Array
-    friction: bool = True
-    reflex: bool = True
+    friction: bool = True  # whether Chandrasekhar's dynamical friction in the Milky Way acts on its mass
+    reflex: bool = True  # whether the Milky Way moves because of it
 
     @cached_property
     def mass(self) -> float:
@@ -64,50 +53,27 @@ class Body:
 
 @dataclass(frozen=True)
 class StreamInputs:
-    """One stream of a run file bound to parameter values: the inputs of the model.
+    """One stream of a run file bound to parameter values: the inputs of the model."""
 
-    Attributes
-    ----------
-    potentials
-        The host: name -> component; a single one is called ``potential``.
-    bodies
-        The galaxies beside it, by name.
-    satellite, mass
-        The progenitor's own potential, and its mass in Msun.
-    q, v
-        (3,) Galactocentric position (kpc) and velocity (km/s) of the progenitor today.
-    lookback
-        Gyr.
-    observables
-        By name; a single one is called ``observable``.
-    seed
-        That of its own random draws.
-    sun
-        The Sun as the observer; its v_circ is a number.
-    values
-        The free parameters by name, in the units of the run file.
-    friction, reflex
-        As those of a `Body`, for the progenitor.
-    name
-        The name of the stream in the run file.
-    """
-
-    potentials: dict[str, Potential]
+    potentials: dict[str, Potential]  # the host: name -> component; a single one is called ``potential``
+    # the progenitor's own potential, and its mass in Msun.
     satellite: Potential
     mass: float
+    # (3,) Galactocentric position (kpc) and velocity (km/s) of the progenitor today.
     q: Array
     v: Array
-    lookback: float
+    lookback: float  # Gyr
     stripping: StrippingScheme
     integrator: Integrator
-    observables: dict[str, Observable]
-    seed: int
-    values: dict[str, float]
-    bodies: dict[str, Body] = field(default_factory=dict)
+    observables: dict[str, Observable]  # by name; a single one is called ``observable``
+    seed: int  # that of its own random draws
+    values: dict[str, float]  # the free parameters by name, in the units of the run file
+    bodies: dict[str, Body] = field(default_factory=dict)  # the galaxies beside it, by name
+    # as those of a `Body`, for the progenitor.
     friction: bool = False
     reflex: bool = False
-    sun: Sun = field(default_factory=Sun)
-    name: str = ONLY
+    sun: Sun = field(default_factory=Sun)  # the Sun as the observer; its v_circ is a number
+    name: str = ONLY  # the name of the stream in the run file
 
     @property
     def observable(self) -> Observable | None:
@@ -132,23 +98,12 @@ class StreamInputs:
 
 @dataclass(frozen=True)
 class ModelInputs:
-    """A run file bound to parameter values: all its streams, and their common host and Sun.
+    """A run file bound to parameter values: all its streams, and their common host and Sun."""
 
-    Attributes
-    ----------
-    potentials, bodies, sun
-        The host, the galaxies beside it and the Sun, as in every `StreamInputs`.
-    streams
-        The inputs of each stream by name; a single one is called ``stream``.
-    data
-        The data without a stream, by name.
-    values
-        The free parameters by name, in the units of the run file.
-    """
-
+    # the host, the galaxies beside it and the Sun, as in every `StreamInputs`.
     potentials: dict[str, Potential]
     bodies: dict[str, Body]
     sun: Sun
-    streams: dict[str, StreamInputs]
-    data: dict[str, HostData]
-    values: dict[str, float]
+    streams: dict[str, StreamInputs]  # the inputs of each stream by name; a single one is called ``stream``
+    data: dict[str, HostData]  # the data without a stream, by name
+    values: dict[str, float]  # the free parameters by name, in the units of the run file

@@ -255,14 +255,8 @@ def choose_coordinates(
 ) -> type[P]:
     """Return the set of coordinates that a section gives; ValueError if it gives none or several of the ``ways``.
 
-    Parameters
-    ----------
-    given
-        The keys of the section, without the fields of its potential.
-    taken
-        The fields of its potential: a set of coordinates with one of these names is not available.
-    ways
-        Those of the progenitor, or of a body.
+    ``given`` are the keys of the section without the fields of its potential, which are ``taken``: a set of coordinates
+    with one of these names is not available. The ``ways`` are those of the progenitor, or of a body.
     """
     given, taken = set(given), set(taken)
     free = [way for way in ways if not taken & way.model_fields.keys()]

@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, create_model
 from pydantic.json_schema import GenerateJsonSchema
 
 from streamkit.components import Component, Registry
+from streamkit.runfile.cross_checks import varies
 from streamkit.runfile.progenitor import BODY_WAYS, OTHER_NAMES, WAYS, Place, Sun
 from streamkit.runfile.reader import DEFAULT_KIND, HOST_ALONE
 from streamkit.runfile.section import section_model
@@ -39,7 +40,7 @@ def json_schema(registry: Registry) -> dict[str, Any]:
             _component(entry.cls, what, way)
             for entry in registry.entries["potential"].values()
             for way in ways
-            if "mass" in entry.cls.parameters() or _varies(entry.cls)
+            if "mass" in entry.cls.parameters() or varies(entry.cls)
             if not entry.cls.model_fields.keys() & way.model_fields.keys()
         )
         for what, ways in (("progenitor", WAYS), ("body", BODY_WAYS))
@@ -76,11 +77,11 @@ def _component(cls: type[Component], what: str = "", way: type[Place] | None = N
     fields: Any = {"kind": (kind, cls.kind if way is None and DEFAULT_KIND.get(cls.role) == cls.kind else ...)}
     if way is None:
         made = create_model(f"{cls.role}/{cls.kind}", __base__=section_model(cls), **fields)
-        return _open(made) if _varies(cls) else made
+        return _open(made) if varies(cls) else made
     bases = section_model(cls, HOST_ALONE), section_model(way)
     text = f"{section_model(cls).__doc__} As a {what}, its place given as: {way.title}."
     placed = create_model(f"{what}/{cls.kind}/{way.__name__}", __base__=bases, __doc__=text, **fields)
-    return _open(placed) if _varies(cls) else placed
+    return _open(placed) if varies(cls) else placed
 
 
 def _allow_other_names(definition: dict[str, Any]) -> None:
@@ -90,11 +91,6 @@ def _allow_other_names(definition: dict[str, Any]) -> None:
             definition["properties"][other] = definition["properties"][name]
             definition["required"].remove(name)
             definition["oneOf"] = [{"required": [name]}, {"required": [other]}]
-
-
-def _varies(cls: type[Component]) -> bool:
-    """Return whether the section decides which fields there are."""
-    return cls.for_section.__func__ is not Component.for_section.__func__  # type: ignore[attr-defined]
 
 
 def _open(made: type[BaseModel]) -> type[BaseModel]:

@@ -21,8 +21,8 @@ from pydantic import (
     create_model,
 )  # fmt: skip
 
-from streamkit.components import Potential
-from streamkit.errors import OutOfDomain
+from streamkit.components import Component, Potential, Registry
+from streamkit.errors import OutOfDomain, SpecError
 from streamkit.fields import DataFile, Files, Table, array_of
 from streamkit.runfile.priors import PRIORS, Prior, PriorTable, parse, quantity
 from streamkit.runfile.sentences import alternatives_joined, sentence, should
@@ -36,17 +36,13 @@ _EDGE = 1e-6  # a prior may end on an open bound, such as 0 for a length: its in
 class Section(Generic[M]):
     """A validated section."""
 
-    path: str
-    """Its path in the run file: ``potential.halo``."""
+    path: str  # its path in the run file: ``potential.halo``
     cls: type[M]
-    given: dict[str, Any]
-    """The values from the run file of the fields without a prior."""
-    priors: dict[str, Prior]
-    """By field, or ``v_c.0`` for the first entry of an array."""
-    centre: M
-    """The instance with every free field at the centre of its prior."""
+    given: dict[str, Any]  # the values from the run file of the fields without a prior
+    priors: dict[str, Prior]  # by field, or ``v_c.0`` for the first entry of an array
+    centre: M  # the instance with every free field at the centre of its prior
+    # The values of fields with an array, a table or a file as the run file has them; they stay as they are.
     written: dict[str, Any] = dataclass_field(default_factory=dict)
-    """The values of fields with an array, a table or a file as the run file has them; they stay as they are."""
 
     def build(self, values: Mapping[str, float]) -> M:
         """Return the instance at ``values``, by the full name of each free field; `OutOfDomain` if one breaks it."""
@@ -248,3 +244,29 @@ def _ends(prior: Prior) -> tuple[float, float]:
     if math.isfinite(inset):
         return low + inset, high - inset
     return low if math.isfinite(low) else prior.centre, high if math.isfinite(high) else prior.centre
+
+
+def at_default(section: Section[Any]) -> list[str]:
+    """Return the fields that have the default of the present kind: the new kind has its own."""
+    document = section.document()
+    return [name for name, value in section.defaults().items() if document.get(name) == value]
+
+
+def lacked(section: Section[Any], values: Mapping[str, Any], registry: Registry) -> list[str]:
+    """Return the fields that the run file sets and that the kind in ``values`` lacks; none if no such kind exists."""
+    kind = values.get(f"{section.path}.kind")
+    if kind is None or not issubclass(section.cls, Component):
+        return []
+    prefix = f"{section.path}."
+    given = {path.removeprefix(prefix): value for path, value in values.items() if path.startswith(prefix)}
+    try:
+        new = registry.find(section.cls.role, kind, f"{section.path}.kind")
+        new = new.for_section({name: value for name, value in given.items() if name != "kind"})
+    except (SpecError, ValueError):
+        return []
+    default = at_default(section)
+    return [
+        name
+        for name in section.document()
+        if name not in new.model_fields and name not in given and name not in default
+    ]

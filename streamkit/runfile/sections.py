@@ -64,23 +64,21 @@ class Sections:
 
     def host(self, values: Mapping[str, float]) -> dict[str, Potential]:
         """Return the potentials of the host; those that depend on it see the others; raises as `bound`."""
-        if not any(section.cls.asks_for_host() for section in self.potentials.values()):
-            return {name: section.build(values) for name, section in self.potentials.items()}
         if not any(section.priors for section in self.potentials.values()):
             return dict(self._centre_of_host)
-        made = beside_each_other({name: section.build(values) for name, section in self.potentials.items()})
-        for name, section in self.potentials.items():
-            if section.cls.asks_for_host():
-                made[name].share_grid_of(self._centre_of_host[name], section.path)
-        return made
+        return self._joined({name: section.build(values) for name, section in self.potentials.items()})
 
     @cached_property
     def _centre_of_host(self) -> dict[str, Potential]:
         """Made once: prepared values and expansions are kept."""
-        made = beside_each_other({name: section.centre for name, section in self.potentials.items()})
+        return self._joined({name: section.centre for name, section in self.potentials.items()}, centre=True)
+
+    def _joined(self, potentials: dict[str, Potential], centre: bool = False) -> dict[str, Potential]:
+        """Return the parts of a host beside each other, with the grids of those at the prior's centre."""
+        made = beside_each_other(potentials)
         for name, section in self.potentials.items():
             if section.cls.asks_for_host():
-                made[name].share_grid_of(made[name], section.path)
+                made[name].share_grid_of(made[name] if centre else self._centre_of_host[name], section.path)
         return made
 
     def bound(self, values: Mapping[str, float]) -> ModelInputs:

@@ -20,11 +20,10 @@ from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.fields import Files
 from streamkit.runfile.document import read_toml, to_toml
 from streamkit.runfile.inputs import ONLY, ModelInputs, StreamInputs
-from streamkit.runfile.other_kind import at_default, lacked
 from streamkit.runfile.priors import Prior
 from streamkit.runfile.progenitor import OTHER_NAMES, Place
 from streamkit.runfile.reader import DEFAULT_KIND, resolve
-from streamkit.runfile.section import Section
+from streamkit.runfile.section import Section, at_default, lacked
 from streamkit.runfile.sections import Sections
 from streamkit.runfile.settings import Engine, Likelihood
 from streamkit.stream import Array

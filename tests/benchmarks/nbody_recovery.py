@@ -47,7 +47,7 @@ from streamkit.nbody import as_stream, read_snapshot
 from streamkit.nbody.as_stream import FEWEST
 from streamkit.runfile.inputs import ONLY
 from streamkit.stream import seen_from, sky_matrix
-from streamkit.study.ablation.variants import varied
+from streamkit.study.ablation.runner import varied
 from streamkit.study.calibration import MASS_RADII, Calibration, Draw, calibration_products, rank_truth
 from streamkit.study.grid import draw_pictures, write_tables
 

@@ -20,7 +20,7 @@ import numpy as np
 import streamkit as sk
 from streamkit.observe import parts_of
 from streamkit.runfile import literal
-from streamkit.study.ablation.variants import varied
+from streamkit.study.ablation.runner import varied
 
 DEGREE = 4
 

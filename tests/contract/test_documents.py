@@ -43,7 +43,7 @@ from streamkit.builtin.apocentres import Apocentres
 from streamkit.cli.main import main
 from streamkit.components import Component, load_registry
 from streamkit.runfile import to_toml
-from streamkit.study.fit.products import PRODUCTS
+from streamkit.study.fit.products import products_of
 from streamkit.testing.contained import in_a_process
 
 pytestmark = pytest.mark.usefixtures("short_search")
@@ -119,7 +119,7 @@ def test_the_commands_of_a_document_run_in_their_order(
             carried_out.add(shlex.join(command.words))
     if document == README:
         found = {path.name for path in (desk / "out-sagittarius").iterdir() if not path.name.startswith(".")}
-        assert found == set(PRODUCTS)
+        assert found == set(products_of(sk.load(desk / "out-sagittarius" / "run.toml")))
         assert all(f"`{name}`" in DIRECTORY.read_text(encoding="utf-8") for name in found)
 
 

@@ -36,7 +36,7 @@ def test_it_has_the_products_and_verdicts_of_a_chain(whole):
     assert "3 steps" in whole.note()
     assert not whole.failed
     assert {"traces.png", "corner.png", "report.html", "chain.h5"} <= {path.name for path in whole.directory.iterdir()}
-    subjects = [verdict.subject for verdict in whole.draws.verdicts(whole.names)]
+    subjects = [verdict.subject for verdict in whole.draws.verdicts()]
     assert "R-hat" in subjects
     status = json.loads(call("status", str(whole.directory), "--json", "--trust").output)
     assert (status["steps"], status["walkers"]) == (3, 4)

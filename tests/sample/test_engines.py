@@ -103,7 +103,7 @@ def test_what_is_no_engine_is_told(section, options, told):
 def test_the_run_file_says_which_engine_and_the_command_line_comes_before_it(tmp_path, monkeypatch):
     """The pool that a run is given; the digest knows of no engine; the command to go on repeats what was said."""
     pools = []
-    monkeypatch.setattr(runner, "Workers", lambda posteriors, where, **more: pools.append(where) or 1 / 0)
+    monkeypatch.setattr(runner.sample, "Workers", lambda posteriors, where, **more: pools.append(where) or 1 / 0)
     document = FIT | {"engine": {"workers": 3}}
     spec = sk.load(document)
     assert spec.digest() == sk.load(FIT).digest()

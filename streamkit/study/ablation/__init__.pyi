@@ -6,4 +6,4 @@ from .products import ablation_products as ablation_products
 from .runner import Ablation as Ablation
 from .runner import read_reference as read_reference
 from .runner import run_ablation as run_ablation
-from .variants import variants_of as variants_of
+from .runner import variants_of as variants_of

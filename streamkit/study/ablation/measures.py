@@ -46,11 +46,8 @@ class Portrait:
     @cached_property
     def integrals(self) -> tuple[Array | None, Array]:
         """Energy (n,) and angular momentum (n,) of the particles minus the progenitor's."""
-        host, stream, core = (
-            Host(self.inputs.potentials, self.inputs.bodies, self.inputs.companion),
-            self.stream,
-            self.stream.orbit,
-        )
+        host = Host(self.inputs.potentials, self.inputs.bodies, self.inputs.companion)
+        stream, core = self.stream, self.stream.orbit
         energy, of_core = host.energy(stream.q, stream.v), host.energy(core.q[:, -1:], core.v[:, -1:])
         momentum = angular_momentum(stream.q, stream.v) - angular_momentum(core.q[:, -1:], core.v[:, -1:])
         return None if energy is None or of_core is None else energy - of_core, momentum

@@ -41,7 +41,8 @@ def paper_columns(ablation: Ablation) -> list[PaperColumn]:
     rows = rows_of(ablation)
     columns = [_measure(rows, f"length_{arm}", f"length {arm}", "deg") for arm in ARMS]
     columns += [_measure(rows, f"track_near_{arm}", f"track {arm}", "kpc") for arm in ARMS]
-    columns += _observables(rows, _observed(ablation))
+    firsts = [outcome.first for outcome in ablation.outcomes if outcome.first is not None]
+    columns += _observables(rows, firsts[0].inputs.observables if firsts else {})
     columns += [_measure(rows, "bound", "fraction bound", ""), _mass(rows), _measure(rows, "cpu", "CPU time", "s")]
     return [column for column in columns if np.isfinite(column.mean).any()]
 
@@ -110,12 +111,6 @@ def _observables(rows: Sequence[Row], observed: Mapping[str, Observable]) -> Ite
             values.append([float(rms(pull)) for pull in pulls])
         numbers = (np.array([of(each) for each in values]) for of in (mean_of, scatter_of_seeds))
         yield PaperColumn(f"rms difference of {quantity.replace('_', ' ')}", "errors", *numbers)
-
-
-def _observed(ablation: Ablation) -> Mapping[str, Observable]:
-    """Return the observables by name; none without a stream."""
-    firsts = [o.first for o in ablation.outcomes if o.first is not None]
-    return firsts[0].inputs.observables if firsts else {}
 
 
 def _unit(name: str, observed: Mapping[str, Observable]) -> str:

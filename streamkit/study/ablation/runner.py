@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import Any
 
 from streamkit import nbody
-from streamkit.components import LiveStripping
+from streamkit.components import Component, LiveStripping
 from streamkit.errors import ComponentError, OutOfDomain, SpecError, StreamkitError
 from streamkit.model import Model
 from streamkit.runfile import Spec
 from streamkit.stream import Prediction, Stream
 from streamkit.study.ablation.measures import Portrait, compare, match_rate, observables, portrait_of, pulls
-from streamkit.study.ablation.variants import Variant, varied
 from streamkit.study.grid import INTERRUPTED, run_jobs
 
 NBODY = "N-body"  # the title of a snapshot
@@ -132,23 +133,13 @@ def run_ablation(
 ) -> Ablation:
     """Make every variant on the same seeds and measure it against the reference, or against the first variant.
 
-    Free parameters stand at the centres of their priors. After an interruption the finished
-    streams are returned. A `StreamkitError` gives the reasons if no variant has a stream.
+    Free parameters stand at the centres of their priors. The seed of ``spec`` is the first of ``seeds`` consecutive
+    ones. ``variants`` and ``reference`` are those of `variants_of` and `read_reference`; without the latter, the first
+    variant that has a stream is the one. ``stream`` is the name of the stream that is compared. With ``match`` the
+    particles are weighed so that as many are stripped at each time as in the reference. ``done`` is called after each
+    stream. After an interruption the finished streams are returned.
 
-    Parameters
-    ----------
-    spec
-        What the variants start from; its seed is the first of ``seeds`` consecutive ones.
-    variants, reference
-        From `variants_of` and `read_reference`; without the latter, the first variant that has a stream is the one.
-    stream
-        The name of the stream that is looked at; may be left out where there is one.
-    workers
-        Processes.
-    match
-        Whether the particles are weighed so that as many are stripped at each time as in the reference.
-    done
-        Called after each stream.
+    Raises StreamkitError with the reasons if no variant has a stream.
     """
     outcomes, name = tuple(Outcome(variant) for variant in variants), spec.stream_name(stream)
     jobs = {
@@ -196,3 +187,55 @@ def _keep(outcome: Outcome, seed: int, portrait: Portrait, rate: Portrait | None
             outcome.blame(f"no observables at the reference's stripping rate: {error}")
             portrait = Portrait(stream, portrait.inputs)
     outcome.portraits[seed] = portrait
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One point of the grid: its label, the fields it changes, and the run file with them."""
+
+    label: str
+    values: dict[str, Any]
+    spec: Spec
+
+
+def variants_of(spec: Spec, vary: Mapping[str, Sequence[Any]]) -> list[Variant]:
+    """Return every combination of the values, validated as in the file.
+
+    A kind other than the run file's starts from its own defaults; fields that all kinds of a section share (particles,
+    progenitor_gravity ...) keep their values. A `SpecError` names a field that does not exist or a value that is not
+    allowed, in any of the variants.
+    """
+    if not vary:
+        raise SpecError(f"{spec.source}: nothing is varied: name a field and its values")
+    last = {path: path.rpartition(".")[2] for path in vary}
+    labels = {path: name if list(last.values()).count(name) == 1 else path for path, name in last.items()}
+    variants = []
+    for point in itertools.product(*vary.values()):
+        values = dict(zip(vary, point, strict=True))
+        label = ", ".join(_label(labels[path], value) for path, value in values.items())
+        try:
+            variants.append(Variant(label, values, varied(spec, values)))
+        except SpecError as error:
+            raise SpecError(f"variant {label!r}: {error}") from None
+    return variants
+
+
+def varied(spec: Spec, values: Mapping[str, Any]) -> Spec:
+    """Return the spec with other values; a new kind drops the fields that only kinds of the old one's sort have."""
+    reset: dict[str, Any] = {}
+    for path, cls, _ in spec.components():
+        if not issubclass(cls, Component) or values.get(f"{path}.kind", cls.kind) == cls.kind:
+            continue
+        base = next(each for each in cls.__mro__[1:] if issubclass(each, Component) and "kind" not in each.__dict__)
+        for name, info in cls.model_fields.items():
+            if name not in base.model_fields and not info.is_required():
+                reset[f"{path}.{name}"] = info.get_default(call_default_factory=True)
+    return (spec.with_values(reset) if reset else spec).with_values(values)
+
+
+def _label(name: str, value: Any) -> str:
+    """Return a short label of a change: ``mlcs``, ``without progenitor gravity``, ``sigma = 10 km/s``."""
+    if isinstance(value, bool):
+        return f"{'with' if value else 'without'} {name.replace('_', ' ')}"
+    text = f"{value:g}" if isinstance(value, float) else str(value)
+    return text if name == "kind" else f"{name} = {text}"

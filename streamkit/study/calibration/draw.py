@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from streamkit.errors import OutOfDomain, StreamkitError
-from streamkit.model import Host, Observation
+from streamkit.model import Host
 from streamkit.observe import parts_of
 from streamkit.runfile import Spec
 from streamkit.sample import Posterior
@@ -23,33 +22,20 @@ TRIES = 1000  # most draws of a truth until one has a measurable stream
 
 @dataclass(frozen=True)
 class Draw:
-    """The result of one draw.
+    """The result of one draw."""
 
-    Attributes
-    ----------
-    index
-        Its number, which determines the random numbers together with the run file's seed.
-    truth, ranks
-        (d,) the parameters, in the units of the run file, and the share of the posterior samples below each.
-    masses, mass_ranks
-        The same of the enclosed mass in Msun at `MASS_RADII`.
-    r_hat, ess
-        The largest R-hat, NaN for weighted samples, and the smallest effective number of samples, of the fit.
-    calls
-        Number of streams that were made.
-    converged
-        Whether the rule of its sampler was met: `Results.converged`.
-    """
-
-    index: int
+    index: int  # its number, which determines the random numbers together with the run file's seed
+    # (d,) the parameters, in the units of the run file, and the share of the posterior samples below each.
     truth: tuple[float, ...]
     ranks: tuple[float, ...]
+    # the same of the enclosed mass in Msun at `MASS_RADII`.
     masses: tuple[float, ...]
     mass_ranks: tuple[float, ...]
+    # the largest R-hat, NaN for weighted samples, and the smallest effective number of samples, of the fit.
     r_hat: float
     ess: float
-    calls: int
-    converged: bool
+    calls: int  # number of streams that were made
+    converged: bool  # whether the rule of its sampler was met: `Results.converged`
 
     def line(self) -> str:
         """Return it as a line of JSON."""
@@ -68,34 +54,22 @@ def make_draw(spec: Spec, index: int, truth: Spec | None = None) -> Draw:
 
     Talts+ 2018, arXiv:1804.06788. A truth without a measurable stream is drawn again: its posterior is empty too.
 
-    Parameters
-    ----------
-    spec
-        The run file of the fit.
-    index
-        Number of the draw.
-    truth
-        Another run file with the same free parameters, whose stream gives the data: this tests a fit by a model
-        that is not the true one. Default: the run file of the fit.
+    ``truth`` is another run file with the same free parameters, whose stream gives the data: this tests a fit by a
+    model that is not the true one.
 
     Raises StreamkitError if none of a thousand truths has a stream, or the observable makes no mock data.
     """
     truth = spec if truth is None else truth
     rng = np.random.default_rng([spec.seed, 7, index])
     theta, mocked = _mock(spec, truth, rng, index)
-    return fit_mock(mocked, index, theta, truth)
-
-
-def fit_mock(mocked: Spec, index: int, theta: Array, truth: Spec) -> Draw:
-    """Fit the mock data of a run file, and return the rank of the truth among the posterior samples.
-
-    The truth is the run file whose host is the true one at ``theta`` (d,).
-    """
     return rank_truth(run(mocked, engine="serial", progress=False), index, theta, truth)
 
 
 def rank_truth(results: Results, index: int, theta: Array, truth: Spec) -> Draw:
-    """Return the rank of the truth among the samples of a finished fit; arguments as for `fit_mock`."""
+    """Return the rank of the truth among the samples of a finished fit.
+
+    The truth is the run file whose host is the true one at ``theta`` (d,).
+    """
     samples, radii = results.samples, np.array(MASS_RADII)
     masses = Host(truth.host(theta)).mass_inside(radii)
     fitted = results.profiles(radii)[0]
@@ -112,24 +86,17 @@ def rank_truth(results: Results, index: int, theta: Array, truth: Spec) -> Draw:
     )
 
 
-def measurable_truths(
-    spec: Spec, posterior: Posterior, rng: np.random.Generator, tries: int
-) -> Iterator[tuple[int, Array, Observation]]:
-    """Draw from the priors; yield each truth with a measurable stream: number of the try, parameters, observation."""
-    for attempt in range(tries):
+def _mock(spec: Spec, truth: Spec, rng: np.random.Generator, index: int) -> tuple[Array, Spec]:
+    """Return a truth, and the run file of the fit with mock data of it."""
+    posterior = Posterior(truth.with_values({"seed": int(rng.integers(1 << 31))}))
+    for _ in range(TRIES):
         theta = np.array([float(prior.sample(rng, 1)[0]) for prior in spec.priors])
         try:
             observation = posterior.observe(theta)
         except OutOfDomain:
             continue
-        if not any(prediction.why_not for prediction in observation.predictions.values()):
-            yield attempt, theta, observation
-
-
-def _mock(spec: Spec, truth: Spec, rng: np.random.Generator, index: int) -> tuple[Array, Spec]:
-    """Return a truth, and the run file of the fit with mock data of it."""
-    posterior = Posterior(truth.with_values({"seed": int(rng.integers(1 << 31))}))
-    for _, theta, observation in measurable_truths(spec, posterior, rng, TRIES):
+        if any(prediction.why_not for prediction in observation.predictions.values()):
+            continue
         fields: dict[str, Any] = {}
         for stream, inputs in truth.bind_all(theta).streams.items():
             sections, parts = truth.sections.streams[stream].observables, parts_of(observation.predictions[stream])

@@ -1,17 +1,22 @@
-"""The tables of a calibration: every draw, and the coverage of the masses."""
+"""The products of a calibration: tables of every draw and of the coverage, and the picture of the ranks."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from arviz_stats.ecdf_utils import ecdf_pit
+from matplotlib.figure import Figure
 
-from streamkit.report import columns, paragraph
+from streamkit.report import BAND_95, BLUE, GREY, VERMILION, columns, finish, label_all, labels, panel_grid, paragraph
 from streamkit.study.calibration.draw import MASS_RADII
-from streamkit.study.calibration.runner import Calibration
+from streamkit.study.calibration.runner import DRAWS, Calibration
+from streamkit.study.grid import Products
 
 if TYPE_CHECKING:
     from astropy.table import QTable
+
 
 PROBABILITIES = (0.5, 0.68, 0.95)  # of the intervals in the table of coverage
 
@@ -73,3 +78,56 @@ def describe_calibration(calibration: Calibration) -> str:
     samples, calls = (np.median([getattr(draw, name) for draw in calibration.draws]) for name in ("ess", "calls"))
     note += f" In the median {samples:.0f} effective samples of {calls:.0f} streams."
     return f"{shown}\n\n{paragraph(note)}"
+
+
+TABLE, COVERAGE, PICTURE, RUN = "calibration.ecsv", "coverage.ecsv", "calibration.png", "calibration.toml"
+PRODUCTS = (DRAWS, TABLE, COVERAGE, PICTURE, RUN)
+
+
+def calibration_products(calibration: Calibration) -> Products:
+    """Return the draws, the coverage of the masses, and the picture of the ranks."""
+    tables = {TABLE: draws_table(calibration), COVERAGE: coverage_table(calibration)}
+    pictures = {PICTURE: partial(calibration_figure, calibration)}
+    text = describe_calibration(calibration)
+    header: dict[str, Any] = {
+        "draws": len(calibration.draws),
+        "converged": sum(draw.converged for draw in calibration.draws),
+    }
+    if calibration.truth is not None:
+        header["truth"] = calibration.truth.document
+    return Products(calibration.spec, RUN, text, tables, pictures, header, calibration.stopped)
+
+
+SIMULATIONS = 2000  # sets of uniform ranks from which the band is computed
+
+
+def calibration_figure(calibration: Calibration) -> Figure:
+    """Draw the empirical distribution of the ranks less the uniform one, with its simultaneous 95 % band.
+
+    Inside the band the intervals have their stated coverage. A hump to the left with a dip to the right is a posterior
+    that is too narrow; the reverse is one that is too wide; a hump alone is a bias (Saeilynoja, Buerkner & Vehtari
+    2022). A mass with the same ranks as a parameter, because the parameter is this mass, is left out.
+    """
+    names = [
+        *labels(calibration.spec.names, calibration.spec.symbols),
+        *(rf"$M({r:g}\,{{\rm kpc}})$" for r in MASS_RADII),
+    ]
+    ranks = calibration.every_rank
+    shown = [i for i in range(len(names)) if not any(np.array_equal(ranks[:, i], ranks[:, j]) for j in range(i))]
+    figure, panels = panel_grid(len(shown), 2.3, 1.9, share=True)
+    rng = np.random.default_rng(0)
+    for axes, i in zip(panels, shown, strict=True):
+        column = ranks[:, i]
+        band: Any = ecdf_pit  # has no types
+        x, ecdf, low, high = (np.asarray(each, dtype=float) for each in band(column, 0.95, SIMULATIONS, rng=rng))
+        axes.fill_between(x, low - x, high - x, color=BAND_95, lw=0, step="post")
+        axes.axhline(0.0, color=GREY, lw=0.8)
+        outside = bool(((ecdf < low) | (ecdf > high)).any())
+        axes.step(x, ecdf - x, where="post", color=VERMILION if outside else BLUE, lw=1.3)
+        axes.set_title(names[i], fontsize=11)
+        axes.set_xlim(0.0, 1.0)
+        finish(axes)
+    label_all(
+        figure, f"rank of the truth among the posterior samples, {len(calibration.draws)} draws", "ECDF - uniform"
+    )
+    return figure

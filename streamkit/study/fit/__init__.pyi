@@ -2,16 +2,15 @@ from .directory import RECOVERY as RECOVERY
 from .export import EXPORTS as EXPORTS
 from .export import write_samples as write_samples
 from .figures import remark as remark
-from .host_figure import draw_host as draw_host
 from .host_profile import HOST_RADII as HOST_RADII
 from .host_profile import describe_host as describe_host
+from .host_profile import draw_host as draw_host
 from .host_profile import host_table as host_table
 from .host_profile import objects_table as objects_table
 from .host_profile import orbits_table as orbits_table
 from .integrity import load_spec as load_spec
 from .literature import read_literature as read_literature
 from .products import write_products as write_products
-from .record import results_record as results_record
 from .recovery import describe_recovery as describe_recovery
 from .results import Results as Results
 from .results import load_results as load_results
@@ -19,3 +18,4 @@ from .runner import run as run
 from .status import describe_status as describe_status
 from .status import read_status as read_status
 from .text import describe_results as describe_results
+from .text import results_record as results_record

@@ -1,26 +1,27 @@
-"""The chain of a run: how it describes and judges itself."""
+"""The chain of a run: how it describes and judges itself, and its rank plots."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property, partial
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from streamkit.components import ChainSampler, Verdict
 from streamkit.convergence import effective_samples, rank_r_hat, stuck_walkers
-from streamkit.report import BLUE, GREY
+from streamkit.report import BAND_95, BLUE, GREY, finish, panel_grid
 from streamkit.sample import Chain
-from streamkit.stream import Array, IntArray
+from streamkit.stream import Array
 from streamkit.study.fit import chain_verdicts as checks
-from streamkit.study.fit.chain_statistics import drift, rank_scores
+from streamkit.study.fit.chain_verdicts import drift, rank_scores, ranks
 from streamkit.study.fit.draws import Draws, Row
-from streamkit.study.fit.rank_figure import rank_plots
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
 
 DRAWN = 2000  # steps that a trace shows at most
 
@@ -28,72 +29,41 @@ DRAWN = 2000  # steps that a trace shows at most
 class ChainDraws(Draws):
     """A stored chain, judged by the rule of its sampler. Half of the chain of a quick run is burn-in."""
 
-    def __init__(self, stored: Chain, sampler: ChainSampler, quick: bool) -> None:
+    trace = "step", "grey: walkers; blue: their median; shaded: burn-in"
+
+    def __init__(self, stored: Chain, sampler: ChainSampler, names: Sequence[str], quick: bool) -> None:
         super().__init__(stored.chain, stored.log_prob, stored.blobs, stored.attributes, quick)
         former = stored.attributes.get("counts", {}).get("surrogate")  # as version 0.1.0 stored this fact
         self.facts = self.facts or ({"surrogate": former} if former else {})
-        self.convergence = sampler.convergence(self.chain)
-        self.discard = len(self.chain) // 2 if quick else self.convergence.discard
-        moved = np.diff(self.chain[self.convergence.learned :], axis=0).any(axis=2)
-        self.acceptance = float(moved.mean() if moved.size else np.mean(stored.accepted) / len(self.chain))
-
-    def __repr__(self) -> str:
         steps, walkers, _ = self.chain.shape
-        return f"{steps} steps of {walkers} walkers"
+        rule = self.convergence = sampler.convergence(self.chain)
+        self.discard = steps // 2 if quick else rule.discard
+        self.tau, self.r_hat = rule.tau, rank_r_hat(self.kept) if quick else rule.r_hat
+        self.ess = effective_samples(self.kept, self.tau)
+        # R-hat above its limit says that the walkers have no common distribution
+        self.trusted_ess = np.where(self.r_hat > checks.R_HAT.limits[1], np.nan, self.ess)
+        self.stuck = stuck_walkers(self.chain, self.log_prob)
+        step, walker = np.unravel_index(np.argmax(self.log_prob), self.log_prob.shape)
+        self.best = self.chain[step, walker]
+        moved = np.diff(self.chain[rule.learned :], axis=0).any(axis=2)
+        self.acceptance = float(moved.mean() if moved.size else np.mean(stored.accepted) / steps)
+        self.names, self.lacks, self.length = names, rule.missing(names), f"{steps} steps"
+        self.headline = f"{self.length} of {walkers} walkers, {self.discard} of them left out as burn-in"
+        self.praise = (
+            f"{self.length} are {rule.span:.0f} autocorrelation times, and R-hat is {self.r_hat.max():.3f} at most."
+        )
 
-    @property
-    def tau(self) -> Array:
-        """(d,) Autocorrelation times in steps, of the chain after learning; NaN where there is no estimate."""
-        return self.convergence.tau
-
-    @cached_property
-    def r_hat(self) -> Array:
-        """(d,) Rank-normalised split R-hat after burn-in, each walker a chain."""
-        return rank_r_hat(self.kept) if self.quick else self.convergence.r_hat
-
-    @property
-    def ess(self) -> Array:
-        """(d,) Effective number of independent samples after burn-in."""
-        return effective_samples(self.kept, self.tau)
-
-    @property
-    def trusted_ess(self) -> Array:
-        """(d,) Effective number of samples; NaN where R-hat says that the walkers have no common distribution."""
-        return np.where(self.r_hat > checks.R_HAT.limits[1], np.nan, self.ess)
-
-    @cached_property
-    def stuck(self) -> IntArray:
-        """(n,) Numbers of the walkers that are stuck far below the others."""
-        return stuck_walkers(self.chain, self.log_prob)
-
-    def lacks(self, names: Sequence[str]) -> str:
-        """Return what the rule of convergence lacks."""
-        return self.convergence.missing(names)
-
-    def length(self) -> str:
-        """Return the number of steps."""
-        return f"{len(self.chain)} steps"
-
-    def praise(self) -> str:
-        """Return the chain's length in autocorrelation times, and the largest R-hat."""
-        span, r_hat = self.convergence.span, self.r_hat.max()
-        return f"{self.length()} are {span:.0f} autocorrelation times, and R-hat is {r_hat:.3f} at most."
-
-    def verdicts(self, names: Sequence[str]) -> list[Verdict]:
+    def verdicts(self) -> list[Verdict]:
         """Return the outcomes of the checks of a chain."""
         return [
             checks.length_verdict(self.convergence.span, self.convergence.is_stable),
-            checks.r_hat_verdict(names, self.r_hat),
-            checks.samples_verdict(names, self.trusted_ess),
-            checks.drift_verdict(names, drift(self.kept, self.tau)),
+            checks.r_hat_verdict(self.names, self.r_hat),
+            checks.samples_verdict(self.names, self.trusted_ess),
+            checks.drift_verdict(self.names, drift(self.kept, self.tau)),
             checks.ranks_verdict(rank_scores(self.kept, self.tau)),
             checks.stuck_verdict(len(self.stuck), self.chain.shape[1]),
             checks.acceptance_verdict(self.acceptance),
         ]
-
-    def headline(self) -> str:
-        """Return steps, walkers and burn-in."""
-        return f"{self!r}, {self.discard} of them left out as burn-in"
 
     def rows(self) -> list[Row]:
         """Return acceptance, calls and facts."""
@@ -107,15 +77,6 @@ class ChainDraws(Draws):
         """Return steps, walkers and burn-in."""
         steps, walkers, _ = self.chain.shape
         return {"steps": steps, "walkers": walkers, "burn_in": self.discard}
-
-    def description(self) -> str:
-        """Return steps, walkers, parameters and burn-in."""
-        return f"{self!r}, {self.chain.shape[2]} free parameters; {self.discard} steps of burn-in"
-
-    @property
-    def trace(self) -> tuple[str, str]:
-        """Label of the horizontal axis of the traces, and their legend."""
-        return "step", "grey: walkers; blue: their median; shaded: burn-in"
 
     def draw_trace(self, axes: Axes, parameter: int | None, scale: float) -> None:
         """Draw the walkers' paths against the step, with the burn-in shaded."""
@@ -136,3 +97,31 @@ class ChainDraws(Draws):
     def pictures(self, labels: Sequence[str]) -> dict[str, Callable[[], Figure]]:
         """Return the rank plots."""
         return {"ranks": partial(rank_plots, self.kept, self.tau, labels)}
+
+
+def rank_plots(kept: Array, tau: Array, labels: Sequence[str]) -> Figure:
+    """Draw for every parameter how far each walker's ranks are from even (Vehtari+ 2021, sec. 4; Saeilynoja+ 2022).
+
+    One line a walker: the share of its ranks below a value, minus that value. The band holds 95 % of what as many
+    independent samples as the walker has would show at each value.
+
+    ``kept`` are samples (steps, walkers, d), ``tau`` autocorrelation times (d,) in steps.
+    """
+    by_rank = np.sort(ranks(kept), axis=0)
+    steps, walkers, d = kept.shape
+    figure, panels = panel_grid(d, 2.6, 1.9, share=True)
+    u, below = np.linspace(0, 1, 101), (np.arange(steps) + 0.5) / steps
+    for axes, walkers_ranks, n, name in zip(panels, np.moveaxis(by_rank, 2, 0), steps / tau, labels, strict=False):
+        if np.isfinite(n):
+            spread = 1.96 * np.sqrt(u * (1 - u) / n)
+            axes.fill_between(u, -spread, spread, color=BAND_95, lw=0)
+        for walker in walkers_ranks.T:
+            lines = np.interp(u, walker, below, left=0, right=1) - u
+            axes.plot(u, lines, color=GREY, lw=0.6, alpha=min(1.0, max(0.3, 10 / walkers)))
+        axes.axhline(0, color=BLUE, lw=1.2)
+        axes.set_title(name.replace("\n", ""), fontsize=11)
+        axes.set_xlim(0, 1)
+        finish(axes)
+    figure.supxlabel("rank of the sample, over the number of samples", fontsize=11)
+    figure.supylabel("walker's share below, minus the rank", fontsize=11)
+    return figure

@@ -1,4 +1,4 @@
-"""Checks of a chain: its length, R-hat, effective samples, drift, ranks, stuck walkers, acceptance."""
+"""Checks of a chain and their statistics: its length, R-hat, samples, drift, ranks, stuck walkers, acceptance."""
 
 from __future__ import annotations
 
@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import norm, rankdata
 
 from streamkit.components import DO_NOT, FINE, LOOK, Check, Verdict
 from streamkit.stream import Array
-from streamkit.study.fit.chain_statistics import chance
-from streamkit.study.fit.sentences import listed, number
 
 # 50 autocorrelation times as emcee's documentation asks for; with fewer than 10 their estimate means nothing.
 LENGTH = Check(
@@ -136,3 +135,52 @@ def acceptance_verdict(acceptance: float) -> Verdict:
         "particles, or noise = 'add'.",
     }
     return ACCEPTANCE.judge(acceptance, f"{acceptance:.2f}", sentences)
+
+
+def number(value: float, form: str, unit: str = "") -> str:
+    """Return a number in a format, with its unit; "unknown" for NaN and infinity."""
+    return f"{value:{form}}{unit}" if np.isfinite(value) else "unknown"
+
+
+def listed(names: Sequence[str], most: int = 4) -> str:
+    """Return "a, b and c", and how many more there are."""
+    if len(names) > most + 1:
+        return f"{', '.join(names[:most])} and {len(names) - most} more"
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
+
+
+def drift(kept: Array, tau: Array) -> Array:
+    """(d,) Difference of the means of the last and the first third of a chain, in its standard errors (Geweke 1992).
+
+    ``kept`` (steps, walkers, d) are the samples after burn-in, ``tau`` (d,) their autocorrelation times in steps. NaN
+    for fewer than 6 steps.
+    """
+    steps, walkers, d = kept.shape
+    third = steps // 3
+    if third < 2:
+        return np.full(d, np.nan)
+    first, last = kept[:third], kept[-third:]
+    variance = (first.var(axis=(0, 1)) + last.var(axis=(0, 1))) * tau / (third * walkers)
+    with np.errstate(all="ignore"):  # a parameter that never moved
+        return np.asarray((last.mean(axis=(0, 1)) - first.mean(axis=(0, 1))) / np.sqrt(variance))
+
+
+def ranks(kept: Array) -> Array:
+    """(steps, walkers, d) Rank of every sample among all of its parameter, between 0 and 1 (Vehtari+ 2021, sec. 4)."""
+    flat = kept.reshape(-1, kept.shape[2])
+    return np.asarray((rankdata(flat, axis=0) - 0.5) / len(flat)).reshape(kept.shape)
+
+
+def rank_scores(kept: Array, tau: Array) -> Array:
+    """(walkers, d) How far each walker's mean rank is from 1/2, in standard errors of its independent samples."""
+    steps = len(kept)
+    with np.errstate(all="ignore"):
+        return np.asarray((ranks(kept).mean(axis=0) - 0.5) / np.sqrt(tau / (12 * steps)))
+
+
+def chance(scores: Array) -> float:
+    """Return the probability that the largest of n independent normal scores is as large; NaN without any."""
+    finite = np.abs(scores[np.isfinite(scores)])
+    if not finite.size:
+        return np.nan
+    return float(-np.expm1(finite.size * np.log1p(-2 * norm.sf(finite.max()))))

@@ -1,54 +1,45 @@
-"""Samples in the forms of other libraries: columns, a pandas DataFrame, an xarray DataTree as ArviZ reads it."""
+"""Samples in the forms of other libraries: columns of a table, and an xarray DataTree as ArviZ reads it."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from streamkit.distribution import VERSION
+from streamkit.observe import ln_likelihood_of_each, new_data
 from streamkit.stream import Array, Data
-from streamkit.study.fit.replicates import Replicates
+from streamkit.study.fit.goodness import Sampled
 
 if TYPE_CHECKING:
-    import pandas as pd
     from xarray import DataTree
 
-
-def sample_columns(names: Sequence[str], kept: Array, log_prob: Array, discard: int) -> dict[str, Array]:
-    """Return the columns (n,) of a table of samples: walker, step (from 1), the parameters, ln posterior."""
-    steps, walkers, d = kept.shape
-    step, walker = np.mgrid[discard + 1 : discard + steps + 1, :walkers]
-    flat = kept.reshape(-1, d)
-    columns = {"walker": walker.ravel(), "step": step.ravel()}
-    return {**columns, **dict(zip(names, flat.T, strict=True)), "ln_posterior": log_prob[discard:].ravel()}
+    from streamkit.study.fit.results import Results
 
 
-def sample_frame(names: Sequence[str], kept: Array, log_prob: Array, discard: int) -> pd.DataFrame:
-    """Return the table of `sample_columns` as a pandas DataFrame."""
-    import pandas as pd  # slow to load
+def sample_columns(results: Results) -> dict[str, Array]:
+    """Return the columns (n,) of a table of samples after burn-in: walker, step (from 1), parameters, ln posterior."""
+    steps, walkers, _ = results.kept.shape
+    step, walker = np.mgrid[results.discard + 1 : results.discard + steps + 1, :walkers]
+    return {
+        "walker": walker.ravel(),
+        "step": step.ravel(),
+        **dict(zip(results.names, results.samples.T, strict=True)),
+        "ln_posterior": results.log_prob[results.discard :].ravel(),
+    }
 
-    return pd.DataFrame(sample_columns(names, kept, log_prob, discard))
 
-
-def arviz_tree(
-    names: Sequence[str],
-    units: Sequence[str],
-    kept: Array,
-    log_prob: Array,
-    blobs: Any,
-    data: Data,
-    attributes: Mapping[str, str | int | float],
-    drawn: Replicates | None = None,
-) -> DataTree:
+def arviz_tree(results: Results, data: Data, drawn: Replicates | None) -> DataTree:
     """Return samples as ArviZ reads them, each walker a chain: see `Results.to_arviz`.
 
-    ``kept`` are the samples (steps, walkers, d) after burn-in, ``log_prob`` and ``blobs`` (steps, walkers) their ln
-    posterior and stored records, ``drawn`` new data of some of the samples.
+    ``data`` are those of the run, ``drawn`` new data of some of the samples.
     """
     import arviz_base  # slow to load
 
+    names, kept, log_prob = results.names, results.kept, results.log_prob[results.discard :]
+    blobs = None if results.blobs is None else results.blobs[results.discard :]
     groups: dict[str, dict[str, Array]] = {
         "posterior": {name: kept[..., i].T for i, name in enumerate(names)},
         "sample_stats": {"lp": log_prob.T},
@@ -70,7 +61,60 @@ def arviz_tree(
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Found chain dimension", UserWarning)  # a short chain may have more walkers
         tree: DataTree = arviz_base.from_dict(groups, dims=datum, pred_dims=datum, coords=coordinates)
-    for name, unit in zip(names, units, strict=True):
+    for name, unit in zip(names, results.spec.units, strict=True):
         tree["posterior"][name].attrs["units"] = unit
-    tree.attrs.update(attributes)
+    tree.attrs.update({
+        "created_by": f"streamkit {VERSION}",
+        "digest": results.spec.digest(),
+        "note": results.note(),
+        "converged": int(results.converged),
+        "burn_in": results.discard,
+    })
     return tree
+
+
+DRAWS = 500  # samples that new data are drawn for
+
+
+@dataclass(frozen=True)
+class Replicates:
+    """The data of each quantity by its name, with what some samples say of them."""
+
+    # (n,) names and values of the data of each quantity.
+    names: dict[str, tuple[str, ...]]
+    data: dict[str, Array]
+    drawn: dict[str, Array]  # (k, n) new data of k samples; without a quantity of which none can be drawn
+    labels: tuple[str, ...]  # (m,) names of all data that have a likelihood of their own
+    ln_likelihood: Array  # (k, m) their ln likelihoods
+
+
+def replicates(sampled: Sampled) -> Replicates | None:
+    """Return new data and ln likelihoods for at most `DRAWS` samples, evenly spaced; None without any.
+
+    Random numbers come from the run's seed.
+    """
+    samples = [*sampled.at_samples(DRAWS)]
+    if not samples:
+        return None
+    rng = np.random.default_rng([sampled.spec.seed, 2])
+    drawn: dict[str, list[Array]] = {}
+    each: list[list[Array]] = []
+    for measured in samples:
+        each.append([])
+        for one in measured:
+            ln_each = ln_likelihood_of_each(one.measurement, one.prediction, one.data)
+            if ln_each is not None:
+                each[-1].append(ln_each[one.rows])
+            values = new_data(one.measurement, one.prediction, one.data, rng)
+            for name, rows in one.quantities() if values is not None else ():
+                drawn.setdefault(name, []).append(values[rows])  # type: ignore[index]  # not None here
+    first = samples[0]
+    quantities = [(one, name, rows) for one in first for name, rows in one.quantities()]
+    judged = [one for one in first if ln_likelihood_of_each(one.measurement, one.prediction, one.data) is not None]
+    return Replicates(
+        {name: one.labels(rows) for one, name, rows in quantities},
+        {name: one.data.values[rows] for one, name, rows in quantities},
+        {name: np.array(rows) for name, rows in drawn.items() if len(rows) == len(samples)},
+        tuple(label for one in judged for label in one.labels(one.rows)),
+        np.array([np.concatenate(row) if row else np.empty(0) for row in each]),
+    )

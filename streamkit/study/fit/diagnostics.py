@@ -13,8 +13,8 @@ from streamkit.errors import OutOfDomain
 from streamkit.observe import scatter_of
 from streamkit.runfile import Prior
 from streamkit.sample import Posterior
-from streamkit.stream import Array
-from streamkit.study.fit.tables import printable
+from streamkit.stream import Array, Data
+from streamkit.study.fit.tables import intervals, printable
 
 if TYPE_CHECKING:
     from astropy.table import QTable
@@ -40,29 +40,18 @@ def contraction(fractions: Array) -> float:
 
 @dataclass(frozen=True)
 class Predictive:
-    """The data and what the posterior predicts for them.
+    """The data and what the posterior predicts for them."""
 
-    Attributes
-    ----------
-    names, data, errors
-        (m,) of the data that are there.
-    mean, variance
-        (n, m) predictions of the samples, and the variance of each estimate.
-    add_noise
-        Whether the likelihood adds that variance to the errors.
-    gaussian
-        Whether the likelihood is the Gaussian of these data, and no observable has one of its own.
-    scatter
-        (m,) standard deviations of the data about the best sample's predictions; None: their errors.
-    """
-
+    # (m,) of the data that are there.
     names: tuple[str, ...]
     data: Array
     errors: Array
+    # (n, m) predictions of the samples, and the variance of each estimate.
     mean: Array
     variance: Array
-    add_noise: bool = False
-    gaussian: bool = True
+    add_noise: bool = False  # whether the likelihood adds that variance to the errors
+    gaussian: bool = True  # whether the likelihood is the Gaussian of these data, and no observable has one of its own
+    # (m,) standard deviations of the data about the best sample's predictions; None: their errors.
     scatter: Array | None = None
 
     @property
@@ -91,9 +80,8 @@ def predicted_intervals(results: Results, stream: str) -> dict[str, Array]:
     kept = _predictions(results)
     if kept is None or stream not in (best := results.best_observation.predictions):
         return {}
-    sizes = {name: len(prediction.names) for name, prediction in best.items()}
-    start = sum(n for i, n in enumerate(sizes.values()) if i < list(sizes).index(stream))
-    mean = kept["mean"][:, start : start + sizes[stream]]
+    start = sum(len(best[name].names) for name in list(best)[: list(best).index(stream)])
+    mean = kept["mean"][:, start : start + len(best[stream].names)]
     finite = mean[np.isfinite(mean).all(axis=1)]
     if not len(finite):
         return {}
@@ -121,16 +109,16 @@ def predictive(results: Results) -> Predictive | None:
         return None
     some = kept[:COMPARED]
     expected = [data.gaussian(row["mean"], row["variance"]) for row in some]
-    names = tuple(name for name, there in zip(_names(results, len(used)), used, strict=True) if there)
+    names, scatter = _at_best(results, data)
     return Predictive(
-        names,
+        tuple(name for name, there in zip(names, used, strict=True) if there),
         data.values[used],
         data.errors[used],
         kept["mean"][:, used],
         kept["variance"][:, used],
         data.add_noise,
         bool(np.allclose(some["ln_likelihood"], expected, rtol=1e-6)),
-        _scatter(results, data.errors)[used],
+        scatter[used],
     )
 
 
@@ -143,34 +131,26 @@ def predictions_table(seen: Predictive | None) -> QTable:
 
     if seen is None:
         return QTable({"datum": Column([], dtype=str)})
-    lo95, lo68, median, hi68, hi95 = np.percentile(seen.mean, [2.5, 16, 50, 84, 97.5], axis=0)
-    table = QTable({"datum": list(seen.names), "value": seen.data, "error": seen.errors, "median": median})
-    for name, column in {"lo68": lo68, "hi68": hi68, "lo95": lo95, "hi95": hi95}.items():
+    levels = intervals(seen.mean)
+    table = QTable({"datum": list(seen.names), "value": seen.data, "error": seen.errors, "median": levels.pop("")})
+    for name, column in levels.items():
         table[name] = column
     table["deviation"] = Column(seen.deviations, description=f"datum minus median prediction, in {SIGMA}")
     table["noise"] = Column(seen.noise, description=f"the model's own noise over {SIGMA}")
     return printable(table)
 
 
-def _scatter(results: Results, errors: Array) -> Array:
-    """(m,) Standard deviations of all data about the best sample's predictions; their errors where it has none."""
+def _at_best(results: Results, data: Data) -> tuple[tuple[str, ...], Array]:
+    """(m,) The names of all data, and their standard deviations about the best sample's predictions."""
     try:
-        predictions = results.best_observation.predictions
-    except OutOfDomain:
-        return errors
+        best = results.best_observation
+    except OutOfDomain:  # another machine's rounding may lose a stream at the edge
+        return tuple(f"datum {i + 1}" for i in range(len(data.values))), data.errors
     bound = results.spec.bind_all(results.best())
     measured: dict[str, list[Measurement]] = {
         name: list(inputs.observables.values()) for name, inputs in bound.streams.items()
     }
-    measured |= {f"data.{name}": [data] for name, data in bound.data.items()}
-    return np.concatenate([scatter_of(measured[name], prediction) for name, prediction in predictions.items()])
-
-
-def _names(results: Results, m: int) -> tuple[str, ...]:
-    """(m,) What the observable calls its data."""
-    try:
-        prediction = results.best_observation.prediction
-        assert prediction is not None  # noqa: S101  a fit has observables
-        return prediction.names
-    except OutOfDomain:  # another machine's rounding may lose a stream at the edge
-        return tuple(f"datum {i + 1}" for i in range(m))
+    measured |= {f"data.{name}": [datum] for name, datum in bound.data.items()}
+    scatter = [scatter_of(measured[name], prediction) for name, prediction in best.predictions.items()]
+    assert best.prediction is not None  # noqa: S101  a fit has observables
+    return best.prediction.names, np.concatenate(scatter)

@@ -31,18 +31,8 @@ def claim(
 ) -> bool:
     """Claim the directory for this run; return whether there is a chain to continue.
 
-    Parameters
-    ----------
-    directory
-        It exists, and is `locked`.
-    spec
-        The run.
-    options
-        Command options for the manifest.
-    products
-        Every file that a run or a report may write there.
-    resume, force
-        Continue the same run; overwrite the products of another one.
+    The directory exists, and is `locked`. ``options`` are those of the command, for the manifest; ``products`` every
+    file that a run or a report may write there. ``resume`` continues the same run, ``force`` overwrites another one.
 
     Raises ChainError if it holds files that must not be changed. Nothing has then been changed.
     """
@@ -64,7 +54,8 @@ def claim(
     with safely(directory / MANIFEST):
         replace_whole(directory / MANIFEST, lambda part: part.write_text(content))
     if not continues:
-        for place, file in _all_copies(spec).items():
+        copies = {Path(place): spec.folder / name for name, place in _data_copies(spec).items()}
+        for place, file in (copies | _plugin_copies(spec)).items():  # the directory is then self-contained
             with safely(directory / place):
                 _make_folder(directory, place.parent)
                 replace_whole(directory / place, partial(shutil.copyfile, file))
@@ -88,11 +79,6 @@ def _run_file_text(spec: Spec, options: dict[str, Any]) -> str:
         document["plugins"] = [f"{PLUGIN_COPIES}/{Path(name).name}" for name in plugins]
     components = [f"{path}: {cls.kind} ({supplier})" for path, cls, supplier in spec.components()]
     return to_toml(document, "\n".join([header(options), *components]))
-
-
-def _all_copies(spec: Spec) -> dict[Path, Path]:
-    """Return the originals of all copies, by the places of the copies, with which the directory is self-contained."""
-    return {Path(place): spec.folder / name for name, place in _data_copies(spec).items()} | _plugin_copies(spec)
 
 
 def _plugin_copies(spec: Spec) -> dict[Path, Path]:

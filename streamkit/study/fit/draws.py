@@ -30,38 +30,25 @@ ENDED = {
 class Draws(ABC):
     """The samples of a run: a chain, or weighted samples in the form of one.
 
-    Parameters
-    ----------
-    chain, log_prob, blobs
-        (steps, walkers, d) samples, (steps, walkers) ln posterior, and records of `streamkit.sample.blob_dtype`.
-    attributes
-        The run's notes: status, counts.
-    quick
-        Whether the run is a coarse look.
-
-    Attributes
-    ----------
-    calls, search_calls
-        Evaluations of the posterior while sampling, and in the search for a start.
-    reasons
-        Rejected proposals by reason.
-    facts
-        The sampler's own short texts by name.
-    status
-        Why the sampling ended: "converged", "steps", "time", "few" (effective samples), or "unfinished".
-    discard
-        Steps of learning and of burn-in.
-    tau, r_hat, ess
-        (d,) Autocorrelation times in steps and R-hat, NaN where there is none, and effective numbers of samples.
-    acceptance
-        Fraction of the proposals that were accepted, or of the calls that became an effective sample.
-    weighted
-        The weighted samples; None for a chain.
+    ``chain`` (steps, walkers, d), ``log_prob`` (steps, walkers) and ``blobs``, records of
+    `streamkit.sample.blob_dtype`, are all samples; ``attributes`` the run's notes: status, counts. A subclass sets the
+    attributes below.
     """
 
-    weighted: Weighted | None = None
-    discard: int
-    acceptance: float
+    acceptance: float  # fraction of the proposals that were accepted, or of the calls that became an effective sample
+    tau: Array  # (d,) autocorrelation times in steps; NaN where there is no estimate
+    r_hat: Array  # (d,) rank-normalised split R-hat after burn-in; NaN where there is none
+    ess: Array  # (d,) effective numbers of independent samples after burn-in
+    trusted_ess: Array  # (d,) the same; NaN where the chains disagree so much that the number has no meaning
+    best: Array  # (d,) the sample of the highest ln posterior
+    length: str  # of the sampling: "1000 steps"
+    headline: str  # kind and number of the samples, on the first line of a report
+    lacks: str  # what is missing for samples that can be trusted, as the end of a sentence; empty if nothing is
+    praise: str  # why the samples can be trusted, once nothing is missing, as a sentence
+    trace: tuple[str, str]  # label of the horizontal axis of the traces, and their legend
+    discard = 0  # steps of learning and of burn-in
+    stuck: IntArray = np.empty(0, dtype=np.int64)  # (n,) numbers of the walkers that are stuck far below the others
+    weighted: Weighted | None = None  # the weighted samples; None for a chain
 
     def __init__(self, chain: Array, log_prob: Array, blobs: Any, attributes: Mapping[str, Any], quick: bool) -> None:
         if not len(chain):
@@ -69,71 +56,24 @@ class Draws(ABC):
         self.chain, self.log_prob, self.blobs, self.quick = chain, log_prob, blobs, quick
         counts = attributes.get("counts", {})
         self.calls, self.search_calls = int(counts.get("calls", 0)), int(counts.get("search_calls", 0))
-        self.reasons: dict[str, int] = counts.get("reasons", {})
-        self.facts: dict[str, str] = counts.get("facts", {})
-        self.status = str(attributes.get("status", "unfinished"))
+        self.reasons: dict[str, int] = counts.get("reasons", {})  # rejected proposals by reason
+        self.facts: dict[str, str] = counts.get("facts", {})  # the sampler's own short texts by name
+        self.status = str(attributes.get("status", "unfinished"))  # a key of `ENDED`, or "unfinished"
 
     @property
     def kept(self) -> Array:
         """(steps, walkers, d) The samples after burn-in."""
         return self.chain[self.discard :]
 
-    @property
-    @abstractmethod
-    def tau(self) -> Array:
-        """(d,) Autocorrelation times in steps; NaN where there is no estimate."""
-
-    @property
-    @abstractmethod
-    def r_hat(self) -> Array:
-        """(d,) Rank-normalised split R-hat after burn-in; NaN where there is none."""
-
-    @property
-    @abstractmethod
-    def ess(self) -> Array:
-        """(d,) Effective number of independent samples after burn-in."""
-
-    @property
-    def stuck(self) -> IntArray:
-        """(n,) Numbers of the walkers that are stuck far below the others."""
-        return np.empty(0, dtype=np.int64)
-
-    @property
-    def best(self) -> Array:
-        """(d,) The sample of the highest ln posterior."""
-        step, walker = np.unravel_index(np.argmax(self.log_prob), self.log_prob.shape)
-        return np.asarray(self.chain[step, walker])
-
-    @abstractmethod
-    def lacks(self, names: Sequence[str]) -> str:
-        """Return what is missing for samples that can be trusted, as the end of a sentence; empty if nothing is."""
-
-    @abstractmethod
-    def length(self) -> str:
-        """Return the length of the sampling: "1000 steps"."""
-
-    @abstractmethod
-    def praise(self) -> str:
-        """Return why the samples can be trusted, once nothing is missing, as a sentence."""
-
-    def note(self, names: Sequence[str]) -> str:
+    def note(self) -> str:
         """Return in one sentence how far the percentiles can be trusted, and what is missing."""
         if self.quick:
-            return f"QUICK LOOK, {self.length()}: few particles, not converged, not for science."
-        missing = self.lacks(names)
-        return f"Not converged: {missing}." if missing else self.praise()
+            return f"QUICK LOOK, {self.length}: few particles, not converged, not for science."
+        return f"Not converged: {self.lacks}." if self.lacks else self.praise
 
     @abstractmethod
-    def __repr__(self) -> str:
-        """Return the kind and number of the samples."""
-
-    @abstractmethod
-    def verdicts(self, names: Sequence[str]) -> list[Verdict]:
-        """Return the outcome of every check of the samples of parameters of these names."""
-
-    @abstractmethod
-    def headline(self) -> str:
-        """Return the number of the samples, as the first line of a report in a terminal."""
+    def verdicts(self) -> list[Verdict]:
+        """Return the outcome of every check of the samples."""
 
     @abstractmethod
     def rows(self) -> list[Row]:
@@ -157,23 +97,9 @@ class Draws(ABC):
         }
 
     @abstractmethod
-    def description(self) -> str:
-        """Return a description of the samples for the page."""
-
-    @property
-    @abstractmethod
-    def trace(self) -> tuple[str, str]:
-        """Label of the horizontal axis of the traces, and their legend."""
-
-    @abstractmethod
     def draw_trace(self, axes: Axes, parameter: int | None, scale: float) -> None:
         """Draw the trace of a parameter in units of ``scale``, or of ln posterior for None."""
 
     def pictures(self, labels: Sequence[str]) -> dict[str, Callable[[], Figure]]:
         """Return pictures for the page that only samples of this kind have, by name."""
         return {}
-
-    @property
-    def trusted_ess(self) -> Array:
-        """(d,) Effective number of samples; NaN where the chains disagree so much that the number has no meaning."""
-        return self.ess

@@ -1,16 +1,17 @@
-"""The samples of a run as files for other programs: netCDF for ArviZ, GetDist's text, tables."""
+"""The samples of a run as files for other programs: netCDF for ArviZ, GetDist's text, tables, also for a paper."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from streamkit.report import save, save_table
+from streamkit.report import LATEX_UNITS, decimals, latex_escaped, save
 from streamkit.runfile import Prior
 from streamkit.study.fit.conversion import sample_columns
-from streamkit.study.fit.paper import paper_table
+from streamkit.study.fit.text import PRINTED_RADII, radii_in_reach
 
 if TYPE_CHECKING:
     from streamkit.study.fit.results import Results
@@ -30,21 +31,16 @@ def write_samples(results: Results, path: Path) -> list[Path]:
 
     Raises StreamkitError if the file cannot be written, or a package that is needed is not there.
     """
-    if path.suffix == ".nc":
-        tree = results.to_arviz()
-        save(path, lambda part: tree.to_netcdf(part, engine="h5netcdf"))
-        return [path]
-    if path.suffix in (".csv", ".ecsv"):
-        table = sample_table(results)
-        if path.suffix == ".ecsv":
-            save_table(path, table)
-        else:
-            save(path, lambda part: table.write(part, format="ascii.csv", overwrite=True))
-        return [path]
-    if path.suffix == ".tex":
-        save(path, lambda part: part.write_text(paper_table(results), encoding="utf-8"))
-        return [path]
-    return write_getdist(results, path)
+    if path.suffix == ".txt":
+        return write_getdist(results, path)
+    writers: dict[str, Callable[[Path], object]] = {
+        ".nc": lambda part: results.to_arviz().to_netcdf(part, engine="h5netcdf"),
+        ".csv": lambda part: sample_table(results).write(part, format="ascii.csv", overwrite=True),
+        ".ecsv": lambda part: sample_table(results).write(part, format="ascii.ecsv", overwrite=True),
+        ".tex": lambda part: part.write_text(paper_table(results), encoding="utf-8"),
+    }
+    save(path, writers[path.suffix])
+    return [path]
 
 
 def sample_table(results: Results) -> Any:
@@ -52,7 +48,7 @@ def sample_table(results: Results) -> Any:
     from astropy import units as u
     from astropy.table import QTable
 
-    columns: dict[str, Any] = sample_columns(results.names, results.kept, results.log_prob, results.discard)
+    columns: dict[str, Any] = sample_columns(results)
     for name, unit in zip(results.names, results.spec.units, strict=True):
         columns[name] = columns[name] * u.Unit(unit) if unit else columns[name]
     return QTable(columns, meta={"note": results.note(), "digest": results.spec.digest()})
@@ -82,3 +78,36 @@ def write_getdist(results: Results, path: Path) -> list[Path]:
 def _end(prior: Prior, which: int) -> str:
     value = prior.support[which]
     return f"{value:.10g}" if np.isfinite(value) else "N"
+
+
+LARGE, SMALL = 1e5, 1e-3  # medians beyond these are written with a power of ten
+
+
+def paper_table(results: Results) -> str:
+    """Return a LaTeX table: medians with the distances to the ends of the 68 % intervals.
+
+    Radii of masses are those that the best stream and the data reach. A run that may not be quoted says so on top.
+    """
+    rows = []
+    for row, symbol in zip(results.summary(), results.spec.symbols, strict=True):
+        name = symbol if symbol.startswith("$") else rf"\texttt{{{latex_escaped(row['parameter'])}}}"
+        unit = "" if row["unit"] in ("", "1") else row["unit"]
+        rows.append((name, measured(row["median"], row["lo68"], row["hi68"]), LATEX_UNITS.get(unit, unit)))
+    radii = radii_in_reach(results) or list(PRINTED_RADII)
+    for row in results.mass_profile(radii):
+        mass = [row[name].to_value("Msun") for name in ("M", "M_lo68", "M_hi68")]
+        rows.append((rf"$M(<{row['r'].to_value('kpc'):g}\,{{\rm kpc}})$", measured(*mass), LATEX_UNITS["Msun"]))
+    remark = [] if results.converged else [f"% {results.note()}"]
+    lines = [*remark, r"\begin{tabular}{lll}", r"\hline", r"parameter & median and 68\,\% & unit \\", r"\hline"]
+    lines += [" & ".join(row) + r" \\" for row in rows]
+    return "\n".join([*lines, r"\hline", r"\end{tabular}", ""])
+
+
+def measured(median: float, low: float, high: float) -> str:
+    """Return a median and the ends of its interval as LaTeX, to two digits of the smaller error."""
+    power = int(np.floor(np.log10(abs(median)))) if median and not SMALL < abs(median) < LARGE else 0
+    value, plus, minus = (number / 10.0**power for number in (median, high - median, median - low))
+    digits = decimals(min(plus, minus))
+    shown = f"{value:.{digits}f}^{{+{plus:.{digits}f}}}_{{-{minus:.{digits}f}}}"
+    factor = rf" \times 10^{{{power}}}" if power else ""
+    return f"${shown}{factor}$"

@@ -24,12 +24,16 @@ from streamkit.report import (
     VERMILION,
     NotebookFigure,
     across,
+    decimals,
+    finish,
     inner_ticks,
     labels,
+    panel_grid,
     scaled,
     ticks,
     with_unit,
 )
+from streamkit.runfile import Prior
 from streamkit.stream import Array
 from streamkit.study.fit.literature import draw_literature
 from streamkit.study.fit.results import Results
@@ -82,8 +86,8 @@ def corner(results: Results, column: bool = False) -> Figure:
     """
     from corner import corner as draw  # it loads pyplot, which is slow and needed here alone
 
-    samples, names, units = _scaled(results)
-    d = samples.shape[1]
+    scale, names, units = _labels(results)
+    samples, d = results.samples / scale, len(names)
     text = remark(results)
     panel = 2.6 if d == 1 else 2.0 if d < 7 else 1.7
     titles = [_title(name, column) for name, column in zip(names, samples.T, strict=True)]
@@ -157,60 +161,27 @@ def corner(results: Results, column: bool = False) -> Figure:
     return figure
 
 
-def mass_profile(
-    results: Results, profile: QTable | None = None, axes: Axes | None = None, literature: QTable | None = None,
-    wide: float = WIDE,
-) -> Figure:  # fmt: skip
+def mass_profile(results: Results, literature: QTable | None = None, wide: float = WIDE) -> Figure:
     """Draw the mass inside each radius with its 68 % and 95 % bands, the radii of the data and published values."""
-    return _profile(results, profile, axes, literature, "M", 1e-11, r"$M(<r)\ \,[10^{11}\,M_\odot]$", wide)
+    return _profile(results, literature, "M", 1e-11, r"$M(<r)\ \,[10^{11}\,M_\odot]$", wide)
 
 
-def rotation_curve(
-    results: Results, profile: QTable | None = None, axes: Axes | None = None, literature: QTable | None = None,
-    wide: float = WIDE,
-) -> Figure:  # fmt: skip
+def rotation_curve(results: Results, literature: QTable | None = None, wide: float = WIDE) -> Figure:
     """Draw the circular velocity with its 68 % and 95 % bands, the radii of the data and published values."""
-    return _profile(results, profile, axes, literature, "v_c", 1.0, r"$v_{\rm c}(r)\ \,[{\rm km\,s}^{-1}]$", wide)
+    return _profile(results, literature, "v_c", 1.0, r"$v_{\rm c}(r)\ \,[{\rm km\,s}^{-1}]$", wide)
 
 
-def _profile(
-    results: Results,
-    profile: QTable | None,
-    axes: Axes | None,
-    literature: QTable | None,
-    name: str,
-    factor: float,
-    label: str,
-    wide: float,
-) -> Figure:
-    """Draw one column of a profile, so many inches wide; what is extrapolated beyond the `reach` is shaded."""
-    if profile is None:
-        rows = None if literature is None else literature[[quantity == name for quantity in literature["quantity"]]]
-        profile = results.mass_profile(radii(results, rows))
-    if axes is None:
-        axes = NotebookFigure(figsize=(wide, 0.75 * wide), layout="constrained").subplots()
-    narrow = wide < WIDE
-    figure = axes.get_figure(root=True)
-    assert isinstance(figure, Figure)  # noqa: S101  axes always have one
+def _profile(results: Results, literature: QTable | None, name: str, factor: float, label: str, wide: float) -> Figure:
+    """Draw one column of a profile, so many inches wide."""
+    rows = None if literature is None else literature[[quantity == name for quantity in literature["quantity"]]]
+    profile = results.mass_profile(radii(results, rows))
     r = profile["r"].value
+    figure, axes = profile_axes(results, r, label, wide)
     bands(axes, r, levels(profile, name, factor))
-    axes.set_xlim(r[0], r[-1])
-    low, high = reach(results)
-    shade: Any = {"color": "#EDEDED", "lw": 0, "zorder": 0.5}
-    axes.axvspan(min(r[0], low), low, **shade)
-    axes.axvspan(high, max(r[-1], high), **shade, label="extrapolated")
-    data_radii(axes, results)
-    if literature is not None:
-        draw_literature(axes, literature, name, factor)
-    axes.set_xlabel(r"$r\ \,[{\rm kpc}]$", fontsize=9 if narrow else 13)
-    axes.set_ylabel(label, fontsize=9 if narrow else 13)
-    if text := remark(results):
-        axes.set_title(text, color=VERMILION, fontsize=8 if narrow else 12)
-    ticks(axes)
-    if narrow:
-        axes.tick_params(labelsize=8)
+    if rows is not None:
+        draw_literature(axes, rows, name, factor)
     entries = axes.get_legend_handles_labels()[1]
-    size = 7.0 if narrow else 10.0
+    size = 7.0 if wide < WIDE else 10.0
     columns = min(across(entries, 0.8 * wide, size), 3)
     # the curve must not be covered: the legend has room of its own above
     lines = -(-len(entries) // columns) * 1.7 * size / 72 / (0.6 * wide)
@@ -219,27 +190,42 @@ def _profile(
     return figure
 
 
+def profile_axes(results: Results, r: Array, label: str, wide: float) -> tuple[Figure, Axes]:
+    """Return a figure so many inches wide, and its axes over radii (nr,) in kpc, with the radii of the data.
+
+    What is extrapolated beyond the `reach` of stream and data is shaded.
+    """
+    figure = NotebookFigure(figsize=(wide, 0.75 * wide), layout="constrained")
+    axes, narrow = figure.subplots(), wide < WIDE
+    axes.set_xlim(r[0], r[-1])
+    low, high = reach(results)
+    shade: Any = {"color": "#EDEDED", "lw": 0, "zorder": 0.5}
+    axes.axvspan(min(r[0], low), low, **shade)
+    axes.axvspan(high, max(r[-1], high), **shade, label="extrapolated")
+    data_radii(axes, results)
+    axes.set_xlabel(r"$r\ \,[{\rm kpc}]$", fontsize=9 if narrow else 13)
+    axes.set_ylabel(label, fontsize=9 if narrow else 13)
+    if text := remark(results):
+        axes.set_title(text, color=VERMILION, fontsize=8 if narrow else 12)
+    ticks(axes)
+    if narrow:
+        axes.tick_params(labelsize=8)
+    return figure, axes
+
+
 def traces(results: Results) -> Figure:
     """Draw the traces of every parameter and of ln p, by `Draws.draw_trace`."""
     d = len(results.names)
     scale, labels_of, units = _labels(results)
-    columns = min(3, d + 1)
-    rows = -(-(d + 1) // columns)
-    figure = NotebookFigure(figsize=(4.3 * columns, 1.75 * rows + 0.8), layout="constrained")
-    panels: Any = figure.subplots(rows, columns, squeeze=False, sharex=True)
+    figure, panels = panel_grid(d + 1, 4.3, 1.75, across=3, share=True, share_y=False)
     between = ["\n" if len(name) > (25 if "$" in name else 8) else " " for name in labels_of]
     names = [with_unit(*each) for each in zip(labels_of, units, between, strict=True)] + [r"$\ln p$"]
-    for i, (axes, name) in enumerate(zip(panels.flat, names, strict=False)):
+    for i, (axes, name) in enumerate(zip(panels, names, strict=True)):
         parameter = i if i < d else None
         results.draws.draw_trace(axes, parameter, 1.0 if parameter is None else scale[i])
         axes.set_ylabel(name, fontsize=12)
         ticks(axes)
-    for axes in list(panels.flat)[d + 1 :]:
-        axes.set_visible(False)
     x_label, legend = results.draws.trace
-    for column in range(columns):
-        bottom = max(row for row in range(rows) if row * columns + column <= d)
-        panels[bottom, column].tick_params(labelbottom=True)
     figure.supxlabel(x_label, fontsize=12)
     text = remark(results)
     figure.suptitle(f"{text} ({legend})" if text else legend, fontsize=11, color=VERMILION if text else "black")
@@ -294,11 +280,6 @@ def _labels(results: Results) -> tuple[Array, list[str], list[str]]:
     return np.array(scales), labels(results.names, results.spec.symbols), list(units)
 
 
-def _scaled(results: Results) -> tuple[Array, list[str], list[str]]:
-    scale, names, units = _labels(results)
-    return results.samples / scale, names, units
-
-
 def _lines(text: str) -> int:
     return text.count("\n") + 1
 
@@ -312,8 +293,7 @@ def _title(name: str, values: Array) -> str:
 def _interval(values: Array) -> str:
     """Return median and 68 % interval, with two significant digits of the smaller error."""
     low, middle, high = np.percentile(values, [16, 50, 84])
-    error = min(high - middle, middle - low)
-    digits = int(np.clip(1 - np.floor(np.log10(error)), 0, 6)) if error > 0 else 3
+    digits = decimals(min(high - middle, middle - low))
     return rf"${middle:.{digits}f}^{{+{high - middle:.{digits}f}}}_{{-{middle - low:.{digits}f}}}$"
 
 
@@ -321,3 +301,49 @@ def _range(values: Array) -> tuple[float, float]:
     low, high = np.percentile(values, [0.2, 99.8])
     margin = 0.08 * (high - low) or 1e-3 * max(abs(low), 1.0)
     return float(low - margin), float(high + margin)
+
+
+PANEL = (2.5, 1.9)  # inches of a panel with a prior
+ZOOM = 0.15  # share of the prior's range below which the picture shows only the surroundings of the posterior
+
+
+def priors(results: Results) -> Figure:
+    """Draw every posterior as a histogram, and the density of its prior as a dashed line in the same units.
+
+    If the posterior fills a small part of the prior, the picture shows the surroundings of this part.
+    """
+    spec, samples = results.spec, results.samples
+    figure, panels = panel_grid(samples.shape[1], *PANEL, share=False)
+    names = labels(results.names, spec.symbols)
+    for axes, prior, name, unit, values in zip(panels, spec.priors, names, spec.units, samples.T, strict=False):
+        scale, shown = scaled(unit, float(np.median(np.abs(values))))
+        _panel(axes, prior, values, scale)
+        axes.set_xlabel(with_unit(name.replace("\n", ""), shown), fontsize=11)
+    figure.legend(
+        *panels[0].get_legend_handles_labels(), loc="outside lower right", ncols=2, frameon=False, fontsize=10
+    )
+    figure.supylabel("probability density", fontsize=11)
+    if text := remark(results):
+        figure.suptitle(text, color=VERMILION, fontsize=12)
+    return figure
+
+
+def _panel(axes: Axes, prior: Prior, values: Array, scale: float) -> None:
+    ends = prior.ppf(np.array([0.002, 0.998]))
+    low, high = np.percentile(values, [0.1, 99.9])
+    if high - low < ZOOM * np.ptp(ends):
+        middle, half = 0.5 * (low + high), max(1.2 * (high - low), 1e-6 * float(np.ptp(ends)))
+        ends = np.array([middle - half, middle + half])
+    ends = np.array([min(ends[0], low), max(ends[1], high)])
+    margin = 0.03 * np.ptp(ends)
+    x = np.linspace(ends[0] - margin, ends[1] + margin, 400)
+    density = np.exp([prior.lnpdf(value) for value in x.tolist()])
+    bins = np.histogram_bin_edges(values, 30, (low, high) if high > low else None).tolist()
+    axes.hist(values / scale, np.array(bins) / scale, density=True, color=BAND_68, label="posterior")  # type: ignore[arg-type]
+    axes.hist(values / scale, np.array(bins) / scale, density=True, histtype="step", color=BLUE, lw=1.2)  # type: ignore[arg-type]
+    axes.plot(x / scale, density * scale, color=VERMILION, lw=1.3, ls="--", label="prior")
+    axes.set(xlim=(x[0] / scale, x[-1] / scale), ylim=(0, None))
+    finish(axes)
+    axes.set_yticks([])
+    axes.minorticks_off()
+    axes.set_xticks(inner_ticks(x[0] / scale, x[-1] / scale, PANEL[0]))

@@ -9,12 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from streamkit.errors import StreamkitError
-from streamkit.report import SMALLER, VERMILION, NotebookFigure, shrink_text, ticks
+from streamkit.model import Host
+from streamkit.report import VERMILION
 from streamkit.runfile import Spec
 from streamkit.stream import Array
-from streamkit.study.fit.figures import WIDE, bands, data_radii, radii, reach, remark
-from streamkit.study.fit.flattening import flattening_at, flattenings
-from streamkit.study.fit.literature import POTENTIAL, beside_literature, draw_literature
+from streamkit.study.fit.figures import WIDE, bands, profile_axes, radii
+from streamkit.study.fit.literature import POTENTIAL, beside_literature, draw_literature, flattenings
 from streamkit.study.fit.results import Results
 
 if TYPE_CHECKING:
@@ -33,7 +33,8 @@ def is_sphere(spec: Spec) -> bool:
     """
     places = [np.array([float(prior.ppf(np.array([u]))[0]) for prior in spec.priors]) for u in (0.31, 0.74)]
     try:
-        q = np.array([flattening_at(spec, theta, *_along(45.0, np.array([5.0, 20.0, 60.0]))) for theta in places])
+        hosts = [Host(spec.host(theta)) for theta in places]
+        q = np.array([host.flattening(*_along(45.0, np.array([5.0, 20.0, 60.0]))) for host in hosts])
     except StreamkitError:  # a fit counts such parameters; there is no picture for them
         return True
     return not (np.abs(q[np.isfinite(q)] - 1) > ROUND).any()
@@ -42,13 +43,12 @@ def is_sphere(spec: Spec) -> bool:
 def flattening(results: Results, literature: QTable | None = None, wide: float = WIDE) -> Figure:
     """Draw the flattening q of the potential (`Host.flattening`), 45 deg above the plane with 68 % and 95 % bands.
 
-    Lines are the medians nearer to the plane and to the axis. What lies beyond the `reach` of stream and data is
-    shaded. Published values stand at their distance from the centre, with the run's own at the same places.
+    Lines are the medians nearer to the plane and to the axis. Published values stand at their distance from the centre,
+    with the run's own at the same places.
     """
     rows = None if literature is None else literature[[name == POTENTIAL for name in literature["quantity"]]]
     r = radii(results, rows)[::2]
-    figure = NotebookFigure(figsize=(wide, 0.75 * wide), layout="constrained")
-    axes = figure.subplots()
+    figure, axes = profile_axes(results, r, r"flattening of the potential, $q_\Phi$", wide)
     for angle, style in DIRECTIONS.items():
         q = flattenings(results, *_along(angle, r))
         lo95, lo68, median, hi68, hi95 = np.nanpercentile(q, [2.5, 16, 50, 84, 97.5], axis=0)
@@ -57,26 +57,15 @@ def flattening(results: Results, literature: QTable | None = None, wide: float =
             axes.lines[-1].set_label(f"median, {angle:g} deg above the plane")
         else:
             axes.plot(r, median, color="black", lw=1.1, ls=style, label=f"median, {angle:g} deg")
-    low, high = reach(results)
-    axes.axvspan(min(r[0], low), low, color="#EDEDED", lw=0, zorder=0.5)
-    axes.axvspan(high, max(r[-1], high), color="#EDEDED", lw=0, zorder=0.5, label="extrapolated")
     axes.axhline(1, color="black", lw=0.6)
-    if literature is not None:
-        _draw_published(axes, results, literature)
-    axes.set_xlim(r[0], r[-1])
-    data_radii(axes, results)
-    axes.set_xlabel(r"$r\ \,[{\rm kpc}]$", fontsize=13)
-    axes.set_ylabel(r"flattening of the potential, $q_\Phi$", fontsize=13)
-    if text := remark(results):
-        axes.set_title(text, color=VERMILION, fontsize=12)
-    ticks(axes)
-    bottom, top = axes.get_ylim()
-    axes.set_ylim(bottom, top + (0.4 if literature is None else 0.6) * (top - bottom))
+    if rows is not None and len(rows):
+        _draw_published(axes, beside_literature(results, rows))
     narrow = wide < WIDE
-    axes.legend(framealpha=1, edgecolor="none", loc="upper center", ncols=1 if narrow else 2, fontsize=9)
-    if narrow:
-        axes.set_ylim(bottom, top + (0.9 if literature is None else 1.6) * (top - bottom))
-        shrink_text(figure, SMALLER)
+    room = (0.9 if literature is None else 1.6) if narrow else 0.4 if literature is None else 0.6
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(bottom, top + room * (top - bottom))
+    columns, size = (1, 7) if narrow else (2, 9)
+    axes.legend(framealpha=1, edgecolor="none", loc="upper center", ncols=columns, fontsize=size)
     return figure
 
 
@@ -86,11 +75,8 @@ def _along(angle: float, r: Array) -> tuple[Array, Array]:
     return r * np.cos(up), r * np.sin(up)
 
 
-def _draw_published(axes: Axes, results: Results, literature: QTable) -> None:
+def _draw_published(axes: Axes, rows: QTable) -> None:
     """Draw published flattenings, and a little farther out the run's own at the same places, once for each."""
-    rows = beside_literature(results, literature[[name == POTENTIAL for name in literature["quantity"]]])
-    if not len(rows):
-        return
     draw_literature(axes, rows, POTENTIAL)
     _, first = np.unique(np.stack([rows["radius"], rows["z"]]), axis=1, return_index=True)
     once = rows[np.sort(first)]

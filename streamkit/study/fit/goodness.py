@@ -26,27 +26,13 @@ ALL = "all data"
 
 @dataclass(frozen=True)
 class Fitted:
-    """The fit to the data of one quantity, or to all data.
+    """The fit to the data of one quantity, or to all data."""
 
-    Attributes
-    ----------
-    name
-        The quantity with its measurement.
-    data
-        The names of its n data.
-    residuals
-        (n,) data minus the best sample's predictions, in standard deviations of the likelihood.
-    best
-        chi^2 at the best sample, correlations included.
-    samples
-        (k,) chi^2 at samples of the posterior; empty where predictions were not stored.
-    """
-
-    name: str
-    data: tuple[str, ...]
-    residuals: Array
-    best: float
-    samples: Array
+    name: str  # the quantity with its measurement
+    data: tuple[str, ...]  # the names of its n data
+    residuals: Array  # (n,) data minus the best sample's predictions, in standard deviations of the likelihood
+    best: float  # chi^2 at the best sample, correlations included
+    samples: Array  # (k,) chi^2 at samples of the posterior; empty where predictions were not stored
 
     @property
     def p_value(self) -> float:
@@ -70,21 +56,11 @@ class Fitted:
 
 @dataclass(frozen=True)
 class Goodness:
-    """The fit to each quantity, and to all data together.
+    """The fit to each quantity, and to all data together."""
 
-    Attributes
-    ----------
-    quantities
-        One for each quantity that has data and residuals.
-    whole
-        All of their data.
-    unjudged
-        Measurements with a likelihood of their own and without residuals.
-    """
-
-    quantities: tuple[Fitted, ...]
-    whole: Fitted
-    unjudged: tuple[str, ...] = ()
+    quantities: tuple[Fitted, ...]  # one for each quantity that has data and residuals
+    whole: Fitted  # all of their data
+    unjudged: tuple[str, ...] = ()  # measurements with a likelihood of their own and without residuals
 
     @property
     def least(self) -> tuple[Fitted, float]:
@@ -101,22 +77,14 @@ def at_least_one(p: float, n: int) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """The samples of a run with their predictions.
+    """The samples of a run with their predictions."""
 
-    Attributes
-    ----------
-    spec
-        The run.
-    best, predictions
-        The best sample by name, and what is predicted there; its details stand for those of all samples, as runs store
-        means and variances only.
-    samples, blobs
-        (n, d) samples, and (n,) records of `streamkit.sample.blob_dtype`; None if predictions were not stored.
-    """
-
-    spec: Spec
+    spec: Spec  # the run
+    # the best sample by name, and what is predicted there; its details stand for those of all samples, as runs store
+    # means and variances only.
     best: Mapping[str, float]
     predictions: Mapping[str, Prediction]
+    # (n, d) samples, and (n,) records of `streamkit.sample.blob_dtype`; None if predictions were not stored.
     samples: Array
     blobs: Any
 
@@ -155,19 +123,19 @@ def goodness(sampled: Sampled) -> Goodness | None:
     unjudged = tuple(one.name or one.measurement.kind for one in here if one.residuals is None)
     if not any(len(here[k].rows) for k in judged):
         return None
-    quantities = []
-    for k in judged:
-        for name, rows in here[k].quantities():
-            samples = np.array([each[k].square(rows) for each in stored])
-            quantities.append(Fitted(name, here[k].labels(rows), here[k].of(rows), here[k].square(rows), samples))
-    whole = Fitted(
-        ALL,
-        tuple(label for k in judged for label in here[k].labels(here[k].rows)),
-        np.concatenate([here[k].of(here[k].rows) for k in judged]),
-        sum(here[k].square(here[k].rows) for k in judged),
-        np.array([sum(each[k].square(each[k].rows) for k in judged) for each in stored]),
-    )
-    return Goodness(tuple(quantities), whole, unjudged)
+
+    def fitted(name: str, parts: Mapping[int, IntArray]) -> Fitted:
+        """Return the fit to some rows of some measurements."""
+        return Fitted(
+            name,
+            tuple(label for k, rows in parts.items() for label in here[k].labels(rows)),
+            np.concatenate([here[k].of(rows) for k, rows in parts.items()]),
+            sum(here[k].square(rows) for k, rows in parts.items()),
+            np.array([sum(each[k].square(rows) for k, rows in parts.items()) for each in stored]),
+        )
+
+    quantities = tuple(fitted(name, {k: rows}) for k in judged for name, rows in here[k].quantities())
+    return Goodness(quantities, fitted(ALL, {k: here[k].rows for k in judged}), unjudged)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The host as a table: its profile at one set of parameters or over a posterior, and the objects that move in it."""
+"""The host as tables and a picture: its profile at parameters or over a posterior, and the objects that move in it."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from streamkit.model import PROFILE, Host, Moving, profile_values
-from streamkit.report import columns, number, paragraph
+from streamkit.report import BLUE, VERMILION, columns, number, panel_grid, paragraph, ticks
 from streamkit.runfile import Spec
-from streamkit.stream import Array
+from streamkit.study.fit.figures import bands, levels
 from streamkit.study.fit.results import Results
 from streamkit.study.fit.tables import LEVELS, printable
 from streamkit.units import GYR
@@ -41,8 +42,7 @@ def host_table(source: Spec | Results, radii: Any = HOST_RADII) -> QTable:
         raise ValueError("the radii of a host must be positive numbers, in kpc")
     table = QTable({"r": r * u.kpc})
     if isinstance(source, Results):
-        samples = source.samples
-        chosen = samples[np.linspace(0, len(samples) - 1, min(len(samples), MOST)).astype(int)]
+        chosen = source.some(MOST)
         each = [profile_values(Host(source.spec.host(theta)), r) for theta in chosen]
         drawn = {name: np.array([one[name] for one in each]) for name in PROFILE}
         drawn["M"], drawn["v_c"] = source.profiles(r)
@@ -51,20 +51,14 @@ def host_table(source: Spec | Results, radii: Any = HOST_RADII) -> QTable:
             how: Literal["linear", "nearest"] = "linear" if name in ("M", "v_c") else "nearest"
             for level, percent in LEVELS.items():
                 column = np.percentile(values, percent, axis=0, method=how)
-                table[f"{name}_{level}".rstrip("_")] = _with_unit(name, column)
+                table[f"{name}_{level}".rstrip("_")] = column * u.Unit(PROFILE[name].unit)
         source.with_provenance(table, {"samples used": len(chosen)})
     else:
         for name, column in profile_values(Host.at(source), r).items():
-            table[name] = _with_unit(name, column)
+            table[name] = column * u.Unit(PROFILE[name].unit)
     for name, column in PROFILE.items():
         table[name].info.description = column.meaning
     return printable(table)
-
-
-def _with_unit(name: str, values: Array) -> Any:
-    from astropy import units as u
-
-    return values * u.Unit(PROFILE[name].unit)
 
 
 def objects_table(objects: Mapping[str, Moving]) -> QTable:
@@ -131,3 +125,39 @@ def _cell(row: Any, name: str) -> str:
 
 def _or_dash(value: float) -> str:
     return number(value) if not np.isnan(value) else "-"
+
+
+LOGARITHMIC = ("M", "rho")  # columns over several powers of ten
+
+
+def draw_host(profile: QTable, objects: Mapping[str, Moving], note: str = "") -> Figure:
+    """Draw the columns of `host_table` against radius, with their intervals if it has them, and the orbits' radii."""
+    shown = [name for name in PROFILE if np.isfinite(profile[name].value).any()]
+    figure, panels = panel_grid(len(shown) + bool(objects), 3.4, 2.9, across=3, share=False)
+    r, has_bands = profile["r"].value, f"{shown[0]}_lo68" in profile.colnames
+    for axes, name in zip(panels, shown, strict=False):
+        if has_bands:
+            bands(axes, r, levels(profile, name, 1.0))
+        else:
+            axes.plot(r, profile[name].value, color=BLUE, lw=1.8)
+        axes.set_ylabel(PROFILE[name].label, fontsize=11)
+        axes.set_xlabel("r [kpc]", fontsize=11)
+        axes.set_xscale("log")
+        ticks(axes)
+        if name in LOGARITHMIC:
+            axes.set_yscale("log")
+        axes.set_xlim(r.min(), r.max() if len(r) > 1 else 1.1 * r.min())
+    if objects:
+        axes = panels[len(shown)]
+        for i, (name, moving) in enumerate(objects.items()):
+            axes.plot(moving.orbit.t / GYR, moving.orbit.r, color=f"C{i % 10}", lw=1.3, label=name)
+        axes.set_xlabel("t [Gyr]", fontsize=11)
+        axes.set_ylabel("radius of the orbit [kpc]", fontsize=11)
+        ticks(axes)
+        axes.set_ylim(0, 1.25 * axes.get_ylim()[1])
+        axes.legend(frameon=False, fontsize=8, ncols=2, loc="upper left")
+    if has_bands:
+        panels[0].legend(frameon=False, fontsize=9)
+    if note:
+        figure.suptitle(note, color=VERMILION, fontsize=12)
+    return figure

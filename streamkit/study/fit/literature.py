@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from streamkit.errors import StreamkitError, nearest
-from streamkit.study.fit.flattening import flattenings
+from streamkit.model import Host
+from streamkit.stream import Array
 
 if TYPE_CHECKING:
     from astropy.table import QTable, Table
@@ -23,6 +24,7 @@ UNITS = {"M": "Msun", "v_c": "km / s", POTENTIAL: "", DENSITY: ""}
 NUMBERS = ("radius", "value", "error_minus", "error_plus")
 COLUMNS = ("quantity", *NUMBERS, "reference")
 MARKERS = "sD^vopP*hX"
+MOST = 300  # samples that the flattening is computed for
 
 
 def read_literature(path: str | Path) -> QTable:
@@ -63,7 +65,6 @@ def checked(table: Table, where: str) -> QTable:
             f"{where}: the column {missing[0]!r} is missing. Wanted: {', '.join(COLUMNS)}; found: "
             f"{', '.join(table.colnames)}.{nearest(missing[0], table.colnames)}"
         )
-    numbers: dict[str, Any] = {}
     quantities = [str(name) for name in table["quantity"]]
     for row, name in enumerate(quantities, 1):
         if name not in UNITS:
@@ -71,24 +72,21 @@ def checked(table: Table, where: str) -> QTable:
                 f"{where}, row {row}: the quantity must be {', '.join(list(UNITS)[:-1])} or {DENSITY}, found {name!r}."
                 f"{nearest(name, UNITS)}"
             )
+    columns: dict[str, Any] = {"quantity": quantities}
     for name in (*NUMBERS, *(["z"] if "z" in table.colnames else [])):
         column = table[name]
         try:
-            units = ["kpc" if name in ("radius", "z") else UNITS[quantity] for quantity in quantities]
             given = column.unit
             plain: Any = np.ma.filled(np.ma.asarray(column.value if given is not None else column, dtype=float), np.nan)
-            values = np.array(plain, dtype=float)
-            factors = [1.0 if given is None else u.Unit(given).to(unit) for unit in units]
+            units = ["kpc" if name in ("radius", "z") else UNITS[quantity] for quantity in quantities]
+            columns[name] = plain * np.array([1.0 if given is None else u.Unit(given).to(unit) for unit in units])
         except (TypeError, ValueError, u.UnitConversionError) as error:
             raise StreamkitError(f"{where}: the column {name!r} is not usable ({error})") from None
-        numbers[name] = values * np.array(factors)
-        if name == "z":
-            continue
-        good = np.isfinite(values) & (values >= 0 if name.startswith("error") else values > 0)
-        if not good.all():
+        good = np.isfinite(plain) & ((plain >= 0) if name.startswith("error") else (plain > 0))
+        if name != "z" and not good.all():
             row = int(np.argmin(good))
-            raise StreamkitError(f"{where}, row {row + 1}: {name} must be a positive number, found {values[row]:g}")
-    z = numbers.pop("z", np.full(len(quantities), np.nan))
+            raise StreamkitError(f"{where}, row {row + 1}: {name} must be a positive number, found {plain[row]:g}")
+    z = columns.setdefault("z", np.full(len(quantities), np.nan))
     placed = np.array([name != POTENTIAL for name in quantities]) | (np.isfinite(z) & (z != 0))
     if not placed.all():
         row = int(np.argmin(placed))
@@ -96,8 +94,7 @@ def checked(table: Table, where: str) -> QTable:
             f"{where}, row {row + 1}: {POTENTIAL} is that at a radius and a height z in kpc, other than 0; found "
             f"z = {z[row]:g}"
         )
-    columns = {"quantity": quantities, **numbers, "z": z, "reference": [str(text) for text in table["reference"]]}
-    return QTable(columns)
+    return QTable({**columns, "reference": [str(text) for text in table["reference"]]})
 
 
 def draw_literature(axes: Axes, table: QTable, name: str, factor: float = 1.0) -> None:
@@ -141,3 +138,8 @@ def beside_literature(results: Results, table: QTable) -> QTable:
     for name, column in ours.items():
         beside[name] = column
     return beside
+
+
+def flattenings(results: Results, radii: Array, z: Array) -> Array:
+    """(n, k) `Host.flattening` of at most `MOST` samples, at cylindrical radii and heights (k,) in kpc."""
+    return np.array([Host(results.spec.host(theta)).flattening(radii, z) for theta in results.some(MOST)])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import re
+from collections import Counter
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
@@ -16,7 +17,7 @@ from streamkit.errors import message_of
 from streamkit.observe import frame_of
 from streamkit.report import cited, describe_live, labels, number
 from streamkit.runfile import ONLY
-from streamkit.study.fit.diagnostics import contraction, predictive, prior_fractions
+from streamkit.study.fit.diagnostics import contraction, predictions_table, predictive, prior_fractions
 from streamkit.study.fit.directory import stream_pictures
 from streamkit.study.fit.draws import ENDED
 from streamkit.study.fit.figures import reach, remark
@@ -33,16 +34,11 @@ PAGE = "report.html"
 TEMPLATE = "page.html.jinja"
 WIDEST = 1700  # pixels of a picture in the page: two for each of the widest column
 COLOURS = 160  # colours of a picture in the page: drawings have few, and a picture is a third as large with a palette
-# Pictures of the page that are products of their own.
-DRAWN = {
-    "mass": "mass_profile.png",
-    "rotation": "rotation_curve.png",
-    "flattening": "flattening.png",
-    "corner": "corner.png",
-    "traces": "traces.png",
-    "data": "predictions.png",
-    "priors": "priors.png",
-}
+# Pictures of the page that are products of their own, besides those of the streams.
+DRAWN = (
+    "mass_profile.png", "rotation_curve.png", "flattening.png", "corner.png", "traces.png", "predictions.png",
+    "priors.png",
+)  # fmt: skip
 CLASSES = dict(zip(LEVELS, ("fine", "look", "not"), strict=True))
 SIGNS = dict(zip(LEVELS, ("✓", "!", "✕"), strict=True))
 
@@ -56,11 +52,12 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
 
     outcomes = verdicts(results)
     level, sentence = overall(outcomes)
+    streams = results.spec.bind_all(results.best()).streams
     environment = Environment(
         loader=PackageLoader("streamkit.study.fit", "."), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
     environment.globals.update(css=CLASSES, sign=SIGNS)
-    environment.filters["options"] = _unbroken
+    environment.filters.update(options=_unbroken, number=number, or_dash=_or_dash, place=_place)
     return environment.get_template(TEMPLATE).render(
         title=Path(str(results.spec.source)).name if results.directory is None else results.directory.resolve().name,
         remark=remark(results),
@@ -71,61 +68,30 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
         counts={name: sum(v.level == name for v in outcomes) for name in LEVELS},
         by_subject={v.subject: v for v in outcomes},
         parameters=list(_parameters(results)),
-        masses=list(_masses(results)),
-        literature=[] if literature is None else list(_literature(results, literature)),
+        masses=results.mass_profile(radii_to_show(results)),
+        reach=reach(results),
+        literature=[] if literature is None else beside_literature(results, literature),
         pictures=_pictures(results),
-        streams=results.spec.streams,
-        on_sky=_on_sky(results),
-        goodness=list(_goodness(results)),
-        data=list(_data(results)),
-        reasons=list(_reasons(results)),
+        streams=stream_pictures(results.spec),
+        on_sky={name for name, inputs in streams.items() if frame_of(inputs.observables) is not None},
+        goodness=results.goodness(),
+        data=predictions_table(predictive(results)),
+        reasons=Counter(results.reasons).most_common(),
+        calls=max(results.calls, 1),
         run=_run(results),
         toml=results.spec.toml(),
         bibtex=cited(results.spec),
     )
 
 
-def _on_sky(results: Results) -> set[str]:
-    """Return the names of the streams that are shown on the sky."""
-    bound = results.spec.bind_all(results.best())
-    return {name for name, inputs in bound.streams.items() if frame_of(inputs.observables) is not None}
-
-
 def _parameters(results: Results) -> Iterator[dict[str, Any]]:
-    fractions = (prior_fractions(p, x) for p, x in zip(results.spec.priors, results.samples.T, strict=True))
-    columns = results.summary(), results.spec.units, results.spec.priors, fractions, results.draws.trusted_ess
-    for row, unit, prior, u, n_eff in zip(*columns, strict=True):
-        yield {
-            "name": row["parameter"],
-            "unit": unit.replace(" ", ""),
-            "median": number(row["median"]),
-            "interval": tuple((number(row[f"lo{p}"]), number(row[f"hi{p}"])) for p in (68, 95)),
-            "best": number(row["best"]),
-            "prior": prior.text(unit.replace(" ", "")),
-            "n_eff": _or_dash(n_eff, ".0f"),
-            "tau": _or_dash(row["autocorrelation_time"], ".0f"),
-            "r_hat": _or_dash(row["r_hat"], ".3f"),
-            "contraction": f"{contraction(u):.2f}",
-        }
-
-
-def _masses(results: Results) -> Iterator[dict[str, Any]]:
-    low, high = reach(results)
-    table = results.mass_profile(radii_to_show(results))
-    for row in table:
-        r = float(row["r"].to_value("kpc"))
-        mass = [row[f"M{suffix}"].to_value("1e11 Msun") for suffix in ("", "_lo68", "_hi68", "_lo95", "_hi95")]
-        speed = [row[f"v_c{suffix}"].to_value("km/s") for suffix in ("", "_lo68", "_hi68", "_lo95", "_hi95")]
-        yield {
-            "r": f"{r:g}",
-            "M": [f"{m:.2f}" for m in mass],
-            "v_c": [f"{v:.0f}" for v in speed],
-            "beyond": not low <= r <= high,
-        }
-
-
-# Published quantities on the page: their scale, unit and decimal places; flattenings have neither.
-SHOWN_AS = {"M": (1e11, "1e11 Msun", 2), "v_c": (1.0, "km/s", 0)}
+    """Yield the row of each parameter in the summary, with more columns: its prior among them."""
+    spec = results.spec
+    for row, unit, prior, x, n_eff in zip(
+        results.summary(), spec.units, spec.priors, results.samples.T, results.draws.trusted_ess, strict=True
+    ):
+        more = {"prior": prior.text(unit.replace(" ", "")), "contraction": contraction(prior_fractions(prior, x))}
+        yield {**dict(zip(row.colnames, row, strict=True)), **more, "n_eff": n_eff}
 
 
 def _place(row: Any) -> str:
@@ -133,54 +99,6 @@ def _place(row: Any) -> str:
     names = {"M": "M(<r)", "v_c": "v_c", POTENTIAL: "q of the potential", DENSITY: "q of the halo's density"}
     place = f"(R, z) = ({row['radius']:g}, {row['z']:g}) kpc" if np.isfinite(row["z"]) else f"{row['radius']:g} kpc"
     return f"{names[row['quantity']]}, {place}"
-
-
-def _literature(results: Results, table: QTable) -> Iterator[dict[str, Any]]:
-    for row in beside_literature(results, table):
-        scale, unit, digits = SHOWN_AS.get(row["quantity"], (1.0, "", 2))
-        theirs, ours = (
-            [f"{row[name] / scale:.{digits}f}" if np.isfinite(row[name]) else "" for name in names]
-            for names in (("value", "error_minus", "error_plus"), ("ours", "ours_minus", "ours_plus"))
-        )
-        yield {
-            "what": _place(row),
-            "unit": unit,
-            "theirs": theirs,
-            "ours": ours,
-            "deviation": f"{row['deviation']:+.1f}" if np.isfinite(row["deviation"]) else "-",
-            "reference": row["reference"],
-        }
-
-
-def _data(results: Results) -> Iterator[dict[str, Any]]:
-    if (seen := predictive(results)) is None:
-        return
-    for k, name in enumerate(seen.names):
-        low, middle, high = np.percentile(seen.mean[:, k], [16, 50, 84])
-        yield {
-            "name": name,
-            "data": f"{seen.data[k]:.4g} ± {seen.errors[k]:.3g}",
-            "model": f"{middle:.4g} (+{high - middle:.2g} −{middle - low:.2g})",
-            "deviation": f"{seen.deviations[k]:+.1f}",
-            "noise": f"{seen.noise[k]:.2f}",
-        }
-
-
-def _goodness(results: Results) -> Iterator[dict[str, Any]]:
-    for row in results.goodness():
-        yield {
-            "name": row["quantity"],
-            "data": int(row["data"]),
-            "chi2": f"{row['chi2']:.1f}",
-            "p": f"{row['p']:.2g}",
-            "worst": row["worst"],
-            "residual": f"{row['residual']:+.1f}".replace("-", "−"),
-        }
-
-
-def _reasons(results: Results) -> Iterator[dict[str, Any]]:
-    for reason, n in sorted(results.reasons.items(), key=lambda item: -item[1]):
-        yield {"reason": reason, "count": n, "share": 100 * n / max(results.calls, 1)}
 
 
 def _run(results: Results) -> dict[str, Any]:
@@ -193,7 +111,7 @@ def _run(results: Results) -> dict[str, Any]:
             "digest": spec.digest(),
             "seed": spec.seed,
             "sampler": spec.sampler.kind,
-            "chain": results.draws.description(),
+            "chain": results.draws.headline,
             "ended": ENDED.get(results.status, "not yet, or by an interruption"),
             "streams made": f"{results.calls} by the sampler, {results.search_calls} in the search for a start",
             **results.facts,
@@ -216,11 +134,9 @@ def _live(results: Results) -> dict[str, str]:
 def _pictures(results: Results) -> dict[str, str]:
     """Return the pictures by name; one that fails is left out, with the reason in `Results.failed`."""
     makers = results.draws.pictures(labels(results.names, results.spec.symbols))
-    pictures = {}
-    files = DRAWN | {f"stream {name}": file for file, name in stream_pictures(results.spec).items()}
-    for name, file in files.items():
-        if results.directory is not None and (path := results.directory / file).exists():
-            pictures[name] = embedded(path.read_bytes())
+    files = [Path(results.directory or "", name) for name in (*DRAWN, *stream_pictures(results.spec))]
+    shown = [path for path in files if results.directory is not None and path.exists()]
+    pictures = {path.name: embedded(path.read_bytes()) for path in shown}
     for name, make in makers.items():
         buffer = BytesIO()
         try:
@@ -257,4 +173,4 @@ def _unbroken(text: str) -> str:
 
 
 def _or_dash(value: float, form: str) -> str:
-    return f"{value:{form}}" if np.isfinite(value) else "–"
+    return f"{value:{form}}" if np.isfinite(value) else "-"

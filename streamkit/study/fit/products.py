@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,14 +17,13 @@ from streamkit.runfile import Spec
 from streamkit.sample import CALLS, CHAIN, SAMPLES
 from streamkit.study.fit.diagnostics import predicted_intervals, predictions_table, predictive
 from streamkit.study.fit.directory import LITERATURE, RECOVERY, stream_pictures
-from streamkit.study.fit.figures import WIDE, corner, mass_profile, radii, remark, rotation_curve, traces
+from streamkit.study.fit.figures import WIDE, corner, mass_profile, priors, radii, remark, rotation_curve, traces
 from streamkit.study.fit.flattening_figure import flattening, is_sphere
 from streamkit.study.fit.integrity import RUN_FILE
 from streamkit.study.fit.literature import read_literature
 from streamkit.study.fit.manifest import MANIFEST
 from streamkit.study.fit.page import PAGE, page_text
 from streamkit.study.fit.predictive_figure import predictions
-from streamkit.study.fit.prior_figure import priors
 from streamkit.study.fit.recovery import DRAWN, RADII, recovery_figure, recovery_table, true_host
 from streamkit.study.fit.results import Results, load_results
 from streamkit.study.fit.tables import printable
@@ -33,7 +32,6 @@ from streamkit.study.fit.text import radii_to_show
 if TYPE_CHECKING:
     from astropy.table import QTable
     from matplotlib.figure import Figure
-
 
 # Radii in kpc of the table of masses: 5 to 200, with 50, 100, 150 and 200 among them.
 PROFILE_RADII = np.arange(5.0, 201.0, 5.0)
@@ -57,39 +55,38 @@ TABLES: dict[str, Callable[[Results], QTable]] = {
     "goodness.ecsv": Results.goodness,
     "predictions.ecsv": lambda results: results.with_provenance(predictions_table(predictive(results))),
 }
-FIGURES: dict[str, Callable[[Results], Figure]] = {
-    "corner.png": corner,
-    "mass_profile.png": mass_profile,
-    "predictions.png": predictions,
-    "priors.png": priors,
-    "rotation_curve.png": rotation_curve,
-    "traces.png": traces,
-}
-
-
 FLATTENING = "flattening.png"  # only of a host that is no sphere
 
 
-def figures_of(spec: Spec) -> dict[str, Callable[[Results], Figure]]:
-    """Return the pictures of a run of this spec, those of streams aside."""
-    return FIGURES | ({} if is_sphere(spec) else {FLATTENING: flattening})
+def figures_of(
+    spec: Spec, published: QTable | None = None, column: bool = False
+) -> dict[str, Callable[[Results], Figure]]:
+    """Return the pictures of a run of this spec, with published values; also for one ``column`` of a journal."""
+    profile: dict[str, Any] = {"literature": published, "wide": COLUMN if column else WIDE}
+    figures: dict[str, Callable[[Results], Figure]] = {
+        "corner.png": partial(corner, column=column),
+        "mass_profile.png": partial(mass_profile, **profile),
+        "predictions.png": partial(predictions, column=column),
+        "priors.png": priors,
+        "rotation_curve.png": partial(rotation_curve, **profile),
+        "traces.png": traces,
+    }
+    if not is_sphere(spec):
+        figures[FLATTENING] = partial(flattening, **profile)
+    for file, name in stream_pictures(spec).items():
+        figures[file] = partial(best_stream, name=name, column=column)
+    return figures
 
 
 def products_of(spec: Spec) -> tuple[str, ...]:
     """Return every file that a run of this spec writes into its output directory."""
     kept = (CHAIN,) if isinstance(spec.sampler, ChainSampler) else (SAMPLES, CALLS)
-    return (RUN_FILE, MANIFEST, *kept, *TABLES, *figures_of(spec), *stream_pictures(spec), PAGE)
-
-
-# `products_of` a run file with one stream.
-PRODUCTS = (RUN_FILE, MANIFEST, CHAIN, *TABLES, *FIGURES, "best_stream.png", PAGE)
+    return (RUN_FILE, MANIFEST, *kept, *TABLES, *figures_of(spec), PAGE)
 
 
 def pdfs_of(spec: Spec) -> tuple[str, ...]:
     """Return the PDFs that a report of this spec may write beside its pictures."""
-    return tuple(
-        str(Path(name).with_suffix(".pdf")) for name in (*figures_of(spec), *stream_pictures(spec), RECOVERY[1])
-    )
+    return tuple(str(Path(name).with_suffix(".pdf")) for name in (*figures_of(spec), RECOVERY[1]))
 
 
 def write_products(
@@ -105,22 +102,12 @@ def write_products(
     A picture or page that cannot be made is left out, with a warning in the log; `Results.failed` and the diagnostics
     hold the reason.
 
-    Parameters
-    ----------
-    run
-        The run, or its directory.
-    truth
-        A TOML file whose ``[potential]`` is the true host of a mock: the recovery is written too.
-    literature
-        A table of published masses, circular velocities and flattenings (`read_literature`) to show beside the run's
-        own. It is kept in the directory, and shown again by later reports.
-    pdf
-        Write every picture as PDF too. One that is there is written again in any case.
-    trust
-        Whether the plugin files in the directory may be run.
-    column
-        Draw the pictures of a paper for one column of a journal: profiles, streams, predictions and, for few
-        parameters, the corner plot; of more it is as wide as two.
+    The run may be given by its directory, whose plugin files are run if ``trust`` allows it. ``truth`` is a TOML file
+    whose ``[potential]`` is the true host of a mock: the recovery is written too. ``literature`` is a table of
+    published values (`read_literature`) to show beside the run's own: it is kept in the directory, and shown by later
+    reports. With ``pdf`` every picture is written as PDF too; one that is there is written again in any case. With
+    ``column`` the pictures of a paper are drawn for one column of a journal: profiles, streams, predictions and, for
+    few parameters, the corner plot; of more it is as wide as two.
 
     Raises ChainError if there is no readable run. Raises SpecError if the truth is not valid. Nothing has then been
     written. Raises ChainError if a product cannot be written, on a full disk, once all the others have been.
@@ -129,18 +116,9 @@ def write_products(
     where = results.directory
     if where is None:
         raise ChainError("these results are in memory only: a report needs a directory")
-    tables, figures = dict(TABLES), figures_of(results.spec)
-    for file, name in stream_pictures(results.spec).items():
-        figures[file] = partial(best_stream, name=name, column=column)
     published = _published(where, literature)
+    tables, figures = dict(TABLES), figures_of(results.spec, published, column)
     wanted = [PROFILE_RADII, radii(results), np.array(radii_to_show(results))]
-    wide = COLUMN if column else WIDE
-    if column:
-        figures |= {"corner.png": partial(corner, column=True), "predictions.png": partial(predictions, column=True)}
-    figures["mass_profile.png"] = partial(mass_profile, literature=published, wide=wide)
-    figures["rotation_curve.png"] = partial(rotation_curve, literature=published, wide=wide)
-    if FLATTENING in figures:
-        figures[FLATTENING] = partial(flattening, literature=published, wide=wide)
     if published is not None:
         wanted.append(np.asarray(published["radius"]))
         for quantity in ("M", "v_c"):
@@ -154,9 +132,11 @@ def write_products(
     results.failed = {}
     unwritten: list[str] = []
     writers: dict[str, Callable[[Path], None]] = {
-        name: partial(_draw, draw=draw, results=results, pdf=pdf) for name, draw in figures.items()
+        name: lambda path, draw=draw: save_pictures(path, draw(results), pdf)  # type: ignore[misc]
+        for name, draw in figures.items()
     }
-    writers[PAGE] = partial(_write_page, results=results, literature=published)  # last: it shows the pictures
+    # last: it shows the pictures
+    writers[PAGE] = lambda path: save(path, lambda part: part.write_text(page_text(results, published), "utf-8"))
     for name, write in writers.items():
         try:
             write(where / name)
@@ -194,12 +174,3 @@ def _published(where: Path, literature: str | Path | None) -> QTable | None:
     table = read_literature(literature)
     save_table(kept, table)
     return table
-
-
-def _draw(path: Path, draw: Callable[[Results], Figure], results: Results, pdf: bool) -> None:
-    save_pictures(path, draw(results), pdf)
-
-
-def _write_page(path: Path, results: Results, literature: QTable | None) -> None:
-    text = page_text(results, literature)
-    save(path, lambda part: part.write_text(text, encoding="utf-8"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from functools import cached_property
 from html import escape
@@ -11,20 +12,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from streamkit.components import ChainSampler, Component
-from streamkit.distribution import VERSION
 from streamkit.errors import ChainError, OutOfDomain, nearest
 from streamkit.model import Host, Observation
 from streamkit.runfile import Spec
 from streamkit.sample import Chain, Posterior, Weighted
-from streamkit.stream import Array, IntArray, Prediction, Stream
+from streamkit.stream import Array, Prediction, Stream
 from streamkit.study.fit.chain_draws import ChainDraws
-from streamkit.study.fit.conversion import arviz_tree, sample_frame
+from streamkit.study.fit.conversion import arviz_tree, replicates, sample_columns
 from streamkit.study.fit.draws import Draws
 from streamkit.study.fit.goodness import Goodness, Sampled, goodness, goodness_table
 from streamkit.study.fit.integrity import load_spec, read_chain, read_samples
 from streamkit.study.fit.manifest import manifest
-from streamkit.study.fit.replicates import replicates
-from streamkit.study.fit.tables import diagnostics_table, profile_table, summary_table
+from streamkit.study.fit.tables import intervals, printable
 from streamkit.study.fit.weighted_draws import WeightedDraws
 
 if TYPE_CHECKING:
@@ -38,22 +37,28 @@ MAX_MODELS = 5000  # samples that a mass profile is computed for
 class Results:
     """A finished, interrupted or running run: `streamkit.load_results` reads one, `streamkit.run` returns one.
 
-    Parameters
-    ----------
-    spec
-        The run.
-    draws
-        Its samples.
-    directory
-        Where it is, or None for one in memory.
-
     Attributes
     ----------
+    spec, directory
+        The run, and where it is; None for one in memory.
+    draws
+        Its samples, which describe and judge themselves.
+    names
+        The free parameters.
     chain, log_prob
         (steps, walkers, d) samples and (steps, walkers) ln posterior, burn-in included. Weighted samples have the form
         of a chain too: as many of equal weight as they are worth, drawn with the seed of the run, as one walker.
     discard
-        Steps of learning and burn-in that `samples` leaves out.
+        Steps left out: those of learning, then three times the longest autocorrelation time, at most half.
+    kept, samples
+        (steps, walkers, d) the chain after burn-in, and (n, d) the same without regard to walkers.
+    tau, ess
+        (d,) Autocorrelation times in steps, of the chain after learning, NaN where there is no estimate; and effective
+        numbers of independent samples after burn-in.
+    r_hat
+        (d,) Rank-normalised split R-hat after burn-in, each walker a chain; NaN for weighted samples.
+    stuck
+        (n,) Numbers of the walkers that are stuck far below the others.
     acceptance
         Fraction of the proposals that were accepted, those of the steps of learning left out.
     calls, search_calls
@@ -73,65 +78,29 @@ class Results:
     """
 
     def __init__(self, spec: Spec, draws: Draws, directory: Path | None = None) -> None:
-        if draws.chain.shape[2] != len(spec.names):
+        self.names, d = spec.names, draws.chain.shape[2]
+        if d != len(self.names):
             raise ChainError(
-                f"the chain has {draws.chain.shape[2]} parameters and the run file {len(spec.names)} free ones: "
+                f"the chain has {d} parameters and the run file {len(self.names)} free ones: "
                 "they belong to different runs"
             )
         self.spec, self.draws, self.directory = spec, draws, directory
         self.chain, self.log_prob, self.blobs = draws.chain, draws.log_prob, draws.blobs
+        self.discard, self.kept, self.samples = draws.discard, draws.kept, draws.kept.reshape(-1, d)
+        self.tau, self.ess, self.r_hat, self.stuck = draws.tau, draws.ess, draws.r_hat, draws.stuck
         self.calls, self.search_calls, self.reasons = draws.calls, draws.search_calls, draws.reasons
         self.facts, self.status, self.quick = draws.facts, draws.status, draws.quick
         self.weighted, self.acceptance = draws.weighted, draws.acceptance
         self.failed: dict[str, str] = {}
         self._profiles: dict[float, tuple[Array, Array]] = {}
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The free parameters."""
-        return self.spec.names
-
     def __repr__(self) -> str:
         trust = "converged" if self.converged else "not converged"
-        return f"<Results: {self.draws!r}, {len(self.names)} parameters, {trust}>"
+        number = self.draws.headline.partition(",")[0]
+        return f"<Results: {number}, {len(self.names)} parameters, {trust}>"
 
     def _repr_html_(self) -> str:
         return f"<p>{escape(self.note())}</p>{self.summary()._repr_html_()}"
-
-    @property
-    def discard(self) -> int:
-        """Steps left out: those of learning, then three times the longest autocorrelation time, at most half."""
-        return self.draws.discard
-
-    @property
-    def kept(self) -> Array:
-        """(steps, walkers, d) The chain after burn-in."""
-        return self.draws.kept
-
-    @property
-    def samples(self) -> Array:
-        """(n, d) Samples after burn-in."""
-        return self.kept.reshape(-1, self.chain.shape[2])
-
-    @property
-    def tau(self) -> Array:
-        """(d,) Autocorrelation times in steps, of the chain after learning; NaN where there is no estimate."""
-        return self.draws.tau
-
-    @property
-    def ess(self) -> Array:
-        """(d,) Effective number of independent samples after burn-in."""
-        return self.draws.ess
-
-    @property
-    def r_hat(self) -> Array:
-        """(d,) Rank-normalised split R-hat after burn-in, each walker a chain; NaN for weighted samples."""
-        return self.draws.r_hat
-
-    @property
-    def stuck(self) -> IntArray:
-        """(n,) Numbers of the walkers that are stuck far below the others."""
-        return self.draws.stuck
 
     def __getitem__(self, name: str) -> Array:
         """(n,) Samples after burn-in of the parameter with this name, such as ``results["potential.v0"]``."""
@@ -141,9 +110,16 @@ class Results:
             raise KeyError(f"no free parameter is called {name!r}.{nearest(name, self.names)} Known: {names}")
         return self.samples[:, self.names.index(path)]
 
+    def some(self, most: int) -> Array:
+        """(n, d) At most so many of the samples after burn-in, evenly spaced."""
+        n = len(self.samples)
+        return np.asarray(self.samples[np.linspace(0, n - 1, min(n, most)).astype(int)])
+
     def to_pandas(self) -> pd.DataFrame:
         """Return the samples after burn-in as a pandas DataFrame: walker, step, the parameters, ln posterior."""
-        return sample_frame(self.names, self.kept, self.log_prob, self.discard)
+        import pandas as pd  # slow to load
+
+        return pd.DataFrame(sample_columns(self))
 
     def to_arviz(self) -> DataTree:
         """Return the samples after burn-in as ArviZ reads them: an xarray DataTree, each walker a chain.
@@ -154,18 +130,8 @@ class Results:
         ``log_likelihood`` (of each datum at these samples): ``plot_ppc_dist`` and ``loo`` read them. For ArviZ before
         1.0, whose ``plot_ppc`` and ``loo`` do, ``arviz.InferenceData.from_datatree`` takes the tree.
         """
-        attributes: dict[str, str | int | float] = {
-            "created_by": f"streamkit {VERSION}",
-            "digest": self.spec.digest(),
-            "note": self.note(),
-            "converged": int(self.converged),
-            "burn_in": self.discard,
-        }
-        blobs = None if self.blobs is None else self.blobs[self.discard :]
-        kept, log_prob = self.kept, self.log_prob[self.discard :]
-        data, sampled = Posterior(self.spec).data, self._sampled()
-        drawn = None if sampled is None else replicates(sampled)
-        return arviz_tree(self.names, self.spec.units, kept, log_prob, blobs, data, attributes, drawn)
+        sampled = self._sampled()
+        return arviz_tree(self, Posterior(self.spec).data, None if sampled is None else replicates(sampled))
 
     def best(self) -> dict[str, float]:
         """Return the parameters of the highest ln posterior."""
@@ -185,11 +151,11 @@ class Results:
     @property
     def converged(self) -> bool:
         """Whether the percentiles can be trusted, by the rule of the sampler as the run file sets it."""
-        return not self.quick and not self.draws.lacks(self.names)
+        return not self.quick and not self.draws.lacks
 
     def note(self) -> str:
         """Return in one sentence how far the percentiles can be trusted, and what is missing."""
-        return self.draws.note(self.names)
+        return self.draws.note()
 
     def summary(self) -> QTable:
         """Return one row per parameter.
@@ -197,13 +163,17 @@ class Results:
         Columns: name, median, 68 % interval, unit, best sample, autocorrelation time, effective samples,
         rank-normalised R-hat, 95 % interval.
         """
-        judged = {
-            "best": np.array(list(self.best().values())),
-            "autocorrelation_time": self.tau,
-            "effective_samples": self.ess,
-            "r_hat": self.r_hat,
-        }
-        return self.with_provenance(summary_table(self.names, self.spec.units, self.samples, judged))
+        from astropy.table import QTable
+
+        levels = intervals(self.samples)
+        # A narrow terminal leaves out columns in the middle: in this order it still shows medians and intervals.
+        table = QTable({"parameter": list(self.names), "median": levels[""], "lo68": levels["lo68"]})
+        table["hi68"] = levels["hi68"]
+        table["unit"] = [unit.replace(" ", "") or "1" for unit in self.spec.units]
+        table["best"] = list(self.best().values())
+        table["autocorrelation_time"], table["effective_samples"], table["r_hat"] = self.tau, self.ess, self.r_hat
+        table["lo95"], table["hi95"] = levels["lo95"], levels["hi95"]
+        return self.with_provenance(printable(table))
 
     @cached_property
     def fit(self) -> Goodness | None:
@@ -235,15 +205,29 @@ class Results:
         5000 of the samples, evenly spaced.
         """
         from astropy import units as u
+        from astropy.table import QTable
 
         r = np.atleast_1d(u.Quantity(radii, u.kpc).value).astype(float)
         mass, v_c = self.profiles(r)
-        return self.with_provenance(profile_table(r, mass, v_c), {"samples used": len(mass)})
+        table = QTable({"r": r * u.kpc})
+        for name, values, unit in (("M", mass, u.Msun), ("v_c", v_c, u.km / u.s)):
+            for level, column in intervals(values).items():
+                table[f"{name}_{level}".rstrip("_")] = column * unit
+        return self.with_provenance(printable(table), {"samples used": len(mass)})
 
     def diagnostics(self) -> QTable:
         """Return the sampler's calls, the rejected ones by reason, and how many walkers are stuck."""
-        walkers = self.chain.shape[1] if self.weighted is None else 0  # weighted samples have none that could be stuck
-        return self.with_provenance(diagnostics_table(self.calls, self.reasons, len(self.stuck), walkers))
+        from astropy.table import QTable
+
+        rows = [("evaluated proposals", self.calls, self.calls)]
+        rows += [(f"rejected: {reason}", n, self.calls) for reason, n in Counter(self.reasons).most_common()]
+        if self.weighted is None:  # weighted samples have no walkers that could be stuck
+            rows.append(("stuck walkers", len(self.stuck), self.chain.shape[1]))
+        table = QTable(
+            rows=[(what, n, n / whole if whole else np.nan) for what, n, whole in rows],
+            names=("what", "count", "fraction"),
+        )
+        return self.with_provenance(printable(table))
 
     def profiles(self, radii: Array) -> tuple[Array, Array]:
         """Return M (n, nr) in Msun and v_c (n, nr) in km/s of at most 5000 samples at radii (nr,) in kpc.
@@ -258,10 +242,7 @@ class Results:
         return np.stack([m for m, _ in columns], axis=1), np.stack([v for _, v in columns], axis=1)
 
     def _make_profiles(self, radii: Array) -> tuple[Array, Array]:
-        samples = self.samples
-        if len(samples) > MAX_MODELS:
-            samples = samples[np.linspace(0, len(samples) - 1, MAX_MODELS).astype(int)]
-        distinct, where = np.unique(samples, axis=0, return_inverse=True)
+        distinct, where = np.unique(self.some(MAX_MODELS), axis=0, return_inverse=True)
         hosts = [Host(self.spec.host(theta)) for theta in distinct]
         mass = np.reshape([host.mass_inside(radii) for host in hosts], (-1, len(radii)))
         v_c = np.reshape([host.circular_velocity(radii) for host in hosts], (-1, len(radii)))
@@ -280,7 +261,7 @@ def draws_of(stored: Chain | Weighted, spec: Spec, quick: bool) -> Draws:
         return WeightedDraws(stored, spec.sampler.kind, spec.seed, quick)
     if not isinstance(spec.sampler, ChainSampler):
         raise ChainError(f"there is a chain, and the sampler {spec.sampler.kind!r} of the run file makes none")
-    return ChainDraws(stored, spec.sampler, quick)
+    return ChainDraws(stored, spec.sampler, spec.names, quick)
 
 
 def load_results(directory: str | Path, components: Iterable[type[Component]] = (), trust: bool = False) -> Results:

@@ -10,36 +10,13 @@ from time import monotonic
 
 import numpy as np
 
+from streamkit import sample
 from streamkit.components import ChainSampler, Component, Sampler
 from streamkit.errors import ChainError, ComponentError, Interrupted, SpecError
 from streamkit.model import Host
 from streamkit.observe import radii_of
 from streamkit.report import locked
 from streamkit.runfile import Engine, Source, Spec, as_spec
-from streamkit.sample import (
-    CALLS,
-    CHAIN,
-    JOURNAL,
-    SAMPLES,
-    SMALL_CALLS,
-    CallTimeout,
-    Chain,
-    ChainFile,
-    ChainMemory,
-    EvaluationCache,
-    Posterior,
-    PosteriorTarget,
-    Signals,
-    Stopped,
-    Weighted,
-    WorkerDied,
-    Workers,
-    first_call,
-    launcher,
-    one_thread,
-)
-from streamkit.sample import engine as provide
-from streamkit.stream import Array
 from streamkit.study.fit.directory import LITERATURE, RECOVERY, claim, resume_command
 from streamkit.study.fit.literature import read_literature
 from streamkit.study.fit.products import pdfs_of, products_of, write_products
@@ -118,43 +95,44 @@ def run(
         raise SpecError(f"steps: the sampler {sampler.kind!r} has none. What ends it stands in [sampler].")
     if steps is not None:
         sampler = sampler.model_copy(update={"steps": steps})
-    posterior, cheap = (Posterior(each, sampler.emulates) for each in (spec, cheap_spec(spec)))
+    posterior, cheap = (sample.Posterior(each, sampler.emulates) for each in (spec, cheap_spec(spec)))
     directory = None if out is None else Path(out)
     if literature is not None:
         read_literature(literature)  # an error in it is raised now, not after the sampling
     wanted = _engine(spec, workers, engine, scheduler)
     with ExitStack() as stack:
-        stack.enter_context(one_thread())  # for the surrogate, which learns here, and for calls without workers
-        where = workers if isinstance(workers, Executor) else stack.enter_context(provide(wanted))
+        stack.enter_context(sample.one_thread())  # for the surrogate, which learns here, and for calls without workers
+        where = workers if isinstance(workers, Executor) else stack.enter_context(sample.engine(wanted))
         # compiles once, before workers fork; fails before anything is written
-        first_call(sampler.call_limit, posterior.evaluate, spec.centre())
+        sample.first_call(sampler.call_limit, posterior.evaluate, spec.centre())
         options = {
             "quick": quick,
             "steps": getattr(sampler, "steps", None),
             "arguments": _arguments(spec, wanted, steps, quick, literature, pdf),
-            "launcher": launcher(wanted, where),
+            "launcher": sample.launcher(wanted, where),
             "given": [cls.__qualname__ for cls in spec.given],
         }
         resumes = False
         if directory is not None:
             stack.enter_context(locked(directory))
-            stores = (CHAIN, JOURNAL, SAMPLES, CALLS, SMALL_CALLS)
+            stores = (sample.CHAIN, sample.JOURNAL, sample.SAMPLES, sample.CALLS, sample.SMALL_CALLS)
             ours = (*products_of(spec), *pdfs_of(spec), *stores, *RECOVERY, LITERATURE)
             resumes = claim(directory, spec, options, ours, resume, force)
         limit, reject = sampler.call_limit, sampler.over_limit == "reject"
-        pool = stack.enter_context(Workers({"full": posterior, "cheap": cheap}, where, limit=limit, reject=reject))
+        posteriors = {"full": posterior, "cheap": cheap}
+        pool = stack.enter_context(sample.Workers(posteriors, where, limit=limit, reject=reject))
         stored = _Stored(directory, spec, quick, resumes)
         again = resume_command(directory or Path(), options)
         stack.enter_context(_explained(pool, lambda: stored.left(again)))
         radius = _measured_radius(spec)
-        target = PosteriorTarget(
+        target = sample.PosteriorTarget(
             spec.priors, posterior.data, spec.seed, pool, stored.cache, stored.chain,
             resumes=resumes,
             workers=where if isinstance(where, int) else FOREIGN,
             deadline=begin + QUICK_SAMPLING if quick else np.inf,
             search_deadline=begin + QUICK_SEARCH if quick else np.inf,
             progress=progress,
-            mass=(radius, lambda theta: _mass_inside(spec, theta, radius)),
+            mass=(radius, lambda theta: float(Host(spec.host(theta)).mass_inside(np.array([radius]))[0])),
             full_cost=_particles(spec) / _particles(cheap_spec(spec)),
             small_cache=stored.small_cache,
             posterior=posterior if sampler.emulates else None,
@@ -178,24 +156,24 @@ class _Stored:
         self._directory = directory
         self._notes = {"quick": quick, "digest": spec.digest()}
         self._is_chain = isinstance(spec.sampler, ChainSampler)
-        self._weighted: Weighted | None = None
-        calls = None if directory is None or self._is_chain else directory / CALLS
-        self.cache = EvaluationCache(calls, spec.digest())
-        small = None if calls is None or not spec.sampler.emulates else calls.with_name(SMALL_CALLS)
-        self.small_cache = EvaluationCache(small, spec.digest())
-        self.chain = ChainMemory() if directory is None else ChainFile(directory / CHAIN)
+        self._weighted: sample.Weighted | None = None
+        calls = None if directory is None or self._is_chain else directory / sample.CALLS
+        self.cache = sample.EvaluationCache(calls, spec.digest())
+        small = None if calls is None or not spec.sampler.emulates else calls.with_name(sample.SMALL_CALLS)
+        self.small_cache = sample.EvaluationCache(small, spec.digest())
+        self.chain = sample.ChainMemory() if directory is None else sample.ChainFile(directory / sample.CHAIN)
         self.chain.note(status="unfinished", **self._notes)
-        if isinstance(self.chain, ChainFile) and self._is_chain and resumes:
+        if isinstance(self.chain, sample.ChainFile) and self._is_chain and resumes:
             self.chain.load()
 
-    def keep(self, weighted: Weighted, late: bool) -> None:
+    def keep(self, weighted: sample.Weighted, late: bool) -> None:
         """Store weighted samples; ``late`` if the time limit is over."""
         over = "time" if late else "unfinished"
         status = "converged" if not weighted.lacks else over if weighted.missing else "few"
         weighted.attributes.update(status=status, **self._notes)
         self._weighted = weighted
         if self._directory is not None:
-            weighted.write(self._directory / SAMPLES)
+            weighted.write(self._directory / sample.SAMPLES)
 
     def finish(self, sampler: Sampler, late: bool) -> None:
         """Store why the sampling ended; ComponentError if there are no samples."""
@@ -206,7 +184,7 @@ class _Stored:
         elif self._weighted is None:
             raise ComponentError(f"sampler {sampler.kind}: gave no samples")
 
-    def samples(self) -> Chain | Weighted:
+    def samples(self) -> sample.Chain | sample.Weighted:
         """Return the samples of a run in memory. ChainError if it ended before its first step."""
         return self._weighted or self.chain.whole()
 
@@ -217,10 +195,10 @@ class _Stored:
         if directory is None:
             return f"{done}, which were kept in memory only and are lost: give `out` to keep them."
         if calls:
-            return f"{done}, all of them in {directory / CALLS}. To continue: {again}"
+            return f"{done}, all of them in {directory / sample.CALLS}. To continue: {again}"
         if steps == 0:
             return f"no finished step. To begin again: {again}"
-        where = [directory / name for name in (CHAIN, JOURNAL) if (directory / name).exists()]
+        where = [directory / name for name in (sample.CHAIN, sample.JOURNAL) if (directory / name).exists()]
         if not where:
             return f"{steps} finished steps, of which nothing is left in {directory}. To begin again: {again}"
         return f"{steps} finished steps, all of them in {' and '.join(map(str, where))}. To continue: {again}"
@@ -251,20 +229,15 @@ def _measured_radius(spec: Spec) -> float:
     return float(f"{max(radii):.2g}")
 
 
-def _mass_inside(spec: Spec, theta: Array, radius: float) -> float:
-    """Return the mass inside a radius in kpc in Msun."""
-    return float(Host(spec.host(theta)).mass_inside(np.array([radius]))[0])
-
-
 @contextmanager
-def _explained(pool: Workers, left: Callable[[], str]) -> Iterator[None]:
+def _explained(pool: sample.Workers, left: Callable[[], str]) -> Iterator[None]:
     """Turn signals into a clean stop. An error names the finished part and the command that continues the run."""
     try:
-        with Signals(pool):
+        with sample.Signals(pool):
             yield
-    except Stopped as stop:
+    except sample.Stopped as stop:
         raise Interrupted(f"stopped after {left()}", stop.signum) from None
-    except (ComponentError, ChainError, SpecError, CallTimeout, WorkerDied) as error:
+    except (ComponentError, ChainError, SpecError, sample.CallTimeout, sample.WorkerDied) as error:
         raise type(error)(f"{error}. The run stopped after {left()}") from error
 
 

@@ -1,33 +1,18 @@
-"""A fit as text for a terminal."""
+"""A fit as text for a terminal, and as plain values for programs."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from streamkit.report import columns, paragraph, warning_list
-from streamkit.stream import Array
+from streamkit.report import columns, paragraph, table_record, warning_list
+from streamkit.study.fit.chain_verdicts import stuck_verdict
 from streamkit.study.fit.figures import reach
 from streamkit.study.fit.results import Results
-
-if TYPE_CHECKING:
-    from astropy.table import QTable
-
-
-def stuck_warnings(stuck: Sequence[int], walkers: int) -> list[str]:
-    """Return a warning that names stuck walkers and the remedy; none without any."""
-    if not stuck:
-        return []
-    which = ", ".join(str(walker) for walker in stuck)
-    return [
-        f"{len(stuck)} of {walkers} walkers are stuck (number {which}): their ln p stays far below the "
-        "others', and they hardly move. The intervals are too wide for them. Continue with --resume and a larger "
-        "--steps; if they stay, the likelihood is too rough: take more particles, or noise = 'add', and start again."
-    ]
-
+from streamkit.study.fit.tables import LEVELS
+from streamkit.study.fit.verdicts import overall, verdicts
 
 # Radii in kpc of the masses that a run prints: those of Gibbons+ 2014, table 3.
 PRINTED_RADII = (50.0, 100.0, 150.0, 200.0)
@@ -52,36 +37,34 @@ def describe_results(results: Results) -> str:
     draws = results.draws
     inside = radii_in_reach(results)
     radii = radii_to_show(results)
-    summary, profile = results.summary(), results.mass_profile(radii)
     rows = [("parameter", "median", "68 %", "95 %", "unit", "tau", "n_eff")]
     rows += [
         (
             row["parameter"], f"{row['median']:.4g}", _interval(row, 68), _interval(row, 95),
             row["unit"] or "-", _or_dash(row["autocorrelation_time"]), _or_dash(n_eff),
         )
-        for row, n_eff in zip(summary, draws.trusted_ess, strict=True)
+        for row, n_eff in zip(results.summary(), draws.trusted_ess, strict=True)
     ]  # fmt: skip
     masses = [("r", "M(<r)", "68 %", "95 %", "in 1e11 Msun")]
-    masses += [
-        (
-            f"{r:g} kpc", f"{m[0]:.3g}", f"{m[1]:.3g} to {m[2]:.3g}", f"{m[3]:.3g} to {m[4]:.3g}",
-            "" if r in inside else "extrapolated: beyond the data and the best stream",
-        )
-        for r, m in zip(radii, _masses(profile), strict=True)
-    ]  # fmt: skip
+    for r, row in zip(radii, results.mass_profile(radii), strict=True):
+        m = {level: f"{row[f'M_{level}'.rstrip('_')].to_value('1e11 Msun'):.3g}" for level in LEVELS}
+        remark = "" if r in inside else "extrapolated: beyond the data and the best stream"
+        masses.append((f"{r:g} kpc", m[""], f"{m['lo68']} to {m['hi68']}", f"{m['lo95']} to {m['hi95']}", remark))
     calls = draws.rows()
     if np.isfinite(results.r_hat).any():
         worst = int(np.nanargmax(results.r_hat))
         calls.append(("R-hat", f"{results.r_hat[worst]:.3f}", f"the largest: of {results.names[worst]}"))
     calls += [("rejected", str(n), reason) for reason, n in Counter(results.reasons).most_common()]
     if draws.weighted is None:
-        calls += [("stuck", str(len(results.stuck)), f"of {results.chain.shape[1]} walkers")]
-    parts = [f"{draws.headline()}\n{paragraph(results.note())}", f"parameters\n{columns(rows)}"]
+        walkers = f"of {results.chain.shape[1]} walkers"
+        numbers = f": {', '.join(map(str, results.stuck))}" if len(results.stuck) else ""
+        calls += [("stuck", str(len(results.stuck)), f"{walkers}{numbers}")]
+    parts = [f"{draws.headline}\n{paragraph(results.note())}", f"parameters\n{columns(rows)}"]
     parts += [f"mass of the host\n{columns(masses)}", f"sampler\n{columns(calls)}"]
     if results.fit is not None:
         parts.insert(2, f"fit to the data, at the best sample\n{columns(_goodness(results))}")
-    if warnings := stuck_warnings(results.stuck.tolist(), results.chain.shape[1]):
-        parts.append(warning_list(warnings))
+    if len(results.stuck):
+        parts.append(warning_list([stuck_verdict(len(results.stuck), results.chain.shape[1]).sentence]))
     if results.directory is not None:
         names = sorted(path.name for path in results.directory.iterdir() if not path.name.startswith("."))
         parts.append(paragraph(", ".join(names), f"products in {results.directory}: ", "  "))
@@ -107,7 +90,32 @@ def _interval(row: Any, percent: int) -> str:
     return f"{row[f'lo{percent}']:.4g} to {row[f'hi{percent}']:.4g}"
 
 
-def _masses(profile: QTable) -> Array:
-    """(nr, 5) Median and the ends of the 68 % and 95 % intervals, in 1e11 Msun."""
-    names = ("M", "M_lo68", "M_hi68", "M_lo95", "M_hi95")
-    return np.stack([profile[name].to_value("Msun") for name in names], axis=1) / 1e11
+def results_record(results: Results) -> dict[str, Any]:
+    """Return the verdict on a run, its parameters, the masses, and the counts of its calls.
+
+    Keys: directory, digest, status, quick, converged, note, verdict ("fine", "look here" or "do not use"), steps,
+    walkers, burn_in, acceptance, calls, search_calls, rejected (by reason), stuck (numbers of walkers), r_hat (the
+    largest), effective_samples (the least), goodness, parameters and mass_profile (``rows``, and ``units`` by column).
+    A sampler that weighs its samples has weighted_samples, ln_evidence and ln_evidence_error in place of steps,
+    walkers, burn_in.
+    """
+    return {
+        "directory": None if results.directory is None else str(results.directory),
+        "digest": results.spec.digest(),
+        "status": results.status,
+        "quick": results.quick,
+        "converged": results.converged,
+        "note": results.note(),
+        "verdict": overall(verdicts(results))[0],
+        **results.draws.record(),
+        "acceptance": results.acceptance,
+        "calls": results.calls,
+        "search_calls": results.search_calls,
+        "rejected": results.reasons,
+        "stuck": results.stuck,
+        "r_hat": float(np.max(results.r_hat)),
+        "effective_samples": float(np.min(results.ess)),
+        "goodness": table_record(results.goodness()),
+        "parameters": table_record(results.summary()),
+        "mass_profile": table_record(results.mass_profile(PRINTED_RADII)),
+    }

@@ -12,9 +12,9 @@ import numpy as np
 
 from streamkit.components import DO_NOT, FINE, LEVELS, LOOK, Check, Verdict
 from streamkit.stream import Array
+from streamkit.study.fit.chain_verdicts import listed
 from streamkit.study.fit.diagnostics import EDGE, Predictive, contraction, predictive, prior_fractions
 from streamkit.study.fit.goodness import Fitted, Goodness
-from streamkit.study.fit.sentences import listed
 
 if TYPE_CHECKING:
     from streamkit.study.fit.results import Results
@@ -62,7 +62,7 @@ UNINFORMED = 0.9
 def verdicts(results: Results) -> list[Verdict]:
     """Return the outcome of every check that the run allows."""
     outcomes = [quick_verdict()] if results.quick else []
-    outcomes += results.draws.verdicts(results.names)
+    outcomes += results.draws.verdicts()
     if results.fit is not None:
         outcomes += [goodness_verdict(results.fit), worst_verdict(results.fit.whole)]
     # An emulator averages the noise of its calls, and judges its own error itself.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,10 +9,8 @@ import numpy as np
 from streamkit.components import DO_NOT, FINE, LOOK, Check, Verdict
 from streamkit.report import BLUE, GREY
 from streamkit.sample import Weighted
-from streamkit.stream import Array
-from streamkit.study.fit.chain_verdicts import SAMPLES
+from streamkit.study.fit.chain_verdicts import SAMPLES, number
 from streamkit.study.fit.draws import Draws, Row
-from streamkit.study.fit.sentences import number
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,58 +35,27 @@ class WeightedDraws(Draws):
     """
 
     weighted: Weighted
-    discard = 0
+    trace = "number of the sample, by rising likelihood", "grey: all samples; blue: by their weight"
 
     def __init__(self, stored: Weighted, kind: str, seed: int, quick: bool) -> None:
         drawn = stored.drawn(seed)
         chain, log_prob, blobs = (each[drawn][:, None] for each in (stored.points, stored.log_prob, stored.blobs))
         super().__init__(chain, log_prob, blobs, stored.attributes, quick)
-        self.weighted, self._kind = stored, kind
+        d = chain.shape[2]
+        self.weighted, self._kind, self.lacks = stored, kind, stored.lacks
+        self.tau = self.r_hat = np.full(d, np.nan)  # of chains alone
+        self.ess = self.trusted_ess = np.full(d, stored.ess)
+        self.best = stored.points[np.argmax(stored.log_prob)]
         self.acceptance = float(stored.ess / max(self.calls, 1))
+        self.length = f"{self.calls} calls"
+        evidence = f"; ln evidence {stored.ln_evidence:.2f} +- {stored.ln_evidence_error:.2f}"
+        evidence = evidence if np.isfinite(stored.ln_evidence) else ""
+        shown = "" if len(chain) == len(stored.points) else f", shown as {len(chain)} of equal weight"
+        self.headline = f"{len(stored.points)} weighted samples of the sampler {kind}{shown}{evidence}"
+        samples = f"{stored.ess:.0f} effective samples{evidence}"
+        self.praise = f"The sampler {kind} has ended by its own rule, with {samples}."
 
-    def __repr__(self) -> str:
-        return f"{len(self.weighted.points)} weighted samples"
-
-    @property
-    def tau(self) -> Array:
-        """(d,) All NaN: there is no chain."""
-        return np.full(self.chain.shape[2], np.nan)
-
-    @property
-    def r_hat(self) -> Array:
-        """(d,) All NaN: R-hat compares chains."""
-        return self.tau
-
-    @property
-    def ess(self) -> Array:
-        """(d,) The effective number of samples, from the weights."""
-        return np.full(self.chain.shape[2], self.weighted.ess)
-
-    @property
-    def best(self) -> Array:
-        """(d,) The sample of the highest ln posterior, among all."""
-        return np.asarray(self.weighted.points[np.argmax(self.weighted.log_prob)])
-
-    def lacks(self, names: Sequence[str]) -> str:
-        """Return what the sampler's own rule lacks, or how many effective samples are missing."""
-        return self.weighted.lacks
-
-    def length(self) -> str:
-        """Return the number of calls."""
-        return f"{self.calls} calls"
-
-    def praise(self) -> str:
-        """Return the sampler's rule, the effective samples and the evidence."""
-        samples = f"{self.weighted.ess:.0f} effective samples{self.evidence()}"
-        return f"The sampler {self._kind} has ended by its own rule, with {samples}."
-
-    def evidence(self) -> str:
-        """Return "; ln evidence -12.3 +- 0.1"; empty for a sampler without evidence."""
-        if not np.isfinite(self.weighted.ln_evidence):
-            return ""
-        return f"; ln evidence {self.weighted.ln_evidence:.2f} +- {self.weighted.ln_evidence_error:.2f}"
-
-    def verdicts(self, names: Sequence[str]) -> list[Verdict]:
+    def verdicts(self) -> list[Verdict]:
         """Return the outcome of the sampler's rule, its own checks, and those of the weights."""
         stored, kind = self.weighted, self._kind
         rule_said = {
@@ -121,19 +87,11 @@ class WeightedDraws(Draws):
             HEAVIEST.judge(largest, number(100 * largest, ".2g", " %"), heavy),
         ]
 
-    def headline(self) -> str:
-        """Return the number of the samples, and of those of equal weight."""
-        same = len(self.chain) == len(self.weighted.points)
-        return f"{self!r}" if same else f"{self!r}, shown as {len(self.chain)} of equal weight"
-
     def rows(self) -> list[Row]:
-        """Return calls, evidence and facts."""
+        """Return calls and facts."""
         search = f"; {self.search_calls} more with few particles" if self.search_calls else ""
-        rows = [("calls", str(self.calls), f"{self.calls / self.weighted.ess:.1f} for each effective sample{search}")]
-        if np.isfinite(self.weighted.ln_evidence):
-            evidence, error = self.weighted.ln_evidence, self.weighted.ln_evidence_error
-            rows.append(("ln evidence", f"{evidence:.2f}", f"+- {error:.2f}"))
-        return [*rows, *((name, "", text) for name, text in self.facts.items())]
+        row = ("calls", str(self.calls), f"{self.calls / self.weighted.ess:.1f} for each effective sample{search}")
+        return [row, *((name, "", text) for name, text in self.facts.items())]
 
     def record(self) -> dict[str, Any]:
         """Return the number of the samples, and the evidence."""
@@ -150,17 +108,6 @@ class WeightedDraws(Draws):
             "ln evidence": self.weighted.ln_evidence,
             "error of ln evidence": self.weighted.ln_evidence_error,
         }
-
-    def description(self) -> str:
-        """Return the number of the samples and of parameters, and the evidence."""
-        steps, _, d = self.chain.shape
-        shown = "" if steps == len(self.weighted.points) else f", here as {steps} of equal weight"
-        return f"{d} free parameters, {self!r} of the sampler {self._kind}{shown}{self.evidence()}"
-
-    @property
-    def trace(self) -> tuple[str, str]:
-        """Label of the horizontal axis of the traces, and their legend."""
-        return "number of the sample, by rising likelihood", "grey: all samples; blue: by their weight"
 
     def draw_trace(self, axes: Axes, parameter: int | None, scale: float) -> None:
         """Draw the samples in the order of their ln likelihood: all of them grey, and blue by their weight."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from streamkit.components import HostData, Measurement, Observable
+from streamkit.components import Measurement, Observable
 from streamkit.errors import StreamkitError
 from streamkit.model import Host
 from streamkit.observe import UNNAMED, measure_host, measure_stream, parts_of, scatter_of
@@ -29,33 +29,21 @@ MOST_TRIALS = 16  # trial streams that corrected data are compared with
 
 @dataclass(frozen=True)
 class _Measured:
-    """One measurement in all trials: its path in the run file, its predictions, and a function for others."""
+    """One measurement in all trials: its path in the run file, its predictions, and that of another one in a trial."""
 
     path: str
     measurement: Measurement
     predictions: list[Prediction]
-    predict: Callable[[Measurement], list[Prediction]]
+    predict: Callable[[Any, Trial], Prediction | None]
 
 
 class _Distance(NamedTuple):
-    """The distance of data from the nearest trial stream: that of the median datum.
+    """The distance of data from the nearest trial stream: that of the median datum."""
 
-    Attributes
-    ----------
-    errors
-        In standard deviations of the likelihood, the noise of the trial stream included.
-    spreads
-        In standard deviations of the predictions of all trials; 0 where they are few.
-    nearness
-        In the larger of `NEAR_ERRORS` errors and one spread.
-    rank
-        In spreads, or in predicted values where trials are few: no error of the data enters.
-    """
-
-    errors: float
-    spreads: float
-    nearness: float
-    rank: float
+    errors: float  # in standard deviations of the likelihood, the noise of the trial stream included
+    spreads: float  # in standard deviations of the predictions of all trials; 0 where they are few
+    nearness: float  # in the larger of `NEAR_ERRORS` errors and one spread
+    rank: float  # in spreads, or in predicted values where trials are few: no error of the data enters
 
     def beyond(self, limit: float) -> bool:
         """Say whether the data are farther than a limit in errors or in spreads, and not near."""
@@ -73,48 +61,33 @@ def data_warnings(spec: Spec, trials: Sequence[Trial]) -> list[str]:
     if not trials or (spec.names and len(trials) < FEW_TRIALS):
         return []
     warnings = []
-    for measured in [*_of_streams(spec, trials), *_of_host(trials)]:
+    for measured in _measured(spec, trials):
         for name, rows in measured.measurement.quantities().items():
             distance = _distance(measured.measurement, measured.predictions, rows)
             if not distance.beyond(DOUBTFUL):
                 continue
-            if (correction := _correction(measured, name)) or distance.beyond(HOPELESS):
+            if (correction := _correction(measured, name, trials)) or distance.beyond(HOPELESS):
                 warnings.append(_warning(measured, name, distance, correction, len(trials)))
     return warnings
 
 
-def _of_streams(spec: Spec, trials: Sequence[Trial]) -> list[_Measured]:
-    measured = []
+def _measured(spec: Spec, trials: Sequence[Trial]) -> Iterator[_Measured]:
+    """Yield every measurement of the streams, and every one of the host."""
     for stream, inputs in trials[0].bound.streams.items():
         for name, observable in inputs.observables.items():
+
+            def measure(other: Observable, trial: Trial, stream: str = stream) -> Prediction | None:
+                return measure_stream({UNNAMED: other}, trial.observation.streams[stream])
+
             parts = [parts_of(trial.observation.predictions[stream])[name] for trial in trials]
-
-            def predict(other: Measurement, stream: str = stream, name: str = name) -> list[Prediction]:
-                assert isinstance(other, Observable)  # noqa: S101  a corrected observable is one
-                made = [measure_stream({name: other}, trial.observation.streams[stream]) for trial in _some(trials)]
-                return [parts_of(one)[name] for one in made if one is not None]
-
             path = f"{spec.prefix(stream)}observable" + (f".{name}" if name != UNNAMED else "")
-            measured.append(_Measured(path, observable, parts, predict))
-    return measured
-
-
-def _of_host(trials: Sequence[Trial]) -> list[_Measured]:
-    measured = []
+            yield _Measured(path, observable, parts, measure)
     for name, data in trials[0].bound.data.items():
-
-        def predict(other: Measurement) -> list[Prediction]:
-            assert isinstance(other, HostData)  # noqa: S101  corrected data on the host are such
-            bound = [trial.bound for trial in _some(trials)]
-            return [measure_host(other, Host(one.potentials, one.bodies)) for one in bound]
-
         parts = [trial.observation.predictions[f"data.{name}"] for trial in trials]
-        measured.append(_Measured(f"data.{name}", data, parts, predict))
-    return measured
-
-
-def _some(trials: Sequence[Trial]) -> list[Trial]:
-    return [trials[i] for i in np.unique(np.linspace(0, len(trials) - 1, MOST_TRIALS).astype(int))]
+        yield _Measured(
+            f"data.{name}", data, parts,
+            lambda other, trial: measure_host(other, Host(trial.bound.potentials, trial.bound.bodies)),
+        )  # fmt: skip
 
 
 def _distance(measurement: Measurement, predictions: Sequence[Prediction], rows: IntArray) -> _Distance:
@@ -145,22 +118,24 @@ def _warning(measured: _Measured, name: str, distance: _Distance, correction: st
     return f"{text} Check unit, sign, column names and frame of the data, and the priors."
 
 
-def _correction(measured: _Measured, name: str) -> str:
+def _correction(measured: _Measured, name: str, trials: Sequence[Trial]) -> str:
     """Return the correction that brings the data nearest to the streams; an empty text if none brings them near.
 
     A correction that takes another quantity away from the streams is none.
     """
     rows = measured.measurement.quantities()
     before = {other: _distance(measured.measurement, measured.predictions, rows[other]).nearness for other in rows}
+    some = [trials[i] for i in np.unique(np.linspace(0, len(trials) - 1, MOST_TRIALS).astype(int))]
     best, least = "", np.inf
     for text, other in corrected(measured.measurement):
         try:
             with np.errstate(all="ignore"):
-                made, rows = measured.predict(other), other.quantities()
-                after = {each: _distance(other, made, rows[each]) for each in before}
+                each = (measured.predict(other, trial) for trial in some)
+                made, rows = [one for one in each if one is not None], other.quantities()
+                after = {quantity: _distance(other, made, rows[quantity]) for quantity in before}
         except (StreamkitError, KeyError):  # the measurement has no prediction with this change
             continue
-        worse = any(after[each].nearness > max(1.0, before[each]) for each in before)
+        worse = any(after[quantity].nearness > max(1.0, nearness) for quantity, nearness in before.items())
         if after[name].nearness < 1 and after[name].rank < least and not worse:
             best, least = text, after[name].rank
     return best

@@ -1,18 +1,20 @@
-"""Trial streams over the prior: the share that the observables can measure, and their cost."""
+"""Trial streams over the prior: the share that the observables can measure; and the cost of a run."""
 
 from __future__ import annotations
 
 import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from streamkit.errors import OutOfDomain
+from streamkit.errors import OutOfDomain, SpecError
 from streamkit.model import Model, Observation
 from streamkit.report import Progress
 from streamkit.runfile import ModelInputs, Spec
-from streamkit.sample import first_call
+from streamkit.sample import Posterior, expected_calls, first_call
 from streamkit.stream import Array
 
 TRIAL_PARTICLES = 1000  # particles of the trial streams over the prior: enough to decide whether there is a stream
@@ -29,30 +31,14 @@ class Trial:
 
 @dataclass(frozen=True)
 class PriorDraws:
-    """Trial streams of `TRIAL_PARTICLES` particles at draws from the prior.
+    """Trial streams of `TRIAL_PARTICLES` particles at draws from the prior."""
 
-    Attributes
-    ----------
-    draws
-        Number of draws.
-    good
-        (good, d) The draws with a stream that the observable can measure.
-    seconds
-        (good,) CPU seconds of each of them.
-    reasons
-        Reasons of the other draws, with their numbers.
-    total
-        CPU seconds of all of them.
-    trials
-        The streams of the draws in ``good``, and their predictions.
-    """
-
-    draws: int
-    good: Array
-    seconds: Array
-    reasons: Counter[str]
-    total: float = 0.0
-    trials: tuple[Trial, ...] = ()
+    draws: int  # number of draws
+    good: Array  # (good, d) The draws with a stream that the observable can measure
+    seconds: Array  # (good,) CPU seconds of each of them
+    reasons: Counter[str]  # reasons of the other draws, with their numbers
+    total: float = 0.0  # CPU seconds of all of them
+    trials: tuple[Trial, ...] = ()  # the streams of the draws in ``good``, and their predictions
 
 
 def observe(model: Model, theta: Array) -> tuple[Trial | None, str]:
@@ -99,3 +85,53 @@ def try_prior_draws(spec: Spec, draws: int, progress: bool = False) -> PriorDraw
             bar.update()
     points = np.array(good).reshape(-1, len(spec.names))
     return PriorDraws(done, points, np.array(seconds), reasons, time.process_time() - start, tuple(trials))
+
+
+SLOW = 5.0  # CPU seconds above which a first call is not repeated: loading machine code is a small part of it
+
+
+@dataclass(frozen=True)
+class Cost:
+    """CPU seconds of the first call of a process and of a later one, measured at ``where``, and of the search."""
+
+    first: float
+    call: float
+    where: str
+    # streams that the search for a start will make, about; 0 where nothing can be fitted or was tried.
+    search_calls: int = 0
+    search: float = 0.0  # CPU seconds of them, about
+
+
+def search_cost(spec: Spec, tried: PriorDraws | None, call: float) -> tuple[int, float]:
+    """Estimate the streams of the search for a start and their CPU seconds, from trial streams over the prior."""
+    if tried is None or not tried.draws:
+        return 0, 0.0
+    points, particles = spec.sampler.search_size()
+    if not points:
+        return 0, 0.0
+    cheap, full = expected_calls(points, len(spec.names), len(tried.good) / tried.draws)
+    each = tried.total / tried.draws * min(1.0, particles / TRIAL_PARTICLES)
+    return cheap + full, cheap * each + full * call
+
+
+def time_call(spec: Spec, theta: Array, first: float) -> tuple[float, str]:
+    """Return the CPU seconds of a call at theta (d,): the median of a few, or ``first`` if that was `SLOW`.
+
+    The call is one of the posterior, or of the stream alone where nothing can be fitted; the second value is
+    then the reason why.
+    """
+    unfit = ""
+    call: Callable[[Array], object] = partial(observe, Model(spec))
+    try:
+        call = Posterior(spec)
+    except SpecError as error:
+        unfit = str(error)
+    if first > SLOW:
+        return first, unfit
+    first_call(spec.sampler.call_limit, call, theta)  # draws the random numbers of a new process
+    seconds: list[float] = []
+    while len(seconds) < 3 and sum(seconds) < 3.0:
+        begin = time.process_time()
+        call(theta)
+        seconds.append(time.process_time() - begin)
+    return float(np.median(seconds)), unfit

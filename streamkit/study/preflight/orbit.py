@@ -17,33 +17,19 @@ HORIZON = 13.8  # how far back, in Gyr, the progenitor's turning points are look
 
 @dataclass(frozen=True)
 class OrbitSummary:
-    """The progenitor's orbit in the host alone, as far back as its period needs.
+    """The progenitor's orbit in the host alone, as far back as its period needs."""
 
-    Attributes
-    ----------
-    pericentres, apocentres
-        (k,) turning radii in kpc, the latest first; empty where there are none within `HORIZON`.
-    period
-        Radial period in Gyr, the mean over the turning points found; NaN without two of them.
-    escapes
-        Whether the energy exceeds the potential at infinity; None where a component gives no potential.
-    completed
-        Apocentres within the look-back time.
-    returns
-        Whether the progenitor has another apocentre ahead.
-    r_tidal
-        Smallest and largest tidal radius in kpc within the look-back time; NaN where there is none.
-    bodies
-        Smallest and largest distance of every body from the Galactic centre in kpc within the look-back time.
-    """
-
+    # (k,) turning radii in kpc, the latest first; empty where there are none within `HORIZON`.
     pericentres: Array
     apocentres: Array
-    period: float
+    period: float  # radial period in Gyr, the mean over the turning points found; NaN without two of them
+    # whether the energy exceeds the potential at infinity; None where a component gives no potential.
     escapes: bool | None
-    completed: int
-    returns: bool
+    completed: int  # apocentres within the look-back time
+    returns: bool  # whether the progenitor has another apocentre ahead
+    # smallest and largest tidal radius in kpc within the look-back time; NaN where there is none.
     r_tidal: tuple[float, float]
+    # smallest and largest distance of every body from the Galactic centre in kpc within the look-back time.
     bodies: dict[str, tuple[float, float]] = field(default_factory=dict)
 
 

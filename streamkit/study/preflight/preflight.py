@@ -12,14 +12,18 @@ from streamkit.observe import remarks_of
 from streamkit.runfile import Spec, StreamInputs
 from streamkit.sample import first_call
 from streamkit.stream import Prediction
-from streamkit.study.preflight.conformance_warnings import conformance_warnings
-from streamkit.study.preflight.cost import Cost, search_cost, time_call
 from streamkit.study.preflight.data_warnings import data_warnings
-from streamkit.study.preflight.draws import PriorDraws, observe, try_prior_draws
+from streamkit.study.preflight.draws import Cost, PriorDraws, observe, search_cost, time_call, try_prior_draws
 from streamkit.study.preflight.live_warnings import live_warnings, weight_warnings
 from streamkit.study.preflight.orbit import OrbitSummary, summarise_orbit
 from streamkit.study.preflight.progenitor_warnings import frame_warnings, progenitor_warnings
-from streamkit.study.preflight.warnings import orbit_warnings, prior_warnings, short_lookback, sun_warnings
+from streamkit.study.preflight.warnings import (
+    conformance_warnings,
+    orbit_warnings,
+    prior_warnings,
+    short_lookback,
+    sun_warnings,
+)
 
 
 @dataclass(frozen=True)
@@ -36,41 +40,19 @@ class Look:
 
 @dataclass(frozen=True)
 class Preflight:
-    """The results of the preflight of a run.
+    """The results of the preflight of a run."""
 
-    Attributes
-    ----------
-    streams
-        Each stream at the prior's centre, by name.
-    data
-        Data that are no stream, each with the prediction by the host at the prior's centre, by name.
-    reason
-        Why there is no prediction at the prior's centre; empty if there is one.
-    cost
-        Of one posterior call, or of one stream where there is nothing to fit.
-    prior_draws
-        Trial streams over the prior; None if there were none.
-    warnings
-        One paragraph each.
-    """
-
-    streams: dict[str, Look]
+    streams: dict[str, Look]  # each stream at the prior's centre, by name
+    # data that are no stream, each with the prediction by the host at the prior's centre, by name.
     data: dict[str, tuple[HostData, Prediction]]
-    reason: str
-    cost: Cost
-    prior_draws: PriorDraws | None
-    warnings: tuple[str, ...]
+    reason: str  # why there is no prediction at the prior's centre; empty if there is one
+    cost: Cost  # of one posterior call, or of one stream where there is nothing to fit
+    prior_draws: PriorDraws | None  # trial streams over the prior; None if there were none
+    warnings: tuple[str, ...]  # one paragraph each
 
 
 def run_preflight(spec: Spec, *, draws: int = 64, progress: bool = False) -> Preflight:
     """Check the run file's physics at the prior's centre, make streams at draws from the prior, and time one call.
-
-    Parameters
-    ----------
-    draws
-        The most draws from the prior.
-    progress
-        Whether to show the progress of the draws.
 
     Raises ComponentError if a component fails, CallTimeout if one does not return within the sampler's limit.
     """

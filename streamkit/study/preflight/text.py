@@ -1,33 +1,25 @@
-"""A preflight as text for a terminal."""
+"""A preflight as text for a terminal, and as plain values for programs."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
+from streamkit import report
 from streamkit.components import LiveStripping, Stripping
-from streamkit.report import (
-    columns,
-    describe_expansions,
-    describe_live,
-    describe_measured,
-    describe_prediction,
-    number,
-    seconds,
-    span,
-    warning_list,
-)
+from streamkit.report import prediction_record
 from streamkit.runfile import ONLY, Spec, StreamInputs
 from streamkit.stream import Array
-from streamkit.study.preflight.cost import Cost
-from streamkit.study.preflight.draws import PriorDraws
+from streamkit.study.preflight.draws import Cost, PriorDraws
 from streamkit.study.preflight.orbit import OrbitSummary
-from streamkit.study.preflight.preflight import Preflight
+from streamkit.study.preflight.preflight import Look, Preflight
 
 
 def describe_spec(spec: Spec) -> str:
     """List the components with their suppliers, and the free parameters with priors and units."""
     parts = [f"{spec.source}: valid (digest {spec.digest()[:12]}, seed {spec.seed})"]
-    used = columns((path, cls.kind, supplier) for path, cls, supplier in spec.components())
+    used = report.columns((path, cls.kind, supplier) for path, cls, supplier in spec.components())
     parts.append(f"components\n{used}")
     if not spec.names:
         return "\n\n".join([*parts, "free parameters: none"])
@@ -36,7 +28,7 @@ def describe_spec(spec: Spec) -> str:
         (name, prior.text(), f"{centre:.4g}", unit.replace(" ", "") or "-")
         for name, prior, centre, unit in zip(spec.names, spec.priors, spec.centre(), spec.units, strict=True)
     ]
-    return "\n\n".join([*parts, f"free parameters ({len(spec.names)})\n{columns(rows)}"])
+    return "\n\n".join([*parts, f"free parameters ({len(spec.names)})\n{report.columns(rows)}"])
 
 
 def describe_preflight(spec: Spec, preflight: Preflight) -> str:
@@ -45,22 +37,23 @@ def describe_preflight(spec: Spec, preflight: Preflight) -> str:
     parts = []
     for name, look in preflight.streams.items():
         head = f"at {place}" if name == ONLY else f"stream {name}, at {place}"
-        parts.append(f"{head}\n" + columns(_orbit_rows(look.inputs, look.orbit)))
-        if name == next(iter(preflight.streams)) and (expansions := describe_expansions(look.inputs)):
+        parts.append(f"{head}\n" + report.columns(_orbit_rows(look.inputs, look.orbit)))
+        if name == next(iter(preflight.streams)) and (expansions := report.describe_expansions(look.inputs)):
             parts.append(expansions)
         if look.inputs.observables and look.prediction is not None:
-            parts.append(describe_prediction(look.inputs, look.prediction))
+            observables = list(look.inputs.observables.values())
+            parts.append(report.describe_measured("observables", observables, look.prediction))
     for name, (data, prediction) in preflight.data.items():
-        parts.append(describe_measured(f"data {name}", [data], prediction))
+        parts.append(report.describe_measured(f"data {name}", [data], prediction))
     if preflight.prior_draws is not None:
         parts.append(_prior_draws(preflight.prior_draws))
     parts.append(_cost(spec, preflight.cost))
-    parts.append(warning_list(preflight.warnings) or "no warnings")
+    parts.append(report.warning_list(preflight.warnings) or "no warnings")
     return "\n\n".join(parts)
 
 
 def _orbit_rows(inputs: StreamInputs, orbit: OrbitSummary) -> list[tuple[str, str]]:
-    tidal = span(*orbit.r_tidal, "kpc") if np.isfinite(orbit.r_tidal[0]) else "none somewhere on the orbit"
+    tidal = report.span(*orbit.r_tidal, "kpc") if np.isfinite(orbit.r_tidal[0]) else "none somewhere on the orbit"
     periods = ""
     if np.isfinite(orbit.period):
         periods = f": {inputs.lookback / orbit.period:.1f} radial periods, {orbit.completed} completed apocentre"
@@ -68,40 +61,86 @@ def _orbit_rows(inputs: StreamInputs, orbit: OrbitSummary) -> list[tuple[str, st
     return [
         ("pericentre", _radii(orbit.pericentres)),
         ("apocentre", _radii(orbit.apocentres)),
-        ("radial period", number(orbit.period, "Gyr") if np.isfinite(orbit.period) else "none"),
-        ("look-back time", number(inputs.lookback, "Gyr") + periods),
+        ("radial period", report.number(orbit.period, "Gyr") if np.isfinite(orbit.period) else "none"),
+        ("look-back time", report.number(inputs.lookback, "Gyr") + periods),
         ("tidal radius", tidal),
-        *((f"body {name}", f"{span(*ends, 'kpc')} from the Galactic centre") for name, ends in orbit.bodies.items()),
+        *((f"body {name}", f"{report.span(*r, 'kpc')} from the Galactic centre") for name, r in orbit.bodies.items()),
         ("particles", f"{inputs.stripping.particles}, {_gravity(inputs)}"),
     ]
 
 
 def _radii(radii: Array) -> str:
-    return span(float(radii.min()), float(radii.max()), "kpc") if len(radii) else "none"
+    return report.span(float(radii.min()), float(radii.max()), "kpc") if len(radii) else "none"
 
 
 def _gravity(inputs: StreamInputs) -> str:
     scheme = inputs.stripping
     if isinstance(scheme, LiveStripping):
-        return f"in {describe_live(scheme)}; leapfrog in place of [integrator]"
+        return f"in {report.describe_live(scheme)}; leapfrog in place of [integrator]"
     return f"progenitor's gravity {'on' if isinstance(scheme, Stripping) and scheme.progenitor_gravity else 'off'}"
 
 
 def _prior_draws(tried: PriorDraws) -> str:
     head = f"streams over the prior: {len(tried.good)} of {tried.draws} draws have one that can be measured"
     rows = [(str(n), f"have none: {reason}") for reason, n in tried.reasons.most_common()]
-    return "\n".join([head, columns(rows)] if rows else [head])
+    return "\n".join([head, report.columns(rows)] if rows else [head])
 
 
 def _cost(spec: Spec, cost: Cost) -> str:
-    first = f"the first of a process {seconds(cost.first)}"
-    rows = [("one call", f"{seconds(cost.call)} at {cost.where}; {first}")]
+    first = f"the first of a process {report.seconds(cost.first)}"
+    rows = [("one call", f"{report.seconds(cost.call)} at {cost.where}; {first}")]
     if spec.names:
         total, calls = spec.sampler.calls(len(spec.names))
         if cost.search_calls:
             few = f"about {cost.search_calls} calls, most with {spec.sampler.search_size()[1]} particles"
-            rows.append(("the search for a start", f"{few}: {seconds(cost.search)}"))
-        rows.append(("the run", f"{calls}: {seconds(total * cost.call + cost.search)}, shared by the workers"))
+            rows.append(("the search for a start", f"{few}: {report.seconds(cost.search)}"))
+        rows.append(("the run", f"{calls}: {report.seconds(total * cost.call + cost.search)}, shared by the workers"))
         if not spec.sampler.emulates:
             rows.append(("with --sampler emulator", "some hundred to some thousand calls in place of the run's"))
-    return "\n".join(["cost in CPU time", columns(rows)])
+    return "\n".join(["cost in CPU time", report.columns(rows)])
+
+
+def preflight_record(spec: Spec, preflight: Preflight) -> dict[str, Any]:
+    """Return the components, the free parameters, every stream at the prior's centre, the cost and the warnings.
+
+    Lengths are in kpc, times in Gyr, costs in CPU seconds.
+    """
+    tried = preflight.prior_draws
+    rows = zip(spec.names, spec.priors, spec.centre(), spec.units, strict=True)
+    return {
+        "run_file": spec.source,
+        "digest": spec.digest(),
+        "seed": spec.seed,
+        "components": [{"path": path, "kind": cls.kind, "supplier": by} for path, cls, by in spec.components()],
+        "parameters": {name: {"prior": p.text(), "centre": centre, "unit": unit} for name, p, centre, unit in rows},
+        "streams": {name: _stream(look) for name, look in preflight.streams.items()},
+        "data": {name: prediction_record([datum], made) for name, (datum, made) in preflight.data.items()},
+        "reason": preflight.reason,
+        "prior_draws": None
+        if tried is None
+        else {"draws": tried.draws, "with_stream": len(tried.good), "without": dict(tried.reasons)},
+        "cost": {
+            "first_call": preflight.cost.first,
+            "call": preflight.cost.call,
+            "where": preflight.cost.where,
+            "search_calls": preflight.cost.search_calls,
+            "search": preflight.cost.search,
+            "most_calls": spec.sampler.calls(len(spec.names))[0] if spec.names else 0,
+        },
+        "warnings": preflight.warnings,
+    }
+
+
+def _stream(look: Look) -> dict[str, Any]:
+    orbit = look.orbit
+    return {
+        "pericentres": orbit.pericentres,
+        "apocentres": orbit.apocentres,
+        "radial_period": orbit.period,
+        "completed_apocentres": orbit.completed,
+        "lookback": look.inputs.lookback,
+        "tidal_radius": orbit.r_tidal,
+        "bodies": orbit.bodies,
+        "particles": look.inputs.stripping.particles,
+        "observables": prediction_record(list(look.inputs.observables.values()), look.prediction),
+    }

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 from functools import reduce
 
 import numpy as np
 
+from streamkit.components import Component
 from streamkit.errors import OutOfDomain
 from streamkit.model import Host
 from streamkit.runfile import ModelInputs, Spec, StreamInputs, Sun
 from streamkit.study.preflight.draws import PriorDraws
 from streamkit.study.preflight.orbit import HORIZON, OrbitSummary, summarise_orbit
+from streamkit.testing import quick_failures
 
 # Ranges that hold every recent measurement of the Sun's place and of the rotation there.
 USUAL_SUN = {"r0": (7.0, 9.0, "kpc"), "z": (-0.1, 0.1, "kpc"), "v_circ": (180.0, 280.0, "km/s")}
@@ -139,3 +143,18 @@ def sun_warnings(sun: Sun) -> list[str]:
         for name, (low, high, unit) in USUAL_SUN.items()
         if not low <= values[name] <= high
     ]
+
+
+def conformance_warnings(inputs: StreamInputs) -> list[str]:
+    """Return a paragraph for each failure; what the components print meanwhile is dropped."""
+    used: dict[str, Component] = {f"potential {name}": one for name, one in inputs.potentials.items()}
+    used |= {f"body {name}": body.potential for name, body in inputs.bodies.items()}
+    used |= {"progenitor": inputs.satellite, "stripping": inputs.stripping}
+    failures = []
+    for where, component in used.items():
+        if not type(component).__module__.startswith("streamkit."):
+            with contextlib.redirect_stdout(io.StringIO()), np.errstate(all="ignore"):
+                lines = quick_failures(component)
+            failures += [f"{where.removeprefix('potential ')} ({component.kind}): {line}" for line in lines]
+    head = "A component of this run fails a conformance test, and its streams may be wrong. "
+    return [f"{head}{line}. All tests: streamkit.testing.check." for line in failures]

@@ -88,12 +88,9 @@ def by_columns(response: Sensitivity) -> Sensitivity:
 
     curves = tuple(map(shown, response.curves))
     nowhere = Data(np.full(m, np.nan), np.full(m, np.nan))
-    labels = tuple(f"{_wrapped(name)}\n" r"rms $\Delta/\sigma$" for name in groups)
+    wrapped = (textwrap.fill(name.replace("_", " "), 16) for name in groups)
+    labels = tuple(f"{name}\n" r"rms $\Delta/\sigma$" for name in wrapped)
     return replace(response, names=labels, units=("",) * m, data=nowhere, curves=curves)
-
-
-def _wrapped(name: str) -> str:
-    return textwrap.fill(name.replace("_", " "), 16)
 
 
 def _panel(axes: Axes, response: Sensitivity, curve: Curve, i: int, scale: float) -> None:

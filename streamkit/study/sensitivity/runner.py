@@ -88,18 +88,9 @@ def run_sensitivity(
 
     After an interruption, or the death of a worker, the finished parameters are returned.
 
-    Parameters
-    ----------
-    spec
-        The run file; its seed is the first of ``seeds`` consecutive ones.
-    point
-        Where parameters are fixed, by name; the others are at the prior's centre.
-    fields
-        The parameters to vary, each over a grid of so many ``points`` and the fixed one; none for all.
-    workers
-        Processes.
-    done
-        Called after each stream.
+    The seed of ``spec`` is the first of ``seeds`` consecutive ones. ``point`` holds the values, by name, where
+    parameters are fixed; the others are at the prior's centre. ``fields`` are the parameters to vary, each over a grid
+    of so many ``points`` and the fixed one; none for all. ``done`` is called after each stream.
 
     Raises SpecError if nothing can be fitted, a parameter is not free, or the point is outside the prior. Raises
     StreamkitError if there is no stream at the fixed point, or the end came before the first parameter was finished.
@@ -128,10 +119,8 @@ def run_sensitivity(
     curves = []
     for name, (i, x, thetas) in grids.items():
         if all((theta, seed) in evaluations for theta in thetas for seed in range(seeds)):
-            unit, by_point = (
-                spec.units[i].replace(" ", ""),
-                [[evaluations[at, k] for k in range(seeds)] for at in thetas],
-            )
+            unit = spec.units[i].replace(" ", "")
+            by_point = [[evaluations[at, k] for k in range(seeds)] for at in thetas]
             curves.append(curve_of(name, unit, spec.priors[i], values[name], x, by_point))
     if not curves:
         raise StreamkitError(f"{spec.source}: {stopped} before the first parameter was finished")

@@ -1,15 +1,17 @@
-"""The tables of a sensitivity: every point of every curve, the slopes, and the same for a terminal."""
+"""The products of a sensitivity: a table of every point, the slopes, the same for a terminal, and the picture."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from streamkit.report import columns, paragraph
-from streamkit.study.grid import MANY, by_column, rms
+from streamkit.study.grid import MANY, Products, by_column, rms
 from streamkit.study.sensitivity.curves import CENTRAL
+from streamkit.study.sensitivity.figure import sensitivity_figure
 from streamkit.study.sensitivity.runner import Sensitivity
 
 if TYPE_CHECKING:
@@ -107,3 +109,23 @@ def _pull(per_sd: float, error: float, unit: str) -> str:
     if not np.isfinite(per_sd):
         return "-"
     return f"{per_sd / error:+.2f}" if np.isfinite(error) else f"{per_sd:+.2g} {unit}".strip()
+
+
+TABLE, SLOPES, PICTURE, RUN = "sensitivity.ecsv", "slopes.ecsv", "sensitivity.png", "sensitivity.toml"
+PRODUCTS = (TABLE, SLOPES, PICTURE, RUN)
+
+
+def sensitivity_products(sensitivity: Sensitivity) -> Products:
+    """Return the observables at every point and their slopes, the header with the fixed point, and the picture."""
+    data = zip(sensitivity.data.values.tolist(), sensitivity.data.errors.tolist(), strict=True)
+    header = {
+        "seeds": sensitivity.seeds,
+        "central": CENTRAL,
+        "fixed": sensitivity.point,
+        "data": dict(zip(sensitivity.names, map(list, data), strict=True)),
+    }
+    tables = {TABLE: points_table(sensitivity), SLOPES: slopes_table(sensitivity)}
+    pictures = {PICTURE: partial(sensitivity_figure, sensitivity)}
+    return Products(
+        sensitivity.spec, RUN, describe_sensitivity(sensitivity), tables, pictures, header, sensitivity.stopped
+    )

@@ -15,10 +15,9 @@ from streamkit.report import BOTH, COLUMN, NotebookFigure, labels
 from streamkit.sample import Chain
 from streamkit.study.fit import figures
 from streamkit.study.fit.diagnostics import Predictive, predicted_intervals, predictions_table
-from streamkit.study.fit.figures import WIDE, _labels, corner, mass_profile, reach, rotation_curve, traces
+from streamkit.study.fit.figures import WIDE, _labels, corner, mass_profile, priors, reach, rotation_curve, traces
 from streamkit.study.fit.flattening_figure import flattening, is_sphere
 from streamkit.study.fit.predictive_figure import LONGEST, draw_predictive, predictions
-from streamkit.study.fit.prior_figure import priors
 from streamkit.study.fit.products import FLATTENING, products_of
 from streamkit.study.fit.results import Results, draws_of
 

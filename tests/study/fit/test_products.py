@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from astropy import units as u
 from astropy.table import QTable
-from matplotlib.figure import Figure
 from matplotlib.image import imread
 from runfiles import FIT
 
@@ -18,7 +17,7 @@ from streamkit.sample import Chain
 from streamkit.study.fit import describe_results, products, write_products
 from streamkit.study.fit.directory import LITERATURE
 from streamkit.study.fit.figures import mass_profile, remark, rotation_curve
-from streamkit.study.fit.products import PRODUCTS
+from streamkit.study.fit.products import products_of
 from streamkit.study.fit.results import Results, draws_of, load_results
 
 TABLES = ("summary.ecsv", "mass_profile.ecsv", "diagnostics.ecsv", "predictions.ecsv", "goodness.ecsv")
@@ -57,7 +56,7 @@ def read(run, name):
 def test_every_product_is_written(run):
     names = {path.name for path in run.directory.iterdir()} - {LITERATURE}
     assert names == {*TABLES, *PICTURES, "report.html", "run.toml", "manifest.json", "chain.h5"}
-    assert names <= set(PRODUCTS)
+    assert names <= set(products_of(run.spec))
     for name in PICTURES:
         pixels = imread(run.directory / name)
         assert min(pixels.shape[:2]) > 400
@@ -151,7 +150,7 @@ def test_results_are_shown_in_a_few_lines(run):
 
 def test_the_mass_profile_is_computed_once(run, tmp_path, monkeypatch):
     asked, make = [], Results._make_profiles
-    monkeypatch.setattr(products, "FIGURES", {"mass.png": mass_profile, "rotation.png": rotation_curve})
+    monkeypatch.setattr(products, "figures_of", lambda *_: {"mass.png": mass_profile, "rotation.png": rotation_curve})
     monkeypatch.setattr(Results, "_make_profiles", lambda self, radii: asked.append(len(radii)) or make(self, radii))
     truth = tmp_path / "truth.toml"
     truth.write_text('[potential]\nkind = "tf"\nv0 = 232\nrs = "12 kpc"\nalpha = 0.35\n')
@@ -164,16 +163,15 @@ def test_the_mass_profile_is_computed_once(run, tmp_path, monkeypatch):
 
 
 def test_a_picture_that_fails_costs_no_other(run, tmp_path, monkeypatch, caplog):
-    def broken(_results):
+    def broken(_results, **_options):
         raise ZeroDivisionError("no ink")
 
     out = copy_of(run, tmp_path / "copy")
     (out / "corner.png").write_text("of another chain")
-    drawn = {"mass_profile.png": mass_profile, "rotation_curve.png": rotation_curve}
-    monkeypatch.setattr(products, "FIGURES", {"corner.png": broken, **drawn})
+    monkeypatch.setattr(products, "corner", broken)
     results = write_products(out)
     names = {path.name for path in out.iterdir()} - {"run.toml", "manifest.json", "chain.h5"}
-    assert names == {"mass_profile.png", "rotation_curve.png", "best_stream.png", "report.html", *TABLES}
+    assert names == {*PICTURES, "report.html", *TABLES} - {"corner.png"}
     assert results.failed == {"corner.png": "ZeroDivisionError: no ink"}
     assert [record.getMessage() for record in caplog.records] == [
         "Some products could not be made, all else was: corner.png (ZeroDivisionError: no ink)"
@@ -205,15 +203,6 @@ def test_a_quick_look_says_so_everywhere(tmp_path):
     assert not run.converged
     with pytest.raises(sk.ChainError, match=r"stripping\.particles"):
         sk.run(sk.load(document), out=tmp_path / "run", resume=True, progress=False)
-
-
-def test_pictures_can_be_drawn_into_given_axes(run):
-    axes = Figure().subplots(1, 2)
-    mass_profile(run, axes=axes[0])
-    rotation_curve(run, axes=axes[1])
-    for panel in axes:
-        assert len(panel.collections) == 2  # the 68 % and the 95 % band
-        assert "kpc" in panel.get_xlabel()
 
 
 @pytest.mark.rendered

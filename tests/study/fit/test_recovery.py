@@ -20,7 +20,7 @@ from streamkit.runfile import to_toml
 from streamkit.sample import Chain
 from streamkit.study.fit import RECOVERY
 from streamkit.study.fit.directory import LITERATURE
-from streamkit.study.fit.products import PRODUCTS
+from streamkit.study.fit.products import products_of
 from streamkit.study.fit.recovery import RADII, largest, recovery_figure, recovery_table, true_host
 from streamkit.study.fit.results import Results, draws_of, load_results
 
@@ -102,7 +102,7 @@ def test_the_report_writes_and_prints_the_recovery(run: Path) -> None:
     Path("true.toml").write_text(TRUE)
     result = call("report", run, "--truth", "true.toml")
     assert result.exit_code == 0, result.output
-    assert {path.name for path in run.iterdir()} == {*PRODUCTS, *RECOVERY}
+    assert {path.name for path in run.iterdir()} == {*products_of(sk.load(FIT)), *RECOVERY}
     table = QTable.read(run / "recovery.ecsv")
     assert table.meta["truth"]["potential"]["v0"] == 232
     v0, alpha = load_results(run).samples.T
@@ -134,7 +134,7 @@ def test_a_run_that_replaces_another_takes_its_recovery_away(run: Path) -> None:
     Path("true.toml").write_text(TRUE)
     call("report", run, "--truth", "true.toml")
     sk.run(sk.load(FIT), out=run, steps=2, force=True, progress=False)
-    assert {path.name for path in run.iterdir()} == set(PRODUCTS)
+    assert {path.name for path in run.iterdir()} == set(products_of(sk.load(FIT)))
 
 
 def test_the_picture_draws_both_over_the_truth() -> None:

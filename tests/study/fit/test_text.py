@@ -10,8 +10,8 @@ import streamkit as sk
 from streamkit.report import decimals, describe_measured
 from streamkit.study.fit import describe_results, write_samples
 from streamkit.study.fit.chain_verdicts import R_HAT
+from streamkit.study.fit.export import measured
 from streamkit.study.fit.figures import reach
-from streamkit.study.fit.paper import measured
 from streamkit.study.fit.runner import _measured_radius
 from streamkit.study.fit.text import radii_in_reach
 

@@ -9,7 +9,7 @@ from streamkit.components import DO_NOT, FINE, LOOK
 from streamkit.runfile import LogUniform, Normal, Uniform
 from streamkit.study.fit import chain_verdicts
 from streamkit.study.fit import verdicts as rules
-from streamkit.study.fit.chain_statistics import chance, drift, rank_scores, ranks
+from streamkit.study.fit.chain_verdicts import chance, drift, rank_scores, ranks
 from streamkit.study.fit.diagnostics import Predictive, contraction, prior_fractions
 
 NAMES = ("potential.v0", "potential.alpha")

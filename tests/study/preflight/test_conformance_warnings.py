@@ -12,7 +12,7 @@ from runfiles import FIT
 
 import streamkit as sk
 from streamkit.study.preflight import describe_preflight, run_preflight
-from streamkit.study.preflight.conformance_warnings import conformance_warnings
+from streamkit.study.preflight.warnings import conformance_warnings
 
 
 def halo(sign: float = -1.0, twist: float = 0.0, chance: float = 0.0) -> type[sk.Potential]:
