@@ -7,6 +7,8 @@ The trailing tail (+1) is drawn as written, the leading tail (-1) mirrored throu
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 from pydantic import Field
 
@@ -39,15 +41,11 @@ def _around(orbit: Orbit, tail: IntArray, offset: Array, kick: Array) -> Release
     return Release(q, v)
 
 
-class Fardal15(Stripping):
-    """Particle spray of Fardal, Huang & Weinberg 2015, with the constants of the paper.
+class _Fardal(Stripping):
+    """The fields and the release that both variants share."""
 
-    Offsets: k_r r_t outwards, k_z r_t upwards. Kicks: k_vphi V along the motion, k_vz V upwards.
-    """
-
-    kind = "fardal15"
-    reference = "Fardal, Huang & Weinberg 2015, MNRAS 452, 301"
     draws = 4
+    scales_with_k_r: ClassVar[bool]  # whether the tangential kick is in units of k_r V and not of V
 
     k_r: Number = Field(default=2.0, description="Mean radial offset in units of r_t.")
     k_vphi: Number = Field(default=0.3, description="Mean tangential kick in units of V = Omega r_t.")
@@ -60,13 +58,26 @@ class Fardal15(Stripping):
         """Draw k_r, k_vphi, k_z and k_vz independently, one row of normals each."""
         k_r = self.k_r + self.sigma_kr * normals[0]
         k_vphi = self.k_vphi + self.sigma_kvphi * normals[1]
+        if self.scales_with_k_r:
+            k_vphi = k_r * k_vphi
         zero = np.zeros_like(k_r)
         offset = orbit.r_tidal * np.stack([k_r, zero, self.sigma_kz * normals[2]])
         kick = orbit.omega * orbit.r_tidal * np.stack([zero, k_vphi, self.sigma_kvz * normals[3]])
         return _around(orbit, tail, offset, kick)
 
 
-class Fardal15Gala(Stripping):
+class Fardal15(_Fardal):
+    """Particle spray of Fardal, Huang & Weinberg 2015, with the constants of the paper.
+
+    Offsets: k_r r_t outwards, k_z r_t upwards. Kicks: k_vphi V along the motion, k_vz V upwards.
+    """
+
+    kind = "fardal15"
+    reference = "Fardal, Huang & Weinberg 2015, MNRAS 452, 301"
+    scales_with_k_r = False
+
+
+class Fardal15Gala(_Fardal):
     """gala's variant (``gala_modified``): wider, and the tangential kick scales with the drawn k_r.
 
     Offsets: k_r r_t outwards, k_z r_t upwards. Kicks: k_r k_vphi V along the motion, k_vz V upwards.
@@ -74,23 +85,11 @@ class Fardal15Gala(Stripping):
 
     kind = "fardal15_gala"
     reference = "gala (Price-Whelan 2017, JOSS 2, 388), after Fardal, Huang & Weinberg 2015, MNRAS 452, 301"
-    draws = 4
+    scales_with_k_r = True
 
-    k_r: Number = Field(default=2.0, description="Mean radial offset in units of r_t.")
     k_vphi: Number = Field(default=0.3, description="Mean tangential kick in units of k_r V, V = Omega r_t.")
     sigma_kr: Number = Field(default=0.5, ge=0, description="Dispersion of the radial offset, in r_t.")
     sigma_kvphi: Number = Field(default=0.5, ge=0, description="Dispersion of the tangential kick, in k_r V.")
-    sigma_kz: Number = Field(default=0.5, ge=0, description="Dispersion of the vertical offset, in r_t.")
-    sigma_kvz: Number = Field(default=0.5, ge=0, description="Dispersion of the vertical kick, in V.")
-
-    def release(self, orbit: Orbit, tail: IntArray, mass: float | Array, normals: Array) -> Release:
-        """Draw k_r, k_vphi, k_z and k_vz, one row of normals each; the tangential kick is their product."""
-        k_r = self.k_r + self.sigma_kr * normals[0]
-        k_vphi = k_r * (self.k_vphi + self.sigma_kvphi * normals[1])
-        zero = np.zeros_like(k_r)
-        offset = orbit.r_tidal * np.stack([k_r, zero, self.sigma_kz * normals[2]])
-        kick = orbit.omega * orbit.r_tidal * np.stack([zero, k_vphi, self.sigma_kvz * normals[3]])
-        return _around(orbit, tail, offset, kick)
 
 
 class Chen25(Stripping):

@@ -7,19 +7,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from streamkit import (
-    AngleDatum,
-    Array,
-    BoolArray,
-    IntArray,
-    LengthDatum,
-    Mark,
-    Number,
-    Observable,
-    Orbit,
-    Prediction,
-    Stream,
-)
+import streamkit as sk
 from streamkit.builtin.apocentre_mean import fit_arm
 from streamkit.builtin.apocentre_ridge import fit_turning
 from streamkit.builtin.apocentre_track import COVERAGE, FEWEST, TOO_FEW, WINDOW, ArmFit
@@ -32,7 +20,7 @@ NEEDS = {"leading": ("leading",), "trailing": ("trailing",), "precession": ("lea
 NOT_FITTED = ArmFit(np.nan, np.nan, (np.nan, np.nan), (np.empty(0), np.empty(0)), (np.empty(0), np.empty(0)))
 
 
-class Apocentres(Observable):
+class Apocentres(sk.Observable):
     """Leading and trailing apocentre radius, and the differential precession between them.
 
     Each arm's track r(angle) has its first maximum near the progenitor's own next (leading) or previous (trailing)
@@ -50,13 +38,13 @@ class Apocentres(Observable):
         "precession": ("93.2 deg", "3.5 deg"),
     }
 
-    leading: LengthDatum | None = Field(
+    leading: sk.LengthDatum | None = Field(
         default=None, description="Leading apocentre and its error, in kpc. Left out: not used."
     )
-    trailing: LengthDatum | None = Field(
+    trailing: sk.LengthDatum | None = Field(
         default=None, description="Trailing apocentre and its error, in kpc. Left out: not used."
     )
-    precession: AngleDatum | None = Field(
+    precession: sk.AngleDatum | None = Field(
         default=None, description="Differential precession and its error, in degrees. Left out: not used."
     )
     recent_debris: Literal["literal", "epoch_aware", "turning"] = Field(
@@ -66,7 +54,7 @@ class Apocentres(Observable):
         "last completed stripping passage. 'turning' (the default): what passes by the lower of the branches that turn "
         "round, whenever stripped: it asks nothing of a star but its place.",
     )
-    coverage: Number = Field(
+    coverage: sk.Number = Field(
         default=COVERAGE,
         ge=0,
         lt=0.5,
@@ -77,17 +65,17 @@ class Apocentres(Observable):
         description="How arms and wraps are distinguished: by the angle swept, or by the paper's phase chi.",
     )
 
-    def data(self) -> tuple[Array, Array]:
+    def data(self) -> tuple[sk.Array, sk.Array]:
         """Return the observed (leading, trailing, precession) and errors, NaN where left out."""
         pairs = [getattr(self, name) or (np.nan, np.nan) for name in NAMES]
         values, errors = np.array(pairs).T
         return values, errors
 
-    def quantities(self) -> dict[str, IntArray]:
+    def quantities(self) -> dict[str, sk.IntArray]:
         """Return the row of each number."""
         return {name: np.array([row]) for row, name in enumerate(NAMES)}
 
-    def mock(self, prediction: Prediction, rng: np.random.Generator) -> dict[str, Any]:
+    def mock(self, prediction: sk.Prediction, rng: np.random.Generator) -> dict[str, Any]:
         """Return the numbers in use with Gaussian noise of their errors."""
         values, errors = self.data()
         drawn = rng.normal(prediction.mean, np.nan_to_num(errors))
@@ -97,21 +85,21 @@ class Apocentres(Observable):
             if np.isfinite(datum)
         }
 
-    def predict(self, stream: Stream) -> Prediction:
+    def predict(self, stream: sk.Stream) -> sk.Prediction:
         """Measure both apocentres (kpc) and the precession (deg); NaN for what has no value and no datum."""
         fits, reasons = self._fits(stream)
         wanted = {arm for name, arms in NEEDS.items() if getattr(self, name) is not None for arm in arms} or set(ARMS)
         lost = [reason for arm, reason in reasons.items() if arm in wanted]
         if lost or not fits:
-            return Prediction(
+            return sk.Prediction(
                 NAMES, np.full(3, np.nan), np.full(3, np.nan), why_not=(lost or list(reasons.values()))[0]
             )
         lead, trail = (fits.get(arm, NOT_FITTED) for arm in ARMS)
         mean = np.array([lead.radius, trail.radius, 360.0 - lead.angle + trail.angle])
         variance = np.array([lead.variance[0], trail.variance[0], lead.variance[1] + trail.variance[1]])
-        return Prediction(NAMES, mean, variance, details=_details(fits))
+        return sk.Prediction(NAMES, mean, variance, details=_details(fits))
 
-    def marks(self, prediction: Prediction) -> tuple[Mark, ...]:
+    def marks(self, prediction: sk.Prediction) -> tuple[sk.Mark, ...]:
         """Return track, fit and fitted apocentre of each arm, and the data at the angles of the model's apocentres.
 
         The data fix only the sum of the two angles, 360 deg - precession: the trailing one is set against the model's
@@ -121,18 +109,18 @@ class Apocentres(Observable):
         for arm in (arm for arm in ARMS if f"{arm}_peak" in details):
             peaks[arm] = details[f"{arm}_peak"]
             marks += [
-                Mark("track", details[f"{arm}_angle"], details[f"{arm}_track"], "smoothed track"),
-                Mark("fit", details[f"{arm}_fit_angle"], details[f"{arm}_fit"], "Gaussian fit"),
-                Mark("peak", peaks[arm][:1], peaks[arm][1:], "fitted apocentre"),
+                sk.Mark("track", details[f"{arm}_angle"], details[f"{arm}_track"], "smoothed track"),
+                sk.Mark("fit", details[f"{arm}_fit_angle"], details[f"{arm}_fit"], "Gaussian fit"),
+                sk.Mark("peak", peaks[arm][:1], peaks[arm][1:], "fitted apocentre"),
             ]
         for arm in (arm for arm in peaks if getattr(self, arm) is not None):
             (value, error), angle, spread = getattr(self, arm), peaks[arm][:1], 0.0
             if arm == "trailing" and self.precession is not None and "leading" in peaks:
                 angle, spread = peaks["leading"][:1] - (360.0 - self.precession[0]), self.precession[1]
-            marks.append(Mark("datum", angle, np.array([value]), "data", spread, error))
+            marks.append(sk.Mark("datum", angle, np.array([value]), "data", spread, error))
         return tuple(marks)
 
-    def remarks(self, prediction: Prediction) -> tuple[str, ...]:
+    def remarks(self, prediction: sk.Prediction) -> tuple[str, ...]:
         """Warn of an arm that ends inside the window in which its apocentre is fitted."""
         warnings = []
         for arm in (arm for arm in ARMS if f"{arm}_peak" in prediction.details):
@@ -150,7 +138,7 @@ class Apocentres(Observable):
         """Return the measured apocentres."""
         return {f"{arm} apocentre": datum[0] for arm in ARMS if (datum := getattr(self, arm)) is not None}
 
-    def _fits(self, stream: Stream) -> tuple[dict[str, ArmFit], dict[str, str]]:
+    def _fits(self, stream: sk.Stream) -> tuple[dict[str, ArmFit], dict[str, str]]:
         """Return the fit of each arm that has an apocentre, and the reason why the others have none."""
         if len(stream) == 0 or stream.bound.all():
             return {}, dict.fromkeys(ARMS, "no particle has left the progenitor")
@@ -174,7 +162,7 @@ class Apocentres(Observable):
                 fits[arm] = fit
         return fits, reasons
 
-    def _guide(self, stream: Stream, arm: str) -> float | str:
+    def _guide(self, stream: sk.Stream, arm: str) -> float | str:
         """Angle in degrees of the progenitor's next (leading) or previous apocentre, or why there is none."""
         if stream.future is None:
             return "the progenitor is unbound or has no next apocentre"
@@ -186,7 +174,7 @@ class Apocentres(Observable):
             return f"the look-back time covers fewer than {needed} apocentre{several} of the progenitor"
         return -_swept(stream.orbit, past[-1])
 
-    def _early(self, stream: Stream) -> BoolArray:
+    def _early(self, stream: sk.Stream) -> sk.BoolArray:
         """(n,) True for particles stripped early enough to count in the trailing arm."""
         if self.recent_debris == "turning":
             return np.ones(len(stream), dtype=bool)
@@ -194,7 +182,7 @@ class Apocentres(Observable):
         return np.asarray(stream.t_strip < cut)
 
 
-def _why_few(angle: Array, member: BoolArray, chosen: BoolArray, guide: float) -> str:
+def _why_few(angle: sk.Array, member: sk.BoolArray, chosen: sk.BoolArray, guide: float) -> str:
     """Return why there are too few particles near the apocentre, and what to change."""
     in_window = np.abs(angle - guide) < WINDOW
     if (member & in_window).sum() >= FEWEST > (chosen & in_window).sum():
@@ -204,7 +192,7 @@ def _why_few(angle: Array, member: BoolArray, chosen: BoolArray, guide: float) -
     return ": raise stripping.particles"
 
 
-def _swept(orbit: Orbit, t: float) -> float:
+def _swept(orbit: sk.Orbit, t: float) -> float:
     """Angle in degrees that the orbit sweeps between time t and today (t = 0 is one of its ends)."""
     inside = orbit.t >= t if t < 0 else orbit.t <= t
     q = np.concatenate([orbit.at(np.array([t])).q, orbit.q[:, inside]], axis=1)
@@ -215,8 +203,8 @@ def _swept(orbit: Orbit, t: float) -> float:
     return float(np.degrees(np.arccos(cosine).sum()))
 
 
-def _details(fits: dict[str, ArmFit]) -> dict[str, Array]:
-    details: dict[str, Array] = {}
+def _details(fits: dict[str, ArmFit]) -> dict[str, sk.Array]:
+    details: dict[str, sk.Array] = {}
     for arm, fit in fits.items():
         details[f"{arm}_angle"], details[f"{arm}_track"] = fit.track
         details[f"{arm}_fit_angle"], details[f"{arm}_fit"] = fit.curve

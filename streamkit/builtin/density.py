@@ -8,11 +8,9 @@ import numpy as np
 from pydantic import Field
 
 import streamkit as sk
-from streamkit.builtin.track_lines import ENOUGH, LN_WING
+from streamkit.builtin.track_lines import ENOUGH, LN_WING, debris_of, is_enough, warning_of_gaps
 from streamkit.builtin.track_panels import column_panel, fine_grid, longitude_label
 
-FEWEST = 10  # particles that have left the progenitor below which there is no stream
-ARMS = {"leading": 1, "trailing": -1}
 STIFFEST = 1e9  # shape of a gamma distribution beyond which it is as good as a number
 
 
@@ -88,7 +86,7 @@ class Density(sk.Observable):
         """
         phi1 = self.counts["phi1"]
         names = tuple(f"count at {angle:g}" for angle in phi1.tolist())
-        if not self.shows(stream):
+        if not is_enough(stream, debris_of(stream, self.arm)):
             none = np.full(len(names), np.nan)
             return sk.Prediction(names, none, none, why_not="too few particles have left the progenitor")
         particles = self._under(stream, phi1)
@@ -102,21 +100,12 @@ class Density(sk.Observable):
         coverage = -np.logaddexp(0.0, np.log(ENOUGH) - np.log(np.maximum(number, 1e-300)))
         return sk.Prediction(names, mean, scale**2 * (share**2).sum(axis=1), details={"ln_coverage": coverage})
 
-    def shows(self, stream: sk.Stream) -> bool:
-        """Say whether the stream has enough debris for a density."""
-        chosen = self._chosen(stream)
-        return bool(chosen.sum() >= FEWEST and stream.weight[chosen].sum() > 0)
-
-    def _chosen(self, stream: sk.Stream) -> sk.BoolArray:
-        """(n,) The debris that is compared."""
-        return ~stream.bound if self.arm == "both" else stream.arm == ARMS[self.arm]
-
     def _under(self, stream: sk.Stream, at: sk.Array) -> sk.Array:
         """(m, n) The kernels about longitudes (m,) at the debris, times its weights: 1 at the middle.
 
         A Gaussian with faint exponential wings: where debris is missing the model falls with the distance to it.
         """
-        chosen = self._chosen(stream)
+        chosen = debris_of(stream, self.arm)
         away = np.subtract.outer(at, stream.seen(self.frame).lon[chosen])
         x2 = (((away + 180) % 360 - 180) / self.kernel) ** 2
         return np.asarray((np.exp(-0.5 * x2) + np.exp(LN_WING + 1 - np.sqrt(1 + x2))) * stream.weight[chosen])
@@ -164,12 +153,8 @@ class Density(sk.Observable):
         empty = self.counts["phi1"][prediction.details["ln_coverage"] < np.log(0.5)]
         if len(empty) == 0:
             return ()
-        where = ", ".join(f"{angle:g}" for angle in empty[:8]) + (", ..." if len(empty) > 8 else "")
-        return (
-            f"density: {len(empty)} of {len(prediction.mean)} bins lie where the stream has no debris, fewer than "
-            f"{ENOUGH:g} particles within a kernel of {self.kernel:g} deg (phi1 = {where}). Raise progenitor.lookback "
-            "or stripping.particles, or place the progenitor nearer.",
-        )
+        subject = f"density: {len(empty)} of {len(prediction.mean)} bins"
+        return (warning_of_gaps(subject, empty, self.kernel),)
 
 
 def ln_counts(count: sk.Array, mean: sk.Array, noise: sk.Array) -> sk.Array:

@@ -10,13 +10,6 @@ from pydantic import Field, field_validator
 import streamkit as sk
 
 
-def _positive(datum: tuple[float, float]) -> tuple[float, float]:
-    """Return a datum and its error; ValueError unless the datum is positive."""
-    if not datum[0] > 0:
-        raise ValueError(f"expected a positive number and its error, found {datum[0]:g}")
-    return datum
-
-
 class RotationCurve(sk.HostData):
     """Circular velocities in the plane at several radii, with an error common to all of them."""
 
@@ -53,20 +46,33 @@ class RotationCurve(sk.HostData):
         return {"rotation curve, first": float(radii.min()), "rotation curve, last": float(radii.max())}
 
 
-class CircularVelocity(sk.HostData):
+class _OneNumber(sk.HostData):
+    """One positive number and its error: the field that ``datum`` names."""
+
+    datum: ClassVar[str]
+
+    @field_validator("v_c", "mass", "q", check_fields=False)
+    @classmethod
+    def _is_positive(cls, datum: tuple[float, float]) -> tuple[float, float]:
+        if not datum[0] > 0:
+            raise ValueError(f"expected a positive number and its error, found {datum[0]:g}")
+        return datum
+
+    def data(self) -> tuple[sk.Array, sk.Array]:
+        """Return the number and its error."""
+        value, error = getattr(self, self.datum)
+        return np.array([value]), np.array([error])
+
+
+class CircularVelocity(_OneNumber):
     """A circular velocity in the plane at one radius, such as that at the Sun."""
 
     kind = "circular_velocity"
+    datum = "v_c"
     example: ClassVar[dict[str, Any]] = {"radius": 8.0, "v_c": ("229 km/s", "7 km/s")}
 
     radius: sk.Length = Field(description="Cylindrical radius.")
     v_c: sk.VelocityDatum = Field(description="Circular velocity and its error.")
-
-    _positive = field_validator("v_c")(_positive)
-
-    def data(self) -> tuple[sk.Array, sk.Array]:
-        """Return the velocity and its error in km/s."""
-        return _pair(self.v_c)
 
     def predict(self, host: sk.HostView) -> sk.Prediction:
         """Return the host's."""
@@ -77,20 +83,15 @@ class CircularVelocity(sk.HostData):
         return {"circular velocity": self.radius}
 
 
-class EnclosedMass(sk.HostData):
+class EnclosedMass(_OneNumber):
     """A mass inside one radius."""
 
     kind = "enclosed_mass"
+    datum = "mass"
     example: ClassVar[dict[str, Any]] = {"radius": 20.0, "mass": (2.5e11, 0.2e11)}
 
     radius: sk.Length = Field(description="Spherical radius.")
     mass: sk.MassDatum = Field(description="Mass inside it and its error.")
-
-    _positive = field_validator("mass")(_positive)
-
-    def data(self) -> tuple[sk.Array, sk.Array]:
-        """Return the mass and its error in Msun."""
-        return _pair(self.mass)
 
     def predict(self, host: sk.HostView) -> sk.Prediction:
         """Return the host's."""
@@ -101,18 +102,17 @@ class EnclosedMass(sk.HostData):
         return {"enclosed mass": self.radius}
 
 
-class Flattening(sk.HostData):
+class Flattening(_OneNumber):
     """The flattening of the potential at one place, sqrt(z a_R / (R a_z)): its axis ratio, 1 for a sphere."""
 
     kind = "flattening"
+    datum = "q"
     reference = "Bovy, Bahmanyar, Fritz & Kallivayalil 2016, ApJ 833, 31"
     example: ClassVar[dict[str, Any]] = {"radius": 12.5, "z": 6.7, "q": (0.95, 0.04)}
 
     radius: sk.Length = Field(description="Cylindrical radius of the place.")
     z: sk.Coordinate = Field(description="Height of the place above the plane; not 0.")
     q: sk.NumberDatum = Field(description="Flattening and its error.")
-
-    _positive = field_validator("q")(_positive)
 
     @field_validator("z")
     @classmethod
@@ -121,10 +121,6 @@ class Flattening(sk.HostData):
             raise ValueError("in the plane the potential has no flattening; expected a height other than 0")
         return value
 
-    def data(self) -> tuple[sk.Array, sk.Array]:
-        """Return the flattening and its error."""
-        return _pair(self.q)
-
     def predict(self, host: sk.HostView) -> sk.Prediction:
         """Return the host's; none where a force points outwards."""
         return _exact(["q"], host.flattening(np.array([self.radius]), np.array([self.z])))
@@ -132,11 +128,6 @@ class Flattening(sk.HostData):
     def radii(self) -> dict[str, float]:
         """Return the distance of the place from the centre."""
         return {"flattening": float(np.hypot(self.radius, self.z))}
-
-
-def _pair(datum: tuple[float, float]) -> tuple[sk.Array, sk.Array]:
-    value, error = datum
-    return np.array([value]), np.array([error])
 
 
 def _exact(names: list[str], values: sk.Array) -> sk.Prediction:

@@ -8,21 +8,15 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from streamkit import (
-    GYR,
-    Array,
-    Duration,
-    Integrator,
-    PositiveNumber,
-    engine,  # loaded when it is used: it brings numba, and listing plugins need not wait for it
-)
+import streamkit as sk
+from streamkit import engine  # loaded when it is used: it brings numba, and listing plugins need not wait for it
 
 
 def _fixed(
-    method: engine.Splitting, step: float, field: engine.Field, q: Array, v: Array, t0: Array, t1: float
+    method: engine.Splitting, step: float, field: engine.Field, q: sk.Array, v: sk.Array, t0: sk.Array, t1: float
 ) -> None:
     """Take equal steps of at most ``step`` Gyr. Particles released inside the block take fewer."""
-    counts = np.maximum(np.ceil((t1 - t0) / (step * GYR) - 1e-9), 1).astype(int)
+    counts = np.maximum(np.ceil((t1 - t0) / (step * sk.GYR) - 1e-9), 1).astype(int)
     edges = [0, *(np.flatnonzero(np.diff(counts)) + 1), len(t0)]
     for begin, end in pairwise(edges):
         if end > begin:
@@ -30,21 +24,21 @@ def _fixed(
             engine.split_step(field, method, q[:, part], v[:, part], t0[part], t1, int(counts[begin]))
 
 
-class Leapfrog(Integrator):
+class Leapfrog(sk.Integrator):
     """Drift-kick-drift leapfrog with a fixed step: symplectic, second order."""
 
     kind = "leapfrog"
     order = 2
     drag = True
 
-    step: Duration = Field(default=0.001, description="Longest step.")
+    step: sk.Duration = Field(default=0.001, description="Longest step.")
 
-    def advance(self, field: engine.Field, q: Array, v: Array, t0: Array, t1: float) -> None:
+    def advance(self, field: engine.Field, q: sk.Array, v: sk.Array, t0: sk.Array, t1: float) -> None:
         """Advance in place."""
         _fixed(engine.LEAPFROG, self.step, field, q, v, t0, t1)
 
 
-class ForestRuth(Integrator):
+class ForestRuth(sk.Integrator):
     """Position-extended Forest-Ruth-like method (PEFRL) with a fixed step: symplectic, fourth order."""
 
     kind = "pefrl"
@@ -52,14 +46,14 @@ class ForestRuth(Integrator):
     order = 4
     drag = True
 
-    step: Duration = Field(default=0.004, description="Longest step.")
+    step: sk.Duration = Field(default=0.004, description="Longest step.")
 
-    def advance(self, field: engine.Field, q: Array, v: Array, t0: Array, t1: float) -> None:
+    def advance(self, field: engine.Field, q: sk.Array, v: sk.Array, t0: sk.Array, t1: float) -> None:
         """Advance in place."""
         _fixed(engine.PEFRL, self.step, field, q, v, t0, t1)
 
 
-class Adaptive(Integrator):
+class Adaptive(sk.Integrator):
     """Splitting whose step follows each particle's own dynamical time, by powers of two per block.
 
     Particles deep in the progenitor take many steps, escaped ones few, in batches of equal steps (Gibbons+ 2014 use
@@ -80,10 +74,10 @@ class Adaptive(Integrator):
     method: Literal["pefrl", "rkn4"] = Field(
         default="rkn4", description="4 forces a step, or 6 and some thirty times as accurate for equal steps."
     )
-    eta: PositiveNumber = Field(
+    eta: sk.PositiveNumber = Field(
         default=0.4, description="Longest step in units of sqrt(distance/acceleration) about the Galactic centre."
     )
-    eta_progenitor: PositiveNumber = Field(
+    eta_progenitor: sk.PositiveNumber = Field(
         default=0.45, description="Longest step in units of sqrt(distance/acceleration) about the progenitor."
     )
     deepest: int = Field(default=7, ge=0, le=20, description="A block takes at most 2 to this power steps.")
@@ -93,7 +87,7 @@ class Adaptive(Integrator):
         etas = {"eta": self.eta, "eta_progenitor": self.eta_progenitor}
         return {name: duration / self.longest_block * min(2.0**self.deepest, 1 / eta) for name, eta in etas.items()}
 
-    def advance(self, field: engine.Field, q: Array, v: Array, t0: Array, t1: float) -> None:
+    def advance(self, field: engine.Field, q: sk.Array, v: sk.Array, t0: sk.Array, t1: float) -> None:
         """Advance in place."""
         if len(t0):
             eta = np.array([self.eta, self.eta_progenitor])
@@ -102,7 +96,7 @@ class Adaptive(Integrator):
             )
 
 
-class Reference(Integrator):
+class Reference(sk.Integrator):
     """SciPy's DOP853 on all particles together: slow, adaptive, for checking the others."""
 
     kind = "dop853"
@@ -110,10 +104,10 @@ class Reference(Integrator):
     order = 8
     drag = True
 
-    rtol: PositiveNumber = Field(default=1e-10, description="Relative tolerance.")
-    atol: PositiveNumber = Field(default=1e-10, description="Absolute tolerance, in kpc and km/s.")
+    rtol: sk.PositiveNumber = Field(default=1e-10, description="Relative tolerance.")
+    atol: sk.PositiveNumber = Field(default=1e-10, description="Absolute tolerance, in kpc and km/s.")
 
-    def advance(self, field: engine.Field, q: Array, v: Array, t0: Array, t1: float) -> None:
+    def advance(self, field: engine.Field, q: sk.Array, v: sk.Array, t0: sk.Array, t1: float) -> None:
         """Advance in place. Each particle's time runs linearly with a common s from 0 to 1."""
         from scipy.integrate import solve_ivp
 
@@ -122,7 +116,7 @@ class Reference(Integrator):
             return
         span = t1 - t0
 
-        def rates(s: float, w: Array) -> Array:
+        def rates(s: float, w: sk.Array) -> sk.Array:
             state = w.reshape(6, n)
             a = field.acceleration(t0 + s * span, state[:3], state[3:])
             return np.concatenate([state[3:] * span, a * span]).ravel()

@@ -12,14 +12,12 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 import streamkit as sk
 from streamkit.builtin.track_columns import COLUMNS, DEPTH, column_of, radii_of, within
 from streamkit.builtin.track_likelihood import Side, ln_of_each, ln_sum, mixture_residuals, scatter_of
-from streamkit.builtin.track_lines import ENOUGH, REACH, Lines, gather, lines_at
+from streamkit.builtin.track_lines import ENOUGH, REACH, Lines, debris_of, gather, is_enough, lines_at, warning_of_gaps
 from streamkit.builtin.track_members import MEMBERS, MOTIONS, Members, members_of, which_columns
 from streamkit.builtin.track_panels import column_label, column_panel, fine_grid, longitude_label
 
-FEWEST = 10  # particles that have left the progenitor below which there is no stream
 # Degrees from the nearest debris beyond which debris on the other side of the sky does not matter.
 SEAM = 90.0
-ARMS = {"leading": 1, "trailing": -1}
 # Functions that move drawn data into the allowed range.
 LIMITS: dict[str, Callable[[sk.Array], sk.Array]] = {"phi2": lambda angle: np.clip(angle, -90, 90), "distance": np.abs}
 BROADEST = 45.0  # largest kernel in degrees: two straight lines of that width are a whole turn
@@ -213,7 +211,7 @@ class Track(sk.Observable):
         share of a well-covered line's density that is there.
         """
         different, which = self._places
-        if not self.shows(stream):
+        if not is_enough(stream, debris_of(stream, self.arm)):
             none = np.full(len(self.names), np.nan)
             return sk.Prediction(self.names, none, none, why_not="too few particles have left the progenitor")
         lines, of = self.lines(stream, different)
@@ -223,14 +221,9 @@ class Track(sk.Observable):
         details = {"spread": spread, "ln_coverage": coverage}
         return sk.Prediction(self.names, mean, variance, details=details)
 
-    def shows(self, stream: sk.Stream) -> bool:
-        """Return whether the stream has enough debris for lines."""
-        chosen = self._chosen(stream)
-        return bool(chosen.sum() >= FEWEST and stream.weight[chosen].sum() > 0)
-
     def lines(self, stream: sk.Stream, at: sk.Array) -> tuple[Lines, list[str]]:
         """Fit the lines at longitudes (m,) in degrees, of all columns that data are compared with; and their names."""
-        chosen = self._chosen(stream)
+        chosen = debris_of(stream, self.arm)
         longitude, columns = self.of_particles(stream)
         margin = 0.0
         if not self.unwrapped:
@@ -244,10 +237,6 @@ class Track(sk.Observable):
         of = list(columns)
         depth = of.index("distance") if DEPTH in self.given else -1
         return lines_at(debris, at, self.kernel, depth), of
-
-    def _chosen(self, stream: sk.Stream) -> sk.BoolArray:
-        """(n,) The debris that is compared."""
-        return ~stream.bound if self.arm == "both" else stream.arm == ARMS[self.arm]
 
     def part_of(self, name: str, lines: Lines, row: int, which: sk.IntArray) -> tuple[sk.Array, ...]:
         """Mean, variance, spread and ln of the count of one field, at some of the lines."""
@@ -279,8 +268,7 @@ class Track(sk.Observable):
 
         The two proper motions of a member are one pair, with their covariance.
         """
-        total = np.zeros(np.shape(prediction.mean)[:-1])
-        return ln_sum(total, self._compared(prediction, add_noise), self._pair, self._pair_covariance)
+        return ln_sum(self._compared(prediction, add_noise), self._pair, self._pair_covariance)
 
     def ln_likelihoods(self, prediction: sk.Prediction, add_noise: bool) -> sk.Array:
         """Return the terms of `ln_likelihood`; the second proper motion of a member is compared given the first."""
@@ -370,7 +358,7 @@ class Track(sk.Observable):
 
     def _curves(self, stream: sk.Stream) -> dict[str, tuple[sk.Array, sk.Array]]:
         """Return the line of each field on a fine grid, NaN off the debris; no lines without enough debris."""
-        if not self.shows(stream):
+        if not is_enough(stream, debris_of(stream, self.arm)):
             return {}
         grid = fine_grid(np.concatenate([phi1 for phi1, _, _ in self.given.values()]))
         lines, of = self.lines(stream, grid)
@@ -387,12 +375,7 @@ class Track(sk.Observable):
                 continue
             empty = np.unique(phi1[prediction.details["ln_coverage"][part] < np.log(0.5)])
             if len(empty):
-                where = ", ".join(f"{angle:g}" for angle in empty[:8]) + (", ..." if len(empty) > 8 else "")
-                warnings.append(
-                    f"{name}: {len(empty)} of its longitudes lie where the stream has no debris, fewer than "
-                    f"{ENOUGH:g} particles within a kernel of {self.kernel:g} deg (phi1 = {where}). Raise "
-                    "progenitor.lookback or stripping.particles, or place the progenitor nearer."
-                )
+                warnings.append(warning_of_gaps(f"{name}: {len(empty)} of its longitudes", empty, self.kernel))
         return tuple(warnings)
 
     def radii(self) -> dict[str, float]:

@@ -27,12 +27,7 @@ class Side(NamedTuple):
 
 
 def ln_mixture(side: Side) -> Array:
-    """(...) Return the sum over data of ln [(1 - f) c N(value; mean, variance) + f N(value; background)]."""
-    return np.asarray(ln_mixture_of_each(side).sum(axis=-1))
-
-
-def ln_mixture_of_each(side: Side) -> Array:
-    """(..., m) The terms of `ln_mixture`."""
+    """(..., m) Return ln [(1 - f) c N(value; mean, variance) + f N(value; background)] of each datum."""
     value, variance, mean, ln_coverage, outliers, background = side
     stream = ln_gaussian(value - mean, variance) + ln_coverage
     if not np.any(outliers):
@@ -66,11 +61,6 @@ def mixture_residuals(side: Side) -> Array:
 
 
 def ln_mixture_of_pairs(one: Side, other: Side, covariance: Array) -> Array:
-    """(...) Return the sum over stars of the ln density of two data with correlated errors."""
-    return np.asarray(ln_mixture_of_each_pair(one, other, covariance).sum(axis=-1))
-
-
-def ln_mixture_of_each_pair(one: Side, other: Side, covariance: Array) -> Array:
     """(..., m) The ln density of two data with correlated errors, of each star; the covariance is (m,).
 
     Either datum may be an outlier, and only where neither is do the errors correlate. Without a covariance it is the
@@ -90,25 +80,21 @@ def ln_mixture_of_each_pair(one: Side, other: Side, covariance: Array) -> Array:
     return np.asarray(reduce(np.logaddexp, terms))
 
 
-def ln_sum(total: Array, compared: Iterable[tuple[str, Side]], pair: Sequence[str], covariance: Array | None) -> Array:
-    """Return a total (...) plus the ln likelihood of columns by their names, of which a pair may have a covariance."""
-    pairs = []
-    for name, side in compared:
-        if name in pair:
-            pairs.append(side)
-        else:
-            total = total + ln_mixture(side)
-    if covariance is not None and pairs:
-        total = total + ln_mixture_of_pairs(pairs[0], pairs[1], covariance)
-    return total
+def ln_sum(compared: Iterable[tuple[str, Side]], pair: Sequence[str], covariance: Array | None) -> Array:
+    """(...) Return the ln likelihood of columns by their names, of which a pair may have a covariance."""
+    sides = dict(compared)
+    total = sum(ln_mixture(side).sum(axis=-1) for name, side in sides.items() if name not in pair)
+    if covariance is not None and pair:
+        total = total + ln_mixture_of_pairs(sides[pair[0]], sides[pair[1]], covariance).sum(axis=-1)
+    return np.asarray(total)
 
 
 def ln_of_each(compared: Iterable[tuple[str, Side]], pair: Sequence[str], covariance: Array | None) -> Array:
     """(m,) The terms of `ln_sum`, of all data. Of a pair, the second is that given the first."""
     sides = dict(compared)
-    terms = {name: ln_mixture_of_each(side) for name, side in sides.items()}
+    terms = {name: ln_mixture(side) for name, side in sides.items()}
     if covariance is not None and pair:
-        terms[pair[1]] = ln_mixture_of_each_pair(sides[pair[0]], sides[pair[1]], covariance) - terms[pair[0]]
+        terms[pair[1]] = ln_mixture_of_pairs(sides[pair[0]], sides[pair[1]], covariance) - terms[pair[0]]
     return np.concatenate(list(terms.values()))
 
 

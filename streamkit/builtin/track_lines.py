@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from streamkit import Array
+from streamkit import Array, BoolArray, Stream
 
 WING = 1e-3  # height of the exponential wings: within three kernels of debris only the Gaussian matters
 LN_WING = math.log(WING)
@@ -22,6 +22,8 @@ LN_WING = math.log(WING)
 REACH = 4.0
 # Particles under a kernel that give a line: far below it the slope and the spread are those of the whole stream.
 ENOUGH = 5.0
+FEWEST = 10  # particles that have left the progenitor below which there is no stream
+ARMS = {"leading": 1, "trailing": -1}
 
 TURN = 360.0  # degrees
 LN_MOST = 300.0  # greatest ln of a number of particles, so that it has an exponential
@@ -50,6 +52,26 @@ class Lines(NamedTuple):
     spread: Array  # (c, m) standard deviation of the particles about the line
     depth_variance: Array  # (m,) variance of the spread of one column
     ln_count: Array  # (m,) ln of the number of particles under the kernel
+
+
+def debris_of(stream: Stream, arm: str) -> BoolArray:
+    """(n,) Return which particles have left the progenitor, in one arm or in "both"."""
+    return ~stream.bound if arm == "both" else stream.arm == ARMS[arm]
+
+
+def is_enough(stream: Stream, chosen: BoolArray) -> bool:
+    """Return whether the chosen particles are enough for lines, or for a density."""
+    return bool(chosen.sum() >= FEWEST and stream.weight[chosen].sum() > 0)
+
+
+def warning_of_gaps(subject: str, empty: Array, kernel: float) -> str:
+    """Return the warning that data, the subject, lie at longitudes (k,) without debris under the kernel."""
+    where = ", ".join(f"{angle:g}" for angle in empty[:8]) + (", ..." if len(empty) > 8 else "")
+    return (
+        f"{subject} lie where the stream has no debris, fewer than {ENOUGH:g} particles within a kernel of "
+        f"{kernel:g} deg (phi1 = {where}). Raise progenitor.lookback or stripping.particles, or place the progenitor "
+        "nearer."
+    )
 
 
 def gather(longitude: Array, columns: Sequence[Array], weight: Array, margin: float = 0.0) -> Debris:

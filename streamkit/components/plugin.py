@@ -107,7 +107,8 @@ def _identity(point: EntryPoint, module: ModuleType) -> str:
     name = supplier_of(point)
     if point.dist is None or is_ours(point):
         return name
-    wrapped = [f"{other} {version(other)}" for other in _wraps(point.dist)]
+    others = sorted(_requires(point.dist) - _required_by_streamkit())  # optional extras are left out
+    wrapped = [f"{other} {version(other)}" for other in others if _is_installed(other)]
     if wrapped:
         name += f" with {', '.join(wrapped)}"
     if _is_editable(point.dist) and module.__file__:
@@ -120,11 +121,6 @@ def _is_editable(dist: Distribution) -> bool:
         return bool(json.loads(dist.read_text("direct_url.json") or "{}")["dir_info"]["editable"])
     except (ValueError, KeyError, TypeError):
         return False
-
-
-def _wraps(dist: Distribution) -> list[str]:
-    """Return the requirements of a distribution, without optional extras and without those of streamkit."""
-    return sorted(name for name in _requires(dist) - _required_by_streamkit() if _is_installed(name))
 
 
 @cache
@@ -196,14 +192,10 @@ def check_class(cls: Any) -> None:
         raise PluginError(f"{cls.__name__} is abstract, it does not define {missing}")
     if not isinstance(cls.kind, str):
         raise PluginError(f"{cls.__name__}: the kind must be text, found {cls.kind!r}")
-    missing = ", ".join(name for name in ROLES[cls.role].__annotations__ if not _has(cls, name))
+    names = [name for name in ROLES[cls.role].__annotations__ if name not in cls.model_fields]
+    missing = ", ".join(name for name in names if not hasattr(cls, name))  # a constant that its base annotates
     if missing:
         raise PluginError(f"{cls.__name__} does not define {missing}, which every {cls.role} has")
-
-
-def _has(cls: type[Component], name: str) -> bool:
-    """Return whether a class has a field, or defines a constant, that its base annotates."""
-    return name in cls.model_fields or hasattr(cls, name)
 
 
 def with_neighbours(path: Path) -> list[Path]:

@@ -58,12 +58,8 @@ def form_of(orders: tuple[int, ...], sines: bool, bent: bool) -> type[Expansion]
 
 
 def expansion_of(grid: Grid, force: Array) -> Expansion:
-    """Return the expansion from the acceleration (3, nodes) at ``grid.positions()``.
-
-    Raises ValueError if one of these numbers is not finite.
-    """
-    if not np.isfinite(force).all():
-        raise ValueError("the acceleration is not finite")
+    """Return the expansion from the acceleration (3, nodes) at ``grid.positions()``, all finite."""
+    table = table_of(grid, force)
     if grid.form == "spherical":
-        return Expansion(table_of(grid, force))
-    return form_of(tuple(grid.orders), grid.sines, bool(grid.thickness < np.inf))(table_of(grid, force))
+        return Expansion(table)
+    return form_of(tuple(grid.orders), grid.sines, bool(grid.thickness < np.inf))(table)

@@ -85,7 +85,10 @@ class Host:
         if not self.bodies and not (self.progenitor and self.progenitor.reflex):
             return self.alone
         if t1 not in self._fields:
-            self._fields[t1] = self._with_bodies(t1 or -NODE)
+            total, paths = self.alone, self.paths(t1 or -NODE)
+            for body, orbit in zip(self.bodies.values(), paths.bodies.values(), strict=True):
+                total = total.with_moving(build_field([body.potential]), orbit)
+            self._fields[t1] = total.seen_from(paths.centre)
         return self._fields[t1]
 
     def _at(self, times: Array) -> Field:
@@ -93,12 +96,6 @@ class Host:
         farthest = float(times[np.argmax(np.abs(times))])
         reach = [t1 for t1 in self._fields if t1 * farthest >= farthest**2]
         return self.until(reach[0] if reach else farthest)
-
-    def _with_bodies(self, t1: float) -> Field:
-        total, paths = self.alone, self.paths(t1)
-        for body, orbit in zip(self.bodies.values(), paths.bodies.values(), strict=True):
-            total = total.with_moving(build_field([body.potential]), orbit)
-        return total.seen_from(paths.centre)
 
     def paths(self, t1: float) -> Paths:
         """Return the orbits of all that move, from today to t1; OutOfDomain if one cannot be followed so far."""

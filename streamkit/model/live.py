@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,20 +26,13 @@ AT_ONCE, LITTLE = 10.0, 0.01
 UNBOUND = 0.5  # most of the mass that may be unbound at the start: more is no progenitor
 
 
-@dataclass(frozen=True)
-class Followed:
-    """What became of the particles and of the progenitor."""
-
-    records: Records  # of the particles
-    orbit: Orbit  # the progenitor's track with the mass that it has left, and the tidal radius of that
-    tail: IntArray  # (n,) the Lagrange point on whose side each particle is today
-    weight: Array  # (n,) how much each counts
-
-
 def follow_live(
     inputs: StreamInputs, scheme: LiveStripping, host: Host, track: Orbit, points: Array, threads: int
-) -> Followed:
+) -> tuple[Orbit, Records, IntArray, Array]:
     """Follow the particles of a live progenitor along its track, from uniform random numbers (draws, n).
+
+    Returns the track with the mass that the progenitor has left, and the tidal radius of that; the records of the
+    particles; the Lagrange point (n,) on whose side each is today; and how much each counts (n,).
 
     OutOfDomain if the progenitor is no equilibrium, does not fit into its tidal radius at the look-back time, or asks
     for too many steps. ComponentError if the scheme fails.
@@ -86,7 +79,7 @@ def follow_live(
     over_time = np.interp(track.t, edges, left)
     orbit = replace(track, r_tidal=np.cbrt(G * over_time / bracket), mass_left=over_time / inputs.mass)
     tail = np.where(done.winding > 0, LEADING, TRAILING)
-    return Followed(done, orbit, tail, people.weight)
+    return orbit, done, tail, people.weight
 
 
 def live_track(inputs: StreamInputs, scheme: LiveStripping, host: Host, track: Orbit) -> Orbit:

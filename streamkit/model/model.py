@@ -157,9 +157,8 @@ def simulate(inputs: StreamInputs, draws: Array, shared: Host | None = None, thr
     track = progenitor_track(host, inputs)
     if isinstance(inputs.stripping, LiveStripping):
         track = live_track(inputs, inputs.stripping, host, track)
-        live = follow_live(inputs, inputs.stripping, host, track, draws, threads)
-        t_release = np.full(len(live.tail), track.t[0])
-        return _stream(inputs, host, live.orbit, live.records, live.tail, t_release, live.weight)
+        orbit, done, tail, weight = follow_live(inputs, inputs.stripping, host, track, draws, threads)
+        return _stream(inputs, host, orbit, done, tail, np.full(len(tail), track.t[0]), weight)
     start = release_particles(inputs, track, draws)
     field = host.until(float(track.t[0]))
     if isinstance(inputs.stripping, Stripping) and inputs.stripping.progenitor_gravity:

@@ -11,7 +11,7 @@ import numpy as np
 from streamkit.errors import OutOfDomain, SpecError
 from streamkit.model import Model, Observation
 from streamkit.observe import compare_with_data, join_data, parts_of
-from streamkit.runfile import ModelInputs, Source, StreamInputs, as_spec
+from streamkit.runfile import Source, StreamInputs, as_spec
 from streamkit.sample.comparison import Comparison
 from streamkit.stream import Array, Prediction, Stream
 
@@ -65,7 +65,8 @@ class Posterior:
         for name, inputs in bound.streams.items():
             where = f"{spec.prefix(name)}observable"
             if not inputs.observables:
-                raise SpecError(f"{where}: there is none, and a fit needs one with data{_for_each(bound)}")
+                each = " for every stream" if len(bound.streams) > 1 else ""
+                raise SpecError(f"{where}: there is none, and a fit needs one with data{each}")
             if not any(np.isfinite(data.values).any() for data in self.model.data(inputs).values()):
                 raise SpecError(f"{where}: there is no datum to compare with")
         parts = [data for inputs in bound.streams.values() for data in self.model.data(inputs).values()]
@@ -141,7 +142,3 @@ class Posterior:
         """Return the evaluation of parameters without a stream or an observable: ln p = -inf, NaN, and the reason."""
         nothing = np.full(self.size, np.nan)
         return Evaluation(-np.inf, -np.inf, nothing, nothing, reason)
-
-
-def _for_each(bound: ModelInputs) -> str:
-    return " for every stream" if len(bound.streams) > 1 else ""

@@ -74,11 +74,6 @@ class _Result(Future[Any]):
         self._executor.work(self.done, timeout)
         return super().result(0)
 
-    def exception(self, timeout: float | None = None) -> BaseException | None:
-        """Return the error of the call, None without one; waits as `result` does."""
-        self._executor.work(self.done, timeout)
-        return super().exception(0)
-
 
 class Processes(Executor):
     """A `concurrent.futures.Executor` of processes that may die at any time.
@@ -108,11 +103,6 @@ class Processes(Executor):
         for _ in range(count):
             self._workers.append(self._start())
         self._end = Finalize(self, _end, args=(self._workers,), exitpriority=10)
-
-    @property
-    def pids(self) -> list[int]:
-        """Numbers of the processes."""
-        return [worker.process.pid for worker in self._workers]
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Have a process call the function; it and its arguments are pickled."""

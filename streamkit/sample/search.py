@@ -12,11 +12,11 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from time import monotonic
-from typing import Protocol
 
 import numpy as np
 from scipy.stats import qmc
 
+from streamkit.components import PriorDensity
 from streamkit.errors import StreamkitError
 from streamkit.sample.posterior import Evaluation
 from streamkit.stream import Array, IntArray
@@ -53,13 +53,6 @@ def population_of(walkers: int, parameters: int) -> int:
     return max(2 * walkers, 4 * parameters, 16)
 
 
-class HasQuantile(Protocol):
-    """The part of a prior that the search needs."""
-
-    def ppf(self, u: Array) -> Array:
-        """Return the values below which lie the fractions u of the prior."""
-
-
 Evaluate = Callable[[Array, str], list[Evaluation]]
 
 
@@ -67,7 +60,7 @@ Evaluate = Callable[[Array, str], list[Evaluation]]
 class Search:
     """The search for a starting ensemble."""
 
-    priors: Sequence[HasQuantile]  # d priors
+    priors: Sequence[PriorDensity]  # d priors
     evaluate: Evaluate  # ``evaluate(points (n, d), "cheap" or "full")``
     walkers: int  # how many starting points are wanted
     rng: np.random.Generator  # the only source of random numbers

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -76,18 +77,14 @@ MASS = 6.4e8  # mass of the progenitor in Msun
 def progenitor_orbit(
     start: float, end: float = 0.0, max_step: float = 0.01, today: tuple[Array, Array] = TODAY
 ) -> Orbit:
-    """Return the progenitor's track from ``start`` to ``end`` in Gyr, one of them 0 (today), with tidal radii."""
+    """Return the progenitor's track from ``start`` to ``end`` in Gyr, one of them 0 (today).
+
+    Its tidal radii are r_t = [G M / (Omega^2 - d^2 Phi/dr^2)]^(1/3) in the isochrone.
+    """
     field = build_field([Isochrone()])
-    other = start if end == 0.0 else end
-    orbit = field.orbit(*today, 0.0, other * GYR, max_step)
-    return with_tidal_radius(orbit)
-
-
-def with_tidal_radius(orbit: Orbit) -> Orbit:
-    """Fill in r_t = [G M / (Omega^2 - d^2 Phi/dr^2)]^(1/3) in the isochrone."""
-    curvature = build_field([Isochrone()]).radial_second_derivative(orbit.t, orbit.q)
-    r_tidal = np.cbrt(G * MASS / (orbit.omega**2 - curvature))
-    return Orbit(orbit.t, orbit.q, orbit.v, orbit.a, r_tidal)
+    orbit = field.orbit(*today, 0.0, (start if end == 0.0 else end) * GYR, max_step)
+    curvature = field.radial_second_derivative(orbit.t, orbit.q)
+    return replace(orbit, r_tidal=np.cbrt(G * MASS / (orbit.omega**2 - curvature)))
 
 
 def swarm(count: int, seed: int = 1) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""A slow, obvious oracle: NumPy forces, and SciPy's DOP853 or classical Runge-Kutta, one particle at a time.
+"""A slow, obvious oracle: NumPy forces, and SciPy's DOP853, one particle at a time.
 
 Nothing here touches the compiled engine, so that a test may compare the two. Units are the engine's.
 """
@@ -80,19 +80,6 @@ def divergence_and_curl(potential: Potential, t: Array, q: Array) -> tuple[Array
     return np.asarray(np.trace(slopes)), curl
 
 
-def runge_kutta(rates: Rates, w: Array, t0: float, t1: float, steps: int) -> Array:
-    """Classical fourth-order Runge-Kutta from t0 to t1 in equal steps."""
-    h = (t1 - t0) / steps
-    for i in range(steps):
-        t = t0 + i * h
-        k1 = rates(t, w)
-        k2 = rates(t + h / 2, w + h / 2 * k1)
-        k3 = rates(t + h / 2, w + h / 2 * k2)
-        k4 = rates(t + h, w + h * k3)
-        w = w + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    return w
-
-
 def dop853(rates: Rates, w: Array, t0: float, t1: float) -> Array:
     """SciPy's DOP853 from t0 to t1 at a relative tolerance of 1e-12."""
     if t0 == t1:
@@ -108,7 +95,6 @@ def advance(
     t1: float,
     satellite: Sequence[Potential] = (),
     progenitor: tuple[Array, Array, float] | None = None,
-    steps: int | None = None,
 ) -> tuple[Array, Array]:
     """Carry particles q, v (3, n) from their own times t0 (n,) to t1; return new arrays (3, n), (3, n).
 
@@ -121,8 +107,6 @@ def advance(
     progenitor
         Position (3,), velocity (3,) and the time at which it has them; needed with a satellite. It is
         integrated together with each particle: no track, no interpolation.
-    steps
-        Use classical Runge-Kutta with so many equal steps per particle instead of DOP853.
     """
 
     def rates(t: float, w: Array) -> Array:
@@ -145,6 +129,5 @@ def advance(
         w = np.concatenate([q[:, i], v[:, i]])
         if progenitor is not None:
             w = np.concatenate([w, dop853(alone, np.concatenate(progenitor[:2]), progenitor[2], start)])
-        w = dop853(rates, w, start, t1) if steps is None else runge_kutta(rates, w, start, t1, steps)
-        out[:, i] = w[:6]
+        out[:, i] = dop853(rates, w, start, t1)[:6]
     return out[:3].copy(), out[3:].copy()

@@ -31,37 +31,6 @@ def seconds(call: Callable[[], object], budget: float = 0.2) -> float:
     return float(best)
 
 
-def potential_seconds(potential: Potential) -> float:
-    """Estimate the seconds per stream of 10 000 particles that a potential costs."""
-    if potential.compiled:
-        field, q = build_field([potential]), swarm(2000)[0]
-        return EVALUATIONS / 2000 * seconds(lambda: field.acceleration(np.zeros(2000), q))
-    one, many = swarm(1)[0], swarm(BATCH)[0]
-    alone = seconds(lambda: acceleration([potential], 0.0, one))
-    return ALONE * alone + TOGETHER * seconds(lambda: acceleration([potential], 0.0, many))
-
-
-def stripping_seconds(scheme: Stripping) -> float:
-    """Return the seconds for 10 000 particles."""
-    orbit = progenitor_orbit(-3.0).at(np.linspace(-3.0, 0.0, 10_000, endpoint=False) * GYR)
-    tail = np.where(np.arange(10_000) % 2, 1, -1)
-    normals = np.random.default_rng(7).standard_normal((scheme.draws, 10_000))
-    return seconds(lambda: scheme.release(orbit, tail, MASS, normals))
-
-
-def integrator_seconds(integrator: Integrator) -> float:
-    """Estimate the seconds for 10 000 particles that are released over 3 Gyr, from one block of 20 Myr."""
-    field, (q, v) = build_field([Isochrone()]), swarm(5000)
-    start, block = np.zeros(5000), 0.02
-    return 3.0 / block * seconds(lambda: integrator.advance(field, q.copy(), v.copy(), start, block * GYR))
-
-
-def observable_seconds(observable: Observable) -> float:
-    """Estimate the seconds for 10 000 particles."""
-    stream = example_stream()
-    return 10_000 / len(stream) * seconds(lambda: observable.predict(stream))
-
-
 def _judge(cost: float, advice: str) -> None:
     fit = cost * STREAMS
     require(
@@ -73,22 +42,38 @@ def _judge(cost: float, advice: str) -> None:
 
 def potential_is_fast(potential: Potential) -> None:
     """Check that a fit takes less than a month."""
+    if potential.compiled:
+        field, q = build_field([potential]), swarm(2000)[0]
+        cost = EVALUATIONS / 2000 * seconds(lambda: field.acceleration(np.zeros(2000), q))
+    else:
+        one, many = swarm(1)[0], swarm(BATCH)[0]
+        cost = ALONE * seconds(lambda: acceleration([potential], 0.0, one))
+        cost += TOGETHER * seconds(lambda: acceleration([potential], 0.0, many))
     advice = "Do what does not depend on the position once: in a constant of the module, or in prepare()."
     if not potential.compiled:
         advice += " Let it compile if you can: without `compiled = False` it costs a hundredth."
-    _judge(potential_seconds(potential), advice)
+    _judge(cost, advice)
 
 
 def stripping_is_fast(scheme: Stripping) -> None:
     """Check that a fit takes less than a month."""
-    _judge(stripping_seconds(scheme), "Work on whole arrays, without a loop over particles.")
+    orbit = progenitor_orbit(-3.0).at(np.linspace(-3.0, 0.0, 10_000, endpoint=False) * GYR)
+    tail = np.where(np.arange(10_000) % 2, 1, -1)
+    normals = np.random.default_rng(7).standard_normal((scheme.draws, 10_000))
+    cost = seconds(lambda: scheme.release(orbit, tail, MASS, normals))
+    _judge(cost, "Work on whole arrays, without a loop over particles.")
 
 
 def integrator_is_fast(integrator: Integrator) -> None:
-    """Check that a fit takes less than a month."""
-    _judge(integrator_seconds(integrator), "Use split_step or adaptive_step of streamkit.engine, or longer steps.")
+    """Check that a fit takes less than a month, from one block of 20 Myr for particles released over 3 Gyr."""
+    field, (q, v) = build_field([Isochrone()]), swarm(5000)
+    start, block = np.zeros(5000), 0.02
+    cost = 3.0 / block * seconds(lambda: integrator.advance(field, q.copy(), v.copy(), start, block * GYR))
+    _judge(cost, "Use split_step or adaptive_step of streamkit.engine, or longer steps.")
 
 
 def observable_is_fast(observable: Observable) -> None:
     """Check that a fit takes less than a month."""
-    _judge(observable_seconds(observable), "Work on whole arrays, without a loop over particles.")
+    stream = example_stream()
+    cost = 10_000 / len(stream) * seconds(lambda: observable.predict(stream))
+    _judge(cost, "Work on whole arrays, without a loop over particles.")

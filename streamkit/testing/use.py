@@ -5,18 +5,7 @@ from __future__ import annotations
 import numpy as np
 from pydantic import ValidationError
 
-from streamkit import (
-    GYR,
-    Array,
-    BlockEdge,
-    Component,
-    HostData,
-    Integrator,
-    LiveStripping,
-    Observable,
-    Potential,
-    Stripping,
-)
+import streamkit as sk
 from streamkit.engine import build_field
 from streamkit.testing import live
 from streamkit.testing.common import require
@@ -27,37 +16,37 @@ from streamkit.testing.reference import acceleration, drag
 from streamkit.testing.streams import example_stream, select
 
 
-def use(component: Component, seed: int = 1) -> Array:
+def use(component: sk.Component, seed: int = 1) -> sk.Array:
     """Return what a component gives for one input: an acceleration, a release, a step, a measurement."""
     rng = np.random.default_rng(seed)
-    if isinstance(component, Potential):
+    if isinstance(component, sk.Potential):
         q = rng.standard_normal((3, 50)) * np.geomspace(1.0, 100.0, 50)
         t = np.linspace(-5.0, 0.0, 50)
         return acceleration([component], t, q) + drag([component], t, q, 10 * q)
-    if isinstance(component, Stripping):
-        orbit = progenitor_orbit(-3.0).at(np.linspace(-3.0, 0.0, 50, endpoint=False) * GYR)
+    if isinstance(component, sk.Stripping):
+        orbit = progenitor_orbit(-3.0).at(np.linspace(-3.0, 0.0, 50, endpoint=False) * sk.GYR)
         tail = np.where(np.arange(50) % 2, 1, -1)
         release = component.release(orbit, tail, MASS, rng.standard_normal((component.draws, 50)))
         return np.concatenate([release.q, release.v])
-    if isinstance(component, LiveStripping):
+    if isinstance(component, sk.LiveStripping):
         orbit, sphere = progenitor_orbit(-3.0), live.PlummerSphere()
         core = np.concatenate([orbit.q[:, 0], orbit.v[:, 0], orbit.a[:, 0]])
         people = component.populate(core, sphere, rng.random((component.draws, 50)))
-        edge = BlockEdge(-3.0, -3.0, people.q, people.v, people.mass, core, live.BRACKET)
+        edge = sk.BlockEdge(-3.0, -3.0, people.q, people.v, people.mass, core, live.BRACKET)
         left = component.renew(edge, sphere, None)
         return np.concatenate([people.q, people.v, np.array([left.bound, np.full(50, left.mass)])])
-    if isinstance(component, Integrator):
+    if isinstance(component, sk.Integrator):
         q, v = swarm(7, seed)
-        component.advance(build_field([Isochrone()]), q, v, np.zeros(7), 0.02 * GYR)
+        component.advance(build_field([Isochrone()]), q, v, np.zeros(7), 0.02 * sk.GYR)
         return np.concatenate([q, v])
-    if isinstance(component, HostData):
+    if isinstance(component, sk.HostData):
         return component.predict(FlattenedHost()).mean
-    assert isinstance(component, Observable)  # noqa: S101  of the six roles, a sampler has checks of its own
+    assert isinstance(component, sk.Observable)  # noqa: S101  of the six roles, a sampler has checks of its own
     stream = example_stream()
     return component.predict(select(stream, slice(seed - 1, None))).mean
 
 
-def keeps_no_state(component: Component) -> None:
+def keeps_no_state(component: sk.Component) -> None:
     """Check that a call gives the same again, after calls with other input and of a component with other fields."""
     first = use(component)
     use(component, seed=2)
@@ -72,19 +61,19 @@ def keeps_no_state(component: Component) -> None:
     )
 
 
-def prints_nothing(component: Component) -> None:
+def prints_nothing(component: sk.Component) -> None:
     """Check that a use prints nothing: a fit uses it 100 000 times."""
 
     def everything() -> None:
         use(component)
-        if isinstance(component, Potential) and component.compiled:
+        if isinstance(component, sk.Potential) and component.compiled:
             build_field([component]).acceleration(np.zeros(3), swarm(3)[0])
 
     text = printed(everything).strip()
     require(not text, f"prints {text[:60]!r} at a call: take it out, a fit makes 100 000 of them")
 
 
-def _another(component: Component) -> Component | None:
+def _another(component: sk.Component) -> sk.Component | None:
     """Return a component with other numbers, if its bounds allow some."""
     fields = component.model_dump()
     for name in type(component).parameters():

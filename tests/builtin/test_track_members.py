@@ -81,10 +81,10 @@ def test_a_pair_is_scipys_bivariate_gaussian() -> None:
     x, y, mean, other = rng.normal(size=(4, n))
     xx, yy = rng.uniform(0.5, 2, (2, n))
     cross, none = rng.uniform(-0.4, 0.4, n), np.zeros(n)
-    expected = sum(
+    expected = [
         multivariate_normal([mean[i], other[i]], [[xx[i], cross[i]], [cross[i], yy[i]]]).logpdf([x[i], y[i]])
         for i in range(n)
-    )
+    ]
     out = 0.0, 3.0
     one, two = Side(x, xx, mean, none, 0.0, out), Side(y, yy, other, none, 0.0, out)
     assert ln_mixture_of_pairs(one, two, cross) == pytest.approx(expected)

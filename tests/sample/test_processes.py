@@ -92,7 +92,7 @@ def test_kills_at_random_moments_change_nothing(caplog, tmp_path, count):
             while len(kills) < count and not over.is_set():
                 time.sleep(rng.uniform(0.0, 0.06))
                 with suppress(ProcessLookupError):  # it is just being replaced
-                    os.kill(rng.choice(pool._executor.pids), signal.SIGKILL)
+                    os.kill(rng.choice(pool._executor._workers).process.pid, signal.SIGKILL)
                     kills.append(1)
 
         walk(Gaussian(), pool, chain, steps=1)
@@ -176,7 +176,7 @@ import os, time
 from streamkit.sample import Processes
 executor = Processes(2)
 executor.submit(time.sleep, 1000)
-print(*executor.pids)
+print(*(worker.process.pid for worker in executor._workers))
 """
 
 

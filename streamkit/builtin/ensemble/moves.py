@@ -42,17 +42,12 @@ class SurrogateMove(RedBlueMove):  # type: ignore[misc]
     Reflection at the prior's ends would not do: it is symmetric only for steps whose components are independent.
 
     Without a surrogate it is differential evolution.
-
-    Attributes
-    ----------
-    replicas
-        (k, d) their coordinates, to be stored and restored with the chain; none without a surrogate.
     """
 
     def __init__(self, space: Space, gammas: Sequence[tuple[float, float]]) -> None:
         super().__init__()
         self.space = space
-        self.replicas: Array = np.empty((0, 0))
+        self.replicas: Array = np.empty((0, 0))  # (k, d) coordinates, stored with the chain; none without a surrogate
         self._gammas, self._parts = np.array(gammas).T
         self._plain = [_differential(gamma) for gamma in self._gammas]
         self._surrogate: Surrogate | None = None

@@ -57,21 +57,14 @@ class Learner:
 
     A rejected proposal is as good a training point as an accepted one, and most are rejected. The proposals are stored
     with each step, so that a resumed run learns the same surrogate as an unbroken one.
-
-    Attributes
-    ----------
-    steps
-        Steps of learning, estimated from the chain so far.
-    facts
-        The subject of the surrogate, once one was learned.
     """
 
     def __init__(self, name: str, target: Target, moves: tuple[emcee.moves.Move, ...]) -> None:
         self._name, self._target, self._space = name, target, Space(target.priors)
         self._moves = [move for move in moves if isinstance(move, SurrogateMove)]
         self._rows: list[Array] = []
-        self.steps = 0
-        self.facts: dict[str, str] = {}
+        self.steps = 0  # of learning, estimated from the chain so far
+        self.facts: dict[str, str] = {}  # the subject of the surrogate, once one was learned
 
     def ln_probability(self, points: Array) -> tuple[Array, None]:
         """Return ln posterior (n,) at points (n, d), in the form of emcee's ``compute_log_prob``: without blobs."""
