@@ -255,7 +255,7 @@ def test_modes_that_only_one_start_has_seen_are_not_certified():
 
 
 def test_the_same_seed_gives_the_same_samples():
-    (first, _), (again, _) = (sampled(Curved(), noise=0.5, max_calls=300) for _ in range(2))
+    (first, _), (again, _) = (sampled(Curved(), noise=0.5, max_calls=150) for _ in range(2))
     np.testing.assert_array_equal(first.samples, again.samples)
 
 

@@ -9,7 +9,7 @@ from galpy.potential import MWPotential2014
 from scipy.integrate import quad
 from scipy.special import gammainc
 
-from streamkit import G, testing
+from streamkit import G
 from streamkit.builtin import milky_way
 from streamkit.builtin.bar import Bar
 from streamkit.builtin.discs import ExponentialDisc, Sech2Disc
@@ -87,14 +87,9 @@ def galactic():
 
 
 @pytest.mark.parametrize("cls", CLASSES)
-def test_conforms(cls):
-    testing.check(cls)
-    assert cls.reference
-
-
-@pytest.mark.parametrize("cls", CLASSES)
 def test_the_force_at_the_centre_vanishes(cls):
     potential = cls(**cls.example)
+    assert cls.reference
     centre = np.zeros((3, 1))
     assert np.array_equal(acceleration([potential], centre), centre)
     assert np.array_equal(build_field([potential]).acceleration(0.0, centre), centre)

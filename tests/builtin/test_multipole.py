@@ -6,7 +6,6 @@ from commands import call, refused
 from runfiles import RUN
 
 import streamkit as sk
-from streamkit import testing
 from streamkit.builtin.halos import NFWTriaxial
 from streamkit.builtin.multipole import Multipole
 from streamkit.engine import build_field
@@ -29,10 +28,6 @@ def positions(n=200):
     rng = np.random.default_rng(3)
     direction = rng.standard_normal((3, n))
     return direction / np.sqrt((direction**2).sum(axis=0)) * np.exp(rng.uniform(np.log(0.5), np.log(200.0), n))
-
-
-def test_it_does_what_every_potential_must():
-    testing.check(Multipole)
 
 
 def test_through_its_expansion_it_is_the_halo_turned_and_heavier():

@@ -24,10 +24,6 @@ def nfw_mass(r: np.ndarray) -> np.ndarray:
     return 1e12 * (np.log1p(r / 20) - r / (r + 20))
 
 
-def test_it_does_what_every_potential_must() -> None:
-    testing.check(SphericalTable)
-
-
 @pytest.mark.parametrize("slope", [0.0, 0.5, 1.0, 2.0, 3.0])
 @pytest.mark.parametrize("count", [2, 5])
 def test_a_power_law_is_exact_and_goes_on_beyond_the_table(slope: float, count: int) -> None:

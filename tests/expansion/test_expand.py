@@ -51,8 +51,8 @@ def test_a_sphere_converges_with_the_fourth_power_of_the_nodes():
         pytest.param((HALO,), "spherical", 1e-4, id="sphere"),
         pytest.param(GALAXY, "axisymmetric", 1e-4, id="galaxy"),
         pytest.param((LogarithmicHalo(v0=220.0, rc=1.0, q=0.8),), "axisymmetric", 1e-4, id="flattened log"),
-        pytest.param((TRIAXIAL,), "general", 1e-3, id="triaxial, coarse"),
-        pytest.param((TURNED,), "general", 1e-3, id="turned, coarse"),
+        pytest.param((TRIAXIAL,), "general", 3e-3, id="triaxial, coarse"),  # every order more is compiled for seconds
+        pytest.param((TURNED,), "general", 3e-3, id="turned, coarse"),
         pytest.param((TRIAXIAL,), "general", 1e-4, id="triaxial", marks=pytest.mark.slow),  # minutes
         pytest.param((TURNED,), "general", 1e-4, id="turned", marks=pytest.mark.slow),
     ],

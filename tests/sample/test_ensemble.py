@@ -236,7 +236,7 @@ def test_every_move_alone_samples_a_gaussian_whatever_the_units(name):
         )
         start = scale * np.random.default_rng(2).standard_normal((80, 4))
         state = emcee.State(start, random_state=np.random.RandomState(3).get_state())
-        sampler.run_mcmc(state, 3000)
+        sampler.run_mcmc(state, 2000)
         result = sampler.get_chain(discard=250, flat=True)
         np.testing.assert_allclose(result.std(axis=0) / scale, 1.0, atol=0.06)
         assert sampler.acceptance_fraction.mean() > 0.05

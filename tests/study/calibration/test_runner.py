@@ -58,9 +58,27 @@ def spec(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
+def short(spec):
+    return spec.with_values({"sampler.steps": 20})
+
+
+@pytest.fixture(scope="module")
 def drawn(spec):
     """Return the draws by their number, each made once."""
     return cache(lambda index: make_draw(spec, index))
+
+
+@pytest.fixture(scope="module")
+def drawn_once(short):
+    """Return a draw whose fit has few steps."""
+    return make_draw(short, 0)
+
+
+@pytest.fixture(scope="module")
+def weighted(spec):
+    """Return a draw whose sampler has weights."""
+    settings = {"kind": "importance", "draws": 1200}
+    return make_draw(sk.load(spec.document | {"sampler": settings}, components=[Importance]), 0)
 
 
 @pytest.mark.parametrize("index", [0, *(pytest.param(index, marks=pytest.mark.slow) for index in (1, 2))])
@@ -77,12 +95,10 @@ def test_the_rank_is_that_of_the_exact_posterior(spec, drawn, index):
     assert draw.mass_ranks[1] == pytest.approx(draw.ranks[0], abs=1e-12)  # the mass rises with v0
 
 
-def test_a_sampler_with_weighted_samples_is_calibrated_too(spec):
+def test_a_sampler_with_weighted_samples_is_calibrated_too(spec, weighted, drawn_once):
     """It has no R-hat: its draws count by their effective number."""
-    settings = {"kind": "importance", "draws": 1200}
-    with_weights = sk.load(spec.document | {"sampler": settings}, components=[Importance])
-    draw = make_draw(with_weights, 0)
-    assert draw.truth == make_draw(spec.with_values({"sampler.steps": 20}), 0).truth
+    draw = weighted
+    assert draw.truth == drawn_once.truth
     rng = np.random.default_rng([spec.seed, 7, 0])
     rng.integers(1 << 31)
     truth = float(spec.priors[0].sample(rng, 1)[0])
@@ -91,11 +107,6 @@ def test_a_sampler_with_weighted_samples_is_calibrated_too(spec):
     assert np.isnan(draw.r_hat)
     assert 200 < draw.ess < 1200
     assert Draw.of_line(draw.line()).ess == draw.ess
-
-
-@pytest.fixture
-def short(spec):
-    return spec.with_values({"sampler.steps": 20})
 
 
 def test_draws_are_kept_and_only_the_missing_ones_made(short, tmp_path):
@@ -150,13 +161,11 @@ def test_masses_with_the_ranks_of_a_parameter_have_no_picture_of_their_own(spec)
     assert "200" in shown[1]
 
 
-def test_a_draw_tells_whether_its_fit_converged(spec):
+def test_a_draw_tells_whether_its_fit_converged(drawn_once, weighted):
     """Twenty steps are never enough; a sampler with weights says it by its own rule."""
-    assert not make_draw(spec.with_values({"sampler.steps": 20}), 0).converged
-    settings = {"kind": "importance", "draws": 1200}
-    draw = make_draw(sk.load(spec.document | {"sampler": settings}, components=[Importance]), 0)
-    assert draw.converged
-    assert Draw.of_line(draw.line()).converged is True
+    assert not drawn_once.converged
+    assert weighted.converged
+    assert Draw.of_line(weighted.line()).converged is True
 
 
 @pytest.mark.parametrize("index", [0, pytest.param(1, marks=pytest.mark.slow)])
