@@ -30,7 +30,7 @@ CHANCE, TRIES = 0.95, 40
 BLIND = 0.3
 # Fresh calls at a time, and how often they are made at most: until a trend by chance alone is below `MOVED`, and longer
 # until it is below `BLIND`, as of many parameters one has a large trend by chance.
-FRESH, BATCHES, MOST_BATCHES = 128, 3, 8
+FRESH, BATCHES, MOST_BATCHES = 128, 3, 12
 # Differences of ln likelihood from what the noise makes of it: standard errors, and nats, of the median; ratio of their
 # spreads.
 OFF, NATS, WIDER = 4.0, 0.7, 2.0
