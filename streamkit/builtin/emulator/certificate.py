@@ -29,8 +29,9 @@ CHANCE, TRIES = 0.95, 40
 # Largest trend by chance that still tests anything: calls so noisy were certified with a width off by a half.
 BLIND = 0.3
 # Fresh calls at a time, and how often they are made at most: until a trend by chance alone is below `MOVED`, and longer
-# until it is below `BLIND`, as of many parameters one has a large trend by chance.
-FRESH, BATCHES, MOST_BATCHES = 128, 3, 12
+# until it is well below `BLIND`, as of many parameters one has a large trend by chance. The certificate measures that
+# again, and `TRIES` leave it uncertain by a tenth.
+FRESH, BATCHES, MOST_BATCHES, WELL_BELOW = 128, 3, 12, 0.8
 # Differences of ln likelihood from what the noise makes of it: standard errors, and nats, of the median; ratio of their
 # spreads.
 OFF, NATS, WIDER = 4.0, 0.7, 2.0
@@ -100,7 +101,7 @@ def fresh_calls(emulated: Emulated, problem: Problem, samples: Array, rng: np.ra
             break
         residual = (good.answers.mean - emulated.emulator.predict(good.y).mean)[:, np.isfinite(problem.values)]
         _, chance = _trend(emulated, good, residual / problem.errors[np.isfinite(problem.values)], samples, rng)
-        if not chance > (MOVED if batch < BATCHES - 1 else BLIND):
+        if not chance > (MOVED if batch < BATCHES - 1 else WELL_BELOW * BLIND):
             break
     assert fresh is not None  # noqa: S101  there is at least one batch
     return fresh
