@@ -10,36 +10,36 @@ import numpy as np
 
 from streamkit.distribution import VERSION
 from streamkit.observe import ln_likelihood_of_each, new_data
+from streamkit.runfile import Spec
 from streamkit.stream import Array, Data
+from streamkit.study.fit.draws import Draws
 from streamkit.study.fit.goodness import Sampled
 
 if TYPE_CHECKING:
     from xarray import DataTree
 
-    from streamkit.study.fit.results import Results
 
-
-def sample_columns(results: Results) -> dict[str, Array]:
+def sample_columns(spec: Spec, draws: Draws) -> dict[str, Array]:
     """Return the columns (n,) of a table of samples after burn-in: walker, step (from 1), parameters, ln posterior."""
-    steps, walkers, _ = results.kept.shape
-    step, walker = np.mgrid[results.discard + 1 : results.discard + steps + 1, :walkers]
+    steps, walkers, d = draws.kept.shape
+    step, walker = np.mgrid[draws.discard + 1 : draws.discard + steps + 1, :walkers]
     return {
         "walker": walker.ravel(),
         "step": step.ravel(),
-        **dict(zip(results.names, results.samples.T, strict=True)),
-        "ln_posterior": results.log_prob[results.discard :].ravel(),
+        **dict(zip(spec.names, draws.kept.reshape(-1, d).T, strict=True)),
+        "ln_posterior": draws.log_prob[draws.discard :].ravel(),
     }
 
 
-def arviz_tree(results: Results, data: Data, drawn: Replicates | None) -> DataTree:
+def arviz_tree(spec: Spec, draws: Draws, data: Data, drawn: Replicates | None) -> DataTree:
     """Return samples as ArviZ reads them, each walker a chain: see `Results.to_arviz`.
 
     ``data`` are those of the run, ``drawn`` new data of some of the samples.
     """
     import arviz_base  # slow to load
 
-    names, kept, log_prob = results.names, results.kept, results.log_prob[results.discard :]
-    blobs = None if results.blobs is None else results.blobs[results.discard :]
+    names, kept, log_prob = spec.names, draws.kept, draws.log_prob[draws.discard :]
+    blobs = None if draws.blobs is None else draws.blobs[draws.discard :]
     groups: dict[str, dict[str, Array]] = {
         "posterior": {name: kept[..., i].T for i, name in enumerate(names)},
         "sample_stats": {"lp": log_prob.T},
@@ -61,14 +61,14 @@ def arviz_tree(results: Results, data: Data, drawn: Replicates | None) -> DataTr
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Found chain dimension", UserWarning)  # a short chain may have more walkers
         tree: DataTree = arviz_base.from_dict(groups, dims=datum, pred_dims=datum, coords=coordinates)
-    for name, unit in zip(names, results.spec.units, strict=True):
+    for name, unit in zip(names, spec.units, strict=True):
         tree["posterior"][name].attrs["units"] = unit
     tree.attrs.update({
         "created_by": f"streamkit {VERSION}",
-        "digest": results.spec.digest(),
-        "note": results.note(),
-        "converged": int(results.converged),
-        "burn_in": results.discard,
+        "digest": spec.digest(),
+        "note": draws.note(),
+        "converged": int(not draws.quick and not draws.lacks),
+        "burn_in": draws.discard,
     })
     return tree
 

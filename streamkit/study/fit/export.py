@@ -48,7 +48,7 @@ def sample_table(results: Results) -> Any:
     from astropy import units as u
     from astropy.table import QTable
 
-    columns: dict[str, Any] = sample_columns(results)
+    columns: dict[str, Any] = sample_columns(results.spec, results.draws)
     for name, unit in zip(results.names, results.spec.units, strict=True):
         columns[name] = columns[name] * u.Unit(unit) if unit else columns[name]
     return QTable(columns, meta={"note": results.note(), "digest": results.spec.digest()})

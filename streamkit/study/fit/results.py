@@ -119,7 +119,7 @@ class Results:
         """Return the samples after burn-in as a pandas DataFrame: walker, step, the parameters, ln posterior."""
         import pandas as pd  # slow to load
 
-        return pd.DataFrame(sample_columns(self))
+        return pd.DataFrame(sample_columns(self.spec, self.draws))
 
     def to_arviz(self) -> DataTree:
         """Return the samples after burn-in as ArviZ reads them: an xarray DataTree, each walker a chain.
@@ -131,7 +131,8 @@ class Results:
         1.0, whose ``plot_ppc`` and ``loo`` do, ``arviz.InferenceData.from_datatree`` takes the tree.
         """
         sampled = self._sampled()
-        return arviz_tree(self, Posterior(self.spec).data, None if sampled is None else replicates(sampled))
+        drawn = None if sampled is None else replicates(sampled)
+        return arviz_tree(self.spec, self.draws, Posterior(self.spec).data, drawn)
 
     def best(self) -> dict[str, float]:
         """Return the parameters of the highest ln posterior."""
