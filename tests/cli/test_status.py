@@ -197,7 +197,9 @@ def test_the_tables_of_an_example_come_with_it(tmp_path, monkeypatch):
     assert sk.load("gd1.toml").document["observable"]["kind"] == "track"
 
 
-@pytest.mark.parametrize("name", examples())
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name == "gd1" else pytest.mark.slow) for name in examples()]
+)
 def test_an_example_is_valid_in_an_empty_directory(name, tmp_path, monkeypatch):
     """With all its tables: those of other examples have names of their own."""
     monkeypatch.chdir(tmp_path)
