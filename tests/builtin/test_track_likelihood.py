@@ -108,6 +108,7 @@ def test_check_says_where_the_stream_has_no_debris() -> None:
     assert "where the stream has no debris" in " ".join(result.output.split())
 
 
+@pytest.mark.slow
 @pytest.mark.rendered
 def test_the_particles_are_written_in_the_frame_of_the_data(tmp_path: Path) -> None:
     """The picture has a panel for every column."""

@@ -319,6 +319,7 @@ def with_crossings(path: Path, particles: int) -> Path:
     )  # fmt: skip
 
 
+@pytest.mark.slow  # test_figures.py draws such a snapshot
 def test_a_snapshot_with_its_crossings_costs_no_picture(run_file: Path, tmp_path: Path) -> None:
     """The variants have 600 particles, the snapshot 500."""
     snapshot = with_crossings(tmp_path / "b.hdf5", 500)

@@ -16,7 +16,6 @@ from streamkit.study.calibration import Calibration, Draw, calibrate, calibratio
 from streamkit.study.calibration.draw import make_draw
 from streamkit.study.calibration.runner import DRAWS, read_draws
 
-pytestmark = pytest.mark.usefixtures("short_search")
 PLUGIN = '''
 import numpy as np
 from streamkit import Observable, Prediction, Velocity, VelocityDatum, hookimpl
@@ -111,6 +110,7 @@ def test_a_sampler_with_weighted_samples_is_calibrated_too(spec, weighted, drawn
     assert Draw.of_line(draw.line()).ess == draw.ess
 
 
+@pytest.mark.usefixtures("short_search")
 def test_draws_are_kept_and_only_the_missing_ones_made(short, tmp_path):
     out, seen = tmp_path / "out", []
     first = calibrate(short, out, 2, done=lambda: seen.append(1))
@@ -123,6 +123,7 @@ def test_draws_are_kept_and_only_the_missing_ones_made(short, tmp_path):
     assert len(seen) == 2
 
 
+@pytest.mark.usefixtures("short_search")
 def test_draws_of_another_run_file_are_refused(short, tmp_path):
     calibrate(short, tmp_path / "out", 1)
     with pytest.raises(sk.StreamkitError, match="belong to another run file"):
@@ -182,6 +183,7 @@ def test_data_of_another_truth_show_its_bias(spec, drawn, index):
     assert moved == pytest.approx(0.75 * ERROR / (SD / np.sqrt(2)), abs=0.4)
 
 
+@pytest.mark.usefixtures("short_search")
 def test_draws_of_another_truth_are_refused(short, tmp_path):
     other = short.with_values({"observable.bias": 1.0})
     calibrate(short, tmp_path / "out", 1, truth=other)
@@ -228,6 +230,7 @@ def test_apocentres_draw_around_what_they_predict():
 
 
 @pytest.mark.rendered
+@pytest.mark.usefixtures("short_search")
 def test_the_command(spec, tmp_path):
     (tmp_path / "run.toml").write_text(spec.toml())
     options = ["calibrate", str(tmp_path / "run.toml"), "-o", str(tmp_path / "out"), "--draws", "2"]

@@ -148,8 +148,15 @@ def test_profiles_are_drawn_where_the_stream_and_the_data_are(make, monkeypatch)
         assert high < 40
 
 
-@pytest.mark.parametrize("draw", [mass_profile, rotation_curve])
-@pytest.mark.parametrize("wide", [WIDE, COLUMN])
+@pytest.mark.parametrize(
+    ("draw", "wide"),
+    [
+        (mass_profile, COLUMN),
+        (rotation_curve, WIDE),
+        pytest.param(mass_profile, WIDE, marks=pytest.mark.slow),
+        pytest.param(rotation_curve, COLUMN, marks=pytest.mark.slow),
+    ],
+)
 def test_the_legend_does_not_cover_the_median_of_a_quick_look(draw, wide, monkeypatch):
     """Also in the width of a journal's column, where every text is still inside."""
     figure = draw(synthetic(freed(), quick=True), wide=wide)

@@ -159,7 +159,9 @@ def start(out):
 
 
 @pytest.mark.usefixtures("interruptible")
-@pytest.mark.parametrize(("signum", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("signum", "status"), [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow)]
+)
 def test_a_stopped_run_keeps_its_samples_and_can_be_resumed(tmp_path, signum, status):
     out = tmp_path / "run"
     process = start(out)

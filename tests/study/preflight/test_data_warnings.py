@@ -72,7 +72,7 @@ def moduli_as_distances(run: dict[str, Any]) -> None:
         slow(scaled("radial_velocity", "radial_velocity", 1000.0), ("radial_velocity read in m/s",)),
         slow(scaled("pm_phi1_cosphi2", "pm_phi1_cosphi2", -1.0), ("opposite sign of pm_phi1_cosphi2",)),
         slow(scaled("pm_phi1_cosphi2", "pm_phi1_cosphi2", 1e-3), ("pm_phi1_cosphi2 read in arcsec/yr",)),
-        (exchanged_motions, ("the columns pm_phi1_cosphi2 and pm_phi2 exchanged",)),
+        slow(exchanged_motions, ("the columns pm_phi1_cosphi2 and pm_phi2 exchanged",)),
         slow(exchanged_angles, ("observable.phi2", "the columns phi1 and phi2 exchanged")),
     ],
 )
