@@ -122,6 +122,7 @@ def test_the_pace_does_not_count_the_search(run):
     assert (run.directory / "manifest.json").stat().st_mtime < attributes["since"]
 
 
+@pytest.mark.slow
 def test_the_command_to_go_on_keeps_the_options(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "small.toml").write_text(to_toml(sk.load(FIT).document))

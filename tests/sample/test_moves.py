@@ -332,11 +332,11 @@ def test_a_chain_that_learns_for_longer_is_resumed_bit_for_bit(tmp_path, monkeyp
 
 def test_a_finished_chain_stays_finished(tmp_path):
     chain = ChainFile(tmp_path / "chain.h5")
-    banana_run(chain, 9000, "de", tau_factor=5)
+    banana_run(chain, 9000, "de", tau_factor=2)
     length = chain.iteration
     assert length < 9000
     for steps in (length, 9000):  # nothing left to do, or more allowed than is needed
-        banana_run(chain, steps, "de", resumes=True, tau_factor=5)
+        banana_run(chain, steps, "de", resumes=True, tau_factor=2)
         assert chain.iteration == length
 
 

@@ -50,6 +50,7 @@ def whole():
     return fit()
 
 
+@pytest.mark.slow
 def test_it_samples_a_gaussian_and_finds_its_evidence():
     check(Dynesty)
 

@@ -77,6 +77,7 @@ def test_workers_do_not_change_the_samples(whole, document, tmp_path):
     same(fit(tmp_path / "run", document, workers=2), whole)
 
 
+@pytest.mark.slow  # dynesty's test of the same is fast
 def test_a_run_that_fails_on_the_way_goes_on_as_if_it_had_not(whole, document, tmp_path, monkeypatch):
     own, left = sk.Posterior.evaluate, iter(range(150))
 

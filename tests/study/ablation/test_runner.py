@@ -157,6 +157,7 @@ def test_long_labels_become_numbers_with_a_list(run_file: Path, tmp_path: Path) 
     assert all(len(line) <= 100 for line in lines)
 
 
+@pytest.mark.slow  # those of the other studies have fast tests
 def test_workers_do_not_change_the_numbers(run_file: Path, tmp_path: Path, made: tuple[Path, Result]) -> None:
     result = call("ablate", run_file, GRAVITY, *HERE, "--seeds=2", "--workers=2", "-o", tmp_path / "out", "-q")
     assert result.exit_code == 0, result.output

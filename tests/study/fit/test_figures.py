@@ -132,7 +132,7 @@ def near():
 INSIDE = ("95 %", "68 %", "median", "extrapolated", "leading apocentre", "trailing apocentre")
 
 
-@pytest.mark.parametrize("make", [freed, near])
+@pytest.mark.parametrize("make", [pytest.param(freed, marks=pytest.mark.slow), near])
 def test_profiles_are_drawn_where_the_stream_and_the_data_are(make, monkeypatch):
     results = synthetic(make())
     stream, _ = results.best_stream

@@ -219,7 +219,7 @@ def streamkit_components() -> list[type[Component]]:
 '''
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_a_component_that_raises_is_named_and_finished_steps_stay(tmp_path, monkeypatch, workers):
     (tmp_path / "fragile.py").write_text(FRAGILE)
     document = copy.deepcopy(FIT)
