@@ -277,14 +277,15 @@ def data_radii(axes: Axes, results: Results) -> None:
 
 def _draw_ranges(axes: Axes, sources: Mapping[str, Mapping[str, float]]) -> None:
     """Draw the range of radii of each source as a line along the bottom, with its name beside it."""
-    place = axes.get_xaxis_transform()
+    place, figure = axes.get_xaxis_transform(), axes.get_figure(root=True)
+    size = 8 if figure is not None and figure.get_figwidth() >= WIDE else 6
     ranges = sorted((min(of_source.values()), max(of_source.values()), name) for name, of_source in sources.items())
     for row, (first, last, name) in enumerate(ranges):
         height = 0.03 + 0.045 * row
         axes.plot([first, last], [height, height], color="black", lw=1.2, marker="|", ms=6, transform=place)
         axes.annotate(
-            name.replace("_", " "), (last, height), (6, 0), xycoords=place, textcoords="offset points",
-            fontsize=8 if axes.figure.get_figwidth() >= WIDE else 6, va="center",
+            name.replace("_", " "), (last, height), (6, 0), xycoords=place, textcoords="offset points", fontsize=size,
+            va="center",
         )  # fmt: skip
 
 
