@@ -34,7 +34,7 @@ def draws_table(calibration: Calibration) -> QTable:
         out[f"{name}_rank"] = Column(calibration.ranks[:, i], description=share)
     for i, radius in enumerate(MASS_RADII):
         out[f"mass_{radius:g}"] = np.array([draw.masses[i] for draw in draws]) * u.Msun
-        out[f"mass_{radius:g}_rank"] = calibration.mass_ranks[:, i]
+        out[f"mass_{radius:g}_rank"] = [draw.mass_ranks[i] for draw in draws]
     out["r_hat"] = [draw.r_hat for draw in draws]
     out["effective_samples"] = [draw.ess for draw in draws]
     out["calls"] = [draw.calls for draw in draws]
@@ -64,7 +64,7 @@ def describe_calibration(calibration: Calibration) -> str:
     rows.append(("expected", *errors, f"0.50 +- {np.sqrt(1 / 12 / n):.2f}"))
     shares = np.array([calibration.coverage(p) for p in PROBABILITIES]).T
     names = (*calibration.spec.names, *(f"M(<{r:g} kpc)" for r in MASS_RADII))
-    for name, share, rank in zip(names, shares, calibration.every_rank.mean(axis=0), strict=True):
+    for name, share, rank in zip(names, shares, calibration.ranks.mean(axis=0), strict=True):
         rows.append((name, *(f"{each:.0%}" for each in share), f"{rank:.2f}"))
     shown = f"share of {n} draws whose truth lies in the central interval\n{columns(rows)}"
     kind = calibration.spec.sampler.kind
@@ -112,7 +112,7 @@ def calibration_figure(calibration: Calibration) -> Figure:
         *labels(calibration.spec.names, calibration.spec.symbols),
         *(rf"$M({r:g}\,{{\rm kpc}})$" for r in MASS_RADII),
     ]
-    ranks = calibration.every_rank
+    ranks = calibration.ranks
     shown = [i for i in range(len(names)) if not any(np.array_equal(ranks[:, i], ranks[:, j]) for j in range(i))]
     figure, panels = panel_grid(len(shown), 2.3, 1.9, share=True)
     rng = np.random.default_rng(0)
