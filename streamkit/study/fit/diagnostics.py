@@ -90,10 +90,9 @@ def predicted_intervals(results: Results, stream: str) -> dict[str, Array]:
 
 def _predictions(results: Results) -> NDArray[Any] | None:
     """(n,) What was predicted at some of the samples, mean and variance; None if the run kept no predictions."""
-    blobs = results.blobs
-    if blobs is None or not blobs.dtype.names or "mean" not in blobs.dtype.names:
+    if results.draws.predictions is None:
         return None
-    kept = blobs[results.discard :].ravel()
+    kept = results.draws.predictions.ravel()
     return np.asarray(kept[np.linspace(0, len(kept) - 1, min(len(kept), MOST)).astype(int)])
 
 

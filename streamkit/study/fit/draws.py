@@ -65,6 +65,12 @@ class Draws(ABC):
         """(steps, walkers, d) The samples after burn-in."""
         return self.chain[self.discard :]
 
+    @property
+    def predictions(self) -> Any:
+        """(steps, walkers) The records of `blobs` after burn-in; None if the run stored no predictions."""
+        names = None if self.blobs is None else self.blobs.dtype.names
+        return self.blobs[self.discard :] if names and "mean" in names else None
+
     def note(self) -> str:
         """Return in one sentence how far the percentiles can be trusted, and what is missing."""
         if self.quick:

@@ -99,7 +99,7 @@ class Sampled:
 
     def at_samples(self, most: int) -> Iterator[list[Measured]]:
         """Return every measurement at samples, evenly spaced; extra dispersions are those of each sample."""
-        if self.blobs is None or not self.blobs.dtype.names or "mean" not in self.blobs.dtype.names:
+        if self.blobs is None:
             return
         for i in np.unique(np.linspace(0, len(self.blobs) - 1, most).astype(int)):
             try:

@@ -188,8 +188,8 @@ class Results:
             predictions = self.best_observation.predictions
         except OutOfDomain:  # another machine's rounding may lose a stream at the edge
             return None
-        blobs = None if self.blobs is None else self.blobs[self.discard :].ravel()
-        return Sampled(self.spec, self.best(), predictions, self.samples, blobs)
+        blobs = self.draws.predictions
+        return Sampled(self.spec, self.best(), predictions, self.samples, None if blobs is None else blobs.ravel())
 
     def goodness(self) -> QTable:
         """Return one row per measured quantity and one for all data: how well the model makes the data.
