@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from arviz_stats.ecdf_utils import ecdf_pit
+from astropy import units as u
+from astropy.table import Column, QTable
 from matplotlib.figure import Figure
 
 from streamkit.report import BAND_95, BLUE, GREY, VERMILION, columns, finish, label_all, labels, panel_grid, paragraph
@@ -14,18 +16,11 @@ from streamkit.study.calibration.draw import MASS_RADII
 from streamkit.study.calibration.runner import DRAWS, Calibration
 from streamkit.study.grid import Products
 
-if TYPE_CHECKING:
-    from astropy.table import QTable
-
-
 PROBABILITIES = (0.5, 0.68, 0.95)  # of the intervals in the table of coverage
 
 
 def draws_table(calibration: Calibration) -> QTable:
     """Return one row per draw: truth and rank of every parameter and mass, and how far its fit had converged."""
-    from astropy import units as u
-    from astropy.table import Column, QTable
-
     out, draws = QTable(), calibration.draws
     out["draw"] = [draw.index for draw in draws]
     for i, (name, unit) in enumerate(zip(calibration.spec.names, calibration.spec.units, strict=True)):
@@ -44,8 +39,6 @@ def draws_table(calibration: Calibration) -> QTable:
 
 def coverage_table(calibration: Calibration) -> QTable:
     """Return one row per interval: how often it holds each true parameter and enclosed mass, with its error."""
-    from astropy.table import QTable
-
     out, n = QTable(), len(calibration.draws)
     out["probability"] = PROBABILITIES
     shares = np.array([calibration.coverage(p) for p in PROBABILITIES])

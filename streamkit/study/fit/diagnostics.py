@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from astropy.table import Column, QTable
 from numpy.typing import NDArray
 
 from streamkit.components import Measurement
@@ -17,8 +18,6 @@ from streamkit.stream import Array, Data
 from streamkit.study.fit.tables import intervals, printable
 
 if TYPE_CHECKING:
-    from astropy.table import QTable
-
     from streamkit.study.fit.results import Results
 
 MOST = 2000  # samples that a prediction is compared with the data for
@@ -126,8 +125,6 @@ def predictions_table(seen: Predictive | None) -> QTable:
 
     Data have different units, so the numbers stand in plain columns: those of the run file's data.
     """
-    from astropy.table import Column, QTable
-
     if seen is None:
         return QTable({"datum": Column([], dtype=str)})
     levels = intervals(seen.mean)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from astropy.table import QTable
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import ScalarFormatter
@@ -38,9 +39,6 @@ from streamkit.stream import Array
 from streamkit.study.fit.literature import draw_literature
 from streamkit.study.fit.results import Results
 from streamkit.study.fit.tables import LEVELS
-
-if TYPE_CHECKING:
-    from astropy.table import QTable
 
 FEW = 200  # samples below which a corner plot shows points without contours
 WIDE = 6.0  # inches: pictures of profiles

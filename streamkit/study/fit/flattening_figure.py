@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from astropy.table import QTable
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -17,9 +16,6 @@ from streamkit.study.fit.figures import WIDE, bands, profile_axes, radii
 from streamkit.study.fit.literature import POTENTIAL, beside_literature, draw_literature, flattenings
 from streamkit.study.fit.results import Results
 from streamkit.study.fit.tables import LEVELS
-
-if TYPE_CHECKING:
-    from astropy.table import QTable
 
 # Degrees above the plane, and the lines of their medians; the first one has the intervals.
 DIRECTIONS = {45.0: "-", 15.0: "--", 75.0: ":"}
