@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from astropy.table import Column, QTable
@@ -15,10 +15,8 @@ from streamkit.observe import scatter_of
 from streamkit.runfile import Prior
 from streamkit.sample import Posterior
 from streamkit.stream import Array, Data
+from streamkit.study.fit.results import Results
 from streamkit.study.fit.tables import intervals, printable
-
-if TYPE_CHECKING:
-    from streamkit.study.fit.results import Results
 
 MOST = 2000  # samples that a prediction is compared with the data for
 COMPARED = 5  # samples whose ln likelihood is compared with that of a Gaussian

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from astropy import units as u
@@ -13,10 +13,8 @@ from astropy.table import QTable
 from streamkit.report import LATEX_UNITS, decimals, latex_escaped, save
 from streamkit.runfile import Prior
 from streamkit.study.fit.conversion import sample_columns
+from streamkit.study.fit.results import Results
 from streamkit.study.fit.text import PRINTED_RADII, radii_in_reach
-
-if TYPE_CHECKING:
-    from streamkit.study.fit.results import Results
 
 # Contents of a file, by its suffix.
 EXPORTS = {

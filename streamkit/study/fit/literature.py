@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from astropy import units as u
@@ -14,9 +14,7 @@ from matplotlib.axes import Axes
 from streamkit.errors import StreamkitError, nearest
 from streamkit.model import Host
 from streamkit.stream import Array
-
-if TYPE_CHECKING:
-    from streamkit.study.fit.results import Results
+from streamkit.study.fit.results import Results
 
 # The axis ratio of the potential of the whole host at a place, and of the density of its halo.
 POTENTIAL, DENSITY = "q_Phi", "q_rho"
