@@ -6,6 +6,7 @@ import os
 import signal
 import tempfile
 from collections.abc import Iterator
+from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,8 @@ from PIL import Image
 from runfiles import APOCENTRES, FIT, PUBLISHED, RUN
 
 import streamkit as sk
-from streamkit.runfile import to_toml
+from streamkit.components import load_registry
+from streamkit.runfile import json_schema, to_toml
 
 collect_ignore = ["third_party"]  # a package of its own: test_third_party.py installs it and runs its test
 
@@ -43,29 +45,57 @@ def hundred_columns(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "100")
 
 
-@pytest.fixture(autouse=True)
-def unrendered_pictures(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+class Pictures:
+    """Which pictures are rendered: those whose file names contain one of ``names``, or all."""
+
+    def __init__(self) -> None:
+        self.names: tuple[str, ...] = ()
+        self.all = False
+
+    @contextmanager
+    def rendered(self, *names: str) -> Iterator[None]:
+        """Render these pictures; all if no name is given."""
+        before = self.names, self.all
+        self.names, self.all = names, not names
+        yield
+        self.names, self.all = before
+
+
+@pytest.fixture(autouse=True, scope="session")
+def pictures() -> Iterator[Pictures]:
     """Every picture is made and its file written, but empty: rendering takes most of the time of a report.
 
     A test that looks at pictures is marked ``rendered``, with parts of their file names if it does not look at all.
     """
-    marker = request.node.get_closest_marker("rendered")
-    if marker is not None and not marker.args:
-        return
-    names, render, pixel = marker.args if marker else (), Figure.savefig, BytesIO()
+    chosen, render, pixel = Pictures(), Figure.savefig, BytesIO()
     Image.new("RGB", (1, 1), "white").save(pixel, format="png")
 
     def write(self: Figure, file: Any, **options: Any) -> None:
-        if not isinstance(file, str | Path):
+        if chosen.all:
+            render(self, file, **options)
+        elif not isinstance(file, str | Path):
             file.write(pixel.getvalue())
-        elif any(name in Path(file).name for name in names):
+        elif any(name in Path(file).name for name in chosen.names):
             render(self, file, **options)
         elif Path(file).suffix == ".png":
             Path(file).write_bytes(pixel.getvalue())
         else:
             render(Figure(), file, **options)
 
-    monkeypatch.setattr(Figure, "savefig", write)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", write)
+        yield chosen
+
+
+@pytest.fixture(autouse=True)
+def rendered_pictures(request: pytest.FixtureRequest, pictures: Pictures) -> Iterator[None]:
+    """Render the pictures that the test's marker ``rendered`` names."""
+    marker = request.node.get_closest_marker("rendered")
+    if marker is None:
+        yield
+    else:
+        with pictures.rendered(*marker.args):
+            yield
 
 
 @pytest.fixture
@@ -109,7 +139,13 @@ def fit_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture(scope="session")
-def finished_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def schema() -> dict[str, Any]:
+    """Return the JSON Schema of run files with the installed components, which takes two seconds."""
+    return json_schema(load_registry())
+
+
+@pytest.fixture(scope="session")
+def finished_run(tmp_path_factory: pytest.TempPathFactory, pictures: Pictures) -> Path:
     """The directory of a run of `runfiles.APOCENTRES` with 30 steps, all products and published values.
 
     To be read, or copied. The first worker of xdist that asks for it makes it for all.
@@ -122,6 +158,7 @@ def finished_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
         if not made.exists():
             (place / "published.csv").write_text(PUBLISHED)
             results = sk.run(sk.load(APOCENTRES), out=out, steps=30, progress=False, products=False)
-            sk.study.fit.write_products(results, literature=place / "published.csv")
+            with pictures.rendered():
+                sk.study.fit.write_products(results, literature=place / "published.csv")
             made.touch()
     return out

@@ -68,6 +68,7 @@ def test_winding_and_chi_give_the_same_apocentres(name):
         assert chi.mean == pytest.approx(winding.mean, abs=0.3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rule", ["literal", "epoch_aware", "turning"])
 def test_no_wrong_peak_and_little_scatter_over_seeds(rule):
     """Below 0.2 kpc, 1 kpc and 0.9 deg at 10 000 particles (the paper's data errors: 0.5, 2.5, 3.5)."""
@@ -78,6 +79,7 @@ def test_no_wrong_peak_and_little_scatter_over_seeds(rule):
     assert (np.abs(values - np.median(values, axis=0)) < 6 * scatter + 1e-9).all()
 
 
+@pytest.mark.slow
 def test_the_reported_variance_holds_for_independent_draws():
     """Within a factor 1.5 of the scatter over seeds; quasi-random draws scatter less than reported."""
     rule = Apocentres(recent_debris="epoch_aware")
@@ -184,6 +186,7 @@ def test_the_turning_branch_moves_smoothly_with_the_particles():
     assert np.diff(result) == pytest.approx(0.02, abs=2e-4)
 
 
+@pytest.mark.slow
 def test_the_reported_variance_of_the_turning_branch_is_the_scatter_over_draws():
     """Within a factor 1.5 in the standard deviation."""
     fits = [fit_turning(*crossed(seed, spurs=2000), guide=-80.0) for seed in range(100)]

@@ -63,6 +63,7 @@ def test_a_run_file_with_data_is_written_and_read_back(tmp_path):
     assert spec.with_values({"data.sun.v_c": [240, 3]}).bind_all().data["sun"].v_c == (240, 3)
 
 
+@pytest.mark.slow
 def test_a_fit_with_a_rotation_curve_draws_its_radii(tmp_path):
     results = sk.run(fit(curve=CURVE), tmp_path / "out", progress=False)
     assert not results.failed

@@ -163,7 +163,8 @@ def test_debris_of_a_moving_progenitor(cls, error, debris):
     assert np.linalg.norm(v - debris[-1][1], axis=0).max() < 100 * error
 
 
-@pytest.mark.parametrize("n", [20, pytest.param(64, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("n", [20, 64])
 def test_a_close_passage_is_foreseen_on_a_curved_path(n):
     """Particles that the host's tide bends past the progenitor at 1 kpc: none arrives with too few steps.
 

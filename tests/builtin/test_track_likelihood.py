@@ -37,7 +37,9 @@ def line(posterior: sk.Posterior, values: dict[str, float], name: str, width: fl
     return np.array(found)
 
 
-@pytest.mark.parametrize(("name", "width"), [("potential.q", 0.03), ("progenitor.v_los", 3.0)])
+@pytest.mark.parametrize(
+    ("name", "width"), [pytest.param("potential.q", 0.03, marks=pytest.mark.slow), ("progenitor.v_los", 3.0)]
+)
 def test_ln_p_is_rough_by_less_than_a_third(gd1: sk.Spec, name: str, width: float) -> None:
     values = TRUTH | {"observable.radial_velocity_dispersion": 11.0, "observable.radial_velocity_outliers": 0.05}
     found = line(sk.Posterior(gd1), values, name, width, 21)
@@ -86,6 +88,7 @@ def test_the_truth_of_a_mock_is_the_maximum(gd1: sk.Spec) -> None:
         assert abs(b / (2 * a)) * np.sqrt(-2 * a) < 0.7, name
 
 
+@pytest.mark.slow
 def test_the_variance_is_the_scatter_of_streams(gd1: sk.Spec) -> None:
     """Without scattering by the progenitor and with independent draws; over columns, in the mean."""
     few = {"stripping.particles": 1500, "stripping.quasi_random": False, "stripping.progenitor_gravity": False}
@@ -105,6 +108,7 @@ def test_check_says_where_the_stream_has_no_debris() -> None:
     assert "where the stream has no debris" in " ".join(result.output.split())
 
 
+@pytest.mark.slow
 @pytest.mark.rendered
 def test_the_particles_are_written_in_the_frame_of_the_data(tmp_path: Path) -> None:
     """The picture has a panel for every column."""

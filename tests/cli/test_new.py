@@ -15,6 +15,7 @@ from commands import call, refused
 import streamkit
 from streamkit.cli.new import ROLES
 
+QUICK = ("potential", "stripping", "data")  # roles whose check takes a second
 HERE = str(Path(streamkit.__file__).parent.parent)
 
 
@@ -25,7 +26,9 @@ def test_there_is_one_for_every_role() -> None:
         assert repr(role) in told
 
 
-@pytest.mark.parametrize("role", ROLES)
+@pytest.mark.parametrize(
+    "role", [pytest.param(role, marks=() if role in QUICK else pytest.mark.slow) for role in ROLES]
+)
 def test_it_passes_its_own_test(role: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In this process, whose imports are made."""
     monkeypatch.chdir(tmp_path)
@@ -52,6 +55,7 @@ def test_the_section_of_a_run_file_and_the_manual_are_named(
     assert "plugins/README.md" in text
 
 
+@pytest.mark.slow
 def test_pytest_finds_its_own_test(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     call("new", "stripping", "my_first")

@@ -70,6 +70,7 @@ def test_descriptors_that_the_shell_closed(redirected):
     assert bool(errors) == ("2>&-" not in redirected)
 
 
+@pytest.mark.slow
 def test_a_run_file_is_checked_without_streams(tmp_path):
     (tmp_path / "run.toml").write_text(RUN)
     command = 'exec "$0" -m streamkit check run.toml --draws 0 >&- 2>&- <&-'

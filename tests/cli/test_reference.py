@@ -10,7 +10,11 @@ from streamkit.components import load_registry
 from streamkit.report import columns
 from streamkit.runfile import BODY_WAYS, WAYS, Engine, Likelihood, RunFile, Sun
 
-COMPONENTS = [(role, kind) for role, kinds in load_registry().entries.items() for kind in kinds]
+COMPONENTS = [
+    pytest.param(role, kind, marks=pytest.mark.slow if i else ())  # one of each role always
+    for role, kinds in load_registry().entries.items()
+    for i, kind in enumerate(kinds)
+]
 
 
 def text_of(*args: str) -> str:

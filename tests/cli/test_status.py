@@ -122,6 +122,7 @@ def test_the_pace_does_not_count_the_search(run):
     assert (run.directory / "manifest.json").stat().st_mtime < attributes["since"]
 
 
+@pytest.mark.slow
 def test_the_command_to_go_on_keeps_the_options(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "small.toml").write_text(to_toml(sk.load(FIT).document))
@@ -197,7 +198,9 @@ def test_the_tables_of_an_example_come_with_it(tmp_path, monkeypatch):
     assert sk.load("gd1.toml").document["observable"]["kind"] == "track"
 
 
-@pytest.mark.parametrize("name", examples())
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name == "gd1" else pytest.mark.slow) for name in examples()]
+)
 def test_an_example_is_valid_in_an_empty_directory(name, tmp_path, monkeypatch):
     """With all its tables: those of other examples have names of their own."""
     monkeypatch.chdir(tmp_path)

@@ -10,10 +10,23 @@ from streamkit.testing import check, checks
 from streamkit.testing.common import example_of, title
 
 COMPONENTS = [entry for kinds in load_registry().entries.values() for entry in kinds.values()]
+LONG = {
+    ("emulator", "repeats itself"), ("emulator", "samples a gaussian"),  # tests/builtin/test_emulator.py has both
+    ("emcee", "repeats itself"), ("emcee", "samples a gaussian"),  # tests/sample/test_ensemble.py has both
+    ("leapfrog", "reaches its order"),  # the other integrators do
+    ("apocentres", "variance is that of the scatter"),  # the other observables do
+}  # fmt: skip
+
+
+def is_slow(entry, check):
+    """Say whether a check takes seconds. Components of installed plugins are checked by their own tests, too."""
+    return not entry.supplier.startswith("streamkit ") or (entry.cls.kind, title(check)) in LONG
+
+
 CASES = [
     pytest.param(
         entry.cls, check, id=f"{entry.cls.role}-{entry.cls.kind}-{title(check)}",
-        marks=() if entry.supplier.startswith("streamkit ") else pytest.mark.slow,  # its own tests check it, too
+        marks=pytest.mark.slow if is_slow(entry, check) else (),
     )
     for entry in COMPONENTS
     for check in checks(entry.cls, slow=entry.cls.kind == "dop853")

@@ -114,7 +114,10 @@ def test_another_distribution_in_the_folder_is_recognised(
     assert bool(sentence) == bool(whose)
 
 
-def test_every_command_reports_a_foreign_distribution(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("arguments", [["--version"], ["plugins"], pytest.param(["schema"], marks=pytest.mark.slow)])
+def test_every_command_reports_a_foreign_distribution(
+    arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     lay(tmp_path, NAME, "0.1", OURS)
     lay(tmp_path, "streamkit", "0.3.2", FOREIGN)
     monkeypatch.syspath_prepend(tmp_path)
@@ -123,9 +126,8 @@ def test_every_command_reports_a_foreign_distribution(tmp_path: Path, monkeypatc
         "files into the same folder. Remove both, then install this one again: "
         f"pip uninstall streamkit {NAME}, pip install {NAME}.\n"
     )
-    for arguments in (["--version"], ["plugins"], ["schema"]):
-        done = call(*arguments)
-        assert (done.exit_code, done.stderr) == (0, expected)
+    done = call(*arguments)
+    assert (done.exit_code, done.stderr) == (0, expected)
     assert refused("check", "none.toml").endswith(expected)
 
 

@@ -48,6 +48,7 @@ from streamkit.testing.contained import in_a_process
 
 pytestmark = pytest.mark.usefixtures("short_search")
 SHELL = ("sh", "console", "")
+SHORT = ROOT / "examples" / "pal5" / "README.md"  # the document whose commands run with every commit
 DIRECTORY = ROOT / "examples" / "sagittarius" / "README.md"  # it describes the directory of a run
 JAFFE = ROOT / "tests" / "third_party" / "streamkit_jaffe.py"
 EXAMPLE_TEXTS = {path: path.read_text(encoding="utf-8") for path in EXAMPLES}
@@ -108,7 +109,13 @@ def test_every_command_line_parses(arguments: list[str]) -> None:
     known.make_context(name, rest)
 
 
-@pytest.mark.parametrize("document", [README, *STUDIES, *RESULTS], ids=lambda path: str(path.relative_to(ROOT)))
+@pytest.mark.parametrize(
+    "document",
+    [
+        pytest.param(path, id=str(path.relative_to(ROOT)), marks=() if path == SHORT else pytest.mark.slow)
+        for path in [README, *STUDIES, *RESULTS]
+    ],
+)
 def test_the_commands_of_a_document_run_in_their_order(
     document: Path, desk: Path, carried_out: set[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -149,6 +156,7 @@ def test_what_a_command_needs_exists_or_was_made_by_an_earlier_one(document: Pat
             made |= command.makes()
 
 
+@pytest.mark.slow
 def test_the_program_of_the_readme_runs(desk: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (shown,) = blocks("python", README)
     exec(compile(shown.text, str(shown), "exec"), {})
@@ -159,7 +167,14 @@ def test_the_program_of_the_readme_runs(desk: Path, capsys: pytest.CaptureFixtur
     assert all(re.search(r"  # \d[\d.]* (s|min)\b", line) for line in program)  # and what each one takes
 
 
-@pytest.mark.parametrize("block", [b for b in PLAIN_BLOCKS if b.document != README], ids=str)
+@pytest.mark.parametrize(
+    "block",
+    [
+        pytest.param(block, id=str(block), marks=pytest.mark.slow if "sk.run(" in block.text else ())
+        for block in PLAIN_BLOCKS
+        if block.document != README
+    ],
+)
 def test_a_python_block_runs(block: Block, desk: Path) -> None:
     exec(compile(block.text, str(block), "exec"), {})
 
@@ -247,17 +262,14 @@ def test_the_run_file_explained_is_the_example() -> None:
         assert explained[section] == example[section], section
 
 
-def test_the_first_command_of_the_readme_is_a_fit_of_minutes() -> None:
-    (fit,) = lines(blocks("sh", README)[0])
-    assert "--sampler emulator" in fit
-
-
-def test_the_first_command_of_contributors_is_what_ci_runs() -> None:
-    (set_up,) = lines(blocks("sh", CONTRIBUTING)[0])
+def test_the_second_command_line_is_what_ci_runs() -> None:
+    first, second, *_ = (lines(block) for block in blocks("sh", README))
+    assert len(first) == len(second) == 1
     script = ROOT / ".ci" / "run"
-    assert script.read_text().splitlines()[-1] == set_up
+    assert script.read_text().splitlines()[-1] == second[0]
     assert "set -euo pipefail" in script.read_text()
     assert os.access(script, os.X_OK)
+    assert "--sampler emulator" in first[0]
 
 
 def test_the_set_up_names_what_exists() -> None:

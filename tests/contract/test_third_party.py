@@ -66,6 +66,7 @@ def test_it_takes_less_than_forty_lines():
     assert sum(len(file.read_text().splitlines()) for file in files) < 40
 
 
+@pytest.mark.slow  # tests/contract/test_documents.py checks the same component
 def test_its_own_test_passes(place):
     out = run(place, sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", place / "source")
     assert "1 passed" in out
@@ -89,6 +90,7 @@ def test_a_run_file_with_it_is_checked_as_strictly_as_any(place):
     assert "kpc" in told
 
 
+@pytest.mark.slow
 def test_it_runs_through_a_whole_fit(place):
     """With two workers, so in fresh processes too. M(r) = mass r / (r + a) exactly (Jaffe 1983)."""
     run(place, sys.executable, "-m", "streamkit", "run", "fit.toml", "-o", "out", "--workers", "2", "--quiet")

@@ -1,4 +1,4 @@
-"""The tutorials run from their first line; by day with few particles and steps, in the slow tests as a fit."""
+"""The tutorials run from their first line: the short one always, the others and a whole fit in the slow tests."""
 
 from __future__ import annotations
 
@@ -39,7 +39,13 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.mark.filterwarnings("ignore:The MilkyWayPotential2022")  # of gala
 @pytest.mark.usefixtures("place", "short_search")
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "script",
+    [
+        pytest.param(path, id=path.stem, marks=() if path.stem == "my_own_potential" else pytest.mark.slow)
+        for path in SCRIPTS
+    ],
+)
 def test_a_tutorial_runs(script: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for module in NEEDS.get(script.stem, ()):
         pytest.importorskip(module)

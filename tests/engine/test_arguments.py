@@ -215,7 +215,7 @@ def test_cubic_pieces_go_through_values_and_slopes() -> None:
 GROWTH = {"t": [-4.0, -2.0, "-500 Myr", 0.0], "factor": [0.3, 0.5, 0.9, 1.0]}
 
 
-@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("compiled", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_a_growing_halo_is_that_of_scipy(compiled: bool) -> None:
     """One orbit over 5 Gyr, beyond the first row of the table, and together with a bulge that stands still."""
     classes = (NFW, Hernquist) if compiled else (type("N", (sk.Spherical,), _copied(NFW)), Hernquist)

@@ -57,6 +57,7 @@ def test_the_satellite_rides_on_the_progenitor():
 OTHER = Q[[1, 2, 0]], -V[[1, 2, 0]]  # today's state of a second body, whose orbit is another one
 
 
+@pytest.mark.slow  # the satellite alone does above
 def test_two_bodies_ride_on_their_own_orbits():
     """The force is that of each about its own place, from the oracle."""
     field = build_field(HOST)

@@ -69,6 +69,7 @@ def test_for_every_number_of_particles(n):
     assert build_field([Read()]).acceleration(0.0, q) == pytest.approx(expected(*q), rel=1e-12, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_beside_another_force_and_with_a_growing_one():
     q = np.array([[0.5, 4.2], [0.1, 0.7], [2.0, -1.0]])
     twice = build_field([Read(), Read((np.array([-2.0, 0.0]), np.array([0.5, 1.0])))])

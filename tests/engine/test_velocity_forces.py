@@ -1,4 +1,8 @@
-"""Forces that depend on velocity, in every loop: against closed forms and SciPy."""
+"""Forces that depend on velocity, in every loop: against closed forms and SciPy.
+
+The loops are compiled a second time for them, which takes a minute in a new clone. The slow tests need these loops; the
+others take the accelerations of given particles, as SciPy's integrator does.
+"""
 
 import itertools
 from typing import Annotated, Any, ClassVar
@@ -85,7 +89,16 @@ ACCURACY = {
 }
 
 
-@pytest.mark.parametrize("which", ACCURACY)
+@pytest.fixture(autouse=True)
+def loops_of_slow_tests(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compile the loops with a drag only for the tests that need them."""
+    if request.node.get_closest_marker("slow") is None:
+        monkeypatch.setattr("streamkit.engine.loops.compile_with_drag", lambda: None)
+
+
+@pytest.mark.parametrize(
+    "which", [pytest.param(which, marks=() if which == "dop853" else pytest.mark.slow) for which in ACCURACY]
+)
 @pytest.mark.parametrize("kind", [Sticky, NumpySticky])
 def test_a_damped_oscillator_is_its_closed_form(which: str, kind: Any) -> None:
     integrator, accuracy = ACCURACY[which]
@@ -96,6 +109,7 @@ def test_a_damped_oscillator_is_its_closed_form(which: str, kind: Any) -> None:
     assert np.abs(v - wanted[1]).max() < accuracy * 160
 
 
+@pytest.mark.slow
 def test_the_order_of_a_splitting_stays() -> None:
     errors = []
     for steps in (20, 40):
@@ -105,6 +119,7 @@ def test_the_order_of_a_splitting_stays() -> None:
     assert 13 < errors[0] / errors[1] < 19
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [Sticky, NumpySticky])
 def test_an_orbit_back_and_its_accelerations(kind: Any) -> None:
     host = kind(omega=OMEGA, rate=RATE) if kind is Sticky else kind(omega=OMEGA, rate=RATE, expansion="none")
@@ -129,6 +144,12 @@ def test_drags_add_up_and_grow(numpy_too: bool) -> None:
     field = build_field([other, Hernquist(mass=1e-20, a=1.0), Sticky(omega=0.0, rate=RATE, growth=growth)])
     result = field.acceleration(np.full(3, -0.5), Q, V)
     assert np.allclose(result, -(OMEGA**2) * Q - (1.0 + 0.5 * RATE) * V, rtol=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("numpy_too", [False, True])
+def test_drags_add_up_in_a_loop(numpy_too: bool) -> None:
+    other = NumpySticky(omega=OMEGA, rate=1.0, expansion="none") if numpy_too else Sticky(omega=OMEGA, rate=1.0)
     many = build_field([other, Sticky(omega=0.0, rate=RATE - 1.0)])
     q, _ = march(ForestRuth(step=0.002), many, Q, V, 0.4)
     assert np.allclose(q, damped(Q, V, 0.4)[0], rtol=1e-6)
@@ -171,6 +192,7 @@ def slowed(t: float, w: Any) -> Any:
     return np.concatenate([v, -2 * 140.0**2 * q / r2 - 4 * np.pi * sk.G**2 * 2e9 * density * 3.0 * part / speed**3 * v])
 
 
+@pytest.mark.slow
 def test_chandrasekhars_drag_is_that_of_scipy() -> None:
     q, v = np.array([40.0, 0.0, 10.0]), np.array([20.0, 160.0, 30.0])
     field = build_field([Chandrasekhar(**Chandrasekhar.example)])
@@ -193,6 +215,7 @@ class NoDrag(sk.Potential):
         return k * x, k * y, k * z
 
 
+@pytest.mark.slow
 def test_the_hosts_drag_acts_on_bodies_and_not_on_itself() -> None:
     """Host and body against SciPy: the body is slowed down by its velocity from the host."""
     mass = 5e10
@@ -291,6 +314,7 @@ def test_a_run_file_may_not_combine_a_drag_with_what_does_not_know_it() -> None:
         sk.load(BASE | {"body": {"a": body}}, components=[Constant])
 
 
+@pytest.mark.slow
 def test_the_progenitor_of_a_run_feels_it() -> None:
     host = {"potential": {"kind": "test_chandrasekhar", "sigma": 140, "mass_slowed": 2e9}}
     short = {"progenitor": BASE["progenitor"] | {"lookback": 1.0}}

@@ -11,7 +11,7 @@ from astropy import units as u
 from astropy.table import QTable
 from commands import call
 from pydantic import Field
-from runfiles import BASE
+from runfiles import BASE, schema_with
 
 import streamkit as sk
 from streamkit.fields import Files
@@ -266,7 +266,7 @@ def test_a_run_copies_its_files_and_resumes_with_the_same_ones_alone(run_file: P
 
 def test_the_schema_and_the_reference_know_them(run_file: Path) -> None:
     registry = sk.components.load_registry([run_file.parent / "window.py"])
-    schema = sk.runfile.json_schema(registry)
+    schema = schema_with(registry)
     window = next(d for name, d in schema["$defs"].items() if "window" in name)
     assert window["properties"]["r"]["anyOf"][0]["type"] == "array"
     assert "file" in window["properties"]["track"]["anyOf"][1]["properties"]

@@ -5,11 +5,10 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from runfiles import changed
+from runfiles import changed, schema_with
 
 import streamkit as sk
 from streamkit.components import load_registry
-from streamkit.runfile import json_schema
 
 ROWS = ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 FRAMES = ["GD1Koposov10", {"pole": [192.86, 27.13], "origin": [266.4, -28.94]}, [list(row) for row in ROWS]]
@@ -58,6 +57,6 @@ def test_what_is_no_frame_is_refused_with_a_sentence(frame, message):
 
 
 def test_the_json_schema_describes_the_three_forms():
-    schema = json_schema(load_registry(classes=[Latitude]))
+    schema = schema_with(load_registry(classes=[Latitude]))
     forms = schema["$defs"]["observable.latitude"]["properties"]["frame"]["anyOf"]
     assert [form["type"] for form in forms] == ["string", "object", "array"]

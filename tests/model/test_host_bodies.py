@@ -230,6 +230,7 @@ def test_a_circular_body_in_a_held_host_is_at_rest_in_a_rotating_frame():
     assert np.abs(found.q[:, 0] - wanted).max() < 1e-6 * np.sqrt(wanted @ wanted)
 
 
+@pytest.mark.slow  # SciPy gives the same orbits above
 def test_an_orbit_beside_the_cloud_is_galpys():
     """galpy's MovingObjectPotential and NonInertialFrameForce, with the Milky Way's path from SciPy."""
     body, end = cloud(1.38e11, friction=False), -0.5 * sk.GYR

@@ -17,6 +17,7 @@ def grown(growth: Any, section: str = "potential") -> sk.Spec:
     return sk.load(SMALL | {section: BASE[section] | {"growth": growth}})
 
 
+@pytest.mark.slow  # tests/engine has a growing halo
 def test_a_host_that_grows_is_today_what_it_was_and_has_another_stream() -> None:
     still, growing = sk.load(SMALL), grown(GROWTH)
     assert "growth" not in still.document["potential"]

@@ -155,7 +155,7 @@ def test_stream_writes_and_draws_each(file, tmp_path):
 
 
 def test_check_looks_at_each(file):
-    said = command("check", file)
+    said = command("check", file, "--draws", "2")
     assert "stream near, at the prior's centre" in said
     assert "stream far, at the prior's centre" in said
     assert "depth.leading" in said
@@ -194,10 +194,11 @@ def test_a_fit_of_several_streams_is_reported_with_a_picture_of_each(tmp_path):
     assert {"best_stream_near.png", "best_stream_far.png", "summary.ecsv"} <= {path.name for path in out.iterdir()}
     assert not results.failed
     assert set(results.best_observation.streams) == {"near", "far"}
-    again = sk.run(document, out, steps=6, resume=True, progress=False)
+    again = sk.run(document, out, steps=6, resume=True, progress=False, products=False)
     assert len(again.chain) == 6
 
 
+@pytest.mark.slow
 def test_two_mock_streams_recover_the_host_better_than_either():
     """On a grid over both parameters of the host, with data from a stream of other random numbers."""
     document = pair("stream", "far", "progenitor", "v_los", 150)

@@ -126,7 +126,7 @@ def satellite(name: str = "B") -> Snapshot:
     )
 
 
-@pytest.mark.parametrize("name", ["A", "B"])
+@pytest.mark.parametrize("name", [pytest.param("A", marks=pytest.mark.slow), "B"])
 def test_positions_and_velocities_alone_give_the_windings_and_stripping_times(name: str) -> None:
     """Of the N-body simulation, which kept them as it ran: turns for 97 %, times to a tenth of a Gyr in the median."""
     result, outcome = nbody_stream(name), as_stream(satellite(name), run_file(name).bind())

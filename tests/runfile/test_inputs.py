@@ -7,8 +7,7 @@ import pytest
 from runfiles import BASE, changed, error_of
 
 import streamkit as sk
-from streamkit.components import load_registry
-from streamkit.runfile import Sun, json_schema
+from streamkit.runfile import Sun
 from streamkit.stream import seen_from, sky_matrix, to_galactocentric
 
 LMC: dict[str, Any] = {
@@ -101,8 +100,7 @@ def test_bad_bodies(body, parts):
         assert part in error
 
 
-def test_the_schema_knows_bodies():
-    schema = json_schema(load_registry())
+def test_the_schema_knows_bodies(schema):
     body = schema["properties"]["body"]["additionalProperties"]
     names = str(body)
     assert "body.hernquist.BodyEquatorialSky" in names

@@ -10,8 +10,7 @@ from pydantic import ValidationError
 from runfiles import accepts, changed
 
 import streamkit as sk
-from streamkit.components import load_registry
-from streamkit.runfile import Sun, json_schema
+from streamkit.runfile import Sun
 from streamkit.runfile.progenitor import WAYS, choose_coordinates
 from streamkit.stream import seen_from, sky_matrix
 from streamkit.stream.frames import CENTRE_ICRS
@@ -201,8 +200,7 @@ def test_radial_velocity_is_a_name_in_settings_and_at_parameters(on_sky):
         spec.with_values({"stripping.radial_velocity": 1.0})
 
 
-def test_the_schema_has_both_names_of_the_line_of_sight_velocity(on_sky):
-    schema = json_schema(load_registry())
+def test_the_schema_has_both_names_of_the_line_of_sight_velocity(on_sky, schema):
     place = on_sky["progenitor"]
     other = {"radial_velocity" if name == "v_los" else name: value for name, value in place.items()}
     for progenitor, good in ((place, True), (other, True), (place | other, False), (place | {"vlos": 1.0}, False)):

@@ -74,7 +74,7 @@ def repeated(count, *strategies):
     return lambda test: often(given(*strategies)(test))
 
 
-@pytest.mark.parametrize("count", [40, pytest.param(150, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [12, pytest.param(150, marks=pytest.mark.slow)])
 def test_mutated_run_files(count):
     @repeated(count, run_files())
     def read(text):
@@ -90,7 +90,7 @@ PATHS = st.sampled_from(["potential.v0", "potential.kind", "progenitor.mass", "s
                          "sun.r0", "plugins", "x", "potential.v0.uniform", "", ".", "potential..v0"])  # fmt: skip
 
 
-@pytest.mark.parametrize("count", [40, pytest.param(100, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [12, pytest.param(100, marks=pytest.mark.slow)])
 def test_settings_of_the_command_line(count):
     spec = sk.load(EXAMPLES[-1])
 

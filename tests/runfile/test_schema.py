@@ -8,13 +8,6 @@ import pytest
 from runfiles import BASE, EXAMPLES, accepts, changed, error_of
 
 import streamkit as sk
-from streamkit.components import load_registry
-from streamkit.runfile import json_schema
-
-
-@pytest.fixture(scope="module")
-def schema() -> dict[str, Any]:
-    return json_schema(load_registry())
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)

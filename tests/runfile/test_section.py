@@ -4,10 +4,10 @@ import pickle
 from pathlib import Path
 
 import pytest
-from runfiles import accepts, changed
+from runfiles import accepts, changed, schema_with
 
 import streamkit as sk
-from streamkit.runfile import json_schema, to_toml
+from streamkit.runfile import to_toml
 
 PLUGIN = '''
 from functools import cache
@@ -85,7 +85,7 @@ def test_what_it_refuses_is_told_with_its_place(load) -> None:
 
 def test_the_schema_leaves_its_fields_open(load) -> None:
     spec = load()
-    schema = json_schema(spec.registry)
+    schema = schema_with(spec.registry)
     more = {"density_7": 1.0}
     assert accepts(schema, spec.document | {"observable": {"kind": "densities"} | more}, schema)
     assert not accepts(schema, spec.document | {"integrator": {"kind": "leapfrog"} | more}, schema)

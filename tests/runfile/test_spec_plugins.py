@@ -5,10 +5,10 @@ import pickle
 from pathlib import Path
 
 import pytest
-from runfiles import PLUGIN, accepts, changed
+from runfiles import PLUGIN, accepts, changed, schema_with
 
 import streamkit as sk
-from streamkit.runfile import json_schema, to_toml
+from streamkit.runfile import to_toml
 
 
 @pytest.fixture
@@ -64,7 +64,7 @@ def test_plugins_are_validated_as_strictly(plugin_run: Path) -> None:
 
 
 def test_the_schema_knows_plugins_and_is_json(plugin_run: Path) -> None:
-    result = json_schema(sk.load(plugin_run).registry)
+    result = schema_with(sk.load(plugin_run).registry, "cored")
     assert json.loads(json.dumps(result)) == result
     assert result["$defs"]["potential.cored"]["properties"]["kind"] == {"const": "cored"}
     assert accepts(result, changed("potential", {"kind": "cored", "v": "200 km/s"}), result)

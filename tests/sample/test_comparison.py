@@ -35,7 +35,10 @@ def observed(posterior, count):
     return np.array(points), observations, np.array(lnl)
 
 
-@pytest.mark.parametrize("name", RUNS)
+LONG = ("stars beside a covariance", "several streams")  # the parts of both have examples of their own
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow if n in LONG else ()) for n in RUNS])
 def test_many_points_at_once_are_one_after_the_other(name):
     file, values = RUNS[name]
     posterior = Posterior(sk.load(EXAMPLES / file).with_particles(400).with_values(values))

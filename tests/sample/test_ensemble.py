@@ -29,7 +29,7 @@ def toy_chain(chain, steps, seed=5, cut=False, **fields):
     return chain.iteration < steps
 
 
-@pytest.mark.parametrize("moves", ["de", "stretch"])
+@pytest.mark.parametrize("moves", ["de", pytest.param("stretch", marks=pytest.mark.slow)])
 def test_a_gaussian_is_recovered(moves):
     chain = ChainMemory()
     converged = toy_chain(chain, 1500, moves=moves)
@@ -226,6 +226,7 @@ def test_stuck_walkers_are_recognised():
     assert len(stuck_walkers(x[:10], lnp[:10])) == 0
 
 
+@pytest.mark.slow  # test_a_gaussian_is_recovered has the same moves, all in turn
 @pytest.mark.parametrize("name", ["de", "stretch"])
 def test_every_move_alone_samples_a_gaussian_whatever_the_units(name):
     """Standard deviations within 6 %, for parameters whose scales differ by 10^8 (snooker: off by 15 %)."""

@@ -83,6 +83,7 @@ def check_moments(chain, expected, precision=0.03):
 MOVES = [move for move, _ in proposals("surrogate", PRIORS)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("move", MOVES[1:], ids=["best", "third", "one"])
 def test_every_move_alone_samples_the_prior(move):
     found = sampled(move, ln_prior, 4000)
@@ -99,8 +100,12 @@ def test_every_move_alone_samples_the_prior(move):
 
 @pytest.mark.parametrize(
     ("move", "steps", "last"),
-    [(MOVES[0], 150, True), (MOVES[0], 200, False), (MOVES[1], 1500, True), (MOVES[2], 1500, True)],
-    ids=["surrogate", "tempered replicas", "best", "third"],
+    [
+        pytest.param(MOVES[0], 150, True, id="surrogate"),
+        pytest.param(MOVES[0], 200, False, id="tempered replicas", marks=pytest.mark.slow),
+        pytest.param(MOVES[1], 1500, True, id="best", marks=pytest.mark.slow),
+        pytest.param(MOVES[2], 1500, True, id="third", marks=pytest.mark.slow),
+    ],
 )
 def test_every_move_alone_samples_a_cut_gaussian(move, steps, last):
     found = sampled(move, ln_posterior, steps, last)
@@ -215,6 +220,7 @@ def test_too_little_to_learn_from():
     assert learn(still, still[:, :1], still[:, :1], data) is None
 
 
+@pytest.mark.slow
 def test_walks_on_the_surrogate_save_calls_and_keep_the_answer():
     """Three parameters, two data, curved: expected values by quadrature."""
     chain, plain = ChainMemory(), ChainMemory()
@@ -229,6 +235,7 @@ def test_walks_on_the_surrogate_save_calls_and_keep_the_answer():
     assert autocorrelation_times(kept).max() < 0.5 * autocorrelation_times(usual).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("toy", "steps", "subject"), [(Many(), 650, "the observables"), (Heavy(), 750, "ln likelihood")]
 )
@@ -271,7 +278,7 @@ def whole(tmp_path_factory):
     return file
 
 
-@pytest.mark.parametrize("stop", [17, 60])
+@pytest.mark.parametrize("stop", [17, pytest.param(60, marks=pytest.mark.slow)])
 def test_a_chain_that_learns_is_resumed_bit_for_bit(tmp_path, whole, stop):
     parts = ChainFile(tmp_path / "parts.h5")
     banana_run(parts, stop, "surrogate")
@@ -304,6 +311,7 @@ def test_learning_goes_on_until_enough_is_accepted(chain, expected):
     assert learning_steps("de", chain) == 0
 
 
+@pytest.mark.slow  # a chain that learns as long as usual is resumed above
 def test_a_chain_that_learns_for_longer_is_resumed_bit_for_bit(tmp_path, monkeypatch):
     for module in (learning, walk):
         monkeypatch.setattr(module, "LEARNING", (10, 20, 30, 40, 50))
@@ -324,11 +332,11 @@ def test_a_chain_that_learns_for_longer_is_resumed_bit_for_bit(tmp_path, monkeyp
 
 def test_a_finished_chain_stays_finished(tmp_path):
     chain = ChainFile(tmp_path / "chain.h5")
-    banana_run(chain, 9000, "de", tau_factor=5)
+    banana_run(chain, 9000, "de", tau_factor=2)
     length = chain.iteration
     assert length < 9000
     for steps in (length, 9000):  # nothing left to do, or more allowed than is needed
-        banana_run(chain, steps, "de", resumes=True, tau_factor=5)
+        banana_run(chain, steps, "de", resumes=True, tau_factor=2)
         assert chain.iteration == length
 
 

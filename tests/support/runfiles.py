@@ -1,12 +1,15 @@
 """The small run files that the tests vary, a plugin file, and a JSON Schema validator."""
 
 import copy
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import streamkit as sk
+from streamkit.components import Registry
+from streamkit.runfile import json_schema
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*/*.toml"))
 
@@ -106,6 +109,12 @@ def with_entry(whole: dict[str, Any], *path_and_value: Any) -> dict[str, Any]:
     else:
         table[path[-1]] = value
     return document
+
+
+def schema_with(registry: Registry, *kinds: str) -> dict[str, Any]:
+    """Return the JSON Schema of run files with these potentials and all other components: sooner made than of all."""
+    potentials = {kind: registry.entries["potential"][kind] for kind in ("tf", "plummer", *kinds)}
+    return json_schema(replace(registry, entries={**registry.entries, "potential": potentials}))
 
 
 def error_of(source: Any) -> str:

@@ -50,10 +50,12 @@ def whole():
     return fit()
 
 
+@pytest.mark.slow
 def test_it_samples_a_gaussian_and_finds_its_evidence():
     check(Dynesty)
 
 
+@pytest.mark.slow
 def test_workers_do_not_change_the_samples(whole, tmp_path):
     same(fit(tmp_path / "run", workers=2), whole)
 
@@ -74,6 +76,7 @@ def test_a_run_that_fails_on_the_way_goes_on_as_if_it_had_not(whole, tmp_path, m
     same(fit(tmp_path / "run", resume=True), whole)
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_as_if_it_had_not(whole, tmp_path):
     out = tmp_path / "run"
     process = multiprocessing.get_context("fork").Process(target=fit, args=(out,))
@@ -89,6 +92,7 @@ def test_a_killed_run_goes_on_as_if_it_had_not(whole, tmp_path):
     same(fit(out, resume=True), whole)
 
 
+@pytest.mark.slow
 def test_it_may_be_asked_for_more_when_it_goes_on(whole, tmp_path):
     fit(tmp_path / "run")
     longer = RUN | {"sampler": RUN["sampler"] | {"evidence_left": 0.3}}
@@ -97,6 +101,7 @@ def test_it_may_be_asked_for_more_when_it_goes_on(whole, tmp_path):
     same(more, fit(document=longer))
 
 
+@pytest.mark.slow
 def test_it_says_how_far_it_is_and_when_it_may_end(monkeypatch, capsys):
     monkeypatch.setattr("streamkit.report.progress.EVERY", 0.0)
     sk.run(RUN, progress=True, products=False, components=[Dynesty])

@@ -254,6 +254,7 @@ def test_every_potential_of_gala_is_offered_or_refused():
     assert all(result for _, result in refused)
 
 
+@pytest.mark.slow
 def test_a_stream_beside_the_cloud_is_galas(monkeypatch):
     """gala's TimeInterpolatedPotential carries Milky Way and cloud; test particles from our release states."""
     folder = ROOT / "tests" / "benchmarks"

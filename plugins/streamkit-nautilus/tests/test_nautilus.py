@@ -47,10 +47,17 @@ def with_settings(document, **settings):
     return document | {"sampler": document["sampler"] | settings}
 
 
-@pytest.fixture(scope="module", params=[0, pytest.param(1, marks=pytest.mark.slow)], ids=["", "with a network"])
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param({"networks": 0, "live_points": 30, "effective_samples": 40}, id="few points"),
+        pytest.param({"networks": 0}, id="", marks=pytest.mark.slow),
+        pytest.param({"networks": 1}, id="with a network", marks=pytest.mark.slow),
+    ],
+)
 def document(request):
-    """The run file, without networks by day: training them is most of the time."""
-    return with_settings(RUN, networks=request.param)
+    """The run file; training networks is most of the time, where there are any."""
+    return with_settings(RUN, **request.param)
 
 
 @pytest.fixture(scope="module")
@@ -58,16 +65,19 @@ def whole(document):
     return fit(document=document)
 
 
-@pytest.mark.parametrize("networks", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("networks", [0, 1])
 def test_it_samples_a_gaussian_and_finds_its_evidence(networks, monkeypatch):
     monkeypatch.setattr(Nautilus, "example", Nautilus.example | {"networks": networks})
     check(Nautilus)
 
 
+@pytest.mark.slow
 def test_workers_do_not_change_the_samples(whole, document, tmp_path):
     same(fit(tmp_path / "run", document, workers=2), whole)
 
 
+@pytest.mark.slow  # dynesty's test of the same is fast
 def test_a_run_that_fails_on_the_way_goes_on_as_if_it_had_not(whole, document, tmp_path, monkeypatch):
     own, left = sk.Posterior.evaluate, iter(range(150))
 
@@ -83,6 +93,7 @@ def test_a_run_that_fails_on_the_way_goes_on_as_if_it_had_not(whole, document, t
     same(fit(tmp_path / "run", document, resume=True), whole)
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_as_if_it_had_not(whole, document, tmp_path):
     out = tmp_path / "run"
     process = multiprocessing.get_context("fork").Process(target=fit, args=(out, document))
@@ -98,6 +109,7 @@ def test_a_killed_run_goes_on_as_if_it_had_not(whole, document, tmp_path):
     same(fit(out, document, resume=True), whole)
 
 
+@pytest.mark.slow
 def test_it_may_be_asked_for_more_when_it_goes_on(whole, document, tmp_path):
     fit(tmp_path / "run", document)
     longer = with_settings(document, effective_samples=400)
@@ -106,6 +118,7 @@ def test_it_may_be_asked_for_more_when_it_goes_on(whole, document, tmp_path):
     same(more, fit(document=longer))
 
 
+@pytest.mark.slow
 def test_it_says_how_far_it_is_and_when_it_may_end(document, monkeypatch, capsys):
     monkeypatch.setattr("streamkit.report.progress.EVERY", 0.0)
     longer = with_settings(document, effective_samples=900)

@@ -83,6 +83,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_same_distribution(progenitor, state, name):
     scheme, df = CASES[name]

@@ -12,7 +12,7 @@ from streamkit.model import Host
 from streamkit.report import VERMILION
 from streamkit.runfile import Spec
 from streamkit.stream import Array
-from streamkit.study.fit.figures import WIDE, bands, profile_axes, radii
+from streamkit.study.fit.figures import WIDE, bands, legend_above, profile_axes, radii
 from streamkit.study.fit.literature import POTENTIAL, beside_literature, draw_literature, flattenings
 from streamkit.study.fit.results import Results
 from streamkit.study.fit.tables import LEVELS
@@ -56,12 +56,7 @@ def flattening(results: Results, literature: QTable | None = None, wide: float =
     axes.axhline(1, color="black", lw=0.6)
     if rows is not None and len(rows):
         _draw_published(axes, beside_literature(results, rows))
-    narrow = wide < WIDE
-    room = (0.9 if literature is None else 1.6) if narrow else 0.4 if literature is None else 0.6
-    bottom, top = axes.get_ylim()
-    axes.set_ylim(bottom, top + room * (top - bottom))
-    columns, size = (1, 7) if narrow else (2, 9)
-    axes.legend(framealpha=1, edgecolor="none", loc="upper center", ncols=columns, fontsize=size)
+    legend_above(figure, axes)
     return figure
 
 

@@ -47,20 +47,28 @@ def panels(figure: Figure) -> list[Any]:
 
 
 @pytest.mark.parametrize("draw", ALL, ids=lambda draw: draw.__name__)
-def test_each_is_drawn_for_any_number_of_streams(draw: Any, portraits: dict[str, Portrait]) -> None:
+@pytest.mark.parametrize("count", [1, pytest.param(3, marks=pytest.mark.slow), pytest.param(5, marks=pytest.mark.slow)])
+def test_each_is_drawn_for_any_number_of_streams(draw: Any, count: int, portraits: dict[str, Portrait]) -> None:
     many = dict(list({f"{title} {i}": p for i in range(2) for title, p in portraits.items()}.items())[:5])
-    for shown in (dict(list(portraits.items())[1:2]), portraits, many):
-        figure = draw(shown)
-        if shown is not portraits:  # the layout costs most, and is looked at once
-            figure.set_layout_engine("none")
-        figure.draw_without_rendering()
-        expected = {"phase_space": 2 * len(shown), "along": 2}
-        snapshots = sum(title.startswith("N-body") for title in shown)
-        expected["crossings"] = 3 * (len(shown) - snapshots)  # a snapshot holds no crossings
-        assert len(panels(figure)) == expected.get(draw.__name__, len(shown))
+    shown = {1: dict(list(portraits.items())[1:2]), 3: portraits, 5: many}[count]
+    figure = draw(shown)
+    if count != 3:  # the layout costs most, and is looked at once
+        figure.set_layout_engine("none")
+    figure.draw_without_rendering()
+    expected = {"phase_space": 2 * len(shown), "along": 2}
+    snapshots = sum(title.startswith("N-body") for title in shown)
+    expected["crossings"] = 3 * (len(shown) - snapshots)  # a snapshot holds no crossings
+    assert len(panels(figure)) == expected.get(draw.__name__, len(shown))
 
 
-@pytest.mark.parametrize("draw", [bow_tie, phase_space, along], ids=lambda draw: draw.__name__)
+@pytest.mark.parametrize(
+    "draw",
+    [
+        pytest.param(bow_tie, id="bow_tie", marks=pytest.mark.slow),
+        pytest.param(phase_space, id="phase_space", marks=pytest.mark.slow),
+        pytest.param(along, id="along"),
+    ],
+)
 def test_a_picture_for_a_journal_is_readable(draw: Any, portraits: dict[str, Portrait]) -> None:
     """As wide as both columns, no text below 6.5 points, and long titles of panels keep apart."""
     shown = [portraits["gravity True"], portraits["gravity False"]] * 2

@@ -157,6 +157,7 @@ def test_long_labels_become_numbers_with_a_list(run_file: Path, tmp_path: Path) 
     assert all(len(line) <= 100 for line in lines)
 
 
+@pytest.mark.slow  # those of the other studies have fast tests
 def test_workers_do_not_change_the_numbers(run_file: Path, tmp_path: Path, made: tuple[Path, Result]) -> None:
     result = call("ablate", run_file, GRAVITY, *HERE, "--seeds=2", "--workers=2", "-o", tmp_path / "out", "-q")
     assert result.exit_code == 0, result.output
@@ -319,6 +320,7 @@ def with_crossings(path: Path, particles: int) -> Path:
     )  # fmt: skip
 
 
+@pytest.mark.slow  # test_figures.py draws such a snapshot
 def test_a_snapshot_with_its_crossings_costs_no_picture(run_file: Path, tmp_path: Path) -> None:
     """The variants have 600 particles, the snapshot 500."""
     snapshot = with_crossings(tmp_path / "b.hdf5", 500)

@@ -38,8 +38,7 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "mine.py").write_text(PLUGIN)
     (folder / "curve.csv").write_text(ROWS)
     (folder / "run.toml").write_text(f'plugins = ["mine.py"]\n{to_toml(FIT)}{CURVE}')
-    result = call("run", folder / "run.toml", "-o", folder / "out", "-q", "--steps", "1")
-    assert result.exit_code == 0, result.stderr
+    sk.run(folder / "run.toml", folder / "out", steps=1, progress=False, products=False)
     return folder / "out"
 
 

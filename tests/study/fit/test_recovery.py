@@ -130,6 +130,14 @@ def test_a_whole_run_file_is_a_truth_and_a_plugin_is_found_beside_it(run: Path) 
     assert table["M_true"].value == pytest.approx(200.0**2 * r**3 / (r**2 + 4) / sk.G, rel=1e-6)
 
 
+def test_the_recovery_of_another_run_goes_before_the_first_step(run: Path) -> None:
+    for name in RECOVERY:
+        (run / name).touch()
+    sk.run(sk.load(FIT), out=run, steps=1, force=True, progress=False, products=False)
+    assert not set(RECOVERY) & {path.name for path in run.iterdir()}
+
+
+@pytest.mark.slow
 def test_a_run_that_replaces_another_takes_its_recovery_away(run: Path) -> None:
     Path("true.toml").write_text(TRUE)
     call("report", run, "--truth", "true.toml")

@@ -93,6 +93,7 @@ def test_a_run_in_memory_has_the_same_samples(done):
     same(fit().weighted, done.weighted)
 
 
+@pytest.mark.slow  # a stopped run is resumed below
 def test_more_draws_go_on_and_are_those_of_one_long_run(done, tmp_path, monkeypatch):
     shutil.copytree(done.directory, tmp_path / "run")
     counted = count_calls(monkeypatch)

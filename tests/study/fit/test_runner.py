@@ -159,7 +159,9 @@ def start(out):
 
 
 @pytest.mark.usefixtures("interruptible")
-@pytest.mark.parametrize(("signum", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("signum", "status"), [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow)]
+)
 def test_a_stopped_run_keeps_its_samples_and_can_be_resumed(tmp_path, signum, status):
     out = tmp_path / "run"
     process = start(out)
@@ -217,7 +219,7 @@ def streamkit_components() -> list[type[Component]]:
 '''
 
 
-@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("workers", [pytest.param(1, marks=pytest.mark.slow), 2])
 def test_a_component_that_raises_is_named_and_finished_steps_stay(tmp_path, monkeypatch, workers):
     (tmp_path / "fragile.py").write_text(FRAGILE)
     document = copy.deepcopy(FIT)

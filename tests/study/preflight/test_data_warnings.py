@@ -43,6 +43,11 @@ def scaled(field: str, column: str, factor: float) -> Callable[[dict[str, Any]],
     return change
 
 
+def slow(*arguments: Any) -> Any:
+    """Return a case of the slow tests: each makes the streams of 24 draws."""
+    return pytest.param(*arguments, marks=pytest.mark.slow)
+
+
 def exchanged_motions(run: dict[str, Any]) -> None:
     first, second = (run["observable"][name] for name in ("pm_phi1_cosphi2", "pm_phi2"))
     first["pm_phi1_cosphi2"], second["pm_phi2"] = second["pm_phi2"], first["pm_phi1_cosphi2"]
@@ -64,11 +69,11 @@ def moduli_as_distances(run: dict[str, Any]) -> None:
     ("mistake", "words"),
     [
         (scaled("distance", "distance", 1000.0), ("observable.distance", "distance read in pc")),
-        (scaled("radial_velocity", "radial_velocity", 1000.0), ("radial_velocity read in m/s",)),
-        (scaled("pm_phi1_cosphi2", "pm_phi1_cosphi2", -1.0), ("opposite sign of pm_phi1_cosphi2",)),
-        (scaled("pm_phi1_cosphi2", "pm_phi1_cosphi2", 1e-3), ("pm_phi1_cosphi2 read in arcsec/yr",)),
-        (exchanged_motions, ("the columns pm_phi1_cosphi2 and pm_phi2 exchanged",)),
-        (exchanged_angles, ("observable.phi2", "the columns phi1 and phi2 exchanged")),
+        slow(scaled("radial_velocity", "radial_velocity", 1000.0), ("radial_velocity read in m/s",)),
+        slow(scaled("pm_phi1_cosphi2", "pm_phi1_cosphi2", -1.0), ("opposite sign of pm_phi1_cosphi2",)),
+        slow(scaled("pm_phi1_cosphi2", "pm_phi1_cosphi2", 1e-3), ("pm_phi1_cosphi2 read in arcsec/yr",)),
+        slow(exchanged_motions, ("the columns pm_phi1_cosphi2 and pm_phi2 exchanged",)),
+        slow(exchanged_angles, ("observable.phi2", "the columns phi1 and phi2 exchanged")),
     ],
 )
 def test_a_mistake_in_a_table_is_named(mistake: Callable[[dict[str, Any]], None], words: tuple[str, ...]) -> None:
@@ -83,6 +88,7 @@ def test_the_example_without_a_mistake_has_no_such_warning() -> None:
     assert warnings_of(example()) == []
 
 
+@pytest.mark.slow
 def test_moduli_in_the_column_of_distances_are_named() -> None:
     """GD-1 at 8 kpc has a modulus of 14.5: only a small error makes that another distance than 14.5 kpc."""
     run = example()
@@ -91,6 +97,7 @@ def test_moduli_in_the_column_of_distances_are_named() -> None:
     assert any("read in mag (a distance modulus)" in text for text in warnings_of(run))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("leading", "trailing", "words"),
     [
@@ -155,7 +162,7 @@ def test_a_frame_given_by_its_matrix_is_the_same_frame() -> None:
     ("change", "words"),
     [
         ({"stripping": {"particles": 3}}, "stripping.particles = 3 is too few"),
-        ({"potential": {"v0": {"uniform": ["40 m/s", "400 m/s"]}}}, "Is a speed in m/s"),
+        slow({"potential": {"v0": {"uniform": ["40 m/s", "400 m/s"]}}}, "Is a speed in m/s"),
         ({"potential": {"v0": {"uniform": [40e3, 400e3]}}}, "Is a speed in m/s"),
     ],
 )
