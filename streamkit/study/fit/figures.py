@@ -5,9 +5,10 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from astropy.table import QTable
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import ScalarFormatter
@@ -37,9 +38,7 @@ from streamkit.runfile import Prior
 from streamkit.stream import Array
 from streamkit.study.fit.literature import draw_literature
 from streamkit.study.fit.results import Results
-
-if TYPE_CHECKING:
-    from astropy.table import QTable
+from streamkit.study.fit.tables import LEVELS
 
 FEW = 200  # samples below which a corner plot shows points without contours
 FEW_RADII = 4  # of the data, that are marked by a line each
@@ -243,14 +242,14 @@ def _no_contour_warning(record: logging.LogRecord) -> bool:
 
 
 def levels(profile: QTable, name: str, factor: float) -> dict[str, Array]:
-    """Return median and intervals (nr,) of one quantity of a profile, times the factor, by suffix."""
-    return {level: profile[name + level].value * factor for level in ("", "_lo68", "_hi68", "_lo95", "_hi95")}
+    """Return median and intervals (nr,) of one quantity of a profile, times the factor, by the names of `LEVELS`."""
+    return {level: profile[f"{name}_{level}".rstrip("_")].value * factor for level in LEVELS}
 
 
 def bands(axes: Axes, r: Array, values: Mapping[str, Array]) -> None:
     """Draw a median with its 68 % and 95 % bands at radii (nr,) as `levels` returns them."""
-    axes.fill_between(r, values["_lo95"], values["_hi95"], color=BAND_95, lw=0, label="95 %")
-    axes.fill_between(r, values["_lo68"], values["_hi68"], color=BAND_68, lw=0, label="68 %")
+    axes.fill_between(r, values["lo95"], values["hi95"], color=BAND_95, lw=0, label="95 %")
+    axes.fill_between(r, values["lo68"], values["hi68"], color=BAND_68, lw=0, label="68 %")
     axes.plot(r, values[""], color=BLUE, lw=1.8, label="median")
 
 
@@ -310,16 +309,11 @@ def _lines(text: str) -> int:
 
 
 def _title(name: str, values: Array) -> str:
-    """Return the median and interval of a parameter as a title, below its name if that is long."""
+    """Return the median and 68 % interval of a parameter as a title, below its name if that is long."""
     between = " = " if name.startswith("$") and "\n" not in name else "\n"
-    return f"{name}{between}{_interval(values)}"
-
-
-def _interval(values: Array) -> str:
-    """Return median and 68 % interval, with two significant digits of the smaller error."""
     low, middle, high = np.percentile(values, [16, 50, 84])
     digits = decimals(min(high - middle, middle - low))
-    return rf"${middle:.{digits}f}^{{+{high - middle:.{digits}f}}}_{{-{middle - low:.{digits}f}}}$"
+    return rf"{name}{between}${middle:.{digits}f}^{{+{high - middle:.{digits}f}}}_{{-{middle - low:.{digits}f}}}$"
 
 
 def _range(values: Array) -> tuple[float, float]:
