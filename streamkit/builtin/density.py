@@ -6,6 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
+from scipy.special import gammaln, xlogy
 
 import streamkit as sk
 from streamkit.builtin.track_lines import ENOUGH, LN_WING, debris_of, is_enough, warning_of_gaps
@@ -162,8 +163,6 @@ def ln_counts(count: sk.Array, mean: sk.Array, noise: sk.Array) -> sk.Array:
 
     The expectation has a gamma distribution: the counts are negative binomial, and Poisson numbers without noise.
     """
-    from scipy.special import gammaln, xlogy  # slow to import
-
     poisson = xlogy(count, mean) - mean - gammaln(count + 1)
     k = mean**2 / np.maximum(noise, 1e-300)
     shape = np.minimum(k, STIFFEST)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+from scipy.special import betaincinv
 
 from streamkit import Array
 
@@ -25,8 +26,6 @@ def plummer_speeds(chance: Array) -> Array:
 @cache
 def _plummer_table() -> tuple[Array, Array]:
     """Cube roots of the shares at the edges of the cells, and the speeds."""
-    from scipy.special import betaincinv  # slow to import
-
     roots = _edges()
     return roots, np.sqrt(betaincinv(1.5, 4.5, roots**3))
 

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
+from scipy.special import hyp2f1
 
 import streamkit as sk
 from streamkit import Array, G, exp, log, power, sqrt
@@ -36,8 +37,6 @@ class TruncatedFlat(sk.Spherical):
     @staticmethod
     def well(r2: Any, v0: Any, rs: Any, alpha: Any) -> Any:
         """Return -(v0^2/alpha) u^(alpha/2) 2F1(1, alpha/2; 1 + alpha/2; u), u = rs^2 / (rs^2 + r^2)."""
-        from scipy.special import hyp2f1
-
         if alpha == 0:
             return 0.5 * v0**2 * np.log(r2)
         u = rs**2 / (rs**2 + r2)

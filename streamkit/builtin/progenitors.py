@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
+from scipy.special import erf
 
 from streamkit import Array, G, Length, Mass, Number, Potential, Symbol, cubic, cubic_pieces, log, sqrt
 from streamkit.builtin.halos import CENTRE
@@ -106,7 +107,5 @@ class King(Potential):
 
 def _king_density(w: Any) -> Any:
     """Density over that unit in which King's is exp(W) erf(W^(1/2)) - (4 W / pi)^(1/2) (1 + 2 W / 3)."""
-    from scipy.special import erf  # slow to import
-
     w = np.maximum(w, 0.0)
     return np.exp(w) * erf(np.sqrt(w)) - np.sqrt(4 * w / np.pi) * (1 + 2 * w / 3)

@@ -6,6 +6,7 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from pydantic import Field, model_validator
+from scipy.interpolate import CubicSpline
 
 import streamkit as sk
 from streamkit import Array, G, cubic, cubic_pieces, exp, log
@@ -61,8 +62,6 @@ class SphericalTable(sk.Spherical):
     @staticmethod
     def prepare(r: Array, v_c: Array | None, mass: Array | None) -> Spline:
         """Return the spline on its even grid. OutOfDomain if the mass falls somewhere."""
-        from scipy.interpolate import CubicSpline  # slow to import, and only this host needs it
-
         u = np.log(r)
         squared = v_c**2 if mass is None else G * mass / r  # type: ignore[operator]  # one of the two is given
         spline = CubicSpline(u, np.log(squared), bc_type="natural")

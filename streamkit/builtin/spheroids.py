@@ -11,6 +11,7 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field
+from scipy.special import exp1, gamma, gammainc, gammaincc, hyp2f1
 
 import streamkit as sk
 from streamkit import G, exp, log, sqrt
@@ -146,8 +147,6 @@ class Spheroid(sk.Spherical):
     @staticmethod
     def well(r2: Any, mass: Any, a: Any, alpha: Any, beta: Any, gamma: Any) -> Any:
         """Return -G [M(r) / r + 4 pi the integral of rho r from r on], both as hypergeometric functions."""
-        from scipy.special import hyp2f1
-
         r = np.sqrt(r2)
         far = (beta - 2.0) / alpha
         v = 1.0 / (1.0 + (r / a) ** alpha)
@@ -214,8 +213,6 @@ class PowerCutoff(sk.Spherical):
     @staticmethod
     def well(r2: Any, mass: Any, alpha: Any, rc: Any) -> Any:
         """Return -G M [P(s, u) / r + Gamma(s - 1/2, u) / (rc Gamma(s))], s = (3 - alpha)/2 and u = (r/rc)^2."""
-        from scipy.special import exp1, gamma, gammainc, gammaincc
-
         s, u = 0.5 * (3.0 - alpha), r2 / rc**2
         e = s - 0.5
         if e > 0:

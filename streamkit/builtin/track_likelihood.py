@@ -7,6 +7,7 @@ from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import log_ndtr, ndtri_exp
 
 from streamkit import Array
 
@@ -43,8 +44,6 @@ def mixture_residuals(side: Side) -> Array:
     The score z of a datum has the probability of the datum, P(< z) = P(< datum) (Dunn & Smyth 1996). Missing debris
     adds -2 ln(c) to z^2, as it does to -2 ln L.
     """
-    from scipy.special import log_ndtr, ndtri_exp  # slow to load, and a stream needs none
-
     value, variance, mean, ln_coverage, outliers, background = side
     score = (value - mean) / np.sqrt(variance)
     ln_weight = ln_coverage

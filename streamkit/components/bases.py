@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
+from scipy.special import ndtr
 
 from streamkit.errors import PluginError, StreamkitError
 from streamkit.fields import array_unit
@@ -169,8 +170,6 @@ class Stripping(StrippingScheme):
         peri = orbit.pericentres()
         if len(peri) == 0:
             return np.asarray(uniform)
-        from scipy.special import ndtr
-
         steps = ndtr((orbit.t[:, None] - peri) / (self.burst_width * GYR)).sum(axis=1)
         steps = (steps - steps[0]) / (steps[-1] - steps[0])
         return np.asarray((1 - self.burst_fraction) * uniform + self.burst_fraction * steps)

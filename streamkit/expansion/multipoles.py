@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from streamkit.expansion.harmonics import at_directions, legendre, names, quadrature
 from streamkit.stream import Array
@@ -29,8 +30,6 @@ class Multipoles:
     """
 
     def __init__(self, degree: Array, order: Array, radius: Array, phi: Array) -> None:
-        from scipy.interpolate import CubicSpline  # slow to import
-
         degree, order, radius, phi = (np.asarray(a, dtype=float) for a in (degree, order, radius, phi))
         radii = np.unique(radius)
         pairs = list(zip(degree, order, strict=True))
@@ -166,8 +165,6 @@ def multipole_table(
 
 def _poisson(degree: int, r: Array, density: Array) -> Array:
     """(k,) Phi_lm at r (k,) of the density rho_lm (k,) there."""
-    from scipy.interpolate import CubicSpline
-
     s = np.log(r)
     inner = CubicSpline(s, density * r ** (degree + 3)).antiderivative()(s)
     outer = CubicSpline(s, density * r ** (2 - degree)).antiderivative()(s)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from streamkit.expansion.forms import HEAD
 from streamkit.expansion.grid import INNER, OUTER, Grid
@@ -15,8 +16,6 @@ def table_of(grid: Grid, force: Array) -> Array:
 
 
 def _sphere(grid: Grid, force: Array) -> Array:
-    from scipy.interpolate import CubicSpline  # slow to import, and only expansions need it
-
     pull = (force * grid.positions()).sum(axis=0)
     spline = CubicSpline(grid.s, pull)
     cell = grid.s[1] - grid.s[0]
@@ -72,8 +71,6 @@ def _patches(grid: Grid, force: Array) -> Array:
     That of the mean over azimuth is integrated outwards along the axis, and from there towards the plane; those of
     the others follow from the torque about the axis.
     """
-    from scipy.interpolate import CubicSpline
-
     ds, dw, dphi = _derivatives(grid, force)
     mean = ds.mean(axis=(1, 2))
     head = _head(grid, *_ends(-mean, -np.gradient(mean, grid.s)[[0, -1]]))
@@ -133,8 +130,6 @@ def _fill_pole(values: Array, sine: Array) -> None:
 
 def _bicubic(grid: Grid, values: Array, ends: Array, dw: Array, m: int) -> Array:
     """(radii - 1, heights - 1, 4, 4) Coefficients of the C2 spline with the derivatives given at its ends."""
-    from scipy.interpolate import CubicSpline
-
     s, w = grid.s, grid.w
     low: object = (1, dw[:, 0]) if grid.mirror or not m else "not-a-knot"
     high: object = "not-a-knot" if m else (1, dw[:, -1])

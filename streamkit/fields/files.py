@@ -18,11 +18,10 @@ from pydantic_core import CoreSchema, core_schema
 
 from streamkit.errors import SpecError, expect_file, nearest
 from streamkit.stream import Array
+from streamkit.units import Unit
 
 if TYPE_CHECKING:
     from astropy.table import Table
-
-    from streamkit.units import Unit
 
 
 # Suffixes of tables, with astropy's names of their formats. A `.npy` file holds one array.

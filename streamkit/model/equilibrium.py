@@ -17,6 +17,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from streamkit.components import Potential
 from streamkit.errors import OutOfDomain
@@ -82,8 +83,6 @@ class Equilibrium:
         self._must_be_round(half)
         r = half * np.geomspace(INNERMOST, OUTERMOST, NODES)
         ln_r, mass = np.log(r), self.mass_inside(r)
-        from scipy.interpolate import CubicSpline  # slow to import
-
         inside = CubicSpline(ln_r, G * mass / r).antiderivative()(ln_r)
         return ln_r, mass, inside[-1] - inside + G * mass[-1] / r[-1]
 
@@ -186,8 +185,6 @@ class Equilibrium:
         The shares are even in 1 - (1 - share^(1/3))^(1/4): slow particles are as rare as the cube of their speed, and
         those near the speed of escape as a high power of the energy that is left to them.
         """
-        from scipy.interpolate import PchipInterpolator  # slow to import
-
         table = self.table
         energy, integral = table.depth[::-1], table.integral[::-1]
         bound = integral > 0

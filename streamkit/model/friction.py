@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from streamkit.engine import Field, Friction
 from streamkit.stream import Array
@@ -38,8 +39,6 @@ def friction_table(field: Field, directions: Array, weights: Array, times: Array
     The density is that of the mean mass inside a radius; the dispersion follows from it by Jeans's equation for
     isotropic velocities (Binney & Tremaine 2008, eq. 4.216), as if the host were in equilibrium at each time.
     """
-    from scipy.interpolate import CubicSpline  # slow to import
-
     ln_r = np.log(RADII)
     places = np.ascontiguousarray(directions[:, None, :] * RADII[:, None])
     count = places[0].size

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -15,12 +15,26 @@ from streamkit.errors import ComponentError, OutOfDomain, blamed
 from streamkit.model.host import Host
 from streamkit.model.integrate import Records, integrate
 from streamkit.model.live import follow_live, live_track
-from streamkit.model.observation import Observation
 from streamkit.model.progenitor import next_apocentre, progenitor_track
 from streamkit.model.release import other_numbers, random_numbers, release_particles
 from streamkit.observe import measure_host, measure_stream, read_data
-from streamkit.runfile import ModelInputs, Source, StreamInputs, as_spec
-from streamkit.stream import Array, Data, IntArray, Orbit, Prediction, Stream
+from streamkit.runfile import ONLY, ModelInputs, Source, StreamInputs, as_spec
+from streamkit.stream import Array, Data, IntArray, Orbit, Prediction, Stream, join_predictions
+
+
+@dataclass(frozen=True)
+class Observation:
+    """The streams by name, and the predictions: of each stream with an observable, and of ``data.NAME``."""
+
+    streams: dict[str, Stream]
+    predictions: dict[str, Prediction]
+
+    @cached_property
+    def prediction(self) -> Prediction | None:
+        """All predictions as one, their names after that of the stream if it has one; None without an observable."""
+        if self.predictions.keys() <= {ONLY}:
+            return self.predictions.get(ONLY)
+        return join_predictions(self.predictions, ONLY)
 
 
 class Model:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import ndtr, ndtri
 
 from streamkit.components import LiveStripping, Stripping, StrippingScheme
 from streamkit.errors import ComponentError, blamed
@@ -131,7 +132,6 @@ def standard_normals(stripping: StrippingScheme, seed: int) -> Array:
     n, draws = stripping.particles, stripping.draws
     if not stripping.quasi_random:
         return np.ascontiguousarray(np.random.default_rng(seed).standard_normal((n, draws)).T)
-    from scipy.special import ndtri
     from scipy.stats import qmc  # slow to import
 
     out = np.empty((draws, n))
@@ -147,7 +147,5 @@ def shifted_normals(normals: Array, rng: np.random.Generator) -> Array:
 
     Each coordinate of each tail is shifted, modulo 1, by one random number (Cranley & Patterson 1976).
     """
-    from scipy.special import ndtr, ndtri
-
     shifts = np.tile(rng.random((len(normals), 2)), (normals.shape[1] + 1) // 2)[:, : normals.shape[1]]
     return np.asarray(ndtri(np.clip((ndtr(normals) + shifts) % 1.0, EDGE, 1.0 - EDGE)))

@@ -24,7 +24,7 @@ from .hdf5 import DamagedError as DamagedError
 from .hdf5 import read_foreign as read_foreign
 from .hdf5 import read_own as read_own
 from .hdf5 import verified as verified
-from .hdf5 import with_checksum as with_checksum
+from .hdf5 import write_own as write_own
 from .latex import LATEX_UNITS as LATEX_UNITS
 from .latex import latex_escaped as latex_escaped
 from .plain import as_json as as_json

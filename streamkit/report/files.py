@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,8 +12,6 @@ from streamkit.distribution import VERSION
 from streamkit.errors import ChainError, StreamkitError, nearest
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
-
     from astropy.table import QTable
     from filelock import BaseFileLock
     from matplotlib.figure import Figure

@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 import h5py
 
 from streamkit.errors import StreamkitError, brief, expect_file
+from streamkit.report.files import replace_whole, safely
 
 T = TypeVar("T")
 # Bytes in front of the HDF5 in a file with a checksum: a user block, which HDF5 and all that read it pass over.
@@ -40,7 +41,7 @@ def _block(body: bytes) -> bytes:
 
 
 def verified(path: Path) -> bytes:
-    """Return the content of a file that was written `with_checksum`.
+    """Return the content of a file of `write_own`.
 
     Raises DamagedError if the checksum differs or there is none, OSError if the file cannot be read.
     """
@@ -49,6 +50,15 @@ def verified(path: Path) -> bytes:
     if content[:BLOCK] != _block(content[BLOCK:]):
         raise DamagedError("its checksum is not the one it was written with")
     return content
+
+
+def write_own(path: Path, content: bytes) -> None:
+    """Write a file of HDF5 that has a user block of `BLOCK` bytes, as a whole and with its checksum.
+
+    Raises ChainError if it cannot be written.
+    """
+    with safely(path):
+        replace_whole(path, lambda part: part.write_bytes(with_checksum(content)))
 
 
 def read_own(path: Path, read: Callable[[h5py.File], T]) -> T:

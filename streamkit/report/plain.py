@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic_core import to_json
 
+from streamkit.components import Measurement
 from streamkit.stream import Prediction
 
 if TYPE_CHECKING:
     from astropy.table import QTable
-
-    from streamkit.components import Measurement
 
 
 def as_json(value: Any) -> str:

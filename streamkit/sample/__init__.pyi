@@ -23,8 +23,8 @@ from .threads import one_thread as one_thread
 from .weighted import SAMPLES as SAMPLES
 from .weighted import Weighted as Weighted
 from .weighted import read_weighted as read_weighted
-from .workers import Signals as Signals
 from .workers import Stopped as Stopped
 from .workers import Workers as Workers
 from .workers import first_call as first_call
 from .workers import pool as pool
+from .workers import stopped_by_signals as stopped_by_signals

@@ -16,7 +16,7 @@ import numpy as np
 from emcee.backends import HDFBackend
 
 from streamkit.errors import ChainError
-from streamkit.report import BLOCK, DamagedError, replace_whole, safely, verified, with_checksum
+from streamkit.report import BLOCK, DamagedError, safely, verified, write_own
 from streamkit.sample.chain import FORMER_SETS, RANDOM, Chain, damaged, read_chain_file
 from streamkit.sample.journal import journal_of
 from streamkit.sample.step import HISTORY, MEMORY, Step, extend_checksum
@@ -216,9 +216,7 @@ class ChainFile(ChainMemory):
                     notes[RANDOM] = dict(last.random_state)
             for key, value in notes.items():
                 file.attrs[key] = json.dumps(value) if isinstance(value, dict | list) else value
-        content = with_checksum(image.content.getvalue())
-        with safely(self.path):
-            replace_whole(self.path, lambda part: part.write_bytes(content))
+        write_own(self.path, image.content.getvalue())
 
 
 class _Image(HDFBackend):  # type: ignore[misc]

@@ -14,7 +14,7 @@ import numpy as np
 
 from streamkit.components import Verdict
 from streamkit.errors import ChainError
-from streamkit.report import BLOCK, DamagedError, read_own, replace_whole, safely, with_checksum
+from streamkit.report import BLOCK, DamagedError, read_own, write_own
 from streamkit.sample.posterior import blob_dtype
 from streamkit.sample.step import check_array
 from streamkit.stream import Array
@@ -81,9 +81,7 @@ class Weighted:
             }
             for key, value in notes.items():
                 file.attrs[key] = json.dumps(value) if isinstance(value, dict | list) else value
-        sealed = with_checksum(content.getvalue())
-        with safely(path):
-            replace_whole(path, lambda part: part.write_bytes(sealed))
+        write_own(path, content.getvalue())
 
 
 def read_weighted(path: Path) -> Weighted:

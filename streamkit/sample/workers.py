@@ -9,6 +9,7 @@ import threading
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
+from contextlib import contextmanager
 from time import monotonic
 from typing import Any, Protocol
 
@@ -179,27 +180,23 @@ class Workers:
                     ) from None
 
 
-class Signals:
-    """While active, SIGINT and SIGTERM set ``target.stop`` to their number instead of tearing a write apart.
+@contextmanager
+def stopped_by_signals(target: Stoppable) -> Iterator[None]:
+    """Let SIGINT and SIGTERM set ``target.stop`` to their number instead of tearing a write apart.
 
     Python allows handlers in the main thread only; elsewhere (a notebook's thread) nothing is changed.
     """
 
-    def __init__(self, target: Stoppable) -> None:
-        self._target = target
-        self._before: dict[int, Any] = {}
+    def handle(signum: int, _frame: object) -> None:
+        target.stop = signum
 
-    def __enter__(self) -> None:
-        if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, signal.SIGTERM):
-                self._before[number] = signal.signal(number, self._handle)
-
-    def __exit__(self, *_: object) -> None:
-        for number, handler in self._before.items():
+    numbers = (signal.SIGINT, signal.SIGTERM) if threading.current_thread() is threading.main_thread() else ()
+    before = {number: signal.signal(number, handle) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
             signal.signal(number, handler)
-
-    def _handle(self, signum: int, _frame: object) -> None:
-        self._target.stop = signum
 
 
 def first_call(limit: float, function: Callable[..., Result], *args: Any) -> Result:

@@ -12,6 +12,9 @@ from .frames import seen_from as seen_from
 from .frames import to_galactocentric as to_galactocentric
 from .observer import Observer as Observer
 from .orbit import Orbit as Orbit
+from .orbit import angle_in_plane as angle_in_plane
+from .orbit import lag_in_plane as lag_in_plane
+from .orbit import orbital_plane as orbital_plane
 from .prediction import Mark as Mark
 from .prediction import Panel as Panel
 from .prediction import PanelData as PanelData
@@ -25,6 +28,3 @@ from .sky_track import TRACK_UNITS as TRACK_UNITS
 from .sky_track import SkyTrack as SkyTrack
 from .stream import Release as Release
 from .stream import Stream as Stream
-from .winding import angle_in_plane as angle_in_plane
-from .winding import lag_in_plane as lag_in_plane
-from .winding import orbital_plane as orbital_plane

@@ -1,4 +1,4 @@
-"""The orbit: states of the progenitor on a grid of times, or at the release times."""
+"""The orbit: states of the progenitor on a grid of times, or at the release times; angles in its plane."""
 
 from __future__ import annotations
 
@@ -105,3 +105,23 @@ class Orbit:
             slope = sign * ((s.v**2).sum(axis=0) + (s.q * s.a).sum(axis=0))
             t = np.clip(t - rv_t / slope, self.t[i], self.t[i + 1])
         return np.asarray(t)
+
+
+def orbital_plane(orbit: Orbit) -> Array:
+    """(2, 3) Basis of the progenitor's orbital plane today: towards it, and 90 degrees ahead along its motion."""
+    x, v = orbit.q[:, -1], orbit.v[:, -1]
+    first = x / np.sqrt(x @ x)
+    second = v - (v @ first) * first
+    return np.array([first, second / np.sqrt(second @ second)])
+
+
+def angle_in_plane(plane: Array, q: Array) -> Array:
+    """(n,) Angle of positions (3, n) from the first axis of the plane (2, 3), radians."""
+    first, second = plane @ q
+    return np.asarray(np.arctan2(second, first))
+
+
+def lag_in_plane(plane: Array, q: Array, core: Array) -> Array:
+    """(n,) Angle ahead of the core (3, 1), within half a turn."""
+    angle = angle_in_plane(plane, q) - angle_in_plane(plane, core)
+    return np.asarray(angle - 2 * np.pi * np.round(angle / (2 * np.pi)))

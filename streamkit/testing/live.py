@@ -46,16 +46,18 @@ def _direction(points: Array) -> Array:
     return np.stack([np.sqrt(1 - z * z) * np.cos(angle), np.sqrt(1 - z * z) * np.sin(angle), z])
 
 
-def _core() -> Array:
+def core_of_start() -> Array:
+    """(9,) Position, velocity and acceleration of the progenitor at the look-back time."""
     orbit = progenitor_orbit(LOOKBACK)
     return np.concatenate([orbit.q[:, 0], orbit.v[:, 0], orbit.a[:, 0]])
 
 
-def _points(scheme: LiveStripping, seed: int = 7) -> Array:
-    return np.random.default_rng(seed).random((scheme.draws, COUNT))
+def _points(scheme: LiveStripping) -> Array:
+    return np.random.default_rng(7).random((scheme.draws, COUNT))
 
 
-def _edge(people: Population, core: Array) -> BlockEdge:
+def first_edge(people: Population, core: Array) -> BlockEdge:
+    """Return the edge at the look-back time."""
     q, v = (np.ascontiguousarray(x) for x in (people.q, people.v))
     return BlockEdge(LOOKBACK, LOOKBACK, q, v, people.mass, core, BRACKET)
 
@@ -66,7 +68,7 @@ def _both(people: Population) -> Array:
 
 def populate_has_the_right_shape(scheme: LiveStripping) -> None:
     """Check that ``populate`` gives finite q, v (3, n), masses and weights (n,), and alters no argument."""
-    core, points = _core(), _points(scheme)
+    core, points = core_of_start(), _points(scheme)
     before = core.copy(), points.copy()
     people = scheme.populate(core, PlummerSphere(), points)
     shapes = [np.shape(x) for x in (people.q, people.v, people.mass, people.weight)]
@@ -80,7 +82,7 @@ def populate_has_the_right_shape(scheme: LiveStripping) -> None:
 
 def chance_is_an_argument(scheme: LiveStripping) -> None:
     """Check that the same numbers give the same particles, that each depends on its own, and that all are used."""
-    core, points = _core(), _points(scheme)
+    core, points = core_of_start(), _points(scheme)
     whole = _both(scheme.populate(core, PlummerSphere(), points))
     again = _both(scheme.populate(core, PlummerSphere(), points))
     require(np.array_equal(whole, again), "two calls with the same numbers differ: draw nothing yourself")
@@ -93,7 +95,7 @@ def chance_is_an_argument(scheme: LiveStripping) -> None:
 
 def moves_with_the_core(scheme: LiveStripping) -> None:
     """Check that the particles are centred on the progenitor, in position and velocity."""
-    core = _core()
+    core = core_of_start()
     people = scheme.populate(core, PlummerSphere(), _points(scheme))
     for what, values, centre in (("position", people.q, core[:3]), ("velocity", people.v, core[3:6])):
         spread = values.std(axis=1).max()
@@ -106,9 +108,9 @@ def renew_says_what_is_left(scheme: LiveStripping) -> None:
 
     These are not bound; the force pulls inwards; the same call gives the same; and no argument is altered.
     """
-    core = _core()
+    core = core_of_start()
     people = scheme.populate(core, PlummerSphere(), _points(scheme))
-    edge = _edge(people, core)
+    edge = first_edge(people, core)
     before = edge.q.copy(), edge.v.copy(), core.copy()
     first = scheme.renew(edge, PlummerSphere(), None)
     _sound(first)

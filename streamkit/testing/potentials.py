@@ -35,11 +35,12 @@ def _size(a: Array) -> Array:
     return np.asarray(np.sqrt((a**2).sum(axis=0)))
 
 
-def _worst(difference: Array, a: Array, q: Array) -> str:
-    """Name the largest difference relative to |a| and its place."""
-    ratio = _size(difference) / _size(a)
+def _require_small(difference: Array, size: Array, limit: float, q: Array, what: str = "") -> None:
+    """Check that differences (3, n) are at most ``limit`` in units of sizes (n,); else say where the largest is."""
+    ratio = _size(difference) / size
     i = int(np.argmax(ratio))
-    return f"relative difference {ratio[i]:.1e} at ({', '.join(f'{x:.4g}' for x in q[:, i])}) kpc"
+    place = ", ".join(f"{x:.4g}" for x in q[:, i])
+    require((_size(difference) <= limit * size).all(), f"{what}relative difference {ratio[i]:.1e} at ({place}) kpc")
 
 
 def arrays_in_arrays_out(potential: Potential) -> None:
@@ -63,7 +64,7 @@ def floats_agree_with_arrays(potential: Potential) -> None:
     single = np.array(
         [type(potential).acceleration(*map(float, point), *values) for point in zip(*q, t, strict=True)]
     ).T
-    require((_size(single - whole) <= 1e-12 * _size(whole)).all(), _worst(single - whole, whole, q))
+    _require_small(single - whole, _size(whole), 1e-12, q)
 
 
 def is_finite(potential: Potential) -> None:
@@ -101,7 +102,7 @@ def engine_agrees_with_numpy(potential: Potential) -> None:
     q, t = positions(1e-2, 1e3), times()
     plain = acceleration([potential], t, q)
     engine = build_field([potential], exact=True).acceleration(t, q)
-    require((_size(engine - plain) <= 1e-12 * _size(plain)).all(), _worst(engine - plain, plain, q))
+    _require_small(engine - plain, _size(plain), 1e-12, q)
 
 
 def engine_adds(potential: Potential) -> None:
@@ -109,7 +110,7 @@ def engine_adds(potential: Potential) -> None:
     q, t = positions(1e-1, 1e2), times()
     one = build_field([potential], exact=True).acceleration(t, q)
     two = build_field([potential, potential], exact=True).acceleration(t, q)
-    require((_size(two - 2 * one) <= 1e-14 * _size(two)).all(), _worst(two - 2 * one, two, q))
+    _require_small(two - 2 * one, _size(two), 1e-14, q)
 
 
 def expansion_meets_its_tolerance(potential: Potential) -> None:
@@ -121,8 +122,7 @@ def is_curl_free(potential: Potential) -> None:
     """Check that the force has a potential: its curl vanishes to 1e-6 of |a| / r."""
     q, t = positions(1e-1, 3e2), times()
     _, curl = divergence_and_curl(potential, t, q)
-    a = acceleration([potential], t, q)
-    require((_size(curl) <= 1e-6 * _size(a) / _size(q)).all(), "curl: " + _worst(curl * _size(q), a, q))
+    _require_small(curl * _size(q), _size(acceleration([potential], t, q)), 1e-6, q, "curl: ")
 
 
 def energy_matches_force(potential: Potential) -> None:
@@ -131,8 +131,7 @@ def energy_matches_force(potential: Potential) -> None:
         return
     q, t = positions(1e-1, 3e2), times()
     a = acceleration([potential], t, q)
-    difference = a + gradient(potential, t, q)
-    require((_size(difference) <= 1e-6 * _size(a)).all(), "-grad(potential): " + _worst(difference, a, q))
+    _require_small(a + gradient(potential, t, q), _size(a), 1e-6, q, "-grad(potential): ")
 
 
 def density_is_positive(potential: Potential) -> None:
@@ -169,17 +168,11 @@ def drag_is_a_drag(potential: Potential) -> None:
     scale = _size(numpy_drag) + _size(acceleration([potential], t, q))
     field = build_field([potential])
     engine = field.acceleration(t, q, v) - field.acceleration(t, q)
-    require(
-        (_size(engine - numpy_drag) <= 1e-12 * scale).all(),
-        "in the loop, drag: " + _worst(engine - numpy_drag, scale[None], q),
-    )
+    _require_small(engine - numpy_drag, scale, 1e-12, q, "in the loop, drag: ")
     if potential.compiled:
         points = zip(*q, *v, t, strict=True)
         single = np.array([type(potential).drag(*map(float, point), *values) for point in points]).T
-        require(
-            (_size(single - numpy_drag) <= 1e-12 * scale).all(),
-            "floats, drag: " + _worst(single - numpy_drag, scale[None], q),
-        )
+        _require_small(single - numpy_drag, scale, 1e-12, q, "floats, drag: ")
 
 
 def checks(negative_density: bool) -> tuple[Check, ...]:

@@ -17,11 +17,11 @@ LOOKBACK = -3.0
 ROTATION = np.array([[2.0, -1.0, 2.0], [2.0, 2.0, -1.0], [-1.0, 2.0, 2.0]]) / 3.0
 
 
-def _case(scheme: Stripping, count: int) -> tuple[Orbit, IntArray, Array]:
+def case(scheme: Stripping, count: int, seed: int = 7) -> tuple[Orbit, IntArray, Array]:
     """Return the progenitor at ``count`` release times, tails in turn, and normals."""
     t = np.linspace(LOOKBACK, 0.0, count, endpoint=False) * GYR
     tail = np.where(np.arange(count) % 2, TRAILING, LEADING).astype(np.int64)
-    normals = np.random.default_rng(7).standard_normal((scheme.draws, count))
+    normals = np.random.default_rng(seed).standard_normal((scheme.draws, count))
     return progenitor_orbit(LOOKBACK).at(t), tail, normals
 
 
@@ -51,7 +51,7 @@ def releases_as_many_as_asked(scheme: Stripping) -> None:
 
 def release_has_the_right_shape(scheme: Stripping) -> None:
     """Check that ``release`` returns finite q, v (3, n), for zero normals too, and alters no argument."""
-    orbit, tail, normals = _case(scheme, 50)
+    orbit, tail, normals = case(scheme, 50)
     for draws in (normals, np.zeros_like(normals)):
         before = [a.copy() for a in (orbit.q, orbit.v, tail, draws)]
         release = scheme.release(orbit, tail, MASS, draws)
@@ -66,7 +66,7 @@ def release_has_the_right_shape(scheme: Stripping) -> None:
 
 def chance_is_an_argument(scheme: Stripping) -> None:
     """Check that the same normals give the same, and each particle depends on its own column alone."""
-    orbit, tail, normals = _case(scheme, 50)
+    orbit, tail, normals = case(scheme, 50)
     whole = _both(scheme.release(orbit, tail, MASS, normals))
     again = _both(scheme.release(orbit, tail, MASS, normals))
     require(np.array_equal(whole, again), "two calls with the same normals differ: draw nothing yourself")
@@ -81,7 +81,7 @@ def chance_is_an_argument(scheme: Stripping) -> None:
 
 def tails_lie_on_their_sides(scheme: Stripping) -> None:
     """Check that with zero normals tail -1 starts nearer to the Galactic centre, tail +1 farther out."""
-    orbit, tail, normals = _case(scheme, 50)
+    orbit, tail, normals = case(scheme, 50)
     release = scheme.release(orbit, tail, MASS, np.zeros_like(normals))
     offset = np.sqrt((release.q**2).sum(axis=0)) - orbit.r
     wrong = (offset * tail <= 0).sum()
@@ -90,7 +90,7 @@ def tails_lie_on_their_sides(scheme: Stripping) -> None:
 
 def turns_with_the_orbit(scheme: Stripping) -> None:
     """Check that the cloud rotates with the orbit: exactly for zero normals, else in mean and covariance."""
-    orbit, tail, normals = _case(scheme, 50)
+    orbit, tail, normals = case(scheme, 50)
     turned = Orbit(orbit.t, ROTATION @ orbit.q, ROTATION @ orbit.v, ROTATION @ orbit.a, orbit.r_tidal)
     zero = np.zeros_like(normals)
     here, there = scheme.release(orbit, tail, MASS, zero), scheme.release(turned, tail, MASS, zero)
@@ -119,7 +119,7 @@ def uses_its_draws(scheme: Stripping) -> None:
     for name in (name for name in type(scheme).parameters() if getattr(scheme, name) == 0 and name != "mass_loss"):
         with suppress(ValidationError):  # a dispersion of zero hides its normals
             scheme = type(scheme)(**{**scheme.model_dump(), name: 1.0})
-    orbit, tail, normals = _case(scheme, 50)
+    orbit, tail, normals = case(scheme, 50)
     try:
         whole = _both(scheme.release(orbit, tail, MASS, normals))
     except (IndexError, ValueError) as error:

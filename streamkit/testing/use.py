@@ -7,11 +7,11 @@ from pydantic import ValidationError
 
 import streamkit as sk
 from streamkit.engine import build_field
-from streamkit.testing import live
+from streamkit.testing import live, stripping
 from streamkit.testing.common import require
 from streamkit.testing.contained import printed
 from streamkit.testing.host_data import FlattenedHost
-from streamkit.testing.hosts import MASS, Isochrone, progenitor_orbit, swarm
+from streamkit.testing.hosts import MASS, Isochrone, swarm
 from streamkit.testing.reference import acceleration, drag
 from streamkit.testing.streams import example_stream, select
 
@@ -24,16 +24,13 @@ def use(component: sk.Component, seed: int = 1) -> sk.Array:
         t = np.linspace(-5.0, 0.0, 50)
         return acceleration([component], t, q) + drag([component], t, q, 10 * q)
     if isinstance(component, sk.Stripping):
-        orbit = progenitor_orbit(-3.0).at(np.linspace(-3.0, 0.0, 50, endpoint=False) * sk.GYR)
-        tail = np.where(np.arange(50) % 2, 1, -1)
-        release = component.release(orbit, tail, MASS, rng.standard_normal((component.draws, 50)))
+        orbit, tail, normals = stripping.case(component, 50, seed)
+        release = component.release(orbit, tail, MASS, normals)
         return np.concatenate([release.q, release.v])
     if isinstance(component, sk.LiveStripping):
-        orbit, sphere = progenitor_orbit(-3.0), live.PlummerSphere()
-        core = np.concatenate([orbit.q[:, 0], orbit.v[:, 0], orbit.a[:, 0]])
+        core, sphere = live.core_of_start(), live.PlummerSphere()
         people = component.populate(core, sphere, rng.random((component.draws, 50)))
-        edge = sk.BlockEdge(-3.0, -3.0, people.q, people.v, people.mass, core, live.BRACKET)
-        left = component.renew(edge, sphere, None)
+        left = component.renew(live.first_edge(people, core), sphere, None)
         return np.concatenate([people.q, people.v, np.array([left.bound, np.full(50, left.mass)])])
     if isinstance(component, sk.Integrator):
         q, v = swarm(7, seed)

@@ -1,4 +1,4 @@
-"""The files for a host in .github: their commands are those of CONTRIBUTING, and what they name exists."""
+"""The files for a host in .github: their commands are those of the README, and what they name exists."""
 
 import re
 import shlex
@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 import yaml
-from documents import CONTRIBUTING, ROOT, blocks, lines
+from documents import README, ROOT, blocks, lines
 
 from streamkit.distribution import VERSION
 
@@ -22,7 +22,7 @@ COMMANDS = {
     for step in content["steps"]
     if "run" in step
 }
-(SET_UP,) = lines(blocks("sh", CONTRIBUTING)[0])
+(SET_UP,) = lines(blocks("sh", README)[1])
 TESTS = SET_UP.split("&&")[-1].strip().removeprefix(".venv/bin/")
 NO_GALA = {"plugins/streamkit-gala[test]", "plugins/streamkit-spray[test]"}  # spray's tests compare with gala
 
@@ -37,17 +37,17 @@ INSTALLS = {name: command for name, command in COMMANDS.items() if ".[test]" in 
 
 
 @pytest.mark.parametrize("name", INSTALLS)
-def test_the_packages_are_those_of_the_document(name: str) -> None:
+def test_the_packages_are_those_of_the_readme(name: str) -> None:
     difference = editable(SET_UP) ^ editable(INSTALLS[name])
     assert difference == (NO_GALA | {"plugins/streamkit-spray"} if "without gala" in name else set())
 
 
 @pytest.mark.parametrize("name", [name for name, command in COMMANDS.items() if "pytest " in command])
-def test_the_tests_are_those_of_the_document(name: str) -> None:
+def test_the_tests_are_those_of_the_readme(name: str) -> None:
     assert COMMANDS[name].startswith(TESTS)
 
 
-def test_one_job_is_the_command_of_the_document() -> None:
+def test_one_job_is_the_command_of_the_readme() -> None:
     assert [step.get("run") for step in WORKFLOWS["ci"]["jobs"]["readme"]["steps"]][-1] == ".ci/run"
 
 

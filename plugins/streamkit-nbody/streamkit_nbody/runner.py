@@ -15,7 +15,7 @@ from streamkit import GYR
 from streamkit.errors import ChainError, Interrupted, StreamkitError
 from streamkit.report import contents, locked, save
 from streamkit.runfile import differences, to_toml
-from streamkit.sample import Signals
+from streamkit.sample import stopped_by_signals
 from streamkit_nbody import snapshot
 from streamkit_nbody.plan import content, digest
 from streamkit_nbody.simulation import Simulation
@@ -41,7 +41,7 @@ def run(
     after Ctrl-C or SIGTERM.
     """
     here = _Run(simulation, out)
-    with locked(out), Signals(here):
+    with locked(out), stopped_by_signals(here):
         state = here.claim(resume, force)
         if state is None:
             state = simulation.start()

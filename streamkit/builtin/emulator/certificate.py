@@ -8,6 +8,7 @@ likelihood with that of the residuals of *other* points put on the emulated pred
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError
@@ -29,9 +30,8 @@ CHANCE, TRIES = 0.95, 40
 # Largest trend by chance that still tests anything: calls so noisy were certified with a width off by a half.
 BLIND = 0.3
 # Fresh calls at a time, and how often they are made at most: until a trend by chance alone is below `MOVED`, and longer
-# until it is well below `BLIND`, as of many parameters one has a large trend by chance. The certificate measures that
-# again, and `TRIES` leave it uncertain by a tenth.
-FRESH, BATCHES, MOST_BATCHES, WELL_BELOW = 128, 3, 12, 0.8
+# until it is below `BLIND`, as of many parameters one has a large trend by chance.
+FRESH, BATCHES, MOST_BATCHES = 128, 3, 12
 # Differences of ln likelihood from what the noise makes of it: standard errors, and nats, of the median; ratio of their
 # spreads.
 OFF, NATS, WIDER = 4.0, 0.7, 2.0
@@ -89,33 +89,81 @@ class Certificate:
     faults: tuple[str, ...]
 
 
-def fresh_calls(emulated: Emulated, problem: Problem, samples: Array, rng: np.random.Generator) -> Calls:
+class Trend(NamedTuple):
+    """What a linear trend of the residuals along the parameters changes of the posterior, see `change_of`.
+
+    Attributes
+    ----------
+    measured
+        That of the residuals as they are.
+    by_chance
+        That of residuals in another order, whose trend is chance: the largest in 95 of 100 cases.
+    """
+
+    measured: float
+    by_chance: float
+
+
+def fresh_calls(
+    emulated: Emulated, problem: Problem, samples: Array, rng: np.random.Generator
+) -> tuple[Calls, Trend | None]:
     """Call the model at some of the samples (n, d): so often that a trend of the residuals can be told from chance."""
     order = rng.permutation(len(samples))
-    fresh: Calls | None = None
-    for batch in range(MOST_BATCHES):
-        more = Calls.at(problem, emulated.space, samples[order[batch * FRESH : (batch + 1) * FRESH]])
-        fresh = more if fresh is None else fresh + more
-        good = fresh.take(fresh.good)
-        if len(good) < 3 * samples.shape[1]:
+
+    def called(batch: int) -> Calls:
+        return Calls.at(problem, emulated.space, samples[order[batch * FRESH : (batch + 1) * FRESH]])
+
+    fresh = called(0)
+    trend = trend_of(emulated, fresh, samples, rng)
+    for batch in range(1, MOST_BATCHES):
+        if trend is None or not trend.by_chance > (MOVED if batch < BATCHES else BLIND):
             break
-        residual = (good.answers.mean - emulated.emulator.predict(good.y).mean)[:, np.isfinite(problem.values)]
-        _, chance = _trend(emulated, good, residual / problem.errors[np.isfinite(problem.values)], samples, rng)
-        if not chance > (MOVED if batch < BATCHES - 1 else WELL_BELOW * BLIND):
-            break
-    assert fresh is not None  # noqa: S101  there is at least one batch
-    return fresh
+        fresh += called(batch)
+        trend = trend_of(emulated, fresh, samples, rng)
+    return fresh, trend
 
 
-def certify(emulated: Emulated, fresh: Calls, samples: Array, seed: list[int]) -> Certificate:
+def trend_of(emulated: Emulated, fresh: Calls, samples: Array, rng: np.random.Generator) -> Trend | None:
+    """Measure what a trend of the residuals of fresh calls changes; None where too few of them have a prediction."""
+    fresh = fresh.take(fresh.good)
+    if len(fresh) < 3 * samples.shape[1]:
+        return None
+    space, problem = emulated.space, fresh.problem
+    used = np.isfinite(problem.values)
+    residual = ((fresh.answers.mean - emulated.emulator.predict(fresh.y).mean) / problem.errors)[:, used]
+    centre, scale = fresh.y.mean(axis=0), np.maximum(fresh.y.std(axis=0), 1e-300)
+    terms = np.concatenate([np.ones((len(fresh), 1)), (fresh.y - centre) / scale], axis=1)
+    some = samples[:: max(len(samples) // 1000, 1)]
+    predicted, theta = emulated.emulator.predict(some), space.back(some)
+    variance = predicted.fit_variance + predicted.noise * emulated.noise
+    base = problem.compare(theta, predicted.mean, variance, predicted.details)
+    there = np.concatenate([np.ones((len(some), 1)), np.clip((some - centre) / scale, -3.0, 3.0)], axis=1)
+
+    def moved(rows: Array) -> float:
+        slope = regress(terms, rows, np.ones(len(rows)), 1e-6).coefficients
+        mean = predicted.mean.copy()
+        mean[:, used] += (there @ slope) * problem.errors[used]
+        change = problem.compare(theta, mean, variance, predicted.details) - base
+        return change_of(some, change)
+
+    try:
+        measured = moved(residual)
+        by_chance = [moved(rng.permutation(residual)) for _ in range(TRIES)]
+    except LinAlgError:
+        return Trend(float("nan"), float("nan"))
+    return Trend(measured, float(np.quantile(by_chance, CHANCE)))
+
+
+def certify(
+    emulated: Emulated, fresh: Calls, trend: Trend | None, samples: Array, rng: np.random.Generator
+) -> Certificate:
     """Compare an emulator with fresh calls at samples of its posterior; samples (n, d) are more of these."""
-    rng = np.random.default_rng(seed)
     empty = float(np.mean(~fresh.good))
     tried, fresh = len(fresh), fresh.take(fresh.good)
     faults = []
     if empty > EMPTY:
         faults.append(f"{100 * empty:.0f} % of its samples have no prediction")
-    if len(fresh) < 3 * samples.shape[1]:
+    if trend is None:
         faults.append("too few of its samples have a prediction to test it")
         nan = float("nan")
         return Certificate(tried, nan, nan, nan, nan, nan, nan, nan, nan, nan, empty, nan, nan, tuple(faults))
@@ -128,16 +176,15 @@ def certify(emulated: Emulated, fresh: Calls, samples: Array, seed: list[int]) -
     size, worst = float(squares.mean()), float(squares.mean(axis=0).max())
     if size > SIZE or worst > ONE_SIZE:
         faults.append(f"residuals of its predictions are {np.sqrt(max(size, worst / 2)):.1f} times what noise makes")
-    trend, chance = _trend(emulated, fresh, residual / problem.errors[used], samples, rng)
-    if trend > max(MOVED, chance):
+    if trend.measured > max(MOVED, trend.by_chance):
         faults.append(
             "residuals have a trend along the parameters, which moves one or changes its width by "
-            f"{trend:.2f} standard deviations"
+            f"{trend.measured:.2f} standard deviations"
         )
-    elif chance > BLIND:
+    elif trend.by_chance > BLIND:
         faults.append(
-            f"calls are too noisy for a test: a mean or a width off by {chance:.2f} standard deviations would not "
-            "show. Take more particles"
+            f"calls are too noisy for a test: a mean or a width off by {trend.by_chance:.2f} standard deviations would "
+            "not show. Take more particles"
         )
     true, by_noise = _differences(emulated, fresh, predicted, rng)
     offset, spread = float(np.median(true)), _spread(true)
@@ -157,7 +204,7 @@ def certify(emulated: Emulated, fresh: Calls, samples: Array, seed: list[int]) -
         if k_hat > K_HAT and effective < ALL:
             faults.append(f"k-hat of the importance weights is {k_hat:.2f}, above {K_HAT}")
     return Certificate(
-        tried, size, worst, trend, chance, offset, spread, noise_offset, noise_spread, blur, empty, k_hat, effective,
+        tried, size, worst, *trend, offset, spread, noise_offset, noise_spread, blur, empty, k_hat, effective,
         tuple(faults),
     )  # fmt: skip
 
@@ -174,35 +221,6 @@ def _differences(
     swapped = predicted.mean + (answers.mean - predicted.mean)[other]
     noise = problem.compare(fresh.theta, swapped, np.nan_to_num(stated[other]), predicted.details) - at
     return true, noise
-
-
-def _trend(
-    emulated: Emulated, fresh: Calls, residual: Array, samples: Array, rng: np.random.Generator
-) -> tuple[float, float]:
-    """Return what a linear trend of residuals (n, m), in errors of the data, changes, and what it does by chance."""
-    space, problem = emulated.space, fresh.problem
-    centre, scale = fresh.y.mean(axis=0), np.maximum(fresh.y.std(axis=0), 1e-300)
-    terms = np.concatenate([np.ones((len(fresh), 1)), (fresh.y - centre) / scale], axis=1)
-    some = samples[:: max(len(samples) // 1000, 1)]
-    predicted, theta = emulated.emulator.predict(some), space.back(some)
-    variance = predicted.fit_variance + predicted.noise * emulated.noise
-    base = problem.compare(theta, predicted.mean, variance, predicted.details)
-    there = np.concatenate([np.ones((len(some), 1)), np.clip((some - centre) / scale, -3.0, 3.0)], axis=1)
-    used = np.isfinite(problem.values)
-
-    def moved(rows: Array) -> float:
-        slope = regress(terms, rows, np.ones(len(rows)), 1e-6).coefficients
-        mean = predicted.mean.copy()
-        mean[:, used] += (there @ slope) * problem.errors[used]
-        change = problem.compare(theta, mean, variance, predicted.details) - base
-        return change_of(some, change)
-
-    try:
-        measured = moved(residual)
-        by_chance = [moved(rng.permutation(residual)) for _ in range(TRIES)]
-    except LinAlgError:
-        return float("nan"), float("nan")
-    return measured, float(np.quantile(by_chance, CHANCE))
 
 
 def _blur(emulated: Emulated, samples: Array) -> float:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg import cholesky, eigh, solve_triangular
 from scipy.optimize import minimize
 
 from streamkit import Array, IntArray
@@ -21,6 +21,8 @@ INDUCING, LEARNED_FROM, STEPS = 600, 400, 25
 EXPECTED, SURE = 4.0, 1.5
 # What is added to the diagonal of the kernel, so that it can be inverted.
 JITTER = 1e-7
+# Variance that need not be represented: as a fraction of the noise, and in any case as one of the process itself.
+UNSEEN, LEAST_UNSEEN = 0.03, 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +38,7 @@ class Kernel:
     amplitude, noise
         Variances of the process and of a point about it, squared errors of the data.
     inverse
-        (q, q) makes terms of equal prior variance of the kernel at the places.
+        (q, k) makes terms of equal prior variance of the kernel at the places: its principal components there.
     """
 
     places: Array
@@ -49,10 +51,10 @@ class Kernel:
     def penalty(self) -> Array:
         """(terms,) Ridge penalties: none for the linear part, noise over amplitude for the process."""
         linear = np.full(1 + len(self.lengths), 1e-9)
-        return np.concatenate([linear, np.full(len(self.places), self.noise / self.amplitude)])
+        return np.concatenate([linear, np.full(self.inverse.shape[1], self.noise / self.amplitude)])
 
     def terms(self, x: Array) -> Array:
-        """(n, 1 + c + q) The terms at x (n, c)."""
+        """(n, 1 + c + k) The terms at x (n, c)."""
         process = squared_exponential(x, self.places, self.lengths) @ self.inverse
         return np.concatenate([np.ones((len(x), 1)), x, process], axis=1)
 
@@ -106,11 +108,16 @@ def learn_kernel(x: Array, target: Array, weight: Array, rng: np.random.Generato
     bounds = [(np.log(0.3), np.log(100.0))] * c + [(-7.0, 6.0), (np.log(1e-7), 2.0)]
     p = minimize(cost, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": STEPS}).x
     places = x[_some(weight, INDUCING, rng)]
-    gram = squared_exponential(places, places, np.exp(p[:c]))
-    gram[np.diag_indices_from(gram)] += JITTER
-    lower = cholesky(gram, lower=True)
-    inverse = np.asarray(solve_triangular(lower, np.eye(len(lower)), lower=True).T)
-    return Kernel(places, np.exp(p[:c]), typical * float(np.exp(p[c])), typical * float(np.exp(p[c + 1])), inverse)
+    lengths, amplitude, noise = np.exp(p[:c]), typical * float(np.exp(p[c])), typical * float(np.exp(p[c + 1]))
+    return Kernel(places, lengths, amplitude, noise, _principal(places, lengths, UNSEEN * noise / amplitude))
+
+
+def _principal(places: Array, lengths: Array, unseen: float) -> Array:
+    """(q, k) Return the principal components of the kernel at places (q, c), but for this fraction of its variance."""
+    variances, vectors = eigh(squared_exponential(places, places, lengths))
+    rest = np.cumsum(variances) / len(places)  # from the smallest on; each point has a variance of one
+    first = int(np.searchsorted(rest, max(unseen, LEAST_UNSEEN)))
+    return np.asarray(vectors[:, first:] / np.sqrt(variances[first:]))
 
 
 def _some(weight: Array, most: int, rng: np.random.Generator) -> IntArray:

@@ -9,7 +9,7 @@ import emcee
 import numpy as np
 
 from streamkit import Array
-from streamkit.builtin.emulator.agreement import missed_by
+from streamkit.builtin.emulator.agreement import MISSED, missed_by
 from streamkit.builtin.emulator.calls import Calls
 from streamkit.builtin.emulator.certificate import Certificate, certify, fresh_calls
 from streamkit.builtin.emulator.changes import moved_by, uncertainty
@@ -37,12 +37,10 @@ SETTLED, ROUNDS = 0.1, 2
 # Largest standard error of a mean or a width, in standard deviations, that the noise of the calls may leave.
 UNCERTAIN = 0.1
 # Steps of the walk that gives the answer, of which the first are not used. It goes on until it has given so many
-# independent samples, or for so many steps.
-LAST_STEPS, LAST_SETTLING, INDEPENDENT, MOST_STEPS = 500, 100, 4000, 8000
+# independent samples, which leave a median uncertain by 0.03 standard deviations, or for so many steps.
+LAST_STEPS, LAST_SETTLING, INDEPENDENT, MOST_STEPS = 500, 100, 1600, 4000
 # Samples of the last round that the walkers of the answer begin from.
 POOL = 4000
-# Fraction of the posterior that walks from a start may not come to.
-MISSED = 0.05
 # Starts that must have seen all of the posterior, and how many are made for that at most.
 AGREEING, MOST_STARTS = 2, 4
 
@@ -131,7 +129,7 @@ class Rounds:
                 missing = self._unseen(emulated, samples, turn)
                 if not missing:
                     samples = self._last(emulated, samples, turn)  # independent ones: with few, chance moves more
-                    certificate = self._certify(emulated, samples, turn)
+                    certificate = self._certify(emulated, samples)
                     missing = "; ".join(certificate.faults)
                 if not missing:
                     emulated, missing = self._with_all(emulated, samples)
@@ -179,11 +177,11 @@ class Rounds:
         places = np.unique(places, axis=0)  # a walker that has rested is one place
         return places[self._rng.choice(len(places), size, replace=False)]
 
-    def _certify(self, emulated: Emulated, samples: Array, turn: int) -> Certificate:
+    def _certify(self, emulated: Emulated, samples: Array) -> Certificate:
         """Compare the emulator with fresh calls, and keep these."""
-        fresh = fresh_calls(emulated, self._problem, samples, self._rng)
+        fresh, trend = fresh_calls(emulated, self._problem, samples, self._rng)
         self._calls += fresh
-        return certify(emulated, fresh, samples, [self._problem.seed, 4, turn])
+        return certify(emulated, fresh, trend, samples, self._rng)
 
     def _with_all(self, emulated: Emulated, samples: Array) -> tuple[Emulated, str]:
         """Learn from the fresh calls too; say how much that moves the posterior if it is too much."""

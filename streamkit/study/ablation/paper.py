@@ -7,6 +7,7 @@ from io import StringIO
 from typing import NamedTuple
 
 import numpy as np
+from astropy.table import Table
 
 from streamkit.components import Observable
 from streamkit.model import Host
@@ -49,8 +50,6 @@ def paper_columns(ablation: Ablation) -> list[PaperColumn]:
 
 def small_csv(ablation: Ablation) -> str:
     """Return the small table as CSV: units in the heads, the scatter over the seeds in columns of its own."""
-    from astropy.table import Table
-
     table = Table({"variant": [label for label, _, _ in rows_of(ablation)]})
     for head, unit, mean, scatter in paper_columns(ablation):
         of = f" [{unit}]" if unit else ""
@@ -62,8 +61,6 @@ def small_csv(ablation: Ablation) -> str:
 
 def small_latex(ablation: Ablation) -> str:
     """Return the small table in LaTeX: means over the seeds with their scatter, to two digits of it."""
-    from astropy.table import Table
-
     table = Table({"variant": [latex_escaped(label) for label, _, _ in rows_of(ablation)]})
     units = {}
     for head, unit, mean, scatter in paper_columns(ablation):

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from astropy import units as u
+from astropy.table import Column, QTable, vstack
 
 from streamkit.report import columns, paragraph
 from streamkit.runfile import as_written
@@ -13,10 +15,6 @@ from streamkit.stream import ARMS
 from streamkit.study.ablation.measures import NEAR, observables
 from streamkit.study.ablation.runner import Ablation, Outcome
 from streamkit.study.grid import MANY, by_column, rms
-
-if TYPE_CHECKING:
-    from astropy.table import QTable
-
 
 REFERENCE = "reference"
 LABEL = 43  # longest label in a printed table
@@ -77,9 +75,6 @@ def measures_table(ablation: Ablation) -> QTable:
 
     A variant without a stream has its reason and no numbers.
     """
-    from astropy import units as u
-    from astropy.table import Column, QTable
-
     rows = rows_of(ablation)
     names = list(dict.fromkeys(name for _, _, measures in rows for one in measures for name in one))
     several = any(len(measures) > 1 for _, _, measures in rows)
@@ -134,9 +129,6 @@ def _base(name: str) -> str:
 
 def tracks_table(ablation: Ablation) -> QTable:
     """Return the mean tracks of the reference and of every variant at its first seed, one row per arm and angle."""
-    from astropy import units as u
-    from astropy.table import QTable, vstack
-
     portraits = {REFERENCE: ablation.reference} if ablation.reference.title else {}
     portraits |= {o.variant.label: o.first for o in ablation.outcomes if o.first is not None}
     parts = []

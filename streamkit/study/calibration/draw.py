@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from streamkit.errors import OutOfDomain, StreamkitError
 from streamkit.model import Host
@@ -43,10 +44,8 @@ class Draw:
 
     @staticmethod
     def of_line(line: str) -> Draw:
-        """Read a result of `line`; ValueError, TypeError or KeyError for any other text."""
-        table: dict[str, Any] = json.loads(line)
-        lists = {name: tuple(map(float, value)) for name, value in table.items() if isinstance(value, list)}
-        return Draw(**table | lists)
+        """Read a result of `line`; ValueError for any other text."""
+        return TypeAdapter(Draw).validate_json(line)
 
 
 def make_draw(spec: Spec, index: int, truth: Spec | None = None) -> Draw:

@@ -35,25 +35,15 @@ class Calibration:
 
     @cached_property
     def ranks(self) -> Array:
-        """(n, d) The share of the posterior samples below each true parameter."""
-        return np.array([draw.ranks for draw in self.draws])
-
-    @cached_property
-    def mass_ranks(self) -> Array:
-        """(n, 3) The same of the enclosed masses."""
-        return np.array([draw.mass_ranks for draw in self.draws])
-
-    @cached_property
-    def every_rank(self) -> Array:
-        """(n, d + 3) Those of the parameters, then those of the masses."""
-        return np.concatenate([self.ranks, self.mass_ranks], axis=1)
+        """(n, d + 3) The share of the posterior samples below each true parameter, then below each enclosed mass."""
+        return np.array([(*draw.ranks, *draw.mass_ranks) for draw in self.draws])
 
     def coverage(self, probability: float) -> Array:
         """(d + 3,) The share of the draws whose truth lies in the central interval of this probability.
 
         Of the parameters, then of the enclosed masses.
         """
-        return np.asarray((np.abs(self.every_rank - 0.5) <= 0.5 * probability).mean(axis=0))
+        return np.asarray((np.abs(self.ranks - 0.5) <= 0.5 * probability).mean(axis=0))
 
 
 def calibrate(
@@ -101,7 +91,7 @@ def read_draws(file: Path, spec: Spec, truth: Spec | None = None) -> dict[int, D
     for line in lines:
         try:
             draw = Draw.of_line(line)
-        except (ValueError, TypeError, KeyError, AttributeError):
+        except ValueError:
             continue
         if len(draw.ranks) == len(spec.names):
             draws[draw.index] = draw

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from arviz_stats.ecdf_utils import ecdf_pit
+from astropy import units as u
+from astropy.table import Column, QTable
 from matplotlib.figure import Figure
 
 from streamkit.report import BAND_95, BLUE, GREY, VERMILION, columns, finish, label_all, labels, panel_grid, paragraph
@@ -14,18 +16,11 @@ from streamkit.study.calibration.draw import MASS_RADII
 from streamkit.study.calibration.runner import DRAWS, Calibration
 from streamkit.study.grid import Products
 
-if TYPE_CHECKING:
-    from astropy.table import QTable
-
-
 PROBABILITIES = (0.5, 0.68, 0.95)  # of the intervals in the table of coverage
 
 
 def draws_table(calibration: Calibration) -> QTable:
     """Return one row per draw: truth and rank of every parameter and mass, and how far its fit had converged."""
-    from astropy import units as u
-    from astropy.table import Column, QTable
-
     out, draws = QTable(), calibration.draws
     out["draw"] = [draw.index for draw in draws]
     for i, (name, unit) in enumerate(zip(calibration.spec.names, calibration.spec.units, strict=True)):
@@ -34,7 +29,7 @@ def draws_table(calibration: Calibration) -> QTable:
         out[f"{name}_rank"] = Column(calibration.ranks[:, i], description=share)
     for i, radius in enumerate(MASS_RADII):
         out[f"mass_{radius:g}"] = np.array([draw.masses[i] for draw in draws]) * u.Msun
-        out[f"mass_{radius:g}_rank"] = calibration.mass_ranks[:, i]
+        out[f"mass_{radius:g}_rank"] = [draw.mass_ranks[i] for draw in draws]
     out["r_hat"] = [draw.r_hat for draw in draws]
     out["effective_samples"] = [draw.ess for draw in draws]
     out["calls"] = [draw.calls for draw in draws]
@@ -44,8 +39,6 @@ def draws_table(calibration: Calibration) -> QTable:
 
 def coverage_table(calibration: Calibration) -> QTable:
     """Return one row per interval: how often it holds each true parameter and enclosed mass, with its error."""
-    from astropy.table import QTable
-
     out, n = QTable(), len(calibration.draws)
     out["probability"] = PROBABILITIES
     shares = np.array([calibration.coverage(p) for p in PROBABILITIES])
@@ -64,7 +57,7 @@ def describe_calibration(calibration: Calibration) -> str:
     rows.append(("expected", *errors, f"0.50 +- {np.sqrt(1 / 12 / n):.2f}"))
     shares = np.array([calibration.coverage(p) for p in PROBABILITIES]).T
     names = (*calibration.spec.names, *(f"M(<{r:g} kpc)" for r in MASS_RADII))
-    for name, share, rank in zip(names, shares, calibration.every_rank.mean(axis=0), strict=True):
+    for name, share, rank in zip(names, shares, calibration.ranks.mean(axis=0), strict=True):
         rows.append((name, *(f"{each:.0%}" for each in share), f"{rank:.2f}"))
     shown = f"share of {n} draws whose truth lies in the central interval\n{columns(rows)}"
     kind = calibration.spec.sampler.kind
@@ -112,7 +105,7 @@ def calibration_figure(calibration: Calibration) -> Figure:
         *labels(calibration.spec.names, calibration.spec.symbols),
         *(rf"$M({r:g}\,{{\rm kpc}})$" for r in MASS_RADII),
     ]
-    ranks = calibration.every_rank
+    ranks = calibration.ranks
     shown = [i for i in range(len(names)) if not any(np.array_equal(ranks[:, i], ranks[:, j]) for j in range(i))]
     figure, panels = panel_grid(len(shown), 2.3, 1.9, share=True)
     rng = np.random.default_rng(0)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from streamkit.components import ChainSampler, Verdict
@@ -17,11 +18,6 @@ from streamkit.stream import Array
 from streamkit.study.fit import chain_verdicts as checks
 from streamkit.study.fit.chain_verdicts import drift, rank_scores, ranks
 from streamkit.study.fit.draws import Draws, Row
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 
 DRAWN = 2000  # steps that a trace shows at most
 

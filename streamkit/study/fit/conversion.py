@@ -38,14 +38,13 @@ def arviz_tree(spec: Spec, draws: Draws, data: Data, drawn: Replicates | None) -
     """
     import arviz_base  # slow to load
 
-    names, kept, log_prob = spec.names, draws.kept, draws.log_prob[draws.discard :]
-    blobs = None if draws.blobs is None else draws.blobs[draws.discard :]
+    names, kept, log_prob, blobs = spec.names, draws.kept, draws.log_prob[draws.discard :], draws.predictions
     groups: dict[str, dict[str, Array]] = {
         "posterior": {name: kept[..., i].T for i, name in enumerate(names)},
         "sample_stats": {"lp": log_prob.T},
         "constant_data": {"value": data.values, "error": data.errors},
     }
-    if blobs is not None and blobs.dtype.names and "mean" in blobs.dtype.names:
+    if blobs is not None:
         groups["sample_stats"]["ln_likelihood"] = blobs["ln_likelihood"].T
         groups["predictions"] = {name: np.swapaxes(blobs[name], 0, 1) for name in ("mean", "variance")}
     datum = {name: ["datum"] for name in ("value", "error", "mean", "variance")}

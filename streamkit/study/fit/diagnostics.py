@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from astropy.table import Column, QTable
 from numpy.typing import NDArray
 
 from streamkit.components import Measurement
@@ -14,12 +15,8 @@ from streamkit.observe import scatter_of
 from streamkit.runfile import Prior
 from streamkit.sample import Posterior
 from streamkit.stream import Array, Data
+from streamkit.study.fit.results import Results
 from streamkit.study.fit.tables import intervals, printable
-
-if TYPE_CHECKING:
-    from astropy.table import QTable
-
-    from streamkit.study.fit.results import Results
 
 MOST = 2000  # samples that a prediction is compared with the data for
 COMPARED = 5  # samples whose ln likelihood is compared with that of a Gaussian
@@ -90,10 +87,9 @@ def predicted_intervals(results: Results, stream: str) -> dict[str, Array]:
 
 def _predictions(results: Results) -> NDArray[Any] | None:
     """(n,) What was predicted at some of the samples, mean and variance; None if the run kept no predictions."""
-    blobs = results.blobs
-    if blobs is None or not blobs.dtype.names or "mean" not in blobs.dtype.names:
+    if results.draws.predictions is None:
         return None
-    kept = blobs[results.discard :].ravel()
+    kept = results.draws.predictions.ravel()
     return np.asarray(kept[np.linspace(0, len(kept) - 1, min(len(kept), MOST)).astype(int)])
 
 
@@ -127,8 +123,6 @@ def predictions_table(seen: Predictive | None) -> QTable:
 
     Data have different units, so the numbers stand in plain columns: those of the run file's data.
     """
-    from astropy.table import Column, QTable
-
     if seen is None:
         return QTable({"datum": Column([], dtype=str)})
     levels = intervals(seen.mean)

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from streamkit.components import Verdict
 from streamkit.errors import ChainError
 from streamkit.sample import Weighted
 from streamkit.stream import Array, IntArray
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Row = tuple[str, str, str]  # of a terminal's table: name, value, remark
 # How the sampling ended, by the status of a run that has ended.
@@ -64,6 +62,12 @@ class Draws(ABC):
     def kept(self) -> Array:
         """(steps, walkers, d) The samples after burn-in."""
         return self.chain[self.discard :]
+
+    @property
+    def predictions(self) -> Any:
+        """(steps, walkers) The records of `blobs` after burn-in; None if the run stored no predictions."""
+        names = None if self.blobs is None else self.blobs.dtype.names
+        return self.blobs[self.discard :] if names and "mean" in names else None
 
     def note(self) -> str:
         """Return in one sentence how far the percentiles can be trusted, and what is missing."""

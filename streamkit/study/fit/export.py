@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from astropy import units as u
+from astropy.table import QTable
 
 from streamkit.report import LATEX_UNITS, decimals, latex_escaped, save
 from streamkit.runfile import Prior
 from streamkit.study.fit.conversion import sample_columns
+from streamkit.study.fit.results import Results
 from streamkit.study.fit.text import PRINTED_RADII, radii_in_reach
-
-if TYPE_CHECKING:
-    from streamkit.study.fit.results import Results
 
 # Contents of a file, by its suffix.
 EXPORTS = {
@@ -45,9 +45,6 @@ def write_samples(results: Results, path: Path) -> list[Path]:
 
 def sample_table(results: Results) -> Any:
     """Return an astropy QTable of the samples after burn-in: walker, step, the parameters with units, ln posterior."""
-    from astropy import units as u
-    from astropy.table import QTable
-
     columns: dict[str, Any] = sample_columns(results.spec, results.draws)
     for name, unit in zip(results.names, results.spec.units, strict=True):
         columns[name] = columns[name] * u.Unit(unit) if unit else columns[name]

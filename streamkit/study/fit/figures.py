@@ -5,9 +5,10 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from astropy.table import QTable
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import ScalarFormatter
@@ -37,11 +38,10 @@ from streamkit.runfile import Prior
 from streamkit.stream import Array
 from streamkit.study.fit.literature import draw_literature
 from streamkit.study.fit.results import Results
-
-if TYPE_CHECKING:
-    from astropy.table import QTable
+from streamkit.study.fit.tables import LEVELS
 
 FEW = 200  # samples below which a corner plot shows points without contours
+FEW_RADII = 4  # of the data, that are marked by a line each
 WIDE = 6.0  # inches: pictures of profiles
 FEW_PARAMETERS = 4  # that a corner plot of one column of a journal may have
 TITLED = 0.95  # inches of a panel that has room for a title
@@ -50,7 +50,7 @@ GAP = 0.11  # inches between the panels of a corner plot
 
 def reach(results: Results) -> tuple[float, float]:
     """Return the range of radii in kpc of the best stream and the data; 10 to 130 without any."""
-    distances = list(_data_radii(results).values())
+    distances = [radius for of_source in _data_radii(results).values() for radius in of_source.values()]
     try:
         streams = results.best_observation.streams
     except OutOfDomain:  # another machine's rounding may lose a stream at the edge
@@ -180,14 +180,18 @@ def _profile(results: Results, literature: QTable | None, name: str, factor: flo
     bands(axes, r, levels(profile, name, factor))
     if rows is not None:
         draw_literature(axes, rows, name, factor)
-    entries = axes.get_legend_handles_labels()[1]
-    size = 7.0 if wide < WIDE else 10.0
-    columns = min(across(entries, 0.8 * wide, size), 3)
-    # the curve must not be covered: the legend has room of its own above
-    lines = -(-len(entries) // columns) * 1.7 * size / 72 / (0.6 * wide)
-    axes.set_ylim(0, axes.get_ylim()[1] / max(1 - lines - 0.02, 0.3))
-    axes.legend(framealpha=1, edgecolor="none", loc="upper left", ncols=columns, fontsize=size)
+    legend_above(figure, axes)
     return figure
+
+
+def legend_above(figure: Figure, axes: Axes) -> None:
+    """Put the legend above the axes of a profile, where it covers no curve, and make the figure higher by as much."""
+    handles, entries = axes.get_legend_handles_labels()
+    wide, high = figure.get_size_inches()
+    size = 7.0 if wide < WIDE else 10.0
+    columns = min(across(entries, 0.95 * wide, size), len(entries), 4)
+    figure.set_size_inches(wide, high + -(-len(entries) // columns) * 1.7 * size / 72)
+    figure.legend(handles, entries, loc="outside upper left", frameon=False, ncols=columns, fontsize=size)
 
 
 def profile_axes(results: Results, r: Array, label: str, wide: float) -> tuple[Figure, Axes]:
@@ -238,38 +242,58 @@ def _no_contour_warning(record: logging.LogRecord) -> bool:
 
 
 def levels(profile: QTable, name: str, factor: float) -> dict[str, Array]:
-    """Return median and intervals (nr,) of one quantity of a profile, times the factor, by suffix."""
-    return {level: profile[name + level].value * factor for level in ("", "_lo68", "_hi68", "_lo95", "_hi95")}
+    """Return median and intervals (nr,) of one quantity of a profile, times the factor, by the names of `LEVELS`."""
+    return {level: profile[f"{name}_{level}".rstrip("_")].value * factor for level in LEVELS}
 
 
 def bands(axes: Axes, r: Array, values: Mapping[str, Array]) -> None:
     """Draw a median with its 68 % and 95 % bands at radii (nr,) as `levels` returns them."""
-    axes.fill_between(r, values["_lo95"], values["_hi95"], color=BAND_95, lw=0, label="95 %")
-    axes.fill_between(r, values["_lo68"], values["_hi68"], color=BAND_68, lw=0, label="68 %")
+    axes.fill_between(r, values["lo95"], values["hi95"], color=BAND_95, lw=0, label="95 %")
+    axes.fill_between(r, values["lo68"], values["hi68"], color=BAND_68, lw=0, label="68 %")
     axes.plot(r, values[""], color=BLUE, lw=1.8, label="median")
 
 
 def data_radii(axes: Axes, results: Results) -> None:
-    """Mark the radii of the data by dashed lines with their names below, left of the line if there is room."""
+    """Mark the radii of the data: a few by dashed lines with their names, more by the range of each stream or table."""
+    sources = _data_radii(results)
+    if sum(map(len, sources.values())) > FEW_RADII:
+        _draw_ranges(axes, sources)
+        return
     shown, before = np.ptp(axes.get_xlim()), -np.inf
-    for name, radius in sorted(_data_radii(results).items(), key=itemgetter(1)):
+    marks = {
+        label if len(sources) == 1 else f"{name}: {label}": radius
+        for name, of_source in sources.items()
+        for label, radius in of_source.items()
+    }
+    for text, radius in sorted(marks.items(), key=itemgetter(1)):
         axes.axvline(radius, color="black", lw=0.9, ls="--")
-        side, before = -1 if radius - before > 0.04 * shown else 1, radius
+        side, before = -1 if radius - before > 0.04 * shown else 1, radius  # left of the line if there is room
         axes.annotate(
-            name, (radius, 0.02), (3 * side, 0), xycoords=axes.get_xaxis_transform(), textcoords="offset points",
+            text, (radius, 0.02), (3 * side, 0), xycoords=axes.get_xaxis_transform(), textcoords="offset points",
             rotation=90, fontsize=8, ha="right" if side < 0 else "left", va="bottom", annotation_clip=True,
         )  # fmt: skip
 
 
-def _data_radii(results: Results) -> dict[str, float]:
-    """Return the radii in kpc of the data, by name."""
+def _draw_ranges(axes: Axes, sources: Mapping[str, Mapping[str, float]]) -> None:
+    """Draw the range of radii of each source as a line along the bottom, with its name beside it."""
+    place, figure = axes.get_xaxis_transform(), axes.get_figure(root=True)
+    size = 8 if figure is not None and figure.get_figwidth() >= WIDE else 6
+    ranges = sorted((min(of_source.values()), max(of_source.values()), name) for name, of_source in sources.items())
+    for row, (first, last, name) in enumerate(ranges):
+        height = 0.03 + 0.045 * row
+        axes.plot([first, last], [height, height], color="black", lw=1.2, marker="|", ms=6, transform=place)
+        axes.annotate(
+            name.replace("_", " "), (last, height), (6, 0), xycoords=place, textcoords="offset points", fontsize=size,
+            va="center",
+        )  # fmt: skip
+
+
+def _data_radii(results: Results) -> dict[str, dict[str, float]]:
+    """Return the radii in kpc of the data by stream, or table of host data, and name; without those that have none."""
     bound = results.spec.bind_all(results.best())
-    streams = bound.streams
-    return {
-        label if len(streams) == 1 else f"{name}: {label}": radius
-        for name, inputs in streams.items()
-        for label, radius in radii_of(inputs.observables).items()
-    } | radii_of(bound.data)
+    sources = {name or "stream": radii_of(inputs.observables) for name, inputs in bound.streams.items()}
+    sources |= {name or "host": data.radii() for name, data in bound.data.items()}
+    return {name: of_source for name, of_source in sources.items() if of_source}
 
 
 def _labels(results: Results) -> tuple[Array, list[str], list[str]]:
@@ -285,16 +309,11 @@ def _lines(text: str) -> int:
 
 
 def _title(name: str, values: Array) -> str:
-    """Return the median and interval of a parameter as a title, below its name if that is long."""
+    """Return the median and 68 % interval of a parameter as a title, below its name if that is long."""
     between = " = " if name.startswith("$") and "\n" not in name else "\n"
-    return f"{name}{between}{_interval(values)}"
-
-
-def _interval(values: Array) -> str:
-    """Return median and 68 % interval, with two significant digits of the smaller error."""
     low, middle, high = np.percentile(values, [16, 50, 84])
     digits = decimals(min(high - middle, middle - low))
-    return rf"${middle:.{digits}f}^{{+{high - middle:.{digits}f}}}_{{-{middle - low:.{digits}f}}}$"
+    return rf"{name}{between}${middle:.{digits}f}^{{+{high - middle:.{digits}f}}}_{{-{middle - low:.{digits}f}}}$"
 
 
 def _range(values: Array) -> tuple[float, float]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from astropy.table import QTable
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -13,12 +12,10 @@ from streamkit.model import Host
 from streamkit.report import VERMILION
 from streamkit.runfile import Spec
 from streamkit.stream import Array
-from streamkit.study.fit.figures import WIDE, bands, profile_axes, radii
+from streamkit.study.fit.figures import WIDE, bands, legend_above, profile_axes, radii
 from streamkit.study.fit.literature import POTENTIAL, beside_literature, draw_literature, flattenings
 from streamkit.study.fit.results import Results
-
-if TYPE_CHECKING:
-    from astropy.table import QTable
+from streamkit.study.fit.tables import LEVELS
 
 # Degrees above the plane, and the lines of their medians; the first one has the intervals.
 DIRECTIONS = {45.0: "-", 15.0: "--", 75.0: ":"}
@@ -50,22 +47,16 @@ def flattening(results: Results, literature: QTable | None = None, wide: float =
     r = radii(results, rows)[::2]
     figure, axes = profile_axes(results, r, r"flattening of the potential, $q_\Phi$", wide)
     for angle, style in DIRECTIONS.items():
-        q = flattenings(results, *_along(angle, r))
-        lo95, lo68, median, hi68, hi95 = np.nanpercentile(q, [2.5, 16, 50, 84, 97.5], axis=0)
+        q = np.nanpercentile(flattenings(results, *_along(angle, r)), list(LEVELS.values()), axis=0)
         if angle == next(iter(DIRECTIONS)):
-            bands(axes, r, {"": median, "_lo68": lo68, "_hi68": hi68, "_lo95": lo95, "_hi95": hi95})
+            bands(axes, r, dict(zip(LEVELS, q, strict=True)))
             axes.lines[-1].set_label(f"median, {angle:g} deg above the plane")
         else:
-            axes.plot(r, median, color="black", lw=1.1, ls=style, label=f"median, {angle:g} deg")
+            axes.plot(r, q[0], color="black", lw=1.1, ls=style, label=f"median, {angle:g} deg")
     axes.axhline(1, color="black", lw=0.6)
     if rows is not None and len(rows):
         _draw_published(axes, beside_literature(results, rows))
-    narrow = wide < WIDE
-    room = (0.9 if literature is None else 1.6) if narrow else 0.4 if literature is None else 0.6
-    bottom, top = axes.get_ylim()
-    axes.set_ylim(bottom, top + room * (top - bottom))
-    columns, size = (1, 7) if narrow else (2, 9)
-    axes.legend(framealpha=1, edgecolor="none", loc="upper center", ncols=columns, fontsize=size)
+    legend_above(figure, axes)
     return figure
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from astropy.table import Column, QTable
 from scipy.special import ndtr
 from scipy.stats import chi2
 
@@ -16,9 +17,6 @@ from streamkit.observe import UNNAMED, parts_of, read_data, residuals_of
 from streamkit.runfile import ONLY, ModelInputs, Spec
 from streamkit.stream import Array, Data, IntArray, Prediction
 from streamkit.study.fit.tables import printable
-
-if TYPE_CHECKING:
-    from astropy.table import QTable
 
 SAMPLES = 200  # samples that p-values are averaged over
 ALL = "all data"
@@ -99,7 +97,7 @@ class Sampled:
 
     def at_samples(self, most: int) -> Iterator[list[Measured]]:
         """Return every measurement at samples, evenly spaced; extra dispersions are those of each sample."""
-        if self.blobs is None or not self.blobs.dtype.names or "mean" not in self.blobs.dtype.names:
+        if self.blobs is None:
             return
         for i in np.unique(np.linspace(0, len(self.blobs) - 1, most).astype(int)):
             try:
@@ -209,8 +207,6 @@ def _replaced(prediction: Prediction, mean: Array, variance: Array) -> Predictio
 
 def goodness_table(fit: Goodness | None) -> QTable:
     """Return one row per quantity and one for all data: chi^2, number of data, p-values and the worst datum."""
-    from astropy.table import Column, QTable
-
     fits = [] if fit is None else [*fit.quantities, *([fit.whole] if len(fit.quantities) > 1 else [])]
     table = QTable({"quantity": Column([each.name for each in fits], dtype=str)})
     table["data"] = Column([len(each.data) for each in fits], dtype=int)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
+from astropy import units as u
+from astropy.table import QTable, vstack
 from matplotlib.figure import Figure
 
 from streamkit.model import PROFILE, Host, Moving, profile_values
@@ -15,9 +17,6 @@ from streamkit.study.fit.figures import bands, levels
 from streamkit.study.fit.results import Results
 from streamkit.study.fit.tables import LEVELS, printable
 from streamkit.units import GYR
-
-if TYPE_CHECKING:
-    from astropy.table import QTable
 
 HOST_RADII = (5.0, 8.0, 10.0, 15.0, 20.0, 30.0, 50.0, 75.0, 100.0, 150.0, 200.0)  # kpc
 MOST = 300  # samples of a posterior that flattening, escape speed and density are computed for
@@ -34,9 +33,6 @@ def host_table(source: Spec | Results, radii: Any = HOST_RADII) -> QTable:
 
     Raises ValueError for radii that are not positive.
     """
-    from astropy import units as u
-    from astropy.table import QTable
-
     r = np.atleast_1d(u.Quantity(radii, u.kpc).value).astype(float)
     if not (r.ndim == 1 and r.size and np.isfinite(r).all() and (r > 0).all()):
         raise ValueError("the radii of a host must be positive numbers, in kpc")
@@ -63,9 +59,6 @@ def host_table(source: Spec | Results, radii: Any = HOST_RADII) -> QTable:
 
 def objects_table(objects: Mapping[str, Moving]) -> QTable:
     """Return one row per object: mass, radius and tidal radius today, at the last pericentre and apocentre."""
-    from astropy import units as u
-    from astropy.table import QTable
-
     rows = []
     for moving in objects.values():
         turning = moving.turning()
@@ -80,9 +73,6 @@ def objects_table(objects: Mapping[str, Moving]) -> QTable:
 
 def orbits_table(objects: Mapping[str, Moving]) -> QTable:
     """Return the orbits, one row per object and time, in Galactocentric coordinates."""
-    from astropy import units as u
-    from astropy.table import QTable, vstack
-
     parts = []
     for name, moving in objects.items():
         orbit = moving.orbit

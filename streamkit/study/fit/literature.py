@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from astropy import units as u
+from astropy.io.registry import IORegistryError
+from astropy.table import QTable, Table
 from matplotlib.axes import Axes
 
 from streamkit.errors import StreamkitError, nearest
 from streamkit.model import Host
 from streamkit.stream import Array
-
-if TYPE_CHECKING:
-    from astropy.table import QTable, Table
-
-    from streamkit.study.fit.results import Results
+from streamkit.study.fit.results import Results
 
 # The axis ratio of the potential of the whole host at a place, and of the density of its halo.
 POTENTIAL, DENSITY = "q_Phi", "q_rho"
@@ -38,9 +37,6 @@ def read_literature(path: str | Path) -> QTable:
 
     Raises StreamkitError if it cannot be read or is not such a table: with the row.
     """
-    from astropy.io.registry import IORegistryError
-    from astropy.table import Table
-
     path = Path(path)
     if not path.is_file():
         raise StreamkitError(f"literature {str(path)!r}: there is no such file")
@@ -57,9 +53,6 @@ def read_literature(path: str | Path) -> QTable:
 
 def checked(table: Table, where: str) -> QTable:
     """Return a table of published values in plain numbers: kpc, Msun, km/s. StreamkitError says what is wrong."""
-    from astropy import units as u
-    from astropy.table import QTable
-
     if missing := [name for name in COLUMNS if name not in table.colnames]:
         raise StreamkitError(
             f"{where}: the column {missing[0]!r} is missing. Wanted: {', '.join(COLUMNS)}; found: "

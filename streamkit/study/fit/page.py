@@ -8,9 +8,10 @@ from collections import Counter
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from astropy.table import QTable
 
 from streamkit.components import LEVELS, LiveStripping
 from streamkit.errors import message_of
@@ -26,9 +27,6 @@ from streamkit.study.fit.manifest import manifest
 from streamkit.study.fit.results import Results
 from streamkit.study.fit.text import radii_to_show
 from streamkit.study.fit.verdicts import overall, verdicts
-
-if TYPE_CHECKING:
-    from astropy.table import QTable
 
 PAGE = "report.html"
 TEMPLATE = "page.html.jinja"

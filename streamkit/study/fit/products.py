@@ -6,9 +6,11 @@ import logging
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from astropy.table import QTable
+from matplotlib.figure import Figure
 
 from streamkit.components import ChainSampler
 from streamkit.errors import ChainError, OutOfDomain, message_of
@@ -28,10 +30,6 @@ from streamkit.study.fit.recovery import DRAWN, RADII, recovery_figure, recovery
 from streamkit.study.fit.results import Results, load_results
 from streamkit.study.fit.tables import printable
 from streamkit.study.fit.text import radii_to_show
-
-if TYPE_CHECKING:
-    from astropy.table import QTable
-    from matplotlib.figure import Figure
 
 # Radii in kpc of the table of masses: 5 to 200, with 50, 100, 150 and 200 among them.
 PROFILE_RADII = np.arange(5.0, 201.0, 5.0)

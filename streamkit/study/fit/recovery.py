@@ -7,9 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from astropy import units as u
+from astropy.table import QTable
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -22,10 +24,6 @@ from streamkit.stream import Array
 from streamkit.study.fit.directory import RECOVERY
 from streamkit.study.fit.figures import bands, data_radii, levels, remark
 from streamkit.study.fit.results import Results
-
-if TYPE_CHECKING:
-    from astropy.table import QTable
-
 
 RADII = np.arange(10.0, 121.0, 5.0)  # radii in kpc of the table: where Gibbons+ 2014 test their recovery
 DRAWN = np.linspace(RADII[0], RADII[-1], 56)  # radii in kpc of the picture
@@ -69,8 +67,6 @@ def recovery_table(results: Results, host: Host, radii: Array = RADII) -> QTable
     in sigma (within -1 and 1 the truth is inside the 68 % interval); ``_relative``, recovered over true minus 1;
     ``_error``, half the 68 % interval over the true value.
     """
-    from astropy import units as u
-
     table = results.mass_profile(radii)
     r = table["r"].to_value(u.kpc)
     table.meta["truth"] = {
@@ -96,8 +92,6 @@ def largest(table: QTable, name: str) -> tuple[float, float]:
 
 def describe_recovery(directory: Path) -> str:
     """Return the recovery in a run's directory, which a report has written, as text for a terminal."""
-    from astropy.table import QTable
-
     table = QTable.read(directory / RECOVERY[0])
     r = table["r"].to_value("kpc")
     head = ("r", "true", "M(<r)", "68 %", "M - true", "error", "", "true", "v_c", "68 %", "v_c - true", "error")

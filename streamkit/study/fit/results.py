@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from astropy import units as u
+from astropy.table import QTable
 
 from streamkit.components import ChainSampler, Component
 from streamkit.errors import ChainError, OutOfDomain, nearest
@@ -28,7 +30,6 @@ from streamkit.study.fit.weighted_draws import WeightedDraws
 
 if TYPE_CHECKING:
     import pandas as pd
-    from astropy.table import QTable
     from xarray import DataTree
 
 MAX_MODELS = 5000  # samples that a mass profile is computed for
@@ -164,8 +165,6 @@ class Results:
         Columns: name, median, 68 % interval, unit, best sample, autocorrelation time, effective samples,
         rank-normalised R-hat, 95 % interval.
         """
-        from astropy.table import QTable
-
         levels = intervals(self.samples)
         # A narrow terminal leaves out columns in the middle: in this order it still shows medians and intervals.
         table = QTable({"parameter": list(self.names), "median": levels[""], "lo68": levels["lo68"]})
@@ -188,8 +187,8 @@ class Results:
             predictions = self.best_observation.predictions
         except OutOfDomain:  # another machine's rounding may lose a stream at the edge
             return None
-        blobs = None if self.blobs is None else self.blobs[self.discard :].ravel()
-        return Sampled(self.spec, self.best(), predictions, self.samples, blobs)
+        blobs = self.draws.predictions
+        return Sampled(self.spec, self.best(), predictions, self.samples, None if blobs is None else blobs.ravel())
 
     def goodness(self) -> QTable:
         """Return one row per measured quantity and one for all data: how well the model makes the data.
@@ -205,9 +204,6 @@ class Results:
         Median with 68 % and 95 % intervals, today, for the sum of all potentials of the host; from at most
         5000 of the samples, evenly spaced.
         """
-        from astropy import units as u
-        from astropy.table import QTable
-
         r = np.atleast_1d(u.Quantity(radii, u.kpc).value).astype(float)
         mass, v_c = self.profiles(r)
         table = QTable({"r": r * u.kpc})
@@ -218,8 +214,6 @@ class Results:
 
     def diagnostics(self) -> QTable:
         """Return the sampler's calls, the rejected ones by reason, and how many walkers are stuck."""
-        from astropy.table import QTable
-
         rows = [("evaluated proposals", self.calls, self.calls)]
         rows += [(f"rejected: {reason}", n, self.calls) for reason, n in Counter(self.reasons).most_common()]
         if self.weighted is None:  # weighted samples have no walkers that could be stuck

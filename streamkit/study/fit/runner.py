@@ -233,7 +233,7 @@ def _measured_radius(spec: Spec) -> float:
 def _explained(pool: sample.Workers, left: Callable[[], str]) -> Iterator[None]:
     """Turn signals into a clean stop. An error names the finished part and the command that continues the run."""
     try:
-        with sample.Signals(pool):
+        with sample.stopped_by_signals(pool):
             yield
     except sample.Stopped as stop:
         raise Interrupted(f"stopped after {left()}", stop.signum) from None

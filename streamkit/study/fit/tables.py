@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from astropy.table import QTable
 
 from streamkit.stream import Array
-
-if TYPE_CHECKING:
-    from astropy.table import QTable
 
 # Percentiles in tables and pictures: the median with its central 68 % and 95 % intervals.
 LEVELS = {"": 50.0, "lo68": 16.0, "hi68": 84.0, "lo95": 2.5, "hi95": 97.5}

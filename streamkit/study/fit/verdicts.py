@@ -6,7 +6,6 @@ The outcome of a check is "fine", "look here" or "do not use". The thresholds ar
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,9 +14,7 @@ from streamkit.stream import Array
 from streamkit.study.fit.chain_verdicts import listed
 from streamkit.study.fit.diagnostics import EDGE, Predictive, contraction, predictive, prior_fractions
 from streamkit.study.fit.goodness import Fitted, Goodness
-
-if TYPE_CHECKING:
-    from streamkit.study.fit.results import Results
+from streamkit.study.fit.results import Results
 
 # Posterior predictive p-value of chi^2 (Gelman, Meng & Stern 1996). It is conservative, as the parameters were fitted
 # to the same data: a small one is the model's or the errors' fault (Bayarri & Berger 2000).

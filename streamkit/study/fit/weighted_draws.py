@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from streamkit.components import DO_NOT, FINE, LOOK, Check, Verdict
 from streamkit.report import BLUE, GREY
 from streamkit.sample import Weighted
 from streamkit.study.fit.chain_verdicts import SAMPLES, number
 from streamkit.study.fit.draws import Draws, Row
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 DRAWN = 5000  # samples that a trace shows at most
 # Share of the largest weight: with one in a hundred a percentile is coarse, with one in ten it is that sample.

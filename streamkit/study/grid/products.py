@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from astropy.table import QTable
+from matplotlib.figure import Figure
 
 from streamkit.errors import StreamkitError
 from streamkit.report import fit_to_journal, origin, save, save_pictures, save_table
 from streamkit.runfile import Spec
-
-if TYPE_CHECKING:
-    from astropy.table import QTable
-    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from streamkit.components import HostData
@@ -14,15 +13,14 @@ from streamkit.sample import first_call
 from streamkit.stream import Prediction
 from streamkit.study.preflight.data_warnings import data_warnings
 from streamkit.study.preflight.draws import Cost, PriorDraws, observe, search_cost, time_call, try_prior_draws
-from streamkit.study.preflight.live_warnings import live_warnings, weight_warnings
 from streamkit.study.preflight.orbit import OrbitSummary, summarise_orbit
-from streamkit.study.preflight.progenitor_warnings import frame_warnings, progenitor_warnings
 from streamkit.study.preflight.warnings import (
     conformance_warnings,
-    orbit_warnings,
     prior_warnings,
     short_lookback,
+    stream_warnings,
     sun_warnings,
+    weight_warnings,
 )
 
 
@@ -74,7 +72,10 @@ def run_preflight(spec: Spec, *, draws: int = 64, progress: bool = False) -> Pre
     places = {name: f"data.{name}" for name in bound.data if f"data.{name}" in predictions}
     data = {name: (bound.data[name], predictions[place]) for name, place in places.items()}
     failures = [text for look in looks.values() for text in conformance_warnings(look.inputs)]
-    warnings = [*dict.fromkeys(failures), *_of_streams(spec, looks)]  # two streams share the components of the host
+    warnings = list(dict.fromkeys(failures))  # two streams share the components of the host
+    for name, look in looks.items():
+        before = f"{name}: " if len(looks) > 1 else ""
+        warnings += [before + text for text in stream_warnings(spec, look.inputs, look.orbit)]
     if reason and (any(len(orbit.apocentres) for orbit in orbits.values()) or not predictions):
         shortest = min(orbits.values(), key=lambda orbit: orbit.completed)
         warnings.append(f"There is no prediction at {centre_name}: {reason}.{short_lookback(shortest)}")
@@ -92,14 +93,3 @@ def run_preflight(spec: Spec, *, draws: int = 64, progress: bool = False) -> Pre
     return Preflight(
         looks, data, reason, Cost(first, call, where, *search_cost(spec, tried, call)), tried, tuple(warnings)
     )
-
-
-def _of_streams(spec: Spec, looks: Mapping[str, Look]) -> list[str]:
-    """Return the warnings of each orbit, with the stream's name where there are several."""
-    warnings = []
-    for name, look in looks.items():
-        before = f"{name}: " if len(looks) > 1 else ""
-        texts = [*orbit_warnings(spec, look.inputs, look.orbit), *progenitor_warnings(look.inputs, look.orbit)]
-        texts += [*frame_warnings(spec, look.inputs), *live_warnings(spec, look.inputs)]
-        warnings += [before + text for text in texts]
-    return warnings

@@ -8,10 +8,11 @@ from functools import reduce
 
 import numpy as np
 
-from streamkit.components import Component
+from streamkit.components import Component, LiveStripping
 from streamkit.errors import OutOfDomain
 from streamkit.model import Host
-from streamkit.runfile import ModelInputs, Spec, StreamInputs, Sun
+from streamkit.runfile import Body, ModelInputs, Spec, StreamInputs, Sun
+from streamkit.stream import Stream, sky_matrix
 from streamkit.study.preflight.draws import PriorDraws
 from streamkit.study.preflight.orbit import HORIZON, OrbitSummary, summarise_orbit
 from streamkit.testing import quick_failures
@@ -23,6 +24,14 @@ FEWEST_PARTICLES = 100  # particles below which the remedy for rare streams is m
 # A progenitor is not bound to a host whose circular speed is so many times smaller than its own speed; no galaxy has a
 # circular speed above the limit in km/s.
 SLOW_HOST, SPEED_LIMIT = 10.0, 2000.0
+SAME_FRAME = 0.01  # degrees by which the axes of one frame may differ: papers print few digits
+FEW = 300.0  # equal particles that those of a live progenitor should be worth
+
+
+def stream_warnings(spec: Spec, inputs: StreamInputs, orbit: OrbitSummary) -> list[str]:
+    """Return the warnings about one stream: its orbit, its progenitor, its frames and its stripping scheme."""
+    about_orbit, about_progenitor = orbit_warnings(spec, inputs, orbit), progenitor_warnings(inputs, orbit)
+    return [*about_orbit, *about_progenitor, *frame_warnings(spec, inputs), *live_warnings(spec, inputs)]
 
 
 def orbit_warnings(spec: Spec, inputs: StreamInputs, orbit: OrbitSummary) -> list[str]:
@@ -82,6 +91,100 @@ def _swapped(spec: Spec, stream: str) -> str:
         f" Are the two proper motions swapped? With {pair[0]} and {pair[1]} exchanged, the orbit is bound "
         f"and runs from {ends}."
     )
+
+
+def progenitor_warnings(inputs: StreamInputs, orbit: OrbitSummary) -> list[str]:
+    """Return the warnings about a progenitor that is too large or too heavy for a stream."""
+    warnings = []
+    body = Body(inputs.satellite, inputs.q, inputs.v)
+    size, (least, largest) = body.extent, orbit.r_tidal
+    if np.isfinite(largest) and size > largest:
+        shown = f"{least:.3g} to {largest:.3g} kpc"
+        warnings.append(
+            f"The progenitor is larger than its tidal radius: its scale radius is {size:.3g} kpc, and its tidal radius "
+            f"{shown}. It is not bound, and no stream of it is realistic.{_slip(size, inputs.mass, least)}"
+        )
+    here = float(np.sqrt(inputs.q @ inputs.q))
+    radius = max([here, *orbit.apocentres.tolist()])
+    host = float(Host(inputs.potentials).mass_inside(np.array([radius]))[0])
+    if inputs.mass > host:
+        warnings.append(
+            f"The progenitor is heavier than its host: {inputs.mass:.3g} Msun, and the host has {max(host, 0.0):.3g} "
+            f"Msun inside {radius:.3g} kpc, the farthest that the progenitor gets. Check the exponent of "
+            "progenitor.mass, and the units of the potential."
+        )
+    return warnings
+
+
+def _slip(size: float, mass: float, tidal: float) -> str:
+    """Return the likely mistake in a size in kpc or a mass in Msun, for a tidal radius in kpc."""
+    if size / 1000 <= tidal:
+        return f" Is the radius in pc? Write it with its unit, such as '{size:.3g} pc'."
+    return f" Check the radius, and the exponent of the mass, {mass:.3g} Msun."
+
+
+def frame_warnings(spec: Spec, inputs: StreamInputs) -> list[str]:
+    """Return a warning for each observable whose frame differs from that of the progenitor's phi1 and phi2."""
+    frame = getattr(spec.sections.streams[inputs.name].phase.centre, "frame", None)
+    if frame is None:
+        return []
+    warnings = []
+    for name, observable in inputs.observables.items():
+        other = observable.sky_frame()
+        if other is None:
+            continue
+        turn = sky_matrix(frame) @ sky_matrix(other).T
+        angle = float(np.degrees(np.arccos(np.clip(np.diag(turn).min(), -1.0, 1.0))))
+        if angle > SAME_FRAME:
+            prefix = spec.prefix(inputs.name)
+            warnings.append(
+                f"{prefix}progenitor.frame and the frame of {prefix}observable ({observable.kind}"
+                f"{'' if len(inputs.observables) == 1 else ' ' + name}) differ, their axes by up to {angle:.3g} deg: "
+                f"{_shown(frame)} and {_shown(other)}. phi1 = 0 of one is another place in the other. Give both the "
+                "same frame, unless the two are meant."
+            )
+    return warnings
+
+
+def _shown(frame: object) -> str:
+    return repr(frame) if isinstance(frame, str) else "a frame of its own"
+
+
+def live_warnings(spec: Spec, inputs: StreamInputs) -> list[str]:
+    """Return the warnings about the stripping scheme beside the data, and about a start that slides."""
+    prefix, scheme = spec.prefix(inputs.name), inputs.stripping
+    if isinstance(scheme, LiveStripping):
+        path = f"{prefix}progenitor.lookback"
+        if scheme.passages is not None or path not in spec.names:
+            return []
+        return [
+            f"{path} is free, and ln L of a live progenitor has a step where it passes an apocentre. Give "
+            f"{prefix}stripping.passages, make a fit for each number of passages, and compare their ln L."
+        ]
+    return [
+        f"The observable {name} ({observable.kind}) depends on the rate at which debris leaves. "
+        f"{prefix}stripping.kind = '{scheme.kind}' assumes a rate: its densities differ from those of live satellites "
+        "by factors of 2 to 7. Choose the kind 'restricted_nbody'."
+        for name, observable in inputs.observables.items()
+        if observable.wants_live
+    ]
+
+
+def weight_warnings(spec: Spec, inputs: StreamInputs, stream: Stream) -> list[str]:
+    """Return a warning where few particles stand for most stars of a live progenitor, or of its debris."""
+    if not isinstance(inputs.stripping, LiveStripping):
+        return []
+    for which, weight in (("those that have left it", stream.weight[~stream.bound]), ("all of them", stream.weight)):
+        if not weight.any():
+            continue
+        worth = weight.sum() ** 2 / (weight**2).sum()  # Kish 1965
+        if worth < min(FEW, 0.5 * len(weight)):
+            return [
+                f"Few particles of the progenitor stand for most of its stars: by their weights, {which} "
+                f"({len(weight)}) are worth {worth:.0f} equal ones, and have the noise of so few. Raise "
+                f"{spec.prefix(inputs.name)}stripping.particles."
+            ]
+    return []
 
 
 def prior_warnings(spec: Spec, bound: ModelInputs, tried: PriorDraws | None) -> list[str]:

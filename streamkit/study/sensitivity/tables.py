@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
+from astropy import units as u
+from astropy.table import Column, QTable
 
 from streamkit.report import columns, paragraph
 from streamkit.study.grid import MANY, Products, by_column, rms
@@ -14,18 +15,12 @@ from streamkit.study.sensitivity.curves import CENTRAL
 from streamkit.study.sensitivity.figure import sensitivity_figure
 from streamkit.study.sensitivity.runner import Sensitivity
 
-if TYPE_CHECKING:
-    from astropy.table import QTable
-
 
 def points_table(response: Sensitivity) -> QTable:
     """Return one row per parameter and value: the observables' means over the seeds, scatter and own noise.
 
     Parameters have different units, so a plain column has the values, and the column ``unit`` their units.
     """
-    from astropy import units as u
-    from astropy.table import Column, QTable
-
     curves = response.curves
     out = QTable()
     out["parameter"] = [curve.name for curve in curves for _ in curve.x]
@@ -48,9 +43,6 @@ def slopes_table(response: Sensitivity) -> QTable:
     For each observable: the derivative (its unit by the parameter's), the change per standard deviation of the
     prior at that slope, its standard error, and the same change in standard errors of the datum.
     """
-    from astropy import units as u
-    from astropy.table import Column, QTable
-
     curves = response.curves
     out = QTable()
     out["parameter"] = [curve.name for curve in curves]

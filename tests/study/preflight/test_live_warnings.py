@@ -10,7 +10,7 @@ import pytest
 import streamkit as sk
 from streamkit.model import Model
 from streamkit.study.preflight import run_preflight
-from streamkit.study.preflight.live_warnings import weight_warnings
+from streamkit.study.preflight.warnings import weight_warnings
 
 DARK_HALO = {
     "potential": {"kind": "tf", "v0": "215 km/s", "rs": "12 kpc", "alpha": 0.45},
