@@ -16,13 +16,14 @@ import streamkit as sk
 # %% [markdown]
 # ## A potential of gala
 #
-# In gala: `MilkyWayPotential2022()`. In a run file: `kind = "gala"` and `name`. The parameters are gala's; those of a
-# composite have the name of the part before them (`halo_m`). `streamkit plugins potential gala` has the manual.
+# In gala: `MilkyWayPotential(version="v2")`. In a run file: `kind = "gala"` and `name`. The parameters are gala's;
+# those of a composite have the name of the part before them (`halo_m`). `streamkit plugins potential gala` has the
+# manual.
 
 # %%
 run = {
     "version": 1,
-    "potential": {"kind": "gala", "name": "MilkyWayPotential2022"},
+    "potential": {"kind": "gala", "name": "MilkyWayPotential", "version": "v2"},
     "progenitor": {
         "kind": "plummer", "mass": "2e4 Msun", "radius": "10 pc", "x": -12, "y": 3, "z": 9, "vx": 60, "vy": -200,
         "vz": 40, "lookback": "1 Gyr",
@@ -31,7 +32,7 @@ run = {
 }  # fmt: skip
 r = np.array([8.0, 20.0, 100.0])
 places = np.array([r, 0 * r, 0 * r])
-theirs = gp.MilkyWayPotential2022()
+theirs = gp.MilkyWayPotential(version="v2")
 host = sk.Host.at(run)
 print("v_c of gala:     ", theirs.circular_velocity(places * u.kpc).to_value("km/s").round(3))
 print("v_c of streamkit:", host.circular_velocity(r).round(3))

@@ -255,7 +255,7 @@ def test_a_mode_that_a_start_has_missed_is_found_by_another():
 
 
 def test_modes_that_only_one_start_has_seen_are_not_certified():
-    last, _ = sampled(TwoModes(), cheap=Blind(TwoModes(), blind={0, 2, 3}), max_calls=900)
+    last, _ = sampled(TwoModes(), cheap=Blind(TwoModes(), blind={0, 2, 3}), max_calls=500)
     assert "only 1 of" in last.missing
 
 

@@ -198,8 +198,8 @@ def test_a_field_that_is_wrong(folder: Path, file: str, old: str, new: str, said
     ("phi1", "told"),
     [
         ([310.0, 330.0, 320.0], "no warnings"),  # in another order, across a whole turn
-        ([-30.0, -30.0, -30.0], "no warnings"),
-        ([-30.0], "no warnings"),
+        pytest.param([-30.0, -30.0, -30.0], "no warnings", marks=pytest.mark.slow),
+        pytest.param([-30.0], "no warnings", marks=pytest.mark.slow),
         ([150.0, 160.0, 170.0], "3 of its longitudes lie where the stream has no debris"),
     ],
 )

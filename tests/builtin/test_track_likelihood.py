@@ -37,9 +37,8 @@ def line(posterior: sk.Posterior, values: dict[str, float], name: str, width: fl
     return np.array(found)
 
 
-@pytest.mark.parametrize(
-    ("name", "width"), [pytest.param("potential.q", 0.03, marks=pytest.mark.slow), ("progenitor.v_los", 3.0)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "width"), [("potential.q", 0.03), ("progenitor.v_los", 3.0)])
 def test_ln_p_is_rough_by_less_than_a_third(gd1: sk.Spec, name: str, width: float) -> None:
     values = TRUTH | {"observable.radial_velocity_dispersion": 11.0, "observable.radial_velocity_outliers": 0.05}
     found = line(sk.Posterior(gd1), values, name, width, 21)

@@ -152,6 +152,7 @@ def test_plugins_lists_the_packages_with_their_contract() -> None:
     assert f"contract {sk.CONTRACT}\n" in listing
 
 
+@pytest.mark.slow  # tests/runfile has the schema itself
 def test_schema_is_json_and_covers_the_components() -> None:
     text = call("schema").stdout
     assert json.loads(text)["$schema"].startswith("https://json-schema.org/")

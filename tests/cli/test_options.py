@@ -84,6 +84,7 @@ def test_the_components_as_json():
     assert "nothing is called 'potentail'" in refused("plugins", "potentail", "--json")
 
 
+@pytest.mark.slow
 def test_a_fit_as_json_with_pdfs_beside_literature(fit_file: Path):
     where = fit_file.parent / "out"
     (fit_file.parent / "others.csv").write_text(LITERATURE)

@@ -189,7 +189,10 @@ def components_of(path: Path, monkeypatch: pytest.MonkeyPatch) -> list[type[Comp
     return classes
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(path, id=path.stem, marks=() if path == JAFFE else pytest.mark.slow) for path in EXAMPLES],
+)
 def test_an_example_plugin_loads_as_a_file_and_conforms(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for cls in components_of(path, monkeypatch):
         testing.check(cls)

@@ -4,6 +4,7 @@ import runpy
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,12 +28,17 @@ SCRIPTS = sorted(EXAMPLES.glob("*.py"))
 DEFAULT_RULE = Apocentres.model_fields["recent_debris"].default
 
 
+def one_of(paths: list[Path]) -> list[Any]:
+    """Return the run files as cases, of which only that of GD-1 is not slow."""
+    return [pytest.param(p, id=p.stem, marks=() if p.stem == "gd1" else pytest.mark.slow) for p in paths]
+
+
 def test_the_examples_are_found() -> None:
     assert {path.stem for path in RUN_FILES} >= {"sagittarius", "sagittarius_modern", "mock_tf"}
     assert SCRIPTS
 
 
-@pytest.mark.parametrize("path", RUN_FILES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", one_of(RUN_FILES))
 def test_a_run_file_passes_the_check_and_makes_a_stream(path: Path) -> None:
     places = [s.path for s in sk.load(path).sections.all if s.path.endswith("stripping")]
     few = [word for place in places for word in ("--set", f"{place}.particles=200")]
@@ -46,7 +52,7 @@ def test_a_run_file_passes_the_check_and_makes_a_stream(path: Path) -> None:
         assert 0 <= stream.bound.sum() < 200
 
 
-@pytest.mark.parametrize("path", [p for p in RUN_FILES if p not in TRUTHS], ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", one_of([p for p in RUN_FILES if p not in TRUTHS]))
 def test_a_run_file_can_be_fitted_where_the_documents_say(path: Path) -> None:
     spec = reduced(path, particles=2000)
     theta = spec.centre()
@@ -69,6 +75,7 @@ def rule(spec: sk.Spec) -> str:
     return str(spec.document.get("observable", {}).get("recent_debris"))
 
 
+@pytest.mark.slow
 def test_an_example_uses_the_default_rule_for_recent_debris() -> None:
     """And has a stream that the rule measures, at the prior's centre as at the true values."""
     using = {path.stem: spec for path in RUN_FILES if rule(spec := sk.load(path)) == DEFAULT_RULE}

@@ -37,7 +37,6 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.filterwarnings("ignore:The MilkyWayPotential2022")  # of gala
 @pytest.mark.usefixtures("place", "short_search")
 @pytest.mark.parametrize(
     "script",

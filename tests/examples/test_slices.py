@@ -42,6 +42,7 @@ def test_it_has_the_products_and_verdicts_of_a_chain(whole):
     assert (status["steps"], status["walkers"]) == (3, 4)
 
 
+@pytest.mark.slow
 def test_a_resumed_run_with_workers_has_the_same_chain(whole, run_file):
     out = run_file.parent / "parts"
     sk.run(run_file, out=out, steps=1, workers=2, progress=False, products=False)

@@ -171,6 +171,7 @@ def test_sensitivity_knows_the_units_of_all(file, tmp_path):
     assert abs(slopes["far.depth.leading"]) > 0.1
 
 
+@pytest.mark.slow
 def test_ablate_takes_a_stream_by_name(file, tmp_path):
     vary = "stream.far.stripping.kind=mlcs,streakline"
     said = command("ablate", file, "--vary", vary, "--stream", "far", "-o", tmp_path / "out")

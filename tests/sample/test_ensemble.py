@@ -51,6 +51,7 @@ def test_it_stops_when_the_chain_is_long_enough():
     assert chain.iteration > 20 * autocorrelation_times(chain.samples()).max()
 
 
+@pytest.mark.slow
 def test_it_goes_on_until_the_walkers_agree():
     stored = ChainMemory()
     assert toy_chain(stored, 20000, tau_factor=5, r_hat=1.02)

@@ -66,10 +66,10 @@ class Gala(_Gala):
     """A potential of gala, by its gala name; its other fields are gala's own parameters of that potential."""
 
     kind = "gala"
-    example = {"name": "MilkyWayPotential2022"}
+    example = {"name": "BovyMWPotential2014"}
     reference = "Price-Whelan 2017, JOSS 2, 388"
 
-    name: str = Field(description="gala's name of the potential, such as NFWPotential or MilkyWayPotential2022.")
+    name: str = Field(description="gala's name of the potential, such as NFWPotential or MilkyWayPotential.")
 
     @staticmethod
     def prepare(name: Any) -> dict[str, Any]:

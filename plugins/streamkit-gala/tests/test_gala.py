@@ -22,7 +22,7 @@ Q = np.random.default_rng(1).normal(size=(3, 300)) * np.geomspace(0.3, 80, 300) 
 HALO = {"kind": "gala", "name": "NFWPotential", "m": "5e11 Msun", "r_s": "15.6 kpc"}
 RUN = {
     "seed": 7,
-    "potential": {"kind": "gala", "name": "MilkyWayPotential2022"},
+    "potential": {"kind": "gala", "name": "MilkyWayPotential", "version": "v2"},
     "progenitor": {
         "kind": "plummer", "mass": {"log_uniform": [1e8, "1e9 Msun"]}, "radius": 0.85,
         "x": 19.0, "y": 0.0, "z": -5.7, "vx": 176.0, "vy": 0.0, "vz": 202.0, "lookback": 2.0,
@@ -101,11 +101,11 @@ def test_a_milky_way_has_the_parameters_of_its_parts():
 
 
 def test_the_expansion_is_the_potential_to_its_tolerance():
-    section = {"name": "MilkyWayPotential2022", "tolerance": 1e-4}
+    section = {"name": "MilkyWayPotential", "version": "v2", "tolerance": 1e-4}
     expanded = Gala.for_section(section)(**section)
     far = Q[:, np.sqrt((Q**2).sum(axis=0)) > 0.5]
     result = build_field([expanded.in_loop()]).acceleration(0.0, far)
-    assert error(result, acceleration(made("MilkyWayPotential2022"), q=far)).max() < 1e-4
+    assert error(result, acceleration(made("MilkyWayPotential", version="v2"), q=far)).max() < 1e-4
 
 
 @pytest.mark.parametrize(
@@ -145,7 +145,7 @@ def test_priors_units_and_digest():
 
 
 def test_a_stream_in_a_milky_way_is_that_of_the_compiled_preset():
-    theirs = sk.Model(loaded(kind="gala", name="MilkyWayPotential2022")).stream()
+    theirs = sk.Model(loaded(kind="gala", name="MilkyWayPotential", version="v2")).stream()
     ours = sk.Model(loaded(preset="gala_v2")).stream()
     apart = np.sqrt(((theirs.q - ours.q) ** 2).sum(axis=0))
     assert np.median(apart) < 0.02

@@ -233,6 +233,7 @@ def test_streamkit_reads_the_snapshot(simulation, tmp_path):
     assert result.core[1:, -1] == pytest.approx(np.concatenate([last.track.q[:, -1], last.track.v[:, -1]]), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_a_model_is_compared_with_the_snapshot(simulation, run_file, tmp_path, monkeypatch):
     """From the file that a run leaves to every table and picture of an ablation, which are not rendered here."""
     monkeypatch.setattr(Figure, "savefig", lambda figure, file, **options: Image.new("RGB", (1, 1)).save(file, "png"))

@@ -7,9 +7,13 @@ import numpy as np
 from streamkit import Array
 from streamkit.builtin.emulator.changes import with_axes
 from streamkit.builtin.emulator.emulated import Emulated
+from streamkit.builtin.emulator.walk import walk
 
-# Steps of a walk from the places of a start, of which the last are compared with the samples.
-STEPS, LAST = 600, 200
+# Steps of a walk from the places of a start until its last half is compared with the samples, and how often it may go
+# on where it has not come to all of them.
+STEPS, MOST_PARTS = 200, 3
+# Fraction of the posterior that a walk may not come to.
+MISSED = 0.05
 # Parts of equal probability along each parameter and principal axis. One is empty with less than this fraction of its
 # share.
 PARTS, EMPTY = 20, 0.1
@@ -20,10 +24,21 @@ def missed_by(places: Array, emulated: Emulated, samples: Array, walkers: int, s
 
     The walks are on the density that all calls have given: an error that the start's own emulator had does not count,
     but a mode that it has not seen does, as no walker begins in it. It is the largest fraction along any parameter, or
-    any principal axis, of samples (n, d) of the posterior.
+    any principal axis, of samples (n, d) of the posterior. A walk ends where that is below `MISSED`.
     """
     chain = emulated.sample(places, walkers, STEPS, seed)
-    both = with_axes(np.concatenate([samples, chain[-LAST:].reshape(-1, samples.shape[1])]))
+    missed = _not_reached(samples, chain)
+    for part in range(1, MOST_PARTS):
+        if missed <= MISSED:
+            break
+        chain, _ = walk(emulated.ln_density, chain[-1], STEPS, [*seed, part])
+        missed = _not_reached(samples, chain)
+    return missed
+
+
+def _not_reached(samples: Array, chain: Array) -> float:
+    """Return the fraction of samples (n, d) that the last half of a chain (steps, w, d) does not come to."""
+    both = with_axes(np.concatenate([samples, chain[len(chain) // 2 :].reshape(-1, samples.shape[1])]))
     of_all, of_start = both[: len(samples)], both[len(samples) :]
     missed = []
     for posterior, reached in zip(of_all.T, of_start.T, strict=True):

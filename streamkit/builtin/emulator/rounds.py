@@ -9,7 +9,7 @@ import emcee
 import numpy as np
 
 from streamkit import Array
-from streamkit.builtin.emulator.agreement import missed_by
+from streamkit.builtin.emulator.agreement import MISSED, missed_by
 from streamkit.builtin.emulator.calls import Calls
 from streamkit.builtin.emulator.certificate import Certificate, certify, fresh_calls
 from streamkit.builtin.emulator.changes import moved_by, uncertainty
@@ -41,8 +41,6 @@ UNCERTAIN = 0.1
 LAST_STEPS, LAST_SETTLING, INDEPENDENT, MOST_STEPS = 500, 100, 1600, 4000
 # Samples of the last round that the walkers of the answer begin from.
 POOL = 4000
-# Fraction of the posterior that walks from a start may not come to.
-MISSED = 0.05
 # Starts that must have seen all of the posterior, and how many are made for that at most.
 AGREEING, MOST_STARTS = 2, 4
 

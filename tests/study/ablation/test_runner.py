@@ -144,6 +144,7 @@ def test_many_data_are_one_column_for_each_quantity() -> None:
     assert column.mean[1] == pytest.approx(np.sqrt(np.mean(pulls**2)))
 
 
+@pytest.mark.slow
 def test_long_labels_become_numbers_with_a_list(run_file: Path, tmp_path: Path) -> None:
     line = [f"--set=progenitor.{name}=0" for name in ("y", "z", "vy")]
     result = call(
@@ -331,6 +332,7 @@ def test_a_snapshot_with_its_crossings_costs_no_picture(run_file: Path, tmp_path
     assert sorted(path.name for path in out.iterdir()) == sorted(set(PRODUCTS) - {SKY})
 
 
+@pytest.mark.slow  # tests/study/fit/test_products.py has one that fails
 def test_a_picture_that_fails_is_named_and_the_others_are_there(
     run_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -93,6 +93,7 @@ def forged(record: dict[str, Any], rng: random.Random) -> Iterator[dict[str, Any
             yield record | {name: other}
 
 
+@pytest.mark.slow
 def test_forged_steps_are_one_sentence(runs: Path) -> None:
     chain = runs / "chain" / "chain.h5"
     whole = Journal(chain.with_suffix(".journal")).read()

@@ -148,6 +148,7 @@ M,20,,2.5e11,0.2e11,0.2e11,Malhan & Ibata 2019
 """
 
 
+@pytest.mark.slow
 def test_published_flattenings_stand_beside_those_at_the_same_places(tmp_path):
     """Of a logarithmic potential of R^2 + z^2 / q^2 the flattening is q everywhere."""
     (tmp_path / "published.csv").write_text(FLATTENED)

@@ -189,6 +189,7 @@ def test_a_run_of_one_step_has_a_report_too(tmp_path):
     assert "too few" in table.meta["note"]
 
 
+@pytest.mark.slow
 def test_a_quick_look_says_so_everywhere(tmp_path):
     document = copy.deepcopy(FIT)
     document["stripping"] |= {"particles": 3000}
@@ -205,6 +206,7 @@ def test_a_quick_look_says_so_everywhere(tmp_path):
         sk.run(sk.load(document), out=tmp_path / "run", resume=True, progress=False)
 
 
+@pytest.mark.slow
 @pytest.mark.rendered
 def test_a_stream_without_an_observable_can_be_drawn(tmp_path):
     stream = Model(sk.load(FIT)).stream()

@@ -89,6 +89,7 @@ def test_every_product_is_written_and_says_what_it_is(done, tmp_path):
     assert "effective samples" in status
 
 
+@pytest.mark.slow
 def test_a_run_in_memory_has_the_same_samples(done):
     same(fit().weighted, done.weighted)
 

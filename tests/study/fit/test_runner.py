@@ -105,6 +105,7 @@ def test_a_truncated_chain_is_refused_and_untouched(finished, tmp_path):
     assert tree(out) == before
 
 
+@pytest.mark.slow
 def test_a_run_stopped_before_its_first_step_begins_again(finished, tmp_path):
     out = tmp_path / "run"
     shutil.copytree(finished, out)

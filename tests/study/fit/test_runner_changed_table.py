@@ -56,6 +56,7 @@ def test_workers_elsewhere_that_find_another_table_end_the_run_with_what_it_has(
     assert "The run stopped after no finished step. To begin again: " in str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_with_its_own_table_only_and_loses_nothing(run_file):
     folder, out = run_file.parent, run_file.parent / "out"
     sk.run(run_file, out, steps=3, progress=False, products=False)

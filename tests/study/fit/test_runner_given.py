@@ -24,6 +24,7 @@ class Own(sk.Potential):
 RUN = FIT | {"potential": {"kind": "own_isothermal", "v0": {"uniform": [190, 220]}}}
 
 
+@pytest.mark.slow
 def test_a_run_with_a_class_given_in_python(tmp_path):
     out = tmp_path / "out"
     first = sk.run(RUN, out, components=[Own], workers=2, progress=False, steps=2)
