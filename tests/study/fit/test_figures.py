@@ -167,6 +167,15 @@ def test_the_legend_does_not_cover_the_median_of_a_quick_look(draw, wide, monkey
     assert not legend.get_window_extent().overlaps(axes.get_window_extent())
 
 
+def test_many_radii_of_data_are_drawn_as_ranges(monkeypatch):
+    sources = {"orphan": {"a": 15.0, "b": 50.0}, "rotation_curve": {"first": 5.0, "last": 25.0}, "phoenix": {"a": 19.0}}
+    monkeypatch.setattr(figures, "_data_radii", lambda _: sources)
+    figure = mass_profile(synthetic(freed()))
+    ranges = {tuple(line.get_xdata()) for line in figure.axes[0].lines if line.get_marker() == "|"}
+    assert ranges == {(5.0, 25.0), (15.0, 50.0), (19.0, 19.0)}
+    assert_readable(figure, monkeypatch, ("orphan", "rotation curve", "phoenix"))
+
+
 @pytest.mark.parametrize("most", [20, 0])
 def test_a_corner_plot_is_as_wide_as_one_column_of_a_journal_or_as_both(most, monkeypatch):
     monkeypatch.setattr(figures, "FEW_PARAMETERS", most)
