@@ -33,28 +33,19 @@ NOTEBOOK = any(base.__module__ == "tqdm.notebook" for base in Bar.__mro__)
 
 
 class Progress:
-    """The progress of a work, its expected end, and a note; on standard error.
-
-    Parameters
-    ----------
-    what
-        The work: "sampling".
-    total
-        How much there is to do; an estimate may be replaced by `expect`. Infinite where nothing is known yet.
-    unit
-        What is counted, in the singular; with "" only the percentage is shown.
-    done
-        How much was done before.
-    shown, keep
-        Whether to show anything, and whether a bar stays when the work is done.
-    deadline
-        Value of `time.monotonic` when the work is ended, however far it is.
-    """
+    """The progress of a work, its expected end, and a note; on standard error."""
 
     def __init__(
-        self, what: str, total: float, unit: str = "", *,
-        done: float = 0, shown: bool = True, keep: bool = False, deadline: float = np.inf,
-    ) -> None:  # fmt: skip
+        self,
+        what: str,  # the work: "sampling"
+        total: float,  # how much there is to do; infinite where nothing is known yet
+        unit: str = "",  # what is counted, in the singular; with "" only the percentage is shown
+        *,
+        done: float = 0,  # how much was done before
+        shown: bool = True,
+        keep: bool = False,  # whether a bar stays when the work is done
+        deadline: float = np.inf,  # value of `time.monotonic` when the work is ended, however far it is
+    ) -> None:
         self.done, self._total = done, total
         self._what, self._unit, self._note = what, unit, ""
         self._deadline, self._first = deadline, done

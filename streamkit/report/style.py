@@ -54,11 +54,11 @@ def typical_reach(reaches: Iterable[float]) -> float:
     return 1.15 * float(np.median(lengths)) if lengths else 1.0
 
 
-def shrink_text(figure: Figure, factor: float, smallest: float = SMALLEST) -> None:
+def shrink_text(figure: Figure, factor: float) -> None:
     """Multiply the size of every text of a figure, down to the smallest that a journal prints."""
 
     def shrunk(text: Text) -> float:
-        return max(factor * float(text.get_fontsize()), smallest)
+        return max(factor * float(text.get_fontsize()), SMALLEST)
 
     for axes in figure.axes:
         for text in (axes.xaxis.label, axes.yaxis.label, axes.title, *axes.texts):

@@ -68,6 +68,7 @@ def test_check_and_stream_tell_the_expansion(run):
     assert "held-out" not in call("stream", path, "--set", 'potential.expansion="none"').stdout
 
 
+@pytest.mark.slow  # the forces are compared in test_expand.py
 def test_a_stream_by_the_expansion_is_that_of_the_potential(run):
     spec = sk.load(run())
     expanded = Model(spec).stream()

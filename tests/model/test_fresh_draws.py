@@ -1,6 +1,7 @@
 """Random numbers that differ between parameters: as evenly spread as the common ones, and decided by seed and place."""
 
 import numpy as np
+import pytest
 from runfiles import APOCENTRES
 from scipy.stats import kstest
 
@@ -28,6 +29,7 @@ def test_seed_and_parameters_decide_a_fresh_stream():
     assert np.median(fresh) > 1.0 > 1e-3 > np.percentile(change, 90)
 
 
+@pytest.mark.slow
 def test_the_mean_over_fresh_draws_is_that_of_many_particles():
     """The mean position of the debris, from many small streams and from one large one with common random numbers."""
     small = Model(APOCENTRES | {"stripping": APOCENTRES["stripping"] | {"particles": 200}}, fresh=True)

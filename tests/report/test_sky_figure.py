@@ -98,6 +98,7 @@ def test_the_track_is_drawn_on_a_fine_grid_through_the_predictions(drawn: Any) -
         start = stop
 
 
+@pytest.mark.slow
 def test_all_panels_share_their_longitudes_and_everything_can_be_read(drawn: Any, monkeypatch: Any) -> None:
     figure = draw_stream(*drawn, note="QUICK LOOK")
     columns = [axes for pair in pairs(figure.axes) for axes in pair]

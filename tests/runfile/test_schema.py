@@ -10,7 +10,9 @@ from runfiles import BASE, EXAMPLES, accepts, changed, error_of
 import streamkit as sk
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path", [pytest.param(p, id=p.stem, marks=() if p.stem == "gd1" else pytest.mark.slow) for p in EXAMPLES]
+)
 def test_examples_satisfy_the_schema(path: Path, schema: dict[str, Any]) -> None:
     document = tomllib.loads(path.read_text())
     assert accepts(schema, document, schema)

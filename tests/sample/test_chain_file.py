@@ -110,7 +110,7 @@ def test_many_more_kills(tmp_path, whole, steps, monkeypatch, seed):
     same(read_chain_file(tmp_path / "chain.h5"), whole)
 
 
-@pytest.mark.parametrize("call", ["fsync", "replace"])
+@pytest.mark.parametrize("call", [pytest.param("fsync", marks=SLOW), "replace"])
 def test_a_death_at_any_call_to_the_system_costs_nothing(tmp_path, whole, steps, monkeypatch, call):
     """The process dies at every such call of a stretch of the run, once each."""
     monkeypatch.setattr(chain_file, "TAIL", 3)

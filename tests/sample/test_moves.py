@@ -136,6 +136,7 @@ def test_an_exchange_gives_the_replica_the_walkers_place(monkeypatch):
         assert held == [taken, not taken]
 
 
+@pytest.mark.slow
 def test_replicas_are_tempered_while_the_surrogate_learns():
     """The third parameter is a Gaussian of variance 1 in the data and 4 in the prior: 1 / (1/4 + beta)."""
     (move, _), *_ = proposals("surrogate", PRIORS)

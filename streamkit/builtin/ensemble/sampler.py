@@ -8,6 +8,7 @@ from typing import Literal
 from pydantic import Field
 
 from streamkit import Array, ChainSampler, Ensemble, Target
+from streamkit.builtin.ensemble.learning import learning_steps
 
 QUICK_WALKERS = 24
 MOVES = {"surrogate": "terBraak2006", "de": "terBraak2006", "stretch": "Goodman2010"}  # papers of the moves
@@ -32,8 +33,6 @@ class Emcee(ChainSampler):
 
     def learning_steps(self, chain: Array) -> int:
         """Return the steps in which the surrogate is learned."""
-        from streamkit.builtin.ensemble.learning import learning_steps
-
         return learning_steps(self.moves, chain)
 
     def reject_dimension(self, d: int) -> str:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -81,12 +80,9 @@ class Portrait:
         return measures
 
 
-def portrait(spec: Spec, theta: Array | Mapping[str, Any] | None = None, stream: str | None = None) -> Portrait:
-    """Return the portrait of the stream at parameters (d,), or a mapping of some; the rest at the prior's centre.
-
-    The stream's name is needed where there are several. It raises what `Model.stream` does.
-    """
-    inputs = spec.bind(theta, stream)
+def portrait(spec: Spec) -> Portrait:
+    """Return the portrait of the stream at the prior's centre. It raises what `Model.stream` does."""
+    inputs = spec.bind()
     made, prediction = Model(spec).observe(inputs)
     return Portrait(made, inputs, prediction)
 

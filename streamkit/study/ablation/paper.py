@@ -14,7 +14,7 @@ from streamkit.model import Host
 from streamkit.report import LATEX_UNITS, decimals, latex_escaped
 from streamkit.stream import ARMS, Array
 from streamkit.study.ablation.runner import Ablation
-from streamkit.study.ablation.tables import Row, mean_of, rows_of, scatter_of_seeds
+from streamkit.study.ablation.tables import Row, over_seeds, rows_of
 from streamkit.study.grid import MANY, by_column, rms
 from streamkit.units import datum_unit
 
@@ -88,7 +88,7 @@ def _cell(mean: float, scatter: float) -> str:
 
 def _measure(rows: Sequence[Row], name: str, head: str, unit: str) -> PaperColumn:
     values = [[one.get(name, np.nan) for one in measures] for _, _, measures in rows]
-    return PaperColumn(head, unit, *(np.array([of(each) for each in values]) for of in (mean_of, scatter_of_seeds)))
+    return PaperColumn(head, unit, *over_seeds(values))
 
 
 def _observables(rows: Sequence[Row], observed: Mapping[str, Observable]) -> Iterator[PaperColumn]:
@@ -106,8 +106,7 @@ def _observables(rows: Sequence[Row], observed: Mapping[str, Observable]) -> Ite
         for _, _, measures in rows:
             pulls = [np.array([one.get(f"pull_{names[i]}", np.nan) for i in which]) for one in measures]
             values.append([float(rms(pull)) for pull in pulls])
-        numbers = (np.array([of(each) for each in values]) for of in (mean_of, scatter_of_seeds))
-        yield PaperColumn(f"rms difference of {quantity.replace('_', ' ')}", "errors", *numbers)
+        yield PaperColumn(f"rms difference of {quantity.replace('_', ' ')}", "errors", *over_seeds(values))
 
 
 def _unit(name: str, observed: Mapping[str, Observable]) -> str:

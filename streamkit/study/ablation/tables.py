@@ -11,7 +11,7 @@ from astropy.table import Column, QTable, vstack
 
 from streamkit.report import columns, paragraph
 from streamkit.runfile import as_written
-from streamkit.stream import ARMS
+from streamkit.stream import ARMS, Array
 from streamkit.study.ablation.measures import NEAR, observables
 from streamkit.study.ablation.runner import Ablation, Outcome
 from streamkit.study.grid import MANY, by_column, rms
@@ -86,8 +86,8 @@ def measures_table(ablation: Ablation) -> QTable:
     for name in names:
         values = [[one.get(name, np.nan) for one in measures] for _, _, measures in rows]
         measure = MEASURES[_base(name)]
-        for column, statistic in ((name, mean_of), (f"{name}_sd", scatter_of_seeds))[: 1 + several]:
-            numbers = np.array([statistic(value) for value in values])
+        mean, scatter = over_seeds(values)
+        for column, numbers in ((name, mean), (f"{name}_sd", scatter))[: 1 + several]:
             out[column] = numbers * u.Unit(measure.unit) if measure.unit else numbers
         out[name].info.description = measure.meaning
     reasons = ["" if o is None else "; ".join(o.reasons) for _, o, _ in rows]
@@ -107,16 +107,11 @@ def rows_of(ablation: Ablation) -> list[Row]:
     return rows + [(o.variant.label, o, [o.measures[seed] for seed in sorted(o.measures)]) for o in ablation.outcomes]
 
 
-def mean_of(values: Sequence[float]) -> float:
-    """Return the mean over the seeds, of those that have a value; NaN without any."""
-    finite = [value for value in values if np.isfinite(value)]
-    return float(np.mean(finite)) if finite else np.nan
-
-
-def scatter_of_seeds(values: Sequence[float]) -> float:
-    """Return the standard deviation over the seeds that have a value; NaN for fewer than two."""
-    finite = [value for value in values if np.isfinite(value)]
-    return float(np.std(finite, ddof=1)) if len(finite) > 1 else np.nan
+def over_seeds(rows: Sequence[Sequence[float]]) -> tuple[Array, Array]:
+    """Return each row's mean and standard deviation over the seeds that have a value; NaN for fewer than one, two."""
+    finite = [[value for value in row if np.isfinite(value)] for row in rows]
+    mean = np.array([np.mean(row) if row else np.nan for row in finite])
+    return mean, np.array([np.std(row, ddof=1) if len(row) > 1 else np.nan for row in finite])
 
 
 def _base(name: str) -> str:
@@ -204,9 +199,7 @@ def _columns(rows: Sequence[Row], names: Sequence[str]) -> str:
     """Return many observables by column: the rms difference from the reference, and the farthest."""
     shown = [row for row in rows if row[2]]
     body = [["column", *(label for label, _, _ in shown)]]
-    pulls = [
-        np.array([mean_of([one.get(f"pull_{name}", np.nan) for one in ms]) for name in names]) for _, _, ms in shown
-    ]
+    pulls = [over_seeds([[one.get(f"pull_{name}", np.nan) for one in ms] for name in names])[0] for _, _, ms in shown]
     for column, which in by_column(names).items():
         cells = []
         for pull in (each[which] for each in pulls):
@@ -219,7 +212,7 @@ def _columns(rows: Sequence[Row], names: Sequence[str]) -> str:
 
 def _cell(measures: Sequence[dict[str, float]], name: str, form: str = "") -> str:
     """Write the mean over the seeds."""
-    mean = mean_of([one.get(name, np.nan) for one in measures])
+    (mean,), _ = over_seeds([[one.get(name, np.nan) for one in measures]])
     if not np.isfinite(mean):
         return "-"
     digits = 0 if abs(mean) >= 100 else 1 if abs(mean) >= 10 else 2

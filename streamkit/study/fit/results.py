@@ -279,4 +279,4 @@ def load_results(directory: str | Path, components: Iterable[type[Component]] = 
     notes = manifest(where)
     stored = read_samples(where) or read_chain(where)
     spec = load_spec(where, components, trust)
-    return Results(spec, draws_of(stored, spec, bool(notes.get("options", {}).get("quick", False))), where)
+    return Results(spec, draws_of(stored, spec, notes["options"]["quick"]), where)

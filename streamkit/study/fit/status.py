@@ -33,7 +33,7 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
     """
     if not directory.is_dir():
         raise ChainError(f"{directory}: there is no such directory")
-    options = manifest(directory).get("options", {})
+    options = manifest(directory)["options"]
     running = is_locked(directory)
     files = [path for name in (CHAIN, JOURNAL, SAMPLES, CALLS, SMALL_CALLS) if (path := directory / name).exists()]
     status: dict[str, Any] = {

@@ -82,6 +82,7 @@ def test_a_force_without_a_value_somewhere_is_no_mistake() -> None:
     assert doubts(Limited) == ""
 
 
+@pytest.mark.slow
 def test_the_cost_includes_the_search() -> None:
     spec = sk.load(FIT)
     found = run_preflight(spec, draws=32)
