@@ -264,7 +264,8 @@ def test_the_same_seed_gives_the_same_samples():
     np.testing.assert_array_equal(first.samples, again.samples)
 
 
-@pytest.mark.parametrize("noise", [0.0, pytest.param(0.7, marks=[pytest.mark.slow, pytest.mark.timeout(3600)])])
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", [0.0, pytest.param(0.7, marks=pytest.mark.timeout(3600))])
 def test_a_likelihood_that_cannot_be_called_is_learned_as_a_whole(noise):
     last, _ = sampled(Curved(), noise, problem=LikelihoodOnly)
     mean, sd = Curved().moments

@@ -51,6 +51,7 @@ def test_a_finished_run_is_resumed_without_a_call(run):
     np.testing.assert_array_equal(again.samples, first.samples)
 
 
+@pytest.mark.slow
 def test_two_workers_find_the_same_samples(run, tmp_path):
     other = sk.run(EMULATED, out=tmp_path / "out", progress=False, products=False, workers=2)
     np.testing.assert_array_equal(other.samples, run[1].samples)
