@@ -125,17 +125,19 @@ class Rounds:
                 f"{doubt:.1f} in ln L"
             )
             certificate, missing = None, _missing(moved, uncertain, doubt)
+            tested: Emulated | None = None  # the emulator that the samples are independent samples of
             if not missing:
                 missing = self._unseen(emulated, samples, turn)
                 if not missing:
                     samples = self._last(emulated, samples, turn)  # independent ones: with few, chance moves more
+                    tested = emulated
                     certificate = self._certify(emulated, samples)
                     missing = "; ".join(certificate.faults)
                 if not missing:
                     emulated, missing = self._with_all(emulated, samples)
                 self._note(missing or "certified")
             over = len(self._calls) >= max_calls or self._problem.time_left() <= 0
-            if not missing or over:
+            if (not missing or over) and emulated is not tested:
                 samples = self._last(emulated, samples, turn)
             yield Progress(self._calls, emulated, samples, uncertain, certificate, missing)
             if not missing or over:
