@@ -56,8 +56,7 @@ def _kept(link: re.Match[str], page: Path) -> str:
 
 
 def tutorials(folder: Path, pages: Path) -> None:
-    """Write a page and a notebook of each tutorial, a script of jupytext with ``# %%`` cells, and the list of them."""
-    lines = []
+    """Write a page and a notebook of each tutorial, a script of jupytext with ``# %%`` cells."""
     for path in sorted(folder.glob("*.py")) if folder.is_dir() else []:
         cells = cells_of(path.read_text(encoding="utf-8"))
         (pages / "tutorials").mkdir(exist_ok=True)
@@ -70,10 +69,6 @@ def tutorials(folder: Path, pages: Path) -> None:
             copy(table, pages / "tutorials" / table.name)
             offer += f", [its table]({table.name})"
         (pages / "tutorials" / f"{path.stem}.md").write_text(f"{head}\n\n{offer}.\n{rest}\n", encoding="utf-8")
-        lines.append(f"tutorials/{path.stem}")
-    index = pages / "tutorials.md"
-    text = index.read_text(encoding="utf-8")
-    index.write_text(text.replace("<!-- tutorials -->", "\n".join(lines)), encoding="utf-8")
 
 
 def cells_of(text: str) -> list[tuple[str, str]]:

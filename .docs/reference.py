@@ -45,16 +45,21 @@ def pages(names: Path) -> dict[str, str]:
 
 def cell(text: object) -> str:
     """Return text for one cell of a table."""
-    return str(text).replace("|", r"\|").replace("``", "`").replace("\n", " ")
+    return prose(text).replace("|", r"\|")
+
+
+def prose(text: object) -> str:
+    """Return a paragraph of a docstring as Markdown."""
+    return str(text).replace("``", "`").replace("\n", " ")
 
 
 def table(cls: Any, names: Any) -> str:
     """Return the fields of a class as a table."""
-    rows = ["| field | unit | default | allowed | |", "|---|---|---|---|---|"]
+    rows = ["| field | unit | default | allowed | meaning |", "|---|---|---|---|---|"]
     for field in field_records(cls, names):
         default = "required" if field["required"] else f"`{field['default']}`"
         allowed = f"`{cell(field['allowed'])}`" if field["allowed"] != "-" else ""
-        unit = field["unit"] if field["unit"] != "-" else ""
+        unit = "" if field["unit"] == "-" else f'<span class="unit">{cell(field["unit"])}</span>'
         rows.append(f"| `{field['name']}` | {unit} | {cell(default)} | {allowed} | {cell(field['description'])} |")
     return "\n".join(rows)
 
@@ -73,7 +78,7 @@ def run_file(registry: components.Registry) -> str:
     for name, field in fields.items():
         if name in KEYS:
             continue
-        parts += [f"## `[{name}]`", cell(field.description or "")]
+        parts += [f"## `[{name}]`", prose(field.description or "")]
         if name in PLAIN:
             parts.append(table(PLAIN[name], PLAIN[name].model_fields))
         elif name in components.ROLES:
@@ -110,9 +115,9 @@ def role_page(registry: components.Registry, role: str) -> str:
     for kind, entry in sorted(registry.entries[role].items()):
         text = inspect.getdoc(entry.cls) or ""
         package = entry.supplier.split(" ")[0]
-        parts += [f"## {kind}", *(cell(part) for part in text.split("\n\n"))]
+        parts += [f"## {kind}", *(prose(part) for part in text.split("\n\n"))]
         if entry.cls.reference:
-            parts.append(f"Reference: {cell(entry.cls.reference)}.")
+            parts.append(f"Reference: {prose(entry.cls.reference)}.")
         if package != "streamkit":
             parts.append(f"From the package [{package}](../plugins/{package}/README.md).")
         names = [name for name in entry.cls.model_fields if name not in shared]
@@ -151,7 +156,7 @@ def describe(module: str, names: list[str]) -> str:
             parts.append(f"```{{eval-rst}}\n.. auto{kind}:: {module}.{name}{options}\n```")
         else:
             rows.append(f"| `{name}` | {cell(comment(module, name))} |")
-    head = ["| name | |\n|---|---|\n" + "\n".join(rows)] if rows else []
+    head = ["| name | meaning |\n|---|---|\n" + "\n".join(rows)] if rows else []
     return "\n\n".join(head + parts)
 
 

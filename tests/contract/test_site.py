@@ -63,12 +63,11 @@ def test_a_tutorial_is_a_page_and_a_notebook(tmp_path: Path, pages) -> None:
     folder = tmp_path / "scripts"
     folder.mkdir()
     (folder / "mine.py").write_text(SCRIPT)
-    (tmp_path / "tutorials.md").write_text("# Tutorials\n\n<!-- tutorials -->\n")
     pages.tutorials(folder, tmp_path)
     page = (tmp_path / "tutorials" / "mine.md").read_text()
     assert page.startswith("# My stream\n\nDownload: [notebook](mine.ipynb), [script](mine.py).\n")
     assert "- one\n\n```python\nimport streamkit as sk\n\n# a comment\n```\n\nThe end." in page
-    assert (tmp_path / "tutorials.md").read_text().endswith("\ntutorials/mine\n")
+    assert (tmp_path / "tutorials" / "mine.py").read_text() == SCRIPT
     notebook = json.loads((tmp_path / "tutorials" / "mine.ipynb").read_text())
     assert [cell["cell_type"] for cell in notebook["cells"]] == ["markdown", "code", "markdown"]
     assert notebook["nbformat"] == 4
