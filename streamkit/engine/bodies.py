@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, types
 
-from streamkit.engine.cache import INLINE, also_for, cached
+from streamkit.engine.cache import INLINE, also_for, cached, helper
 from streamkit.engine.field import NO_DRAG_OF_BODIES, build_field
 from streamkit.engine.forces import FORCES, ROW, call_kernel
 from streamkit.engine.kernels import Force
@@ -114,7 +114,7 @@ def friction_at(friction, t, d, speed, mass, extent):
     return 4.0 * math.pi * G * G * mass * density * math.sqrt(math.log(d / b)) * slower / max(speed, 1e-10) ** 3
 
 
-@njit(**INLINE)
+@helper
 def pull(forces, friction, traits, n, t, x, u, centre, a):
     """Store in a the accelerations of n centres at x with velocities u, rows ROW apart, the host in front.
 

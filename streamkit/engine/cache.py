@@ -22,6 +22,7 @@ import llvmlite
 import numba
 import numpy as np
 from numba import njit
+from numba import types as numba_types
 from numba.core.caching import FunctionCache, NullCache
 from numba.core.compiler import Compiler
 from numba.core.dispatcher import Dispatcher
@@ -155,6 +156,17 @@ def cached(signature: Any, nogil: bool = False) -> Callable[[Callable[..., Any]]
         return dispatcher
 
     return decorate
+
+
+def helper(function: Callable[..., Any]) -> Any:
+    """Compile a function that loops call, when the first of them is compiled.
+
+    Numba compiles a function once more for each literal among its arguments. Here a literal is a number like others.
+    """
+    dispatcher = njit(**OPTIONS)(function)
+    template = dispatcher.get_call_template
+    dispatcher.get_call_template = lambda args, kws: template(tuple(numba_types.unliteral(arg) for arg in args), kws)
+    return dispatcher
 
 
 def also_for(loop: Any, signature: Any) -> None:

@@ -92,10 +92,7 @@ class Field:
     @cached_property
     def all_forces(self) -> Forces | DraggedForces:
         """All forces, in the form for the loops that advance particles."""
-        if self.drag is None:
-            return self.forces
-        loops.compile_with_drag()
-        return with_drag(self.forces, *self.drag)
+        return self.forces if self.drag is None else with_drag(self.forces, *self.drag)
 
     def radial_second_derivative(self, t: Array, q: Array) -> Array:
         """(n,) d^2 Phi / dr^2 along the line to the Galactic centre, by a central difference of the acceleration."""
@@ -193,6 +190,8 @@ class Field:
 
     def run(self, loop: Callable[..., None], *arguments: Any) -> None:
         """Call one of the compiled loops that advance particles, with these forces; then `check` for exceptions."""
+        if self.drag is not None:
+            loops.compile_with_drag()
         self._call(lambda: loop(self.all_forces, *arguments))
 
     def _call(self, call: Callable[[], None]) -> None:

@@ -9,7 +9,7 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
-from streamkit.engine.cache import INLINE, OPTIONS
+from streamkit.engine.cache import INLINE, helper
 from streamkit.stream import Array, IntArray
 
 BATCH = 4096  # particles taken together
@@ -114,7 +114,7 @@ def frame_at(forces, t, out):
         out[k] = frame[i, k] + s * (frame[i, 3 + k] + s * (frame[i, 6 + k] + s * frame[i, 9 + k]))
 
 
-@njit(**OPTIONS)
+@helper
 def add_forces(forces, uniform, begin, end, t, x, relative, centre, a):
     """Store in a the acceleration of lanes [begin, end) at positions x and times t. If `uniform`, all times are equal.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from streamkit.engine.cache import INLINE
+from streamkit.engine.cache import INLINE, helper
 from streamkit.engine.forces import BATCH, LANES, ROW, call_kernel, centre_at
 from streamkit.engine.steps import ROWS, A, H, T, V
 
@@ -25,7 +25,7 @@ def next_batch(t0, index, begin):
     return low if low > LANES else most
 
 
-@njit(**INLINE)
+@helper
 def gather(source, index, begin, m, out):
     """Copy the values of m particles into a row of a batch, padded to whole vectors with the last."""
     first = index[begin]
@@ -38,7 +38,7 @@ def gather(source, index, begin, m, out):
         out[i] = out[m - 1]
 
 
-@njit(**INLINE)
+@helper
 def scatter(m, slot, lanes, slots):
     """Copy each of m lanes that has a slot into it."""
     for k in range(ROWS):
@@ -47,7 +47,7 @@ def scatter(m, slot, lanes, slots):
                 slots[k * ROW + slot[i]] = lanes[k * ROW + i]
 
 
-@njit(**INLINE)
+@helper
 def give_back(m, slot, row, index, begin, out):
     """Copy the slots of a row back to their particles."""
     first = index[begin]
@@ -62,7 +62,7 @@ def give_back(m, slot, row, index, begin, out):
                 out[index[begin + i]] = row[slot[i]]
 
 
-@njit(**INLINE)
+@helper
 def nearest(begin, end, lanes, path, closest):
     """Store in `closest` where lanes [begin, end) come closest to a moving centre, as offsets from it.
 
@@ -104,7 +104,7 @@ def foot(a, b, c, d, e, f):
     return a, b, c, a * a + b * b + c * c
 
 
-@njit(**INLINE)
+@helper
 def rates(forces, eta, heights, uniform, m, lanes, closest, a, centre, path, rate):
     """Store in `rate` the square of (acceleration / distance / eta^2) of m lanes in their time span.
 
@@ -155,7 +155,7 @@ def rates(forces, eta, heights, uniform, m, lanes, closest, a, centre, path, rat
             rate[i] = max(rate[i], scale * acceleration2 / (distance2 + 1e-300))
 
 
-@njit(**INLINE)
+@helper
 def crossings(heights, m, lanes, rate):
     """Raise the `rate` of those of m lanes that come near the plane of the host's disc in their time span.
 
@@ -182,7 +182,7 @@ def crossings(heights, m, lanes, rate):
             rate[i] = max(rate[i], (fastest / (CROSSING * height)) ** 4)
 
 
-@njit(**INLINE)
+@helper
 def choose_levels(m, rate, span, deepest, level, size):
     """Level of m lanes: the power of two of half steps so that no step exceeds eta dynamical times, rate^(-1/4).
 
@@ -204,7 +204,7 @@ def choose_levels(m, rate, span, deepest, level, size):
         bound *= 16.0
 
 
-@njit(**INLINE)
+@helper
 def assign_slots(m, level, limit, start, size, slot):
     """Give each of m lanes up to the level limit a slot, grouped by level, stable, groups in multiples of LANES.
 

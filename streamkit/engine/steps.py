@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from numba import njit, types
+from numba import types
 
-from streamkit.engine.cache import INLINE
+from streamkit.engine.cache import helper
 from streamkit.engine.forces import ROW, add_forces
 from streamkit.engine.velocity_forces import add_drag
 from streamkit.stream import Array
@@ -36,7 +36,7 @@ _F1 = types.float64[::1]
 METHOD = types.NamedTuple([_F1, _F1, _F1, types.intp, _F1], Method)
 
 
-@njit(**INLINE)
+@helper
 def compose(forces, method, uniform, begin, end, steps, has_acceleration, lanes, relative, centre):
     """Take steps of drifts and kicks, in place, for lanes [begin, end), each with its own time step.
 
@@ -81,7 +81,7 @@ def compose(forces, method, uniform, begin, end, steps, has_acceleration, lanes,
 AHEAD = 0.2, 2 / 3 - 0.2, 1 / 3, 0.0
 
 
-@njit(**INLINE)
+@helper
 def nystrom(forces, uniform, begin, end, steps, lanes, spare, relative, centre):
     """Take steps of Nystrom's fifth-order method for lanes [begin, end), which already hold the initial acceleration.
 
