@@ -17,7 +17,7 @@ from streamkit.study.fit.literature import POTENTIAL, beside_literature, draw_li
 from streamkit.study.fit.results import Results
 from streamkit.study.fit.tables import LEVELS
 
-# Degrees above the plane, and the lines of their medians; the first one has the intervals.
+# Latitudes in degrees from the centre, and the lines of their medians; the first one has the intervals.
 DIRECTIONS = {45.0: "-", 15.0: "--", 75.0: ":"}
 ROUND = 1e-6
 OUTWARDS = 1.04  # the run's own values are drawn at so many times the radius of published ones, beside them
@@ -50,9 +50,9 @@ def flattening(results: Results, literature: QTable | None = None, wide: float =
         q = np.nanpercentile(flattenings(results, *_along(angle, r)), list(LEVELS.values()), axis=0)
         if angle == next(iter(DIRECTIONS)):
             bands(axes, r, dict(zip(LEVELS, q, strict=True)))
-            axes.lines[-1].set_label(f"median, {angle:g} deg above the plane")
+            axes.lines[-1].set_label(f"median, latitude {angle:g} deg")
         else:
-            axes.plot(r, q[0], color="black", lw=1.1, ls=style, label=f"median, {angle:g} deg")
+            axes.plot(r, q[0], color="black", lw=1.1, ls=style, label=f"median, latitude {angle:g} deg")
     axes.axhline(1, color="black", lw=0.6)
     if rows is not None and len(rows):
         _draw_published(axes, beside_literature(results, rows))
