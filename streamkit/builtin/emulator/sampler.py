@@ -124,7 +124,8 @@ def _verdict(progress: Progress) -> Verdict:
     if certificate is None:
         sentence = (
             f"No fresh calls have tested the emulator: {progress.missing}. Raise sampler.max_calls and --resume, or "
-            "run again with more particles, or take the sampler emcee."
+            "run again with more particles or without the data that the emulator cannot follow (the largest `noise` in "
+            "predictions.ecsv), or take the sampler emcee."
         )
         return Verdict(subject, "do not use", "none", sentence, RULE)
     value = f"true - emulated ln L = {certificate.offset:+.1f} ± {certificate.spread:.1f}"
