@@ -86,13 +86,17 @@ class Field:
         self._call(lambda: loops.accelerations(self.forces, times, q, out))
         if v is not None and self.drag is not None:
             v = np.require(v, float, ["C", "W"])
-            self._call(lambda: drag_loop()(self.all_forces, times, q, v, out))
+            dragged = with_drag(self.forces, *self.drag)
+            self._call(lambda: drag_loop()(dragged, times, q, v, out))
         return out
 
     @cached_property
     def all_forces(self) -> Forces | DraggedForces:
         """All forces, in the form for the loops that advance particles."""
-        return self.forces if self.drag is None else with_drag(self.forces, *self.drag)
+        if self.drag is None:
+            return self.forces
+        loops.compile_with_drag()
+        return with_drag(self.forces, *self.drag)
 
     def radial_second_derivative(self, t: Array, q: Array) -> Array:
         """(n,) d^2 Phi / dr^2 along the line to the Galactic centre, by a central difference of the acceleration."""
@@ -176,7 +180,9 @@ class Field:
     def pieces(self, n: int) -> list[slice]:
         """Return a slice of n particles for each thread: one if they are few, or if a force runs in Python."""
         count = 1 if self._in_python else min(self.threads, n // BATCH)
-        edges = np.linspace(0, n, max(count, 1) + 1).astype(int).tolist()
+        if count <= 1:  # a fit asks thousands of times a second
+            return [slice(0, n)]
+        edges = np.linspace(0, n, count + 1).astype(int).tolist()
         return [slice(*ends) for ends in pairwise(edges)]
 
     @cached_property
@@ -190,8 +196,6 @@ class Field:
 
     def run(self, loop: Callable[..., None], *arguments: Any) -> None:
         """Call one of the compiled loops that advance particles, with these forces; then `check` for exceptions."""
-        if self.drag is not None:
-            loops.compile_with_drag()
         self._call(lambda: loop(self.all_forces, *arguments))
 
     def _call(self, call: Callable[[], None]) -> None:
