@@ -73,6 +73,11 @@ def test_a_tutorial_is_a_page_and_a_notebook(tmp_path: Path, pages) -> None:
     assert notebook["nbformat"] == 4
 
 
+def test_every_tutorial_is_in_the_list() -> None:
+    listed = re.findall(r"^tutorials/(\w+)$", (DOCS / "tutorials.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert sorted(listed) == sorted(path.stem for path in ROOT.glob("examples/tutorials/*.py"))
+
+
 class Links(HTMLParser):
     """The targets of a page's links and pictures, and the names that links may have in it."""
 
