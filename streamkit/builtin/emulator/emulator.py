@@ -125,7 +125,7 @@ class Emulator:
     @property
     def larger_noise(self) -> tuple[int, float] | None:
         """How many data have more noise than is stated, and by which factor at most (of a standard deviation)."""
-        more = self.more2 > 0
+        more = self.more2 > SILENCE
         if not more.any():
             return None
         return int(more.sum()), float(np.sqrt(1 + np.max(self.more2[more] / np.maximum(self.stated2[more], SILENCE))))
