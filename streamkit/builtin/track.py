@@ -12,7 +12,18 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 import streamkit as sk
 from streamkit.builtin.track_columns import COLUMNS, DEPTH, column_of, radii_of, within
 from streamkit.builtin.track_likelihood import Side, ln_of_each, ln_sum, mixture_residuals, scatter_of
-from streamkit.builtin.track_lines import ENOUGH, REACH, Lines, debris_of, gather, is_enough, lines_at, warning_of_gaps
+from streamkit.builtin.track_lines import (
+    ENOUGH,
+    REACH,
+    Lines,
+    debris_of,
+    gather,
+    is_enough,
+    is_gap,
+    lines_at,
+    ln_coverage,
+    warning_of_gaps,
+)
 from streamkit.builtin.track_members import MEMBERS, MOTIONS, Members, members_of, which_columns
 from streamkit.builtin.track_panels import column_label, column_panel, fine_grid, longitude_label
 
@@ -207,8 +218,7 @@ class Track(sk.Observable):
     def predict(self, stream: sk.Stream) -> sk.Prediction:
         """Fit the line at every longitude.
 
-        The details hold, for every datum, the spread (m,) of the debris about it, and ln_coverage (m,), the ln of the
-        share of a well-covered line's density that is there.
+        The details hold, for every datum, the spread (m,) of the debris about it, and `ln_coverage` (m,).
         """
         different, which = self._places
         if not is_enough(stream, debris_of(stream, self.arm)):
@@ -217,8 +227,7 @@ class Track(sk.Observable):
         lines, of = self.lines(stream, different)
         parts = [self.part_of(name, lines, of.index(column_of(name)), which[name]) for name in self.given]
         mean, variance, spread, count = (np.concatenate(part) for part in zip(*parts, strict=True))
-        coverage = -np.logaddexp(0.0, np.log(ENOUGH) - count)
-        details = {"spread": spread, "ln_coverage": coverage}
+        details = {"spread": spread, "ln_coverage": ln_coverage(count)}
         return sk.Prediction(self.names, mean, variance, details=details)
 
     def lines(self, stream: sk.Stream, at: sk.Array) -> tuple[Lines, list[str]]:
@@ -373,7 +382,7 @@ class Track(sk.Observable):
             part = slice(start, start := start + len(phi1))
             if prediction.why_not:
                 continue
-            empty = np.unique(phi1[prediction.details["ln_coverage"][part] < np.log(0.5)])
+            empty = np.unique(phi1[is_gap(prediction.details["ln_coverage"][part])])
             if len(empty):
                 warnings.append(warning_of_gaps(f"{name}: {len(empty)} of its longitudes", empty, self.kernel))
         return tuple(warnings)

@@ -27,6 +27,7 @@ ARMS = {"leading": 1, "trailing": -1}
 
 TURN = 360.0  # degrees
 LN_MOST = 300.0  # greatest ln of a number of particles, so that it has an exponential
+LN_TINY = -20.0  # ln of a number n below which 1 - exp(-n) is n
 FINE, MANY = 0.125, 200  # kernels between the nodes where lines are splined, and longitudes below which none are
 TILE, BLOCK = 12, 512  # lines that are fitted together, and particles that are summed together
 
@@ -62,6 +63,21 @@ def debris_of(stream: Stream, arm: str) -> BoolArray:
 def is_enough(stream: Stream, chosen: BoolArray) -> bool:
     """Return whether the chosen particles are enough for lines, or for a density."""
     return bool(chosen.sum() >= FEWEST and stream.weight[chosen].sum() > 0)
+
+
+def ln_coverage(ln_count: Array) -> Array:
+    """(m,) Return ln c = ln(1 - exp(-n)): the chance that any particle is under a kernel where n are expected.
+
+    Where the stream has debris it is zero, however much debris there is: a number that goes on rising with n prefers
+    models that spread their debris to where data are.
+    """
+    few = ln_count < LN_TINY
+    return np.where(few, ln_count, np.log(-np.expm1(-np.exp(np.clip(ln_count, LN_TINY, LN_MOST)))))
+
+
+def is_gap(ln_coverage_: Array) -> BoolArray:
+    """(m,) Return where fewer than `ENOUGH` particles are under the kernel."""
+    return np.asarray(ln_coverage_ < ln_coverage(np.log(ENOUGH)), dtype=bool)
 
 
 def warning_of_gaps(subject: str, empty: Array, kernel: float) -> str:

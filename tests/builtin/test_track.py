@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.special import logsumexp
-from scipy.stats import norm
+from scipy.stats import norm, poisson
 
 import streamkit as sk
 from streamkit.builtin.track import Track
 from streamkit.builtin.track_likelihood import Side, ln_mixture, scatter_of
-from streamkit.builtin.track_lines import ENOUGH, REACH, WING, Debris, gather, lines_at, local_lines
+from streamkit.builtin.track_lines import REACH, WING, Debris, gather, lines_at, ln_coverage, local_lines
 from streamkit.stream import orbital_plane
 from streamkit.stream.frames import axes
 from streamkit.testing.streams import example_stream, select
@@ -276,4 +276,18 @@ def test_a_track_of_fifty_data_is_cheap(stream: sk.Stream, places: np.ndarray) -
     for _ in range(5):
         observable.predict(stream)
     assert (time.process_time() - begin) / 5 < 0.04
-    assert observable.predict(stream).details["ln_coverage"].min() > np.log(1 / (1 + ENOUGH))
+    assert observable.predict(stream).details["ln_coverage"].min() > np.log(0.9)
+
+
+def test_the_coverage_is_the_chance_of_any_particle() -> None:
+    n = np.geomspace(1e-12, 30.0, 40)
+    assert ln_coverage(np.log(n)) == pytest.approx(poisson.logsf(0, n), rel=1e-9)
+    assert ln_coverage(np.array([-1e4, 700.0])) == pytest.approx([-1e4, 0.0])
+
+
+def test_more_debris_where_there_is_enough_is_no_more_likely(stream: sk.Stream, places: np.ndarray) -> None:
+    """A stream that is ten times as dense has the same ln L but for the noise: a pull on the width was seen once."""
+    observable = track(distance=table("distance", places, [20.0] * 5, 1.0))
+    denser = replace(stream, weight=10 * stream.weight)
+    once, tenfold = (observable.predict(each) for each in (stream, denser))
+    assert observable.ln_likelihood(tenfold, False) == pytest.approx(observable.ln_likelihood(once, False), abs=0.05)
