@@ -26,6 +26,7 @@ QUICK_PARTICLES = 2000
 QUICK_SEARCH = 50.0  # seconds after the beginning of a quick run when its search ends
 QUICK_SAMPLING = 140.0  # the same for its sampling: with the report it must take 3 minutes at most
 
+SAME = 1.0  # difference of ln p that another machine's rounding may make
 FOREIGN = 8  # assumed number of points that an executor of others evaluates at a time
 
 
@@ -122,6 +123,7 @@ def run(
         posteriors = {"full": posterior, "cheap": cheap}
         pool = stack.enter_context(sample.Workers(posteriors, where, limit=limit, reject=reject))
         stored = _Stored(directory, spec, quick, resumes)
+        stored.expect_same(posterior, sampler.call_limit)
         again = resume_command(directory or Path(), options)
         stack.enter_context(_explained(pool, lambda: stored.left(again)))
         radius = _measured_radius(spec)
@@ -165,6 +167,23 @@ class _Stored:
         self.chain.note(status="unfinished", **self._notes)
         if isinstance(self.chain, sample.ChainFile) and self._is_chain and resumes:
             self.chain.load()
+
+    def expect_same(self, posterior: sample.Posterior, limit: float) -> None:
+        """Evaluate a stored sample of a resumed run again; ChainError if its ln p has changed."""
+        if self.chain.last is not None:
+            best = int(np.argmax(self.chain.last.log_prob))
+            point, before = self.chain.last.coords[best], float(self.chain.last.log_prob[best])
+        elif (first := self.cache.any_good()) is not None:
+            point, before = first, self.cache.get(first[None])[0].lnp
+        else:
+            return
+        after = sample.first_call(limit, posterior.evaluate, point).lnp
+        if abs(after - before) > SAME:
+            raise ChainError(
+                f"{self._directory}: its samples are of another posterior: ln p of one of them was {before:.2f} and is "
+                f"{after:.2f} now. streamkit, a plugin or another package has changed since. Choose another directory, "
+                "or --force to overwrite."
+            )
 
     def keep(self, weighted: sample.Weighted, late: bool) -> None:
         """Store weighted samples; ``late`` if the time limit is over."""

@@ -17,7 +17,7 @@ from runfiles import FIT
 
 import streamkit as sk
 from streamkit.report import locked
-from streamkit.sample import CHAIN, Chain, ChainFile, read_chain_file
+from streamkit.sample import CALLS, CHAIN, Chain, ChainFile, posterior, read_chain_file
 from streamkit.study.fit.integrity import RUN_FILE
 from streamkit.study.fit.manifest import MANIFEST
 from streamkit.study.fit.results import draws_of
@@ -63,6 +63,21 @@ def test_resume_goes_on_and_force_starts_again(finished, tmp_path):
     again = sk.run(sk.load(FIT), out=out, steps=1, force=True, progress=False, products=False)
     assert len(again.chain) == 1
     assert (out / "notes.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize("sampler", ["emcee", "emulator"])
+def test_samples_of_another_posterior_are_not_continued(tmp_path, monkeypatch, sampler):
+    """The run file is the same, and a new version of the code has another likelihood."""
+    spec = sk.load(FIT).with_values({"sampler.kind": sampler})
+    if sampler == "emulator":
+        spec = spec.with_values({"sampler.max_calls": 1, "sampler.starts": 1})
+    sk.run(spec, out=tmp_path, progress=False, products=False)
+    name = CHAIN if sampler == "emcee" else CALLS
+    samples, before = (tmp_path / name).read_bytes(), posterior.compare_with_data
+    monkeypatch.setattr(posterior, "compare_with_data", lambda *given: before(*given) - 2.0)
+    with pytest.raises(sk.ChainError, match=r"of another posterior: ln p of one of them was .* or --force"):
+        sk.run(spec, out=tmp_path, resume=True, progress=False, products=False)
+    assert (tmp_path / name).read_bytes() == samples
 
 
 @pytest.mark.parametrize("resume", [False, True])
