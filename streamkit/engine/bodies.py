@@ -80,7 +80,7 @@ class Centre:
     extent: float = 0.0
 
 
-@njit(**INLINE)
+@njit(**INLINE)  # no `helper`: as a function of its own it is rounded otherwise, and streams with drag change
 def friction_at(friction, t, d, speed, mass, extent):
     """Deceleration by the host at time t of a mass at distance d over its speed.
 
