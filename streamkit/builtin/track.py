@@ -51,8 +51,8 @@ class Track(sk.Observable):
     with the line and the spread of the debris about it. `members` are such stars in ICRS: their proper motions and the
     covariances of these are turned into the frame. The density of a datum has the factor 1 - exp(-n), the chance of any
     particle under the kernel where n are expected: it is 1 among debris, and where there is none ln p falls by the
-    distance to the nearest debris in units of the kernel. Bound particles are left out. With `unwrapped` the longitudes do not jump at
-    whole turns. Several data at one longitude are independent.
+    distance to the nearest debris in units of the kernel. Bound particles are left out. With `unwrapped` the longitudes
+    do not jump at whole turns. Several data at one longitude are independent.
     """
 
     kind = "track"
