@@ -75,9 +75,9 @@ def ln_coverage(ln_count: Array) -> Array:
     return np.where(few, ln_count, np.log(-np.expm1(-np.exp(np.clip(ln_count, LN_TINY, LN_MOST)))))
 
 
-def is_gap(ln_coverage_: Array) -> BoolArray:
-    """(m,) Return where fewer than `ENOUGH` particles are under the kernel."""
-    return np.asarray(ln_coverage_ < ln_coverage(np.log(ENOUGH)), dtype=bool)
+def is_gap(ln_c: Array) -> BoolArray:
+    """(m,) Return where fewer than `ENOUGH` particles are under the kernel, by the `ln_coverage` there."""
+    return np.asarray(ln_c < ln_coverage(np.log(ENOUGH)), dtype=bool)
 
 
 def warning_of_gaps(subject: str, empty: Array, kernel: float) -> str:
