@@ -14,15 +14,11 @@ import time
 from itertools import pairwise
 
 import numpy as np
-from reference_stream import HALO, LOOKBACK, MASS, RADIUS, START, today
+from reference_stream import HALO, LOOKBACK, MASS, RADIUS, START, streamkit_job
 
 import streamkit as sk
 from streamkit.builtin.integrators import Adaptive
-from streamkit.builtin.potentials import Plummer
-from streamkit.builtin.restricted_nbody import RestrictedNbody
-from streamkit.model import random_numbers
-from streamkit.model.model import simulate
-from streamkit.runfile import StreamInputs
+from streamkit.stream import Orbit, angle_in_plane, orbital_plane
 
 BINS = np.arange(-180.0, 181.0, 30.0)  # deg in the plane of the orbit, 0 at the progenitor
 FEWEST = 50  # particles of a bin that is compared
@@ -57,19 +53,17 @@ def by_agama(particles: int, block: float, seed: int) -> tuple[np.ndarray, np.nd
 
 def by_streamkit(particles: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The same of streamkit."""
-    q, v = today(HALO)
-    scheme, satellite = RestrictedNbody(particles=particles), Plummer(mass=MASS, radius=RADIUS)
-    inputs = StreamInputs({"nfw": HALO}, satellite, MASS, q, v, LOOKBACK, scheme, Adaptive(), None, seed, {})
-    stream = simulate(inputs, random_numbers(scheme, seed))
-    return np.concatenate([stream.q, stream.v]), stream.bound, np.concatenate([q, v])
+    stream = streamkit_job(Adaptive(), HALO, live=particles, seed=seed)()
+    core = np.concatenate([stream.orbit.q[:, -1], stream.orbit.v[:, -1]])
+    return np.concatenate([stream.q, stream.v]), stream.bound, core
 
 
 def table(w: np.ndarray, bound: np.ndarray, core: np.ndarray) -> np.ndarray:
     """(bins, 2) Share of all particles, in per cent, and median radius in kpc of the debris by angle."""
-    pole = np.cross(core[:3], core[3:])
-    across = np.cross(pole / np.linalg.norm(pole), core[:3] / np.linalg.norm(core[:3]))
+    at = core[:, None]
+    orbit = Orbit(t=np.zeros(1), q=at[:3], v=at[3:], a=np.zeros((3, 1)), r_tidal=np.full(1, np.nan))
     q = w[:3, ~bound]
-    angle = np.degrees(np.arctan2(across @ q, core[:3] @ q / np.linalg.norm(core[:3])))
+    angle = np.degrees(angle_in_plane(orbital_plane(orbit), q))
     r = np.sqrt(np.sum(q**2, axis=0))
     rows = []
     for low, high in pairwise(BINS):

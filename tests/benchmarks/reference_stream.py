@@ -87,7 +87,9 @@ def today(*host: Potential) -> tuple[np.ndarray, np.ndarray]:
     return orbit.q[:, -1].copy(), orbit.v[:, -1].copy()
 
 
-def streamkit_job(integrator: Integrator, *host: Potential, gravity: bool = True, live: int = 0) -> Callable[[], None]:
+def streamkit_job(
+    integrator: Integrator, *host: Potential, gravity: bool = True, live: int = 0, seed: int = 1
+) -> Callable[[], sk.Stream]:
     """One whole stream: by mLCS, or by a live progenitor of so many particles."""
     q, v = today(*host)
     stripping: StrippingScheme = LagrangeCloud(particles=PARTICLES, sigma=10.0, progenitor_gravity=gravity)
@@ -95,11 +97,11 @@ def streamkit_job(integrator: Integrator, *host: Potential, gravity: bool = True
         stripping = RestrictedNbody(particles=live)
     satellite = Plummer(mass=MASS, radius=RADIUS)
     potentials = {p.kind: p for p in host}
-    inputs = StreamInputs(potentials, satellite, MASS, q, v, LOOKBACK, stripping, integrator, None, 1, {})
-    numbers = random_numbers(stripping, 1)
+    inputs = StreamInputs(potentials, satellite, MASS, q, v, LOOKBACK, stripping, integrator, None, seed, {})
+    numbers = random_numbers(stripping, seed)
 
-    def job() -> None:
-        simulate(replace(inputs, potentials={p.kind: renewed(p) for p in host}), numbers)
+    def job() -> sk.Stream:
+        return simulate(replace(inputs, potentials={p.kind: renewed(p) for p in host}), numbers)
 
     return job
 
