@@ -9,7 +9,7 @@ from pydantic import Field
 from scipy.special import gammaln, xlogy
 
 import streamkit as sk
-from streamkit.builtin.track_lines import ENOUGH, LN_WING, debris_of, is_enough, is_gap, ln_coverage, warning_of_gaps
+from streamkit.builtin.track_lines import ENOUGH, LN_WING, debris_of, is_enough, warning_of_gaps
 from streamkit.builtin.track_panels import column_panel, fine_grid, longitude_label
 
 STIFFEST = 1e9  # shape of a gamma distribution beyond which it is as good as a number
@@ -83,7 +83,7 @@ class Density(sk.Observable):
     def predict(self, stream: sk.Stream) -> sk.Prediction:
         """Return the expected counts.
 
-        The details hold ln_coverage (m,), the ln of the chance that any particle is in the bin.
+        The details hold the number of particles (m,) under the kernel at each bin.
         """
         phi1 = self.counts["phi1"]
         names = tuple(f"count at {angle:g}" for angle in phi1.tolist())
@@ -98,8 +98,7 @@ class Density(sk.Observable):
         share = norm * (particles - np.multiply.outer(shape / len(phi1), particles.sum(axis=0)))
         scale = self.efficiency * self.amplitude
         mean = scale * shape + self.efficiency * self.background
-        coverage = ln_coverage(np.log(np.maximum(number, 1e-300)))
-        return sk.Prediction(names, mean, scale**2 * (share**2).sum(axis=1), details={"ln_coverage": coverage})
+        return sk.Prediction(names, mean, scale**2 * (share**2).sum(axis=1), details={"particles": number})
 
     def _under(self, stream: sk.Stream, at: sk.Array) -> sk.Array:
         """(m, n) The kernels about longitudes (m,) at the debris, times its weights: 1 at the middle.
@@ -151,7 +150,7 @@ class Density(sk.Observable):
         """Warn of bins where the stream has no debris."""
         if prediction.why_not:
             return ()
-        empty = self.counts["phi1"][is_gap(prediction.details["ln_coverage"])]
+        empty = self.counts["phi1"][prediction.details["particles"] < ENOUGH]
         if len(empty) == 0:
             return ()
         subject = f"density: {len(empty)} of {len(prediction.mean)} bins"

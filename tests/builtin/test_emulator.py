@@ -215,15 +215,27 @@ def test_the_uncertainty_is_the_scatter_of_posteriors_from_other_calls():
     assert 0.05 < scatter < 0.5
 
 
-def test_pairs_of_calls_measure_noise_that_is_not_stated():
-    """A curved posterior whose data have a noise of 0.7 errors, of which their variances say nothing."""
-    problem = OfToy(Curved(), noise=0.7, stated=False)
+def paired_calls(noise):
+    """Return the emulator of a curved posterior from pairs of calls; their noise, in errors, is not stated."""
+    problem = OfToy(Curved(), noise=noise, stated=False)
     calls = called(problem, 600)
     y = paired(calls.y[np.argsort(-calls.answers.ln_likelihood)][:200], 100)
-    emulator = (calls + Calls.at(problem, calls.space, y)).learn()
+    return (calls + Calls.at(problem, calls.space, y)).learn()
+
+
+def test_pairs_of_calls_measure_noise_that_is_not_stated():
+    emulator = paired_calls(0.7)
     assert emulator.pairs > 50
     np.testing.assert_allclose(np.sqrt(emulator.more2), 0.7, rtol=0.25)
     assert np.all(emulator.lack2 < 0.3 * 0.7**2)
+    assert emulator.larger_noise[0] == len(emulator.more2)
+
+
+def test_noise_far_below_the_errors_of_the_data_is_measured_but_not_told():
+    """A noise of a fiftieth of an error changes no answer: the page does not list such data."""
+    emulator = paired_calls(0.02)
+    np.testing.assert_allclose(np.sqrt(emulator.more2), 0.02, rtol=0.25)
+    assert emulator.larger_noise is None
 
 
 class Blind(OfToy):
