@@ -10,7 +10,6 @@ from astropy.table import Column, QTable
 from numpy.typing import NDArray
 
 from streamkit.components import Measurement
-from streamkit.errors import OutOfDomain
 from streamkit.observe import scatter_of
 from streamkit.runfile import Prior
 from streamkit.sample import Posterior
@@ -136,10 +135,9 @@ def predictions_table(seen: Predictive | None) -> QTable:
 
 def _at_best(results: Results, data: Data) -> tuple[tuple[str, ...], Array]:
     """(m,) The names of all data, and their standard deviations about the best sample's predictions."""
-    try:
-        best = results.best_observation
-    except OutOfDomain:  # another machine's rounding may lose a stream at the edge
+    if results.unmeasured:
         return tuple(f"datum {i + 1}" for i in range(len(data.values))), data.errors
+    best = results.best_observation
     bound = results.spec.bind_all(results.best())
     measured: dict[str, list[Measurement]] = {
         name: list(inputs.observables.values()) for name, inputs in bound.streams.items()

@@ -177,18 +177,29 @@ class Results:
 
     @cached_property
     def fit(self) -> Goodness | None:
-        """The goodness of fit; None if nothing can be judged, or the best stream cannot be made again."""
+        """The goodness of fit; None if nothing can be judged, or the best sample has no predictions."""
         sampled = self._sampled()
         return None if sampled is None else goodness(sampled)
 
-    def _sampled(self) -> Sampled | None:
-        """Return the samples with their predictions; None if the best stream cannot be made again."""
+    @cached_property
+    def unmeasured(self) -> str:
+        """Why the stream at the best sample has no predictions; "" where it has them.
+
+        An emulated sample may lie where no stream can be measured, and another machine's rounding may lose a stream at
+        the edge.
+        """
         try:
             predictions = self.best_observation.predictions
-        except OutOfDomain:  # another machine's rounding may lose a stream at the edge
+        except OutOfDomain as error:
+            return str(error)
+        return next((each.why_not for each in predictions.values() if each.why_not), "")
+
+    def _sampled(self) -> Sampled | None:
+        """Return the samples with their predictions; None if the best sample has none."""
+        if self.unmeasured:
             return None
-        blobs = self.draws.predictions
-        return Sampled(self.spec, self.best(), predictions, self.samples, None if blobs is None else blobs.ravel())
+        blobs = None if self.draws.predictions is None else self.draws.predictions.ravel()
+        return Sampled(self.spec, self.best(), self.best_observation.predictions, self.samples, blobs)
 
     def goodness(self) -> QTable:
         """Return one row per measured quantity and one for all data: how well the model makes the data.

@@ -62,6 +62,8 @@ def verdicts(results: Results) -> list[Verdict]:
     outcomes += results.draws.verdicts()
     if results.fit is not None:
         outcomes += [goodness_verdict(results.fit), worst_verdict(results.fit.whole)]
+    elif results.unmeasured:
+        outcomes.append(unmeasured_verdict(results.unmeasured))
     # An emulator averages the noise of its calls, and judges its own error itself.
     if not results.spec.sampler.emulates and (seen := predictive(results)) is not None:
         outcomes.append(noise_verdict(seen))
@@ -101,6 +103,15 @@ def goodness_verdict(fit: Goodness) -> Verdict:
         f"errors of the data are too small. The farthest datum is {far.rstrip(',')}.",
     }
     return GOODNESS.judge(p, f"chi^2 = {least.best:.4g} of {n} {'data' if n > 1 else 'datum'}, p = {p:.2g}", sentences)
+
+
+def unmeasured_verdict(why: str) -> Verdict:
+    """Judge a best sample whose stream cannot be measured."""
+    said = (
+        "Whether the model makes the data is unknown: the stream at the best sample cannot be measured. The posterior "
+        "lies at the edge of what can be. Look at the picture of the stream, and at the reasons of refused calls."
+    )
+    return Verdict("goodness of fit", LOOK, why, said, "the stream at the best sample must have predictions")
 
 
 def worst_verdict(whole: Fitted) -> Verdict:

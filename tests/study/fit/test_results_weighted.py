@@ -10,9 +10,10 @@ from commands import call
 from runfiles import FIT
 
 import streamkit as sk
+from streamkit.components import LOOK
 from streamkit.sample import CALLS, CHAIN, SAMPLES, Workers, read_weighted
 from streamkit.study.fit import describe_results, write_samples
-from streamkit.study.fit.results import load_results
+from streamkit.study.fit.results import Results, load_results
 from streamkit.study.fit.status import describe_status, read_status
 from streamkit.study.fit.verdicts import overall, verdicts
 
@@ -87,6 +88,17 @@ def test_every_product_is_written_and_says_what_it_is(done, tmp_path):
     assert len(done.to_pandas()) == len(done.samples)
     status = describe_status(done.directory, read_status(done.directory))
     assert "effective samples" in status
+
+
+def test_a_best_sample_whose_stream_cannot_be_measured_is_said(done):
+    """Emulated samples may lie where no stream can be measured: here nothing has left the progenitor yet."""
+    lost = Results(done.spec.with_values({"progenitor.lookback": 0.001}), done.draws)
+    assert lost.fit is None
+    assert len(lost.goodness()) == 0
+    judged = next(each for each in verdicts(lost) if each.subject == "goodness of fit")
+    assert judged.level == LOOK
+    assert "too few particles" in judged.value
+    assert "fit to the data" not in describe_results(lost)
 
 
 @pytest.mark.slow
