@@ -14,6 +14,7 @@ from streamkit.stream import Mark, Prediction, Stream, orbital_plane
 from streamkit.units import GYR
 
 BEYOND = 180.0  # margin of the picture beyond the apocentres, degrees
+ASIDE = 10.0  # the same about a datum or an apocentre beyond the debris
 # The radii begin at zero where the innermost debris is nearer to the centre than this share of the outermost.
 FROM_ZERO = 1 / 3
 SHOWN = 8000  # most particles drawn
@@ -80,6 +81,8 @@ def draw_unwrapped(particles: Stream, prediction: Prediction | None, inputs: Str
     low, high = np.percentile(angle, [0.5, 99.5]) + np.array([-15.0, 15.0])
     if peaks:
         low, high = max(low, min(0.0, *peaks) - BEYOND), min(high, max(0.0, *peaks) + BEYOND)
+    marked = [float(x) for mark in marks if mark.look in ("peak", "datum") for x in mark.x]
+    low, high = min([low, *(x - ASIDE for x in marked)]), max([high, *(x + ASIDE for x in marked)])
     inside = (angle > low) & (angle < high)
     tops = [np.max(mark.y) + mark.y_error for mark in marks if mark.look == "datum"]
     tops.append(np.percentile(particles.r[inside], 99.8))

@@ -44,6 +44,14 @@ def test_the_fitted_apocentre_is_seen_under_a_datum(drawn):
     assert all(circle.get_markersize() > 1.5 * square.get_markersize() for square in squares)
 
 
+def test_data_beyond_the_debris_are_in_the_picture(drawn):
+    stream, prediction, inputs = drawn
+    axes = draw_stream(replace(stream, winding=0.1 * stream.winding), prediction, inputs).axes[1]
+    low, high = sorted(axes.get_xlim())
+    places = np.concatenate([container.lines[0].get_xdata() for container in axes.containers])
+    assert np.all((places > low) & (places < high))
+
+
 @pytest.mark.parametrize("times", [1, 8, 60])
 def test_the_angles_of_a_long_stream_can_be_read(drawn, times, monkeypatch):
     stream, _, _ = drawn
