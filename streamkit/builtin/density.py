@@ -6,13 +6,14 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
-from scipy.special import gammaln, xlogy
+from scipy.special import betainc, betaincc, gammaln, ndtri, pdtr, pdtrc, xlogy
 
 import streamkit as sk
 from streamkit.builtin.track_lines import ENOUGH, LN_WING, debris_of, is_enough, warning_of_gaps
 from streamkit.builtin.track_panels import column_panel, fine_grid, longitude_label
 
 STIFFEST = 1e9  # shape of a gamma distribution beyond which it is as good as a number
+LEAST = 1e-300  # of what has a logarithm
 
 
 class Density(sk.Observable):
@@ -29,6 +30,7 @@ class Density(sk.Observable):
     kind = "density"
     reference = "Erkal, Koposov & Belokurov 2017, MNRAS 470, 60: counts along a stream"
     wants_live = True
+    likelihood_details = ()
     example: ClassVar[dict[str, Any]] = {
         "frame": {"pole": [192.86, 27.13], "origin": [266.4, -28.94]},
         "counts": {"phi1": [-30.0, -10.0, 10.0, 30.0], "count": [20.0, 31.0, 25.0, 14.0]},
@@ -110,14 +112,29 @@ class Density(sk.Observable):
         x2 = (((away + 180) % 360 - 180) / self.kernel) ** 2
         return np.asarray((np.exp(-0.5 * x2) + np.exp(LN_WING + 1 - np.sqrt(1 + x2))) * stream.weight[chosen])
 
-    def ln_likelihood(self, prediction: sk.Prediction, add_noise: bool) -> float:
+    def ln_likelihood(self, prediction: sk.Prediction, add_noise: bool) -> float | sk.Array:
         """Return ln of Gaussians, of Poisson probabilities, or with noise of negative binomial ones."""
-        count, error = self.data()
-        noise = prediction.variance if add_noise else np.zeros(len(count))
+        total = self.ln_likelihoods(prediction, add_noise).sum(axis=-1)
+        return float(total) if total.ndim == 0 else total
+
+    def ln_likelihoods(self, prediction: sk.Prediction, add_noise: bool) -> sk.Array:
+        """Return the terms (..., m) of `ln_likelihood`."""
+        count, variance = self.counts["count"], self._variance(prediction, add_noise)
         if self.gaussian:
-            variance = error**2 + noise
-            return float(-0.5 * ((count - prediction.mean) ** 2 / variance + np.log(2 * np.pi * variance)).sum())
-        return float(ln_counts(count, np.maximum(prediction.mean, 1e-300), noise).sum())
+            return -0.5 * ((count - prediction.mean) ** 2 / variance + np.log(2 * np.pi * variance))
+        return ln_counts(count, prediction.mean, variance)
+
+    def residuals(self, prediction: sk.Prediction, add_noise: bool) -> sk.Array:
+        """Return the normal scores of the counts in their distributions."""
+        count, variance = self.counts["count"], self._variance(prediction, add_noise)
+        if self.gaussian:
+            return np.asarray((count - prediction.mean) / np.sqrt(variance))
+        return scores(count, prediction.mean, variance)
+
+    def _variance(self, prediction: sk.Prediction, add_noise: bool) -> sk.Array:
+        """(..., m) Variances: of Gaussian counts, or of the expectation of Poisson numbers."""
+        errors2 = self.counts["error"] ** 2 if self.gaussian else 0.0
+        return errors2 + (prediction.variance if add_noise else np.zeros_like(prediction.mean))
 
     def mock(self, prediction: sk.Prediction, rng: np.random.Generator) -> dict[str, Any]:
         """Return a table with Poisson numbers, or Gaussian ones of the errors."""
@@ -133,7 +150,7 @@ class Density(sk.Observable):
         count, error = self.data()
         pull, line = np.full(len(count), np.nan), None
         if not prediction.why_not:
-            scatter = error if self.gaussian else np.sqrt(np.maximum(prediction.mean, 1e-300))
+            scatter = error if self.gaussian else np.sqrt(np.maximum(prediction.mean, LEAST))
             pull = (count - prediction.mean) / scatter
             grid = fine_grid(phi1)
             norm = len(phi1) / (self._under(stream, phi1).sum() + ENOUGH)
@@ -158,13 +175,33 @@ class Density(sk.Observable):
 
 
 def ln_counts(count: sk.Array, mean: sk.Array, noise: sk.Array) -> sk.Array:
-    """(m,) ln of the probability of counts whose expectation is a mean with a variance ``noise`` (m,) of its own.
+    """(..., m) ln of the probability of counts whose expectation is a mean with a variance ``noise`` of its own.
 
-    The expectation has a gamma distribution: the counts are negative binomial, and Poisson numbers without noise.
+    The expectation has a gamma distribution: the counts are negative binomial, and Poisson numbers without noise. With
+    a mean of zero or less, which an emulator may give, stars that are there are as good as impossible.
     """
+    mean, shape, is_stiff = _gamma(mean, noise)
     poisson = xlogy(count, mean) - mean - gammaln(count + 1)
-    k = mean**2 / np.maximum(noise, 1e-300)
-    shape = np.minimum(k, STIFFEST)
     mixed = gammaln(count + shape) - gammaln(shape) - gammaln(count + 1)
     mixed = mixed - shape * np.log1p(mean / shape) + xlogy(count, mean / (shape + mean))
-    return np.asarray(np.where(k < STIFFEST, mixed, poisson))
+    return np.asarray(np.where(is_stiff, poisson, mixed))
+
+
+def scores(count: sk.Array, mean: sk.Array, noise: sk.Array) -> sk.Array:
+    """(..., m) Normal scores of counts in the distributions of `ln_counts`, at the middle of a count's own probability.
+
+    Dunn & Smyth 1996 draw a place in it; the middle is the same at every call.
+    """
+    own = 0.5 * np.exp(ln_counts(count, mean, noise))
+    mean, shape, is_stiff = _gamma(mean, noise)
+    p = shape / (shape + mean)
+    below = np.where(is_stiff, pdtr(count, mean), betainc(shape, count + 1, p)) - own
+    above = np.where(is_stiff, pdtrc(count, mean), betaincc(shape, count + 1, p)) + own
+    return np.asarray(np.where(below < above, ndtri(np.maximum(below, LEAST)), -ndtri(np.maximum(above, LEAST))))
+
+
+def _gamma(mean: sk.Array, noise: sk.Array) -> tuple[sk.Array, sk.Array, sk.BoolArray]:
+    """Return the mean and the shape of the gamma distribution, above zero, and where it is as good as a number."""
+    mean = np.maximum(mean, LEAST)
+    shape = mean * (mean / np.maximum(noise, LEAST))
+    return mean, np.clip(shape, LEAST, STIFFEST), np.asarray(shape >= STIFFEST, dtype=bool)

@@ -233,7 +233,7 @@ class PosteriorTarget:
                 cache.add(point, evaluation)
             cache.write(at_once=False)
         if self._chain.last is None:  # of a chain the steps are shown
-            self._show("call", len(points))
+            self._show("call", len(missing))
         return cache.get(points)
 
     def _store(self, sampler: Sampler, ensemble: Ensemble) -> None:

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 import streamkit as sk
-from streamkit.builtin.density import Density, ln_counts
+from streamkit.builtin.density import Density, ln_counts, scores
 from streamkit.testing.streams import example_stream
 
 FRAME = {"pole": [192.86, 27.13], "origin": [266.4, -28.94]}
@@ -47,6 +47,39 @@ def test_counts_with_errors_are_gaussian(stream):
         width = np.sqrt(16.0 + add * prediction.variance)
         exact = stats.norm.logpdf(20.0, prediction.mean, width).sum()
         assert observable.ln_likelihood(prediction, add) == pytest.approx(exact)
+        assert observable.residuals(prediction, add) == pytest.approx((20.0 - prediction.mean) / width)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+def test_scores_are_those_of_the_middle_of_each_probability(noise):
+    count, mean = np.arange(60.0), np.full(60, 9.0)
+    drawn = stats.nbinom(270.0, 270 / 279) if noise else stats.poisson(9.0)  # 9^2 / 0.3 = 270
+    middle = drawn.cdf(count) - 0.5 * drawn.pmf(count)
+    known = (middle > 1e-10) & (middle < 1 - 1e-10)
+    found = scores(count, mean, np.full(60, noise))
+    assert found[known] == pytest.approx(stats.norm.ppf(middle[known]), rel=1e-5)
+    assert np.all(np.diff(found) > 0)  # far from the mean too
+
+
+def test_scores_of_many_counts_are_standard_normal():
+    rng = np.random.default_rng(1)
+    found = scores(rng.negative_binomial(40.0, 40 / 70, 20_000), np.full(20_000, 30.0), np.full(20_000, 22.5))
+    assert found.mean() == pytest.approx(0.0, abs=0.03)
+    assert found.std() == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize("more", [{}, {"error": np.full(25, 4.0)}])
+def test_many_predictions_are_compared_at_once(stream, more):
+    """As a sampler that emulates predictions does, which may give means below zero."""
+    observable = at(stream, more=more)
+    one = observable.predict(stream)
+    assert observable.ln_likelihoods(one, True).sum() == pytest.approx(observable.ln_likelihood(one, True))
+    factors = np.array([0.5, 1.0, 1.5, -0.1])[:, None]
+    many = sk.Prediction(one.names, factors * one.mean, np.tile(one.variance, (4, 1)))
+    found = observable.ln_likelihood(many, True)
+    for lnl, mean in zip(found, many.mean, strict=True):
+        assert lnl == pytest.approx(observable.ln_likelihood(replace(one, mean=mean), True))
+    assert np.all(np.isfinite(found))
 
 
 def test_amplitude_is_the_mean_count_and_the_shape_that_of_a_histogram(stream):

@@ -19,6 +19,7 @@ RUNS = {
     "several streams": ("gd1_pal5/gd1_pal5.toml", {}),
     "apocentres": ("sagittarius/sagittarius.toml", {"likelihood.noise": "add"}),
     "distances and depths": ("sagittarius_track/sagittarius_track.toml", {}),
+    "counts along a stream": ("pal5/pal5_density.toml", {}),
 }
 
 
