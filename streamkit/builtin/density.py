@@ -6,14 +6,14 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
-from scipy.special import betainc, betaincc, gammaln, ndtri, pdtr, pdtrc, xlogy
+from scipy.special import betainc, betaincc, gammainc, gammaincc, gammaln, ndtri, xlogy
 
 import streamkit as sk
 from streamkit.builtin.track_lines import ENOUGH, LN_WING, debris_of, is_enough, warning_of_gaps
 from streamkit.builtin.track_panels import column_panel, fine_grid, longitude_label
 
 STIFFEST = 1e9  # shape of a gamma distribution beyond which it is as good as a number
-LEAST = 1e-300  # of what has a logarithm
+LEAST = 1e-150  # of what has a logarithm, or divides
 
 
 class Density(sk.Observable):
@@ -190,13 +190,14 @@ def ln_counts(count: sk.Array, mean: sk.Array, noise: sk.Array) -> sk.Array:
 def scores(count: sk.Array, mean: sk.Array, noise: sk.Array) -> sk.Array:
     """(..., m) Normal scores of counts in the distributions of `ln_counts`, at the middle of a count's own probability.
 
-    Dunn & Smyth 1996 draw a place in it; the middle is the same at every call.
+    Dunn & Smyth 1996 draw a place in it; the middle is the same at every call. Counts may be fractions, as smoothed
+    ones are: the distributions go on between the integers.
     """
     own = 0.5 * np.exp(ln_counts(count, mean, noise))
     mean, shape, is_stiff = _gamma(mean, noise)
     p = shape / (shape + mean)
-    below = np.where(is_stiff, pdtr(count, mean), betainc(shape, count + 1, p)) - own
-    above = np.where(is_stiff, pdtrc(count, mean), betaincc(shape, count + 1, p)) + own
+    below = np.where(is_stiff, gammaincc(count + 1, mean), betainc(shape, count + 1, p)) - own
+    above = np.where(is_stiff, gammainc(count + 1, mean), betaincc(shape, count + 1, p)) + own
     return np.asarray(np.where(below < above, ndtri(np.maximum(below, LEAST)), -ndtri(np.maximum(above, LEAST))))
 
 

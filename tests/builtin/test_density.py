@@ -59,6 +59,8 @@ def test_scores_are_those_of_the_middle_of_each_probability(noise):
     found = scores(count, mean, np.full(60, noise))
     assert found[known] == pytest.approx(stats.norm.ppf(middle[known]), rel=1e-5)
     assert np.all(np.diff(found) > 0)  # far from the mean too
+    between = scores(count + 0.5, mean, np.full(60, noise))
+    assert np.all((between > found)[:-1] & (between[:-1] < found[1:]))
 
 
 def test_scores_of_many_counts_are_standard_normal():
