@@ -9,6 +9,7 @@ from emcee.autocorr import integrated_time
 from emulated import OfToy
 from posteriors import Curved, Edges, Rough, TwoModes
 
+from streamkit import StreamkitError
 from streamkit.builtin.emulator import learn as learning
 from streamkit.builtin.emulator.calls import Calls
 from streamkit.builtin.emulator.certificate import certify, fresh_calls, trend_of
@@ -256,6 +257,36 @@ class Blind(OfToy):
             mean=np.where(gone[:, None], np.nan, found.mean),
             ln_likelihood=np.where(gone, -np.inf, found.ln_likelihood),
         )
+
+
+class Late(OfToy):
+    """It sees nothing in its first calls, as near the end of a satellite that lives longer with few particles."""
+
+    def __init__(self, toy, first):
+        super().__init__(toy)
+        self.first = first
+
+    def evaluate(self, points):
+        gone, found = self.calls < self.first, super().evaluate(points)
+        return found._replace(ln_likelihood=np.full(len(points), -np.inf)) if gone else found
+
+
+def by_late(first, max_calls):
+    """Return the last progress where the first calls with all particles have no prediction."""
+    rounds = Rounds(Late(Curved(), first), OfToy(Curved(), 60), noise=False)
+    for start in rounds._arrivals:
+        start.places[:] = start.places[:12].repeat(len(start.places) // 12 + 1, axis=0)[: len(start.places)]  # stuck
+    (last,) = deque(rounds.run(max_calls), maxlen=1)
+    return last
+
+
+def test_where_no_place_of_the_starts_has_a_prediction_others_are_called():
+    assert by_late(first=300, max_calls=900).calls.good.sum() > 100
+
+
+def test_without_predictions_the_rounds_end():
+    with pytest.raises(StreamkitError, match=r"of \d+ calls with all particles only 0 give a stream"):
+        by_late(first=10_000, max_calls=600)
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import emcee
 import numpy as np
 
-from streamkit import Array
+from streamkit import Array, StreamkitError
 from streamkit.builtin.emulator.agreement import MISSED, missed_by
 from streamkit.builtin.emulator.calls import Calls
 from streamkit.builtin.emulator.certificate import Certificate, certify, fresh_calls
@@ -106,12 +106,15 @@ class Rounds:
         self._before: list[Emulated] = []
 
     def run(self, max_calls: int) -> Iterator[Progress]:
-        """Yield how far the sampling is after every round; the last is the result."""
+        """Yield how far the sampling is after every round; the last is the result.
+
+        Raises StreamkitError where too few calls with all particles give a prediction.
+        """
         turn = 0
         while True:
             emulator = self._calls.learn()
-            if emulator is None:  # too few of the points have a prediction
-                self._calls += self._evaluated(self._arrivals)
+            if emulator is None:
+                self._calls += self._between(max_calls)
                 continue
             emulated = Emulated(self._space, emulator, self._noise)
             copies = [self._walk(emulated, beta, turn, i) for i, (beta, _) in enumerate(COPIES)]
@@ -155,6 +158,19 @@ class Rounds:
         size = max(FIRST * self._problem.size, LEAST_FIRST) // len(arrivals)
         places = [self._rng.permutation(each.places)[:size] for each in arrivals]
         return Calls.at(self._problem, self._space, np.concatenate(places))
+
+    def _between(self, max_calls: int) -> Calls:
+        """Call the full model between the places where the starts have arrived, which have too few predictions."""
+        if len(self._calls) >= max_calls or self._problem.time_left() <= 0:
+            raise StreamkitError(
+                f"too few predictions to learn from: of {len(self._calls)} calls with all particles only "
+                f"{int(self._calls.good.sum())} give a stream with observables, where streams of few particles have "
+                "them. Raise sampler.start_particles."
+            )
+        places = np.concatenate([each.places for each in self._arrivals])
+        size = max(ROUND * self._problem.size, LEAST_ROUND)
+        begin, one, other = places[self._rng.integers(len(places), size=(3, size))]
+        return Calls.at(self._problem, self._space, begin + self._rng.random((size, 1)) * (one - other))
 
     def _walk(self, emulated: Emulated, beta: float, turn: int, copy: int) -> Array:
         """(n, d) Sample the emulated posterior at an inverse temperature."""
