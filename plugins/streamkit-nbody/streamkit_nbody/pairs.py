@@ -103,7 +103,9 @@ def _summed(loop: object, rows: int, q: Array, support: float, workers: int) -> 
     n = q.shape[1]
     single: NDArray[np.float32] = np.ascontiguousarray(q - q.mean(axis=1, keepdims=True), dtype=SINGLE)
     out: NDArray[np.float32] = np.empty((rows, n), dtype=SINGLE)
-    edges = [n * k // workers for k in range(workers + 1)]
+    chunks = -(-n // CHUNK)
+    # Whole chunks: a particle in the rest of one, which fills no register, is rounded differently from those before it.
+    edges = [min(CHUNK * (chunks * k // workers), n) for k in range(workers + 1)]
     parts = pairwise(edges)
 
     def fill(part: tuple[int, int]) -> None:
