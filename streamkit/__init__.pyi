@@ -57,6 +57,10 @@ from .fields import SpeedArray as SpeedArray
 from .fields import Table as Table
 from .fields import TimeArray as TimeArray
 from .fields import VelocityArray as VelocityArray
+from .fit import Results as Results
+from .fit import host_table as host_table
+from .fit import load_results as load_results
+from .fit import run as run
 from .model import Host as Host
 from .model import Model as Model
 from .report import draw_track as draw_track
@@ -89,10 +93,6 @@ from .stream import Stream as Stream
 from .stream import place_on_sky as place_on_sky
 from .stream import sky_frame as sky_frame
 from .stream import sky_matrix as sky_matrix
-from .study.fit import Results as Results
-from .study.fit import host_table as host_table
-from .study.fit import load_results as load_results
-from .study.fit import run as run
 from .units import GYR as GYR
 from .units import Angle as Angle
 from .units import AngleDatum as AngleDatum

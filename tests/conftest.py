@@ -105,8 +105,8 @@ def short_search(monkeypatch: pytest.MonkeyPatch) -> None:
     A search for a start looks after every 16 draws whether it has enough, and a fourth as many are enough.
     """
     monkeypatch.setattr("streamkit.study.preflight.draws.BUDGET", 0.5)
-    monkeypatch.setattr("streamkit.sample.search.ENOUGH", 1)
-    monkeypatch.setattr("streamkit.sample.search.PARTS", 64)
+    monkeypatch.setattr("streamkit.sample.calls.search.ENOUGH", 1)
+    monkeypatch.setattr("streamkit.sample.calls.search.PARTS", 64)
 
 
 @pytest.fixture
@@ -159,6 +159,6 @@ def finished_run(tmp_path_factory: pytest.TempPathFactory, pictures: Pictures) -
             (place / "published.csv").write_text(PUBLISHED)
             results = sk.run(sk.load(APOCENTRES), out=out, steps=30, progress=False, products=False)
             with pictures.rendered():
-                sk.study.fit.write_products(results, literature=place / "published.csv")
+                sk.fit.write_products(results, literature=place / "published.csv")
             made.touch()
     return out

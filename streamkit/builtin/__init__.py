@@ -3,27 +3,25 @@
 from __future__ import annotations
 
 from streamkit import CONTRACT, Component, Preset, hookimpl
-from streamkit.builtin import (
-    apocentres,
+from streamkit.builtin.data import host, remnant
+from streamkit.builtin.integrators import fixed_step
+from streamkit.builtin.observables import density
+from streamkit.builtin.observables.apocentres import observable as apocentres
+from streamkit.builtin.observables.track import observable as track
+from streamkit.builtin.potentials import (
     bar,
-    density,
+    closed_forms,
     discs,
     halos,
-    host_data,
-    integrators,
     milky_way,
     multipole,
-    potentials,
     progenitors,
-    remnant,
-    restricted_nbody,
     spherical_table,
     spheroids,
-    stripping,
-    track,
 )
-from streamkit.builtin.emulator.sampler import PredictionEmulator
-from streamkit.builtin.ensemble import sampler
+from streamkit.builtin.samplers.emulator.sampler import PredictionEmulator
+from streamkit.builtin.samplers.ensemble.sampler import Emcee
+from streamkit.builtin.stripping import lagrange, restricted_nbody
 
 STREAMKIT_CONTRACT = CONTRACT
 
@@ -32,15 +30,15 @@ STREAMKIT_CONTRACT = CONTRACT
 def streamkit_components() -> list[type[Component] | Preset]:
     """List the built-in components, and the published models of the Milky Way."""
     return [
-        potentials.TruncatedFlat,
-        potentials.NFW,
-        potentials.NFWVirial,
-        potentials.Hernquist,
-        potentials.MiyamotoNagai,
-        potentials.Plummer,
-        potentials.Kepler,
-        potentials.Isochrone,
-        potentials.Logarithmic,
+        closed_forms.TruncatedFlat,
+        closed_forms.NFW,
+        closed_forms.NFWVirial,
+        closed_forms.Hernquist,
+        closed_forms.MiyamotoNagai,
+        closed_forms.Plummer,
+        closed_forms.Kepler,
+        closed_forms.Isochrone,
+        closed_forms.Logarithmic,
         halos.LogarithmicHalo,
         halos.NFWTriaxial,
         halos.NFWEllipsoidal,
@@ -55,23 +53,23 @@ def streamkit_components() -> list[type[Component] | Preset]:
         bar.Bar,
         spherical_table.SphericalTable,
         multipole.Multipole,
-        stripping.LagrangeCloud,
-        stripping.Streakline,
+        lagrange.LagrangeCloud,
+        lagrange.Streakline,
         restricted_nbody.RestrictedNbody,
-        integrators.Leapfrog,
-        integrators.ForestRuth,
-        integrators.Adaptive,
-        integrators.Reference,
+        fixed_step.Leapfrog,
+        fixed_step.ForestRuth,
+        fixed_step.Adaptive,
+        fixed_step.Reference,
         apocentres.Apocentres,
         track.Track,
         density.Density,
         remnant.RemnantData,
-        sampler.Emcee,
+        Emcee,
         PredictionEmulator,
-        host_data.RotationCurve,
-        host_data.CircularVelocity,
-        host_data.EnclosedMass,
-        host_data.Flattening,
+        host.RotationCurve,
+        host.CircularVelocity,
+        host.EnclosedMass,
+        host.Flattening,
         milky_way.BOVY2014,
         milky_way.MCMILLAN2017,
         milky_way.GALA_V1,

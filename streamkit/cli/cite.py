@@ -7,9 +7,8 @@ from pathlib import Path
 import click
 
 import streamkit as sk
-from streamkit import report
+from streamkit import fit, report
 from streamkit.cli.options import TRUST
-from streamkit.study import fit
 
 
 @click.command()

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import click
 
-from streamkit import report
+from streamkit import fit, report
 from streamkit.cli.options import FORCE_FILE, TRUST
-from streamkit.study import fit
 
 
 @click.command()

@@ -8,10 +8,9 @@ import click
 import numpy as np
 
 import streamkit as sk
-from streamkit import model, report
+from streamkit import fit, model, report
 from streamkit.cli.options import FORCE_FILE, JSON, SET, TRUST, load_spec
 from streamkit.errors import OutOfDomain, StreamkitError
-from streamkit.study import fit
 
 TABLES = (".ecsv",)
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import click
 
+from streamkit import fit
 from streamkit import report as reports
 from streamkit.cli.compiling import announce_compilation
 from streamkit.cli.options import COLUMN, JSON, LITERATURE, PDF, TRUST
-from streamkit.study import fit
 
 
 @click.command()

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import click
 
-from streamkit import report
+from streamkit import fit, report
 from streamkit.cli.options import LITERATURE, PDF, RUN_FILE, SAMPLER, SET, load_spec
-from streamkit.study import fit
 
 
 @click.command()

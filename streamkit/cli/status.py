@@ -7,8 +7,8 @@ from pathlib import Path
 
 import click
 
+from streamkit import fit
 from streamkit.cli.options import JSON, TRUST
-from streamkit.study import fit
 
 
 @click.command()

@@ -19,14 +19,14 @@ from streamkit.components import Ensemble, Evaluations, Sampler, Samples
 from streamkit.errors import ChainError, ComponentError
 from streamkit.report import Progress
 from streamkit.runfile import Prior
-from streamkit.sample.chain_file import ChainMemory
-from streamkit.sample.comparison import Comparison
-from streamkit.sample.evaluation_cache import EvaluationCache, details_of
-from streamkit.sample.posterior import Evaluation, Posterior, blob_dtype
-from streamkit.sample.search import Search
-from streamkit.sample.step import Step
-from streamkit.sample.weighted import Weighted
-from streamkit.sample.workers import Stopped, Workers
+from streamkit.sample.calls.comparison import Comparison
+from streamkit.sample.calls.posterior import Evaluation, Posterior, blob_dtype
+from streamkit.sample.calls.search import Search
+from streamkit.sample.calls.workers import Stopped, Workers
+from streamkit.sample.store.chain_file import ChainMemory
+from streamkit.sample.store.evaluation_cache import EvaluationCache, details_of
+from streamkit.sample.store.step import Step
+from streamkit.sample.store.weighted import Weighted
 from streamkit.stream import Array, BoolArray, Data
 
 NOTES = 5.0  # seconds between two notes beside the progress

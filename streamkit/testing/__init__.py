@@ -1,7 +1,7 @@
 """Conformance tests for plugin authors.
 
 >>> from streamkit.testing import check
->>> from streamkit.builtin.potentials import Plummer
+>>> from streamkit.builtin.potentials.closed_forms import Plummer
 >>> check(Plummer)
 
 ``streamkit.testing.reference`` holds the slow, obvious oracle that integrators are compared with.

@@ -26,7 +26,7 @@ import numpy as np
 from reference_stream import in_numpy, renewed
 
 import streamkit as sk
-from streamkit.builtin.integrators import Adaptive, Reference
+from streamkit.builtin.integrators.fixed_step import Adaptive, Reference
 from streamkit.components import Integrator
 from streamkit.model import Host, progenitor_track, simulate, standard_normals
 from streamkit.model.release import Start, release_particles

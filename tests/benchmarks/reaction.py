@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 import streamkit as sk
-from streamkit.builtin.restricted_nbody import RestrictedNbody
+from streamkit.builtin.stripping.restricted_nbody import RestrictedNbody
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 from snapshots import run_file  # the live satellites of the tests

@@ -28,11 +28,11 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 from snapshots import reference_errors
 
 import streamkit as sk
-from streamkit.builtin.halos import NFWTriaxial
-from streamkit.builtin.integrators import Adaptive, ForestRuth, Leapfrog
-from streamkit.builtin.potentials import NFW, Hernquist, MiyamotoNagai, Plummer, TruncatedFlat
-from streamkit.builtin.restricted_nbody import RestrictedNbody
-from streamkit.builtin.stripping import LagrangeCloud
+from streamkit.builtin.integrators.fixed_step import Adaptive, ForestRuth, Leapfrog
+from streamkit.builtin.potentials.closed_forms import NFW, Hernquist, MiyamotoNagai, Plummer, TruncatedFlat
+from streamkit.builtin.potentials.halos import NFWTriaxial
+from streamkit.builtin.stripping.lagrange import LagrangeCloud
+from streamkit.builtin.stripping.restricted_nbody import RestrictedNbody
 from streamkit.components import Integrator, Potential, StrippingScheme
 from streamkit.engine import build_field
 from streamkit.model import NODE, random_numbers

@@ -33,8 +33,8 @@ from emulated import OfToy
 from posteriors import TOYS, Toy
 
 import streamkit as sk
-from streamkit.builtin.emulator.rounds import Rounds
-from streamkit.builtin.ensemble.sampler import Emcee
+from streamkit.builtin.samplers.emulator.rounds import Rounds
+from streamkit.builtin.samplers.ensemble.sampler import Emcee
 from streamkit.cli.options import read_settings
 from streamkit.convergence import effective_samples, stuck_walkers
 from streamkit.sample import ChainMemory, EvaluationCache, PosteriorTarget, Workers

@@ -31,8 +31,8 @@ from streamkit_nbody.runner import RUN_FILE, SNAPSHOT
 from streamkit_nbody.simulation import Simulation
 
 import streamkit as sk
-from streamkit.builtin.restricted_nbody import RestrictedNbody, star_density
-from streamkit.builtin.track_lines import gather, local_lines
+from streamkit.builtin.observables.track.lines import gather, local_lines
+from streamkit.builtin.stripping.restricted_nbody import RestrictedNbody, star_density
 from streamkit.model import Equilibrium
 from streamkit.nbody import as_stream, read_snapshot
 from streamkit.study.ablation.measures import match_rate

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 
 import streamkit as sk
+from streamkit.fit.samples.results import load_results
 from streamkit.model import Host
 from streamkit.sample import Evaluation, Posterior, Workers
 from streamkit.stream import Data
-from streamkit.study.fit.results import load_results
 
 RADII = np.array([50.0, 100.0, 150.0, 200.0])
 TERCILES = ("progenitor.lookback", "stripping.sigma", "progenitor.mass", "progenitor.radius", "potential.alpha")

@@ -33,7 +33,7 @@ kind = "{kind}"
 PLUMMER = 'kind = "plummer"\nmass = "6e8 Msun"\nradius = "{radius}"'
 HOT = '''
 from streamkit import LiveStripping, Population, Remnant, hookimpl
-from streamkit.builtin.restricted_nbody import RestrictedNbody
+from streamkit.builtin.stripping.restricted_nbody import RestrictedNbody
 
 class Hot(LiveStripping):
     """Particles at twice their speeds."""

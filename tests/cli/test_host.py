@@ -13,8 +13,8 @@ from pictures import assert_readable
 from runfiles import RUN
 
 import streamkit as sk
+from streamkit.fit import draw_host
 from streamkit.model import moving_objects
-from streamkit.study.fit import draw_host
 
 
 @pytest.fixture

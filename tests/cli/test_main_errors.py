@@ -11,8 +11,8 @@ from commands import call, refused
 from runfiles import RUN
 
 import streamkit as sk
-from streamkit.study.fit.manifest import MANIFEST
-from streamkit.study.fit.runner import Interrupted
+from streamkit.fit.directory.manifest import MANIFEST
+from streamkit.fit.runner import Interrupted
 
 
 def test_an_existing_file_needs_force(run_file: Path) -> None:
@@ -125,7 +125,7 @@ def test_an_interrupted_run_has_the_status_of_its_signal(
     def stop(*_args: Any, **_options: Any) -> None:
         raise error
 
-    monkeypatch.setattr("streamkit.study.fit.run", stop)
+    monkeypatch.setattr("streamkit.fit.run", stop)
     result = call("run", run_file)
     assert result.exit_code == status
     assert "streamkit: " in result.stderr
@@ -136,7 +136,7 @@ def test_an_unexpected_exception_shows_itself(run_file: Path, monkeypatch: pytes
     def fail(*_args: Any, **_options: Any) -> None:
         raise ZeroDivisionError("a bug")
 
-    monkeypatch.setattr("streamkit.study.fit.run", fail)
+    monkeypatch.setattr("streamkit.fit.run", fail)
     with pytest.raises(ZeroDivisionError, match="a bug"):
         call("run", run_file)
 
@@ -164,7 +164,7 @@ def test_what_the_system_refuses_is_one_paragraph(run_file: Path, monkeypatch: p
     def fail(*_args: Any, **_options: Any) -> None:
         raise PermissionError(13, "Permission denied", "run/chain.h5")
 
-    monkeypatch.setattr("streamkit.study.fit.run", fail)
+    monkeypatch.setattr("streamkit.fit.run", fail)
     assert refused("run", run_file) == "streamkit: run/chain.h5: cannot be read or written: Permission denied\n"
 
 

@@ -9,7 +9,7 @@ import pytest
 from commands import call, refused
 from runfiles import RUN
 
-from streamkit.sample import workers
+from streamkit.sample.calls import workers
 
 PLUGIN = '''
 import sys, time

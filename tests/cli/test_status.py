@@ -12,14 +12,14 @@ from documents import ROOT
 from runfiles import FIT
 
 import streamkit as sk
-from streamkit.builtin.ensemble.sampler import Emcee
+from streamkit.builtin.samplers.ensemble.sampler import Emcee
 from streamkit.cli.init import examples, tables_of
+from streamkit.fit import describe_status, read_status
+from streamkit.fit.show.status import _expected_end
 from streamkit.report import locked
 from streamkit.runfile import to_toml
 from streamkit.sample import CALLS, SMALL_CALLS, EvaluationCache, read_chain_file
-from streamkit.sample.posterior import Evaluation
-from streamkit.study.fit import describe_status, read_status
-from streamkit.study.fit.status import _expected_end
+from streamkit.sample.calls.posterior import Evaluation
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 import streamkit as sk
-from streamkit.builtin.potentials import NFW
+from streamkit.builtin.potentials.closed_forms import NFW
 from streamkit.model import Host
 
 DISC = {"kind": "miyamoto_nagai", "mass": 6e10, "a": 3, "b": 0.3}

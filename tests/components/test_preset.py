@@ -5,7 +5,7 @@ import pytest
 from runfiles import changed
 
 import streamkit as sk
-from streamkit.builtin.milky_way import GALA_V2
+from streamkit.builtin.potentials.milky_way import GALA_V2
 from streamkit.components import load_registry
 
 

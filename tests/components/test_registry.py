@@ -7,7 +7,7 @@ import pytest
 from pydantic import Field
 
 import streamkit as sk
-from streamkit.builtin.potentials import Plummer
+from streamkit.builtin.potentials.closed_forms import Plummer
 from streamkit.components import load_registry
 
 BUILTIN = load_registry(points=[p for p in entry_points(group="streamkit") if p.name == "builtin"])

@@ -22,7 +22,7 @@ def test_it_describes_itself(program: Path, capsys, monkeypatch) -> None:
     assert "options:" in capsys.readouterr().out
 
 
-@pytest.mark.slow  # tests/study/fit/test_runner.py kills a run, and tests/sample/test_chain_file.py resumes one
+@pytest.mark.slow  # tests/fit/test_runner.py kills a run, and tests/sample/store/test_chain_file.py resumes one
 def test_a_killed_run_is_resumed_to_the_same_samples(tmp_path) -> None:
     command = [sys.executable, FOLDER / "faults.py", "--tries", "1", "--only", "kill"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)

@@ -11,8 +11,9 @@ from streamkit.testing.common import example_of, title
 
 COMPONENTS = [entry for kinds in load_registry().entries.values() for entry in kinds.values()]
 LONG = {
-    ("emulator", "repeats itself"), ("emulator", "samples a gaussian"),  # tests/builtin/test_emulator.py has both
-    ("emcee", "repeats itself"), ("emcee", "samples a gaussian"),  # tests/sample/test_ensemble.py has both
+    # tests/builtin/samplers has both for both.
+    ("emulator", "repeats itself"), ("emulator", "samples a gaussian"),
+    ("emcee", "repeats itself"), ("emcee", "samples a gaussian"),
     ("leapfrog", "reaches its order"),  # the other integrators do
     ("apocentres", "variance is that of the scatter"),  # the other observables do
 }  # fmt: skip

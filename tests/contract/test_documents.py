@@ -39,11 +39,11 @@ from snapshots import model_stream, nbody_stream
 
 import streamkit as sk
 from streamkit import testing
-from streamkit.builtin.apocentres import Apocentres
+from streamkit.builtin.observables.apocentres.observable import Apocentres
 from streamkit.cli.main import main
 from streamkit.components import Component, load_registry
+from streamkit.fit.products import products_of
 from streamkit.runfile import to_toml
-from streamkit.study.fit.products import products_of
 from streamkit.testing.contained import in_a_process
 
 pytestmark = pytest.mark.usefixtures("short_search")

@@ -14,10 +14,10 @@ from scipy.integrate import dblquad, quad
 from snapshots import nbody_stream
 
 import streamkit as sk
-from streamkit.builtin.apocentres import Apocentres
+from streamkit.builtin.observables.apocentres.observable import Apocentres
+from streamkit.fit.show.recovery import true_host
 from streamkit.model import Host, progenitor_track
 from streamkit.nbody import as_stream, read_snapshot
-from streamkit.study.fit.recovery import true_host
 from streamkit.study.preflight.orbit import summarise_orbit
 
 EXAMPLES = ROOT / "examples"

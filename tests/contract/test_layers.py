@@ -19,9 +19,9 @@ PLUGINS = sorted((ROOT / "plugins").rglob("*.py")) + sorted((ROOT / "tests" / "t
 LAYERS = (
     {"__main__"},
     {"cli"},
-    {"study.calibration"},
-    {"study.fit", "study.ablation", "study.sensitivity", "study.preflight"},
+    {"study.calibration", "study.ablation", "study.sensitivity", "study.preflight"},
     {"study.grid"},
+    {"fit"},
     {"sample", "nbody"},
     {"model", "report"},
     {"observe", "runfile"},
@@ -50,7 +50,7 @@ MODULES = {module_of(file) for file in SOURCES}
 
 
 def package_of(module):
-    """The room that a module stands in: ``runfile``, ``study.fit``, or the module itself at the top level."""
+    """The room that a module stands in: ``runfile``, ``study.grid``, or the module itself at the top level."""
     parts = module.split(".")
     return ".".join(parts[: 2 if parts[0] == "study" else 1])
 

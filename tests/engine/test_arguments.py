@@ -9,7 +9,7 @@ from pydantic import Field
 from scipy.integrate import solve_ivp
 
 import streamkit as sk
-from streamkit.builtin.potentials import NFW, Hernquist
+from streamkit.builtin.potentials.closed_forms import NFW, Hernquist
 from streamkit.elementary import cubic, cubic_pieces
 from streamkit.engine import LEAPFROG, build_field, split_step
 from streamkit.engine.arguments import layout_of, pack, unpacker

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import erf
 
 import streamkit as sk
-from streamkit.builtin.potentials import Hernquist, Kepler, Plummer
+from streamkit.builtin.potentials.closed_forms import Hernquist, Kepler, Plummer
 from streamkit.engine import NO_FRICTION, Centre, Friction, build_field, follow_bodies
 
 Q, V = np.array([30.0, 5.0, -10.0]), np.array([40.0, 190.0, 60.0])

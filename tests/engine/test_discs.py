@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from streamkit.builtin.halos import NFWTriaxial
-from streamkit.builtin.potentials import NFW, Hernquist, Kepler, MiyamotoNagai
+from streamkit.builtin.potentials.closed_forms import NFW, Hernquist, Kepler, MiyamotoNagai
+from streamkit.builtin.potentials.halos import NFWTriaxial
 from streamkit.engine import RKN4, adaptive_step, build_field, with_disc
 from streamkit.engine.discs import RADII, disc_heights
 

@@ -10,7 +10,7 @@ import pytest
 from pydantic import Field
 
 import streamkit as sk
-from streamkit.builtin.potentials import Hernquist, Kepler, MiyamotoNagai, Plummer, TruncatedFlat
+from streamkit.builtin.potentials.closed_forms import Hernquist, Kepler, MiyamotoNagai, Plummer, TruncatedFlat
 from streamkit.engine import RKN4, adaptive_step, build_field, split_step
 from streamkit.engine.kernels import NumpyKernel
 from streamkit.testing import reference

@@ -15,7 +15,7 @@ from numba.core.caching import NullCache
 from numba.extending import overload
 
 import streamkit as sk
-from streamkit.builtin import potentials
+from streamkit.builtin.potentials import closed_forms as potentials
 from streamkit.engine import (
     cache,
     vector,  # noqa: F401  compiles the elementary functions

@@ -5,7 +5,7 @@ import pytest
 from pydantic import Field
 
 import streamkit as sk
-from streamkit.builtin.potentials import NFW
+from streamkit.builtin.potentials.closed_forms import NFW
 from streamkit.engine import build_field
 
 HALO = NFW(mass=3.6e11, rs=9.4)

@@ -15,8 +15,8 @@ from scipy.integrate import solve_ivp
 from scipy.special import erf
 
 import streamkit as sk
-from streamkit.builtin.integrators import Adaptive, ForestRuth, Leapfrog, Reference
-from streamkit.builtin.potentials import Hernquist, Kepler
+from streamkit.builtin.integrators.fixed_step import Adaptive, ForestRuth, Leapfrog, Reference
+from streamkit.builtin.potentials.closed_forms import Hernquist, Kepler
 from streamkit.engine import NO_FRICTION, RKN4, Centre, build_field, follow_bodies, split_step
 from streamkit.testing.potentials import drag_is_a_drag
 from streamkit.units import Unit

@@ -2,7 +2,7 @@ import numpy as np
 from pydantic import Field
 
 from streamkit import GYR, Duration, G, LiveStripping, Remnant, hookimpl
-from streamkit.builtin.potentials import Plummer
+from streamkit.builtin.potentials.closed_forms import Plummer
 
 
 class Evaporation(LiveStripping):

@@ -6,8 +6,8 @@ from pydantic import Field
 from scipy.interpolate import CubicSpline
 
 import streamkit as sk
-from streamkit.builtin.halos import LogarithmicHalo, NFWTriaxial
-from streamkit.builtin.potentials import NFW, Hernquist, Kepler, MiyamotoNagai, Plummer
+from streamkit.builtin.potentials.closed_forms import NFW, Hernquist, Kepler, MiyamotoNagai, Plummer
+from streamkit.builtin.potentials.halos import LogarithmicHalo, NFWTriaxial
 from streamkit.engine import build_field
 from streamkit.expansion import Grid, NoExpansion, expand, expand_like, expansion_of
 from streamkit.expansion.symmetry import symmetry_of

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import streamkit as sk
-from streamkit.builtin.halos import LogarithmicHalo, NFWEllipsoidal, NFWTriaxial
-from streamkit.builtin.potentials import Hernquist, MiyamotoNagai
+from streamkit.builtin.potentials.closed_forms import Hernquist, MiyamotoNagai
+from streamkit.builtin.potentials.halos import LogarithmicHalo, NFWEllipsoidal, NFWTriaxial
 from streamkit.expansion.harmonics import at_directions, names, quadrature
 
 TRIAXIAL = NFWTriaxial(mass=3.6e11, rs=16.0, p=0.8, q=0.9, phi=25.0)

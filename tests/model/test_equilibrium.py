@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import streamkit as sk
-from streamkit.builtin.potentials import NFW, Hernquist, Isochrone, MiyamotoNagai, Plummer
-from streamkit.builtin.progenitors import King, TruncatedNFW
-from streamkit.builtin.spheroids import Dehnen, Spheroid
+from streamkit.builtin.potentials.closed_forms import NFW, Hernquist, Isochrone, MiyamotoNagai, Plummer
+from streamkit.builtin.potentials.progenitors import King, TruncatedNFW
+from streamkit.builtin.potentials.spheroids import Dehnen, Spheroid
 from streamkit.model.equilibrium import Equilibrium
 
 N = 2**15

@@ -5,7 +5,7 @@ import pytest
 from runfiles import APOCENTRES
 from scipy.stats import kstest
 
-from streamkit.builtin.stripping import LagrangeCloud
+from streamkit.builtin.stripping.lagrange import LagrangeCloud
 from streamkit.model import Model
 from streamkit.model.release import shifted_normals, standard_normals
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import quad
 
 from streamkit import G
-from streamkit.builtin.potentials import NFW, Hernquist, Logarithmic, MiyamotoNagai, TruncatedFlat
+from streamkit.builtin.potentials.closed_forms import NFW, Hernquist, Logarithmic, MiyamotoNagai, TruncatedFlat
 from streamkit.model import Host
 
 R = np.array([5.0, 20.0, 50.0, 100.0, 200.0])

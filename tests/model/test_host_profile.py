@@ -9,7 +9,7 @@ import pytest
 
 import streamkit as sk
 from streamkit import G
-from streamkit.builtin.potentials import NFW, Logarithmic, MiyamotoNagai, Plummer
+from streamkit.builtin.potentials.closed_forms import NFW, Logarithmic, MiyamotoNagai, Plummer
 from streamkit.model import moving_objects, profile_values
 
 R = np.array([2.0, 8.0, 30.0, 100.0])

@@ -7,7 +7,7 @@ import pytest
 from runfiles import changed
 
 import streamkit as sk
-from streamkit.builtin.potentials import NFW
+from streamkit.builtin.potentials.closed_forms import NFW
 from streamkit.engine import build_field
 
 ARRAYS = ("q", "v", "t_strip", "winding", "chi", "bound", "dq_galactocentric")

@@ -6,7 +6,7 @@ from pydantic import Field
 
 import streamkit as sk
 from streamkit import BlockEdge, Duration, LiveStripping, Population, Remnant, testing
-from streamkit.builtin.potentials import Plummer
+from streamkit.builtin.potentials.closed_forms import Plummer
 
 
 class Evaporation(LiveStripping):

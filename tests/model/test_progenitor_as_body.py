@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.special import erf
 
 import streamkit as sk
-from streamkit.builtin.potentials import NFW, Kepler, Plummer
+from streamkit.builtin.potentials.closed_forms import NFW, Kepler, Plummer
 from streamkit.model import Host, progenitor_track, simulate, standard_normals
 from streamkit.runfile import Body
 from streamkit.stream import Orbit

@@ -8,8 +8,8 @@ from scipy.integrate import solve_ivp
 from snapshots import model_stream, nbody_stream, run_file
 
 from streamkit import G, Model, SpecError
-from streamkit.builtin.apocentres import Apocentres
-from streamkit.builtin.potentials import Plummer, TruncatedFlat
+from streamkit.builtin.observables.apocentres.observable import Apocentres
+from streamkit.builtin.potentials.closed_forms import Plummer, TruncatedFlat
 from streamkit.study.ablation.measures import portrait
 
 LOST = 1 - 0.662  # of the mass of the live satellite of run B, in 3.77 Gyr (its README)

@@ -9,9 +9,9 @@ import pytest
 from snapshots import run_file
 
 from streamkit import GYR, G, Model, Prediction
-from streamkit.builtin.apocentres import Apocentres
-from streamkit.builtin.integrators import ForestRuth
-from streamkit.builtin.potentials import NFW, Hernquist, Kepler, Logarithmic, Plummer
+from streamkit.builtin.integrators.fixed_step import ForestRuth
+from streamkit.builtin.observables.apocentres.observable import Apocentres
+from streamkit.builtin.potentials.closed_forms import NFW, Hernquist, Kepler, Logarithmic, Plummer
 from streamkit.components.bases import Integrator
 from streamkit.model import Host, Satellite, next_apocentre
 

@@ -7,7 +7,7 @@ from commands import call, refused
 from runfiles import BASE, PLUGIN, changed
 
 import streamkit as sk
-from streamkit.builtin.ensemble.sampler import MOVES, Emcee
+from streamkit.builtin.samplers.ensemble.sampler import MOVES, Emcee
 from streamkit.components import load_registry
 from streamkit.report.bibliography import ALWAYS, FIT, _is_named, bibliography, cited
 from streamkit.runfile import to_toml

@@ -65,7 +65,7 @@ def test_the_lines_are_those_of_the_observable() -> None:
     frame = sk.sky_frame("GD1Koposov10")
     stream, at = cloud(frame), [-10.0, 5.0]
     observable = {"frame": np.array(frame), "phi2": {"phi1": at, "phi2": [0, 0], "error": [1, 1]}, "kernel": 2.0}
-    from streamkit.builtin.track import Track
+    from streamkit.builtin.observables.track.observable import Track
 
     prediction, track = Track(**observable).predict(stream), stream.track(frame, at, kernel=2.0)
     np.testing.assert_allclose(track["phi2"], prediction.mean, atol=2e-3)

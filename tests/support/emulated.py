@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from streamkit.builtin.emulator.problem import Answers
+from streamkit.builtin.samplers.emulator.problem import Answers
 from streamkit.errors import OutOfDomain
 from streamkit.model import Model
 from streamkit.sample import Posterior
-from streamkit.sample.comparison import Comparison, gaussians
+from streamkit.sample.calls.comparison import Comparison, gaussians
 
 
 def ln_densities(priors, points):

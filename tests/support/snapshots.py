@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from streamkit import GYR, LEADING, TRAILING, Integrator, Orbit, Stream, load
-from streamkit.builtin.potentials import NFW, Plummer
+from streamkit.builtin.potentials.closed_forms import NFW, Plummer
 from streamkit.engine import Field, build_field
 from streamkit.model import NODE, Host, Model, Satellite
 from streamkit.model.integrate import integrate

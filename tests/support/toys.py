@@ -7,7 +7,7 @@ from collections import deque
 
 import numpy as np
 
-from streamkit.builtin.ensemble.sampler import Emcee
+from streamkit.builtin.samplers.ensemble.sampler import Emcee
 from streamkit.runfile import Uniform
 from streamkit.sample import ChainMemory, Evaluation, PosteriorTarget, Workers
 from streamkit.stream import Data

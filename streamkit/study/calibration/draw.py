@@ -10,12 +10,12 @@ import numpy as np
 from pydantic import TypeAdapter
 
 from streamkit.errors import OutOfDomain, StreamkitError
+from streamkit.fit import Results, run
 from streamkit.model import Host
 from streamkit.observe import parts_of
 from streamkit.runfile import Spec
 from streamkit.sample import Posterior
 from streamkit.stream import Array
-from streamkit.study.fit import Results, run
 
 MASS_RADII = (50.0, 100.0, 200.0)  # kpc: where enclosed masses are compared besides the parameters
 TRIES = 1000  # most draws of a truth until one has a measurable stream

@@ -10,7 +10,7 @@ import pytest
 from snapshots import nbody_stream, run_file
 
 from streamkit import G, Model, Orbit, Stream
-from streamkit.builtin.potentials import Kepler
+from streamkit.builtin.potentials.closed_forms import Kepler
 from streamkit.model import Host
 from streamkit.observe import mean_track, quantiles
 from streamkit.study.ablation.measures import Portrait, angular_momentum, compare, match_rate

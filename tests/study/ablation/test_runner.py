@@ -332,7 +332,7 @@ def test_a_snapshot_with_its_crossings_costs_no_picture(run_file: Path, tmp_path
     assert sorted(path.name for path in out.iterdir()) == sorted(set(PRODUCTS) - {SKY})
 
 
-@pytest.mark.slow  # tests/study/fit/test_products.py has one that fails
+@pytest.mark.slow  # tests/fit/test_products.py has one that fails
 def test_a_picture_that_fails_is_named_and_the_others_are_there(
     run_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

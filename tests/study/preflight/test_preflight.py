@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import streamkit as sk
-from streamkit.builtin.apocentres import Apocentres
+from streamkit.builtin.observables.apocentres.observable import Apocentres
 from streamkit.runfile import Sun
 from streamkit.study.preflight import describe_preflight, run_preflight
 from streamkit.study.preflight.draws import PriorDraws, try_prior_draws

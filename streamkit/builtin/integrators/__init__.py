@@ -1,0 +1,1 @@
+"""How particles are carried through the host."""

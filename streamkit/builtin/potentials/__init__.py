@@ -1,0 +1,1 @@
+"""Potentials of hosts, progenitors and other bodies, and published Milky Ways."""

@@ -1,0 +1,1 @@
+"""Ways to the posterior: `emcee`, the default, and `emulator`."""

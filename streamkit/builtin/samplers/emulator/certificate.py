@@ -1,0 +1,244 @@
+"""The certificate: whether fresh calls at samples of the emulated posterior are what the emulator said, but for noise.
+
+A call of the model is noisy, so that true and emulated ln likelihood differ even where the emulator is perfect. All
+tests therefore compare with the noise: residuals of the predictions with the variances that belong to them, and ln
+likelihood with that of the residuals of *other* points put on the emulated predictions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import LinAlgError
+
+from streamkit import Array
+from streamkit.builtin.samplers.emulator.calls import Calls
+from streamkit.builtin.samplers.emulator.changes import change_of
+from streamkit.builtin.samplers.emulator.emulated import Emulated
+from streamkit.builtin.samplers.emulator.emulator import Predictions
+from streamkit.builtin.samplers.emulator.polynomial import regress
+from streamkit.builtin.samplers.emulator.problem import Problem
+
+# Largest mean square of a residual in units of its variance, over all data and of one of them.
+SIZE, ONE_SIZE = 1.5, 3.0
+# Standard deviations of a parameter that a trend of the residuals may move it, or change its width by as a fraction.
+MOVED = 0.12
+# Fraction of trends by chance alone that must be smaller for one to count, and how many are tried.
+CHANCE, TRIES = 0.95, 40
+# Largest trend by chance that still tests anything: calls so noisy were certified with a width off by a half.
+BLIND = 0.3
+# Fresh calls at a time, and how often they are made at most: until a trend by chance alone is below `MOVED`, and longer
+# until it is below `BLIND`, as of many parameters one has a large trend by chance.
+FRESH, BATCHES, MOST_BATCHES = 128, 3, 12
+# Differences of ln likelihood from what the noise makes of it: standard errors, and nats, of the median; ratio of their
+# spreads.
+OFF, NATS, WIDER = 4.0, 0.7, 2.0
+# Fraction of points of the posterior that may have no prediction.
+EMPTY = 0.1
+# What the emulator's own error may change: the standard deviation of a parameter by this fraction. The error is part of
+# the likelihood, so that it widens intervals and hides nothing. A twentieth refused emulators that were right.
+BLURRED = 0.1
+# Largest shape of the tail of the importance weights (Vehtari et al. 2024). It is tested where noise in ln L is below
+# this, and where the weights leave fewer than this fraction of the samples: a tail of weights of one says nothing.
+K_HAT, QUIET, ALL = 0.7, 1.0, 0.99
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What fresh calls say of an emulator.
+
+    Attributes
+    ----------
+    calls
+        How many there were.
+    size, worst
+        Mean square of the residuals in units of their variance: of all data, and of the worst one.
+    trend, trend_by_chance
+        What the trend of the residuals along the parameters changes, see `change_of`; and the same of residuals in
+        another order, whose trend is chance: the largest in 95 of 100 cases.
+    offset, spread
+        Median and standard deviation of true minus emulated ln likelihood.
+    noise_offset, noise_spread
+        The same if only noise made it.
+    blur
+        Fraction of a standard deviation that the emulator's own error adds, at most.
+    empty
+        Fraction of the points without a prediction.
+    k_hat, effective
+        Shape of the tail of the importance weights, and the fraction of the samples that they leave; NaN where noise
+        decides them.
+    faults
+        Sentences: why the posterior must not be used; none if it is certified.
+    """
+
+    calls: int
+    size: float
+    worst: float
+    trend: float
+    trend_by_chance: float
+    offset: float
+    spread: float
+    noise_offset: float
+    noise_spread: float
+    blur: float
+    empty: float
+    k_hat: float
+    effective: float
+    faults: tuple[str, ...]
+
+
+class Trend(NamedTuple):
+    """What a linear trend of the residuals along the parameters changes of the posterior, see `change_of`.
+
+    Attributes
+    ----------
+    measured
+        That of the residuals as they are.
+    by_chance
+        That of residuals in another order, whose trend is chance: the largest in 95 of 100 cases.
+    """
+
+    measured: float
+    by_chance: float
+
+
+def fresh_calls(
+    emulated: Emulated, problem: Problem, samples: Array, rng: np.random.Generator
+) -> tuple[Calls, Trend | None]:
+    """Call the model at some of the samples (n, d): so often that a trend of the residuals can be told from chance."""
+    order = rng.permutation(len(samples))
+
+    def called(batch: int) -> Calls:
+        return Calls.at(problem, emulated.space, samples[order[batch * FRESH : (batch + 1) * FRESH]])
+
+    fresh = called(0)
+    trend = trend_of(emulated, fresh, samples, rng)
+    for batch in range(1, MOST_BATCHES):
+        if trend is None or not trend.by_chance > (MOVED if batch < BATCHES else BLIND):
+            break
+        fresh += called(batch)
+        trend = trend_of(emulated, fresh, samples, rng)
+    return fresh, trend
+
+
+def trend_of(emulated: Emulated, fresh: Calls, samples: Array, rng: np.random.Generator) -> Trend | None:
+    """Measure what a trend of the residuals of fresh calls changes; None where too few of them have a prediction."""
+    fresh = fresh.take(fresh.good)
+    if len(fresh) < 3 * samples.shape[1]:
+        return None
+    space, problem = emulated.space, fresh.problem
+    used = np.isfinite(problem.values)
+    residual = ((fresh.answers.mean - emulated.emulator.predict(fresh.y).mean) / problem.errors)[:, used]
+    centre, scale = fresh.y.mean(axis=0), np.maximum(fresh.y.std(axis=0), 1e-300)
+    terms = np.concatenate([np.ones((len(fresh), 1)), (fresh.y - centre) / scale], axis=1)
+    some = samples[:: max(len(samples) // 1000, 1)]
+    predicted, theta = emulated.emulator.predict(some), space.back(some)
+    variance = predicted.fit_variance + predicted.noise * emulated.noise
+    base = problem.compare(theta, predicted.mean, variance, predicted.details)
+    there = np.concatenate([np.ones((len(some), 1)), np.clip((some - centre) / scale, -3.0, 3.0)], axis=1)
+
+    def moved(rows: Array) -> float:
+        slope = regress(terms, rows, np.ones(len(rows)), 1e-6).coefficients
+        mean = predicted.mean.copy()
+        mean[:, used] += (there @ slope) * problem.errors[used]
+        change = problem.compare(theta, mean, variance, predicted.details) - base
+        return change_of(some, change)
+
+    try:
+        measured = moved(residual)
+        by_chance = [moved(rng.permutation(residual)) for _ in range(TRIES)]
+    except LinAlgError:
+        return Trend(float("nan"), float("nan"))
+    return Trend(measured, float(np.quantile(by_chance, CHANCE)))
+
+
+def certify(
+    emulated: Emulated, fresh: Calls, trend: Trend | None, samples: Array, rng: np.random.Generator
+) -> Certificate:
+    """Compare an emulator with fresh calls at samples of its posterior; samples (n, d) are more of these."""
+    empty = float(np.mean(~fresh.good))
+    tried, fresh = len(fresh), fresh.take(fresh.good)
+    faults = []
+    if empty > EMPTY:
+        faults.append(f"{100 * empty:.0f} % of its samples have no prediction")
+    if trend is None:
+        faults.append("too few of its samples have a prediction to test it")
+        nan = float("nan")
+        return Certificate(tried, nan, nan, nan, nan, nan, nan, nan, nan, nan, empty, nan, nan, tuple(faults))
+    problem, predicted = fresh.problem, emulated.emulator.predict(fresh.y)
+    used = np.isfinite(problem.values)
+    residual = (fresh.answers.mean - predicted.mean)[:, used]
+    variance = (predicted.fit_variance + np.maximum(predicted.noise, fresh.answers.variance))[:, used]
+    floor = (1e-3 * problem.errors[used]) ** 2
+    squares = np.minimum(residual**2 / (variance + floor), 100.0)
+    size, worst = float(squares.mean()), float(squares.mean(axis=0).max())
+    if size > SIZE or worst > ONE_SIZE:
+        faults.append(f"residuals of its predictions are {np.sqrt(max(size, worst / 2)):.1f} times what noise makes")
+    if trend.measured > max(MOVED, trend.by_chance):
+        faults.append(
+            "residuals have a trend along the parameters, which moves one or changes its width by "
+            f"{trend.measured:.2f} standard deviations"
+        )
+    elif trend.by_chance > BLIND:
+        faults.append(
+            f"calls are too noisy for a test: a mean or a width off by {trend.by_chance:.2f} standard deviations would "
+            "not show. Take more particles"
+        )
+    true, by_noise = _differences(emulated, fresh, predicted, rng)
+    offset, spread = float(np.median(true)), _spread(true)
+    noise_offset, noise_spread = float(np.median(by_noise)), _spread(by_noise)
+    error = 1.25 * np.hypot(spread, noise_spread) / np.sqrt(len(true))
+    if abs(offset - noise_offset) > OFF * error + NATS or spread > WIDER * noise_spread + NATS:
+        faults.append(
+            f"true minus emulated ln L is {offset:.1f} +- {spread:.1f}, where noise makes {noise_offset:.1f} +- "
+            f"{noise_spread:.1f}"
+        )
+    blur = _blur(emulated, samples)
+    if blur > BLURRED:
+        faults.append(f"its own error changes the width of a parameter by {100 * blur:.0f} %")
+    k_hat, effective = float("nan"), float("nan")
+    if noise_spread < QUIET:
+        k_hat, effective = _tail(true)
+        if k_hat > K_HAT and effective < ALL:
+            faults.append(f"k-hat of the importance weights is {k_hat:.2f}, above {K_HAT}")
+    return Certificate(
+        tried, size, worst, *trend, offset, spread, noise_offset, noise_spread, blur, empty, k_hat, effective,
+        tuple(faults),
+    )  # fmt: skip
+
+
+def _differences(
+    emulated: Emulated, fresh: Calls, predicted: Predictions, rng: np.random.Generator
+) -> tuple[Array, Array]:
+    """Return true minus emulated ln likelihood (n,), and the same with the residuals of other points (n,)."""
+    problem, answers = fresh.problem, fresh.answers
+    at = emulated.emulator.ln_likelihood(fresh.y, fresh.theta, emulated.noise)
+    stated = answers.variance * emulated.noise
+    true = problem.compare(fresh.theta, answers.mean, np.nan_to_num(stated), answers.details) - at
+    other = rng.permutation(len(fresh))
+    swapped = predicted.mean + (answers.mean - predicted.mean)[other]
+    noise = problem.compare(fresh.theta, swapped, np.nan_to_num(stated[other]), predicted.details) - at
+    return true, noise
+
+
+def _blur(emulated: Emulated, samples: Array) -> float:
+    """Return what the emulator's own error changes: see `change_of`."""
+    some = samples[:: max(len(samples) // 3000, 1)]
+    return change_of(some, emulated.ln_likelihood(some, fit_error=False) - emulated.ln_likelihood(some))
+
+
+def _spread(values: Array) -> float:
+    """Return a standard deviation that leaves the wildest alone."""
+    low, high = np.quantile(values, [0.16, 0.84])
+    return float(0.5 * (high - low))
+
+
+def _tail(ln_weight: Array) -> tuple[float, float]:
+    """Return k-hat, and the fraction of the samples that the smoothed weights leave."""
+    from arviz_stats.base.array import array_stats  # a second or more to load
+
+    smoothed, k = array_stats.psislw(-ln_weight)  # type: ignore[no-untyped-call]  # which takes minus their logs
+    weight = np.exp(smoothed - smoothed.max())
+    return float(k), float(weight.sum() ** 2 / np.sum(weight**2) / len(weight))

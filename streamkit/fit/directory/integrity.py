@@ -1,0 +1,137 @@
+"""The files of a run's directory, each read only if it belongs to the run that the manifest names."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import re
+import tomllib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from streamkit.components import IN_PYTHON, Component, is_loaded
+from streamkit.distribution import VERSION
+from streamkit.errors import ChainError, SpecError, expect_file
+from streamkit.fit.directory.manifest import MANIFEST, manifest
+from streamkit.runfile import Spec, load
+from streamkit.sample import CALLS, CHAIN, SAMPLES, Chain, Weighted, read_chain_file, read_weighted
+
+RUN_FILE = "run.toml"
+RESTORE = "Put back the file of the run, or start again with --force."
+FILE_SUPPLIER = re.compile(r"(.+\.py) sha256:[0-9a-f]+")  # supplier of a component from a plugin file
+
+
+def run_file(directory: Path, trust: bool = False) -> Path:
+    """Return the run file of a run's directory.
+
+    Raises ChainError if it names plugin files, unless they are trusted: code that lies in a directory must not run by
+    itself. Files that this process has read before are trusted.
+    """
+    path = directory / RUN_FILE
+    try:
+        expect_file(path)
+        plugins = [] if trust else tomllib.loads(path.read_text()).get("plugins", [])
+    except (OSError, ValueError, RecursionError):  # reported by the reader
+        return path
+    files = [name for name in plugins if isinstance(name, str)] if isinstance(plugins, list) else []
+    foreign = [name for name in files if not is_loaded((directory / name).absolute())]
+    if foreign:
+        raise ChainError(
+            f"{path}: names the plugin file {foreign[0]!r}, Python code that came with the directory and would be run. "
+            "Look at it, and then add --trust (from Python, trust=True)."
+        )
+    return path
+
+
+def load_spec(directory: Path, components: Iterable[type[Component]] = (), trust: bool = False) -> Spec:
+    """Read the run file of a run's directory; the arguments are those of `load_results`.
+
+    Raises ChainError if the run file, a plugin file or a data file is not that of the run, or if plugin files may not
+    be run. Raises SpecError if the run file is not valid.
+    """
+    record = manifest(directory)
+    path = run_file(directory, trust)
+    try:
+        spec = load(path, components=components)
+    except SpecError as error:
+        lost = sorted(text for text in record["components"].values() if IN_PYTHON in text)
+        if lost and not components:
+            reason = f"{directory}: the run had components given in Python ({'; '.join(lost)})"
+            raise ChainError(f"{reason}: read it in Python, with load_results(directory, components=[...])") from error
+        if not _is_unchanged(path, record):
+            raise ChainError(f"{path}: has changed since the run began, or is damaged: {error}\n{RESTORE}") from error
+        raise
+    _check_spec(directory, spec, record)
+    return spec
+
+
+def _check_spec(directory: Path, spec: Spec, record: dict[str, Any]) -> None:
+    """Check that a spec read in a directory is that of the manifest; ChainError with the file that differs."""
+    for name, digest in spec.files.items():
+        if record["files"] and digest not in record["files"].values():
+            raise ChainError(f"{directory / name}: has changed since the run began. {RESTORE}")
+    if names := changed_plugins(spec, record):
+        raise ChainError(f"{directory}: the plugin file {names[0]} has changed since the run began. {RESTORE}")
+    suppliers = {where: text.partition(" from ")[2] for where, text in record["components"].items()}
+    others = {supplier for path, _, supplier in spec.components() if suppliers.get(path, supplier) != supplier}
+    log, path = logging.getLogger("streamkit"), directory / RUN_FILE
+    if others:
+        made = sorted(set(suppliers.values()) - {supplier for _, _, supplier in spec.components()})
+        log.warning("%s: the run was made with %s, and is read with %s.", directory, ", ".join(made),
+                    ", ".join(sorted(others)))  # fmt: skip
+    if spec.digest(suppliers) == record["digest"] or _is_unchanged(path, record):
+        return
+    made_with, here = record["versions"].get("streamkit", ""), VERSION
+    if not record["run_file"] and made_with != here:  # a field may have been added since
+        log.warning("%s: cannot be compared with the run, which streamkit %s made.", path, made_with)
+        return
+    raise ChainError(
+        f"{path}: has changed since the run began: it is the run file of another run, of digest "
+        f"{spec.digest(suppliers)[:12]}; that of {MANIFEST} is {record['digest'][:12]}. {RESTORE}"
+    )
+
+
+def changed_plugins(spec: Spec, record: dict[str, Any]) -> list[str]:
+    """Return the names of the plugin files whose code in a spec differs from that in a manifest."""
+    names = []
+    for where, cls, supplier in spec.components():
+        file, before = FILE_SUPPLIER.fullmatch(supplier), record["components"].get(where)
+        if file and before not in (None, f"{cls.kind} from {supplier}"):
+            names.append(file[1])
+    return sorted(set(names))
+
+
+def _is_unchanged(path: Path, record: dict[str, Any]) -> bool:
+    """Return whether the run file is byte for byte that of the manifest: then a newer streamkit may read it."""
+    try:
+        expect_file(path)
+        return bool(hashlib.sha256(path.read_bytes()).hexdigest() == record["run_file"])
+    except OSError:
+        return False
+
+
+def read_chain(directory: Path) -> Chain:
+    """Read the chain of a run; ChainError if it cannot be read, or is not that of this directory's run."""
+    chain = read_chain_file(directory / CHAIN)
+    _check_digest(directory, CHAIN, "chain", chain.attributes)
+    return chain
+
+
+def read_samples(directory: Path) -> Weighted | None:
+    """Read the weighted samples of a run, None for one that keeps a chain; errors as those of `read_chain`."""
+    if not any((directory / name).exists() for name in (SAMPLES, CALLS)):
+        return None
+    samples = read_weighted(directory / SAMPLES)
+    _check_digest(directory, SAMPLES, "file of samples", samples.attributes)
+    return samples
+
+
+def _check_digest(directory: Path, file: str, noun: str, attributes: dict[str, Any]) -> None:
+    wanted = manifest(directory)["digest"]
+    digest = attributes.get("digest", wanted)
+    if digest != wanted:
+        raise ChainError(
+            f"{directory / file}: is the {noun} of another run, of digest {str(digest)[:12]}; that of "
+            f"{MANIFEST} is {wanted[:12]}. Nothing was changed: put the right file back, or start again with --force."
+        )

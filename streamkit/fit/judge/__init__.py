@@ -1,0 +1,1 @@
+"""Checks of a posterior, each with its rule and the source of the rule."""

@@ -1,0 +1,224 @@
+"""Goodness of fit: chi^2 of every measured quantity at the best sample, its predictive p-value, and the worst datum."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from astropy.table import Column, QTable
+from scipy.special import ndtr
+from scipy.stats import chi2
+
+from streamkit.components import Measurement
+from streamkit.errors import OutOfDomain
+from streamkit.fit.samples.tables import printable
+from streamkit.observe import UNNAMED, parts_of, read_data, residuals_of
+from streamkit.runfile import ONLY, ModelInputs, Spec
+from streamkit.stream import Array, Data, IntArray, Prediction
+
+SAMPLES = 200  # samples that p-values are averaged over
+ALL = "all data"
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """The fit to the data of one quantity, or to all data."""
+
+    name: str  # the quantity with its measurement
+    data: tuple[str, ...]  # the names of its n data
+    residuals: Array  # (n,) data minus the best sample's predictions, in standard deviations of the likelihood
+    best: float  # chi^2 at the best sample, correlations included
+    samples: Array  # (k,) chi^2 at samples of the posterior; empty where predictions were not stored
+
+    @property
+    def p_value(self) -> float:
+        """Posterior predictive p-value of chi^2 (Gelman, Meng & Stern 1996, eq. 8); of the best sample without others.
+
+        The distribution of chi^2 of new data is known at each sample: chi^2 with n degrees of freedom.
+        """
+        values = self.samples if len(self.samples) else np.array([self.best])
+        return float(chi2.sf(values, len(self.data)).mean())
+
+    @property
+    def worst(self) -> int:
+        """The datum that is farthest from its prediction."""
+        return int(np.argmax(np.abs(self.residuals)))
+
+    @property
+    def worst_chance(self) -> float:
+        """The chance that the farthest of n independent data is at least so far from its prediction."""
+        return at_least_one(2 * float(ndtr(-abs(self.residuals[self.worst]))), len(self.data))
+
+
+@dataclass(frozen=True)
+class Goodness:
+    """The fit to each quantity, and to all data together."""
+
+    quantities: tuple[Fitted, ...]  # one for each quantity that has data and residuals
+    whole: Fitted  # all of their data
+    unjudged: tuple[str, ...] = ()  # measurements with a likelihood of their own and without residuals
+
+    @property
+    def least(self) -> tuple[Fitted, float]:
+        """The fit that is least likely, and its p-value; that of a quantity allows for the number of quantities."""
+        chances = [at_least_one(each.p_value, len(self.quantities)) for each in self.quantities]
+        fits = [(self.whole, self.whole.p_value), *zip(self.quantities, chances, strict=True)]
+        return min(fits, key=lambda fit: fit[1])
+
+
+def at_least_one(p: float, n: int) -> float:
+    """Return the chance that at least one of n independent events of probability p happens."""
+    return float(-np.expm1(n * np.log1p(-min(p, 1.0 - 1e-16))))
+
+
+@dataclass(frozen=True, eq=False)
+class Sampled:
+    """The samples of a run with their predictions."""
+
+    spec: Spec  # the run
+    # the best sample by name, and what is predicted there; its details stand for those of all samples, as runs store
+    # means and variances only.
+    best: Mapping[str, float]
+    predictions: Mapping[str, Prediction]
+    # (n, d) samples, and (n,) records of `streamkit.sample.blob_dtype`; None if predictions were not stored.
+    samples: Array
+    blobs: Any
+
+    @property
+    def add_noise(self) -> bool:
+        """Whether the likelihood adds the noise of the model."""
+        return self.spec.likelihood.noise == "add"
+
+    def measured(self) -> list[Measured]:
+        """Return every measurement at the best sample."""
+        return [*_measured(self.spec.bind_all(self.best), self.predictions, self.add_noise)]
+
+    def at_samples(self, most: int) -> Iterator[list[Measured]]:
+        """Return every measurement at samples, evenly spaced; extra dispersions are those of each sample."""
+        if self.blobs is None:
+            return
+        for i in np.unique(np.linspace(0, len(self.blobs) - 1, most).astype(int)):
+            try:
+                bound = self.spec.bind_all(self.samples[i])
+            except OutOfDomain:
+                continue
+            made, first = {}, 0
+            for name, prediction in self.predictions.items():
+                mean, variance = (self.blobs[i][each][first:] for each in ("mean", "variance"))
+                made[name] = _replaced(prediction, mean, variance)
+                first += len(prediction.names)
+            one = [*_measured(bound, made, self.add_noise)]
+            if all(np.isfinite(each.prediction.mean[each.rows]).all() for each in one):
+                yield one
+
+
+def goodness(sampled: Sampled) -> Goodness | None:
+    """Return the goodness of fit of a run; None if no measurement can be judged."""
+    here, stored = sampled.measured(), [*sampled.at_samples(SAMPLES)]
+    judged = [k for k, one in enumerate(here) if one.residuals is not None]
+    unjudged = tuple(one.name or one.measurement.kind for one in here if one.residuals is None)
+    if not any(len(here[k].rows) for k in judged):
+        return None
+
+    def fitted(name: str, parts: Mapping[int, IntArray]) -> Fitted:
+        """Return the fit to some rows of some measurements."""
+        return Fitted(
+            name,
+            tuple(label for k, rows in parts.items() for label in here[k].labels(rows)),
+            np.concatenate([here[k].of(rows) for k, rows in parts.items()]),
+            sum(here[k].square(rows) for k, rows in parts.items()),
+            np.array([sum(each[k].square(rows) for k, rows in parts.items()) for each in stored]),
+        )
+
+    quantities = tuple(fitted(name, {k: rows}) for k in judged for name, rows in here[k].quantities())
+    return Goodness(quantities, fitted(ALL, {k: here[k].rows for k in judged}), unjudged)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One measurement with a prediction: its name, data and residuals (None without)."""
+
+    name: str
+    measurement: Measurement
+    data: Data
+    prediction: Prediction
+    residuals: Array | None
+
+    @property
+    def rows(self) -> IntArray:
+        """The rows that have data."""
+        return np.flatnonzero(np.isfinite(self.data.values))
+
+    def quantities(self) -> Iterator[tuple[str, IntArray]]:
+        """Return the name and the rows with data of each quantity that has some."""
+        parts = self.measurement.quantities()
+        for name, rows in parts.items():
+            used = np.intersect1d(rows, self.rows)
+            if len(used):
+                path = f"{self.name}.{name}".removeprefix(".")
+                yield (self.name or name) if len(parts) == 1 else path, used
+
+    def labels(self, rows: IntArray) -> tuple[str, ...]:
+        """Return the names of some data."""
+        return tuple(f"{self.name}.{self.prediction.names[row]}".removeprefix(".") for row in rows)
+
+    def of(self, rows: IntArray) -> Array:
+        """Return the residuals of some rows."""
+        assert self.residuals is not None  # noqa: S101  only measurements with residuals are judged
+        return self.residuals[rows]
+
+    def square(self, rows: IntArray) -> float:
+        """Return chi^2 of some rows."""
+        if self.data.covariance is None or not len(rows):
+            return float((self.of(rows) ** 2).sum())
+        away = (self.data.values - self.prediction.mean)[rows]
+        noise = self.prediction.variance[rows] if self.data.add_noise else np.zeros(len(rows))
+        whole = self.data.covariance[np.ix_(rows, rows)] + np.diag(noise)
+        return float(away @ np.linalg.solve(whole, away))
+
+
+def _measured(bound: ModelInputs, predictions: Mapping[str, Prediction], add_noise: bool) -> Iterator[Measured]:
+    """Return every measurement of the streams and of the host with its prediction, in the order of the data."""
+    for stream, inputs in bound.streams.items():
+        if stream in predictions:
+            parts = parts_of(predictions[stream])
+            for name, observable in inputs.observables.items():
+                path = ".".join([stream] * (stream != ONLY) + [name] * (name != UNNAMED))
+                yield _with_residuals(path, observable, parts[name], add_noise)
+    for name, datum in bound.data.items():
+        yield _with_residuals(f"data.{name}", datum, predictions[f"data.{name}"], add_noise)
+
+
+def _with_residuals(name: str, measurement: Measurement, prediction: Prediction, add_noise: bool) -> Measured:
+    data = read_data(measurement, add_noise)
+    return Measured(name, measurement, data, prediction, residuals_of(measurement, prediction, data))
+
+
+def _replaced(prediction: Prediction, mean: Array, variance: Array) -> Prediction:
+    """Return a prediction with the first of other means and variances, in its parts too."""
+    m, first, parts = len(prediction.names), 0, {}
+    for name, part in prediction.parts.items():
+        parts[name] = _replaced(part, mean[first:], variance[first:])
+        first += len(part.names)
+    return replace(prediction, mean=mean[:m], variance=variance[:m], parts=parts)
+
+
+def goodness_table(fit: Goodness | None) -> QTable:
+    """Return one row per quantity and one for all data: chi^2, number of data, p-values and the worst datum."""
+    fits = [] if fit is None else [*fit.quantities, *([fit.whole] if len(fit.quantities) > 1 else [])]
+    table = QTable({"quantity": Column([each.name for each in fits], dtype=str)})
+    table["data"] = Column([len(each.data) for each in fits], dtype=int)
+    table["chi2"] = Column([each.best for each in fits], dtype=float, description="at the best sample")
+    table["p"] = Column([each.p_value for each in fits], dtype=float, description="posterior predictive, of chi2")
+    table["worst"] = Column([each.data[each.worst] for each in fits], dtype=str, description="the farthest datum")
+    worst = [each.residuals[each.worst] for each in fits]
+    described = "data minus model, in standard deviations of the likelihood, at the best sample"
+    table["residual"] = Column(worst, dtype=float, description=described)
+    table["chance"] = Column(
+        [each.worst_chance for each in fits], dtype=float, description="chance of a worst datum at least so far away"
+    )
+    if fit is not None and fit.unjudged:
+        table.meta["not judged"] = "a likelihood of its own without residuals: " + ", ".join(fit.unjudged)
+    return printable(table)

@@ -1,0 +1,171 @@
+"""The checks of a run, each with its rule, the source of the rule, and a plain sentence.
+
+The outcome of a check is "fine", "look here" or "do not use". The thresholds are in this file and in `chain_verdicts`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from streamkit.components import DO_NOT, FINE, LEVELS, LOOK, Check, Verdict
+from streamkit.fit.judge.chain import listed
+from streamkit.fit.judge.diagnostics import EDGE, Predictive, contraction, predictive, prior_fractions
+from streamkit.fit.judge.goodness import Fitted, Goodness
+from streamkit.fit.samples.results import Results
+from streamkit.stream import Array
+
+# Posterior predictive p-value of chi^2 (Gelman, Meng & Stern 1996). It is conservative, as the parameters were fitted
+# to the same data: a small one is the model's or the errors' fault (Bayarri & Berger 2000).
+GOODNESS = Check(
+    "goodness of fit",
+    (0.05, 0.001),
+    "posterior predictive p of chi^2 (Gelman, Meng & Stern 1996), the least of all data together and of each quantity "
+    "times their number: fine from 0.05 on, do not use below 0.001",
+)
+# One datum of many may be wrong in itself and move nothing: it is looked at. A model that fails shows in chi^2 too.
+WORST = Check(
+    "worst datum",
+    (0.05, -np.inf),
+    "normal score of the farthest datum (Dunn & Smyth 1996): fine if chance makes one so far in 1 of 20 data sets",
+)
+# The model's noise over the data's error: added in quadrature, a third makes the error 5 % larger.
+NOISE = Check(
+    "own noise",
+    (1 / 3, 1.0),
+    "standard deviation over the datum's scatter: fine up to 1/3, 5 % in quadrature; do not use above 1",
+    larger_is_worse=True,
+)
+NOISE_ADDED = Check(
+    "own noise",
+    (1.0, np.inf),
+    "standard deviation over the datum's scatter, added in the likelihood here: fine up to 1",
+    larger_is_worse=True,
+)
+# Share of all proposals that one reason may refuse, before it may cut the posterior where nobody meant it to.
+REASONS = Check(
+    "refused proposals",
+    (0.1, np.inf),
+    "fine if no reason besides the prior's ends refuses more than 10 %",
+    larger_is_worse=True,
+)
+AT_EDGE = 0.1  # share of the posterior in the outermost 2 % of a prior, where the prior itself has 2 %
+# Spread of the posterior over that of the prior above which the data say nothing of a parameter. It is said, and no
+# fault: a parameter that was measured elsewhere has its measurement as its prior.
+UNINFORMED = 0.9
+
+
+def verdicts(results: Results) -> list[Verdict]:
+    """Return the outcome of every check that the run allows."""
+    outcomes = [quick_verdict()] if results.quick else []
+    outcomes += results.draws.verdicts()
+    if results.fit is not None:
+        outcomes += [goodness_verdict(results.fit), worst_verdict(results.fit.whole)]
+    elif results.unmeasured:
+        outcomes.append(unmeasured_verdict(results.unmeasured))
+    # An emulator averages the noise of its calls, and judges its own error itself.
+    if not results.spec.sampler.emulates and (seen := predictive(results)) is not None:
+        outcomes.append(noise_verdict(seen))
+    outcomes.append(reasons_verdict(results.reasons, results.calls))
+    fractions = [prior_fractions(p, x) for p, x in zip(results.spec.priors, results.samples.T, strict=True)]
+    outcomes.append(prior_verdict(results.names, fractions))
+    return outcomes
+
+
+def overall(outcomes: Sequence[Verdict]) -> tuple[str, str]:
+    """Return the worst level, and what it means for the run as a whole."""
+    worst = max((v.level for v in outcomes), key=LEVELS.index, default=FINE)
+    which = listed([v.subject for v in outcomes if v.level == worst])
+    said = {
+        FINE: "All checks are passed: the medians and intervals below can be quoted.",
+        LOOK: f"The intervals can be used once you have looked at: {which}.",
+        DO_NOT: f"Do not quote numbers of this run. What stands against it: {which}.",
+    }
+    return worst, said[worst]
+
+
+def quick_verdict() -> Verdict:
+    """Judge a coarse look: it is never for science."""
+    said = "A quick look has few particles, few walkers and little time. Run again without --quick."
+    return Verdict("kind of run", DO_NOT, "quick look", said, "a run made with --quick is not for science")
+
+
+def goodness_verdict(fit: Goodness) -> Verdict:
+    """Judge whether the model can make the data: all of them, and those of each quantity."""
+    least, p = fit.least
+    name, n = least.name, len(least.data)
+    far = f"{least.data[least.worst]}, {least.residuals[least.worst]:+.1f} sigma from the best sample,"
+    sentences = {
+        FINE: "The model makes data like these.",
+        LOOK: f"The model strains to make {name}: {far} is the farthest datum.",
+        DO_NOT: f"The model does not make {name}, and its intervals mean nothing: either the model is wrong, or the "
+        f"errors of the data are too small. The farthest datum is {far.rstrip(',')}.",
+    }
+    return GOODNESS.judge(p, f"chi^2 = {least.best:.4g} of {n} {'data' if n > 1 else 'datum'}, p = {p:.2g}", sentences)
+
+
+def unmeasured_verdict(why: str) -> Verdict:
+    """Judge a best sample whose stream cannot be measured."""
+    said = (
+        "Whether the model makes the data is unknown: the stream at the best sample cannot be measured. The posterior "
+        "lies at the edge of what can be. Look at the picture of the stream, and at the reasons of refused calls."
+    )
+    return Verdict("goodness of fit", LOOK, why, said, "the stream at the best sample must have predictions")
+
+
+def worst_verdict(whole: Fitted) -> Verdict:
+    """Judge the datum that is farthest from its prediction."""
+    name, away = whole.data[whole.worst], whole.residuals[whole.worst]
+    sentences = {
+        FINE: f"No datum is too far from the model: the farthest is {name}.",
+        LOOK: f"{name} is farther from the model than chance explains. Check this datum and its error. Does the mass "
+        "change without it? Outliers and an extra dispersion may be parameters of the fit.",
+    }
+    return WORST.judge(whole.worst_chance, f"{away:+.1f} sigma", sentences)
+
+
+def noise_verdict(seen: Predictive) -> Verdict:
+    """Judge the noise of the model, from its finite number of particles, beside the errors of the data."""
+    worst = int(np.argmax(seen.noise))
+    noise, name = float(seen.noise[worst]), seen.names[worst]
+    if seen.add_noise:
+        sentences = {
+            FINE: "The model's own noise is part of the likelihood, and smaller than the errors of the data.",
+            LOOK: f"The model's own noise is larger than the error of {name}. It is part of the likelihood and widens "
+            "the intervals: more particles would narrow them.",
+        }
+        return NOISE_ADDED.judge(noise, f"{noise:.2f}", sentences)
+    more = "It is left out of the likelihood, so that intervals are too narrow: take more particles, or noise = 'add'."
+    sentences = {
+        FINE: "The model's own noise is small beside the errors of the data.",
+        LOOK: f"The model's own noise counts beside the error of {name}. {more}",
+        DO_NOT: f"The model's own noise is larger than the error of {name}. {more}",
+    }
+    return NOISE.judge(noise, f"{noise:.2f}", sentences)
+
+
+def reasons_verdict(reasons: Mapping[str, int], calls: int) -> Verdict:
+    """Judge the proposals that were refused for another reason than the prior."""
+    shares = {reason: n / calls for reason, n in reasons.items() if calls and reason != "outside the prior"}
+    worst = max(shares, key=shares.__getitem__, default="")
+    share = shares.get(worst, 0.0)
+    sentences = {
+        FINE: "Few proposals are without a stream or an observable.",
+        LOOK: f"Many proposals are refused because: {worst}. Does this cut the posterior where you did not mean it to?",
+    }
+    return REASONS.judge(share, f"{100 * share:.0f} %", sentences)
+
+
+def prior_verdict(names: Sequence[str], fractions: Sequence[Array]) -> Verdict:
+    """Judge what the prior alone decides, from the (n,) samples of every parameter as fractions of its prior."""
+    ends = [max((u < EDGE).mean(), (u > 1 - EDGE).mean()) for u in fractions]
+    at_edge = [name for name, share in zip(names, ends, strict=True) if share > AT_EDGE]
+    silent = [name for name, u in zip(names, fractions, strict=True) if contraction(u) > UNINFORMED]
+    level = LOOK if at_edge else FINE
+    said = [f"The posterior of {listed(at_edge)} leans on the prior's end: other ends would move it."] * bool(at_edge)
+    said += [f"The data add nothing to the prior of {listed(silent)}."] * bool(silent)
+    value = f"{len(at_edge)} at an end, {len(silent)} uninformed"
+    rule = "fine if at most 10 % of the samples are in the outermost 2 % of a prior; uninformed: spread above 0.9 of it"
+    text = " ".join(said) or "Every posterior is narrower than its prior, and none leans on an end of it."
+    return Verdict("prior against posterior", level, value, text, rule)

@@ -1,0 +1,1 @@
+"""A run as text, pictures, a page, and files for other programs."""

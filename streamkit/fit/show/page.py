@@ -1,0 +1,174 @@
+"""The page of a run, ``report.html``: one file that needs no other and no network."""
+
+from __future__ import annotations
+
+import base64
+import re
+from collections import Counter
+from collections.abc import Iterator
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from astropy.table import QTable
+
+from streamkit.components import LEVELS, LiveStripping
+from streamkit.errors import message_of
+from streamkit.fit.directory.claim import stream_pictures
+from streamkit.fit.directory.manifest import manifest
+from streamkit.fit.judge.diagnostics import contraction, predictions_table, predictive, prior_fractions
+from streamkit.fit.judge.verdicts import overall, verdicts
+from streamkit.fit.samples.draws import ENDED
+from streamkit.fit.samples.results import Results
+from streamkit.fit.show.figures import reach, remark
+from streamkit.fit.show.literature import DENSITY, POTENTIAL, beside_literature
+from streamkit.fit.show.text import radii_to_show
+from streamkit.observe import frame_of
+from streamkit.report import cited, describe_live, labels, number
+from streamkit.runfile import ONLY
+
+PAGE = "report.html"
+TEMPLATE = "page.html.jinja"
+WIDEST = 1700  # pixels of a picture in the page: two for each of the widest column
+COLOURS = 160  # colours of a picture in the page: drawings have few, and a picture is a third as large with a palette
+# Pictures of the page that are products of their own, besides those of the streams.
+DRAWN = (
+    "mass_profile.png", "rotation_curve.png", "flattening.png", "corner.png", "traces.png", "predictions.png",
+    "priors.png",
+)  # fmt: skip
+CLASSES = dict(zip(LEVELS, ("fine", "look", "not"), strict=True))
+SIGNS = dict(zip(LEVELS, ("✓", "!", "✕"), strict=True))
+
+
+def page_text(results: Results, literature: QTable | None = None) -> str:
+    """Return the page of a run as HTML, with published values of `read_literature`.
+
+    Pictures that the directory of the run holds are taken from there.
+    """
+    from jinja2 import Environment, PackageLoader
+
+    outcomes = verdicts(results)
+    level, sentence = overall(outcomes)
+    streams = results.spec.bind_all(results.best()).streams
+    environment = Environment(
+        loader=PackageLoader(__package__, "."), autoescape=True, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.globals.update(css=CLASSES, sign=SIGNS)
+    environment.filters.update(options=_unbroken, number=number, or_dash=_or_dash, place=_place)
+    return environment.get_template(TEMPLATE).render(
+        title=Path(str(results.spec.source)).name if results.directory is None else results.directory.resolve().name,
+        remark=remark(results),
+        note=results.note(),
+        level=level,
+        sentence=sentence,
+        verdicts=outcomes,
+        counts={name: sum(v.level == name for v in outcomes) for name in LEVELS},
+        by_subject={v.subject: v for v in outcomes},
+        parameters=list(_parameters(results)),
+        masses=results.mass_profile(radii_to_show(results)),
+        reach=reach(results),
+        literature=[] if literature is None else beside_literature(results, literature),
+        pictures=_pictures(results),
+        streams=stream_pictures(results.spec),
+        on_sky={name for name, inputs in streams.items() if frame_of(inputs.observables) is not None},
+        goodness=results.goodness(),
+        data=predictions_table(predictive(results)),
+        reasons=Counter(results.reasons).most_common(),
+        calls=max(results.calls, 1),
+        run=_run(results),
+        toml=results.spec.toml(),
+        bibtex=cited(results.spec),
+    )
+
+
+def _parameters(results: Results) -> Iterator[dict[str, Any]]:
+    """Yield the row of each parameter in the summary, with more columns: its prior among them."""
+    spec = results.spec
+    for row, unit, prior, x, n_eff in zip(
+        results.summary(), spec.units, spec.priors, results.samples.T, results.draws.trusted_ess, strict=True
+    ):
+        more = {"prior": prior.text(unit.replace(" ", "")), "contraction": contraction(prior_fractions(prior, x))}
+        yield {**dict(zip(row.colnames, row, strict=True)), **more, "n_eff": n_eff}
+
+
+def _place(row: Any) -> str:
+    """Return the quantity and the place of a published value."""
+    names = {"M": "M(<r)", "v_c": "v_c", POTENTIAL: "q of the potential", DENSITY: "q of the halo's density"}
+    place = f"(R, z) = ({row['radius']:g}, {row['z']:g}) kpc" if np.isfinite(row["z"]) else f"{row['radius']:g} kpc"
+    return f"{names[row['quantity']]}, {place}"
+
+
+def _run(results: Results) -> dict[str, Any]:
+    """Return the facts about the run for the table at the end of the page."""
+    notes = {} if results.directory is None else manifest(results.directory)
+    spec = results.spec
+    return {
+        "facts": {
+            "run file": Path(str(spec.source)).name,
+            "digest": spec.digest(),
+            "seed": spec.seed,
+            "sampler": spec.sampler.kind,
+            "chain": results.draws.headline,
+            "ended": ENDED.get(results.status, "not yet, or by an interruption"),
+            "streams made": f"{results.calls} by the sampler, {results.search_calls} in the search for a start",
+            **results.facts,
+            **_live(results),
+        },
+        "components": [(path, cls.kind, supplier, cls.reference) for path, cls, supplier in spec.components()],
+        "versions": notes.get("versions", {}),
+    }
+
+
+def _live(results: Results) -> dict[str, str]:
+    """What a fit of live progenitors assumes: a fact for each of them."""
+    facts = {}
+    for name, stream in results.spec.sections.streams.items():
+        if isinstance(scheme := stream.stripping.centre, LiveStripping):
+            facts["progenitor" if name == ONLY else f"progenitor of {name}"] = describe_live(scheme)
+    return facts
+
+
+def _pictures(results: Results) -> dict[str, str]:
+    """Return the pictures by name; one that fails is left out, with the reason in `Results.failed`."""
+    makers = results.draws.pictures(labels(results.names, results.spec.symbols))
+    files = [Path(results.directory or "", name) for name in (*DRAWN, *stream_pictures(results.spec))]
+    shown = [path for path in files if results.directory is not None and path.exists()]
+    pictures = {path.name: embedded(path.read_bytes()) for path in shown}
+    for name, make in makers.items():
+        buffer = BytesIO()
+        try:
+            make().savefig(buffer, format="png", dpi=170)
+        except Exception as error:
+            results.failed[f"{PAGE}, {name}"] = f"{type(error).__name__}: {message_of(error)}"
+        else:
+            pictures[name] = embedded(buffer.getvalue())
+    return pictures
+
+
+def embedded(png: bytes) -> str:
+    """Return a picture as a data URL, no wider than the page needs, with a palette."""
+    from PIL import Image
+
+    try:
+        with Image.open(BytesIO(png)) as image:
+            white = Image.new("RGB", image.size, "white")
+            white.paste(image, mask=image.getchannel("A") if image.mode == "RGBA" else None)
+    except OSError:
+        return ""
+    if white.width > WIDEST:
+        white = white.resize((WIDEST, round(white.height * WIDEST / white.width)), Image.Resampling.LANCZOS)
+    buffer = BytesIO()
+    white.quantize(COLOURS).save(buffer, format="png", optimize=True)
+    return f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}"
+
+
+def _unbroken(text: str) -> str:
+    """Return a sentence as HTML in which the options of commands are not broken over two lines."""
+    from markupsafe import Markup, escape
+
+    return Markup(re.sub(r"(--\w+)", r'<code class="option">\1</code>', str(escape(text))))  # noqa: S704  escaped
+
+
+def _or_dash(value: float, form: str) -> str:
+    return f"{value:{form}}" if np.isfinite(value) else "-"

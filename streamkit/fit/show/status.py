@@ -1,0 +1,147 @@
+"""The status of a run: its steps, whether it is running, its expected end, and the command that continues it."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from streamkit.components import ChainSampler
+from streamkit.errors import ChainError
+from streamkit.fit.directory.claim import resume_command
+from streamkit.fit.directory.integrity import RUN_FILE, load_spec, read_chain, run_file
+from streamkit.fit.directory.manifest import manifest
+from streamkit.fit.judge.verdicts import overall, verdicts
+from streamkit.fit.samples.draws import ENDED
+from streamkit.fit.samples.results import Results, load_results
+from streamkit.report import columns, is_locked, paragraph, seconds
+from streamkit.sample import CALLS, CHAIN, JOURNAL, SAMPLES, SMALL_CALLS, calls_in
+
+
+def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
+    """Return the status of a run, running or not, as JSON can hold it; None for a number that is not status.
+
+    Keys: state ("running", or `Results.status`), steps, calls and small_calls (of a sampler that makes no chain, with
+    all and with few particles), most_steps, walkers, acceptance, effective_samples (the least),
+    r_hat (the largest), verdict, note, last_alive and expected_end (seconds since 1970; the latter of a running run: it
+    has converged, by the last look of its sampler, or reaches its number of steps or its time limit if that is sooner),
+    and go_on (a command).
+
+    Raises ChainError if there is no run, or if it has plugin files and no ``trust``.
+    """
+    if not directory.is_dir():
+        raise ChainError(f"{directory}: there is no such directory")
+    options = manifest(directory)["options"]
+    running = is_locked(directory)
+    files = [path for name in (CHAIN, JOURNAL, SAMPLES, CALLS, SMALL_CALLS) if (path := directory / name).exists()]
+    status: dict[str, Any] = {
+        "state": "running" if running else "unfinished",
+        "steps": 0,
+        "most_steps": options.get("steps"),
+        "last_alive": max((path.stat().st_mtime for path in files), default=None),
+        "go_on": resume_command(directory, options),
+    }
+    if not any(path.name in (CHAIN, JOURNAL) for path in files):
+        status |= {"calls": calls_in(directory / CALLS), "small_calls": calls_in(directory / SMALL_CALLS)}
+    if (directory / RUN_FILE).exists() and not options["given"]:  # Python alone can read a run with given classes
+        load_spec(directory, trust=trust)
+    try:
+        results = load_results(directory, trust=trust)
+    except ChainError as error:
+        run_file(directory, trust)
+        if any(path.name in (CHAIN, JOURNAL) for path in files):
+            status |= _bare(directory, running, str(error) if options.get("given") else "")
+        return status
+    steps = len(results.chain)
+    level, sentence = overall(verdicts(results))
+    status |= {
+        "state": "running" if running else results.status,
+        "steps": steps,
+        "walkers": results.draws.record().get("walkers"),
+        "acceptance": results.acceptance,
+        "effective_samples": _plain(np.min(results.draws.trusted_ess)),
+        "r_hat": _plain(np.max(results.r_hat)),
+        "verdict": level,
+        "sentence": sentence,
+        "note": results.note(),
+    }
+    if running and "walkers" in results.draws.record():
+        status["expected_end"] = _expected_end(results, status, read_chain(directory).attributes)
+    return status
+
+
+def _bare(directory: Path, running: bool, why: str) -> dict[str, Any]:
+    """Return what a chain says without its run file; ``why`` is the reason, for a run with classes given in Python.
+
+    ChainError for a chain that cannot be read, unless the run is about to write it.
+    """
+    try:
+        stored = read_chain(directory)
+    except ChainError:
+        if running:
+            return {}
+        raise
+    bare: dict[str, Any] = {"steps": len(stored.chain)}
+    if why and bare["steps"]:
+        bare |= {"walkers": stored.chain.shape[1], "sentence": "There is no verdict here.", "note": why}
+        bare |= {} if running else {"state": stored.attributes.get("status", "unfinished")}
+    return bare
+
+
+def _expected_end(results: Results, status: dict[str, Any], attributes: dict[str, Any]) -> float | None:
+    """When the run may end, as its log says: by its mean pace since the first step after a start or a resumption."""
+    since, first = attributes.get("since"), attributes.get("first", 0)
+    steps, last, sampler = status["steps"], status["last_alive"], results.spec.sampler
+    if since is None or steps <= first or status["most_steps"] is None or not isinstance(sampler, ChainSampler):
+        return None
+    most = sampler.model_copy(update={"steps": status["most_steps"]}).expected_steps(results.chain)
+    end = float(last + (last - since) / (steps - first) * (most - steps))
+    return min(end, attributes.get("deadline", 0.0) or np.inf)
+
+
+def _plain(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+STATES = {"running": "running now", "unfinished": "stopped before its end"}
+STATES |= {status: f"ended {how}" for status, how in ENDED.items()}
+
+
+def describe_status(directory: Path, status: dict[str, Any], now: float | None = None) -> str:
+    """Return the result of `read_status` as text for a terminal, at a time in seconds since 1970."""
+    now = time.time() if now is None else now
+    rows = [("state", STATES[status["state"]])]
+    weighted = "verdict" in status and status["walkers"] is None
+    most = f" of at most {status['most_steps']}" if status["most_steps"] is not None else ""
+    has_calls = bool(status.get("calls") or status.get("small_calls"))
+    if weighted:
+        rows.append(("samples", f"{status['steps']}"))
+    elif not has_calls:
+        rows.append(("steps", f"{status['steps']}{most}"))
+    if has_calls:
+        few = f", {status['small_calls']} with few" if status["small_calls"] else ""
+        rows.append(("calls", f"{status['calls']} with all particles{few}"))
+    if status["last_alive"] is not None:
+        last = status["last_alive"]
+        rows.append(("last alive", f"{_clock(last)}, {seconds(max(now - last, 0))} ago"))
+    if status.get("expected_end") is not None:
+        left = status["expected_end"] - now
+        rows.append(("expected end", f"{_clock(status['expected_end'])}, in {seconds(max(left, 0))}"))
+    for name, form in (("acceptance", ".2f"), ("effective_samples", ".0f"), ("r_hat", ".3f")):
+        if status.get(name) is not None and not (weighted and name == "acceptance"):
+            rows.append((name.replace("_", " ").replace("r hat", "R-hat"), f"{status[name]:{form}}"))
+    parts = [f"{directory}\n{columns(rows)}"]
+    if "note" in status:
+        parts.append(paragraph(f"{status['sentence']} {status['note']}"))
+    if status["state"] != "running":
+        parts.append(f"to continue:\n  {status['go_on']}")
+    return "\n\n".join(parts)
+
+
+def _clock(when: float) -> str:
+    try:
+        return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(when))
+    except (OverflowError, ValueError, OSError):  # a time that no clock shows: of a file that came from elsewhere
+        return "an unknown time"

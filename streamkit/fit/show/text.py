@@ -1,0 +1,121 @@
+"""A fit as text for a terminal, and as plain values for programs."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from streamkit.fit.judge.chain import stuck_verdict
+from streamkit.fit.judge.verdicts import overall, verdicts
+from streamkit.fit.samples.results import Results
+from streamkit.fit.samples.tables import LEVELS
+from streamkit.fit.show.figures import reach
+from streamkit.report import columns, paragraph, table_record, warning_list
+
+# Radii in kpc of the masses that a run prints: those of Gibbons+ 2014, table 3.
+PRINTED_RADII = (50.0, 100.0, 150.0, 200.0)
+# Smaller ones, which are printed where the streams or the data reach them.
+INNER_RADII = (5.0, 10.0, 20.0, 30.0)
+
+
+def radii_in_reach(results: Results) -> list[float]:
+    """Return the radii in kpc of a table of masses that the best stream or the data reach."""
+    low, high = reach(results)
+    return [r for r in (*INNER_RADII, *PRINTED_RADII) if low <= r <= high]
+
+
+def radii_to_show(results: Results) -> list[float]:
+    """Return the radii in kpc of the masses that the page and the terminal show."""
+    inside = radii_in_reach(results)
+    return [*(r for r in INNER_RADII if r in inside), *PRINTED_RADII]
+
+
+def describe_results(results: Results) -> str:
+    """Return a run as text: its convergence, the parameters, the masses, the counts of its calls."""
+    draws = results.draws
+    inside = radii_in_reach(results)
+    radii = radii_to_show(results)
+    rows = [("parameter", "median", "68 %", "95 %", "unit", "tau", "n_eff")]
+    rows += [
+        (
+            row["parameter"], f"{row['median']:.4g}", _interval(row, 68), _interval(row, 95),
+            row["unit"] or "-", _or_dash(row["autocorrelation_time"]), _or_dash(n_eff),
+        )
+        for row, n_eff in zip(results.summary(), draws.trusted_ess, strict=True)
+    ]  # fmt: skip
+    masses = [("r", "M(<r)", "68 %", "95 %", "in 1e11 Msun")]
+    for r, row in zip(radii, results.mass_profile(radii), strict=True):
+        m = {level: f"{row[f'M_{level}'.rstrip('_')].to_value('1e11 Msun'):.3g}" for level in LEVELS}
+        remark = "" if r in inside else "extrapolated: beyond the data and the best stream"
+        masses.append((f"{r:g} kpc", m[""], f"{m['lo68']} to {m['hi68']}", f"{m['lo95']} to {m['hi95']}", remark))
+    calls = draws.rows()
+    if np.isfinite(results.r_hat).any():
+        worst = int(np.nanargmax(results.r_hat))
+        calls.append(("R-hat", f"{results.r_hat[worst]:.3f}", f"the largest: of {results.names[worst]}"))
+    calls += [("rejected", str(n), reason) for reason, n in Counter(results.reasons).most_common()]
+    if draws.weighted is None:
+        walkers = f"of {results.chain.shape[1]} walkers"
+        numbers = f": {', '.join(map(str, results.stuck))}" if len(results.stuck) else ""
+        calls += [("stuck", str(len(results.stuck)), f"{walkers}{numbers}")]
+    parts = [f"{draws.headline}\n{paragraph(results.note())}", f"parameters\n{columns(rows)}"]
+    parts += [f"mass of the host\n{columns(masses)}", f"sampler\n{columns(calls)}"]
+    if results.fit is not None:
+        parts.insert(2, f"fit to the data, at the best sample\n{columns(_goodness(results))}")
+    if len(results.stuck):
+        parts.append(warning_list([stuck_verdict(len(results.stuck), results.chain.shape[1]).sentence]))
+    if results.directory is not None:
+        names = sorted(path.name for path in results.directory.iterdir() if not path.name.startswith("."))
+        parts.append(paragraph(", ".join(names), f"products in {results.directory}: ", "  "))
+    return "\n\n".join(parts)
+
+
+def _goodness(results: Results) -> list[tuple[str, ...]]:
+    rows = [("quantity", "data", "chi^2", "p", "worst datum", "data - model")]
+    return rows + [
+        (
+            row["quantity"], f"{row['data']}", f"{row['chi2']:.1f}", f"{row['p']:.2g}", row["worst"],
+            f"{row['residual']:+.1f} sigma",
+        )
+        for row in results.goodness()
+    ]  # fmt: skip
+
+
+def _or_dash(value: float) -> str:
+    return f"{value:.0f}" if np.isfinite(value) else "-"
+
+
+def _interval(row: Any, percent: int) -> str:
+    return f"{row[f'lo{percent}']:.4g} to {row[f'hi{percent}']:.4g}"
+
+
+def results_record(results: Results) -> dict[str, Any]:
+    """Return the verdict on a run, its parameters, the masses, and the counts of its calls.
+
+    Keys: directory, digest, status, quick, converged, note, verdict ("fine", "look here" or "do not use"), steps,
+    walkers, burn_in, acceptance, calls, search_calls, rejected (by reason), stuck (numbers of walkers), r_hat (the
+    largest), effective_samples (the least), goodness, parameters and mass_profile (``rows``, and ``units`` by column).
+    A sampler that weighs its samples has weighted_samples, ln_evidence and ln_evidence_error in place of steps,
+    walkers, burn_in.
+    """
+    return {
+        "directory": None if results.directory is None else str(results.directory),
+        "digest": results.spec.digest(),
+        "status": results.status,
+        "quick": results.quick,
+        "converged": results.converged,
+        "note": results.note(),
+        "verdict": overall(verdicts(results))[0],
+        **results.draws.record(),
+        "acceptance": results.acceptance,
+        "calls": results.calls,
+        "search_calls": results.search_calls,
+        "rejected": results.reasons,
+        "stuck": results.stuck,
+        "r_hat": float(np.max(results.r_hat)),
+        "effective_samples": float(np.min(results.ess)),
+        "goodness": table_record(results.goodness()),
+        "parameters": table_record(results.summary()),
+        "mass_profile": table_record(results.mass_profile(PRINTED_RADII)),
+    }

@@ -1,0 +1,144 @@
+"""The posterior: ln prior, then the stream, then the comparison of its observables with the data."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from streamkit.errors import OutOfDomain, SpecError
+from streamkit.model import Model, Observation
+from streamkit.observe import compare_with_data, join_data, parts_of
+from streamkit.runfile import Source, StreamInputs, as_spec
+from streamkit.sample.calls.comparison import Comparison
+from streamkit.stream import Array, Prediction, Stream
+
+OUTSIDE = "outside the prior"
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """The result of one call of the posterior."""
+
+    lnp: float  # ln prior + ln likelihood; -inf where there is no stream or no observable
+    ln_likelihood: float  # the second term alone; -inf likewise
+    # (m,) the prediction of the observable, and the variance of that estimate; NaN if there is none.
+    mean: Array
+    variance: Array
+    reason: str = ""  # why lnp is -inf, else empty
+    # (k,) what else of the prediction the likelihoods read, for a sampler that emulates predictions; else empty.
+    details: Array = field(default_factory=lambda: np.empty(0))
+
+    def row(self) -> tuple[float, float, Array, Array]:
+        """Return lnp and the fields of `blob_dtype`: the form of a log-probability function of emcee with blobs."""
+        return self.lnp, self.ln_likelihood, self.mean, self.variance
+
+
+def blob_dtype(m: int) -> np.dtype[Any]:
+    """Return the record stored with each sample for m data: ln likelihood, predicted mean and variance."""
+    return np.dtype([("ln_likelihood", float), ("mean", float, (m,)), ("variance", float, (m,))])
+
+
+class Posterior:
+    """The log-probability of the free parameters of a run file. A pickle of it holds the spec alone.
+
+    Parameters
+    ----------
+    spec
+        The run file.
+    emulated
+        Whether a sampler emulates the predictions: every call then has random numbers of its own, and an evaluation
+        has the details that the likelihoods read.
+
+    Raises SpecError if the spec has no free parameter, no observable or no datum: nothing can be fitted.
+    """
+
+    def __init__(self, spec: Source, emulated: bool = False) -> None:
+        self.spec = spec = as_spec(spec)
+        self.model = Model(spec, fresh=emulated)
+        self._emulated = emulated
+        if not spec.names:
+            raise SpecError("no field has a prior: a fit needs at least one free parameter")
+        bound = spec.bind_all()
+        for name, inputs in bound.streams.items():
+            where = f"{spec.prefix(name)}observable"
+            if not inputs.observables:
+                each = " for every stream" if len(bound.streams) > 1 else ""
+                raise SpecError(f"{where}: there is none, and a fit needs one with data{each}")
+            if not any(np.isfinite(data.values).any() for data in self.model.data(inputs).values()):
+                raise SpecError(f"{where}: there is no datum to compare with")
+        parts = [data for inputs in bound.streams.values() for data in self.model.data(inputs).values()]
+        parts += [self.model.data_of("data", name, data) for name, data in bound.data.items()]
+        self.data = join_data(parts)
+        self.size = len(self.data.values)
+
+    @cached_property
+    def comparison(self) -> Comparison:
+        """The comparison of given predictions with the data."""
+        return Comparison(self.model)
+
+    def __repr__(self) -> str:
+        return f"<Posterior of {self.spec.source}: {len(self.spec.names)} parameters, {self.size} data>"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Posterior, (self.spec, self._emulated)
+
+    def __call__(self, theta: Array) -> tuple[float, float, Array, Array]:
+        """Return ``(lnp, ln_likelihood, mean, variance)`` at parameters theta (d,), for emcee and other samplers."""
+        return self.evaluate(theta).row()
+
+    def ln_prior(self, theta: Array) -> float:
+        """Return the ln prior density; -inf outside its support."""
+        total = 0.0
+        for prior, value in zip(self.spec.priors, theta, strict=True):
+            total += float(prior.lnpdf(float(value)))
+        return total if np.isfinite(total) else -np.inf
+
+    def evaluate(self, theta: Array) -> Evaluation:
+        """Evaluate at theta (d,).
+
+        A component that fails, or predicts no number without a reason, is a ComponentError that names it and theta.
+        """
+        theta = np.asarray(theta, dtype=float)
+        ln_prior = self.ln_prior(theta)
+        if ln_prior == -np.inf:
+            return self.rejected(OUTSIDE)
+        try:
+            bound = self.spec.bind_all(theta)
+            observation = self.model.observe_all(bound)
+        except OutOfDomain as error:
+            return self.rejected(error.reason)
+        prediction = observation.prediction
+        assert prediction is not None  # noqa: S101  __init__ has made sure of observables
+        if prediction.why_not:
+            return self.rejected(prediction.why_not)
+        with self.model.naming_parameters(bound.values):
+            streams, predictions = bound.streams, observation.predictions
+            ln_likelihood = sum(self._compare(inputs, predictions[name]) for name, inputs in streams.items())
+            for name, data in bound.data.items():
+                values = self.model.data_of("data", name, data)
+                ln_likelihood += compare_with_data(data, predictions[f"data.{name}"], values)
+        details = self.comparison.details(observation) if self._emulated else np.empty(0)
+        lnp, mean, variance = ln_prior + ln_likelihood, prediction.mean, prediction.variance
+        return Evaluation(lnp, ln_likelihood, mean, variance, details=details)
+
+    def observe(self, theta: Array) -> Observation:
+        """Return the streams at theta (d,) and the predictions of their observables; OutOfDomain if there are none."""
+        return self.model.observe_all(self.spec.bind_all(theta))
+
+    def predict(self, theta: Array) -> tuple[Stream, Prediction]:
+        """Return the only stream at theta (d,) and its prediction; OutOfDomain if there is none."""
+        name, observation = self.spec.stream_name(), self.observe(theta)
+        return observation.streams[name], observation.predictions[name]
+
+    def _compare(self, inputs: StreamInputs, prediction: Prediction) -> float:
+        """Return the ln likelihood of one stream: that of its observables, which add up."""
+        data, parts = self.model.data(inputs), parts_of(prediction)
+        return sum(compare_with_data(each, parts[name], data[name]) for name, each in inputs.observables.items())
+
+    def rejected(self, reason: str) -> Evaluation:
+        """Return the evaluation of parameters without a stream or an observable: ln p = -inf, NaN, and the reason."""
+        nothing = np.full(self.size, np.nan)
+        return Evaluation(-np.inf, -np.inf, nothing, nothing, reason)

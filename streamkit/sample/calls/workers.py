@@ -1,0 +1,244 @@
+"""Workers that evaluate the posterior. They receive the posteriors once, and count calls and rejections."""
+
+from __future__ import annotations
+
+import math
+import pickle
+import signal
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
+from contextlib import contextmanager
+from time import monotonic
+from typing import Any, Protocol
+
+import numpy as np
+
+from streamkit.errors import PluginError
+from streamkit.sample.calls.engines import slots
+from streamkit.sample.calls.posterior import Evaluation
+from streamkit.sample.calls.processes import POLL, CallTimeout, Processes, WorkerDied
+from streamkit.sample.calls.threads import one_thread
+from streamkit.sample.calls.timeout import NO_ANSWER, Result, call_with_timeout
+from streamkit.stream import Array
+
+OVERTIME = "the call took too long"
+COMPILING = 300.0  # extra seconds for the first call of a remote worker, which compiles
+Row = tuple[float, float, Array, Array]
+Answers = list[Evaluation | str]  # an evaluation for each point, or `NO_ANSWER`
+
+
+class Evaluates(Protocol):
+    """The part of `Posterior` that `Workers` needs; tests write small classes with it."""
+
+    def evaluate(self, theta: Array) -> Evaluation:
+        """Evaluate at theta (d,)."""
+
+    def rejected(self, reason: str) -> Evaluation:
+        """Return the evaluation of parameters without an answer."""
+
+
+class Stoppable(Protocol):
+    """An object that a signal can stop: `Workers`, or any loop that reads its ``stop``."""
+
+    stop: int
+
+
+class Stopped(Exception):  # noqa: N818  a request, not a fault
+    """Raised between two evaluations after the signal ``signum``."""
+
+    def __init__(self, signum: int) -> None:
+        super().__init__(signum)
+        self.signum = signum
+
+
+class Workers:
+    """Evaluates one of several posteriors ("full", "cheap") on many points, in this or in other processes.
+
+    Use as a context manager, entered before any thread is started: the processes are forked then.
+
+    A call may take ``limit`` seconds. Then a worker process of ours is killed. In this process and on MPI ranks, Python
+    code is interrupted; compiled code ends first. With Dask or an executor of your own, a longer call is detected
+    when it ends. If no call ends within the limit, a `CallTimeout` is raised.
+    """
+
+    def __init__(
+        self,
+        posteriors: Mapping[str, Evaluates],  # by name; for an executor of your own they must pickle
+        workers: int | Executor = 1,  # a number of processes; or any executor, MPI's and Dask's too, left running
+        limit: float = math.inf,
+        reject: bool = False,  # whether a longer call counts as a rejection; else `CallTimeout` is raised
+    ) -> None:
+        self._limit, self._reject = limit, reject
+        self._posteriors = dict(posteriors)
+        self._workers = workers
+        self._slots = slots(workers) if isinstance(workers, Executor) else workers
+        self._executor: Executor | None = None
+        self._sent, self._heard = b"", monotonic()
+        self.calls: Counter[str] = Counter()  # evaluations so far, by posterior
+        # Rejections so far, by posterior and reason. Rejected proposals count too.
+        self.reasons: dict[str, Counter[str]] = {name: Counter() for name in posteriors}
+        self.stop = 0  # number of the signal that requested an end
+
+    def __enter__(self) -> Workers:
+        if isinstance(self._workers, Executor):
+            self._executor, self._sent = self._workers, pickle.dumps(self._posteriors)
+        elif self._workers > 1:
+            self._executor = pool(self._workers, self._posteriors, self._limit)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._executor is not None and not isinstance(self._workers, Executor):
+            self._executor.shutdown(wait=True, cancel_futures=True)
+
+    def evaluate(self, points: Array, which: str = "full") -> list[Evaluation]:
+        """Evaluate at points (n, d), in order.
+
+        Raises `Stopped` soon after ``stop`` is set, ComponentError if a component fails, StreamkitError if worker
+        processes die again and again.
+        """
+        results: list[Evaluation] = []
+        for result in self._results(points, which):
+            self.calls[which] += 1
+            if result.reason:
+                self.reasons[which][result.reason] += 1
+            results.append(result)
+            if self.stop:
+                raise Stopped(self.stop)
+        return results
+
+    def _results(self, points: Array, which: str) -> Iterator[Evaluation]:
+        if self._executor is None:
+            for point in points:
+                one = call_with_timeout(self._limit, self._posteriors[which].evaluate, point)
+                yield self._overtime(point, which) if isinstance(one, str) else one
+            return
+        parts = self._parts(points)
+        self._hear()
+        futures = [self._submit(part, which) for part in parts]
+        try:
+            for part, future in zip(parts, futures, strict=True):
+                try:
+                    answers = self._wait(future, len(part))
+                except CallTimeout:
+                    if isinstance(self._workers, Executor):
+                        raise
+                    answers = [NO_ANSWER] * len(part)  # our own processes get one point at a time
+                for point, each in zip(part, answers, strict=True):
+                    yield self._overtime(point, which) if isinstance(each, str) else each
+        except Exception as error:
+            if isinstance(error, BrokenExecutor | CancelledError) or type(error).__name__ == "KilledWorker":  # Dask's
+                raise WorkerDied(f"the workers of the executor died ({error})") from None
+            raise
+        finally:
+            for future in futures:
+                future.cancel()
+
+    def _submit(self, part: Array, which: str) -> Future[Answers]:
+        assert self._executor is not None  # noqa: S101  checked by the caller
+        if isinstance(self._workers, Executor):
+            future: Future[Answers] = self._executor.submit(_evaluate_sent, self._sent, which, part, self._limit)
+            future.add_done_callback(self._hear)
+            return future
+        return self._executor.submit(_evaluate, which, part)
+
+    def _hear(self, _: object = None) -> None:
+        self._heard = monotonic()
+
+    def _parts(self, points: Array) -> list[Array]:
+        """Split the points into parts, each sent as one message.
+
+        The cost of calls varies with the look-back time: parts of one point keep every core busy to the end. Executors
+        of others need several milliseconds for each part, so their parts are larger.
+        """
+        each = len(points) // (4 * self._slots) if isinstance(self._workers, Executor) else 1
+        return np.array_split(points, -(-len(points) // max(each, 1))) if len(points) else []
+
+    def _overtime(self, point: Array, which: str) -> Evaluation:
+        """Return the evaluation of a call that took too long, or raise `CallTimeout`."""
+        if self._reject:
+            return self._posteriors[which].rejected(OVERTIME)
+        raise CallTimeout(
+            f"a call took longer than sampler.call_limit = {self._limit:g} s, at the parameters "
+            f'{", ".join(f"{value:.6g}" for value in point)}; sampler.over_limit = "reject" would continue'
+        )
+
+    def _wait(self, future: Future[Answers], calls: int) -> Answers:
+        while True:
+            try:
+                return future.result(POLL)
+            except TimeoutError:
+                if future.done():
+                    raise
+                if self.stop:
+                    raise Stopped(self.stop) from None
+                if isinstance(self._workers, Executor) and monotonic() - self._heard > self._limit * calls + COMPILING:
+                    raise CallTimeout(
+                        f"{calls} call{'s' * (calls > 1)} did not end within sampler.call_limit = {self._limit:g} s "
+                        'each, and this engine cannot end one: the engine "processes" can'
+                    ) from None
+
+
+@contextmanager
+def stopped_by_signals(target: Stoppable) -> Iterator[None]:
+    """Let SIGINT and SIGTERM set ``target.stop`` to their number instead of tearing a write apart.
+
+    Python allows handlers in the main thread only; elsewhere (a notebook's thread) nothing is changed.
+    """
+
+    def handle(signum: int, _frame: object) -> None:
+        target.stop = signum
+
+    numbers = (signal.SIGINT, signal.SIGTERM) if threading.current_thread() is threading.main_thread() else ()
+    before = {number: signal.signal(number, handle) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def first_call(limit: float, function: Callable[..., Result], *args: Any) -> Result:
+    """Return the result of a call in this process, which may compile; CallTimeout after `COMPILING` and the limit."""
+    result = call_with_timeout(limit + COMPILING, function, *args)
+    if isinstance(result, str):
+        raise CallTimeout(
+            f"the first call took longer than sampler.call_limit = {limit:g} s and the {COMPILING:g} s for compiling"
+        )
+    return result
+
+
+def pool(count: int, posteriors: Mapping[str, Evaluates] | None = None, limit: float = math.inf) -> Processes:
+    """Return worker processes that hold the posteriors; a call may take ``limit`` seconds."""
+    return Processes(count, _hold, (dict(posteriors or {}),), limit)
+
+
+_POSTERIORS: dict[str, Evaluates] = {}  # the posteriors of this worker process, set once by its initializer
+# The posteriors that were last sent to a worker of somebody else's executor, by their pickle.
+_SENT: dict[bytes, dict[str, Evaluates]] = {}
+
+
+def _hold(posteriors: Mapping[str, Evaluates]) -> None:
+    _POSTERIORS.update(posteriors)
+
+
+def _evaluate(which: str, points: Array) -> Answers:
+    return [_POSTERIORS[which].evaluate(point) for point in points]
+
+
+def _evaluate_sent(sent: bytes, which: str, points: Array, limit: float = math.inf) -> Answers:
+    new = sent not in _SENT
+    if new:
+        _SENT.clear()
+        try:
+            _SENT[sent] = pickle.loads(sent)  # noqa: S301  our own
+        except (AttributeError, ImportError) as error:
+            raise PluginError(
+                f"a worker cannot find what the run needs ({error}). A class given in Python must be in a module that "
+                "every worker can import; or put it in a file and name that under plugins in the run file."
+            ) from error
+    limits = [math.inf if new and i == 0 else limit for i in range(len(points))]  # the first call may compile
+    with one_thread():
+        evaluate = _SENT[sent][which].evaluate
+        return [call_with_timeout(most, evaluate, point) for most, point in zip(limits, points, strict=True)]

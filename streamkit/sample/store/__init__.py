@@ -1,0 +1,1 @@
+"""Files of calls and samples, which survive a kill at any moment."""

@@ -1,0 +1,120 @@
+"""Weighted samples of a run, their file ``samples.h5``, and samples of equal weight drawn from them."""
+
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from streamkit.components import Verdict
+from streamkit.errors import ChainError
+from streamkit.report import BLOCK, DamagedError, read_own, write_own
+from streamkit.sample.calls.posterior import blob_dtype
+from streamkit.sample.store.step import check_array
+from streamkit.stream import Array
+
+SAMPLES = "samples.h5"
+ARRAYS = "points", "ln_weights", "log_prob", "blobs"
+ENOUGH = 400  # effective samples of a converged run (Vehtari+ 2021, sec. 4)
+
+
+@dataclass(frozen=True, eq=False)
+class Weighted:
+    """Weighted samples of the posterior with their evaluations."""
+
+    # (n, d), and (n,) natural logs of the weights up to a constant.
+    points: Array
+    ln_weights: Array
+    # (n,) ln posterior, and (n,) records of `streamkit.sample.blob_dtype`.
+    log_prob: Array
+    blobs: Any
+    ln_evidence: float  # it and its error are NaN if unknown
+    ln_evidence_error: float
+    missing: str  # what the sampler's stopping rule still requires; empty when the rule is met
+    attributes: dict[str, Any]  # attributes of the run: digest, quick, status, counts
+    verdicts: tuple[Verdict, ...] = ()  # the sampler's own checks
+
+    @cached_property
+    def weights(self) -> Array:
+        """(n,) Weights whose sum is 1."""
+        weights = np.exp(self.ln_weights - np.max(self.ln_weights))
+        return np.asarray(weights / weights.sum())
+
+    @property
+    def ess(self) -> float:
+        """The effective number of samples, 1 / sum of squared weights (Kish 1965)."""
+        return float(1 / np.sum(self.weights**2))
+
+    @property
+    def lacks(self) -> str:
+        """What is missing for converged samples, as the end of a sentence; empty if nothing is."""
+        few = f"{self.ess:.0f} effective samples, and {ENOUGH} are wanted"
+        return self.missing or ("" if self.ess >= ENOUGH else few)
+
+    def drawn(self, seed: int) -> Array:
+        """(k,) Indices of samples of equal weight, as many as the effective number, by systematic resampling.
+
+        They are in a random order: samples come in that of their likelihood.
+        """
+        rng = np.random.default_rng([seed, 2])
+        k = max(round(self.ess), 1)
+        steps = np.cumsum(self.weights)
+        return rng.permutation(np.searchsorted(steps / steps[-1], (np.arange(k) + rng.random()) / k))
+
+    def write(self, path: Path) -> None:
+        """Write the file as a whole; ChainError if it cannot be written."""
+        content = io.BytesIO()
+        with h5py.File(content, "w", userblock_size=BLOCK) as file:
+            for name in ARRAYS:
+                file[name] = getattr(self, name)
+            notes = self.attributes | {
+                "ln_evidence": self.ln_evidence,
+                "ln_evidence_error": self.ln_evidence_error,
+                "missing": self.missing,
+                "verdicts": [asdict(verdict) for verdict in self.verdicts],
+            }
+            for key, value in notes.items():
+                file.attrs[key] = json.dumps(value) if isinstance(value, dict | list) else value
+        write_own(path, content.getvalue())
+
+
+def read_weighted(path: Path) -> Weighted:
+    """Read the file. ChainError if there is none, or it is not readable, or was changed."""
+    if not path.exists():
+        raise ChainError(f"{path}: there is no file of samples: the run did not get as far as its first ones")
+    try:
+        return read_own(path, _read)
+    except DamagedError as error:
+        raise ChainError(f"{path}: was damaged or changed after it was written: {error}") from None
+
+
+def _read(file: h5py.File) -> Weighted:
+    if odd := [name for name in ARRAYS if not isinstance(file.get(name, getlink=True), h5py.HardLink)]:
+        raise ValueError(f"{odd[0]} is missing, or a link")
+    points, ln_weights, log_prob, blobs = (file[name][...] for name in ARRAYS)
+    _check_shapes(points, ln_weights, log_prob, blobs)
+    notes = {key: value.item() if isinstance(value, np.generic) else value for key, value in file.attrs.items()}
+    ln_evidence, error = (float(notes.pop(name)) for name in ("ln_evidence", "ln_evidence_error"))
+    missing = str(notes.pop("missing"))
+    if "counts" in notes:
+        notes["counts"] = json.loads(notes["counts"])
+    verdicts = tuple(Verdict(**each) for each in json.loads(notes.pop("verdicts", "[]")))
+    return Weighted(points, ln_weights, log_prob, blobs, ln_evidence, error, missing, notes, verdicts)
+
+
+def _check_shapes(points: Array, ln_weights: Array, log_prob: Array, blobs: Any) -> None:
+    """Check the arrays of a file of samples against each other; ValueError if one has another shape or no numbers."""
+    n, d = points.shape
+    check_array("points", points, (n, d))
+    check_array("ln_weights", ln_weights, (n,))
+    check_array("log_prob", log_prob, (n,), finite=False)  # -inf where a sample has no likelihood
+    if not n or np.isnan(log_prob).any():
+        raise ValueError("log_prob holds no numbers")
+    if blobs.shape != (n,) or blobs.dtype.names != blob_dtype(0).names:
+        raise ValueError("blobs holds no record for each sample")

@@ -1,0 +1,317 @@
+"""The emulator: its regression and its own error, whole posteriors from few calls, and what its certificate refuses."""
+
+from collections import deque
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from emcee.autocorr import integrated_time
+from emulated import OfToy
+from posteriors import Curved, Edges, Rough, TwoModes
+
+from streamkit import StreamkitError
+from streamkit.builtin.samplers.emulator import learn as learning
+from streamkit.builtin.samplers.emulator.calls import Calls
+from streamkit.builtin.samplers.emulator.certificate import certify, fresh_calls, trend_of
+from streamkit.builtin.samplers.emulator.changes import change_of, changes_of, moved_by, uncertainty, with_axes
+from streamkit.builtin.samplers.emulator.coordinates import Space
+from streamkit.builtin.samplers.emulator.emulated import Emulated
+from streamkit.builtin.samplers.emulator.kernel import learn_kernel
+from streamkit.builtin.samplers.emulator.of_target import LikelihoodOnly
+from streamkit.builtin.samplers.emulator.pairs import paired, pairs_of
+from streamkit.builtin.samplers.emulator.polynomial import regress
+from streamkit.builtin.samplers.emulator.rounds import Rounds
+from streamkit.builtin.samplers.emulator.start import walkers_for
+from streamkit.builtin.samplers.monomials import count, monomials
+
+
+def test_what_is_left_over_without_a_point_is_that_of_a_fit_without_it():
+    rng = np.random.default_rng(1)
+    x, target, weight = rng.normal(size=(40, 2)), rng.normal(size=(40, 3)), rng.random(40) + 0.1
+    terms = monomials(x, 2)
+    penalty = np.full(count(2, 2), 0.3)
+    fit = regress(terms, target, weight, penalty)
+    for i in (0, 7, 39):
+        others = np.arange(40) != i
+        alone = regress(terms[others], target[others], weight[others], penalty)
+        np.testing.assert_allclose(fit.out[i], target[i] - terms[i] @ alone.coefficients, rtol=1e-9)
+
+
+def test_what_is_left_over_without_a_pair_is_that_of_a_fit_without_both():
+    rng = np.random.default_rng(1)
+    x, target, weight = rng.normal(size=(40, 2)), rng.normal(size=(40, 3)), rng.random(40) + 0.1
+    x[30:], weight[30:] = x[:10], weight[:10]
+    terms = monomials(x, 2)
+    penalty = np.full(count(2, 2), 0.3)
+    out = regress(terms, target, weight, penalty).out_without(pairs_of(x))
+    for i in (0, 33):
+        others = (np.arange(40) - i) % 30 != 0
+        alone = regress(terms[others], target[others], weight[others], penalty)
+        np.testing.assert_allclose(out[i], target[i] - terms[i] @ alone.coefficients, rtol=1e-9)
+
+
+def test_the_leverage_is_the_variance_of_the_fit():
+    """Repeated noise on the same points: the scatter of the fitted values, against the closed form."""
+    rng = np.random.default_rng(2)
+    x, place = rng.normal(size=(30, 2)), rng.normal(size=(1, 2))
+    terms, there = monomials(x, 2), monomials(place, 2)
+    fit = regress(terms, rng.normal(size=(30, 20000)), np.ones(30), 1e-12)
+    expected = np.sum((there @ fit.root) ** 2)
+    assert np.var(there @ fit.coefficients) == pytest.approx(expected, rel=0.05)
+
+
+def test_a_process_follows_what_no_cubic_does_and_knows_its_error():
+    rng = np.random.default_rng(3)
+
+    def truth(x):
+        return np.stack([np.sin(2 * x[:, 0]) * np.cos(x[:, 1]), np.tanh(3 * x[:, 0])], axis=1)
+
+    x, new = rng.uniform(-2, 2, size=(250, 2)), rng.uniform(-1.8, 1.8, size=(200, 2))
+    target, weight = truth(x) + 0.02 * rng.normal(size=(250, 2)), np.ones(250)
+    cubic = regress(monomials(x, 3), target, weight, 1e-8)
+    kernel = learn_kernel(x, target, weight, rng)
+    fit = regress(kernel.terms(x), target, weight, kernel.penalty)
+    terms = kernel.terms(new)
+    off = truth(new) - terms @ fit.coefficients
+    off_cubic = truth(new) - monomials(new, 3) @ cubic.coefficients
+    assert np.sqrt(np.mean(off**2)) < 0.03 < 0.1 < np.sqrt(np.mean(off_cubic**2))
+    fit_variance2 = kernel.noise * np.sum((terms @ fit.root) ** 2, axis=1) + kernel.unseen(terms)
+    assert 0.4 < np.sqrt(np.mean(off**2 / fit_variance2[:, None])) < 2.0
+    far = kernel.terms(np.array([[30.0, 30.0]]))
+    assert kernel.unseen(far)[0] == pytest.approx(kernel.amplitude)  # beyond the points it knows nothing
+
+
+def called(problem, count, seed=1):
+    space = Space(problem)
+    u = np.random.default_rng(seed).random((count, problem.size))
+    return Calls.at(problem, space, space.to(problem.from_unit(u)))
+
+
+def test_noise_averages_out():
+    """Predictions from calls with a noise of one error are right to a third of one, and the emulator says so."""
+    problem = OfToy(Curved(), noise=1.0)
+    emulator = called(problem, 600).learn()
+    y = np.random.default_rng(9).normal(scale=0.8, size=(300, 3))
+    found, true = emulator.predict(y), problem.toy.mean(y.T).T
+    off = (found.mean - true) / problem.errors
+    assert np.sqrt(np.mean(off**2)) < 0.33
+    assert 0.5 < np.sqrt(np.mean((found.mean - true) ** 2 / found.fit_variance)) < 2.0
+    np.testing.assert_allclose(found.noise, np.broadcast_to(problem.errors**2, found.noise.shape), rtol=1e-6)
+
+
+def as_it_is(problem):
+    return problem
+
+
+def sampled(toy, noise=0.0, seed=1, cheap=None, max_calls=2500, problem=as_it_is):
+    """Return the last progress, and the number of calls, those with few particles included."""
+    full, small = OfToy(toy, seed, noise), cheap or OfToy(toy, seed + 50, noise)
+    (last,) = deque(Rounds(problem(full), problem(small), noise=False).run(max_calls), maxlen=1)
+    return last, full.calls + small.calls
+
+
+@pytest.mark.parametrize(
+    ("toy", "noise"),
+    [
+        (Curved, 1.0),
+        pytest.param(Curved, 0.0, marks=pytest.mark.slow),
+        pytest.param(TwoModes, 1.0, marks=pytest.mark.slow),
+        pytest.param(Edges, 0.0, marks=pytest.mark.slow),
+    ],
+)
+def test_posteriors_are_right_after_some_hundred_calls(toy, noise):
+    """Also where a single call has the noise of a datum: true and emulated ln L then differ by 1.4 and 2.1, and may."""
+    last, calls = sampled(toy(), noise)
+    mean, sd = toy().moments
+    assert last.missing == ""
+    assert last.certificate.faults == ()
+    assert calls < 2000
+    np.testing.assert_allclose((last.samples.mean(axis=0) - mean) / sd, 0.0, atol=0.15)
+    np.testing.assert_allclose(last.samples.std(axis=0) / sd, 1.0, atol=0.12)
+    by_walker = last.samples.reshape(-1, 2 * walkers_for(len(mean)), len(mean))
+    assert integrated_time(by_walker, tol=0).max() < 2  # independent samples have 1
+
+
+def test_an_emulator_that_is_too_simple_is_refused(monkeypatch):
+    """A linear one of a curved posterior, which believes itself exact."""
+    monkeypatch.setattr(learning, "DEGREES", (1,))
+    monkeypatch.setattr(learning, "WORTH", np.inf)
+    problem = OfToy(Curved())
+    calls = called(problem, 400)
+    emulator = calls.learn()
+    simple = Emulated(Space(problem), replace(emulator, lack2=np.zeros(2), spread2=np.zeros(2)), noise=False)
+    samples = simple.sample(calls.y, 128, 100, [1])[50:].reshape(-1, 3)
+    fresh = Calls.at(problem, simple.space, samples[:: len(samples) // 128][:128])
+    assert any("times what noise makes" in fault for fault in faults_by(simple, fresh, samples))
+    honest = Emulated(Space(problem), emulator, noise=False)
+    samples = honest.sample(calls.y, 128, 100, [1])[50:].reshape(-1, 3)
+    fresh = Calls.at(problem, honest.space, samples[:: len(samples) // 128][:128])
+    assert any("its own error" in fault for fault in faults_by(honest, fresh, samples))
+
+
+def faults_by(emulated, fresh, samples):
+    """What the certificate says against an emulator by given fresh calls."""
+    rng = np.random.default_rng(2)
+    return certify(emulated, fresh, trend_of(emulated, fresh, samples, rng), samples, rng).faults
+
+
+def faults_of(emulator, problem):
+    """What the certificate says against an emulator of a problem."""
+    emulated, rng = Emulated(Space(problem), emulator, noise=False), np.random.default_rng(3)
+    chain = emulated.sample(0.1 * rng.normal(size=(256, problem.size)), 128, 200, [1])
+    samples = chain[100:].reshape(-1, problem.size)
+    return certify(emulated, *fresh_calls(emulated, problem, samples, rng), samples, rng).faults
+
+
+def test_slopes_that_are_a_fifth_too_small_are_refused_though_ln_l_does_not_show_it():
+    """The posterior is a quarter too wide. True minus emulated ln L is what a noise of 0.7 errors makes."""
+    problem = OfToy(Rough(), noise=0.7)
+    emulator = called(problem, 600).learn()
+    flat = emulator.mean._replace(left=0.8 * emulator.mean.left)
+    assert any("trend" in fault for fault in faults_of(replace(emulator, mean=flat), problem))
+    assert faults_of(emulator, problem) == ()
+
+
+def test_a_move_along_a_narrow_direction_is_seen():
+    """What is known best is a difference of two parameters: it moves by half its standard deviation, they do not."""
+    rng = np.random.default_rng(4)
+    both, difference = rng.normal(size=(2, 4000))
+    samples = np.stack([both + 0.01 * difference, both - 0.01 * difference], axis=1)
+    ln_weight = 0.5 * difference
+    assert change_of(samples, ln_weight) < 0.1
+    assert change_of(with_axes(samples), ln_weight) == pytest.approx(0.5, abs=0.06)
+
+
+class Density:
+    """A posterior with a known ln density, in place of an emulated one."""
+
+    def __init__(self, ln_density):
+        self.ln_density = ln_density
+
+
+def test_an_emulator_that_gives_up_a_tail_hardly_moves_the_posterior():
+    """A cut of a Gaussian at 2.5 standard deviations moves its mean by 0.018, and makes it narrower by 0.022."""
+    samples = np.random.default_rng(6).normal(size=(2000, 1))
+    whole = Density(lambda y: -0.5 * y[:, 0] ** 2)
+    without = Density(lambda y: whole.ln_density(y) - 20.0 * (y[:, 0] > 2.5))
+    assert moved_by([without], whole, samples) < 0.05
+    shifted = Density(lambda y: -0.5 * (y[:, 0] - 0.3) ** 2)
+    assert moved_by([without, shifted], whole, samples) == pytest.approx(0.3, abs=0.05)
+
+
+def test_the_uncertainty_is_the_scatter_of_posteriors_from_other_calls():
+    """Emulators of a Gaussian posterior that have learned from calls with other noise move its means and widths."""
+    rng = np.random.default_rng(5)
+    samples = rng.normal(Rough.values, Rough.errors, size=(2000, 4))
+    true = Rough().smooth(samples.T)
+    changes, stated = [], []
+    for seed in range(20):
+        problem = OfToy(Rough(), seed, noise=1.0)
+        calls = Calls.at(problem, Space(problem), samples[:200])
+        emulated = Emulated(calls.space, calls.learn(), noise=False)
+        changes.append(changes_of(with_axes(samples), emulated.ln_density(samples) - true))
+        stated.append(uncertainty(emulated, samples, rng))
+    scatter = np.std(changes, axis=0).max()
+    assert np.mean(stated) == pytest.approx(scatter, rel=0.35)
+    assert 0.05 < scatter < 0.5
+
+
+def paired_calls(noise):
+    """Return the emulator of a curved posterior from pairs of calls; their noise, in errors, is not stated."""
+    problem = OfToy(Curved(), noise=noise, stated=False)
+    calls = called(problem, 600)
+    y = paired(calls.y[np.argsort(-calls.answers.ln_likelihood)][:200], 100)
+    return (calls + Calls.at(problem, calls.space, y)).learn()
+
+
+def test_pairs_of_calls_measure_noise_that_is_not_stated():
+    emulator = paired_calls(0.7)
+    assert emulator.pairs > 50
+    np.testing.assert_allclose(np.sqrt(emulator.more2), 0.7, rtol=0.25)
+    assert np.all(emulator.lack2 < 0.3 * 0.7**2)
+    assert emulator.larger_noise[0] == len(emulator.more2)
+
+
+def test_noise_far_below_the_errors_of_the_data_is_measured_but_not_told():
+    """A noise of a fiftieth of an error changes no answer: the page does not list such data."""
+    emulator = paired_calls(0.02)
+    np.testing.assert_allclose(np.sqrt(emulator.more2), 0.02, rtol=0.25)
+    assert emulator.larger_noise is None
+
+
+class Blind(OfToy):
+    """It sees nothing at negative p0 in some of its starts: a start draws from the prior once."""
+
+    def __init__(self, toy, blind):
+        super().__init__(toy, seed=60)
+        self.blind, self.start = blind, -1
+
+    def from_unit(self, u):
+        self.start += np.ndim(u) == 2
+        return super().from_unit(u)
+
+    def evaluate(self, points):
+        found = super().evaluate(points)
+        gone = (points[:, 0] < 0) & (self.start in self.blind)
+        return found._replace(
+            mean=np.where(gone[:, None], np.nan, found.mean),
+            ln_likelihood=np.where(gone, -np.inf, found.ln_likelihood),
+        )
+
+
+class Late(OfToy):
+    """It sees nothing in its first calls, as near the end of a satellite that lives longer with few particles."""
+
+    def __init__(self, toy, first):
+        super().__init__(toy)
+        self.first = first
+
+    def evaluate(self, points):
+        gone, found = self.calls < self.first, super().evaluate(points)
+        return found._replace(ln_likelihood=np.full(len(points), -np.inf)) if gone else found
+
+
+def by_late(first, max_calls):
+    """Return the last progress where the first calls with all particles have no prediction."""
+    rounds = Rounds(Late(Curved(), first), OfToy(Curved(), 60), noise=False)
+    for start in rounds._arrivals:
+        start.places[:] = start.places[:12].repeat(len(start.places) // 12 + 1, axis=0)[: len(start.places)]  # stuck
+    (last,) = deque(rounds.run(max_calls), maxlen=1)
+    return last
+
+
+def test_where_no_place_of_the_starts_has_a_prediction_others_are_called():
+    assert by_late(first=300, max_calls=900).calls.good.sum() > 100
+
+
+def test_without_predictions_the_rounds_end():
+    with pytest.raises(StreamkitError, match=r"of \d+ calls with all particles only 0 give a stream"):
+        by_late(first=10_000, max_calls=600)
+
+
+@pytest.mark.slow
+def test_a_mode_that_a_start_has_missed_is_found_by_another():
+    last, _ = sampled(TwoModes(), cheap=Blind(TwoModes(), blind={0}))
+    mean, sd = TwoModes().moments
+    assert last.missing == ""
+    np.testing.assert_allclose((last.samples.mean(axis=0) - mean) / sd, 0.0, atol=0.15)
+
+
+def test_modes_that_only_one_start_has_seen_are_not_certified():
+    last, _ = sampled(TwoModes(), cheap=Blind(TwoModes(), blind={0, 2, 3}), max_calls=500)
+    assert "only 1 of" in last.missing
+
+
+def test_the_same_seed_gives_the_same_samples():
+    (first, _), (again, _) = (sampled(Curved(), noise=0.5, max_calls=150) for _ in range(2))
+    np.testing.assert_array_equal(first.samples, again.samples)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", [0.0, pytest.param(0.7, marks=pytest.mark.timeout(3600))])
+def test_a_likelihood_that_cannot_be_called_is_learned_as_a_whole(noise):
+    last, _ = sampled(Curved(), noise, problem=LikelihoodOnly)
+    mean, sd = Curved().moments
+    assert last.missing == ""
+    np.testing.assert_allclose((last.samples.mean(axis=0) - mean) / sd, 0.0, atol=0.15)
+    np.testing.assert_allclose(last.samples.std(axis=0) / sd, 1.0, atol=0.12)

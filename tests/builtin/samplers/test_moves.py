@@ -1,0 +1,352 @@
+"""The moves on densities known in closed form or by quadrature: a wrong acceptance factor would fail."""
+
+import math
+
+import emcee
+import numpy as np
+import pytest
+from scipy import stats
+from toys import Banana, Heavy, Many, banana_run
+
+from streamkit.builtin.samplers.ensemble import learning, walk
+from streamkit.builtin.samplers.ensemble.coordinates import Space
+from streamkit.builtin.samplers.ensemble.learning import LEAST_STEPS, learning_steps
+from streamkit.builtin.samplers.ensemble.moves import (
+    INVERSE_TEMPERATURES,
+    LAST_INVERSE_TEMPERATURE,
+    SurrogateMove,
+    proposals,
+)
+from streamkit.builtin.samplers.ensemble.surrogate import learn
+from streamkit.convergence import autocorrelation_times
+from streamkit.runfile import LogUniform, Normal, TruncatedNormal, Uniform
+from streamkit.sample import ChainFile, ChainMemory, read_chain_file
+from streamkit.stream import Data
+
+PRIORS = (
+    Uniform(0, 1), Uniform(-1, 1), Normal(1, 2), LogUniform(0.1, 10), TruncatedNormal(0, 1, -0.5, math.inf),
+    Uniform(0.5, 8),
+)  # fmt: skip
+CENTRE, SD, RHO = np.array([0.1, -0.7]), np.array([0.3, 0.6]), 0.7
+INVERSE = np.linalg.inv(np.outer(SD, SD) * np.array([[1, RHO], [RHO, 1]]))
+
+
+LOW, HIGH = np.array([[0, -1, -np.inf, 0.1, -0.5, 0.5], [1, 1, np.inf, 10, np.inf, 8]])
+
+
+def ln_prior(theta):
+    """(n,) The product of these densities at theta (n, 6), up to a constant."""
+    inside = ((theta >= LOW) & (theta <= HIGH)).all(axis=1)
+    safe = np.where(inside[:, None], theta, 1.0)
+    density = -((safe[:, 2] - 1) ** 2) / 8 - np.log(safe[:, 3]) - safe[:, 4] ** 2 / 2
+    return np.where(inside, density, -np.inf)
+
+
+def ln_posterior(theta):
+    """A correlated Gaussian cut by two uniform priors, and N(2, 1) times the normal prior."""
+    x = theta[:, :2] - CENTRE
+    return ln_prior(theta) - 0.5 * np.einsum("ni,ij,nj->n", x, INVERSE, x) - 0.5 * (theta[:, 2] - 2) ** 2
+
+
+def wrong_surrogate():
+    """Learned from data that are off by more than half a standard error."""
+    rng = np.random.default_rng(8)
+    theta = np.stack([prior.sample(rng, 400) for prior in PRIORS], axis=1)
+    root = np.linalg.cholesky(INVERSE)
+    mean = np.column_stack([(theta[:, :2] - CENTRE) @ root, theta[:, 2] - 2])
+    data = Data(np.array([0.6, -0.6, 0.8]), np.ones(3))
+    surrogate = learn(Space(PRIORS).to(theta), mean, np.zeros_like(mean), data)
+    assert surrogate is not None
+    return surrogate
+
+
+def sampled(move, ln_density, steps, last=True, walkers=60):
+    rng = np.random.default_rng(4)
+    start = np.stack([prior.sample(rng, walkers) for prior in PRIORS], axis=1)
+    if isinstance(move, SurrogateMove):
+        move.learn(wrong_surrogate(), walkers, seed=7, last=last)
+    sampler = emcee.EnsembleSampler(walkers, len(PRIORS), ln_density, moves=move, vectorize=True)
+    sampler.run_mcmc(emcee.State(start, random_state=np.random.RandomState(6).get_state()), steps)
+    found = sampler.get_chain(discard=steps // 10)
+    assert np.isfinite(ln_prior(found[::50].reshape(-1, len(PRIORS)))).all()  # never outside
+    return found
+
+
+def check_moments(chain, expected, precision=0.03):
+    """Means of columns (steps, walkers, m) within 4.5 standard errors."""
+    flat = chain.reshape(-1, chain.shape[2])
+    error = flat.std(axis=0) * np.sqrt(autocorrelation_times(chain) / len(flat))
+    assert (error < precision * flat.std(axis=0)).all()
+    np.testing.assert_array_less(np.abs(flat.mean(axis=0) - expected) / error, 4.5)
+
+
+MOVES = [move for move, _ in proposals("surrogate", PRIORS)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("move", MOVES[1:], ids=["best", "third", "one"])
+def test_every_move_alone_samples_the_prior(move):
+    found = sampled(move, ln_prior, 4000)
+    exact = [
+        stats.uniform(0, 1), stats.uniform(-1, 2), stats.norm(1, 2), stats.loguniform(0.1, 10),
+        stats.truncnorm(-0.5, np.inf), stats.uniform(0.5, 7.5),
+    ]  # fmt: skip
+    u = np.stack([density.cdf(found[..., i]) for i, density in enumerate(exact)], axis=2)
+    check_moments(u, 0.5)
+    check_moments(u**2, 1 / 3)
+    check_moments((u < 0.1).astype(float), 0.1)
+    check_moments((u > 0.9).astype(float), 0.1)
+
+
+@pytest.mark.parametrize(
+    ("move", "steps", "last"),
+    [
+        pytest.param(MOVES[0], 150, True, id="surrogate"),
+        pytest.param(MOVES[0], 200, False, id="tempered replicas", marks=pytest.mark.slow),
+        pytest.param(MOVES[1], 1500, True, id="best", marks=pytest.mark.slow),
+        pytest.param(MOVES[2], 1500, True, id="third", marks=pytest.mark.slow),
+    ],
+)
+def test_every_move_alone_samples_a_cut_gaussian(move, steps, last):
+    found = sampled(move, ln_posterior, steps, last)
+    a, b = np.meshgrid(np.linspace(0, 1, 301), np.linspace(-1, 1, 301), indexing="ij")
+    weight = np.exp(ln_posterior(np.stack([a, b, 0 * a + 1, 0 * a + 1, 0 * a, 0 * a + 1], axis=2).reshape(-1, 6)))
+    mean = [np.average(value.ravel(), weights=weight) for value in (a, b, a**2, b**2, a * b)]
+    x, y, z = found[..., 0], found[..., 1], found[..., 2]
+    # N(1, 2) times N(2, 1): precision 1.25, mean (1/4 + 2) / 1.25
+    log = np.log(found[..., 3]) / np.log(10)  # uniform between -1 and 1
+    flat = (found[..., 5] - 4.25) / 3.75  # walked in its logarithm, and uniform all the same
+    values = [x, y, x**2, y**2, x * y, z, (z - 1.8) ** 2, log, log**2, flat, flat**2]
+    check_moments(np.stack(values, axis=2), [*mean, 1.8, 0.8, 0, 1 / 3, 0, 1 / 3], 0.05)
+
+
+def test_an_exchange_gives_the_replica_the_walkers_place(monkeypatch):
+    monkeypatch.setattr("streamkit.builtin.samplers.ensemble.moves.EXCHANGES", 1.0)
+    (move, _), *_ = proposals("surrogate", PRIORS)
+    move.learn(wrong_surrogate(), 8, seed=7, last=True)
+    here = np.stack([prior.sample(np.random.default_rng(4), 8) for prior in PRIORS], axis=1)
+    there, _ = move.get_proposal(here, [], np.random.RandomState(1))
+    accepted = np.arange(8) % 3 == 0
+    state = emcee.State(here.copy(), log_prob=np.zeros(8))
+    move.update(state, emcee.State(there, log_prob=np.ones(8)), accepted, np.full(8, True))
+    np.testing.assert_array_equal(state.coords, np.where(accepted[:, None], there, here))
+    replicas = move.space.back(move.replicas)
+    for own, offered, taken in zip(here, there, accepted, strict=True):
+        held = [np.isclose(replicas, point).all(axis=1).any() for point in (own, offered)]
+        assert held == [taken, not taken]
+
+
+@pytest.mark.slow
+def test_replicas_are_tempered_while_the_surrogate_learns():
+    """The third parameter is a Gaussian of variance 1 in the data and 4 in the prior: 1 / (1/4 + beta)."""
+    (move, _), *_ = proposals("surrogate", PRIORS)
+    for last in (False, True):
+        move.learn(wrong_surrogate(), 8, seed=7, last=last)
+        z = move.replicas[:, 2]
+        for i, beta in enumerate(INVERSE_TEMPERATURES):
+            expected = 1 / (0.25 + (LAST_INVERSE_TEMPERATURE if last else beta))
+            found = np.var(z[i :: len(INVERSE_TEMPERATURES)])
+            assert found == pytest.approx(expected, rel=0.6)  # 85 of them, and Student's tails
+
+
+def test_a_cubic_model_is_learned_exactly():
+    rng = np.random.default_rng(2)
+    y = rng.normal([3, -1, 1e8], [1, 0.1, 1e7], (200, 3))
+    x = (y - [3, -1, 1e8]) / [1, 0.1, 1e7]
+    mean = np.column_stack([x[:, 0] + x[:, 1] ** 2 * x[:, 2], x[:, 2] - x[:, 0] ** 3, np.full(200, 7.0)])
+    data = Data(np.array([0.5, 0.2, np.nan]), np.array([2.0, 3.0, 1.0]))
+    surrogate = learn(y, mean, np.ones((200, 3)), data)
+    assert surrogate is not None
+    near = np.abs(x).max(axis=1) < 1.2  # inside the cloud
+    chi2 = (((mean[near, :2] - [0.5, 0.2]) / [2, 3]) ** 2).sum(axis=1)
+    # Student's t of two data with 8 degrees of freedom
+    np.testing.assert_allclose(surrogate.ln_likelihood(y[near]), -5 * np.log(1 + chi2 / 8), atol=0.02)
+    noisy = learn(y, mean, np.ones((200, 3)), Data(data.values, data.errors, add_noise=True))
+    assert noisy is not None
+    np.testing.assert_allclose(noisy.variance, 1 + 1 / np.array([4, 9]), rtol=0.01)
+
+
+def test_where_there_is_no_observable_is_learned():
+    """Half of a plane has none: nearly forbidden there, and as before on the other side."""
+    y = np.random.default_rng(2).uniform(-2, 2, (900, 2))
+    data = Data(np.zeros(2), np.ones(2))
+    whole, half = (
+        learn(y, np.where(there[:, None], y, np.nan), np.zeros_like(y), data)
+        for there in (np.full(900, True), y[:, 0] > 0)
+    )
+    assert whole is not None
+    assert half is not None
+    inside, outside = (half.ln_likelihood(p) - whole.ln_likelihood(p) for p in (y[y[:, 0] > 0.6], y[y[:, 0] < -0.6]))
+    assert np.median(inside) > -0.1
+    assert np.median(outside) < -2
+    assert outside.max() < -1
+
+
+def test_the_odds_of_an_observable_are_learned():
+    """A chance that depends on the place, as the noise of a model's particles makes it: logistic, known."""
+    rng = np.random.default_rng(3)
+    y = rng.uniform(-2, 2, (6000, 2))
+    chance = 1 / (1 + np.exp(-(1.0 + 2.0 * y[:, 0] - y[:, 1] ** 2)))
+    there = rng.random(6000) < chance
+    learned = learn(y, np.where(there[:, None], y, np.nan), np.zeros_like(y), Data(np.zeros(2), np.ones(2)))
+    assert learned is not None
+    x = (y - learned.centre) @ learned.whiten
+    terms = np.column_stack([np.ones(6000), x, x[:, 0] ** 2, x[:, 0] * x[:, 1], x[:, 1] ** 2])
+    found = 1 / (1 + np.exp(-terms @ learned.exists))
+    assert np.abs(found - chance).mean() < 0.02  # the error of 6 coefficients from 6000 coins: 0.5 sqrt(6 / 6000)
+    assert np.abs(found - chance).max() < 0.1
+
+
+def test_a_likelihood_is_learned_near_its_best_among_many_bad_points():
+    """Six parameters; ln L falls faster than a polynomial, and seven of eight points are 200 below the best one."""
+    rng = np.random.default_rng(1)
+
+    def lnl(y):
+        r2 = (y**2).sum(axis=1)
+        return -0.5 * r2 * np.exp(0.02 * r2)
+
+    y = np.concatenate([rng.uniform(-6, 6, (4000, 6)), rng.normal(size=(600, 6))])[rng.permutation(4600)]
+    none = np.zeros((len(y), 1))
+    surrogate = learn(y, none, none, Data(np.zeros(1), np.ones(1)), lnl(y))
+    assert surrogate.subject == "ln likelihood"
+    near = rng.normal(size=(500, 6))
+    assert np.std(surrogate.ln_likelihood(near) - lnl(near)) < 1.2
+
+
+def test_too_little_to_learn_from():
+    y = np.random.default_rng(2).standard_normal((60, 3))
+    data = Data(np.zeros(1), np.ones(1))
+    assert learn(y[:12], y[:12, :1], y[:12, :1], data) is None
+    still = y * [1, 1, 0]
+    assert learn(still, still[:, :1], still[:, :1], data) is None
+
+
+@pytest.mark.slow
+def test_walks_on_the_surrogate_save_calls_and_keep_the_answer():
+    """Three parameters, two data, curved: expected values by quadrature."""
+    chain, plain = ChainMemory(), ChainMemory()
+    banana_run(chain, 650, "surrogate")
+    banana_run(plain, 400, "de")
+    kept, usual = chain.samples()[LEAST_STEPS:], plain.samples()[100:]
+    grid = np.stack(np.meshgrid(*(np.linspace(-3, 3, 121),) * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    residual = (Banana().mean(grid.T).T - Banana.data.values) / Banana.data.errors
+    weight = np.exp(-0.5 * np.sum(residual**2, axis=1))
+    expected = np.average(np.column_stack([grid, grid**2]), axis=0, weights=weight)
+    check_moments(np.concatenate([kept, kept**2], axis=2), expected, 0.06)
+    assert autocorrelation_times(kept).max() < 0.5 * autocorrelation_times(usual).max()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("toy", "steps", "subject"), [(Many(), 650, "the observables"), (Heavy(), 750, "ln likelihood")]
+)
+def test_the_surrogate_works_for_dozens_of_correlated_numbers_and_for_a_likelihood_of_its_own(toy, steps, subject):
+    """Both against differential evolution on the same posterior, and against quadrature."""
+    chain, plain = ChainMemory(), ChainMemory()
+    banana_run(chain, steps, "surrogate", toy=toy)
+    banana_run(plain, 400, "de", toy=toy)
+    assert chain.last.counts["facts"] == {"surrogate": subject}
+    kept, usual = chain.samples()[LEAST_STEPS:], plain.samples()[100:]
+    grid = np.stack(np.meshgrid(*(np.linspace(-3, 3, 41),) * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    weight = np.exp([toy.ln_likelihood(point) for point in grid])
+    expected = np.average(np.column_stack([grid, grid**2]), axis=0, weights=weight)
+    check_moments(np.concatenate([kept, kept**2], axis=2), expected, 0.08)
+    assert autocorrelation_times(kept).max() < 0.7 * autocorrelation_times(usual).max()
+
+
+def test_what_is_learned_from_is_all_that_was_tried(tmp_path):
+    """Refused proposals too, which the chain does not hold."""
+    file = ChainFile(tmp_path / "chain.h5")
+    banana_run(file, 30, "surrogate")
+    rows = file.history("trials").reshape(-1, 8)
+    points, mean, variance, lnl = rows[:, :3], rows[:, 3:5], rows[:, 5:7], rows[:, 7]
+    inside = file.last.counts["calls"] - file.last.counts["reasons"].get("outside the prior", 0)
+    found = (np.abs(points) <= 3).all(axis=1)
+    assert len(points) == 30 * 16
+    assert found.sum() == inside > 1.2 * len(np.unique(file.samples().reshape(-1, 3), axis=0))
+    np.testing.assert_array_equal(mean[found], [Banana().mean(point) for point in points[found]])
+    np.testing.assert_array_equal(lnl[found], [Banana().ln_likelihood(point) for point in points[found]])
+    assert (lnl[~found] == -np.inf).all()
+    assert not variance[found].any()
+    assert np.isnan(mean[~found]).all()
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """A chain of 70 steps that was not interrupted."""
+    file = ChainFile(tmp_path_factory.mktemp("whole") / "chain.h5")
+    banana_run(file, 70, "surrogate")
+    return file
+
+
+@pytest.mark.parametrize("stop", [17, pytest.param(60, marks=pytest.mark.slow)])
+def test_a_chain_that_learns_is_resumed_bit_for_bit(tmp_path, whole, stop):
+    parts = ChainFile(tmp_path / "parts.h5")
+    banana_run(parts, stop, "surrogate")
+    parts = ChainFile(parts.path)
+    parts.load()
+    banana_run(parts, 70, "surrogate", resumes=True)
+    one, two = (read_chain_file(file.path) for file in (whole, parts))
+    for name in ("chain", "log_prob", "blobs"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+
+
+def walked(*accepted):
+    """A chain in which each part, of so many steps, has so many moved proposals of a hundred walkers."""
+    moved = np.concatenate([np.arange(100) < share * 100 for steps, share in accepted for _ in range(steps)])
+    return np.cumsum(moved.reshape(-1, 100, 1), axis=0).astype(float)
+
+
+@pytest.mark.parametrize(
+    ("chain", "expected"),
+    [
+        (walked((30, 0.5)), 400),
+        (walked((200, 0.1), (200, 0.5), (300, 0.1)), 400),
+        (walked((400, 0.1)), 600),
+        (walked((400, 0.1), (200, 0.1), (300, 0.5), (900, 0.1)), 900),
+        (walked((3000, 0.1)), 1350),
+    ],
+)
+def test_learning_goes_on_until_enough_is_accepted(chain, expected):
+    assert learning_steps("surrogate", chain) == expected
+    assert learning_steps("de", chain) == 0
+
+
+@pytest.mark.slow  # a chain that learns as long as usual is resumed above
+def test_a_chain_that_learns_for_longer_is_resumed_bit_for_bit(tmp_path, monkeypatch):
+    for module in (learning, walk):
+        monkeypatch.setattr(module, "LEARNING", (10, 20, 30, 40, 50))
+    monkeypatch.setattr(learning, "LEAST_STEPS", 20)
+    monkeypatch.setattr(learning, "ACCEPTED", 0.55)
+    whole = ChainFile(tmp_path / "whole.h5")
+    banana_run(whole, 70, "surrogate")
+    assert 20 < learning_steps("surrogate", whole.samples()) == len(whole.history("trials")) < 50
+    for stop in (15, 35, 55):
+        parts = ChainFile(tmp_path / f"{stop}.h5")
+        banana_run(parts, stop, "surrogate")
+        parts = ChainFile(parts.path)
+        parts.load()
+        banana_run(parts, 70, "surrogate", resumes=True)
+        np.testing.assert_array_equal(whole.samples(), parts.samples())
+        np.testing.assert_array_equal(whole.last.memory["replicas"], parts.last.memory["replicas"])
+
+
+def test_a_finished_chain_stays_finished(tmp_path):
+    chain = ChainFile(tmp_path / "chain.h5")
+    banana_run(chain, 9000, "de", tau_factor=2)
+    length = chain.iteration
+    assert length < 9000
+    for steps in (length, 9000):  # nothing left to do, or more allowed than is needed
+        banana_run(chain, steps, "de", resumes=True, tau_factor=2)
+        assert chain.iteration == length
+
+
+@pytest.mark.parametrize(
+    "prior", [Uniform(1, 5), Uniform(-1, 5), LogUniform(1, 5), Normal(2, 0.5), TruncatedNormal(2, 0.5, 1, 5)]
+)
+def test_the_prior_in_the_coordinates_of_the_walks_is_the_prior(prior):
+    """Its density in y is that in theta times d theta / d y, up to a constant."""
+    space, theta = Space([prior]), np.linspace(1.2, 4.8, 7)[:, None]
+    y = space.to(theta)
+    wanted = np.array([prior.lnpdf(float(x)) for x in theta[:, 0]]) + space.ln_jacobian(y)
+    assert np.ptp(space.ln_prior(y) - wanted) < 1e-12
