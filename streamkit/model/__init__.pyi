@@ -4,10 +4,11 @@ from .host import Host as Host
 from .host_profile import PROFILE as PROFILE
 from .host_profile import profile_values as profile_values
 from .model import Model as Model
-from .model import Observation as Observation
 from .model import simulate as simulate
 from .moving import Moving as Moving
 from .moving import moving_objects as moving_objects
+from .observation import Measured as Measured
+from .observation import Observation as Observation
 from .progenitor import next_apocentre as next_apocentre
 from .progenitor import progenitor_track as progenitor_track
 from .release import random_numbers as random_numbers

@@ -1,10 +1,10 @@
-"""The model, from parameters to a stream: track, release, integration."""
+"""The model, from parameters to a stream (track, release, integration), what is observed of it, and the likelihood."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -15,26 +15,12 @@ from streamkit.errors import ComponentError, OutOfDomain, blamed
 from streamkit.model.host import Host
 from streamkit.model.integrate import Records, integrate
 from streamkit.model.live import follow_live, live_track
+from streamkit.model.observation import Measured, Observation
 from streamkit.model.progenitor import next_apocentre, progenitor_track
 from streamkit.model.release import other_numbers, random_numbers, release_particles
-from streamkit.observe import measure_host, measure_stream, read_data
-from streamkit.runfile import ONLY, ModelInputs, Source, StreamInputs, as_spec
-from streamkit.stream import Array, Data, IntArray, Orbit, Prediction, Stream, join_predictions
-
-
-@dataclass(frozen=True)
-class Observation:
-    """The streams by name, and the predictions: of each stream with an observable, and of ``data.NAME``."""
-
-    streams: dict[str, Stream]
-    predictions: dict[str, Prediction]
-
-    @cached_property
-    def prediction(self) -> Prediction | None:
-        """All predictions as one, their names after that of the stream if it has one; None without an observable."""
-        if self.predictions.keys() <= {ONLY}:
-            return self.predictions.get(ONLY)
-        return join_predictions(self.predictions, ONLY)
+from streamkit.observe import compare_with_data, measure_host, measure_stream, read_data
+from streamkit.runfile import ModelInputs, Source, StreamInputs, as_spec
+from streamkit.stream import Array, IntArray, Orbit, Prediction, Stream
 
 
 class Model:
@@ -58,22 +44,30 @@ class Model:
         self.spec = as_spec(spec)
         self.threads = threads
         self.fresh = fresh
-        self._data: dict[tuple[str, str], tuple[Measurement, Data]] = {}
+        self._read: dict[tuple[str, str], Measured] = {}
 
     def __repr__(self) -> str:
         return f"<Model of {self.spec!r}>"
 
-    def data(self, inputs: StreamInputs) -> dict[str, Data]:
-        """Return the data of a stream's observables by name; read once if no field of one has a prior."""
-        return {name: self.data_of(f"stream.{inputs.name}", name, one) for name, one in inputs.observables.items()}
+    def measured(self, model_inputs: ModelInputs) -> list[Measured]:
+        """Return the measurements of a bound spec with their data: those of the streams, then those of the host."""
+        streams = model_inputs.streams.values()
+        return [one for inputs in streams for one in self._of_stream(inputs)] + self._of_host(model_inputs)
 
-    def data_of(self, place: str, name: str, measurement: Measurement) -> Data:
-        """Return the data of one measurement; read once if no field of it has a prior."""
-        measured, data = self._data.get((place, name), (None, None))
-        if data is None or measured is not measurement:  # a measurement with free fields is a new instance in each call
+    def _of_stream(self, inputs: StreamInputs) -> list[Measured]:
+        return [self._with_data(observable, name, inputs.name) for name, observable in inputs.observables.items()]
+
+    def _of_host(self, model_inputs: ModelInputs) -> list[Measured]:
+        return [self._with_data(measurement, name) for name, measurement in model_inputs.data.items()]
+
+    def _with_data(self, measurement: Measurement, name: str, stream: str = "") -> Measured:
+        """Return a measurement with its data, which are read once if no field of the measurement has a prior."""
+        measured = self._read.get((stream, name))
+        # a measurement with free fields is a new instance in each call
+        if measured is None or measured.measurement is not measurement:
             data = read_data(measurement, self.spec.likelihood.noise == "add")
-            self._data[place, name] = measurement, data
-        return data
+            measured = self._read[stream, name] = Measured(measurement, data, name, stream)
+        return measured
 
     @property
     def normals(self) -> Array:
@@ -115,7 +109,7 @@ class Model:
     def _made(self, inputs: StreamInputs, host: Host | None = None) -> Stream:
         """Return the stream of a bound spec; OutOfDomain begins with its name where there are several."""
         try:
-            with self.naming_parameters(inputs.values):
+            with self._naming_parameters(inputs.values):
                 return simulate(inputs, self._draws_at(inputs), host, self.threads)
         except OutOfDomain as error:
             raise OutOfDomain(
@@ -128,8 +122,9 @@ class Model:
         Raises OutOfDomain, ComponentError as `stream`; an observable without a value gives a reason instead.
         """
         stream = self._made(inputs, host)
-        with self.naming_parameters(inputs.values):
-            return stream, measure_stream(inputs.observables, stream, self.data(inputs))
+        with self._naming_parameters(inputs.values):
+            data = {one.name: one.data for one in self._of_stream(inputs)}
+            return stream, measure_stream(inputs.observables, stream, data)
 
     def observe_all(self, model_inputs: ModelInputs) -> Observation:
         """Return all streams of a bound spec, in one host, and what their observables say; raises as `observe`."""
@@ -146,12 +141,29 @@ class Model:
     def observe_host(self, model_inputs: ModelInputs, host: Host | None = None) -> dict[str, Prediction]:
         """Return what the host says of the data that are no stream, by their names; raises as `observe`."""
         host = host or Host(model_inputs.potentials, model_inputs.bodies)
-        with self.naming_parameters(model_inputs.values):
+        with self._naming_parameters(model_inputs.values):
             data = model_inputs.data
-            return {name: measure_host(one, host, self.data_of("data", name, one)) for name, one in data.items()}
+            return {name: measure_host(one, host, self._with_data(one, name).data) for name, one in data.items()}
+
+    def ln_likelihood(self, model_inputs: ModelInputs, observation: Observation) -> float:
+        """Return the ln likelihood of all data, given what was observed of a bound spec.
+
+        The measurements are independent, and their terms add up. Raises ComponentError if a likelihood fails, or is no
+        finite number.
+        """
+
+        def term(one: Measured) -> float:
+            return compare_with_data(one.measurement, observation.prediction_of(one), one.data)
+
+        with self._naming_parameters(model_inputs.values):
+            of_streams = (map(term, self._of_stream(inputs)) for inputs in model_inputs.streams.values())
+            total = sum(map(sum, of_streams))
+            for one in self._of_host(model_inputs):
+                total += term(one)  # not by sum, which rounds in another way from Python 3.12 on
+        return total
 
     @contextmanager
-    def naming_parameters(self, values: Mapping[str, float]) -> Iterator[None]:
+    def _naming_parameters(self, values: Mapping[str, float]) -> Iterator[None]:
         """Add the free parameters to a `ComponentError`; its cause stays."""
         try:
             yield

@@ -1,8 +1,6 @@
 from .calls.engines import engine as engine
 from .calls.engines import launcher as launcher
-from .calls.posterior import Evaluation as Evaluation
 from .calls.posterior import Posterior as Posterior
-from .calls.posterior import blob_dtype as blob_dtype
 from .calls.processes import POLL as POLL
 from .calls.processes import CallTimeout as CallTimeout
 from .calls.processes import Processes as Processes
@@ -14,6 +12,8 @@ from .calls.workers import Workers as Workers
 from .calls.workers import first_call as first_call
 from .calls.workers import pool as pool
 from .calls.workers import stopped_by_signals as stopped_by_signals
+from .evaluation import Evaluation as Evaluation
+from .evaluation import blob_dtype as blob_dtype
 from .store.chain import CHAIN as CHAIN
 from .store.chain import Chain as Chain
 from .store.chain import read_chain_file as read_chain_file

@@ -20,11 +20,12 @@ from streamkit.errors import ChainError, ComponentError
 from streamkit.report import Progress
 from streamkit.runfile import Prior
 from streamkit.sample.calls.comparison import Comparison
-from streamkit.sample.calls.posterior import Evaluation, Posterior, blob_dtype
+from streamkit.sample.calls.posterior import Posterior
 from streamkit.sample.calls.search import Search
 from streamkit.sample.calls.workers import Stopped, Workers
+from streamkit.sample.evaluation import Evaluation, blob_dtype, details_of
 from streamkit.sample.store.chain_file import ChainMemory
-from streamkit.sample.store.evaluation_cache import EvaluationCache, details_of
+from streamkit.sample.store.evaluation_cache import EvaluationCache
 from streamkit.sample.store.step import Step
 from streamkit.sample.store.weighted import Weighted
 from streamkit.stream import Array, BoolArray, Data

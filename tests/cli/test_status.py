@@ -18,8 +18,7 @@ from streamkit.fit import describe_status, read_status
 from streamkit.fit.show.status import _expected_end
 from streamkit.report import locked
 from streamkit.runfile import to_toml
-from streamkit.sample import CALLS, SMALL_CALLS, EvaluationCache, read_chain_file
-from streamkit.sample.calls.posterior import Evaluation
+from streamkit.sample import CALLS, SMALL_CALLS, Evaluation, EvaluationCache, read_chain_file
 
 
 @pytest.fixture(scope="module")

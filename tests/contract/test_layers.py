@@ -37,6 +37,8 @@ LAYERS = (
 # What stands beside the layers: it uses the doors, and nothing else, and no layer imports it.
 OUTSIDE = {"builtin", "testing"}
 KIT = "study.preflight", "testing"  # but `check` runs the quick half of the conformance kit
+# Rooms inside packages, in the same order.
+ROOMS = {"sample": ({"target"}, {"calls", "store"}, {"evaluation"})}
 DOORS = {"", "engine"}  # what built-ins, the conformance kit and plugins may use: `streamkit` and `streamkit.engine`
 
 
@@ -97,6 +99,18 @@ def test_imports_point_down_and_enter_by_the_door(module):
         assert package_of(other) in below, f"{module} imports {other}, which is not below it"
         entered = other == package_of(other) or own == "__main__"
         assert entered, f"{module} reaches into {other}: take it from the door of {package_of(other)}"
+
+
+@pytest.mark.parametrize("package", sorted(ROOMS))
+def test_imports_point_down_between_the_rooms_of_a_package(package):
+    """The rooms of one step stand beside each other: neither imports the other."""
+    steps = ROOMS[package]
+    level = {f"{package}.{room}": i for i, rooms in enumerate(steps) for room in rooms}
+    modules = {module: ".".join(module.split(".")[:2]) for module in GRAPH if module.startswith(f"{package}.")}
+    assert set(modules.values()) == set(level)
+    for module, room in modules.items():
+        for other in GRAPH[module] & modules.keys():
+            assert modules[other] == room or level[modules[other]] > level[room], f"{module} imports {other}"
 
 
 def test_no_circles():

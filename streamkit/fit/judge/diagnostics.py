@@ -144,5 +144,4 @@ def _at_best(results: Results, data: Data) -> tuple[tuple[str, ...], Array]:
     }
     measured |= {f"data.{name}": [datum] for name, datum in bound.data.items()}
     scatter = [scatter_of(measured[name], prediction) for name, prediction in best.predictions.items()]
-    assert best.prediction is not None  # noqa: S101  a fit has observables
     return best.prediction.names, np.concatenate(scatter)

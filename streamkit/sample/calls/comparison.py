@@ -9,8 +9,8 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from streamkit.components import Measurement
-from streamkit.model import Model, Observation
-from streamkit.observe import parts_of, read_data
+from streamkit.model import Measured, Model, Observation
+from streamkit.observe import read_data
 from streamkit.stream import Array, BoolArray, Data, Prediction
 
 
@@ -18,21 +18,10 @@ from streamkit.stream import Array, BoolArray, Data, Prediction
 class Part:
     """One observable, or data of the host, among all."""
 
-    measurement: Measurement  # at the centre of the priors
-    # Where predictions have it: the stream and the observable, or "" and the name of the host's data.
-    place: tuple[str, str]
-    data: Data  # what it is compared with
+    measured: Measured  # at the centre of the priors
     rows: slice  # where its data are among all
     reads: tuple[str, ...]  # the details that its likelihood reads
     free: dict[str, int]  # the parameters that are fields of it, by field
-
-    def of(self, observation: Observation) -> Prediction:
-        """Return what an observation says of it."""
-        stream, name = self.place
-        if not stream:
-            return observation.predictions[f"data.{name}"]
-        return parts_of(observation.predictions[stream])[name]
-
 
 class Comparison:
     """The ln likelihood of predictions of a model's observables that are given, at many points at once."""
@@ -45,17 +34,14 @@ class Comparison:
         # declare what it reads, and those whose data depend on a parameter.
         self.undeclared: list[str] = []
         self._likelihood_only = np.zeros(len(spec.names), dtype=bool)
-        bound, sections = spec.bind_all(), spec.sections
-        for name, inputs in bound.streams.items():
-            data = model.data(inputs)
-            for key, observable in sections.streams[name].observables.items():
-                self._add(observable, (name, key), data[key])
-        for name, host_data in sections.data.items():
-            self._add(host_data, ("", name), model.data_of("data", name, bound.data[name]))
+        for measured in model.measured(spec.bind_all()):
+            streams, data = spec.sections.streams, spec.sections.data
+            sections = streams[measured.stream].observables if measured.stream else data
+            self._add(measured, sections[measured.name])
 
-    def _add(self, section: Any, place: tuple[str, str], data: Data) -> None:
-        """Add one measurement behind those before it."""
-        measurement = section.centre
+    def _add(self, measured: Measured, section: Any) -> None:
+        """Add one measurement, and its section of the run file, behind those before it."""
+        measurement = measured.measurement
         has_likelihood = type(measurement).ln_likelihood is not Measurement.ln_likelihood
         if (has_likelihood and measurement.likelihood_details is None) or self._is_bent(section):
             self.undeclared.append(f"{measurement.role} {measurement.kind}")
@@ -65,8 +51,8 @@ class Comparison:
         for field in set(measurement.likelihood_fields()) & free.keys():
             self._likelihood_only[free[field]] = True
         start = self._parts[-1].rows.stop if self._parts else 0
-        rows = slice(start, start + len(data.values))
-        self._parts.append(Part(measurement, place, data, rows, reads, free))
+        rows = slice(start, start + len(measured.data.values))
+        self._parts.append(Part(measured, rows, reads, free))
 
     def _is_bent(self, section: Any) -> bool:
         """Say whether the data of a measurement depend on a parameter, or numbers in a list of its fields are free."""
@@ -91,7 +77,8 @@ class Comparison:
 
     def details(self, observation: Observation) -> Array:
         """(k,) Return the details that the likelihoods read. The first observation decides their shapes."""
-        arrays = [np.asarray(part.of(observation).details[name]) for part in self._parts for name in part.reads]
+        details = [(observation.prediction_of(part.measured).details, part.reads) for part in self._parts]
+        arrays = [np.asarray(each[name]) for each, reads in details for name in reads]
         self._shapes = self._shapes or [array.shape for array in arrays]
         return np.concatenate([np.empty(0), *(array.ravel() for array in arrays)])
 
@@ -107,7 +94,7 @@ class Comparison:
                 shape = next(shapes)
                 stop = start + int(np.prod(shape))
                 arrays[name], start = details[:, start:stop].reshape(len(points), *shape), stop
-            names = tuple(str(i) for i in range(len(part.data.values)))
+            names = tuple(str(i) for i in range(len(part.measured.data.values)))
             prediction = Prediction(names, mean[:, part.rows], variance[:, part.rows], details=arrays)
             total += _compare(part, points, prediction)
         return total
@@ -115,11 +102,11 @@ class Comparison:
 
 def _compare(part: Part, points: Array, prediction: Prediction) -> Array:
     """(n,) Return the ln likelihood of one measurement."""
-    measurement = part.measurement
+    measurement, data = part.measured.measurement, part.measured.data
     if part.free:
         measurement = measurement.model_copy(update={name: points[:, [i]] for name, i in part.free.items()})
     value = measurement.ln_likelihood(prediction, True)
-    return gaussians(prediction.mean, prediction.variance, part.data) if value is None else np.asarray(value)
+    return gaussians(prediction.mean, prediction.variance, data) if value is None else np.asarray(value)
 
 
 def gaussians(mean: Array, variance: Array, data: Data) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -10,35 +9,13 @@ import numpy as np
 
 from streamkit.errors import OutOfDomain, SpecError
 from streamkit.model import Model, Observation
-from streamkit.observe import compare_with_data, join_data, parts_of
-from streamkit.runfile import Source, StreamInputs, as_spec
+from streamkit.observe import join_data
+from streamkit.runfile import Source, as_spec
 from streamkit.sample.calls.comparison import Comparison
+from streamkit.sample.evaluation import Evaluation
 from streamkit.stream import Array, Prediction, Stream
 
 OUTSIDE = "outside the prior"
-
-
-@dataclass(frozen=True)
-class Evaluation:
-    """The result of one call of the posterior."""
-
-    lnp: float  # ln prior + ln likelihood; -inf where there is no stream or no observable
-    ln_likelihood: float  # the second term alone; -inf likewise
-    # (m,) the prediction of the observable, and the variance of that estimate; NaN if there is none.
-    mean: Array
-    variance: Array
-    reason: str = ""  # why lnp is -inf, else empty
-    # (k,) what else of the prediction the likelihoods read, for a sampler that emulates predictions; else empty.
-    details: Array = field(default_factory=lambda: np.empty(0))
-
-    def row(self) -> tuple[float, float, Array, Array]:
-        """Return lnp and the fields of `blob_dtype`: the form of a log-probability function of emcee with blobs."""
-        return self.lnp, self.ln_likelihood, self.mean, self.variance
-
-
-def blob_dtype(m: int) -> np.dtype[Any]:
-    """Return the record stored with each sample for m data: ln likelihood, predicted mean and variance."""
-    return np.dtype([("ln_likelihood", float), ("mean", float, (m,)), ("variance", float, (m,))])
 
 
 class Posterior:
@@ -62,16 +39,15 @@ class Posterior:
         if not spec.names:
             raise SpecError("no field has a prior: a fit needs at least one free parameter")
         bound = spec.bind_all()
+        measured = self.model.measured(bound)
         for name, inputs in bound.streams.items():
             where = f"{spec.prefix(name)}observable"
             if not inputs.observables:
                 each = " for every stream" if len(bound.streams) > 1 else ""
                 raise SpecError(f"{where}: there is none, and a fit needs one with data{each}")
-            if not any(np.isfinite(data.values).any() for data in self.model.data(inputs).values()):
+            if not any(np.isfinite(one.data.values).any() for one in measured if one.stream == name):
                 raise SpecError(f"{where}: there is no datum to compare with")
-        parts = [data for inputs in bound.streams.values() for data in self.model.data(inputs).values()]
-        parts += [self.model.data_of("data", name, data) for name, data in bound.data.items()]
-        self.data = join_data(parts)
+        self.data = join_data([one.data for one in measured])
         self.size = len(self.data.values)
 
     @cached_property
@@ -111,15 +87,9 @@ class Posterior:
         except OutOfDomain as error:
             return self.rejected(error.reason)
         prediction = observation.prediction
-        assert prediction is not None  # noqa: S101  __init__ has made sure of observables
         if prediction.why_not:
             return self.rejected(prediction.why_not)
-        with self.model.naming_parameters(bound.values):
-            streams, predictions = bound.streams, observation.predictions
-            ln_likelihood = sum(self._compare(inputs, predictions[name]) for name, inputs in streams.items())
-            for name, data in bound.data.items():
-                values = self.model.data_of("data", name, data)
-                ln_likelihood += compare_with_data(data, predictions[f"data.{name}"], values)
+        ln_likelihood = self.model.ln_likelihood(bound, observation)
         details = self.comparison.details(observation) if self._emulated else np.empty(0)
         lnp, mean, variance = ln_prior + ln_likelihood, prediction.mean, prediction.variance
         return Evaluation(lnp, ln_likelihood, mean, variance, details=details)
@@ -132,11 +102,6 @@ class Posterior:
         """Return the only stream at theta (d,) and its prediction; OutOfDomain if there is none."""
         name, observation = self.spec.stream_name(), self.observe(theta)
         return observation.streams[name], observation.predictions[name]
-
-    def _compare(self, inputs: StreamInputs, prediction: Prediction) -> float:
-        """Return the ln likelihood of one stream: that of its observables, which add up."""
-        data, parts = self.model.data(inputs), parts_of(prediction)
-        return sum(compare_with_data(each, parts[name], data[name]) for name, each in inputs.observables.items())
 
     def rejected(self, reason: str) -> Evaluation:
         """Return the evaluation of parameters without a stream or an observable: ln p = -inf, NaN, and the reason."""

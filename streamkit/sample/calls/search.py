@@ -18,7 +18,7 @@ from scipy.stats import qmc
 
 from streamkit.components import PriorDensity
 from streamkit.errors import StreamkitError
-from streamkit.sample.calls.posterior import Evaluation
+from streamkit.sample.evaluation import Evaluation
 from streamkit.stream import Array, IntArray
 
 BATCH = 1024  # prior draws at a time: a power of two, which Sobol sequences need

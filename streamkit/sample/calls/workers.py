@@ -17,10 +17,10 @@ import numpy as np
 
 from streamkit.errors import PluginError
 from streamkit.sample.calls.engines import slots
-from streamkit.sample.calls.posterior import Evaluation
 from streamkit.sample.calls.processes import POLL, CallTimeout, Processes, WorkerDied
 from streamkit.sample.calls.threads import one_thread
 from streamkit.sample.calls.timeout import NO_ANSWER, Result, call_with_timeout
+from streamkit.sample.evaluation import Evaluation
 from streamkit.stream import Array
 
 OVERTIME = "the call took too long"

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from time import monotonic
 
 import numpy as np
 
 from streamkit.errors import ChainError, brief, printable
-from streamkit.sample.calls.posterior import Evaluation
+from streamkit.sample.evaluation import Evaluation, details_of
 from streamkit.sample.store.journal import Journal
 from streamkit.sample.store.step import check_array
 from streamkit.stream import Array
@@ -104,14 +104,6 @@ class EvaluationCache:
 def calls_in(path: Path) -> int:
     """Return how many evaluations a journal holds; 0 without a file. ChainError for a file that cannot be read."""
     return sum(len(record["points"]) for record in Journal(path).read() if "points" in record)
-
-
-def details_of(evaluations: Sequence[Evaluation]) -> Array:
-    """(n, k) Return the details of evaluations; NaN where there is no prediction."""
-    k = max((len(each.details) for each in evaluations), default=0)
-    nothing = np.full(k, np.nan)
-    rows = [each.details if len(each.details) else nothing for each in evaluations]
-    return np.array(rows, dtype=float).reshape(len(rows), k)
 
 
 def _evaluations_of(record: Mapping[str, Array]) -> dict[bytes, Evaluation]:

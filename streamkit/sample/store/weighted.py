@@ -15,7 +15,7 @@ import numpy as np
 from streamkit.components import Verdict
 from streamkit.errors import ChainError
 from streamkit.report import BLOCK, DamagedError, read_own, write_own
-from streamkit.sample.calls.posterior import blob_dtype
+from streamkit.sample.evaluation import blob_dtype
 from streamkit.sample.store.step import check_array
 from streamkit.stream import Array
 

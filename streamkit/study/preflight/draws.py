@@ -51,7 +51,7 @@ def observe(model: Model, theta: Array) -> tuple[Trial | None, str]:
         observation = first_call(model.spec.sampler.call_limit, model.observe_all, bound)
     except OutOfDomain as error:
         return None, error.reason
-    return Trial(bound, observation), "" if observation.prediction is None else observation.prediction.why_not
+    return Trial(bound, observation), observation.prediction.why_not
 
 
 def try_prior_draws(spec: Spec, draws: int, progress: bool = False) -> PriorDraws:

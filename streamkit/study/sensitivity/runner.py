@@ -106,7 +106,6 @@ def run_sensitivity(
             f"{spec.source}: there is no stream where the parameters are fixed: {error}. Choose another place "
             "with --set"
         ) from None
-    assert prediction is not None  # noqa: S101  a posterior has observables
     observables = prediction.names
     grids = {}  # by parameter: its index, its values, and all parameters at each of them
     for name in names:

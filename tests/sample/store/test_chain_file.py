@@ -15,8 +15,7 @@ from toys import banana_run
 
 import streamkit as sk
 from streamkit.report import hdf5
-from streamkit.sample import ChainFile, read_chain_file
-from streamkit.sample.calls.posterior import blob_dtype
+from streamkit.sample import ChainFile, blob_dtype, read_chain_file
 from streamkit.sample.store import chain_file
 from streamkit.sample.store.journal import Journal, journal_of
 from streamkit.sample.store.step import Step
