@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
+from importlib import import_module
 from typing import Any
+
+# Packages with linear algebra of their own: one that was loaded later would not know of the limit.
+LIBRARIES = ("numpy", "scipy.linalg")
 
 
 def one_thread() -> AbstractContextManager[Any]:
-    """Have NumPy's products and solutions made by one thread from now on, until the context ends if it is entered.
+    """Have the products and solutions of NumPy and SciPy made by one thread from now on, until an entered context ends.
 
-    Nothing happens without threadpoolctl; ``OMP_NUM_THREADS=1`` in the environment does the same.
+    The samples of a run then do not depend on the number of cores, or on ``OPENBLAS_NUM_THREADS``.
     """
-    try:
-        import threadpoolctl  # optional: it comes with scikit-learn, joblib or nautilus
-    except ImportError:
-        return nullcontext()
-    limits: AbstractContextManager[Any] = threadpoolctl.threadpool_limits(1, user_api="blas")
+    from threadpoolctl import threadpool_limits
+
+    for name in LIBRARIES:
+        import_module(name)
+    limits: AbstractContextManager[Any] = threadpool_limits(1, user_api="blas")
     return limits

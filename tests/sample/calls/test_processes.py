@@ -1,5 +1,6 @@
 """Worker processes that are killed at any time: nothing hangs, no call is lost, no answer changes."""
 
+import json
 import logging
 import os
 import signal
@@ -11,6 +12,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
+import threadpoolctl
 from toys import Gaussian, Slow, walk
 
 import streamkit as sk
@@ -62,16 +64,12 @@ def test_calls_are_made_in_any_number_and_order(executor):
 
 
 def blas_threads(_=None):
-    import threadpoolctl
-
-    np.ones((2, 2)) @ np.ones((2, 2))
     return max(each["num_threads"] for each in threadpoolctl.threadpool_info() if each["user_api"] == "blas")
 
 
 def test_linear_algebra_has_one_thread_in_a_worker_and_in_a_run(executor):
     """A product's last bits depend on the number of threads: those of a plugin in NumPy are the same on all engines."""
-    limits = pytest.importorskip("threadpoolctl").threadpool_limits
-    with limits(2, user_api="blas"):
+    with threadpoolctl.threadpool_limits(2, user_api="blas"):
         assert list(executor.map(blas_threads, range(2))) == [1, 1]
         with Processes(1) as later:
             assert later.submit(blas_threads).result() == 1
@@ -79,6 +77,17 @@ def test_linear_algebra_has_one_thread_in_a_worker_and_in_a_run(executor):
         with one_thread():
             assert blas_threads() == 1
         assert blas_threads() == before
+
+
+def test_a_limit_holds_in_scipy_too_and_on_a_machine_that_asks_for_four_threads():
+    """SciPy has linear algebra of its own, which is loaded with its first use."""
+    script = (
+        "from streamkit.sample import one_thread\none_thread()\nimport threadpoolctl, scipy.linalg\n"
+        "print([x['num_threads'] for x in threadpoolctl.threadpool_info() if x['user_api'] == 'blas'])"
+    )
+    many = os.environ | {"OPENBLAS_NUM_THREADS": "4", "OMP_NUM_THREADS": "4", "MKL_NUM_THREADS": "4"}
+    done = subprocess.run([sys.executable, "-c", script], env=many, capture_output=True, text=True, check=True)
+    assert set(json.loads(done.stdout)) == {1}
 
 
 @pytest.mark.parametrize("count", [12, pytest.param(50, marks=pytest.mark.slow)])
