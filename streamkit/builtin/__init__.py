@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from streamkit import CONTRACT, Component, Preset, hookimpl
 from streamkit.builtin.data import host, remnant
-from streamkit.builtin.integrators import fixed_step
+from streamkit.builtin.integrators import adaptive, fixed_step, reference
 from streamkit.builtin.observables import density
 from streamkit.builtin.observables.apocentres import observable as apocentres
 from streamkit.builtin.observables.track import observable as track
@@ -58,8 +58,8 @@ def streamkit_components() -> list[type[Component] | Preset]:
         restricted_nbody.RestrictedNbody,
         fixed_step.Leapfrog,
         fixed_step.ForestRuth,
-        fixed_step.Adaptive,
-        fixed_step.Reference,
+        adaptive.Adaptive,
+        reference.Reference,
         apocentres.Apocentres,
         track.Track,
         density.Density,

@@ -122,7 +122,7 @@ class Commands(click.Group):
             names = self.list_commands(ctx)
             meant = MEANT.get(name.lower())
             guess = f" Did you mean {meant!r}?" if meant else nearest(name, names)
-            hint = components.where_to_find("command", name) or guess
+            hint = components.where_to_find(name) or guess
             raise click.UsageError(f"no command is called {name!r}.{hint} Known: {', '.join(names)}", ctx)
         return command
 

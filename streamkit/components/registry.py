@@ -85,7 +85,7 @@ class Registry:
         entries = registry.entries[role]
         if isinstance(kind, str) and kind in entries:
             return entries[kind].cls
-        hint = where_to_find(role, str(kind)) or nearest(str(kind), entries)
+        hint = where_to_find(str(kind)) or nearest(str(kind), entries)
         lost = "".join(f"\n  A plugin failed to load: {line}" for line in registry.failed)
         raise SpecError(f"{where}: no {role} is called {kind!r}.{hint} Installed: {', '.join(sorted(entries))}.{lost}")
 

@@ -17,7 +17,7 @@ import numpy as np
 from reference_stream import HALO, LOOKBACK, MASS, RADIUS, START, streamkit_job
 
 import streamkit as sk
-from streamkit.builtin.integrators.fixed_step import Adaptive
+from streamkit.builtin.integrators.adaptive import Adaptive
 from streamkit.stream import Orbit, angle_in_plane, orbital_plane
 
 BINS = np.arange(-180.0, 181.0, 30.0)  # deg in the plane of the orbit, 0 at the progenitor

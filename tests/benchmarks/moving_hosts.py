@@ -26,7 +26,8 @@ import numpy as np
 from reference_stream import in_numpy, renewed
 
 import streamkit as sk
-from streamkit.builtin.integrators.fixed_step import Adaptive, Reference
+from streamkit.builtin.integrators.adaptive import Adaptive
+from streamkit.builtin.integrators.reference import Reference
 from streamkit.components import Integrator
 from streamkit.model import Host, progenitor_track, simulate, standard_normals
 from streamkit.model.release import Start, release_particles

@@ -28,7 +28,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 from snapshots import reference_errors
 
 import streamkit as sk
-from streamkit.builtin.integrators.fixed_step import Adaptive, ForestRuth, Leapfrog
+from streamkit.builtin.integrators.adaptive import Adaptive
+from streamkit.builtin.integrators.fixed_step import ForestRuth, Leapfrog
 from streamkit.builtin.potentials.closed_forms import NFW, Hernquist, MiyamotoNagai, Plummer, TruncatedFlat
 from streamkit.builtin.potentials.halos import NFWTriaxial
 from streamkit.builtin.stripping.lagrange import LagrangeCloud

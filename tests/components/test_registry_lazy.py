@@ -149,8 +149,10 @@ def test_a_kind_of_a_known_package_is_told_with_it():
     only_ours = [point for point in entry_points(group="streamkit") if point.name == "builtin"]
     with pytest.raises(sk.SpecError, match="'fardal15' is in streamkit-spray: pip install streamkit-spray"):
         load_registry(points=only_ours).find("stripping", "fardal15", "stripping.kind")
-    assert where_to_find("command", "nbody").startswith(" 'nbody' is in streamkit-nbody: ")
-    assert where_to_find("potential", "fardal15") == ""
+    assert where_to_find("fardal15_gala").startswith(" 'fardal15_gala' is in streamkit-spray: ")
+    assert where_to_find("nbody").startswith(" 'nbody' is in streamkit-nbody: ")
+    assert where_to_find("dask") == ""  # an extra that is no plugin
+    assert where_to_find("fardal1.") == ""
 
 
 STRENGTH = 3.0

@@ -12,8 +12,7 @@ from commands import call, refused
 
 import streamkit
 from streamkit import distribution
-from streamkit.components import load_registry
-from streamkit.components.available import PACKAGES
+from streamkit.components import load_registry, where_to_find
 from streamkit.distribution import NAME, foreign_files
 
 ROOT = Path(__file__).parents[2]
@@ -52,13 +51,14 @@ def test_a_new_package_depends_on_it(tmp_path: Path) -> None:
 
 
 def test_the_extras_bring_the_plugins() -> None:
-    assert set(PLUGINS) == set(PACKAGES)
-    installable = set(PLUGINS) - WITHOUT_WHEELS
-    assert named(EXTRAS["all"]) == installable
-    for plugin in installable:
+    assert named(EXTRAS["all"]) == set(PLUGINS) - WITHOUT_WHEELS
+    for plugin, project in PLUGINS.items():
         (requirement,) = EXTRAS[plugin.removeprefix("streamkit-")]
         assert requirement.split(">=")[0] == plugin
-        assert PLUGINS[plugin]["version"].startswith(requirement.split(">=")[1])
+        assert project["version"].startswith(requirement.split(">=")[1])
+        for name in (name for group in project["entry-points"].values() for name in group):
+            assert EXTRAS[name.replace("_", "-")] == [requirement]
+            assert f" is in {plugin}: " in where_to_find(name), "old metadata are installed: pip install -e ."
     assert not named(EXTRAS["test"]) & set(PLUGINS)  # the test command takes them from the clone
 
 

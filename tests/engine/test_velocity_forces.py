@@ -15,7 +15,9 @@ from scipy.integrate import solve_ivp
 from scipy.special import erf
 
 import streamkit as sk
-from streamkit.builtin.integrators.fixed_step import Adaptive, ForestRuth, Leapfrog, Reference
+from streamkit.builtin.integrators.adaptive import Adaptive
+from streamkit.builtin.integrators.fixed_step import ForestRuth, Leapfrog
+from streamkit.builtin.integrators.reference import Reference
 from streamkit.builtin.potentials.closed_forms import Hernquist, Kepler
 from streamkit.engine import NO_FRICTION, RKN4, Centre, build_field, follow_bodies, split_step
 from streamkit.testing.potentials import drag_is_a_drag

@@ -19,7 +19,8 @@ from scipy.interpolate import CubicSpline
 from scipy.special import erf
 
 import streamkit as sk
-from streamkit.builtin.integrators.fixed_step import Adaptive, Reference
+from streamkit.builtin.integrators.adaptive import Adaptive
+from streamkit.builtin.integrators.reference import Reference
 from streamkit.builtin.potentials.closed_forms import NFW, Hernquist, Kepler, MiyamotoNagai, Plummer, TruncatedFlat
 from streamkit.engine import Centre, Friction, build_field, follow_bodies
 from streamkit.model import NODE, Host, progenitor_track, simulate, standard_normals

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from streamkit import GYR, G, Orbit
-from streamkit.builtin.integrators.fixed_step import Adaptive, ForestRuth, Leapfrog, Reference
+from streamkit.builtin.integrators.adaptive import Adaptive
+from streamkit.builtin.integrators.fixed_step import ForestRuth, Leapfrog
+from streamkit.builtin.integrators.reference import Reference
 from streamkit.builtin.potentials.closed_forms import Isochrone, Kepler, Plummer, TruncatedFlat
 from streamkit.engine import LEAPFROG, PEFRL, RKN4, adaptive_step, build_field, split_step
 from streamkit.testing import reference

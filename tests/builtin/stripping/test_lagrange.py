@@ -7,7 +7,8 @@ import pytest
 from snapshots import model_stream, nbody_stream, reference_errors, reference_stream, started
 
 from streamkit import Stream
-from streamkit.builtin.integrators.fixed_step import Adaptive, ForestRuth
+from streamkit.builtin.integrators.adaptive import Adaptive
+from streamkit.builtin.integrators.fixed_step import ForestRuth
 from streamkit.builtin.observables.apocentres.observable import Apocentres
 from streamkit.model.integrate import integrate
 
