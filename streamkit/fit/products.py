@@ -17,7 +17,7 @@ from streamkit.errors import ChainError, OutOfDomain, message_of
 from streamkit.fit.directory.claim import LITERATURE, RECOVERY, stream_pictures
 from streamkit.fit.directory.integrity import RUN_FILE
 from streamkit.fit.directory.manifest import MANIFEST
-from streamkit.fit.judge.diagnostics import predicted_intervals, predictions_table, predictive
+from streamkit.fit.samples.predictions import predicted_intervals
 from streamkit.fit.samples.results import Results, load_results
 from streamkit.fit.samples.tables import printable
 from streamkit.fit.show.figures import WIDE, corner, mass_profile, priors, radii, remark, rotation_curve, traces
@@ -42,7 +42,7 @@ def best_stream(results: Results, name: str, column: bool = False) -> Figure:
     except OutOfDomain as error:  # another machine's rounding may lose a stream at the edge
         raise ChainError(f"the stream of the best sample could not be made again: {error.reason}") from None
     inputs, note = results.spec.bind(results.best(), name), remark(results) if results.quick else ""
-    intervals = predicted_intervals(results, name)
+    intervals = predicted_intervals(results.draws, best, name)
     return draw_stream(best.streams[name], best.predictions[name], inputs, note, intervals, column)
 
 
@@ -51,7 +51,7 @@ TABLES: dict[str, Callable[[Results], QTable]] = {
     "mass_profile.ecsv": lambda results: results.mass_profile(PROFILE_RADII),
     "diagnostics.ecsv": Results.diagnostics,
     "goodness.ecsv": Results.goodness,
-    "predictions.ecsv": lambda results: results.with_provenance(predictions_table(predictive(results))),
+    "predictions.ecsv": Results.predictions,
 }
 FLATTENING = "flattening.png"  # only of a host that is no sphere
 

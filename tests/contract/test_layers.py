@@ -38,7 +38,10 @@ LAYERS = (
 OUTSIDE = {"builtin", "testing"}
 KIT = "study.preflight", "testing"  # but `check` runs the quick half of the conformance kit
 # Rooms inside packages, in the same order.
-ROOMS = {"sample": ({"target"}, {"calls", "store"}, {"evaluation"})}
+ROOMS = {
+    "fit": ({"runner"}, {"products"}, {"show"}, {"samples"}, {"judge"}, {"directory"}),
+    "sample": ({"target"}, {"calls", "store"}, {"evaluation"}),
+}
 DOORS = {"", "engine"}  # what built-ins, the conformance kit and plugins may use: `streamkit` and `streamkit.engine`
 
 

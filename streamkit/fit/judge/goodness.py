@@ -7,13 +7,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from astropy.table import Column, QTable
 from scipy.special import ndtr
 from scipy.stats import chi2
 
 from streamkit.components import Measurement
 from streamkit.errors import OutOfDomain
-from streamkit.fit.samples.tables import printable
 from streamkit.observe import UNNAMED, parts_of, read_data, residuals_of
 from streamkit.runfile import ONLY, ModelInputs, Spec
 from streamkit.stream import Array, Data, IntArray, Prediction
@@ -203,22 +201,3 @@ def _replaced(prediction: Prediction, mean: Array, variance: Array) -> Predictio
         parts[name] = _replaced(part, mean[first:], variance[first:])
         first += len(part.names)
     return replace(prediction, mean=mean[:m], variance=variance[:m], parts=parts)
-
-
-def goodness_table(fit: Goodness | None) -> QTable:
-    """Return one row per quantity and one for all data: chi^2, number of data, p-values and the worst datum."""
-    fits = [] if fit is None else [*fit.quantities, *([fit.whole] if len(fit.quantities) > 1 else [])]
-    table = QTable({"quantity": Column([each.name for each in fits], dtype=str)})
-    table["data"] = Column([len(each.data) for each in fits], dtype=int)
-    table["chi2"] = Column([each.best for each in fits], dtype=float, description="at the best sample")
-    table["p"] = Column([each.p_value for each in fits], dtype=float, description="posterior predictive, of chi2")
-    table["worst"] = Column([each.data[each.worst] for each in fits], dtype=str, description="the farthest datum")
-    worst = [each.residuals[each.worst] for each in fits]
-    described = "data minus model, in standard deviations of the likelihood, at the best sample"
-    table["residual"] = Column(worst, dtype=float, description=described)
-    table["chance"] = Column(
-        [each.worst_chance for each in fits], dtype=float, description="chance of a worst datum at least so far away"
-    )
-    if fit is not None and fit.unjudged:
-        table.meta["not judged"] = "a likelihood of its own without residuals: " + ", ".join(fit.unjudged)
-    return printable(table)

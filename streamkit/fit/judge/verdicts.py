@@ -1,19 +1,21 @@
 """The checks of a run, each with its rule, the source of the rule, and a plain sentence.
 
-The outcome of a check is "fine", "look here" or "do not use". The thresholds are in this file and in `chain_verdicts`.
+The outcome of a check is "fine", "look here" or "do not use". The thresholds are in this file and in `chain`.
+A new check of any posterior is a function here, and a line in `verdicts`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Protocol
 
 import numpy as np
 
 from streamkit.components import DO_NOT, FINE, LEVELS, LOOK, Check, Verdict
 from streamkit.fit.judge.chain import listed
-from streamkit.fit.judge.diagnostics import EDGE, Predictive, contraction, predictive, prior_fractions
 from streamkit.fit.judge.goodness import Fitted, Goodness
-from streamkit.fit.samples.results import Results
+from streamkit.fit.judge.predictive import EDGE, Predictive, contraction, prior_fractions
+from streamkit.runfile import Prior
 from streamkit.stream import Array
 
 # Posterior predictive p-value of chi^2 (Gelman, Meng & Stern 1996). It is conservative, as the parameters were fitted
@@ -56,20 +58,49 @@ AT_EDGE = 0.1  # share of the posterior in the outermost 2 % of a prior, where t
 UNINFORMED = 0.9
 
 
-def verdicts(results: Results) -> list[Verdict]:
+class Judged(Protocol):
+    """What is judged of a run: `streamkit.Results` has all of it."""
+
+    quick: bool
+    names: tuple[str, ...]
+    samples: Array  # (n, d)
+    reasons: dict[str, int]
+    calls: int
+
+    @property
+    def own_verdicts(self) -> list[Verdict]:
+        """The outcomes of the checks that belong to the sampler."""
+
+    @property
+    def fit(self) -> Goodness | None:
+        """The goodness of fit."""
+
+    @property
+    def unmeasured(self) -> str:
+        """Why the stream at the best sample has no predictions."""
+
+    @property
+    def noisy(self) -> Predictive | None:
+        """The predictions, where their noise is judged."""
+
+    @property
+    def priors(self) -> Sequence[Prior]:
+        """(d,) The priors of the free parameters."""
+
+
+def verdicts(run: Judged) -> list[Verdict]:
     """Return the outcome of every check that the run allows."""
-    outcomes = [quick_verdict()] if results.quick else []
-    outcomes += results.draws.verdicts()
-    if results.fit is not None:
-        outcomes += [goodness_verdict(results.fit), worst_verdict(results.fit.whole)]
-    elif results.unmeasured:
-        outcomes.append(unmeasured_verdict(results.unmeasured))
-    # An emulator averages the noise of its calls, and judges its own error itself.
-    if not results.spec.sampler.emulates and (seen := predictive(results)) is not None:
-        outcomes.append(noise_verdict(seen))
-    outcomes.append(reasons_verdict(results.reasons, results.calls))
-    fractions = [prior_fractions(p, x) for p, x in zip(results.spec.priors, results.samples.T, strict=True)]
-    outcomes.append(prior_verdict(results.names, fractions))
+    outcomes = [quick_verdict()] if run.quick else []
+    outcomes += run.own_verdicts
+    if run.fit is not None:
+        outcomes += [goodness_verdict(run.fit), worst_verdict(run.fit.whole)]
+    elif run.unmeasured:
+        outcomes.append(unmeasured_verdict(run.unmeasured))
+    if run.noisy is not None:
+        outcomes.append(noise_verdict(run.noisy))
+    outcomes.append(reasons_verdict(run.reasons, run.calls))
+    fractions = [prior_fractions(p, x) for p, x in zip(run.priors, run.samples.T, strict=True)]
+    outcomes.append(prior_verdict(run.names, fractions))
     return outcomes
 
 

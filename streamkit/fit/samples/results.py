@@ -13,18 +13,21 @@ import numpy as np
 from astropy import units as u
 from astropy.table import QTable
 
-from streamkit.components import ChainSampler, Component
+from streamkit.components import ChainSampler, Component, Verdict
 from streamkit.errors import ChainError, OutOfDomain, nearest
 from streamkit.fit.directory.integrity import load_spec, read_chain, read_samples
 from streamkit.fit.directory.manifest import manifest
-from streamkit.fit.judge.goodness import Goodness, Sampled, goodness, goodness_table
+from streamkit.fit.judge.goodness import Goodness, Sampled, goodness
+from streamkit.fit.judge.predictive import Predictive
+from streamkit.fit.judge.verdicts import overall, verdicts
 from streamkit.fit.samples.chain import ChainDraws
 from streamkit.fit.samples.conversion import arviz_tree, replicates, sample_columns
 from streamkit.fit.samples.draws import Draws
-from streamkit.fit.samples.tables import intervals, printable
+from streamkit.fit.samples.predictions import predictive
+from streamkit.fit.samples.tables import goodness_table, intervals, predictions_table, printable
 from streamkit.fit.samples.weighted import WeightedDraws
 from streamkit.model import Host, Observation
-from streamkit.runfile import Spec
+from streamkit.runfile import Prior, Spec
 from streamkit.sample import Chain, Posterior, Weighted
 from streamkit.stream import Array, Prediction, Stream
 
@@ -194,6 +197,36 @@ class Results:
             return str(error)
         return next((each.why_not for each in predictions.values() if each.why_not), "")
 
+    @cached_property
+    def predictive(self) -> Predictive | None:
+        """The data and what the posterior predicts for them; None if the run kept no predictions."""
+        return predictive(self.spec, self.draws, None if self.unmeasured else self.best_observation)
+
+    @property
+    def noisy(self) -> Predictive | None:
+        """The predictions, where their noise is judged: an emulator averages the noise of its calls."""
+        return None if self.spec.sampler.emulates else self.predictive
+
+    @property
+    def priors(self) -> tuple[Prior, ...]:
+        """(d,) The priors of the free parameters."""
+        return tuple(self.spec.priors)
+
+    @property
+    def own_verdicts(self) -> list[Verdict]:
+        """The outcomes of the checks that belong to the sampler."""
+        return self.draws.verdicts()
+
+    @cached_property
+    def verdicts(self) -> list[Verdict]:
+        """The outcome of every check that the run allows, in the order of the page."""
+        return verdicts(self)
+
+    @property
+    def verdict(self) -> str:
+        """The worst outcome of all checks: "fine", "look here" or "do not use"."""
+        return overall(self.verdicts)[0]
+
     def _sampled(self) -> Sampled | None:
         """Return the samples with their predictions; None if the best sample has none."""
         if self.unmeasured:
@@ -208,6 +241,10 @@ class Results:
         its residual (data minus model, in standard deviations of the likelihood), and the chance of one so far away.
         """
         return self.with_provenance(goodness_table(self.fit))
+
+    def predictions(self) -> QTable:
+        """Return one row per datum: its error, and median and intervals of what the samples predict."""
+        return self.with_provenance(predictions_table(self.predictive))
 
     def mass_profile(self, radii: Any) -> QTable:
         """Return the mass inside radii (kpc, or a Quantity), and the circular velocity there.

@@ -17,8 +17,8 @@ from streamkit.components import LEVELS, LiveStripping
 from streamkit.errors import message_of
 from streamkit.fit.directory.claim import stream_pictures
 from streamkit.fit.directory.manifest import manifest
-from streamkit.fit.judge.diagnostics import contraction, predictions_table, predictive, prior_fractions
-from streamkit.fit.judge.verdicts import overall, verdicts
+from streamkit.fit.judge.predictive import contraction, prior_fractions
+from streamkit.fit.judge.verdicts import overall
 from streamkit.fit.samples.draws import ENDED
 from streamkit.fit.samples.results import Results
 from streamkit.fit.show.figures import reach, remark
@@ -48,7 +48,7 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
     """
     from jinja2 import Environment, PackageLoader
 
-    outcomes = verdicts(results)
+    outcomes = results.verdicts
     level, sentence = overall(outcomes)
     streams = results.spec.bind_all(results.best()).streams
     environment = Environment(
@@ -73,7 +73,7 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
         streams=stream_pictures(results.spec),
         on_sky={name for name, inputs in streams.items() if frame_of(inputs.observables) is not None},
         goodness=results.goodness(),
-        data=predictions_table(predictive(results)),
+        data=results.predictions(),
         reasons=Counter(results.reasons).most_common(),
         calls=max(results.calls, 1),
         run=_run(results),

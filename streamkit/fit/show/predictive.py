@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from streamkit.errors import ChainError
-from streamkit.fit.judge.diagnostics import Predictive, predictive
+from streamkit.fit.judge.predictive import Predictive
 from streamkit.fit.samples.results import Results
 from streamkit.fit.show.figures import remark
 from streamkit.report import (
@@ -39,10 +39,9 @@ def predictions(results: Results, column: bool = False) -> Figure:
     For one ``column`` of a journal the data themselves are left out, and of many more than `LONGEST` there are two
     columns. ChainError if the run kept no predictions.
     """
-    seen = predictive(results)
-    if seen is None:
+    if results.predictive is None:
         raise ChainError("the run kept no predictions")
-    return draw_predictive(seen, remark(results), column)
+    return draw_predictive(results.predictive, remark(results), column)
 
 
 def draw_predictive(seen: Predictive, note: str = "", narrow: bool = False) -> Figure:

@@ -13,7 +13,7 @@ from streamkit.errors import ChainError
 from streamkit.fit.directory.claim import resume_command
 from streamkit.fit.directory.integrity import RUN_FILE, load_spec, read_chain, run_file
 from streamkit.fit.directory.manifest import manifest
-from streamkit.fit.judge.verdicts import overall, verdicts
+from streamkit.fit.judge.verdicts import overall
 from streamkit.fit.samples.draws import ENDED
 from streamkit.fit.samples.results import Results, load_results
 from streamkit.report import columns, is_locked, paragraph, seconds
@@ -55,7 +55,7 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
             status |= _bare(directory, running, str(error) if options.get("given") else "")
         return status
     steps = len(results.chain)
-    level, sentence = overall(verdicts(results))
+    level, sentence = overall(results.verdicts)
     status |= {
         "state": "running" if running else results.status,
         "steps": steps,

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from streamkit.fit.judge.chain import stuck_verdict
-from streamkit.fit.judge.verdicts import overall, verdicts
 from streamkit.fit.samples.results import Results
 from streamkit.fit.samples.tables import LEVELS
 from streamkit.fit.show.figures import reach
@@ -106,7 +105,7 @@ def results_record(results: Results) -> dict[str, Any]:
         "quick": results.quick,
         "converged": results.converged,
         "note": results.note(),
-        "verdict": overall(verdicts(results))[0],
+        "verdict": results.verdict,
         **results.draws.record(),
         "acceptance": results.acceptance,
         "calls": results.calls,

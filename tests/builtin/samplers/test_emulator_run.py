@@ -6,7 +6,6 @@ from runfiles import FIT
 
 import streamkit as sk
 from streamkit.fit import describe_status, read_status
-from streamkit.fit.judge.verdicts import verdicts
 
 EMULATED = FIT | {"sampler": {"kind": "emulator", "start_particles": 50, "starts": 1, "max_calls": 600}}
 
@@ -24,7 +23,7 @@ def test_it_is_certified(run):
 def test_its_page_says_so(run):
     (verdict,) = run[1].weighted.verdicts
     assert (verdict.subject, verdict.level) == ("fresh calls beside the emulator", "fine")
-    subjects = [each.subject for each in verdicts(run[1])]
+    subjects = [each.subject for each in run[1].verdicts]
     assert verdict.subject in subjects
     assert "own noise" not in subjects  # that of a single call, which the emulator averages
 

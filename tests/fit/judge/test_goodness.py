@@ -11,7 +11,8 @@ from streamkit.builtin.observables.track.likelihood import Side, mixture_residua
 from streamkit.components import DO_NOT, FINE, LOOK
 from streamkit.fit import describe_results
 from streamkit.fit.judge import verdicts as rules
-from streamkit.fit.judge.goodness import Fitted, Goodness, Measured, goodness_table
+from streamkit.fit.judge.goodness import Fitted, Goodness, Measured
+from streamkit.fit.samples.tables import goodness_table
 from streamkit.observe import ln_likelihood_of_each, new_data, residuals_of
 from streamkit.stream import Data
 

@@ -9,7 +9,7 @@ from streamkit.components import DO_NOT, FINE, LOOK
 from streamkit.fit.judge import chain as chain_verdicts
 from streamkit.fit.judge import verdicts as rules
 from streamkit.fit.judge.chain import chance, drift, rank_scores, ranks
-from streamkit.fit.judge.diagnostics import Predictive, contraction, prior_fractions
+from streamkit.fit.judge.predictive import Predictive, contraction, prior_fractions
 from streamkit.runfile import LogUniform, Normal, Uniform
 
 NAMES = ("potential.v0", "potential.alpha")

@@ -12,7 +12,7 @@ from runfiles import FIT
 import streamkit as sk
 from streamkit.components import LOOK
 from streamkit.fit import describe_results, write_samples
-from streamkit.fit.judge.verdicts import overall, verdicts
+from streamkit.fit.judge.verdicts import overall
 from streamkit.fit.samples.results import Results, load_results
 from streamkit.fit.show.status import describe_status, read_status
 from streamkit.sample import CALLS, CHAIN, SAMPLES, Workers, read_weighted
@@ -77,8 +77,8 @@ def test_every_product_is_written_and_says_what_it_is(done, tmp_path):
     assert "rule of the sampler" in page
     assert "importance" in page
     assert "ln evidence" in describe_results(done)
-    level, _ = overall(verdicts(done))
-    subjects = {verdict.subject for verdict in verdicts(done)}
+    level, _ = overall(done.verdicts)
+    subjects = {verdict.subject for verdict in done.verdicts}
     assert level == "do not use"
     assert "R-hat" not in subjects
     assert {"rule of the sampler", "effective samples", "largest weight", "own noise"} <= subjects
@@ -95,7 +95,7 @@ def test_a_best_sample_whose_stream_cannot_be_measured_is_said(done):
     lost = Results(done.spec.with_values({"progenitor.lookback": 0.001}), done.draws)
     assert lost.fit is None
     assert len(lost.goodness()) == 0
-    judged = next(each for each in verdicts(lost) if each.subject == "goodness of fit")
+    judged = next(each for each in lost.verdicts if each.subject == "goodness of fit")
     assert judged.level == LOOK
     assert "too few particles" in judged.value
     assert "fit to the data" not in describe_results(lost)

@@ -11,9 +11,11 @@ from pictures import assert_readable
 from runfiles import APOCENTRES
 
 import streamkit as sk
-from streamkit.fit.judge.diagnostics import Predictive, predicted_intervals, predictions_table
+from streamkit.fit.judge.predictive import Predictive
 from streamkit.fit.products import FLATTENING, products_of
+from streamkit.fit.samples.predictions import stored_predictions
 from streamkit.fit.samples.results import Results, draws_of
+from streamkit.fit.samples.tables import predictions_table
 from streamkit.fit.show import figures
 from streamkit.fit.show.figures import WIDE, _labels, corner, mass_profile, priors, reach, rotation_curve, traces
 from streamkit.fit.show.flattening import flattening, is_sphere
@@ -306,7 +308,7 @@ def test_without_predictions_there_is_no_picture_of_them():
     results = synthetic(freed())
     with pytest.raises(sk.StreamkitError, match="no predictions"):
         predictions(results)
-    assert predicted_intervals(results, "stream") == {}
+    assert stored_predictions(results.draws) is None
 
 
 def flattened():

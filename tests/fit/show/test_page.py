@@ -16,7 +16,7 @@ from runfiles import FIT
 
 import streamkit as sk
 from streamkit.fit import write_products
-from streamkit.fit.judge.verdicts import LEVELS, overall, verdicts
+from streamkit.fit.judge.verdicts import LEVELS, overall
 from streamkit.fit.show.flattening import flattening
 from streamkit.fit.show.literature import beside_literature, read_literature
 from streamkit.fit.show.page import embedded, page_text
@@ -98,7 +98,7 @@ def test_the_page_holds_the_answer(run, page):
 
 
 def test_the_page_holds_every_verdict_with_its_rule(run, page):
-    found = verdicts(run)
+    found = run.verdicts
     level, sentence = overall(found)
     assert level == LEVELS[-1]  # 30 steps
     assert sentence in page.text
