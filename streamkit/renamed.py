@@ -1,4 +1,4 @@
-"""Former names of public attributes: each works for one MINOR version, with a DeprecationWarning."""
+"""Former names of public attributes and methods: each works for one MINOR version, with a DeprecationWarning."""
 
 from __future__ import annotations
 
@@ -23,6 +23,18 @@ class Renamed:
     def __get__(self, instance: Any, owner: type) -> Any:
         if instance is None:
             return self
-        text = f"{owner.__name__}.{self._former} is now {self._name}: the next minor version has the latter name alone"
-        warnings.warn(text, DeprecationWarning, stacklevel=2)
+        _warn(owner, self._former, self._name)
         return getattr(instance, self._name)
+
+
+def adopt(cls: type, former: str, name: str) -> None:
+    """Give what a class defines under a former name the present name. For ``__init_subclass__`` of a base class."""
+    if former in cls.__dict__:
+        _warn(cls, former, name)
+        setattr(cls, name, cls.__dict__[former])
+        delattr(cls, former)
+
+
+def _warn(owner: type, former: str, name: str) -> None:
+    text = f"{owner.__name__}.{former} is now {name}: the next minor version has the latter name alone"
+    warnings.warn(text, DeprecationWarning, stacklevel=3)

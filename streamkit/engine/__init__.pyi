@@ -15,5 +15,6 @@ from .methods import PEFRL as PEFRL
 from .methods import RKN4 as RKN4
 from .methods import Splitting as Splitting
 from .patches import Patches as Patches
+from .records import ParticleRecords as ParticleRecords
 from .records import record as record
 from .remnant import bound_shells as bound_shells

@@ -1,7 +1,7 @@
-"""The compiled records of particles that are all of one time, as those of a live progenitor are.
+"""The compiled records of particles that are all at the same time, as those of a live progenitor are.
 
-The same as `streamkit.engine.records`, a few particles at a time, in loops without branches over one array of scratch:
-these run on all lanes. Sums and choices are those of `record`.
+The loops do the same as `streamkit.engine.records`, for a few particles at a time. They have no branches and share one
+array of scratch, so they become vector instructions. Sums and choices are those of `record`.
 """
 
 from __future__ import annotations
@@ -12,21 +12,24 @@ import numpy as np
 from numba import types
 
 from streamkit.engine.cache import cached
+from streamkit.engine.records import ParticleRecords
 
 CHUNK = 256  # particles taken together
 # Where in the scratch the projections on the plane, the momentum, the change of revolutions and the distance begin.
 E, F, M, D, R = 0, CHUNK, 2 * CHUNK, 3 * CHUNK, 4 * CHUNK
 
 _F1, _F2, _F = types.float64[::1], types.float64[:, ::1], types.float64
+_RECORDS = types.NamedTuple([_F1, _F2, _F1, _F1, _F1, _F2, _F2], ParticleRecords)
 
 
-@cached(types.void(_F, _F, _F2, _F2, _F1, _F, _F2, _F1, _F2, _F1, _F1, _F1, _F2, _F2))
-def record_together(t0, t1, q, v, state, r_tidal, plane, revolutions, planar, chi, gap, t_strip, dq_strip, dv_strip):
+@cached(types.void(_F, _F, _F2, _F2, _F1, _F, _F2, _RECORDS))
+def record_together(t0, t1, q, v, state, r_tidal, plane, records):
     """Update the records of all particles at the end of a block from t0 to t1.
 
-    The arguments are those of `streamkit.engine.records.record`, but for the revolutions (n,), which are floats, and
-    t0, the time of every particle's previous sample.
+    The arguments are those of `streamkit.engine.records.record`, with two exceptions: the revolutions (n,) are floats,
+    and t0 is the time of every particle's previous sample.
     """
+    revolutions, planar, chi, gap, t_strip, dq_strip, dv_strip = records
     h = t1 - t0
     r_progenitor = math.sqrt(state[0] ** 2 + state[1] ** 2 + state[2] ** 2)
     px, py, pz = state[0], state[1], state[2]
@@ -43,7 +46,7 @@ def record_together(t0, t1, q, v, state, r_tidal, plane, revolutions, planar, ch
         for i in range(x.shape[0]):
             turned = scratch[E + i] * (b0 * u[i] + b1 * w[i] + b2 * s[i])
             scratch[M + i] = turned - scratch[F + i] * (a0 * u[i] + a1 * w[i] + a2 * s[i])
-        for i in range(x.shape[0]):  # as in `record`, in numbers in place of truths
+        for i in range(x.shape[0]):  # as in `record`, with the numbers 0 and 1 in place of truth values
             e, f, e0, f0 = scratch[E + i], scratch[F + i], e_old[i], f_old[i]
             cross, along = e0 * f - e * f0, e0 * e + f0 * f
             turn = scratch[M + i] if along < 0.0 else cross
@@ -68,7 +71,7 @@ def record_together(t0, t1, q, v, state, r_tidal, plane, revolutions, planar, ch
             scratch[R + i] = math.sqrt(dx * dx + dy * dy + dz * dz) - r_tidal
         before, left = gap[begin:end], t_strip[begin:end]
         for i in range(x.shape[0]):
-            if before[i] <= 0.0 < scratch[R + i]:  # rare: it left during this block, see `record`
+            if before[i] <= 0.0 < scratch[R + i]:  # rare: the particle left in this block, see `record`
                 new, old = scratch[R + i], before[i]
                 fraction = old / (old - new)
                 left[i] = t0 + h * fraction

@@ -3,29 +3,60 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import types
 
 from streamkit.engine.cache import cached
+from streamkit.stream import Array, IntArray
+
+
+class ParticleRecords(NamedTuple):
+    """The records of n particles at the end of the last block. The compiled functions update the arrays in place.
+
+    Attributes
+    ----------
+    revolutions
+        (n,) crossings of the negative first axis of the orbital plane, so that the swept angle needs no unwrapping.
+    planar
+        (2, n) projection of the position on the orbital plane.
+    chi
+        (n,) phase: the integral of the radius minus the progenitor's radius over time.
+    gap
+        (n,) distance to the progenitor minus the tidal radius.
+    t_strip
+        (n,) last time inside the tidal radius.
+    dq_strip, dv_strip
+        (3, n) position and velocity about the progenitor at that time.
+    """
+
+    revolutions: IntArray | Array
+    planar: Array
+    chi: Array
+    gap: Array
+    t_strip: Array
+    dq_strip: Array
+    dv_strip: Array
+
 
 _F1, _F2 = types.float64[::1], types.float64[:, ::1]
 _I1, _F, _N = types.int64[::1], types.float64, types.intp
+_RECORDS = types.NamedTuple([_I1, _F2, _F1, _F1, _F1, _F2, _F2], ParticleRecords)
 
 CHUNK = 512  # particles whose distances are computed together
 
 
-@cached(types.void(_N, _F1, _F, _F2, _F2, _F1, _F, _F2, _I1, _F2, _F1, _F1, _F1, _F2, _F2))
-def record(n, t0, t1, q, v, state, r_tidal, plane, revolutions, planar, chi, gap, t_strip, dq_strip, dv_strip):
-    """Update the first n particles' records at the end of a block: revolutions, phase chi, last time inside r_t.
+@cached(types.void(_N, _F1, _F, _F2, _F2, _F1, _F, _F2, _RECORDS))
+def record(n, t0, t1, q, v, state, r_tidal, plane, records):
+    """Update the records of the first n particles at the end of a block.
 
-    t0 (n,) is the time of each particle's previous sample, set to t1; state (9,) the progenitor at t1, r_tidal its
-    tidal radius there. plane (2, 3) spans the orbital plane; planar (2, n) holds the previous projection on it.
-    revolutions (n,) counts crossings of the negative first axis, so that the angle swept needs no unwrapping:
-    a particle that turned by less than 90 degrees took the short way, any other that of its angular momentum.
-    gap (n,) is the previous distance to the progenitor minus the tidal radius. dq_strip, dv_strip (3, n) are position
-    and velocity about the progenitor at the last sample inside, or where the tidal radius was crossed after it.
+    t0 (n,) is the time of each particle's previous sample, and is set to t1. state (9,) is the progenitor at t1,
+    r_tidal its tidal radius there. plane (2, 3) spans the orbital plane. A particle that turned by less than 90 degrees
+    took the short way. Any other particle took the way of its angular momentum. Where a particle has left the tidal
+    radius in this block, time, position and velocity are interpolated to the crossing.
     """
+    revolutions, planar, chi, gap, t_strip, dq_strip, dv_strip = records
     r_progenitor = math.sqrt(state[0] ** 2 + state[1] ** 2 + state[2] ** 2)
     a0, a1, a2, b0, b1, b2 = plane[0, 0], plane[0, 1], plane[0, 2], plane[1, 0], plane[1, 1], plane[1, 2]
     x, y, z, u, w, s = q[0, :n], q[1, :n], q[2, :n], v[0, :n], v[1, :n], v[2, :n]

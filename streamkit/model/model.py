@@ -13,10 +13,11 @@ from streamkit.components import LiveStripping, Measurement, Stripping
 from streamkit.engine import build_field
 from streamkit.errors import ComponentError, OutOfDomain, blamed
 from streamkit.model.host import Host
-from streamkit.model.integrate import Records, integrate
+from streamkit.model.integrate import integrate
 from streamkit.model.live import follow_live, live_track
 from streamkit.model.observation import Measured, Observation
 from streamkit.model.progenitor import next_apocentre, progenitor_track
+from streamkit.model.records import Records
 from streamkit.model.release import other_numbers, random_numbers, release_particles
 from streamkit.observe import compare_with_data, measure_host, measure_stream, read_data
 from streamkit.runfile import ModelInputs, Source, StreamInputs, as_spec

@@ -103,7 +103,7 @@ def moves_with_the_core(scheme: LiveStripping) -> None:
         require(off < 0.5 * spread, f"the median {what} is {off:.3g} from the progenitor's, the spread is {spread:.3g}")
 
 
-def renew_says_what_is_left(scheme: LiveStripping) -> None:
+def update_remnant_says_what_is_left(scheme: LiveStripping) -> None:
     """Check the force, the mass and the bound particles of two edges, the second with particles far away.
 
     These are not bound; the force pulls inwards; the same call gives the same; and no argument is altered.
@@ -112,18 +112,18 @@ def renew_says_what_is_left(scheme: LiveStripping) -> None:
     people = scheme.populate(core, PlummerSphere(), _points(scheme))
     edge = first_edge(people, core)
     before = edge.q.copy(), edge.v.copy(), core.copy()
-    first = scheme.renew(edge, PlummerSphere(), None)
+    first = scheme.update_remnant(edge, PlummerSphere(), None)
     _sound(first)
     require(first.bound.mean() > 0.5, f"only {first.bound.mean():.0%} of a sphere are bound at the look-back time")
-    require(all(map(np.array_equal, before, (edge.q, edge.v, core))), "renew changes its arguments")
+    require(all(map(np.array_equal, before, (edge.q, edge.v, core))), "update_remnant changes its arguments")
     far = edge.q.copy()
     far[:, ::4] += AWAY
     gone = BlockEdge(LOOKBACK, edge.t + 0.02, far, edge.v, edge.mass, core, BRACKET)
-    second = scheme.renew(gone, PlummerSphere(), first)
+    second = scheme.update_remnant(gone, PlummerSphere(), first)
     _sound(second)
     require(not second.bound[::4].any(), f"particles {AWAY:g} kpc away are bound")
     require(second.mass <= first.mass * (1 + 1e-9), "a quarter of the particles is gone, and the mass has grown")
-    again = scheme.renew(gone, PlummerSphere(), first)
+    again = scheme.update_remnant(gone, PlummerSphere(), first)
     same = again.mass == second.mass and np.array_equal(again.bound, second.bound)
     require(same, "two calls with the same particles differ: keep nothing yourself")
 
@@ -148,6 +148,6 @@ CHECKS: tuple[Check, ...] = (
     populate_has_the_right_shape,
     chance_is_an_argument,
     moves_with_the_core,
-    renew_says_what_is_left,
+    update_remnant_says_what_is_left,
     says_its_step,
 )

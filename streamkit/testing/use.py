@@ -30,7 +30,7 @@ def use(component: sk.Component, seed: int = 1) -> sk.Array:
     if isinstance(component, sk.LiveStripping):
         core, sphere = live.core_of_start(), live.PlummerSphere()
         people = component.populate(core, sphere, rng.random((component.draws, 50)))
-        left = component.renew(live.first_edge(people, core), sphere, None)
+        left = component.update_remnant(live.first_edge(people, core), sphere, None)
         return np.concatenate([people.q, people.v, np.array([left.bound, np.full(50, left.mass)])])
     if isinstance(component, sk.Integrator):
         q, v = swarm(7, seed)

@@ -38,19 +38,19 @@ def energy_lost(spec: sk.Spec, written: list[tuple[float, float]]) -> tuple[floa
 def watched() -> list[tuple[float, float]]:
     """Make the scheme write the time and the power of the debris's pull on the core at each block's edge; the list."""
     written: list[tuple[float, float]] = []
-    renew = RestrictedNbody.renew
+    update_remnant = RestrictedNbody.update_remnant
 
     def and_write(
-        self: RestrictedNbody, edge: sk.BlockEdge, satellite: sk.SatelliteView, before: sk.Remnant | None
+        self: RestrictedNbody, edge: sk.BlockEdge, satellite: sk.SatelliteView, previous: sk.Remnant | None
     ) -> sk.Remnant:
         """Sum the pull of all that is not near the core."""
         away = edge.q - edge.core[:3, None]
         d2 = (away**2).sum(axis=0)
         pull = np.where(d2 > CORE**2, sk.G * edge.mass / (d2 + satellite.scale**2) ** 1.5, 0.0) @ away.T
         written.append((edge.t, float(pull @ edge.core[3:6])))
-        return renew(self, edge, satellite, before)
+        return update_remnant(self, edge, satellite, previous)
 
-    RestrictedNbody.renew = and_write  # type: ignore[method-assign]
+    RestrictedNbody.update_remnant = and_write  # type: ignore[method-assign]
     return written
 
 

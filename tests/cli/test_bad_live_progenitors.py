@@ -44,8 +44,8 @@ class Hot(LiveStripping):
         cold = super().populate(core, satellite, points)
         return Population(cold.q, core[3:6, None] + 3 * (cold.v - core[3:6, None]), cold.mass, cold.weight)
 
-    def renew(self, edge, satellite, before):
-        return RestrictedNbody(particles=100).renew(edge, satellite, before)
+    def update_remnant(self, edge, satellite, previous):
+        return RestrictedNbody(particles=100).update_remnant(edge, satellite, previous)
 
 @hookimpl
 def streamkit_components():

@@ -11,7 +11,7 @@ class Evaporation(LiveStripping):
     kind = "evaporation"
     lifetime: Duration = Field(default=6.0, description="Time in which all mass is lost.")
 
-    def renew(self, edge, satellite, before):
+    def update_remnant(self, edge, satellite, previous):
         """Return a Plummer sphere of the remaining mass."""
         left = satellite.mass * max(1 - (edge.t - edge.start) / (self.lifetime * GYR), 1e-3)
         d2 = ((edge.q - edge.core[:3, None]) ** 2).sum(axis=0)

@@ -17,7 +17,7 @@ class Evaporation(LiveStripping):
 
     lifetime: Duration = Field(default=2.0, description="Time in which all mass is lost.")
 
-    def renew(self, edge, satellite, before):
+    def update_remnant(self, edge, satellite, previous):
         """Return a Plummer sphere of the mass that is left; bound is who has less energy than it takes to leave."""
         left = satellite.mass * max(1 - (edge.t - edge.start) / (self.lifetime * sk.GYR), 1e-3)
         d2 = ((edge.q - edge.core[:3, None]) ** 2).sum(axis=0)
@@ -59,6 +59,42 @@ def test_particles_that_the_scheme_calls_bound_are():
     assert (found.t_strip[found.bound] == 0).all()
 
 
+def test_the_names_of_contract_1_work_with_a_warning():
+    with pytest.warns(DeprecationWarning, match="is now") as warned:
+
+        class Former(LiveStripping):
+            """The same scheme by the former names."""
+
+            kind = "former"
+            renewal = 0.02
+
+            def renew(self, edge, satellite, before):
+                """Return the remnant of the present scheme."""
+                return Evaporation().update_remnant(edge, satellite, before)
+
+    class Present(LiveStripping):
+        """The same scheme by the present names."""
+
+        kind = "former"
+        longest_block = 0.02
+
+        def update_remnant(self, edge, satellite, previous):
+            """Return the remnant of the other scheme, by its former name."""
+            with pytest.warns(DeprecationWarning, match="Former.renew is now update_remnant"):
+                return Former().renew(edge, satellite, previous)
+
+    assert [str(one.message).split(":")[0] for one in warned] == [
+        "Former.renew is now update_remnant",
+        "Former.renewal is now longest_block",
+    ]
+    assert (Former.longest_block, Former.__abstractmethods__) == (0.02, frozenset())
+    both = [
+        sk.Model(sk.load({**CLUSTER, "stripping": {"kind": "former", "particles": 500}}, components=[one])).stream()
+        for one in (Former, Present)
+    ]
+    assert np.array_equal(both[0].q, both[1].q)
+
+
 def test_scheme_of_a_stranger_passes_the_conformance_tests():
     testing.check(Evaporation, slow=True)
 
@@ -81,7 +117,7 @@ class Sick(LiveStripping):
             return Population(people.q, v + 100 * (people.v - v), people.mass, people.weight)
         return people
 
-    def renew(self, edge: BlockEdge, satellite, before):
+    def update_remnant(self, edge: BlockEdge, satellite, previous):
         """Return a remnant, or raise."""
         if self.fault == "raise":
             raise RuntimeError("no idea")
@@ -93,10 +129,10 @@ class Sick(LiveStripping):
 @pytest.mark.parametrize(
     ("fault", "words"),
     [
-        ("mass", r"stripping sick: `renew` gave the bound mass -1.0, expected zero or more"),
+        ("mass", r"stripping sick: `update_remnant` gave the bound mass -1.0, expected zero or more"),
         ("shape", r"stripping sick: `populate` gave q of the shape \(3, 5\), expected \(3, 500\)"),
         ("nan", r"stripping sick: `populate` gave q with numbers that are not finite"),
-        ("raise", r"stripping sick failed: RuntimeError in .*renew: no idea"),
+        ("raise", r"stripping sick failed: RuntimeError in .*update_remnant: no idea"),
     ],
 )
 def test_faults_name_the_scheme(fault, words):
