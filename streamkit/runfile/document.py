@@ -121,3 +121,20 @@ def differences(old: Any, new: Any, path: str = "") -> list[str]:
 
 def _shown(value: Any) -> str:
     return "nothing" if value is None else json.dumps(value, default=str)
+
+
+def moved(value: Any, places: Mapping[str, str]) -> Any:
+    """Copy a value of a document; text that is the name of a data file becomes its new place."""
+    if isinstance(value, Mapping):
+        return {key: moved(inner, places) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [moved(inner, places) for inner in value]
+    return places.get(value, value) if isinstance(value, str) else value
+
+
+def paths_in(table: Mapping[str, Any] | list[Any], prefix: str = "") -> list[str]:
+    """Return the path of every entry, nested ones too, in order; entries of lists by their number."""
+    paths = []
+    for key, value in table.items() if isinstance(table, Mapping) else enumerate(table):
+        paths += [f"{prefix}{key}", *(paths_in(value, f"{prefix}{key}.") if isinstance(value, Mapping | list) else [])]
+    return paths

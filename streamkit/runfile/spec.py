@@ -18,7 +18,8 @@ import numpy as np
 from streamkit.components import Component, Potential, Registry, Sampler
 from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.fields import Files
-from streamkit.runfile.document import read_toml, to_toml
+from streamkit.runfile.document import moved, paths_in, read_toml, to_toml
+from streamkit.runfile.factors import Factor, factors_of, part
 from streamkit.runfile.inputs import ONLY, ModelInputs, StreamInputs
 from streamkit.runfile.priors import Prior
 from streamkit.runfile.progenitor import OTHER_NAMES, Place
@@ -117,7 +118,7 @@ class Spec:
                     fields[path] = unit, section.priors.get(name), symbol_of(name, field, owner) or path
             for name, unit in section.entries().items():
                 fields[f"{section.path}.{name}"] = unit, section.priors.get(name), f"{section.path}.{name}"
-        return {path: fields[path] for path in _paths(self.document) if path in fields}
+        return {path: fields[path] for path in paths_in(self.document) if path in fields}
 
     def _owner(self, section: Section[Any]) -> str:
         """Return the index that the symbols of a section's fields get: the name of their owner."""
@@ -233,6 +234,19 @@ class Spec:
         name = self.stream_name(stream)
         return f"stream.{name}." if name != ONLY else ""
 
+    @cached_property
+    def factors(self) -> tuple[Factor, ...]:
+        """The parts of the likelihood that depend on the host and on parameters of their own: streams, host's data."""
+        return factors_of(self.names, self.streams, self.sections.data)
+
+    def only(self, *streams: str, data: bool = True) -> Spec:
+        """Return the spec with these of its streams alone, with ``data`` of the host or without; SpecError for a name.
+
+        Its digest does not change when the run file gets another stream: other streams and their files are left out.
+        """
+        document = part(self.document, [self.stream_name(name) for name in streams or self.streams], data)
+        return _make(document, self.source, self.registry, self.folder, self.given, self.files)
+
     def with_particles(self, most: int) -> Spec:
         """Return the spec with at most so many particles in each stream."""
         now = {name: stream.stripping.centre.particles for name, stream in self.sections.streams.items()}
@@ -315,7 +329,7 @@ class Spec:
     def with_files_at(self, places: Mapping[str, str]) -> dict[str, Any]:
         """Return the document with other paths of its data files, by those that the run file has."""
         kept = {key: value for key, value in self.document.items() if key == "plugins" or not self.files}
-        return {key: kept.get(key, _moved(value, places)) for key, value in self.document.items()}
+        return {key: kept.get(key, moved(value, places)) for key, value in self.document.items()}
 
     def toml(self) -> str:
         """Return the resolved run file as TOML."""
@@ -378,20 +392,3 @@ def _make(
     given, files = tuple(components), Files(folder, digests or {})
     document, name, registry, sections = resolve(source, name, registry, files, given)
     return Spec(document, name, registry, sections, folder, files.read, given)
-
-
-def _moved(value: Any, places: Mapping[str, str]) -> Any:
-    """Copy a value of a document; text that is the name of a data file becomes its new place."""
-    if isinstance(value, Mapping):
-        return {key: _moved(inner, places) for key, inner in value.items()}
-    if isinstance(value, list):
-        return [_moved(inner, places) for inner in value]
-    return places.get(value, value) if isinstance(value, str) else value
-
-
-def _paths(table: Mapping[str, Any] | list[Any], prefix: str = "") -> list[str]:
-    """Return the path of every entry, nested ones too, in order; entries of lists by their number."""
-    paths = []
-    for key, value in table.items() if isinstance(table, Mapping) else enumerate(table):
-        paths += [f"{prefix}{key}", *(_paths(value, f"{prefix}{key}.") if isinstance(value, Mapping | list) else [])]
-    return paths

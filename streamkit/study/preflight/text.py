@@ -28,7 +28,16 @@ def describe_spec(spec: Spec) -> str:
         (name, prior.text(), f"{centre:.4g}", unit.replace(" ", "") or "-")
         for name, prior, centre, unit in zip(spec.names, spec.priors, spec.centre(), spec.units, strict=True)
     ]
-    return "\n\n".join([*parts, f"free parameters ({len(spec.names)})\n{report.columns(rows)}"])
+    parts.append(f"free parameters ({len(spec.names)})\n{report.columns(rows)}")
+    return "\n\n".join([*parts, *_factors(spec)])
+
+
+def _factors(spec: Spec) -> list[str]:
+    """Say how many parameters each of several streams has of its own, and how many it shares with the others."""
+    if len(spec.factors) == 1:
+        return []
+    rows = [(each.name, f"{len(each.own)} parameters of its own") for each in spec.factors]
+    return [f"each depends on the host ({len(spec.factors[0].shared)} parameters), and\n{report.columns(rows)}"]
 
 
 def describe_preflight(spec: Spec, preflight: Preflight) -> str:
