@@ -139,15 +139,14 @@ def multipole_table(
     """
     from astropy.table import Table  # slow to import
 
-    if (potential is None) == (density is None):
+    given = [function for function in (potential, density) if function is not None]
+    if len(given) != 1:
         raise ValueError("expected either a potential or a density")
     r = np.geomspace(0.01, 1000.0, 100) if radii is None else np.asarray(radii, dtype=float)
     harmonics = names(l_max, l_max if m_max is None else m_max, even)
     directions, weights = quadrature(l_max, max(abs(m) for _, m in harmonics))
-    function = potential or density
-    assert function is not None  # noqa: S101  said above
     x, y, z = (directions[:, None, :] * r[:, None]).reshape(3, -1)
-    values = np.broadcast_to(np.asarray(function(x, y, z), dtype=float), x.shape).reshape(len(r), -1)
+    values = np.broadcast_to(np.asarray(given[0](x, y, z), dtype=float), x.shape).reshape(len(r), -1)
     amplitudes = values @ (at_directions(harmonics, directions) * weights).T
     if density is not None:
         amplitudes = np.array([

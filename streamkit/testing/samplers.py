@@ -107,8 +107,8 @@ def sampled(component: sk.Sampler, seed: int = 1) -> tuple[Gaussian, sk.Samples]
     if target.steps:
         points = target.chain()[len(target.steps) // 2 :].reshape(-1, 2)
         last = sk.Samples(points, np.zeros(len(points)))
-    require(last is not None, "sample yields nothing: the last samples, or the steps, that it yields are the result")
-    assert last is not None  # noqa: S101  for the type checker
+    if last is None:
+        raise AssertionError("sample yields nothing: the last samples, or the steps, that it yields are the result")
     return target, last
 
 

@@ -38,9 +38,9 @@ def use(component: sk.Component, seed: int = 1) -> sk.Array:
         return np.concatenate([q, v])
     if isinstance(component, sk.HostData):
         return component.predict(FlattenedHost()).mean
-    assert isinstance(component, sk.Observable)  # noqa: S101  of the six roles, a sampler has checks of its own
-    stream = example_stream()
-    return component.predict(select(stream, slice(seed - 1, None))).mean
+    if isinstance(component, sk.Observable):
+        return component.predict(select(example_stream(), slice(seed - 1, None))).mean
+    raise TypeError(f"{type(component).__name__} is no component with this check: samplers have checks of their own")
 
 
 def keeps_no_state(component: sk.Component) -> None:

@@ -115,8 +115,8 @@ class Sampled:
 def goodness(sampled: Sampled) -> Goodness | None:
     """Return the goodness of fit of a run; None if no measurement can be judged."""
     here, stored = sampled.measured(), [*sampled.at_samples(SAMPLES)]
-    judged = [k for k, one in enumerate(here) if one.residuals is not None]
-    unjudged = tuple(one.name or one.measurement.kind for one in here if one.residuals is None)
+    judged = [k for k, one in enumerate(here) if one.is_judged]
+    unjudged = tuple(one.name or one.measurement.kind for one in here if not one.is_judged)
     if not any(len(here[k].rows) for k in judged):
         return None
 
@@ -136,13 +136,14 @@ def goodness(sampled: Sampled) -> Goodness | None:
 
 @dataclass(frozen=True)
 class Measured:
-    """One measurement with a prediction: its name, data and residuals (None without)."""
+    """One measurement with a prediction: its name, its data and its residuals."""
 
     name: str
     measurement: Measurement
     data: Data
     prediction: Prediction
-    residuals: Array | None
+    residuals: Array  # (m,) NaN for a measurement without residuals
+    is_judged: bool  # whether there are residuals
 
     @property
     def rows(self) -> IntArray:
@@ -164,7 +165,6 @@ class Measured:
 
     def of(self, rows: IntArray) -> Array:
         """Return the residuals of some rows."""
-        assert self.residuals is not None  # noqa: S101  only measurements with residuals are judged
         return self.residuals[rows]
 
     def square(self, rows: IntArray) -> float:
@@ -191,7 +191,10 @@ def _measured(bound: ModelInputs, predictions: Mapping[str, Prediction], add_noi
 
 def _with_residuals(name: str, measurement: Measurement, prediction: Prediction, add_noise: bool) -> Measured:
     data = read_data(measurement, add_noise)
-    return Measured(name, measurement, data, prediction, residuals_of(measurement, prediction, data))
+    residuals = residuals_of(measurement, prediction, data)
+    if residuals is None:
+        return Measured(name, measurement, data, prediction, np.full(len(data.values), np.nan), is_judged=False)
+    return Measured(name, measurement, data, prediction, residuals, is_judged=True)
 
 
 def _replaced(prediction: Prediction, mean: Array, variance: Array) -> Prediction:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from streamkit.observe import panels_of
 from streamkit.report import NotebookFigure, across, finish, folded
-from streamkit.stream import Panel
+from streamkit.stream import Panel, PanelData
 from streamkit.study.ablation.figures import CYCLE
 from streamkit.study.ablation.measures import Portrait
 
@@ -27,7 +27,8 @@ def has_panels(portrait: Portrait) -> bool:
 def tracks_on_sky(portraits: Mapping[str, Portrait]) -> Figure:
     """Draw the fitted tracks of all streams with the data, column by column.
 
-    Below each, how far the predictions are from those of the first stream with any, in the errors of the data.
+    The panel below each has the differences of the predictions from those of the first stream that has some, in units
+    of the errors of the data.
     """
     shown = {title: portrait for title, portrait in portraits.items() if has_panels(portrait)}
     reference = next(iter(shown.values()))
@@ -36,16 +37,15 @@ def tracks_on_sky(portraits: Mapping[str, Portrait]) -> Figure:
     figure = NotebookFigure(figsize=(WIDE, 1.95 * len(columns) + 1.2 + 0.2 * (len(shown) // beside)))
     figure.set_layout_engine("constrained", h_pad=0.02, hspace=0.0)
     every: Any = figure.subplots(2 * len(columns), 1, height_ratios=(2.0, 1.0) * len(columns), sharex=True)
-    for row, panel in enumerate(columns):
+    for row, (panel, data) in enumerate(columns):
         above, below = every[2 * row], every[2 * row + 1]
-        assert panel.data is not None  # noqa: S101  _panels
-        data, order = panel.data, np.argsort(panel.data.x, kind="stable")
+        order = np.argsort(data.x, kind="stable")
         above.errorbar(data.x, data.y, data.error, fmt="s", ms=3.5, color="#BBBBBB", mec="black", ecolor="black",
                        elinewidth=0.8, label="data", zorder=1)  # fmt: skip
         below.axhspan(-1, 1, color="#E6E6E6", lw=0)
         for i, (title, portrait) in enumerate(shown.items()):
             look: dict[str, Any] = {"color": CYCLE[i % len(CYCLE)], "lw": 1.4}
-            panel_of_stream = _panels(portrait)[row]
+            panel_of_stream, _ = _panels(portrait)[row]
             for mark in panel_of_stream.marks:
                 above.plot(mark.x, mark.y, ls=LINES[i % len(LINES)], label=title, **look)
             if portrait is not reference and portrait.prediction is not None and reference.prediction is not None:
@@ -61,10 +61,10 @@ def tracks_on_sky(portraits: Mapping[str, Portrait]) -> Figure:
         for axes in (above, below):
             finish(axes)
             axes.locator_params(axis="y", nbins=4)
-    x = np.concatenate([panel.data.x for panel in columns if panel.data is not None])
+    x = np.concatenate([data.x for _, data in columns])
     rim = 0.04 * max(float(np.ptp(x)), 1.0)
     every[-1].set_xlim(x.min() - rim, x.max() + rim)
-    every[-1].set_xlabel(columns[0].x_label, fontsize=11)
+    every[-1].set_xlabel(columns[0][0].x_label, fontsize=11)
     figure.align_ylabels()
     handles, names = every[0].get_legend_handles_labels()
     names = [folded(name, WIDEST_NAME) for name in names]
@@ -74,9 +74,9 @@ def tracks_on_sky(portraits: Mapping[str, Portrait]) -> Figure:
     return figure
 
 
-def _panels(portrait: Portrait) -> tuple[Panel, ...]:
-    """Return the panels with data, where the observables have a value."""
+def _panels(portrait: Portrait) -> tuple[tuple[Panel, PanelData], ...]:
+    """Return the panels that have data, each with its data; none where the observables have no value."""
     if portrait.prediction is None or portrait.prediction.why_not:
         return ()
     panels = panels_of(portrait.inputs.observables, portrait.stream, portrait.prediction)
-    return tuple(panel for panel in panels if panel.data is not None)
+    return tuple((panel, panel.data) for panel in panels if panel.data is not None)
