@@ -143,7 +143,7 @@ class Measured:
     data: Data
     prediction: Prediction
     residuals: Array  # (m,) NaN for a measurement without residuals
-    is_judged: bool  # whether there are residuals
+    is_judged: bool = True  # whether there are residuals
 
     @property
     def rows(self) -> IntArray:
@@ -194,7 +194,7 @@ def _with_residuals(name: str, measurement: Measurement, prediction: Prediction,
     residuals = residuals_of(measurement, prediction, data)
     if residuals is None:
         return Measured(name, measurement, data, prediction, np.full(len(data.values), np.nan), is_judged=False)
-    return Measured(name, measurement, data, prediction, residuals, is_judged=True)
+    return Measured(name, measurement, data, prediction, residuals)
 
 
 def _replaced(prediction: Prediction, mean: Array, variance: Array) -> Prediction:
