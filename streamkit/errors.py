@@ -85,7 +85,16 @@ def message_of(error: BaseException) -> str:
 
 
 def brief(error: BaseException) -> str:
-    """Return the message of a library's exception as one short line; some of them quote the whole file."""
+    """Return the message of a library's exception as one short line; some of them quote the whole file.
+
+    Of pydantic's it is the first fault: where, what is expected, what was found.
+    """
+    from pydantic import ValidationError  # here, for commands that read nothing
+
+    if isinstance(error, ValidationError):
+        first = error.errors(include_url=False)[0]
+        where = ".".join(map(str, first["loc"]))
+        return printable(f"{f'{where}: ' if where else ''}{first['msg']}, found {first['input']!r:.80}")
     return printable(" ".join(message_of(error).split()))[:200] or type(error).__name__
 
 

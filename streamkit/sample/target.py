@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from time import monotonic, time
 from typing import Any
 
@@ -238,7 +238,7 @@ class PosteriorTarget:
         return cache.get(points)
 
     def _store(self, sampler: Sampler, ensemble: Ensemble) -> None:
-        """Store a step of a chain with its evaluations; ComponentError if it has another shape."""
+        """Store a step of a chain with its evaluations; ComponentError if it has another shape or type."""
         points = np.ascontiguousarray(ensemble.points, dtype=float)
         last = self._chain.last
         if points.ndim != 2 or points.shape[1] != self.size or (last and points.shape != last.coords.shape):
@@ -249,19 +249,19 @@ class PosteriorTarget:
         reasons = dict(Counter(self._before["reasons"]) + self._pool.reasons["full"])
         counts = self._before | {"calls": self._before["calls"] + self._pool.calls["full"], "reasons": reasons}
         rows = [each.row()[1:] for each in self._cache.get(points)]
-        self._chain.append(
-            Step(
-                self._chain.iteration + (last is not None),
-                points.copy(),
-                np.array(ensemble.ln_probability, dtype=float),
-                np.array(rows, dtype=blob_dtype(len(self.data.values))),
-                np.array(ensemble.accepted, dtype=bool),
-                ensemble.random_state,
-                counts | ({"facts": dict(ensemble.facts)} if ensemble.facts else {}),
-                {name: np.array(value) for name, value in ensemble.memory.items()},
-                {name: np.array(value) for name, value in ensemble.history.items()},
-            )
+        step = Step(
+            self._chain.iteration + (last is not None),
+            points,
+            ensemble.ln_probability,
+            np.array(rows, dtype=blob_dtype(len(self.data.values))),
+            ensemble.accepted,
+            ensemble.random_state,
+            counts | ({"facts": ensemble.facts} if ensemble.facts else {}),
+            ensemble.memory,
+            ensemble.history,
         )
+        with _blamed(sampler):
+            self._chain.append(step)
         self._cache.keep_only(points)
         if last is not None:
             self._show("step", 1)
@@ -315,14 +315,25 @@ class PosteriorTarget:
             for name in dtype.names or ():
                 blobs[name] = getattr(given, name)[used]
         counts = {"calls": len(self._cache), "search_calls": len(self._small_cache), "reasons": self._cache.reasons}
-        return Weighted(
+        weighted = Weighted(
             points,
             ln_weights[used],
             log_prob,
             blobs,
-            float(samples.ln_evidence),
-            float(samples.ln_evidence_error),
+            samples.ln_evidence,
+            samples.ln_evidence_error,
             samples.missing,
-            {"counts": counts | ({"facts": dict(samples.facts)} if samples.facts else {})},
+            {"counts": counts | ({"facts": samples.facts} if samples.facts else {})},
             samples.verdicts,
         )
+        with _blamed(sampler):
+            return weighted.checked()
+
+
+@contextmanager
+def _blamed(sampler: Sampler) -> Iterator[None]:
+    """Name the sampler in the error of a store for what cannot be stored."""
+    try:
+        yield
+    except ComponentError as error:
+        raise ComponentError(f"sampler {sampler.kind}: {error}") from None

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from streamkit.distribution import VERSION
-from streamkit.errors import ChainError, expect_file, printable
+from streamkit.errors import ChainError, brief, expect_file, printable
 from streamkit.runfile import Spec
 
 MANIFEST = "manifest.json"
@@ -73,8 +73,4 @@ def manifest(directory: Path) -> dict[str, Any]:
     try:
         return _Manifest.model_validate(content).model_dump()
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ".".join(map(str, first["loc"]))
-        raise ChainError(
-            f"{path}: not the manifest of a streamkit run ({printable(f'{where}: ' if where else '')}{first['msg']})"
-        ) from None
+        raise ChainError(f"{path}: not the manifest of a streamkit run ({brief(error)})") from None

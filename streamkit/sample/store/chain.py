@@ -24,7 +24,9 @@ from streamkit.sample.store.step import (
     Counts,
     Step,
     check_array,
+    check_numbers,
     check_random_state,
+    check_records,
     extend_checksum,
     step_of,
 )  # fmt: skip
@@ -203,11 +205,10 @@ def _check_shapes(
     check_array("chain", chain, (steps, walkers, d), finite=False)  # reported below, with the path of the file
     check_array("log_prob", log_prob, (steps, walkers), finite=False)
     check_array("accepted", accepted, (walkers,))
-    if steps and (blobs.shape != (steps, walkers) or blobs.dtype.names is None):
-        raise ValueError("blobs holds no record for each sample")
-    for values in arrays.values():
-        for name, array in values.items():
-            check_array(name, array, array.shape, finite=False)
+    if steps:
+        check_records(blobs, (steps, walkers))
+    for kind, values in arrays.items():
+        check_numbers(kind, values)
 
 
 def damaged(path: Path, what: str) -> ChainError:

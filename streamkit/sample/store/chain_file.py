@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 from emcee.backends import HDFBackend
 
-from streamkit.errors import ChainError
+from streamkit.errors import ChainError, ComponentError
 from streamkit.report import BLOCK, DamagedError, safely, verified, write_own
 from streamkit.sample.store.chain import FORMER_SETS, RANDOM, Chain, damaged, read_chain_file
 from streamkit.sample.store.journal import journal_of
@@ -63,10 +63,15 @@ class ChainMemory:
         self._checksum = self._digest
 
     def append(self, step: Step) -> None:
-        """Store the start, or the next step; its checksum and digest are filled in."""
+        """Store the start, or the next step; its checksum and digest are filled in.
+
+        ComponentError if the step cannot be stored, or has another form than the steps before. Nothing is then written.
+        """
+        step = replace(step, digest=self._digest).checked()
+        self._check_form(step)
         if step.number:
             checksum = extend_checksum(self._checksum, step.coords, step.log_prob, step.blobs)
-            step = replace(step, checksum=checksum, digest=self._digest)
+            step = replace(step, checksum=checksum)
             self._write_step(step)
             self._coords.append(step.coords)
             self._steps.append(step)
@@ -75,9 +80,19 @@ class ChainMemory:
             for name, value in step.history.items():
                 self._history.setdefault(name, []).append(value)
         else:
-            step = replace(step, digest=self._digest)
             self._write_step(step)
         self.last = step
+
+    def _check_form(self, step: Step) -> None:
+        """Check that points and history have the shapes and types of the steps before; ComponentError if not."""
+        forms = {"the points": (step.coords, np.empty(self._shape))}
+        forms |= {name: (step.history[name], rows[0]) for name, rows in self._history.items() if name in step.history}
+        for name, (found, before) in forms.items():
+            if (found.shape, found.dtype) != (before.shape, before.dtype):
+                raise ComponentError(
+                    f"a step cannot be stored: {name}: found {found.dtype} of shape {found.shape}, expected "
+                    f"{before.dtype} of shape {before.shape} as in the steps before"
+                )
 
     def samples(self) -> Array:
         """(steps, walkers, d) All samples."""
@@ -210,6 +225,9 @@ class ChainFile(ChainMemory):
                 notes["counts"] = dict(last.counts)
                 for name in self._history:
                     _put(file, f"{HISTORY}/{name}", np.array(self._history[name]))
+                for name in [*file.get(MEMORY, ())]:
+                    if name not in last.memory:  # of an earlier step
+                        del file[MEMORY][name]
                 for name, value in last.memory.items():
                     _put(file, f"{MEMORY}/{name}", value)
                 if isinstance(last.random_state, Mapping):
@@ -255,6 +273,9 @@ class _Image(HDFBackend):  # type: ignore[misc]
 def _put(file: h5py.File, name: str, array: Array) -> None:
     """Write an array in place of one of this name; HDF5 does not use the room of a deleted one again."""
     stored = file.get(name)
+    if stored is not None and stored.dtype != array.dtype:
+        del file[name]
+        stored = None
     if stored is not None and stored.shape[1:] == array.shape[1:] and None in stored.maxshape[:1]:
         stored.resize(array.shape)
     if stored is not None and stored.shape == array.shape:

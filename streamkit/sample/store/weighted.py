@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import io
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import h5py
 import numpy as np
+from pydantic import BaseModel, BeforeValidator, ConfigDict
 
 from streamkit.components import Verdict
-from streamkit.errors import ChainError
+from streamkit.errors import ChainError, ComponentError, brief
 from streamkit.report import BLOCK, DamagedError, read_own, write_own
-from streamkit.sample.evaluation import blob_dtype
-from streamkit.sample.store.step import check_array
+from streamkit.sample.store.step import Counts, Text, as_floats, check_array, check_records
 from streamkit.stream import Array
 
 SAMPLES = "samples.h5"
@@ -67,21 +68,69 @@ class Weighted:
         steps = np.cumsum(self.weights)
         return rng.permutation(np.searchsorted(steps / steps[-1], (np.arange(k) + rng.random()) / k))
 
+    def checked(self) -> Weighted:
+        """Return the samples as the file gives them back: numbers as floats, texts without control characters.
+
+        Raises ComponentError if the file cannot hold them: with what was found and what is allowed.
+        """
+        try:
+            floats = {name: as_floats(name, getattr(self, name)) for name in ARRAYS if name != "blobs"}
+            return _weighted({**floats, "blobs": self.blobs}, self._notes())
+        except (ValueError, TypeError, AttributeError) as error:
+            raise ComponentError(f"samples cannot be stored: {brief(error)}") from None
+
+    def _notes(self) -> dict[str, Any]:
+        """Return all that is not an array, for the attributes of the file."""
+        return self.attributes | {
+            "ln_evidence": self.ln_evidence,
+            "ln_evidence_error": self.ln_evidence_error,
+            "missing": self.missing,
+            "verdicts": [asdict(verdict) for verdict in self.verdicts],
+        }
+
     def write(self, path: Path) -> None:
-        """Write the file as a whole; ChainError if it cannot be written."""
-        content = io.BytesIO()
+        """Write the file as a whole.
+
+        ChainError if it cannot be written; ComponentError if the samples cannot be stored: see `checked`.
+        """
+        samples, content = self.checked(), io.BytesIO()
         with h5py.File(content, "w", userblock_size=BLOCK) as file:
             for name in ARRAYS:
-                file[name] = getattr(self, name)
-            notes = self.attributes | {
-                "ln_evidence": self.ln_evidence,
-                "ln_evidence_error": self.ln_evidence_error,
-                "missing": self.missing,
-                "verdicts": [asdict(verdict) for verdict in self.verdicts],
-            }
-            for key, value in notes.items():
+                file[name] = getattr(samples, name)
+            for key, value in samples._notes().items():
                 file.attrs[key] = json.dumps(value) if isinstance(value, dict | list) else value
         write_own(path, content.getvalue())
+
+
+# A number of numpy too.
+Number = Annotated[float, BeforeValidator(lambda value: value.item() if isinstance(value, np.generic) else value)]
+
+
+class _Verdict(BaseModel):
+    """A `Verdict` whose texts may come from elsewhere."""
+
+    model_config = ConfigDict(strict=True)
+
+    subject: Text
+    level: Literal["fine", "look here", "do not use"]
+    value: Text
+    sentence: Text
+    rule: Text
+
+
+class _Notes(BaseModel):
+    """The attributes of the file that are used; others are left alone."""
+
+    model_config = ConfigDict(strict=True)
+
+    digest: Text = ""
+    quick: bool = False
+    status: Literal["converged", "few", "steps", "time", "unfinished"] = "unfinished"
+    counts: Counts = Counts()
+    ln_evidence: Number
+    ln_evidence_error: Number
+    missing: Text
+    verdicts: list[_Verdict] = []
 
 
 def read_weighted(path: Path) -> Weighted:
@@ -97,15 +146,24 @@ def read_weighted(path: Path) -> Weighted:
 def _read(file: h5py.File) -> Weighted:
     if odd := [name for name in ARRAYS if not isinstance(file.get(name, getlink=True), h5py.HardLink)]:
         raise ValueError(f"{odd[0]} is missing, or a link")
-    points, ln_weights, log_prob, blobs = (file[name][...] for name in ARRAYS)
-    _check_shapes(points, ln_weights, log_prob, blobs)
     notes = {key: value.item() if isinstance(value, np.generic) else value for key, value in file.attrs.items()}
-    ln_evidence, error = (float(notes.pop(name)) for name in ("ln_evidence", "ln_evidence_error"))
-    missing = str(notes.pop("missing"))
+    for name in ("counts", "verdicts"):
+        if name in notes:
+            notes[name] = json.loads(notes[name])
+    return _weighted({name: file[name][...] for name in ARRAYS}, notes)
+
+
+def _weighted(arrays: Mapping[str, Any], notes: Mapping[str, Any]) -> Weighted:
+    """Return samples after a check of their arrays and notes; an error of Python's if one is wrong."""
+    points, ln_weights, log_prob, blobs = (arrays[name] for name in ARRAYS)
+    _check_shapes(points, ln_weights, log_prob, blobs)
+    known = _Notes.model_validate(notes)
+    attributes: dict[str, Any] = {key: getattr(known, key) for key in ("digest", "quick", "status") if key in notes}
     if "counts" in notes:
-        notes["counts"] = json.loads(notes["counts"])
-    verdicts = tuple(Verdict(**each) for each in json.loads(notes.pop("verdicts", "[]")))
-    return Weighted(points, ln_weights, log_prob, blobs, ln_evidence, error, missing, notes, verdicts)
+        attributes["counts"] = known.counts.model_dump(exclude_defaults=True)
+    verdicts = tuple(Verdict(**each.model_dump()) for each in known.verdicts)
+    return Weighted(points, ln_weights, log_prob, blobs, float(known.ln_evidence), float(known.ln_evidence_error),
+                    known.missing, attributes, verdicts)  # fmt: skip
 
 
 def _check_shapes(points: Array, ln_weights: Array, log_prob: Array, blobs: Any) -> None:
@@ -114,7 +172,6 @@ def _check_shapes(points: Array, ln_weights: Array, log_prob: Array, blobs: Any)
     check_array("points", points, (n, d))
     check_array("ln_weights", ln_weights, (n,))
     check_array("log_prob", log_prob, (n,), finite=False)  # -inf where a sample has no likelihood
-    if not n or np.isnan(log_prob).any():
-        raise ValueError("log_prob holds no numbers")
-    if blobs.shape != (n,) or blobs.dtype.names != blob_dtype(0).names:
-        raise ValueError("blobs holds no record for each sample")
+    if not n or np.isnan(log_prob).any() or np.isposinf(log_prob).any():
+        raise ValueError("log_prob holds no numbers, or NaN, or plus infinity")
+    check_records(blobs, (n,))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from forging import forging
 
 import streamkit as sk
 from streamkit.sample import SAMPLES, Weighted, blob_dtype, read_weighted
@@ -37,21 +39,86 @@ def test_what_was_written_is_read(tmp_path: Path) -> None:
     ("name", "change", "reason"),
     [
         ("points", lambda x: x[:, 0], "not enough values"),
-        ("points", lambda x: x[:2], "ln_weights is no array of numbers of shape"),
-        ("points", lambda x: x.astype(int), "points is no array of numbers of shape"),
-        ("points", lambda x: x * np.nan, "points is no array of numbers of shape"),
-        ("ln_weights", lambda x: x[:, None], "ln_weights is no array of numbers of shape"),
-        ("ln_weights", lambda x: x * np.nan, "ln_weights is no array of numbers of shape"),
-        ("log_prob", lambda x: x[:2], "log_prob is no array of numbers of shape"),
+        ("points", lambda x: x[:2], "ln_weights is no array of floats of shape"),
+        ("points", lambda x: x.astype(int), "points is no array of floats of shape"),
+        ("points", lambda x: x * np.nan, "points holds NaN"),
+        ("ln_weights", lambda x: x[:, None], "ln_weights is no array of floats of shape"),
+        ("ln_weights", lambda x: x * np.nan, "ln_weights holds NaN"),
+        ("log_prob", lambda x: x[:2], "log_prob is no array of floats of shape"),
         ("log_prob", lambda x: x * np.nan, "log_prob holds no numbers"),
-        ("blobs", lambda x: x[:2], "blobs holds no record for each sample"),
-        ("blobs", lambda x: x["mean"], "blobs holds no record for each sample"),
+        ("log_prob", lambda x: np.full(3, np.inf), "log_prob holds no numbers"),
+        ("blobs", lambda x: x[:2], "blobs holds no record of a prediction"),
+        ("blobs", lambda x: x["mean"], "blobs holds no record of a prediction"),
+        ("blobs", lambda x: x[["ln_likelihood", "mean"]], "blobs holds no record of a prediction"),
+        ("blobs", lambda x: np.full(3, -1.0, dtype=x.dtype), "blobs holds a negative variance"),
     ],
 )
 def test_arrays_that_do_not_fit_together_are_an_error(
     tmp_path: Path, name: str, change: Callable[[Any], Any], reason: str
 ) -> None:
-    path = tmp_path / SAMPLES
-    replace(GOOD, **{name: change(getattr(GOOD, name))}).write(path)
+    path, array = tmp_path / SAMPLES, change(getattr(GOOD, name))
+    GOOD.write(path)
+    with forging(path) as file:
+        del file[name]
+        file[name] = array
     with pytest.raises(sk.ChainError, match=f"^{path}: was damaged or changed after it was written: .*{reason}"):
         read_weighted(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "reason"),
+    [
+        ("missing", 3, "missing: Input should be a valid string, found 3"),
+        ("status", "fine", "status: Input should be"),
+        ("quick", "no", "quick: Input should be a valid boolean"),
+        ("ln_evidence", "large", "ln_evidence: Input should be a valid number"),
+        ("counts", '{"calls": -1}', "counts.calls: Input should be greater than or equal to 0"),
+        ("counts", '{"calls": 1e400}', "counts.calls: Input should be a valid integer"),
+        ("counts", '{"reasons": {"too few": "many"}}', "counts.reasons.too few: Input should be a valid integer"),
+        ("counts", '{"facts": {"n": 3}}', "counts.facts.n: Input should be a valid string"),
+        ("counts", "[", "Expecting value"),
+        ("verdicts", "[3]", "verdicts.0: Input should be"),
+        ("verdicts", '[{"subject": "s", "level": "good", "value": "", "sentence": "", "rule": ""}]', "0.level: Input"),
+        ("verdicts", '[{"subject": "s", "level": "fine", "value": "", "sentence": ""}]', "0.rule: Field required"),
+    ],
+)
+def test_a_note_of_another_kind_is_an_error(tmp_path: Path, name: str, value: Any, reason: str) -> None:
+    path = tmp_path / SAMPLES
+    GOOD.write(path)
+    with forging(path) as file:
+        file.attrs[name] = value
+    with pytest.raises(sk.ChainError, match=r"^[^\n]*was damaged or changed after it was written: [^\n]*$") as caught:
+        read_weighted(path)
+    assert reason in str(caught.value)
+
+
+def test_texts_of_a_file_have_no_control_characters(tmp_path: Path) -> None:
+    path, evil = tmp_path / SAMPLES, "so\n\x1b[2J\x9b31m"
+    verdict = {"subject": evil, "level": "fine", "value": evil, "sentence": evil, "rule": evil}
+    GOOD.write(path)
+    with forging(path) as file:
+        file.attrs["missing"] = evil
+        file.attrs["counts"] = json.dumps({"reasons": {evil: 2}, "facts": {evil: evil}})
+        file.attrs["verdicts"] = json.dumps([verdict])
+    samples, clean = read_weighted(path), "so ?[2J?31m"
+    assert samples.missing == clean
+    assert samples.attributes["counts"] == {"reasons": {clean: 2}, "facts": {clean: clean}}
+    assert samples.verdicts == (sk.Verdict(clean, "fine", clean, clean, clean),)
+
+
+def test_what_a_sampler_gives_is_checked_before_it_is_written(tmp_path: Path) -> None:
+    """Numbers of another type become floats; what cannot be read again is an error of the component."""
+    path = tmp_path / SAMPLES
+    replace(GOOD, points=GOOD.points.astype("f4"), log_prob=np.array([-3, -4, -5]), missing="a\nb").write(path)
+    samples = read_weighted(path)
+    np.testing.assert_array_equal(samples.points, GOOD.points)
+    np.testing.assert_array_equal(samples.log_prob, [-3.0, -4.0, -5.0])
+    assert samples.missing == "a b"
+    before = path.read_bytes()
+    odd: dict[str, Any] = {"missing": None, "points": GOOD.points * 1j, "ln_weights": GOOD.ln_weights * np.nan,
+                           "ln_evidence": "x", "attributes": {"counts": {"facts": {"n": 3}}},
+                           "verdicts": (sk.Verdict("s", "good", "", "", ""),)}  # fmt: skip
+    for name, value in odd.items():
+        with pytest.raises(sk.ComponentError, match=r"^samples cannot be stored: "):
+            replace(GOOD, **{name: value}).write(path)
+    assert path.read_bytes() == before
