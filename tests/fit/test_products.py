@@ -11,10 +11,12 @@ from matplotlib.image import imread
 from runfiles import FIT
 
 import streamkit as sk
+from streamkit.components import DO_NOT
 from streamkit.fit import describe_results, products, write_products
 from streamkit.fit.directory.claim import LITERATURE
 from streamkit.fit.products import products_of
 from streamkit.fit.samples.results import Results, draws_of, load_results
+from streamkit.fit.show.export import paper_table
 from streamkit.fit.show.figures import mass_profile, remark, rotation_curve
 from streamkit.model import Model
 from streamkit.report import draw_stream, save_picture
@@ -41,9 +43,9 @@ def copy_of(run, out):
     return out
 
 
-def synthetic(chain):
-    """Return results that hold this chain (steps, walkers, 2) of the two parameters of the small fit."""
-    document = copy.deepcopy(FIT) | {"sampler": {"walkers": chain.shape[1], "moves": "de"}}
+def synthetic(chain, **changes):
+    """Return results that hold this chain (steps, walkers, 2) of the two parameters of the small fit with changes."""
+    document = copy.deepcopy(FIT) | {"sampler": {"walkers": chain.shape[1], "moves": "de"}} | changes
     spec = sk.load(document)
     stored = Chain(chain, np.zeros(chain.shape[:2]), None, np.ones(chain.shape[1]), {"status": "steps"})
     return Results(spec, draws_of(stored, spec, quick=False))
@@ -133,9 +135,24 @@ def test_walkers_that_disagree_have_not_converged_and_every_product_says_so():
     assert bad.note() in " ".join(describe_results(bad).split())
 
 
+def test_every_text_gives_the_verdict_of_all_checks():
+    """A chain that has converged, on distances that no sample comes near: nothing says that it can be quoted."""
+    chain = np.random.default_rng(0).standard_normal((1000, 8, 2)) * [1, 0.001] + [230, 0.35]
+    distance = {"phi1": [-5, 5], "distance": [60, 61], "error": [1, 1]}
+    far = synthetic(chain, observable=FIT["observable"] | {"distance": distance})
+    assert not far.draws.lacks
+    assert far.verdict == DO_NOT
+    assert not far.converged
+    for text in (far.note(), far._repr_html_(), describe_results(far), paper_table(far), far.to_arviz().attrs["note"]):
+        said = " ".join(text.replace("%", "").split())
+        assert "Do not quote numbers of this run. What stands against it: goodness of fit." in said
+    assert "do not use" in repr(far)
+    assert remark(far) == "do not use: goodness of fit"
+
+
 def test_results_are_shown_in_a_few_lines(run):
     """On a terminal of 80 columns too, median and interval of every parameter stand there."""
-    assert repr(run) == "<Results: 30 steps of 6 walkers, 2 parameters, not converged>"
+    assert repr(run) == "<Results: 30 steps of 6 walkers, 2 parameters, do not use>"
     assert run.note() in run._repr_html_()
     assert "potential.alpha" in run._repr_html_()
     lines = run.summary().pformat(max_width=80, max_lines=-1)

@@ -183,4 +183,9 @@ def chance(scores: Array) -> float:
     finite = np.abs(scores[np.isfinite(scores)])
     if not finite.size:
         return np.nan
-    return float(-np.expm1(finite.size * np.log1p(-2 * norm.sf(finite.max()))))
+    return at_least_one(2 * float(norm.sf(finite.max())), finite.size)
+
+
+def at_least_one(p: float, n: int) -> float:
+    """Return the chance that at least one of n independent events of probability p happens."""
+    return float(-np.expm1(n * np.log1p(-p))) if p < 1 else 1.0

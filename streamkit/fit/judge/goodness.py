@@ -12,6 +12,7 @@ from scipy.stats import chi2
 
 from streamkit.components import Measurement
 from streamkit.errors import OutOfDomain
+from streamkit.fit.judge.chain import at_least_one
 from streamkit.observe import UNNAMED, parts_of, read_data, residuals_of
 from streamkit.runfile import ONLY, ModelInputs, Spec
 from streamkit.stream import Array, Data, IntArray, Prediction
@@ -40,6 +41,11 @@ class Fitted:
         return float(chi2.sf(values, len(self.data)).mean())
 
     @property
+    def p_of_best(self) -> float:
+        """The chance of a chi^2 at least as large as that of the best sample."""
+        return float(chi2.sf(self.best, len(self.data)))
+
+    @property
     def worst(self) -> int:
         """The datum that is farthest from its prediction."""
         return int(np.argmax(np.abs(self.residuals)))
@@ -65,10 +71,10 @@ class Goodness:
         fits = [(self.whole, self.whole.p_value), *zip(self.quantities, chances, strict=True)]
         return min(fits, key=lambda fit: fit[1])
 
-
-def at_least_one(p: float, n: int) -> float:
-    """Return the chance that at least one of n independent events of probability p happens."""
-    return float(-np.expm1(n * np.log1p(-min(p, 1.0 - 1e-16))))
+    @property
+    def poorest(self) -> Fitted:
+        """The quantity that is least likely by itself."""
+        return min(self.quantities, key=lambda fit: fit.p_value)
 
 
 @dataclass(frozen=True, eq=False)

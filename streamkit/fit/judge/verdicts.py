@@ -80,6 +80,14 @@ class Judged(Protocol):
         """Why the stream at the best sample has no predictions."""
 
     @property
+    def emulated(self) -> bool:
+        """Whether the predictions of the samples are those of an emulator, and not of calls."""
+
+    @property
+    def uncertified(self) -> bool:
+        """Whether an emulator's predictions have not passed its own test."""
+
+    @property
     def noisy(self) -> Predictive | None:
         """The predictions, where their noise is judged."""
 
@@ -93,7 +101,8 @@ def verdicts(run: Judged) -> list[Verdict]:
     outcomes = [quick_verdict()] if run.quick else []
     outcomes += run.own_verdicts
     if run.fit is not None:
-        outcomes += [goodness_verdict(run.fit), worst_verdict(run.fit.whole)]
+        unsure = disagreement_verdict(run.fit, run.uncertified) if run.emulated else None
+        outcomes += [goodness_verdict(run.fit), worst_verdict(run.fit.whole)] if unsure is None else [unsure]
     elif run.unmeasured:
         outcomes.append(unmeasured_verdict(run.unmeasured))
     if run.noisy is not None:
@@ -124,9 +133,11 @@ def quick_verdict() -> Verdict:
 
 def goodness_verdict(fit: Goodness) -> Verdict:
     """Judge whether the model can make the data: all of them, and those of each quantity."""
-    least, p = fit.least
-    name, n = least.name, len(least.data)
-    far = f"{least.data[least.worst]}, {least.residuals[least.worst]:+.1f} sigma from the best sample,"
+    (least, p), poorest = fit.least, fit.poorest
+    n, several = len(least.data), least is fit.whole and len(fit.quantities) > 1
+    name = f"{least.name}, least of all {poorest.name}" if several else least.name
+    datum, away = poorest.data[poorest.worst], poorest.residuals[poorest.worst]
+    far = f"{datum}, {away:+.1f} sigma from the best sample,"
     sentences = {
         FINE: "The model makes data like these.",
         LOOK: f"The model strains to make {name}: {far} is the farthest datum.",
@@ -134,6 +145,22 @@ def goodness_verdict(fit: Goodness) -> Verdict:
         f"errors of the data are too small. The farthest datum is {far.rstrip(',')}.",
     }
     return GOODNESS.judge(p, f"chi^2 = {least.best:.4g} of {n} {'data' if n > 1 else 'datum'}, p = {p:.2g}", sentences)
+
+
+def disagreement_verdict(fit: Goodness, uncertified: bool) -> Verdict | None:
+    """Judge emulated predictions that may not be those of the model; None where they say how good the fit is.
+
+    The chi^2 of the best sample is that of a call, the p-values are those of emulated predictions: where the emulator
+    is right, a call that is far from the data has samples that are.
+    """
+    whole = fit.whole
+    contradicted = whole.p_of_best < GOODNESS.limits[1] <= whole.p_value
+    if not (uncertified or contradicted):
+        return None
+    value = f"chi^2 = {whole.best:.4g} of {len(whole.data)} data by a call"
+    why = "is not certified" if uncertified else f"disagrees with that call (its p = {whole.p_value:.2g})"
+    said = f"The emulator {why}: how well the model makes the data is not known. Continue with more calls."
+    return Verdict("goodness of fit", LOOK, value, said, "not stated unless emulated predictions are those of calls")
 
 
 def unmeasured_verdict(why: str) -> Verdict:

@@ -65,8 +65,6 @@ def arviz_tree(spec: Spec, draws: Draws, data: Data, drawn: Replicates | None) -
     tree.attrs.update({
         "created_by": f"streamkit {VERSION}",
         "digest": spec.digest(),
-        "note": draws.note(),
-        "converged": int(not draws.quick and not draws.lacks),
         "burn_in": draws.discard,
     })
     return tree

@@ -13,7 +13,7 @@ import numpy as np
 from astropy import units as u
 from astropy.table import QTable
 
-from streamkit.components import ChainSampler, Component, Verdict
+from streamkit.components import DO_NOT, FINE, ChainSampler, Component, Verdict
 from streamkit.errors import ChainError, OutOfDomain, nearest
 from streamkit.fit.directory.integrity import load_spec, read_chain, read_samples
 from streamkit.fit.directory.manifest import manifest
@@ -99,9 +99,8 @@ class Results:
         self._profiles: dict[float, tuple[Array, Array]] = {}
 
     def __repr__(self) -> str:
-        trust = "converged" if self.converged else "not converged"
         number = self.draws.headline.partition(",")[0]
-        return f"<Results: {number}, {len(self.names)} parameters, {trust}>"
+        return f"<Results: {number}, {len(self.names)} parameters, {self.verdict}>"
 
     def _repr_html_(self) -> str:
         return f"<p>{escape(self.note())}</p>{self.summary()._repr_html_()}"
@@ -136,7 +135,9 @@ class Results:
         """
         sampled = self._sampled()
         drawn = None if sampled is None else replicates(sampled)
-        return arviz_tree(self.spec, self.draws, Posterior(self.spec).data, drawn)
+        tree = arviz_tree(self.spec, self.draws, Posterior(self.spec).data, drawn)
+        tree.attrs.update({"note": self.note(), "verdict": self.verdict, "converged": int(self.converged)})
+        return tree
 
     def best(self) -> dict[str, float]:
         """Return the parameters of the highest ln posterior."""
@@ -155,12 +156,13 @@ class Results:
 
     @property
     def converged(self) -> bool:
-        """Whether the percentiles can be trusted, by the rule of the sampler as the run file sets it."""
-        return not self.quick and not self.draws.lacks
+        """Whether the percentiles can be trusted: the rule of the sampler is met, and no check says "do not use"."""
+        return not self.quick and not self.draws.lacks and self.verdict != DO_NOT
 
     def note(self) -> str:
-        """Return in one sentence how far the percentiles can be trusted, and what is missing."""
-        return self.draws.note()
+        """Return how far the percentiles can be trusted, and what is missing: the verdict of all checks."""
+        own, (level, sentence) = self.draws.note(), overall(self.verdicts)
+        return own if level == FINE or self.quick else f"{sentence} {own}"
 
     def summary(self) -> QTable:
         """Return one row per parameter.
@@ -203,9 +205,19 @@ class Results:
         return predictive(self.spec, self.draws, None if self.unmeasured else self.best_observation)
 
     @property
+    def emulated(self) -> bool:
+        """Whether the predictions of the samples are those of an emulator, and not of calls."""
+        return bool(self.spec.sampler.emulates)
+
+    @property
+    def uncertified(self) -> bool:
+        """Whether an emulator's predictions have not passed its own test."""
+        return self.emulated and bool(self.draws.lacks)
+
+    @property
     def noisy(self) -> Predictive | None:
         """The predictions, where their noise is judged: an emulator averages the noise of its calls."""
-        return None if self.spec.sampler.emulates else self.predictive
+        return None if self.emulated else self.predictive
 
     @property
     def priors(self) -> tuple[Prior, ...]:

@@ -10,6 +10,7 @@ import numpy as np
 from astropy import units as u
 from astropy.table import QTable
 
+from streamkit.components import FINE
 from streamkit.fit.samples.conversion import sample_columns
 from streamkit.fit.samples.results import Results
 from streamkit.fit.show.text import PRINTED_RADII, radii_in_reach
@@ -94,7 +95,7 @@ def paper_table(results: Results) -> str:
     for row in results.mass_profile(radii):
         mass = [row[name].to_value("Msun") for name in ("M", "M_lo68", "M_hi68")]
         rows.append((rf"$M(<{row['r'].to_value('kpc'):g}\,{{\rm kpc}})$", measured(*mass), LATEX_UNITS["Msun"]))
-    remark = [] if results.converged else [f"% {results.note()}"]
+    remark = [] if results.verdict == FINE else [f"% {results.note()}"]
     lines = [*remark, r"\begin{tabular}{lll}", r"\hline", r"parameter & median and 68\,\% & unit \\", r"\hline"]
     lines += [" & ".join(row) + r" \\" for row in rows]
     return "\n".join([*lines, r"\hline", r"\end{tabular}", ""])

@@ -13,7 +13,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import ScalarFormatter
 
+from streamkit.components import DO_NOT
 from streamkit.errors import OutOfDomain
+from streamkit.fit.judge.chain import listed
 from streamkit.fit.samples.results import Results
 from streamkit.fit.samples.tables import LEVELS
 from streamkit.fit.show.literature import draw_literature
@@ -73,10 +75,13 @@ def radii(results: Results, literature: QTable | None = None) -> Array:
 
 
 def remark(results: Results) -> str:
-    """Return the caveat printed above every picture; empty for a converged run."""
+    """Return the caveat printed above every picture; empty where no check says "do not use"."""
     if results.quick:
         return "QUICK LOOK, not for science"
-    return "" if results.converged else "not converged"
+    if results.draws.lacks:
+        return "not converged"
+    against = [each.subject for each in results.verdicts if each.level == DO_NOT]
+    return f"do not use: {listed(against)}" if against else ""
 
 
 def corner(results: Results, column: bool = False) -> Figure:

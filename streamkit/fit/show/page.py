@@ -59,7 +59,7 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
     return environment.get_template(TEMPLATE).render(
         title=Path(str(results.spec.source)).name if results.directory is None else results.directory.resolve().name,
         remark=remark(results),
-        note=results.note(),
+        note=results.draws.note(),
         level=level,
         sentence=sentence,
         verdicts=outcomes,
@@ -68,6 +68,7 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
         parameters=list(_parameters(results)),
         masses=results.mass_profile(radii_to_show(results)),
         reach=reach(results),
+        is_chain=results.weighted is None,
         literature=[] if literature is None else beside_literature(results, literature),
         pictures=_pictures(results),
         streams=stream_pictures(results.spec),

@@ -65,7 +65,7 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
         "r_hat": _plain(np.max(results.r_hat)),
         "verdict": level,
         "sentence": sentence,
-        "note": results.note(),
+        "note": results.draws.note(),
     }
     if running and "walkers" in results.draws.record():
         status["expected_end"] = _expected_end(results, status, read_chain(directory).attributes)

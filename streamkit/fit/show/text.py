@@ -36,11 +36,12 @@ def describe_results(results: Results) -> str:
     draws = results.draws
     inside = radii_in_reach(results)
     radii = radii_to_show(results)
-    rows = [("parameter", "median", "68 %", "95 %", "unit", "tau", "n_eff")]
+    chain = draws.weighted is None  # weighted samples have no steps
+    rows = [("parameter", "median", "68 %", "95 %", "unit", *(("tau", "n_eff") if chain else ()))]
     rows += [
         (
-            row["parameter"], f"{row['median']:.4g}", _interval(row, 68), _interval(row, 95),
-            row["unit"] or "-", _or_dash(row["autocorrelation_time"]), _or_dash(n_eff),
+            row["parameter"], f"{row['median']:.4g}", _interval(row, 68), _interval(row, 95), row["unit"] or "-",
+            *((_or_dash(row["autocorrelation_time"]), _or_dash(n_eff)) if chain else ()),
         )
         for row, n_eff in zip(results.summary(), draws.trusted_ess, strict=True)
     ]  # fmt: skip
@@ -54,7 +55,7 @@ def describe_results(results: Results) -> str:
         worst = int(np.nanargmax(results.r_hat))
         calls.append(("R-hat", f"{results.r_hat[worst]:.3f}", f"the largest: of {results.names[worst]}"))
     calls += [("rejected", str(n), reason) for reason, n in Counter(results.reasons).most_common()]
-    if draws.weighted is None:
+    if chain:
         walkers = f"of {results.chain.shape[1]} walkers"
         numbers = f": {', '.join(map(str, results.stuck))}" if len(results.stuck) else ""
         calls += [("stuck", str(len(results.stuck)), f"{walkers}{numbers}")]

@@ -36,7 +36,7 @@ class Draw:
     r_hat: float
     ess: float
     calls: int  # number of streams that were made
-    converged: bool  # whether the rule of its sampler was met: `Results.converged`
+    converged: bool  # whether the rule of its sampler was met
 
     def line(self) -> str:
         """Return it as a line of JSON."""
@@ -81,7 +81,7 @@ def rank_truth(results: Results, index: int, theta: Array, truth: Spec) -> Draw:
         float(np.max(results.r_hat)),
         float(np.nan_to_num(results.ess).min()),
         results.calls + results.search_calls,
-        results.converged,
+        not results.draws.lacks,
     )
 
 

@@ -207,3 +207,26 @@ def test_the_terms_of_a_track_add_up_to_its_likelihood_and_new_data_scatter_abou
     scores = (drawn - prediction.mean[rows]) / data.errors[rows]
     assert scores.std() == pytest.approx(1, abs=5 / np.sqrt(2 * scores.size))
     assert residuals_of(observable, prediction, data).shape == data.values.shape
+
+
+def test_where_all_data_fit_worst_the_quantity_at_fault_is_named():
+    """One velocity is 6.5 sigma off among 27; the distances are so many that all data together are least likely."""
+    distances = fitted(np.full(400, 1.1), name="distance")
+    velocities = fitted([*np.full(26, 0.9), -6.5], name="radial_velocity")
+    whole = fitted(np.concatenate([distances.residuals, velocities.residuals]), name="all data")
+    fit = Goodness((distances, velocities), whole)
+    assert fit.least[0] is whole
+    found = rules.goodness_verdict(fit)
+    assert "least of all radial_velocity" in found.sentence
+    assert "-6.5 sigma" in found.sentence
+
+
+def test_goodness_is_not_stated_while_an_emulator_is_unsure():
+    """Emulated samples with chi^2 as expected, of a best sample that a call puts 7 errors from 8 data."""
+    right, wrong = fitted(np.ones(8), samples=[8.0] * 5), fitted(np.full(8, 7.0), samples=[5.0] * 5)
+    assert rules.disagreement_verdict(alone(right), uncertified=False) is None
+    for fit, uncertified in ((right, True), (wrong, False)):
+        found = rules.disagreement_verdict(alone(fit), uncertified)
+        assert found.level == LOOK
+        assert "is not known" in found.sentence
+    assert "chi^2 = 392 of 8 data" in found.value

@@ -102,7 +102,7 @@ def test_the_page_holds_every_verdict_with_its_rule(run, page):
     level, sentence = overall(found)
     assert level == LEVELS[-1]  # 30 steps
     assert sentence in page.text
-    assert run.note() in page.text
+    assert run.draws.note() in page.text
     for verdict in found:
         for text in (verdict.subject, verdict.value, verdict.rule):
             assert text in page.text, text
