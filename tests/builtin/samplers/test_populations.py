@@ -1,0 +1,139 @@
+"""Two populations on joint posteriors of many factors, against answers in closed form."""
+
+import numpy as np
+import pytest
+from joints import HalfEmpty, LinearFactors, Mixture
+from scipy.stats import norm
+
+from streamkit.builtin.samplers.emulator.joint_density import Layout
+from streamkit.builtin.samplers.emulator.populations import sample
+from streamkit.errors import StreamkitError
+
+MEAN, WIDTH, WEIGHT = 0.15, 0.15, 0.06  # standard deviations; fractions; of a mode
+COSTLY = 25_000  # evaluations of each factor to 1000 independent samples
+
+
+def assert_right(samples: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> None:
+    """Compare means and widths of all coordinates and of all principal axes of the answer."""
+    variances, axes = np.linalg.eigh(covariance)
+    for found, centre, sd in (
+        (samples, mean, np.sqrt(np.diag(covariance))),
+        (samples @ axes, mean @ axes, np.sqrt(variances)),
+    ):
+        np.testing.assert_allclose((found.mean(axis=0) - centre) / sd, 0.0, atol=MEAN)
+        np.testing.assert_allclose(found.std(axis=0) / sd, 1.0, atol=WIDTH)
+
+
+@pytest.mark.parametrize(
+    ("factors", "own"),
+    [(1, 0), (1, 5), (2, 3), *(pytest.param(*each, marks=pytest.mark.slow) for each in ((4, 5), (12, 5), (30, 9)))],
+)
+def test_gaussian_factors(factors: int, own: int) -> None:
+    target = LinearFactors(factors, own=own)
+    found = sample(target, target.begin(3), [1])
+    assert found.agree, (found.r_hat, found.time)
+    assert_right(found.samples, *target.answer())
+    per_sample = found.sweeps * 2 * 320 * 4 / found.independent
+    assert 1000 * per_sample < COSTLY
+
+
+def test_the_terms_are_those_of_the_samples() -> None:
+    target = LinearFactors(3, own=2)
+    found = sample(target, target.begin(3), [1])
+    some = slice(0, None, 97)
+    expected = target.terms(found.samples[some])
+    for kept, again in zip(found.terms, expected, strict=True):
+        np.testing.assert_allclose(kept[some], again, atol=1e-12)
+
+
+def test_one_posterior_without_shared_coordinates() -> None:
+    target = LinearFactors(1, shared=0, own=6)
+    assert target.layout.size == Layout.of_one(6).size == 6
+    found = sample(target, target.begin(3), [1])
+    assert found.agree
+    assert_right(found.samples, *target.answer())
+
+
+def test_a_stream_that_says_nothing_and_one_without_own_parameters() -> None:
+    target = LinearFactors(4, own_of=[3, 3, 0, 2])
+    target.host[1][:], target.mine[1][:] = 0.0, 0.0
+    found = sample(target, target.begin(3), [1])
+    assert found.agree
+    mean, covariance = target.answer()
+    assert np.diag(covariance)[target.layout.own[1]] == pytest.approx(1.0)  # its prior
+    assert_right(found.samples, mean, covariance)
+
+
+def test_streams_in_conflict() -> None:
+    target = LinearFactors(3, own=3, strength=6.0)
+    shift = np.full(4, 3.0)  # the second stream wants a host many of its standard deviations from that of the first
+    target.data[1] = target.data[1] + target.host[1] @ shift
+    found = sample(target, target.begin(3), [1])
+    mean, covariance = target.answer()
+    only = np.linalg.inv(np.eye(4) + target.host[0].T @ target.host[0])
+    assert np.abs(mean[:4] @ np.linalg.inv(np.linalg.cholesky(only)).T).max() > 3
+    assert found.agree
+    assert_right(found.samples, mean, covariance)
+
+
+def test_a_nuisance_that_two_of_three_streams_share() -> None:
+    target = LinearFactors(3, own=3, reads=[(0, 1), (1, 2), (2, 3)])
+    found = sample(target, target.begin(3), [1])
+    assert found.agree
+    assert_right(found.samples, *target.answer())
+
+
+@pytest.mark.parametrize("weight", [0.15, 0.5])
+def test_a_mode_in_one_stream_only(weight: float) -> None:
+    target = Mixture(3, own=3, weight=weight)
+    found = sample(target, target.begin(3), [1])
+    weights, means, covariances = target.modes()
+    away = [
+        np.sum((found.samples - mean) @ np.linalg.inv(covariance) * (found.samples - mean), axis=1)
+        for mean, covariance in zip(means, covariances, strict=True)
+    ]
+    second = away[1] < away[0]
+    assert weights[1] == pytest.approx(weight)
+    assert found.agree
+    assert second.mean() == pytest.approx(weights[1], abs=WEIGHT)
+    assert_right(found.samples[~second], means[0], covariances[0])
+    assert_right(found.samples[second], means[1], covariances[1])
+
+
+def test_a_stream_without_predictions_in_half_of_the_hosts_space() -> None:
+    target = HalfEmpty(2, own=2, strength=1.0)
+    mean, covariance = target.answer()
+    found = sample(target, target.begin(3), [1])
+    sd = np.sqrt(covariance[0, 0])
+    edge = -mean[0] / sd
+    hazard = norm.pdf(edge) / norm.sf(edge)
+    assert 0.05 < norm.cdf(edge) < 0.95  # a Gaussian cut at zero
+    assert found.agree
+    assert found.samples[:, 0].min() > 0
+    assert found.samples[:, 0].mean() == pytest.approx(mean[0] + sd * hazard, abs=MEAN * sd)
+    width = sd * np.sqrt(1 + edge * hazard - hazard**2)
+    assert found.samples[:, 0].std() == pytest.approx(width, rel=WIDTH)
+
+
+def test_populations_that_cannot_meet_do_not_agree() -> None:
+    target = Mixture(2, own=3, apart=20.0)
+    _, means, _ = target.modes()
+    rng = np.random.default_rng(1)
+    begin = tuple(mean + 0.01 * rng.standard_normal((640, len(mean))) for mean in means)
+    found = sample(target, begin, [1], doubled=0)
+    assert not found.agree
+    assert found.r_hat > 1.1
+
+
+def test_the_same_seed_gives_the_same_samples_and_another_one_others() -> None:
+    target = LinearFactors(2, own=2)
+    first, again, other = (sample(target, target.begin(3), [seed]).samples for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
+
+
+def test_no_place_to_begin_from_is_told() -> None:
+    target = HalfEmpty(2, own=2)
+    y = -np.abs(target.begin(3)[0])
+    with pytest.raises(StreamkitError, match="of 640 places to begin from only 0 have a probability"):
+        sample(target, (y, y), [1])
