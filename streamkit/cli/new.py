@@ -38,7 +38,7 @@ def new(role: str, name: str, output: Path | None) -> None:
         raise StreamkitError(f"{directory}: exists already; nothing was changed. Choose another name, or -o DIR.")
     directory.mkdir(parents=True)
     for file, text in texts.items():
-        (directory / file).write_text(text)
+        (directory / file).write_text(text, encoding="utf-8")
     module = next(file for file in texts if file.startswith("streamkit_"))
     click.echo(f"{directory}: {', '.join(texts)}\n")
     click.echo(f"Your code goes into {module}. From here:\n")
@@ -74,4 +74,5 @@ def package_files(role: str, name: str) -> dict[str, str]:
         f"test_{name}.py": "test.txt",
         "README.md": "README.md.txt",
     }
-    return {file: Template((TEMPLATES / text).read_text()).substitute(words) for file, text in files.items()}
+    templates = {file: Template((TEMPLATES / text).read_text(encoding="utf-8")) for file, text in files.items()}
+    return {file: template.substitute(words) for file, template in templates.items()}

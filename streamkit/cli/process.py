@@ -18,19 +18,20 @@ def keep_streams() -> None:
     """Give the process valid standard streams.
 
     Descriptors that the shell closed are opened on the null device: otherwise the next file would take their number,
-    and prints would go into it. Output goes through copies, which a plugin that closes the originals leaves open.
+    and prints would go into it. Output goes through copies, which a plugin that closes the originals leaves open. A
+    letter that the terminal's encoding lacks is replaced.
     """
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # it gets the lowest number, which is this one
-    for number, name in ((1, "stdout"), (2, "stderr")):
+    for number, name, errors in ((1, "stdout", "replace"), (2, "stderr", "backslashreplace")):
         stream = getattr(sys, name)
         at_once = number == 2 or os.isatty(number)
         copy = os.fdopen(
             os.dup(number), "w", buffering=1 if at_once else -1,
-            encoding=getattr(stream, "encoding", "utf-8"), errors=getattr(stream, "errors", "backslashreplace"),
+            encoding=getattr(stream, "encoding", "utf-8"), errors=errors,
         )  # fmt: skip
         setattr(sys, name, copy)
 

@@ -136,7 +136,7 @@ def digest_of_parts(parts: list[str]) -> str:
 
 
 def _engine_digest() -> str:
-    return digest_of_parts([file.read_text() for file in sorted(Path(__file__).parent.glob("*.py"))])
+    return digest_of_parts([file.read_text(encoding="utf-8") for file in sorted(Path(__file__).parent.glob("*.py"))])
 
 
 ENGINE = _engine_digest()  # digest of the whole engine's text: a change anywhere in it compiles all its loops anew

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -73,9 +74,11 @@ def save(path: Path, writer: Callable[[Path], object]) -> None:
         raise UnwritableError(f"output {str(path)!r}: cannot be written ({reason})") from error
 
 
-def save_table(path: Path, table: QTable) -> None:
-    """Write a table as ECSV, as `save` does."""
-    save(path, lambda part: table.write(part, format="ascii.ecsv", overwrite=True))
+def save_table(path: Path, table: QTable, form: str = "ascii.ecsv") -> None:
+    """Write a table as text in UTF-8, in a format of astropy, as `save` does."""
+    text = StringIO()  # astropy would write a file in the encoding of the locale
+    table.write(text, format=form)
+    save(path, lambda part: part.write_bytes(text.getvalue().encode()))
 
 
 COLOURS = 256  # of a PNG

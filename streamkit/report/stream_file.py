@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from streamkit.report.files import check_target, origin, save
+from streamkit.report.files import check_target, origin, save, save_table
 from streamkit.runfile import Spec
 from streamkit.stream import Frame, Stream
 
@@ -27,6 +27,9 @@ def write_stream(stream: Stream, spec: Spec, path: Path, *, frame: Frame = None,
     form = FORMATS[path.suffix]
     # ``run`` is the resolved run file with every free parameter at the stream's value: `streamkit.load` takes it.
     table.meta.update(origin(spec) | {"run": spec.with_values(stream.parameters).document})
+    if form == "ascii.ecsv":
+        save_table(path, table)
+        return
     options: dict[str, Any] = {"path": "stream", "serialize_meta": True} if form == "hdf5" else {}
     if form == "fits":
         table.meta = fits_cards(table.meta)

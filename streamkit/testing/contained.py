@@ -51,11 +51,11 @@ def _work_and_exit(work: Callable[[], list[str]], outward: int) -> None:
     status = 1
     try:
         lines = work()
-        with os.fdopen(outward, "w") as pipe:
+        with os.fdopen(outward, "w", encoding="utf-8") as pipe:
             json.dump(lines, pipe)
         status = 0
     except BaseException as error:
-        with contextlib.suppress(OSError), os.fdopen(outward, "w") as pipe:
+        with contextlib.suppress(OSError), os.fdopen(outward, "w", encoding="utf-8") as pipe:
             json.dump([f"runs: {type(error).__name__}: {error}"], pipe)
             status = 0
     finally:

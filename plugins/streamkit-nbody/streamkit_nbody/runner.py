@@ -99,7 +99,7 @@ class _Run:
         if "plugins" in document:
             document["plugins"] = [str(spec.folder / name) for name in document["plugins"]]
         text = to_toml(document, "The run file with every default filled in, as streamkit-nbody used it.")
-        save(self.out / RUN_FILE, lambda part: part.write_text(text))
+        save(self.out / RUN_FILE, lambda part: part.write_text(text, encoding="utf-8"))
 
     def claim(self, resume: bool, force: bool) -> State | None:
         """Claim the directory for this run; return the state to continue from, None to begin."""

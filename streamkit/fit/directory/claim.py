@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shlex
 import shutil
-from collections import Counter
 from collections.abc import Collection
 from functools import partial
 from pathlib import Path
@@ -13,7 +12,15 @@ from typing import Any
 
 from streamkit.components import with_neighbours
 from streamkit.errors import ChainError, SpecError, expect_file
-from streamkit.fit.directory.integrity import RESTORE, RUN_FILE, changed_plugins, load_spec, read_chain
+from streamkit.fit.directory.integrity import (
+    RESTORE,
+    RUN_FILE,
+    changed_plugins,
+    copied_files,
+    data_copies,
+    load_spec,
+    read_chain,
+)
 from streamkit.fit.directory.manifest import MANIFEST, manifest, manifest_of
 from streamkit.report import contents, replace_whole, safely
 from streamkit.runfile import DEFAULT_KIND, ONLY, Spec, differences, read_toml, to_toml
@@ -21,7 +28,6 @@ from streamkit.sample import CALLS, CHAIN, JOURNAL, SAMPLES
 
 # Folder with copies of the run's plugin files, and of the files that these import from beside them.
 PLUGIN_COPIES = "plugins"
-DATA_COPIES = "data"  # folder with copies of the run's data files
 RECOVERY = ("recovery.ecsv", "recovery.png")  # products of a report with the truth
 LITERATURE = "literature.ecsv"  # published values of a report, which later reports read
 
@@ -52,9 +58,9 @@ def claim(
     run_file = (directory / RUN_FILE).read_bytes() if continues else _run_file_text(spec, options).encode()
     content = json.dumps(manifest_of(spec, options, run_file), indent=2) + "\n"
     with safely(directory / MANIFEST):
-        replace_whole(directory / MANIFEST, lambda part: part.write_text(content))
+        replace_whole(directory / MANIFEST, lambda part: part.write_bytes(content.encode()))
     if not continues:
-        copies = {Path(place): spec.folder / name for name, place in _data_copies(spec).items()}
+        copies = {Path(place): spec.folder / name for name, place in data_copies(spec.files).items()}
         for place, file in (copies | _plugin_copies(spec)).items():  # the directory is then self-contained
             with safely(directory / place):
                 _make_folder(directory, place.parent)
@@ -74,7 +80,7 @@ def _make_folder(directory: Path, folder: Path) -> None:
 
 def _run_file_text(spec: Spec, options: dict[str, Any]) -> str:
     """Return the resolved run file, which names the copies of its plugins and data files beside it."""
-    document = spec.with_files_at(_data_copies(spec))
+    document = spec.with_files_at(data_copies(spec.files))
     if plugins := spec.document.get("plugins", []):
         document["plugins"] = [f"{PLUGIN_COPIES}/{Path(name).name}" for name in plugins]
     components = [f"{path}: {cls.kind} ({supplier})" for path, cls, supplier in spec.components()]
@@ -86,15 +92,6 @@ def _plugin_copies(spec: Spec) -> dict[Path, Path]:
     sources = [spec.folder / name for name in spec.document.get("plugins", [])]
     return {
         PLUGIN_COPIES / file.relative_to(source.parent): file for source in sources for file in with_neighbours(source)
-    }
-
-
-def _data_copies(spec: Spec) -> dict[str, str]:
-    """Return the places of the copies of data files, by the names in the run file; no two places are equal."""
-    names = Counter(Path(name).name for name in spec.files)
-    return {
-        name: f"{DATA_COPIES}/{digest[:8] + '-' if names[Path(name).name] > 1 else ''}{Path(name).name}"
-        for name, digest in spec.files.items()
     }
 
 
@@ -147,10 +144,15 @@ def _differences(directory: Path, spec: Spec, record: dict[str, Any]) -> list[st
         raise ChainError(str(error)) from None
     document, here = (
         {key: value for key, value in each.items() if key not in ("plugins", "engine")}
-        for each in (there, spec.with_files_at(_data_copies(spec)))
+        for each in (there, spec.with_files_at(data_copies(spec.files)))
     )
     changed = differences(document, here)
-    changed += [f"the data file {name}" for name, sha in spec.files.items() if record["files"].get(name, sha) != sha]
+    copied = copied_files(record)
+    changed += [
+        f"the data file {name}"
+        for name, place in data_copies(spec.files).items()
+        if copied.get(place, spec.files[name]) != spec.files[name]
+    ]
     changed += [f"the plugin file {name}" for name in changed_plugins(spec, record)]
     sampler = document.get("sampler")
     kind = sampler.get("kind", DEFAULT_KIND["sampler"]) if isinstance(sampler, dict) else DEFAULT_KIND["sampler"]

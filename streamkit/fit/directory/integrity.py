@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 import logging
 import re
-import tomllib
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +14,11 @@ from streamkit.components import IN_PYTHON, Component, is_loaded
 from streamkit.distribution import VERSION
 from streamkit.errors import ChainError, SpecError, expect_file
 from streamkit.fit.directory.manifest import MANIFEST, manifest
-from streamkit.runfile import Spec, load
+from streamkit.runfile import Spec, load, read_toml
 from streamkit.sample import CALLS, CHAIN, SAMPLES, Chain, Weighted, read_chain_file, read_weighted
 
 RUN_FILE = "run.toml"
+DATA_COPIES = "data"  # folder with copies of the run's data files
 RESTORE = "Put back the file of the run, or start again with --force."
 FILE_SUPPLIER = re.compile(r"(.+\.py) sha256:[0-9a-f]+")  # supplier of a component from a plugin file
 
@@ -26,14 +27,11 @@ def run_file(directory: Path, trust: bool = False) -> Path:
     """Return the run file of a run's directory.
 
     Raises ChainError if it names plugin files, unless they are trusted: code that lies in a directory must not run by
-    itself. Files that this process has read before are trusted.
+    itself. Files that this process has read before are trusted. Raises SpecError if the file is not readable.
     """
     path = directory / RUN_FILE
-    try:
-        expect_file(path)
-        plugins = [] if trust else tomllib.loads(path.read_text()).get("plugins", [])
-    except (OSError, ValueError, RecursionError):  # reported by the reader
-        return path
+    # by the reader of run files: a file that another one cannot read might still be run
+    plugins = [] if trust else read_toml(path).get("plugins", [])
     files = [name for name in plugins if isinstance(name, str)] if isinstance(plugins, list) else []
     foreign = [name for name in files if not is_loaded((directory / name).absolute())]
     if foreign:
@@ -51,9 +49,9 @@ def load_spec(directory: Path, components: Iterable[type[Component]] = (), trust
     be run. Raises SpecError if the run file is not valid.
     """
     record = manifest(directory)
-    path = run_file(directory, trust)
+    path = directory / RUN_FILE
     try:
-        spec = load(path, components=components)
+        spec = load(run_file(directory, trust), components=components)
     except SpecError as error:
         lost = sorted(text for text in record["components"].values() if IN_PYTHON in text)
         if lost and not components:
@@ -68,8 +66,9 @@ def load_spec(directory: Path, components: Iterable[type[Component]] = (), trust
 
 def _check_spec(directory: Path, spec: Spec, record: dict[str, Any]) -> None:
     """Check that a spec read in a directory is that of the manifest; ChainError with the file that differs."""
+    copied = copied_files(record)
     for name, digest in spec.files.items():
-        if record["files"] and digest not in record["files"].values():
+        if copied and copied.get(name) != digest:
             raise ChainError(f"{directory / name}: has changed since the run began. {RESTORE}")
     if names := changed_plugins(spec, record):
         raise ChainError(f"{directory}: the plugin file {names[0]} has changed since the run began. {RESTORE}")
@@ -90,6 +89,23 @@ def _check_spec(directory: Path, spec: Spec, record: dict[str, Any]) -> None:
         f"{path}: has changed since the run began: it is the run file of another run, of digest "
         f"{spec.digest(suppliers)[:12]}; that of {MANIFEST} is {record['digest'][:12]}. {RESTORE}"
     )
+
+
+def data_copies(files: Mapping[str, str]) -> dict[str, str]:
+    """Return the places of the copies of data files, by the names in the run file; no two places are equal.
+
+    ``files`` are their SHA-256 by these names.
+    """
+    names = Counter(Path(name).name for name in files)
+    return {
+        name: f"{DATA_COPIES}/{digest[:8] + '-' if names[Path(name).name] > 1 else ''}{Path(name).name}"
+        for name, digest in files.items()
+    }
+
+
+def copied_files(record: dict[str, Any]) -> dict[str, str]:
+    """Return the SHA-256 of the copies of data files that a manifest names, by their places."""
+    return {place: record["files"][name] for name, place in data_copies(record["files"]).items()}
 
 
 def changed_plugins(spec: Spec, record: dict[str, Any]) -> list[str]:

@@ -67,7 +67,7 @@ def manifest(directory: Path) -> dict[str, Any]:
     path = directory / MANIFEST
     try:
         expect_file(path)
-        content = json.loads(path.read_text())
+        content = json.loads(path.read_bytes().decode())
     except (OSError, ValueError, RecursionError) as error:
         raise ChainError(f"{directory}: no streamkit run: {MANIFEST} is not readable ({error})") from None
     try:

@@ -50,7 +50,8 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
     try:
         results = load_results(directory, trust=trust)
     except ChainError as error:
-        run_file(directory, trust)
+        if (directory / RUN_FILE).exists():
+            run_file(directory, trust)
         if any(path.name in (CHAIN, JOURNAL) for path in files):
             status |= _bare(directory, running, str(error) if options.get("given") else "")
         return status

@@ -68,7 +68,7 @@ def calibrate(
     earlier = read_draws(file, spec, truth) if resume else {}
     if not resume or not file.exists():
         out.mkdir(parents=True, exist_ok=True)
-        file.write_text(json.dumps({"digest": _digest(spec, truth)}) + "\n")
+        file.write_text(json.dumps({"digest": _digest(spec, truth)}) + "\n", encoding="utf-8")
     packed = pickle.dumps((spec, truth))
     for _ in earlier:
         done()
@@ -84,7 +84,7 @@ def read_draws(file: Path, spec: Spec, truth: Spec | None = None) -> dict[int, D
     """Return the draws in a file by number; incomplete lines, which a kill may leave, are skipped."""
     if not file.exists():
         return {}
-    first, *lines = file.read_text(errors="replace").splitlines() or [""]
+    first, *lines = file.read_text(encoding="utf-8", errors="replace").splitlines() or [""]
     if json.dumps(_digest(spec, truth)) not in first:
         raise StreamkitError(f"{file}: these draws belong to another run file, or to other settings of it")
     draws = {}

@@ -42,7 +42,7 @@ def write_tables(products: Products, out: Path) -> None:
     for name, content in products.texts.items():
         save(out / name, lambda part, content=content: part.write_text(content, encoding="utf-8"))  # type: ignore[misc]
     text = products.spec.toml()
-    save(out / products.run, lambda part: part.write_text(text))
+    save(out / products.run, lambda part: part.write_text(text, encoding="utf-8"))
 
 
 def draw_pictures(products: Products, out: Path, pdf: bool = False, column: bool = False) -> str:
