@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
+from typing import Any
 
 import numpy as np
 
@@ -17,17 +19,16 @@ from streamkit.fit.directory.claim import LITERATURE, RECOVERY, claim, resume_co
 from streamkit.fit.products import pdfs_of, products_of, write_products
 from streamkit.fit.samples.results import Results, draws_of, load_results
 from streamkit.fit.show.literature import read_literature
+from streamkit.fit.stored import StoredRun
 from streamkit.model import Host
 from streamkit.observe import radii_of
 from streamkit.report import locked
 from streamkit.runfile import Engine, Source, Spec, as_spec
+from streamkit.stream import Array
 
 QUICK_PARTICLES = 2000
 QUICK_SEARCH = 50.0  # seconds after the beginning of a quick run when its search ends
 QUICK_SAMPLING = 140.0  # the same for its sampling: with the report it must take 3 minutes at most
-
-SAME = 1.0  # difference of ln p that another machine's rounding may make
-FOREIGN = 8  # assumed number of points that an executor of others evaluates at a time
 
 
 def run(
@@ -91,29 +92,61 @@ def run(
     begin, spec = monotonic(), as_spec(spec, components)
     if quick:
         spec = quick_spec(spec)
-    sampler = spec.sampler
-    if steps is not None and not isinstance(sampler, ChainSampler):
-        raise SpecError(f"steps: the sampler {sampler.kind!r} has none. What ends it stands in [sampler].")
-    if steps is not None:
-        sampler = sampler.model_copy(update={"steps": steps})
-    posterior, cheap = (sample.Posterior(each, sampler.emulates) for each in (spec, cheap_spec(spec)))
-    directory = None if out is None else Path(out)
+    chosen = _engine(spec, workers, engine, scheduler)
+    plan = _Plan(
+        spec,
+        _sampler(spec, steps),
+        quick,
+        directory=None if out is None else Path(out),
+        workers=workers if isinstance(workers, Executor) else chosen,
+        deadlines=sample.Deadlines(begin + QUICK_SAMPLING, begin + QUICK_SEARCH) if quick else sample.Deadlines(),
+        arguments=_arguments(spec, chosen, steps, quick, literature, pdf),
+        progress=progress,
+    )
     if literature is not None:
         read_literature(literature)  # an error in it is raised now, not after the sampling
-    wanted = _engine(spec, workers, engine, scheduler)
+    stored = _sample(plan, resume, force)
+    if plan.directory is None:
+        return Results(spec, draws_of(stored.samples(), spec, quick))
+    results = load_results(plan.directory, spec.given)
+    return write_products(results, literature=literature, pdf=pdf) if products else results
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What a run does, and where."""
+
+    spec: Spec
+    sampler: Sampler  # that of the spec, with the steps of this call
+    quick: bool
+    directory: Path | None
+    workers: Engine | Executor
+    deadlines: sample.Deadlines
+    arguments: list[str]  # those of the command that a resumed run needs too
+    progress: bool  # whether progress is shown
+
+    def options(self, where: int | Executor) -> dict[str, Any]:
+        """Return what the directory's manifest notes of the command, for workers that are ``where``."""
+        engine = self.spec.engine if isinstance(self.workers, Executor) else self.workers
+        return {
+            "quick": self.quick,
+            "steps": getattr(self.sampler, "steps", None),
+            "arguments": self.arguments,
+            "launcher": sample.launcher(engine, where),
+            "given": [cls.__qualname__ for cls in self.spec.given],
+        }
+
+
+def _sample(plan: _Plan, resume: bool, force: bool) -> StoredRun:
+    """Sample the posterior, and store the samples; the directory is claimed before, and locked meanwhile."""
+    spec, sampler, directory = plan.spec, plan.sampler, plan.directory
+    posterior, cheap = (sample.Posterior(each, sampler.emulates) for each in (spec, cheap_spec(spec)))
     with ExitStack() as stack:
-        stack.enter_context(sample.one_thread())  # for the surrogate, which learns here, and for calls without workers
-        where = workers if isinstance(workers, Executor) else stack.enter_context(sample.engine(wanted))
+        stack.enter_context(sample.one_thread())  # for the sampler, which works here, and for calls without workers
+        where = plan.workers if isinstance(plan.workers, Executor) else stack.enter_context(sample.engine(plan.workers))
         # compiles once, before workers fork; fails before anything is written
         sample.first_call(sampler.call_limit, posterior.evaluate, spec.centre())
-        options = {
-            "quick": quick,
-            "steps": getattr(sampler, "steps", None),
-            "arguments": _arguments(spec, wanted, steps, quick, literature, pdf),
-            "launcher": sample.launcher(wanted, where),
-            "given": [cls.__qualname__ for cls in spec.given],
-        }
-        resumes = False
+        options, resumes = plan.options(where), False
         if directory is not None:
             stack.enter_context(locked(directory))
             stores = (sample.CHAIN, sample.JOURNAL, sample.SAMPLES, sample.CALLS, sample.SMALL_CALLS)
@@ -121,106 +154,30 @@ def run(
             resumes = claim(directory, spec, options, ours, resume, force)
         limit, reject = sampler.call_limit, sampler.over_limit == "reject"
         posteriors = {"full": posterior, "cheap": cheap}
-        pool = stack.enter_context(sample.Workers(posteriors, where, limit=limit, reject=reject))
-        stored = _Stored(directory, spec, quick, resumes)
-        stored.expect_same(posterior, sampler.call_limit)
+        calls = stack.enter_context(sample.Workers(posteriors, where, limit=limit, reject=reject))
+        stored = StoredRun(directory, spec, plan.quick, resumes)
+        stored.expect_same(posterior, limit)
         again = resume_command(directory or Path(), options)
-        stack.enter_context(_explained(pool, lambda: stored.left(again)))
-        radius = _measured_radius(spec)
+        stack.enter_context(_explained(calls, lambda: stored.left(again)))
         target = sample.PosteriorTarget(
-            spec.priors, posterior.data, spec.seed, pool, stored.cache, stored.chain,
-            resumes=resumes,
-            workers=where if isinstance(where, int) else FOREIGN,
-            deadline=begin + QUICK_SAMPLING if quick else np.inf,
-            search_deadline=begin + QUICK_SEARCH if quick else np.inf,
-            progress=progress,
-            mass=(radius, lambda theta: float(Host(spec.host(theta)).mass_inside(np.array([radius]))[0])),
-            full_cost=_particles(spec) / _particles(cheap_spec(spec)),
-            small_cache=stored.small_cache,
-            posterior=posterior if sampler.emulates else None,
+            spec.priors, posterior.data, spec.seed, calls, stored.storage, plan.deadlines, _display(plan),
+            posterior.comparison if sampler.emulates else None,
         )  # fmt: skip
-        for weighted in target.run(sampler):
-            stored.keep(weighted, target.time_left() < 0)
-        stored.finish(sampler, target.time_left() < 0)
-    if directory is None:
-        return Results(spec, draws_of(stored.samples(), spec, quick))
-    results = load_results(directory, spec.given)
-    return write_products(results, literature=literature, pdf=pdf) if products else results
+        for weighted in sample.run_sampler(sampler, target):
+            stored.keep(weighted, late=target.time_left() < 0)
+        stored.finish(sampler, late=target.time_left() < 0)
+    return stored
 
 
-class _Stored:
-    """The storage of a run's samples: the files of its directory, or memory without one.
+def _display(plan: _Plan) -> sample.SamplingProgress:
+    """Return the display of the progress; of a chain with the mass inside the largest radius of the data."""
+    spec, radius = plan.spec, _measured_radius(plan.spec)
 
-    ``resumes`` says whether there are samples to continue.
-    """
+    def mass(theta: Array) -> float:
+        return float(Host(spec.host(theta)).mass_inside(np.array([radius]))[0])
 
-    def __init__(self, directory: Path | None, spec: Spec, quick: bool, resumes: bool) -> None:
-        self._directory = directory
-        self._notes = {"quick": quick, "digest": spec.digest()}
-        self._is_chain = isinstance(spec.sampler, ChainSampler)
-        self._weighted: sample.Weighted | None = None
-        calls = None if directory is None or self._is_chain else directory / sample.CALLS
-        self.cache = sample.EvaluationCache(calls, spec.digest())
-        small = None if calls is None or not spec.sampler.emulates else calls.with_name(sample.SMALL_CALLS)
-        self.small_cache = sample.EvaluationCache(small, spec.digest())
-        self.chain = sample.ChainMemory() if directory is None else sample.ChainFile(directory / sample.CHAIN)
-        self.chain.note(status="unfinished", **self._notes)
-        if isinstance(self.chain, sample.ChainFile) and self._is_chain and resumes:
-            self.chain.load()
-
-    def expect_same(self, posterior: sample.Posterior, limit: float) -> None:
-        """Evaluate a stored sample of a resumed run again; ChainError if its ln p has changed."""
-        if self.chain.last is not None:
-            best = int(np.argmax(self.chain.last.log_prob))
-            point, before = self.chain.last.coords[best], float(self.chain.last.log_prob[best])
-        elif (first := self.cache.any_good()) is not None:
-            point, before = first, self.cache.get(first[None])[0].lnp
-        else:
-            return
-        after = sample.first_call(limit, posterior.evaluate, point).lnp
-        if abs(after - before) > SAME:
-            raise ChainError(
-                f"{self._directory}: its samples are of another posterior: ln p of one of them was {before:.2f} and is "
-                f"{after:.2f} now. streamkit, a plugin or another package has changed since. Choose another directory, "
-                "or --force to overwrite."
-            )
-
-    def keep(self, weighted: sample.Weighted, late: bool) -> None:
-        """Store weighted samples; ``late`` if the time limit is over."""
-        over = "time" if late else "unfinished"
-        status = "converged" if not weighted.lacks else over if weighted.missing else "few"
-        weighted.attributes.update(status=status, **self._notes)
-        self._weighted = weighted
-        if self._directory is not None:
-            weighted.write(self._directory / sample.SAMPLES)
-
-    def finish(self, sampler: Sampler, late: bool) -> None:
-        """Store why the sampling ended; ComponentError if there are no samples."""
-        if isinstance(sampler, ChainSampler):
-            converged = self.chain.iteration and sampler.convergence(self.chain.samples())
-            self.chain.note(status="converged" if converged else "time" if late else "steps")
-            self.chain.consolidate()
-        elif self._weighted is None:
-            raise ComponentError(f"sampler {sampler.kind}: gave no samples")
-
-    def samples(self) -> sample.Chain | sample.Weighted:
-        """Return the samples of a run in memory. ChainError if it ended before its first step."""
-        return self._weighted or self.chain.whole()
-
-    def left(self, again: str) -> str:
-        """Return what an interrupted run leaves, and the command ``again`` that resumes it."""
-        directory, steps, calls = self._directory, self.chain.iteration, 0 if self._is_chain else len(self.cache)
-        done = f"{calls} calls" if calls else f"{steps} steps"
-        if directory is None:
-            return f"{done}, which were kept in memory only and are lost: give `out` to keep them."
-        if calls:
-            return f"{done}, all of them in {directory / sample.CALLS}. To continue: {again}"
-        if steps == 0:
-            return f"no finished step. To begin again: {again}"
-        where = [directory / name for name in (sample.CHAIN, sample.JOURNAL) if (directory / name).exists()]
-        if not where:
-            return f"{steps} finished steps, of which nothing is left in {directory}. To begin again: {again}"
-        return f"{steps} finished steps, all of them in {' and '.join(map(str, where))}. To continue: {again}"
+    full_cost = _particles(spec) / _particles(cheap_spec(spec))
+    return sample.SamplingProgress(plan.progress, plan.deadlines.sampling, (radius, mass), full_cost)
 
 
 def quick_spec(spec: Spec) -> Spec:
@@ -258,6 +215,16 @@ def _explained(pool: sample.Workers, left: Callable[[], str]) -> Iterator[None]:
         raise Interrupted(f"stopped after {left()}", stop.signum) from None
     except (ComponentError, ChainError, SpecError, sample.CallTimeout, sample.WorkerDied) as error:
         raise type(error)(f"{error}. The run stopped after {left()}") from error
+
+
+def _sampler(spec: Spec, steps: int | None) -> Sampler:
+    """Return the sampler with the given largest length of its chain; SpecError if it makes none."""
+    sampler = spec.sampler
+    if steps is None:
+        return sampler
+    if not isinstance(sampler, ChainSampler):
+        raise SpecError(f"steps: the sampler {sampler.kind!r} has none. What ends it stands in [sampler].")
+    return sampler.model_copy(update={"steps": steps})
 
 
 def _engine(spec: Spec, workers: int | Executor | None, kind: str | None, scheduler: str | None) -> Engine:

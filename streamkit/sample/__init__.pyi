@@ -14,6 +14,8 @@ from .calls.workers import pool as pool
 from .calls.workers import stopped_by_signals as stopped_by_signals
 from .evaluation import Evaluation as Evaluation
 from .evaluation import blob_dtype as blob_dtype
+from .progress import SamplingProgress as SamplingProgress
+from .sampling import run_sampler as run_sampler
 from .store.chain import CHAIN as CHAIN
 from .store.chain import Chain as Chain
 from .store.chain import read_chain_file as read_chain_file
@@ -24,7 +26,11 @@ from .store.evaluation_cache import SMALL_CALLS as SMALL_CALLS
 from .store.evaluation_cache import EvaluationCache as EvaluationCache
 from .store.evaluation_cache import calls_in as calls_in
 from .store.journal import JOURNAL as JOURNAL
+from .store.storage import Storage as Storage
+from .store.storage import calls_storage as calls_storage
+from .store.storage import chain_storage as chain_storage
 from .store.weighted import SAMPLES as SAMPLES
 from .store.weighted import Weighted as Weighted
 from .store.weighted import read_weighted as read_weighted
+from .target import Deadlines as Deadlines
 from .target import PosteriorTarget as PosteriorTarget

@@ -37,7 +37,7 @@ from streamkit.builtin.samplers.emulator.rounds import Rounds
 from streamkit.builtin.samplers.ensemble.sampler import Emcee
 from streamkit.cli.options import read_settings
 from streamkit.convergence import effective_samples, stuck_walkers
-from streamkit.sample import ChainMemory, EvaluationCache, PosteriorTarget, Workers
+from streamkit.sample import ChainMemory, EvaluationCache, PosteriorTarget, Storage, Workers, run_sampler
 from streamkit.stream import Data
 
 SAMPLERS = "emcee", "nautilus", "dynesty"
@@ -61,7 +61,8 @@ def by_ensemble(toy: Toy, seed: int, moves: str, hidden: bool) -> Found:
     stored, sampler = ChainMemory(), Emcee(walkers=WALKERS, steps=STEPS, moves=moves)
     data = Data(toy.data.values + toy.data.errors, toy.data.errors) if hidden else toy.data
     with Workers({"full": toy, "cheap": toy}) as pool:
-        deque(PosteriorTarget(toy.priors, data, seed, pool, chain=stored).run(sampler), maxlen=0)
+        target = PosteriorTarget(toy.priors, data, seed, pool, Storage(chain=stored, is_chain=True))
+        deque(run_sampler(sampler, target), maxlen=0)
     calls = sum(stored.last.counts[name] for name in ("calls", "search_calls"))
     chain = stored.samples()
     verdict = sampler.convergence(chain)
@@ -80,7 +81,8 @@ def by_plugin(toy: Toy, seed: int, kind: str) -> Found:
     component = getattr(import_module(f"streamkit_{kind}"), kind.title())()
     with Workers({"full": toy, "cheap": toy}) as pool:
         cache = EvaluationCache()
-        (last,) = deque(PosteriorTarget(toy.priors, toy.data, seed, pool, cache).run(component), maxlen=1)
+        target = PosteriorTarget(toy.priors, toy.data, seed, pool, Storage(cache))
+        (last,) = deque(run_sampler(component, target), maxlen=1)
     return Found(last.points, last.weights, len(cache), last.ess, np.nan, last.lacks)
 
 

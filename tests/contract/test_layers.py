@@ -39,8 +39,8 @@ OUTSIDE = {"builtin", "testing"}
 KIT = "study.preflight", "testing"  # but `check` runs the quick half of the conformance kit
 # Rooms inside packages, in the same order.
 ROOMS = {
-    "fit": ({"runner"}, {"products"}, {"show"}, {"samples"}, {"judge"}, {"directory"}),
-    "sample": ({"target"}, {"calls", "store"}, {"evaluation"}),
+    "fit": ({"runner"}, {"products", "stored"}, {"show"}, {"samples"}, {"judge"}, {"directory"}),
+    "sample": ({"sampling"}, {"target"}, {"progress"}, {"calls", "store"}, {"evaluation"}),
 }
 DOORS = {"", "engine"}  # what built-ins, the conformance kit and plugins may use: `streamkit` and `streamkit.engine`
 

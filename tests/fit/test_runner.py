@@ -22,7 +22,6 @@ from streamkit.fit.runner import Interrupted, cheap_spec
 from streamkit.fit.samples.results import draws_of
 from streamkit.report import locked
 from streamkit.sample import CALLS, CHAIN, Chain, ChainFile, read_chain_file
-from streamkit.sample.calls import posterior
 
 
 @pytest.fixture(scope="module")
@@ -74,8 +73,8 @@ def test_samples_of_another_posterior_are_not_continued(tmp_path, monkeypatch, s
         spec = spec.with_values({"sampler.max_calls": 1, "sampler.starts": 1})
     sk.run(spec, out=tmp_path, progress=False, products=False)
     name = CHAIN if sampler == "emcee" else CALLS
-    samples, before = (tmp_path / name).read_bytes(), posterior.compare_with_data
-    monkeypatch.setattr(posterior, "compare_with_data", lambda *given: before(*given) - 2.0)
+    samples, before = (tmp_path / name).read_bytes(), sk.Model.ln_likelihood
+    monkeypatch.setattr(sk.Model, "ln_likelihood", lambda *given: before(*given) - 2.0)
     with pytest.raises(sk.ChainError, match=r"of another posterior: ln p of one of them was .* or --force"):
         sk.run(spec, out=tmp_path, resume=True, progress=False, products=False)
     assert (tmp_path / name).read_bytes() == samples

@@ -9,7 +9,15 @@ import numpy as np
 
 from streamkit.builtin.samplers.ensemble.sampler import Emcee
 from streamkit.runfile import Uniform
-from streamkit.sample import ChainMemory, Evaluation, PosteriorTarget, Workers
+from streamkit.sample import (
+    ChainMemory,
+    Evaluation,
+    PosteriorTarget,
+    SamplingProgress,
+    Storage,
+    Workers,
+    run_sampler,
+)  # fmt: skip
 from streamkit.stream import Data
 
 MEAN = np.array([1.0, -2.0, 0.5])
@@ -37,11 +45,12 @@ class Gaussian:
         return Evaluation(lnl - 3 * np.log(40), lnl, theta[:2], np.zeros(2))
 
 
-def walk(toy, pool: Workers, chain: ChainMemory, resumes=False, seed=5, progress=False, **fields) -> PosteriorTarget:
+def walk(toy, pool: Workers, chain: ChainMemory, seed=5, progress=False, **fields) -> PosteriorTarget:
     """Sample a toy by the default sampler; the chain has as many steps as the fields say, or as it needs."""
-    target = PosteriorTarget(toy.priors, toy.data, seed, pool, chain=chain, resumes=resumes, progress=progress)
+    storage, display = Storage(chain=chain, is_chain=True), SamplingProgress(progress)
+    target = PosteriorTarget(toy.priors, toy.data, seed, pool, storage, display=display)
     fields = {"walkers": 24, "moves": "de", "tau_factor": 1e9, "r_hat": 1e9} | fields
-    deque(target.run(Emcee(**fields)), maxlen=0)
+    deque(run_sampler(Emcee(**fields), target), maxlen=0)
     chain.consolidate()
     return target
 
@@ -109,7 +118,7 @@ class Heavy(Banana):
         return float(-2 * np.log1p(away**2 / 3).sum())
 
 
-def banana_run(chain: ChainMemory, steps: int, moves: str, resumes: bool = False, toy: Banana | None = None, **fields):
+def banana_run(chain: ChainMemory, steps: int, moves: str, toy: Banana | None = None, **fields):
     toy = Banana() if toy is None else toy
     with Workers({"full": toy, "cheap": toy}) as pool:
-        return walk(toy, pool, chain, resumes, walkers=16, steps=steps, moves=moves, **fields)
+        return walk(toy, pool, chain, walkers=16, steps=steps, moves=moves, **fields)

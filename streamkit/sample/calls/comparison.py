@@ -27,7 +27,8 @@ class Comparison:
     """The ln likelihood of predictions of a model's observables that are given, at many points at once."""
 
     def __init__(self, model: Model) -> None:
-        self._spec = spec = model.spec
+        self._model, self._spec = model, model.spec
+        spec = model.spec
         self._parts: list[Part] = []
         self._shapes: list[tuple[int, ...]] = []
         # The measurements that cannot be compared at many points: those with a likelihood of their own that do not
@@ -69,6 +70,15 @@ class Comparison:
         if low.covariance is not None and high.covariance is not None:
             same.append(np.array_equal(low.covariance, high.covariance, equal_nan=True))
         return not all(same)
+
+    @property
+    def knows_shapes(self) -> bool:
+        """Whether the shapes of the details are known: `details` or `read_shapes` has been called."""
+        return bool(self._shapes) or not any(part.reads for part in self._parts)
+
+    def read_shapes(self, theta: Array) -> None:
+        """Make the streams at theta (d,), where there is a prediction, and note the shapes of their details."""
+        self.details(self._model.observe_all(self._spec.bind_all(theta)))
 
     @property
     def coordinates(self) -> BoolArray:

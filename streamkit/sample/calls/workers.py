@@ -25,7 +25,7 @@ from streamkit.stream import Array
 
 OVERTIME = "the call took too long"
 COMPILING = 300.0  # extra seconds for the first call of a remote worker, which compiles
-Row = tuple[float, float, Array, Array]
+FOREIGN = 8  # assumed number of points that an executor of others evaluates at a time
 Answers = list[Evaluation | str]  # an evaluation for each point, or `NO_ANSWER`
 
 
@@ -80,6 +80,16 @@ class Workers:
         # Rejections so far, by posterior and reason. Rejected proposals count too.
         self.reasons: dict[str, Counter[str]] = {name: Counter() for name in posteriors}
         self.stop = 0  # number of the signal that requested an end
+
+    @property
+    def at_a_time(self) -> int:
+        """Points that are evaluated at a time; a guess for an executor of others, so that no sample depends on it."""
+        return FOREIGN if isinstance(self._workers, Executor) else self._workers
+
+    def forget(self, which: str) -> None:
+        """Count the calls and rejections of a posterior from now on."""
+        self.calls[which] = 0
+        self.reasons[which].clear()
 
     def __enter__(self) -> Workers:
         if isinstance(self._workers, Executor):

@@ -36,6 +36,7 @@ class ChainMemory:
     def __init__(self) -> None:
         self.last: Step | None = None  # the last step that was stored, number 0 for the start; None for an empty chain
         self._attributes: dict[str, Any] = {}
+        self._shape = 0, 0  # walkers and parameters
         self._coords: list[Array] = []
         self._steps: list[Step] = []
         self._history: dict[str, list[Array]] = {}

@@ -79,7 +79,7 @@ def test_a_resumed_chain_equals_an_uninterrupted_one(tmp_path):
     toy, resumed = Gaussian(), ChainFile(parts.path)
     resumed.load()
     with Workers({"full": toy, "cheap": toy}) as pool:
-        walk(toy, pool, resumed, resumes=True, steps=30)
+        walk(toy, pool, resumed, steps=30)
     for name in ("chain", "log_prob", "blobs", "accepted"):
         one, two = (getattr(read_chain_file(file.path), name) for file in (whole, parts))
         np.testing.assert_array_equal(one, two)

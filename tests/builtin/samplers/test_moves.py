@@ -285,7 +285,7 @@ def test_a_chain_that_learns_is_resumed_bit_for_bit(tmp_path, whole, stop):
     banana_run(parts, stop, "surrogate")
     parts = ChainFile(parts.path)
     parts.load()
-    banana_run(parts, 70, "surrogate", resumes=True)
+    banana_run(parts, 70, "surrogate")
     one, two = (read_chain_file(file.path) for file in (whole, parts))
     for name in ("chain", "log_prob", "blobs"):
         np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
@@ -326,7 +326,7 @@ def test_a_chain_that_learns_for_longer_is_resumed_bit_for_bit(tmp_path, monkeyp
         banana_run(parts, stop, "surrogate")
         parts = ChainFile(parts.path)
         parts.load()
-        banana_run(parts, 70, "surrogate", resumes=True)
+        banana_run(parts, 70, "surrogate")
         np.testing.assert_array_equal(whole.samples(), parts.samples())
         np.testing.assert_array_equal(whole.last.memory["replicas"], parts.last.memory["replicas"])
 
@@ -337,7 +337,7 @@ def test_a_finished_chain_stays_finished(tmp_path):
     length = chain.iteration
     assert length < 9000
     for steps in (length, 9000):  # nothing left to do, or more allowed than is needed
-        banana_run(chain, steps, "de", resumes=True, tau_factor=2)
+        banana_run(chain, steps, "de", tau_factor=2)
         assert chain.iteration == length
 
 

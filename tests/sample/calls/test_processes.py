@@ -109,7 +109,7 @@ def test_kills_at_random_moments_change_nothing(caplog, tmp_path, count):
         killer.start()
         try:
             while killer.is_alive():
-                walk(Gaussian(), pool, chain, resumes=True, steps=chain.iteration + 10)
+                walk(Gaussian(), pool, chain, steps=chain.iteration + 10)
         finally:
             over.set()
     alone = ChainMemory()

@@ -53,13 +53,12 @@ def same(found, wanted):
 
 def go_on(path, steps, awake=None):
     """Begin a run of so many steps, or continue it."""
-    file, resume = ChainFile(path), False
+    file = ChainFile(path)
     if path.exists():
         file.load()
-        resume = file.last is not None
     if awake is not None:
         awake.set()
-    banana_run(file, steps, "surrogate", resumes=resume)
+    banana_run(file, steps, "surrogate")
 
 
 def killed(path, steps, wait):
@@ -356,7 +355,7 @@ def test_a_journal_of_another_run_is_refused(tmp_path, monkeypatch):
         banana_run(file, 30, moves)
         file.load()
         file.consolidate = lambda: None
-        banana_run(file, 32, moves, resumes=True)
+        banana_run(file, 32, moves)
     journal_of(two).path.replace(journal_of(one).path)
     with pytest.raises(sk.ChainError, match=r"does not continue one\.h5, of 30 steps"):
         ChainFile(one).load()

@@ -1,0 +1,88 @@
+"""What a run stores: its samples as they come, how it ended, and what is left after an interruption."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from streamkit import sample
+from streamkit.components import ChainSampler, Sampler
+from streamkit.errors import ChainError, ComponentError
+from streamkit.runfile import Spec
+
+SAME = 1.0  # difference of ln p that another machine's rounding may make
+
+
+class StoredRun:
+    """The samples of a run, in the files of its directory, or in memory without one.
+
+    ``resumes`` says whether there are samples to continue. Raises ChainError for files that cannot be read.
+    """
+
+    def __init__(self, directory: Path | None, spec: Spec, quick: bool, resumes: bool) -> None:
+        digest, sampler = spec.digest(), spec.sampler
+        self._directory = directory
+        self._notes = {"quick": quick, "digest": digest}
+        self._weighted: sample.Weighted | None = None
+        if isinstance(sampler, ChainSampler):
+            self.storage = sample.chain_storage(directory, {"status": "unfinished", **self._notes}, resumes)
+        else:
+            self.storage = sample.calls_storage(directory, digest, sampler.emulates)
+
+    def expect_same(self, posterior: sample.Posterior, limit: float) -> None:
+        """Evaluate a stored sample of a resumed run again; ChainError if its ln p has changed."""
+        last, evaluations = self.storage.chain.last, self.storage.evaluations
+        if last is not None:
+            best = int(np.argmax(last.log_prob))
+            point, before = last.coords[best], float(last.log_prob[best])
+        elif (first := evaluations.any_good()) is not None:
+            point, before = first, evaluations.get(first[None])[0].lnp
+        else:
+            return
+        after = sample.first_call(limit, posterior.evaluate, point).lnp
+        if abs(after - before) > SAME:
+            raise ChainError(
+                f"{self._directory}: its samples are of another posterior: ln p of one of them was {before:.2f} and is "
+                f"{after:.2f} now. streamkit, a plugin or another package has changed since. Choose another directory, "
+                "or --force to overwrite."
+            )
+
+    def keep(self, weighted: sample.Weighted, late: bool) -> None:
+        """Store weighted samples in place of those before; ``late`` if the time limit is over."""
+        over = "time" if late else "unfinished"
+        status = "converged" if not weighted.lacks else over if weighted.missing else "few"
+        weighted.attributes.update(status=status, **self._notes)
+        self._weighted = weighted
+        if self._directory is not None:
+            weighted.write(self._directory / sample.SAMPLES)
+
+    def finish(self, sampler: Sampler, late: bool) -> None:
+        """Store why the sampling ended; ComponentError if there are no samples."""
+        chain = self.storage.chain
+        if isinstance(sampler, ChainSampler):
+            converged = chain.iteration and sampler.convergence(chain.samples())
+            chain.note(status="converged" if converged else "time" if late else "steps")
+            chain.consolidate()
+        elif self._weighted is None:
+            raise ComponentError(f"sampler {sampler.kind}: gave no samples")
+
+    def samples(self) -> sample.Chain | sample.Weighted:
+        """Return the samples of a run in memory. ChainError if it ended before its first step."""
+        return self._weighted or self.storage.chain.whole()
+
+    def left(self, again: str) -> str:
+        """Return what an interrupted run leaves, and the command ``again`` that resumes it."""
+        directory, steps = self._directory, self.storage.chain.iteration
+        calls = 0 if self.storage.is_chain else len(self.storage.evaluations)
+        done = f"{calls} calls" if calls else f"{steps} steps"
+        if directory is None:
+            return f"{done}, which were kept in memory only and are lost: give `out` to keep them."
+        if calls:
+            return f"{done}, all of them in {directory / sample.CALLS}. To continue: {again}"
+        if steps == 0:
+            return f"no finished step. To begin again: {again}"
+        where = [directory / name for name in (sample.CHAIN, sample.JOURNAL) if (directory / name).exists()]
+        if not where:
+            return f"{steps} finished steps, of which nothing is left in {directory}. To begin again: {again}"
+        return f"{steps} finished steps, all of them in {' and '.join(map(str, where))}. To continue: {again}"
