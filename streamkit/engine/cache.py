@@ -2,7 +2,8 @@
 
 Numba's own disk cache identifies a function by the date of its file. It misses a change in another file from which the
 function has its helpers, and would then run the old force. It does not work for closures, whose key has a random
-identifier. The key here is therefore a digest of all that determines the machine code.
+identifier. The key here is therefore a digest of all that determines the machine code. Numba also runs whatever its
+files contain. Each file here starts with a hash of its content, and a file with another content is compiled anew.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import os
+import pickle
 import stat
 import types
 from collections.abc import Callable
@@ -23,7 +25,7 @@ import numba
 import numpy as np
 from numba import njit
 from numba import types as numba_types
-from numba.core.caching import FunctionCache, NullCache
+from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
 from numba.core.compiler import Compiler
 from numba.core.dispatcher import Dispatcher
 from numba.core.registry import CPUDispatcher
@@ -42,12 +44,57 @@ INLINE: dict[str, Any] = {"inline": "always", "error_model": "numpy"}
 SETTINGS = "OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK", "DISABLE_INTEL_SVML", "DEBUGINFO_DEFAULT"
 
 
+class _HashedFiles(IndexDataCacheFile):  # type: ignore[misc]  # numba is untyped here
+    """Numba's index and data files of a function, with a hash of numba's version and of the content in front.
+
+    A file without its hash is a file that is not there. Each data file has its key as well: two processes that save at
+    the same time may give one name to two kernels.
+    """
+
+    def save(self, key: Any, data: Any) -> None:
+        """Save the machine code of a key."""
+        super().save(key, (key, data))
+
+    def load(self, key: Any) -> Any:
+        """Return the machine code of a key, None if it is not there or damaged."""
+        stored, data = super().load(key) or (None, None)
+        return data if stored == key else None
+
+    def _dump(self, obj: Any) -> bytes:
+        content: bytes = super()._dump(obj)
+        return self._hash(content) + content
+
+    def _save_index(self, overloads: dict[Any, str]) -> None:
+        self._save_data(self._index_name, (self._source_stamp, overloads))
+
+    def _load_index(self) -> dict[Any, str]:
+        stamp, overloads = self._load_data(self._index_name) or (None, {})
+        return overloads if stamp == self._source_stamp else {}
+
+    def _load_data(self, name: str) -> Any:
+        try:
+            stored = Path(self._data_path(name)).read_bytes()
+        except OSError:
+            return None
+        size = hashlib.sha256().digest_size
+        content = stored[size:]
+        return pickle.loads(content) if stored[:size] == self._hash(content) else None  # noqa: S301
+
+    def _hash(self, content: bytes) -> bytes:
+        """Return the SHA-256 of numba's version, which can read the content, and of the content."""
+        digest = hashlib.sha256(self._version.encode())
+        digest.update(content)
+        return digest.digest()
+
+
 class ContentCache(FunctionCache):  # type: ignore[misc]  # numba is untyped here
-    """Numba's disk cache with a digest in its key."""
+    """Numba's disk cache with a digest in its key, and hashes in its files."""
 
     def __init__(self, function: Callable[..., Any], digest: str) -> None:
         super().__init__(function)
         self._digest = digest
+        base = self._impl.filename_base + ".hashed"  # earlier versions of streamkit fail at such an index
+        self._cache_file: Any = _HashedFiles(self._cache_path, base, self._impl.locator.get_source_stamp())
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Save the machine code, if there is room: on a full disk the next process compiles again."""

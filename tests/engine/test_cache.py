@@ -1,4 +1,4 @@
-"""From an `acceleration` to machine code: the elementary functions, and the disk cache keyed by content."""
+"""The disk cache of machine code: keyed by content, and run only if it is unchanged."""
 
 import ctypes
 import importlib.util
@@ -16,65 +16,11 @@ from numba.extending import overload
 
 import streamkit as sk
 from streamkit.builtin.potentials import closed_forms as potentials
-from streamkit.engine import (
-    cache,
-    vector,  # noqa: F401  compiles the elementary functions
-)
+from streamkit.engine import cache
 from streamkit.engine.cache import content_digest
 from streamkit.engine.kernels import compiled_kernel
 from streamkit.engine.loops import ROW
 from streamkit.testing.contained import in_a_process
-
-
-@njit
-def compiled_log(x):
-    return sk.log(x)
-
-
-@njit
-def compiled_exp(x):
-    return sk.exp(x)
-
-
-@njit
-def compiled_power(x, y):
-    return sk.power(x, y)
-
-
-@njit
-def compiled_sqrt(x):
-    return sk.sqrt(x)
-
-
-def apply(function, *columns):
-    return np.array([function(*map(float, row)) for row in zip(*columns, strict=True)])
-
-
-def test_compiled_log_is_numpys():
-    step = np.geomspace(1e-15, 0.4, 400)
-    result = 1.0 + np.concatenate([-step, step])
-    for x in (np.geomspace(1e-300, 1e300, 4000), result):
-        assert np.allclose(apply(compiled_log, x), np.log(x), rtol=1e-14, atol=0)
-
-
-def test_compiled_exp_is_numpys():
-    x = np.concatenate([np.linspace(-700, 700, 4001), np.linspace(-1e-3, 1e-3, 101)])
-    assert np.allclose(apply(compiled_exp, x), np.exp(x), rtol=1e-14, atol=0)
-
-
-def test_compiled_power_is_numpys():
-    """exp(y ln x) loses |y ln x| units in the last place; the powers in potentials are small."""
-    rng = np.random.default_rng(3)
-    x, y = 10.0 ** rng.uniform(-6, 6, 2000), rng.uniform(-3, 3, 2000)
-    error = np.abs(apply(compiled_power, x, y) / x**y - 1)
-    assert (error <= 1e-14 + 3e-16 * np.abs(y * np.log(x))).all()
-    assert np.allclose(sk.power(x, y), x**y, rtol=1e-13)
-
-
-def test_compiled_sqrt_is_numpys():
-    x = np.geomspace(1e-300, 1e300, 1000)
-    assert np.array_equal(apply(compiled_sqrt, x), np.sqrt(x))
-
 
 CONSTANT = """
 from numba import njit
@@ -245,6 +191,58 @@ def test_no_place_for_a_cache_and_a_damaged_one_cost_a_compilation_only(tmp_path
     assert result.load_overload(numba.void(), registry.cpu_target.target_context) is None
     monkeypatch.setattr(cache, "ContentCache", nowhere)
     assert place_of(content_digest, tmp_path, monkeypatch) is None
+
+
+def stored_function(scale):
+    """Return a function that multiplies by ``scale``, with its cache: numba takes both for one function."""
+
+    @njit(**cache.OPTIONS)
+    def times(x):
+        return scale * x
+
+    times._cache = cache.disk_cache(times.py_func, f"digest of {scale}")
+    return times
+
+
+SIGNATURE = numba.float64(numba.float64)
+
+
+def stored(times):
+    """Return the machine code that the disk has for a function, None for none."""
+    return times._cache.load_overload(SIGNATURE, registry.cpu_target.target_context)
+
+
+@pytest.mark.parametrize("ending", ["nbi", "nbc"])
+def test_one_changed_bit_of_stored_machine_code_costs_a_compilation_only(tmp_path, monkeypatch, ending):
+    """Of 32 such bits, 18 killed the process and one changed the force. No changed file may be run at all."""
+    place_of(content_digest, tmp_path, monkeypatch)
+    stored_function(3.0).compile(SIGNATURE)
+    (file,) = tmp_path.rglob(f"*.{ending}")
+    content = file.read_bytes()
+    bits = np.random.default_rng(1).integers(8 * len(content), size=200)
+    for bit in (*range(64), *map(int, bits)):
+        changed = bytearray(content)
+        changed[bit // 8] ^= 1 << bit % 8
+        file.write_bytes(changed)
+        assert stored(stored_function(3.0)) is None
+    for part in (b"", content[:20], content[:-1]):
+        file.write_bytes(part)
+        assert stored(stored_function(3.0)) is None
+    again = stored_function(3.0)
+    again.compile(SIGNATURE)
+    assert again(2.0) == 6.0
+    assert stored(stored_function(3.0)) is not None
+
+
+def test_machine_code_of_another_kernel_under_a_kernels_name_is_not_run(tmp_path, monkeypatch):
+    """Two processes that save at the same time may choose the same name for their files."""
+    place_of(content_digest, tmp_path, monkeypatch)
+    for scale in (3.0, 5.0):
+        stored_function(scale).compile(SIGNATURE)
+    one, other = sorted(tmp_path.rglob("*.nbc"))
+    assert stored(stored_function(3.0)) is not None
+    other.replace(one)
+    assert stored(stored_function(3.0)) is None
 
 
 def test_what_cannot_be_described_is_not_cached():
