@@ -3,8 +3,11 @@
 from itertools import pairwise
 
 import numpy as np
+from scipy import stats
 
+from streamkit.builtin.samplers.emulator.factor import Factor
 from streamkit.builtin.samplers.emulator.joint_density import Layout, Terms
+from streamkit.builtin.samplers.emulator.problem import Answers
 
 
 class LinearFactors:
@@ -108,3 +111,64 @@ class HalfEmpty(LinearFactors):
     def ln_likelihood(self, k, h, s):
         lnl = super().ln_likelihood(k, h, s)
         return np.where(h[:, 0] < 0, -np.inf, lnl) if k == 0 else lnl
+
+
+class OfFactor:
+    """The problem of one factor of `LinearFactors`: its data are called with noise of so many errors."""
+
+    def __init__(self, target, k, noise=0.3, seed=1):
+        self.target, self.k, self.noise, self.seed = target, k, noise, seed
+        self.columns = target.layout.of(k)
+        self.size, self.calls = len(self.columns), 0
+        self.coordinates = np.ones(self.size, dtype=bool)
+        self.values, self.errors = target.data[k], np.ones(len(target.data[k]))
+        self.add_noise = False
+        self.is_shared = np.isin(self.columns, target.layout.shared)
+
+    def from_unit(self, u):
+        return stats.norm.ppf(np.clip(u, 1e-12, 1 - 1e-12))
+
+    def ln_prior(self, points):
+        return -0.5 * np.sum(points**2, axis=1)
+
+    def mean_at(self, points):
+        h, s = points[:, self.is_shared], points[:, ~self.is_shared]
+        return h @ self.target.host[self.k].T + s @ self.target.mine[self.k].T
+
+    def evaluate(self, points):
+        self.calls += len(points)
+        mean = self.mean_at(points)
+        for i, point in enumerate(points):
+            rng = np.random.default_rng([self.seed, *point.view(np.uint32).tolist()])
+            mean[i] += self.noise * rng.standard_normal(mean.shape[1])
+        variance = np.full(mean.shape, self.noise**2)
+        return Answers(mean, variance, np.empty((len(points), 0)), self.compare(points, mean, 0 * variance, None))
+
+    def compare(self, points, mean, variance, details):
+        total = 1 + variance
+        return -0.5 * np.sum((mean - self.values) ** 2 / total + np.log(total), axis=1)
+
+    def time_left(self):
+        return np.inf
+
+    def expect(self, calls):
+        pass
+
+
+class Whole:
+    """The problem of all factors together: its prior alone."""
+
+    def __init__(self, target):
+        self.size = target.layout.size
+
+    from_unit, ln_prior = OfFactor.from_unit, OfFactor.ln_prior
+
+
+def factors_of(target, **kwargs):
+    """The factors of a target, and all its coordinates."""
+    problems = [OfFactor(target, k, **kwargs) for k in range(len(target.data))]
+    shared = target.layout.shared
+    return [
+        Factor(f"stream {k}", problem, problem, shared, own)
+        for k, (problem, own) in enumerate(zip(problems, target.layout.own, strict=True))
+    ]

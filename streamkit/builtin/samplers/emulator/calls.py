@@ -55,6 +55,6 @@ class Calls:
         """(n,) Whether a call gave a prediction."""
         return np.asarray(np.isfinite(self.answers.ln_likelihood), dtype=bool)
 
-    def learn(self) -> Emulator | None:
-        """Return the emulator of all of them."""
-        return learn(self.problem, self.y, self.answers, self.theta)
+    def learn(self, tilt: Array | None = None) -> Emulator | None:
+        """Return the emulator of all of them; ``tilt`` (n,) is added to their ln likelihoods, which weigh them."""
+        return learn(self.problem, self.y, self.answers, self.theta, tilt)

@@ -105,53 +105,68 @@ class Trend(NamedTuple):
 
 
 def fresh_calls(
-    emulated: Emulated, problem: Problem, samples: Array, rng: np.random.Generator
+    emulated: Emulated, problem: Problem, samples: Array, rng: np.random.Generator, chance: float = CHANCE
 ) -> tuple[Calls, Trend | None]:
-    """Call the model at some of the samples (n, d): so often that a trend of the residuals can be told from chance."""
+    """Call the model at some of the samples (n, d): so often that a trend of the residuals can be told from chance.
+
+    The fraction of trends by chance that must be smaller for one to count is ``chance``.
+    """
     order = rng.permutation(len(samples))
 
     def called(batch: int) -> Calls:
         return Calls.at(problem, emulated.space, samples[order[batch * FRESH : (batch + 1) * FRESH]])
 
     fresh = called(0)
-    trend = trend_of(emulated, fresh, samples, rng)
+    trend = trend_of(emulated, fresh, samples, rng, chance)
     for batch in range(1, MOST_BATCHES):
         if trend is None or not trend.by_chance > (MOVED if batch < BATCHES else BLIND):
             break
         fresh += called(batch)
-        trend = trend_of(emulated, fresh, samples, rng)
+        trend = trend_of(emulated, fresh, samples, rng, chance)
     return fresh, trend
 
 
-def trend_of(emulated: Emulated, fresh: Calls, samples: Array, rng: np.random.Generator) -> Trend | None:
+def trend_of(
+    emulated: Emulated, fresh: Calls, samples: Array, rng: np.random.Generator, chance: float = CHANCE
+) -> Trend | None:
     """Measure what a trend of the residuals of fresh calls changes; None where too few of them have a prediction."""
+    some = samples[:: max(len(samples) // 1000, 1)]
+    changes = changes_by_trend(emulated, fresh, some, rng)
+    if changes is None:
+        return None
+    measured, *by_chance = (change_of(some, each) for each in changes)
+    return Trend(measured, float(np.quantile(by_chance, chance)))
+
+
+def changes_by_trend(emulated: Emulated, fresh: Calls, some: Array, rng: np.random.Generator) -> Array | None:
+    """(1 + `TRIES`, n) Return what a linear trend of the residuals of fresh calls adds to ln L at samples (n, d).
+
+    The first row is that of the residuals as they are, the others those of residuals in another order, whose trends are
+    chance. NaN where the calls do not span the parameters; None where too few of them have a prediction.
+    """
     fresh = fresh.take(fresh.good)
-    if len(fresh) < 3 * samples.shape[1]:
+    if len(fresh) < 3 * some.shape[1]:
         return None
     space, problem = emulated.space, fresh.problem
     used = np.isfinite(problem.values)
     residual = ((fresh.answers.mean - emulated.emulator.predict(fresh.y).mean) / problem.errors)[:, used]
     centre, scale = fresh.y.mean(axis=0), np.maximum(fresh.y.std(axis=0), 1e-300)
     terms = np.concatenate([np.ones((len(fresh), 1)), (fresh.y - centre) / scale], axis=1)
-    some = samples[:: max(len(samples) // 1000, 1)]
     predicted, theta = emulated.emulator.predict(some), space.back(some)
     variance = predicted.fit_variance + predicted.noise * emulated.noise
     base = problem.compare(theta, predicted.mean, variance, predicted.details)
     there = np.concatenate([np.ones((len(some), 1)), np.clip((some - centre) / scale, -3.0, 3.0)], axis=1)
 
-    def moved(rows: Array) -> float:
+    def change(rows: Array) -> Array:
         slope = regress(terms, rows, np.ones(len(rows)), 1e-6).coefficients
         mean = predicted.mean.copy()
         mean[:, used] += (there @ slope) * problem.errors[used]
-        change = problem.compare(theta, mean, variance, predicted.details) - base
-        return change_of(some, change)
+        return problem.compare(theta, mean, variance, predicted.details) - base
 
     try:
-        measured = moved(residual)
-        by_chance = [moved(rng.permutation(residual)) for _ in range(TRIES)]
+        return np.array([change(residual), *(change(rng.permutation(residual)) for _ in range(TRIES))])
     except LinAlgError:
-        return Trend(float("nan"), float("nan"))
-    return Trend(measured, float(np.quantile(by_chance, CHANCE)))
+        return np.full((1 + TRIES, len(some)), np.nan)
 
 
 def certify(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from streamkit import Array
@@ -12,10 +14,11 @@ class Space:
     """The coordinates y: the parameters, or the logarithms of those that are positive by their prior.
 
     Masses, lengths and speeds enter the model as products of powers, which polynomials of the logarithms follow better.
+    The prior is that of the problem, or another density of its parameters.
     """
 
-    def __init__(self, problem: Problem) -> None:
-        self._problem = problem
+    def __init__(self, problem: Problem, ln_prior: Callable[[Array], Array] | None = None) -> None:
+        self._ln_prior = ln_prior or problem.ln_prior
         self._log = problem.from_unit(np.zeros(problem.size)) > 0
 
     def to(self, theta: Array) -> Array:
@@ -29,4 +32,4 @@ class Space:
 
     def ln_prior(self, y: Array) -> Array:
         """(n,) ln density of the prior in the coordinates; -inf outside."""
-        return np.asarray(self._problem.ln_prior(self.back(y)) + np.sum(y[:, self._log], axis=1))
+        return np.asarray(self._ln_prior(self.back(y)) + np.sum(y[:, self._log], axis=1))

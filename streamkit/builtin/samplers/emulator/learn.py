@@ -46,21 +46,23 @@ CHANCE = 1.5
 SILENT = 1e-10
 
 
-def learn(problem: Problem, y: Array, answers: Answers, theta: Array) -> Emulator | None:
+def learn(problem: Problem, y: Array, answers: Answers, theta: Array, tilt: Array | None = None) -> Emulator | None:
     """Fit an emulator to answers at coordinates y (n, d), parameters theta (n, d).
 
     None where there are too few, or they do not span the space. Degree and ridge are those whose fits without a point
     predict that point best, points near the data counting most. What is near is decided by the emulated likelihood, in
-    a second pass: points whose noise happens to bring them near would lead the fit.
+    a second pass: points whose noise happens to bring them near would lead the fit. Where other data decide too what
+    is near, ``tilt`` (n,) is what they add to the ln likelihoods.
     """
     there: BoolArray = np.asarray(np.isfinite(answers.ln_likelihood), dtype=bool)
     if not there.any():
         return None
-    lnl = answers.ln_likelihood
+    other = np.zeros(len(y)) if tilt is None else tilt
+    lnl = answers.ln_likelihood + other
     emulator = _fitted(problem, y, answers, lnl)
     if emulator is None:
         return None
-    smooth = emulator.ln_likelihood(y, theta, noise=problem.add_noise, fit_error=False)
+    smooth = emulator.ln_likelihood(y, theta, noise=problem.add_noise, fit_error=False) + other
     best = _best(lnl[there])
     close = there & (lnl > best - NEAR - 0.5 * y.shape[1])
     if close.sum() < y.shape[1] or np.median(np.abs(smooth - lnl)[close]) > 0.3 * NEAR:

@@ -9,6 +9,7 @@ those that a factor depends on, means and widths.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import emcee
@@ -31,6 +32,8 @@ SETTLING, FIRST = 20, 60
 R_HAT, TIMES, INDEPENDENT = 1.004, 10.0, 2000
 # How often a walk may be doubled.
 DOUBLED = 5
+# In a round, from where the last one ended: walkers, sweeps until moves are fixed and after, sweeps of a tempered copy.
+ROUND_WALKERS, ROUND_SETTLING, ROUND_SWEEPS, TEMPERED = 128, 10, 20, 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +83,11 @@ class _Population:
             raise StreamkitError(f"of {len(begin)} places to begin from only {there.sum()} have a probability")
         self.y, self.terms, self.beta = begin[there], terms.take(there), 0.0
         self.evaluations = len(begin)
+
+    def continue_at(self, beta: float) -> None:
+        """Begin at an inverse temperature, with some of the places."""
+        self._take(self._rng.permutation(len(self.y))[: self._walkers])
+        self.beta = beta
 
     def anneal(self) -> None:
         """Come to inverse temperature 1 in stages."""
@@ -143,7 +151,7 @@ class _Population:
 
 
 def sample(
-    density: JointDensity, begin: tuple[Array, Array], seed: list[int], walkers: int = WALKERS, doubled: int = DOUBLED
+    density: JointDensity, begin: Sequence[Array], seed: list[int], walkers: int = WALKERS, doubled: int = DOUBLED
 ) -> Populations:
     """Sample a joint posterior by two populations.
 
@@ -179,6 +187,28 @@ def sample(
             break
         sweeps *= 2
     return result
+
+
+def go_on(density: JointDensity, begin: Array, seed: list[int]) -> Populations:
+    """Walk shortly from where two populations (2, w, d) ended, with another density that is nearly the same."""
+    populations = []
+    for i, places in enumerate(begin):
+        each = _Population(density, places, np.random.default_rng([*seed, i]), ROUND_WALKERS)
+        each.continue_at(1.0)
+        each.settle(ROUND_SETTLING)
+        populations.append(each)
+    walks = [each.walk(ROUND_SWEEPS, each.y) for each in populations]
+    return _judged(density.layout, np.stack([places for places, _, _ in walks]), walks, populations)
+
+
+def tempered(density: JointDensity, begin: Array, beta: float, seed: list[int]) -> Array:
+    """(n, d) Walk shortly from places (2, w, d) at an inverse temperature; return the last half of the walk."""
+    rng = np.random.default_rng(seed)
+    each = _Population(density, begin.reshape(-1, begin.shape[2]), rng, 2 * ROUND_WALKERS)
+    each.continue_at(beta)
+    each.settle(TEMPERED)
+    places, _, _ = each.walk(TEMPERED // 2, each.y)
+    return places.reshape(-1, places.shape[2])
 
 
 def _judged(

@@ -1,0 +1,382 @@
+"""The emulator over factors: an emulator for each stream, and the joint posterior sampled on all of them.
+
+1. Each factor starts alone, the data of the host first: what they say of the host is part of the prior of all others.
+2. Two populations come from places of these starts to the joint posterior.
+3. Rounds: each factor that is not known yet is called at places of the joint posterior, and learns from its calls.
+4. Where the joint posterior has settled, fresh calls test each factor, and the sum of what they would change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from streamkit import Array, IntArray, StreamkitError
+from streamkit.builtin.samplers.emulator.calls import Calls
+from streamkit.builtin.samplers.emulator.certificate import Certificate, certify, changes_by_trend, fresh_calls
+from streamkit.builtin.samplers.emulator.changes import change_of, changes_of, with_axes
+from streamkit.builtin.samplers.emulator.coordinates import Space
+from streamkit.builtin.samplers.emulator.emulated import Emulated
+from streamkit.builtin.samplers.emulator.factor import Factor, JointPosterior, hosts_prior, layout_of
+from streamkit.builtin.samplers.emulator.pairs import paired
+from streamkit.builtin.samplers.emulator.populations import Populations, go_on, sample, tempered
+from streamkit.builtin.samplers.emulator.start import ARRIVED, arrive, doubt_of
+
+# Inverse temperature of the copy that shows where a factor may be too low, and the share of new calls from it.
+WARM, FROM_WARM = 0.4, 0.4
+# New calls of a factor in a round for each of its parameters, and in any case.
+ROUND, LEAST_ROUND = 8, 80
+# Fraction of a round's new places of the posterior that are pairs.
+PAIRED = 0.5
+# Standard deviations that the posterior may move in so many rounds, and that the noise of the calls may leave; the part
+# of the latter, squared, that one factor may have without new calls is this divided by the number of factors.
+SETTLED, ROUNDS, UNCERTAIN, SHARE = 0.1, 2, 0.1, 0.5
+# Emulators of each factor that the noise of its calls could have given as well; samples for which that is computed.
+REDRAWN, SOME = 16, 1000
+# Nearest places of a start, one of which a walker gets beside its host; walkers to choose from.
+NEAREST, BEGIN = 15, 2000
+# Fraction of trends by chance that may be larger than one that counts; the trend that is too small to count.
+LEVEL, MOVED = 0.05, 0.12
+# Factor by which the covariance of the warm copy is widened for the tilt of the weights.
+WIDER = 2.0
+
+
+@dataclass
+class Known:
+    """What is known of a factor.
+
+    Attributes
+    ----------
+    factor
+        The factor.
+    calls
+        All its calls with all particles.
+    emulated
+        Its emulated posterior.
+    places
+        (n, p) coordinates where its start has arrived.
+    alone
+        The best emulated ln likelihood of the stream alone.
+    doubt
+        What its emulator's own error changes of ln L at the joint posterior.
+    share
+        Its part of the variance that the noise of the calls leaves, in standard deviations squared.
+    certificate
+        What fresh calls say of it; None before the end.
+    """
+
+    factor: Factor
+    calls: Calls
+    emulated: Emulated
+    places: Array
+    alone: float
+    doubt: float = np.inf
+    share: float = np.inf
+    certificate: Certificate | None = None
+    before: list[Emulated] = field(default_factory=list)
+
+    @property
+    def is_learned(self) -> bool:
+        """Whether it needs no more calls at the joint posterior, as far as is known."""
+        passed = self.certificate is None or not self.certificate.faults
+        return passed and self.doubt < ARRIVED and self.share < SHARE * UNCERTAIN**2
+
+
+@dataclass(frozen=True)
+class JointProgress:
+    """How far the joint posterior is.
+
+    Attributes
+    ----------
+    known
+        What is known of each factor.
+    joint
+        The emulated posterior of all.
+    populations
+        Samples of it.
+    moved, uncertain
+        In standard deviations: since `ROUNDS` rounds ago, and by the noise of all calls.
+    trend, trend_by_chance
+        What the trends of the fresh calls of all factors would move together; NaN before they are made.
+    missing
+        What is still asked for; empty if nothing is.
+    """
+
+    known: Sequence[Known]
+    joint: JointPosterior
+    populations: Populations
+    moved: float
+    uncertain: float
+    trend: float
+    trend_by_chance: float
+    missing: str
+
+
+class Factored:
+    """The sampling from the starts of all factors to their certificates.
+
+    Parameters
+    ----------
+    factors
+        The factors; those without parameters of their own, the data of the host, may stand anywhere.
+    space
+        Of all parameters.
+    noise
+        Whether the variance of one call is part of the likelihood.
+    note
+        Called with a line about the progress.
+    """
+
+    def __init__(
+        self, factors: Sequence[Factor], space: Space, noise: bool, note: Callable[[str], None] = lambda _: None
+    ) -> None:
+        self._factors, self._space, self._noise, self._note = tuple(factors), space, noise, note
+        self._seed = factors[0].problem.seed
+
+    def run(self, max_calls: int) -> Iterator[JointProgress]:
+        """Yield how far the sampling is after every round; ``max_calls`` are those of each factor."""
+        known = self._starts()
+        begin = self._nearest(known)
+        result: Populations | None = None
+        turn = 0
+        while True:
+            joint = JointPosterior(self._factors, [each.emulated for each in known])
+            seed = [self._seed, 11, turn]
+            result = sample(joint, begin, seed) if result is None else go_on(joint, result.last, seed)
+            samples = _some(result.samples, 4 * SOME)
+            warm = tempered(joint, result.last, WARM, [*seed, 1])
+            moved = self._moved(known, joint, samples)
+            uncertain = self._uncertain(known, joint, samples, seed)
+            for each in known:
+                each.doubt = doubt_of(each.emulated, samples[:, each.factor.columns])
+                each.before = [*each.before, each.emulated][-ROUNDS:]
+            self._note(self._line(known, moved, uncertain))
+            missing, trend = self._missing(known, moved, uncertain), (np.nan, np.nan)
+            over = self._is_over(known, max_calls)
+            if not missing or over:
+                result = sample(joint, self._again(known, result), [*seed, 2])
+                if not result.agree:
+                    missing = missing or _apart(result)
+            if not missing:
+                trend = self._certify(known, joint, result, seed)
+                faults = [(each.factor.name, each.certificate.faults) for each in known if each.certificate is not None]
+                missing = "; ".join(f"{name}: {fault}" for name, each in faults for fault in each)
+                if trend[0] > max(MOVED, trend[1]):
+                    both = f"all streams together move the posterior by {trend[0]:.2f} standard deviations"
+                    missing = "; ".join(filter(None, [missing, f"trends of the residuals of {both}"]))
+                before = JointPosterior(self._factors, [each.emulated for each in known])
+                self._learn(known, samples, warm)
+                change = self._change(known, before, samples)
+                if not missing and change >= SETTLED:
+                    missing = f"the fresh calls move the posterior by {change:.2f} standard deviations"
+                joint = JointPosterior(self._factors, [each.emulated for each in known])
+                if not missing:
+                    result = sample(joint, self._again(known, result), [*seed, 3])
+                self._note(missing or "certified")
+                over = self._is_over(known, max_calls)
+            yield JointProgress(known, joint, result, moved, uncertain, *trend, missing)
+            if not missing or over:
+                return
+            self._call(known, samples, warm, max_calls, seed)
+            self._learn(known, samples, warm)
+            turn += 1
+
+    # The starts
+
+    def _starts(self) -> list[Known]:
+        """Start each factor alone, those of the host's data first."""
+        known: dict[str, Known] = {}
+        host: Emulated | None = None
+        for k, factor in sorted(enumerate(self._factors), key=lambda each: len(each[1].own)):
+            known[factor.name] = self._start(k, factor, host)
+            if not len(factor.own) and host is None:
+                host = known[factor.name].emulated
+        return [known[factor.name] for factor in self._factors]
+
+    def _start(self, k: int, factor: Factor, host: Emulated | None) -> Known:
+        prior = None if host is None or not len(factor.own) else hosts_prior(factor, host)
+        seed = [self._seed, 12, k]
+        space = Space(factor.problem, prior)
+        arrival = arrive(factor.small, space, seed, lambda line: self._note(f"{factor.name}: {line}"))
+        space, rng = Space(factor.problem), np.random.default_rng([*seed, 1])
+        if factor.small is factor.problem:
+            calls = Calls(factor.problem, space, arrival.calls.y, arrival.calls.theta, arrival.calls.answers)
+        else:
+            size = max(2 * ROUND * factor.problem.size, 2 * LEAST_ROUND)
+            calls = Calls.at(factor.problem, space, rng.permutation(arrival.places)[:size])
+        emulator = calls.learn()
+        while emulator is None:  # few of the full calls have a prediction: between the places where the start arrived
+            if len(calls) > 20 * LEAST_ROUND:
+                raise StreamkitError(
+                    f"{factor.name}: too few predictions to learn from: of {len(calls)} calls with all particles only "
+                    f"{int(calls.good.sum())} give a stream with observables. Raise sampler.start_particles."
+                )
+            first, one, other = arrival.places[rng.integers(len(arrival.places), size=(3, LEAST_ROUND))]
+            calls += Calls.at(factor.problem, space, first + rng.random((LEAST_ROUND, 1)) * (one - other))
+            emulator = calls.learn()
+        emulated = Emulated(space, emulator, self._noise)
+        there = arrival.places[np.isfinite(space.ln_prior(arrival.places))]
+        return Known(factor, calls, emulated, there, float(np.max(emulated.ln_likelihood(_some(there, SOME)))))
+
+    def _nearest(self, known: Sequence[Known]) -> tuple[Array, Array]:
+        """Return two sets of places: hosts of any start, and for each stream a place of its start with such a host."""
+        layout, rng = layout_of(self._factors), np.random.default_rng([self._seed, 13])
+        places = [each.places for each in known]
+        host_columns = [np.isin(each.factor.columns, each.factor.shared) for each in known]
+        hosts = np.concatenate([rng.permutation(some[:, columns])[: 4 * BEGIN]
+                                for some, columns in zip(places, host_columns, strict=True)])  # fmt: skip
+        sets = []
+        for _ in range(2):
+            y = np.empty((BEGIN, layout.size))
+            y[:, layout.shared] = h = hosts[rng.integers(len(hosts), size=BEGIN)]
+            scale = np.maximum(hosts.std(axis=0), 1e-300)
+            for each, some, columns in zip(known, places, host_columns, strict=True):
+                own = each.factor.own
+                if not len(layout.shared):
+                    y[:, own] = some[rng.integers(len(some), size=BEGIN)]
+                elif len(own):
+                    near = min(NEAREST, len(some))
+                    _, rows = cKDTree(some[:, columns] / scale).query(h / scale, near)
+                    chosen = rows.reshape(BEGIN, near)[np.arange(BEGIN), rng.integers(near, size=BEGIN)]
+                    y[:, own] = some[chosen][:, ~columns]
+            sets.append(y)
+        return sets[0], sets[1]
+
+    def _again(self, known: Sequence[Known], result: Populations) -> list[Array]:
+        """Return two sets of places to come to the joint posterior anew: those of the starts, and the last ones."""
+        return [np.concatenate(pair) for pair in zip(self._nearest(known), result.last, strict=True)]
+
+    # A round
+
+    def _learn(self, known: Sequence[Known], samples: Array, warm: Array) -> None:
+        """Learn every factor from its calls: those at likely places count, by its ln L and what the others say of h."""
+        for each in known:
+            emulator = each.calls.learn(self._tilt(each, warm))
+            if emulator is not None:
+                each.emulated = Emulated(each.calls.space, emulator, self._noise)
+
+    def _tilt(self, each: Known, warm: Array) -> Array | None:
+        """(n,) What all factors say of the hosts of a factor's calls, as a Gaussian; None for a single factor.
+
+        A stream in tension with the others is learned where the joint posterior is, and not where it alone would be.
+        """
+        shared = each.factor.shared
+        if len(self._factors) == 1 or not len(shared):
+            return None
+        h = warm[:, shared]
+        calls = each.calls.y[:, np.isin(each.factor.columns, shared)]
+        covariance = WIDER * np.atleast_2d(np.cov(h.T))
+        covariance[np.diag_indices(len(shared))] *= 1 + 1e-9
+        white = np.linalg.solve(np.linalg.cholesky(covariance), (calls - h.mean(axis=0)).T)
+        return np.asarray(-0.5 * np.sum(white**2, axis=0))
+
+    def _call(self, known: Sequence[Known], samples: Array, warm: Array, max_calls: int, seed: list[int]) -> None:
+        """Call each factor that is not learned at places of the joint posterior."""
+        rng = np.random.default_rng([*seed, 4])
+        waiting = [each for each in known if not each.is_learned] or list(known)
+        for each in waiting:
+            size = max(ROUND * each.factor.problem.size, LEAST_ROUND)
+            if len(each.calls) >= max_calls:
+                continue
+            few = int(FROM_WARM * size)
+            columns = each.factor.columns
+            here = samples[rng.choice(len(samples), size - few, replace=False)][:, columns]
+            pairs = 0 if each.emulated.emulator.is_silent else int(PAIRED * len(here)) // 2
+            there = warm[rng.choice(len(warm), few, replace=False)][:, columns]
+            new = np.concatenate([paired(here, pairs), there])
+            each.calls += Calls.at(each.factor.problem, each.calls.space, new)
+
+    # What is known
+
+    def _moved(self, known: Sequence[Known], joint: JointPosterior, samples: Array) -> float:
+        """Return how much the posterior has moved since `ROUNDS` rounds ago; infinite before there are so many."""
+        if any(len(each.before) < ROUNDS for each in known):
+            return np.inf
+        here, moving = joint.ln_likelihoods(samples).sum(axis=1), with_axes(samples[:, self._watched()])
+        changes = []
+        for i in range(ROUNDS):
+            old = JointPosterior(self._factors, [each.before[i] for each in known])
+            changes.append(change_of(moving, old.ln_likelihoods(samples).sum(axis=1) - here))
+        return max(changes)
+
+    def _change(self, known: Sequence[Known], before: JointPosterior, samples: Array) -> float:
+        """Return how much what has been learned changes of the posterior."""
+        now = JointPosterior(self._factors, [each.emulated for each in known])
+        change = (now.ln_likelihoods(samples) - before.ln_likelihoods(samples)).sum(axis=1)
+        return change_of(with_axes(samples[:, self._watched()]), change)
+
+    def _watched(self) -> IntArray:
+        """Indices of the coordinates that are asked for: the shared ones; all of a single factor."""
+        shared = self._factors[0].shared
+        return shared if len(shared) else self._factors[0].columns
+
+    def _uncertain(self, known: Sequence[Known], joint: JointPosterior, samples: Array, seed: list[int]) -> float:
+        """Return what the noise of all calls leaves uncertain, in standard deviations; note each factor's share."""
+        rng = np.random.default_rng([*seed, 5])
+        some = _some(samples, SOME)
+        moving = with_axes(some[:, self._watched()])
+        total: Array = np.zeros((2, moving.shape[1]))
+        for k, each in enumerate(known):
+            columns = each.factor.columns
+            here = each.emulated.ln_likelihood(some[:, columns])
+            changes = [
+                changes_of(moving, joint.redrawn(k, rng).ln_likelihood(some[:, columns]) - here) for _ in range(REDRAWN)
+            ]
+            variance = np.mean(np.square(changes), axis=0)
+            each.share = len(known) * float(variance.max())
+            total += variance
+        return float(np.sqrt(total.max()))
+
+    def _missing(self, known: Sequence[Known], moved: float, uncertain: float) -> str:
+        """Say what is missing before fresh calls may test the emulators."""
+        worst = max(known, key=lambda each: each.doubt)
+        if worst.doubt >= ARRIVED:
+            return f"the error of the emulator of {worst.factor.name} still changes ln L by {worst.doubt:.1f}"
+        if not np.isfinite(moved):
+            return "too few rounds"
+        if moved >= SETTLED:
+            return f"the posterior still moves by {moved:.2f} standard deviations"
+        if uncertain >= UNCERTAIN:
+            return f"the noise of the calls leaves a mean or a width uncertain by {uncertain:.2f} standard deviations"
+        return ""
+
+    def _is_over(self, known: Sequence[Known], max_calls: int) -> bool:
+        return all(len(each.calls) >= max_calls for each in known) or self._factors[0].problem.time_left() <= 0
+
+    # The end
+
+    def _certify(
+        self, known: Sequence[Known], joint: JointPosterior, result: Populations, seed: list[int]
+    ) -> tuple[float, float]:
+        """Test each factor by fresh calls, and keep these; return what all trends move together, and chance would."""
+        rng = np.random.default_rng([*seed, 6])
+        samples = _some(result.samples, 4 * SOME)
+        trends = []
+        for each in known:
+            mine = samples[:, each.factor.columns]
+            level = 1 - LEVEL / len(known)
+            fresh, trend = fresh_calls(each.emulated, each.factor.problem, mine, rng, level)
+            each.certificate = certify(each.emulated, fresh, trend, mine, rng)
+            each.calls += fresh
+            trends.append(changes_by_trend(each.emulated, fresh, _some(samples, SOME)[:, each.factor.columns], rng))
+        some = _some(samples, SOME)[:, self._watched()]
+        moving = with_axes(some)
+        total = np.sum([each for each in trends if each is not None], axis=0)  # (1 + TRIES, n)
+        measured, *by_chance = (change_of(moving, each) for each in total)
+        return measured, float(np.quantile(by_chance, 1 - LEVEL))
+
+    def _line(self, known: Sequence[Known], moved: float, uncertain: float) -> str:
+        rows = ", ".join(f"{each.factor.name} {len(each.calls)} (error {each.doubt:.1f})" for each in known)
+        return f"calls: {rows}; moved {moved:.2f} sd, uncertain by {uncertain:.2f} sd"
+
+
+def _apart(result: Populations) -> str:
+    return f"two populations of the joint posterior do not agree (R-hat {result.r_hat:.3f})"
+
+
+def _some(samples: Array, n: int) -> Array:
+    """Return about n of the samples, at equal distances."""
+    return samples[:: max(len(samples) // n, 1)]
