@@ -1,0 +1,57 @@
+"""The emulator over factors: calls of each stream alone, against joint posteriors in closed form."""
+
+import numpy as np
+import pytest
+from joints import LinearFactors, Whole, factors_of
+
+from streamkit.builtin.samplers.emulator.coordinates import Space
+from streamkit.builtin.samplers.emulator.factored import Factored
+
+MEAN, WIDTH = 0.2, 0.15  # standard deviations, fractions
+
+
+def fit(target, noise=0.3, seed=1, max_calls=3000):
+    factors = factors_of(target, noise=noise, seed=seed)
+    *_, last = Factored(factors, Space(Whole(target)), False).run(max_calls)
+    return last, [each.problem.calls for each in factors]
+
+
+def assert_right(target, progress) -> None:
+    mean, covariance = target.answer()
+    samples, sd = progress.populations.samples, np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose((samples.mean(axis=0) - mean) / sd, 0.0, atol=MEAN)
+    np.testing.assert_allclose(samples.std(axis=0) / sd, 1.0, atol=WIDTH)
+
+
+def test_two_streams_and_data_of_the_host() -> None:
+    target = LinearFactors(3, own_of=[2, 2, 0])
+    progress, calls = fit(target)
+    assert progress.missing == ""
+    assert [each.factor.name for each in progress.known] == ["stream 0", "stream 1", "stream 2"]
+    assert [len(each.calls) for each in progress.known] == calls
+    assert_right(target, progress)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("factors", "own", "noise"), [(1, 5, 0.3), (4, 4, 0.5), (12, 5, 0.3)])
+def test_gaussian_factors(factors: int, own: int, noise: float) -> None:
+    target = LinearFactors(factors, own=own)
+    progress, calls = fit(target, noise)
+    assert progress.missing == ""
+    assert max(calls) < 2000
+    assert_right(target, progress)
+
+
+@pytest.mark.slow
+def test_streams_in_conflict_are_learned_where_the_joint_posterior_is() -> None:
+    target = LinearFactors(3, own=3, strength=5.0)
+    target.data[1] = target.data[1] + target.host[1] @ np.full(4, 3.0)
+    progress, _ = fit(target)
+    assert progress.missing == ""
+    assert_right(target, progress)
+
+
+def test_too_few_calls_are_told() -> None:
+    target = LinearFactors(2, own=2)
+    progress, _ = fit(target, noise=2.0, max_calls=300)
+    assert progress.missing
