@@ -116,7 +116,7 @@ def write_products(
         raise ChainError("these results are in memory only: a report needs a directory")
     published = _published(where, literature)
     tables, figures = dict(TABLES), figures_of(results.spec, published, column)
-    wanted = [PROFILE_RADII, radii(results), np.array(radii_to_show(results))]
+    wanted = [radii(results), np.array(radii_to_show(results))]
     if published is not None:
         wanted.append(np.asarray(published["radius"]))
         for quantity in ("M", "v_c"):
@@ -126,7 +126,9 @@ def write_products(
         tables[RECOVERY[0]] = lambda results: recovery_table(results, host)
         figures[RECOVERY[1]] = lambda results: recovery_figure(results, host)
         wanted += [RADII, DRAWN]
-    results.profiles(np.concatenate(wanted))  # all radii in one call, which is cached
+    # All radii are cached. Those of the table come first: an array's length may change the last digit of its values.
+    results.profiles(PROFILE_RADII)
+    results.profiles(np.concatenate(wanted))
     results.failed = {}
     unwritten: list[str] = []
     writers: dict[str, Callable[[Path], None]] = {

@@ -126,6 +126,11 @@ class Stream:
         """(n,) Galactocentric distance in kpc."""
         return np.asarray(read_only(np.sqrt((self.q**2).sum(axis=0))))
 
+    @property
+    def bound_share(self) -> float:
+        """The share of the particles' mass that is bound to the progenitor today."""
+        return float(self.weight[self.bound].sum() / self.weight.sum())
+
     @cached_property
     def arm(self) -> IntArray:
         """(n,) 1 leading, -1 trailing, by the sign of the winding; 0 bound."""

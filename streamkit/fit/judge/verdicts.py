@@ -15,7 +15,7 @@ from streamkit.components import DO_NOT, FINE, LEVELS, LOOK, Check, Verdict
 from streamkit.fit.judge.chain import listed
 from streamkit.fit.judge.goodness import Fitted, Goodness
 from streamkit.fit.judge.predictive import EDGE, Predictive, contraction, prior_fractions
-from streamkit.runfile import Prior
+from streamkit.runfile import ONLY, Normal, Prior
 from streamkit.stream import Array
 
 # Posterior predictive p-value of chi^2 (Gelman, Meng & Stern 1996). It is conservative, as the parameters were fitted
@@ -52,6 +52,15 @@ REASONS = Check(
     "fine if no reason besides the prior's ends refuses more than 10 %",
     larger_is_worse=True,
 )
+# A Gaussian prior is a measurement, one datum more: the farthest of them is judged like the worst datum.
+MEASURED = Check(
+    "measured priors",
+    (2.0, np.inf),
+    "distance of the posterior's median from the mean of a Gaussian prior, in its standard deviations: fine up to 2",
+    larger_is_worse=True,
+)
+# Share of a live progenitor's mass that is bound today.
+BOUND = Check("bound mass", (0.01, -np.inf), "share of the mass that is bound to the progenitor today: fine from 1 %")
 AT_EDGE = 0.1  # share of the posterior in the outermost 2 % of a prior, where the prior itself has 2 %
 # Spread of the posterior over that of the prior above which the data say nothing of a parameter. It is said, and no
 # fault: a parameter that was measured elsewhere has its measurement as its prior.
@@ -95,6 +104,10 @@ class Judged(Protocol):
     def priors(self) -> Sequence[Prior]:
         """(d,) The priors of the free parameters."""
 
+    @property
+    def bound_shares(self) -> Mapping[str, float]:
+        """The share of its mass that is bound today, of each live progenitor of the best sample by its stream."""
+
 
 def verdicts(run: Judged) -> list[Verdict]:
     """Return the outcome of every check that the run allows."""
@@ -110,6 +123,10 @@ def verdicts(run: Judged) -> list[Verdict]:
     outcomes.append(reasons_verdict(run.reasons, run.calls))
     fractions = [prior_fractions(p, x) for p, x in zip(run.priors, run.samples.T, strict=True)]
     outcomes.append(prior_verdict(run.names, fractions))
+    if any(isinstance(prior, Normal) for prior in run.priors):
+        outcomes.append(measured_verdict(run.names, run.priors, run.samples))
+    if run.bound_shares:
+        outcomes.append(bound_verdict(run.bound_shares))
     return outcomes
 
 
@@ -227,3 +244,30 @@ def prior_verdict(names: Sequence[str], fractions: Sequence[Array]) -> Verdict:
     rule = "fine if at most 10 % of the samples are in the outermost 2 % of a prior; uninformed: spread above 0.9 of it"
     text = " ".join(said) or "Every posterior is narrower than its prior, and none leans on an end of it."
     return Verdict("prior against posterior", level, value, text, rule)
+
+
+def measured_verdict(names: Sequence[str], priors: Sequence[Prior], samples: Array) -> Verdict:
+    """Judge how far the samples (n, d) move a parameter away from its Gaussian prior."""
+    away = {
+        name: float((np.median(x) - prior.mean) / prior.sd)
+        for name, prior, x in zip(names, priors, samples.T, strict=True)
+        if isinstance(prior, Normal)
+    }
+    name = max(away, key=lambda each: abs(away[each]))
+    sentences = {
+        FINE: f"No measured parameter moves far from its measurement: the farthest is {name}.",
+        LOOK: f"The data pull {name} away from its measurement. Either the model is wrong, or one of the two is.",
+    }
+    return MEASURED.judge(abs(away[name]), f"{away[name]:+.1f} sigma", sentences)
+
+
+def bound_verdict(shares: Mapping[str, float]) -> Verdict:
+    """Judge whether the live progenitors of the best sample still exist."""
+    name = min(shares, key=shares.__getitem__)
+    whose = "The progenitor" if name == ONLY else f"The progenitor of {name}"
+    sentences = {
+        FINE: "Every live progenitor keeps a bound part until today.",
+        LOOK: f"{whose} has dissolved before today. Is there a progenitor at its place on the sky? The last "
+        "debris leaves at random, and depends on the number of particles.",
+    }
+    return BOUND.judge(shares[name], f"{100 * shares[name]:.2g} % of the mass", sentences)

@@ -13,7 +13,7 @@ import numpy as np
 from astropy import units as u
 from astropy.table import QTable
 
-from streamkit.components import DO_NOT, FINE, ChainSampler, Component, Verdict
+from streamkit.components import DO_NOT, FINE, ChainSampler, Component, LiveStripping, Verdict
 from streamkit.errors import ChainError, OutOfDomain, nearest
 from streamkit.fit.directory.integrity import load_spec, read_chain, read_samples
 from streamkit.fit.directory.manifest import manifest
@@ -29,7 +29,7 @@ from streamkit.fit.samples.weighted import WeightedDraws
 from streamkit.model import Host, Observation
 from streamkit.runfile import Prior, Spec
 from streamkit.sample import Chain, Posterior, Weighted
-from streamkit.stream import Array, Prediction, Stream
+from streamkit.stream import Array, IntArray, Prediction, Stream
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -225,6 +225,14 @@ class Results:
         return tuple(self.spec.priors)
 
     @property
+    def bound_shares(self) -> dict[str, float]:
+        """The share of its mass that is bound today, of each live progenitor of the best sample by its stream."""
+        sections = self.spec.sections.streams.items()
+        live = {name for name, each in sections if isinstance(each.stripping.centre, LiveStripping)}
+        streams = {} if self.unmeasured or not live else self.best_observation.streams
+        return {name: stream.bound_share for name, stream in streams.items() if name in live}
+
+    @property
     def own_verdicts(self) -> list[Verdict]:
         """The outcomes of the checks that belong to the sampler."""
         return self.draws.verdicts()
@@ -296,12 +304,17 @@ class Results:
         columns = [self._profiles[r] for r in radii.tolist()]
         return np.stack([m for m, _ in columns], axis=1), np.stack([v for _, v in columns], axis=1)
 
-    def _make_profiles(self, radii: Array) -> tuple[Array, Array]:
+    @cached_property
+    def _hosts(self) -> tuple[list[Host], IntArray]:
+        """The hosts of at most 5000 samples without repetitions, and the number of each sample's host."""
         distinct, where = np.unique(self.some(MAX_MODELS), axis=0, return_inverse=True)
-        hosts = [Host(self.spec.host(theta)) for theta in distinct]
+        return [Host(self.spec.host(theta)) for theta in distinct], where.ravel()
+
+    def _make_profiles(self, radii: Array) -> tuple[Array, Array]:
+        hosts, where = self._hosts
         mass = np.reshape([host.mass_inside(radii) for host in hosts], (-1, len(radii)))
         v_c = np.reshape([host.circular_velocity(radii) for host in hosts], (-1, len(radii)))
-        return mass[where.ravel()], v_c[where.ravel()]
+        return mass[where], v_c[where]
 
     def with_provenance(self, table: QTable, more: dict[str, Any] | None = None) -> QTable:
         """Return a table with notes of what it comes from, and how far it can be trusted."""

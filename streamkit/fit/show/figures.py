@@ -51,16 +51,23 @@ GAP = 0.11  # inches between the panels of a corner plot
 
 
 def reach(results: Results) -> tuple[float, float]:
-    """Return the range of radii in kpc of the best stream and the data; 10 to 130 without any."""
-    distances = [radius for of_source in _data_radii(results).values() for radius in of_source.values()]
+    """Return the range of radii in kpc where the data say something; 10 to 130 without any.
+
+    It begins at the pericentre of the best stream, which its debris has passed. It ends at the outermost datum, however
+    far the orbit goes; at the outermost debris of a stream whose data have no radii.
+    """
+    data = _data_radii(results)
+    inner, outer = ([radius for each in data.values() for radius in each.values()] for _ in range(2))
     try:
         streams = results.best_observation.streams
     except OutOfDomain:  # another machine's rounding may lose a stream at the edge
         streams = {}
-    for stream in streams.values():
+    for name, stream in streams.items():
         debris = stream.r if stream.bound.all() else stream.r[~stream.bound]
-        distances += [stream.orbit.r.min(), stream.orbit.r.max(), *np.percentile(debris, [0.5, 99.5])]
-    return (float(min(distances)), float(max(distances))) if distances else (10.0, 130.0)
+        first, last = np.percentile(debris, [0.5, 99.5])
+        inner += [stream.orbit.r.min(), first]
+        outer += [] if name in data else [last]
+    return (float(min(inner)), float(max(outer))) if outer else (10.0, 130.0)
 
 
 def radii(results: Results, literature: QTable | None = None) -> Array:

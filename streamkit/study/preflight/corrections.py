@@ -16,6 +16,7 @@ from streamkit.stream import Array
 from streamkit.units import datum_unit
 
 Change = tuple[str, dict[str, Any]]  # the change in words, and the fields that it changes
+OPPOSITE = "the opposite sign of"  # how the words of such a change begin
 LN10_5 = np.log(10) / 5  # a distance d with a modulus of error s has the error d s ln(10) / 5
 
 
@@ -68,10 +69,10 @@ def _changes(measurement: Measurement, fields: Mapping[str, Any]) -> Iterator[Ch
     units = {name: datum_unit(declared[name]) for name, value in fields.items() if value is not None}
     data = {name: fields[name] for name, unit in units.items() if unit}
     for name, (value, error) in data.items():
-        yield f"the opposite sign of {name}", {name: (-value, error)}
+        yield f"{OPPOSITE} {name}", {name: (-value, error)}
     for name, (table, _) in tables.items():
         for column in _values(table):
-            yield f"the opposite sign of {_named(name, column)}", {name: _with(table, {column: -table[column]})}
+            yield f"{OPPOSITE} {_named(name, column)}", {name: _with(table, {column: -table[column]})}
     yield from _swapped_data(data, units)
     yield from _swapped_columns(tables)
     for name, (value, error) in data.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -14,7 +15,7 @@ from streamkit.model import Host
 from streamkit.observe import UNNAMED, measure_host, measure_stream, parts_of, scatter_of
 from streamkit.runfile import Spec
 from streamkit.stream import IntArray, Prediction
-from streamkit.study.preflight.corrections import corrected
+from streamkit.study.preflight.corrections import OPPOSITE, corrected
 from streamkit.study.preflight.draws import Trial
 
 # Data are near a trial stream whose median distance from them is within so many errors, or within the spread of all
@@ -23,6 +24,7 @@ NEAR_ERRORS = 3.0
 # Distances of the nearest trial stream, in errors or in spreads, from which on data are doubted: with and without a
 # correction that brings them near.
 DOUBTFUL, HOPELESS = 5.0, 30.0
+WRONG_SIGN = 8.0  # errors of the median datum from the stream at the prior's centre, from which on signs are tried
 FEW_TRIALS = 8  # trials below which their spread is not known
 MOST_TRIALS = 16  # trial streams that corrected data are compared with
 
@@ -68,6 +70,32 @@ def data_warnings(spec: Spec, trials: Sequence[Trial]) -> list[str]:
                 continue
             if (correction := _correction(measured, name, trials)) or distance.beyond(HOPELESS):
                 warnings.append(_warning(measured, name, distance, correction, len(trials)))
+    return warnings
+
+
+def sign_warnings(spec: Spec, centre: Sequence[Trial]) -> list[str]:
+    """Return a warning for each quantity that the stream at the prior's centre makes with the opposite sign.
+
+    A wide prior hides a wrong sign from `data_warnings`: some of its streams come near any data. ``centre`` holds the
+    trial at the prior's centre, or nothing.
+    """
+    warnings = []
+    for measured in _measured(spec, centre) if centre else ():
+        rows = measured.measurement.quantities()
+        paths = {name: measured.path if len(rows) == 1 else f"{measured.path}.{name}" for name in rows}
+        far = {name: _distance(measured.measurement, measured.predictions, rows[name]).errors for name in rows}
+        for text, other in corrected(measured.measurement):
+            if not text.startswith(OPPOSITE):
+                continue
+            with suppress(StreamkitError, KeyError), np.errstate(all="ignore"):
+                made, turned = measured.predict(other, centre[0]), other.quantities()
+                near = {name: _distance(other, [made] if made else [], turned[name]).errors for name in rows}
+                warnings += [
+                    f"{paths[name]}: the median datum is {far[name]:.0f} errors from the stream at the prior's centre, "
+                    f"and {near[name]:.1f} with {text}. Is that the mistake?"
+                    for name in rows
+                    if far[name] > WRONG_SIGN and near[name] <= NEAR_ERRORS
+                ]
     return warnings
 
 

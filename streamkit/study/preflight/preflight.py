@@ -11,11 +11,12 @@ from streamkit.observe import remarks_of
 from streamkit.runfile import Spec, StreamInputs
 from streamkit.sample import first_call
 from streamkit.stream import Prediction
-from streamkit.study.preflight.data_warnings import data_warnings
+from streamkit.study.preflight.data_warnings import data_warnings, sign_warnings
 from streamkit.study.preflight.draws import Cost, PriorDraws, observe, search_cost, time_call, try_prior_draws
 from streamkit.study.preflight.orbit import OrbitSummary, summarise_orbit
 from streamkit.study.preflight.warnings import (
     conformance_warnings,
+    dissolved_warnings,
     prior_warnings,
     short_lookback,
     stream_warnings,
@@ -84,9 +85,11 @@ def run_preflight(spec: Spec, *, draws: int = 64, progress: bool = False) -> Pre
             warnings += remarks_of(look.inputs.observables, look.prediction)
     if trial is not None:
         for name, stream in trial.observation.streams.items():
+            warnings += dissolved_warnings(spec, bound.streams[name], stream)
             warnings += weight_warnings(spec, bound.streams[name], stream)
     trials = [trial] if trial is not None and not reason else []
     warnings += data_warnings(spec, [*trials, *(tried.trials if tried is not None else ())])
+    warnings += sign_warnings(spec, trials)
     warnings += prior_warnings(spec, bound, tried)
     warnings += [f"This run file cannot be fitted: {unfit}."] if unfit else spec.sampler.advice(len(spec.names))
     warnings += sun_warnings(bound.sun)

@@ -25,6 +25,7 @@ FEWEST_PARTICLES = 100  # particles below which the remedy for rare streams is m
 # circular speed above the limit in km/s.
 SLOW_HOST, SPEED_LIMIT = 10.0, 2000.0
 SAME_FRAME = 0.01  # degrees by which the axes of one frame may differ: papers print few digits
+DISSOLVED = 0.01  # share of a progenitor's mass, bound today, below which it has dissolved
 FEW = 300.0  # equal particles that those of a live progenitor should be worth
 
 
@@ -185,6 +186,17 @@ def weight_warnings(spec: Spec, inputs: StreamInputs, stream: Stream) -> list[st
                 f"{spec.prefix(inputs.name)}stripping.particles."
             ]
     return []
+
+
+def dissolved_warnings(spec: Spec, inputs: StreamInputs, stream: Stream) -> list[str]:
+    """Return a warning where a live progenitor dissolves before today."""
+    if not isinstance(inputs.stripping, LiveStripping) or stream.bound_share >= DISSOLVED:
+        return []
+    prefix = spec.prefix(inputs.name)
+    return [
+        f"The progenitor dissolves before today: {100 * stream.bound_share:.2g} % of its mass is bound to it. If there "
+        f"is one on the sky, raise {prefix}progenitor.mass, or lower its radius or {prefix}progenitor.lookback."
+    ]
 
 
 def prior_warnings(spec: Spec, bound: ModelInputs, tried: PriorDraws | None) -> list[str]:

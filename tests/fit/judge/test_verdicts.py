@@ -153,3 +153,22 @@ def test_the_worst_decides():
 
 def test_a_short_chain_has_no_drift():
     assert np.isnan(drift(independent(steps=5), np.ones(2))).all()
+
+
+@pytest.mark.parametrize(("offset", "level"), [(1.5, FINE), (-2.6, LOOK)])
+def test_a_parameter_that_leaves_its_measurement_is_named(offset, level):
+    """The median of a normal posterior lies ``offset`` standard deviations of the prior from the prior's mean."""
+    x = np.random.default_rng(3).standard_normal((4000, 2)) * 0.1 + [offset, 0.2]
+    samples = x * [0.04, 1.0] + [0.3, 0.0]
+    priors = [Normal(0.3, 0.04), Uniform(-9, 9)]
+    found = rules.measured_verdict(("progenitor.pm_dec", "b"), priors, samples)
+    assert found.level == level
+    assert "progenitor.pm_dec" in found.sentence
+    assert found.value == f"{offset:+.1f} sigma"
+
+
+def test_a_progenitor_that_has_dissolved_is_named():
+    assert rules.bound_verdict({"stream": 0.4}).level == FINE
+    found = rules.bound_verdict({"gd1": 0.4, "pal5": 0.002})
+    assert found.level == LOOK
+    assert found.sentence.startswith("The progenitor of pal5 has dissolved")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from runfiles import FIT
 
 import streamkit as sk
 from streamkit.study.preflight import run_preflight
@@ -185,3 +187,14 @@ def test_a_host_in_other_units_is_named_where_its_progenitor_is_unbound() -> Non
 
 def test_the_centre_of_the_prior_alone_is_no_reason_to_doubt_the_data():
     assert warnings_of(example(), draws=0) == []
+
+
+def test_a_wrong_sign_is_seen_where_a_wide_prior_hides_it() -> None:
+    """Two velocities of some 27 errors, with the sign exchanged; streams of the prior reach from -500 to 800 km/s."""
+    run = copy.deepcopy(FIT)
+    run["progenitor"]["v_los"] = {"normal": [153, 200]}
+    assert not [text for text in warnings_of(run, 8) if "opposite sign" in text]
+    velocities = run["observable"]["radial_velocity"]
+    velocities["radial_velocity"] = [-value for value in velocities["radial_velocity"]]
+    (found,) = (text for text in warnings_of(run, 8) if "opposite sign of radial_velocity" in text)
+    assert found.startswith("observable.radial_velocity: the median datum is")
