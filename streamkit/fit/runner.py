@@ -155,7 +155,7 @@ def _sample(plan: _Plan, resume: bool, force: bool) -> StoredRun:
         limit, reject = sampler.call_limit, sampler.over_limit == "reject"
         posteriors = {"full": posterior, "cheap": cheap}
         calls = stack.enter_context(sample.Workers(posteriors, where, limit=limit, reject=reject))
-        stored = StoredRun(directory, spec, plan.quick, resumes)
+        stored = StoredRun(directory, spec, posterior.data.values, plan.quick, resumes)
         stored.expect_same(posterior, limit)
         again = resume_command(directory or Path(), options)
         stack.enter_context(_explained(calls, lambda: stored.left(again)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -10,25 +11,31 @@ from streamkit import sample
 from streamkit.components import ChainSampler, Sampler
 from streamkit.errors import ChainError, ComponentError
 from streamkit.runfile import Spec
+from streamkit.stream import Array
 
+LOG = logging.getLogger("streamkit")
 SAME = 1.0  # difference of ln p that another machine's rounding may make
 
 
 class StoredRun:
     """The samples of a run, in the files of its directory, or in memory without one.
 
-    ``resumes`` says whether there are samples to continue. Raises ChainError for files that cannot be read.
+    ``values`` (m,) are the data. ``resumes`` says whether there are samples to continue. Raises ChainError for files
+    that cannot be read.
     """
 
-    def __init__(self, directory: Path | None, spec: Spec, quick: bool, resumes: bool) -> None:
+    def __init__(self, directory: Path | None, spec: Spec, values: Array, quick: bool, resumes: bool) -> None:
         digest, sampler = spec.digest(), spec.sampler
         self._directory = directory
         self._notes = {"quick": quick, "digest": digest}
         self._weighted: sample.Weighted | None = None
+        self._before: sample.Weighted | None = None  # those that a resumed run begins with
         if isinstance(sampler, ChainSampler):
             self.storage = sample.chain_storage(directory, {"status": "unfinished", **self._notes}, resumes)
         else:
-            self.storage = sample.calls_storage(directory, digest, sampler.emulates)
+            self.storage = sample.calls_storage(directory, digest, len(spec.names), values, sampler.emulates)
+            if directory is not None and resumes:
+                self._before = _samples_before(directory / sample.SAMPLES)
 
     def expect_same(self, posterior: sample.Posterior, limit: float) -> None:
         """Evaluate a stored sample of a resumed run again; ChainError if its ln p has changed."""
@@ -49,12 +56,12 @@ class StoredRun:
             )
 
     def keep(self, weighted: sample.Weighted, late: bool) -> None:
-        """Store weighted samples in place of those before; ``late`` if the time limit is over."""
+        """Store weighted samples in place of those before, unless they lack more; ``late``: the time limit is over."""
         over = "time" if late else "unfinished"
         status = "converged" if not weighted.lacks else over if weighted.missing else "few"
         weighted.attributes.update(status=status, **self._notes)
         self._weighted = weighted
-        if self._directory is not None:
+        if self._directory is not None and not self._is_worse(weighted):
             weighted.write(self._directory / sample.SAMPLES)
 
     def finish(self, sampler: Sampler, late: bool) -> None:
@@ -66,6 +73,15 @@ class StoredRun:
             chain.consolidate()
         elif self._weighted is None:
             raise ComponentError(f"sampler {sampler.kind}: gave no samples")
+        elif self._is_worse(self._weighted):
+            LOG.warning(
+                "%s: the samples of before are kept: %s. Those of the resumed run: %s.",
+                self._directory, _described(self._before), _described(self._weighted),
+            )  # fmt: skip
+
+    def _is_worse(self, weighted: sample.Weighted) -> bool:
+        """Return whether samples lack what those that the run was resumed with had."""
+        return self._before is not None and _rank(self._before) < _rank(weighted)
 
     def samples(self) -> sample.Chain | sample.Weighted:
         """Return the samples of a run in memory. ChainError if it ended before its first step."""
@@ -86,3 +102,22 @@ class StoredRun:
         if not where:
             return f"{steps} finished steps, of which nothing is left in {directory}. To begin again: {again}"
         return f"{steps} finished steps, all of them in {' and '.join(map(str, where))}. To continue: {again}"
+
+
+def _samples_before(path: Path) -> sample.Weighted | None:
+    """Return the samples in a file; None if there are none yet, or they are damaged."""
+    try:
+        return sample.read_weighted(path)
+    except ChainError as error:
+        if path.exists():
+            LOG.warning("%s. The samples are made again from the calls.", error)
+        return None
+
+
+def _rank(weighted: sample.Weighted) -> tuple[bool, bool, float]:
+    """Return the order of samples, the best first: the sampler's rule, then their effective number."""
+    return bool(weighted.missing), bool(weighted.lacks), 0.0 if weighted.missing else -weighted.ess
+
+
+def _described(weighted: sample.Weighted | None) -> str:
+    return "none" if weighted is None else weighted.lacks or f"{weighted.ess:.0f} effective samples"

@@ -23,6 +23,7 @@ T = TypeVar("T")
 # Bytes in front of the HDF5 in a file with a checksum: a user block, which HDF5 and all that read it pass over.
 BLOCK = 512
 MARK = b"streamkit sha256 "
+DENSEST = 1100  # largest compression of gzip, which is 1032, and its headers
 # CPU time that it may take to read a file without a checksum: so much, and the time for its bytes.
 SECONDS, BYTES_PER_SECOND = 2.0, 2e6
 
@@ -64,13 +65,41 @@ def write_own(path: Path, content: bytes) -> None:
 def read_own(path: Path, read: Callable[[h5py.File], T]) -> T:
     """Return the result of ``read`` for a file that streamkit wrote, after it is `verified`.
 
-    Raises DamagedError if the file is damaged or no HDF5; a StreamkitError of ``read`` passes.
+    Raises DamagedError if the file is damaged or no HDF5, refers to other files, or claims to hold more than it can; a
+    StreamkitError of ``read`` passes.
     """
     try:
         content = verified(path)
     except OSError as error:
         raise DamagedError(error.strerror or str(error)) from None
-    return _read(io.BytesIO(content), read)
+
+    def read_contained(file: h5py.File) -> T:
+        _check_contained(file, DENSEST * len(content))
+        return read(file)
+
+    return _read(io.BytesIO(content), read_contained)
+
+
+def _check_contained(file: h5py.File, most: int) -> None:
+    """Raise DamagedError if data are outside of the file, through a link of any kind, or are more bytes than ``most``.
+
+    HDF5 would read any file of the user's, and numpy would make room for any size.
+    """
+    groups, seen = [file], {h5py.h5o.get_info(file.id).addr}
+    for group in groups:  # grows below
+        for name in group:
+            where = f"{group.name}/{name}".lstrip("/")
+            if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+                raise DamagedError(f"{where} is a link to somewhere else")
+            item = group[name]
+            if isinstance(item, h5py.Dataset):
+                if item.external or item.is_virtual:
+                    raise DamagedError(f"the data of {where} are in another file")
+                if item.nbytes > most:
+                    raise DamagedError(f"{where} claims to hold {item.nbytes} bytes, more than the file can hold")
+            elif isinstance(item, h5py.Group) and (address := h5py.h5o.get_info(item.id).addr) not in seen:
+                seen.add(address)
+                groups.append(item)
 
 
 def read_foreign(path: Path, read: Callable[[h5py.File], T]) -> T:

@@ -34,7 +34,6 @@ from streamkit.stream import Array
 
 CHAIN = "chain.h5"
 GROUP = "mcmc"
-DATA = "chain", "log_prob", "blobs", "accepted"
 # Data sets that runs of version 0.1.0 stored outside the groups of their kind: kind and name, by data set.
 FORMER_SETS = {"trials": (HISTORY, "trials"), "replicas": (MEMORY, "replicas")}
 RANDOM = "random_state"  # attribute: the state of a `numpy.random.Generator`; emcee's format has that of a RandomState
@@ -161,8 +160,6 @@ class _Attributes(BaseModel):
 
 def _read(path: Path, file: h5py.File) -> Chain:
     """Read the chain file alone."""
-    for name in (GROUP, *(f"{GROUP}/{item}" for item in DATA), *FORMER_SETS, MEMORY, HISTORY):
-        _no_link(path, file, name)
     group = file[GROUP]
     steps = int(group.attrs["iteration"])
     attributes = {key: _plain(value) for key, value in file.attrs.items()}
@@ -180,11 +177,11 @@ def _read(path: Path, file: h5py.File) -> Chain:
             arrays[kind][key] = file[name][...]
     for kind, values in arrays.items():
         for name in file.get(kind, ()):
-            _no_link(path, file, f"{kind}/{name}")
             values[name] = file[kind][name][...]
     _check_shapes(chain, log_prob, accepted, blobs, arrays)
-    if random:
-        check_random_state(tuple(random))
+    random_state = attributes.pop(RANDOM, None) or tuple(random) or None
+    if steps or random_state is not None:
+        check_random_state(random_state)
     if not (np.isfinite(chain).all() and np.isfinite(log_prob).all()):
         raise damaged(path, "it holds samples that are no numbers")
     checksum = attributes.get("digest", "")
@@ -192,7 +189,6 @@ def _read(path: Path, file: h5py.File) -> Chain:
         checksum = extend_checksum(checksum, chain[row], log_prob[row], blobs[row])
     if checked.checksum != checksum:
         raise damaged(path, "its samples have another checksum")
-    random_state = attributes.pop(RANDOM, None) or tuple(random) or None
     return Chain(chain, log_prob, blobs, accepted, attributes, random_state, arrays[MEMORY], arrays[HISTORY],
                  checksum=checksum)  # fmt: skip
 
@@ -202,13 +198,20 @@ def _check_shapes(
 ) -> None:
     """Check the arrays of a chain file against each other; ValueError if one has another shape, or holds no numbers."""
     steps, walkers, d = chain.shape
+    if not (walkers and d):
+        raise ValueError(f"chain has {walkers} walkers of {d} parameters")
     check_array("chain", chain, (steps, walkers, d), finite=False)  # reported below, with the path of the file
     check_array("log_prob", log_prob, (steps, walkers), finite=False)
     check_array("accepted", accepted, (walkers,))
+    if (accepted < 0).any() or (accepted > steps).any():
+        raise ValueError(f"accepted holds other numbers than 0 to {steps}")
     if steps:
         check_records(blobs, (steps, walkers))
     for kind, values in arrays.items():
         check_numbers(kind, values)
+    for name, rows in arrays[HISTORY].items():
+        if not 0 < len(rows) <= steps:
+            raise ValueError(f"history {name!r} has {len(rows)} rows, and the chain {steps} steps")
 
 
 def damaged(path: Path, what: str) -> ChainError:
@@ -217,16 +220,6 @@ def damaged(path: Path, what: str) -> ChainError:
         f"{path}: was damaged or changed after it was written: {what}. The steps in it are lost without a copy. "
         f"{RESTORE}"
     )
-
-
-def _no_link(path: Path, file: Any, name: str) -> None:
-    """Refuse links, and data in other files."""
-    link = file.get(name, getlink=True) if name.split("/")[0] in file or "/" not in name else None
-    if isinstance(link, h5py.ExternalLink | h5py.SoftLink):
-        raise damaged(path, f"{name} is a link to somewhere else")
-    item = file.get(name)
-    if isinstance(item, h5py.Dataset) and (item.external or item.is_virtual):
-        raise damaged(path, f"the data of {name} are in another file")
 
 
 def _plain(value: Any) -> Any:

@@ -14,20 +14,23 @@ from streamkit.errors import ChainError, brief, printable
 from streamkit.sample.evaluation import Evaluation, details_of
 from streamkit.sample.store.journal import Journal
 from streamkit.sample.store.step import check_array
-from streamkit.stream import Array
+from streamkit.stream import Array, BoolArray
 
 CALLS, SMALL_CALLS = "calls.journal", "small_calls.journal"
+NO_DATA: Array = np.empty(0)
 PERIOD = 1.0  # seconds between two writes: a kill loses at most this much work, any other interruption loses none
 
 
 class EvaluationCache:
-    """The evaluations of the run with this digest, by point: in a journal, or in memory without a path.
+    """The evaluations of a run by point: in a journal, or in memory without a path.
 
-    Raises ChainError if the file is damaged, or that of another run.
+    ``digest`` is that of the run, ``d`` the number of its parameters, and ``values`` (m,) are its data, NaN where one
+    is not compared. Raises ChainError if the file is damaged, or that of another run.
     """
 
-    def __init__(self, path: Path | None = None, digest: str = "") -> None:
+    def __init__(self, path: Path | None = None, digest: str = "", d: int = 0, values: Array = NO_DATA) -> None:
         self._digest = digest
+        details = 0  # of a prediction: the same number for all
         self._evaluations: dict[bytes, Evaluation] = {}
         self._unwritten: list[tuple[Array, Evaluation]] = []
         self._written = monotonic()
@@ -36,7 +39,12 @@ class EvaluationCache:
             if str(record.get("digest")) != digest:
                 raise ChainError(f"{path}: holds the calls of another run. Nothing was changed.")
             try:
-                self._evaluations |= _evaluations_of(record)
+                evaluations = _evaluations_of(record, d, np.isfinite(values))
+                widths = {details, *(len(each.details) for each in evaluations.values())} - {0}
+                if len(widths) > 1:
+                    raise ValueError(f"details has {max(widths)} columns, and {min(widths)} elsewhere")
+                details = max(widths, default=0)
+                self._evaluations |= evaluations
             except (KeyError, ValueError, TypeError) as error:
                 raise ChainError(f"{path}: holds a record that is none of calls ({brief(error)})") from None
         if self._journal is not None and self._journal.torn:
@@ -106,18 +114,27 @@ def calls_in(path: Path) -> int:
     return sum(len(record["points"]) for record in Journal(path).read() if "points" in record)
 
 
-def _evaluations_of(record: Mapping[str, Array]) -> dict[bytes, Evaluation]:
-    """Return the evaluations of a record by the bytes of their points; ValueError, TypeError or KeyError if none."""
+def _evaluations_of(record: Mapping[str, Array], d: int, used: BoolArray) -> dict[bytes, Evaluation]:
+    """Return the evaluations of a record by the bytes of their points; ValueError, TypeError or KeyError if none.
+
+    A point has d parameters. A point without a reason has a likelihood, and predictions of the data that are ``used``.
+    """
     points, ln, mean, variance, reason = (record[name] for name in ("points", "ln", "mean", "variance", "reason"))
-    n, d = points.shape
+    n = len(points)
     details = record.get("details", np.empty((n, 0)))
     check_array("points", points, (n, d))
     check_array("ln", ln, (n, 2), finite=False)
-    check_array("mean", mean, (n, *mean.shape[1:2]), finite=False)
-    check_array("variance", variance, mean.shape, finite=False)
+    check_array("mean", mean, (n, len(used)), finite=False)
+    check_array("variance", variance, (n, len(used)), finite=False)
     check_array("details", details, (n, *details.shape[1:2]), finite=False)
     if reason.shape != (n,) or reason.dtype.kind != "U":
         raise ValueError("reason holds no text for each point")
+    good = reason == ""
+    if not np.isneginf(ln[~good]).all():
+        raise ValueError("ln holds numbers of points that have none, for a reason")
+    for name, values in (("ln", ln[good]), ("mean", mean[good][:, used]), ("variance", variance[good][:, used])):
+        if not np.isfinite(values).all() or (name == "variance" and (values < 0).any()):
+            raise ValueError(f"{name} holds NaN, infinite or negative numbers that no call gives")
     texts = [printable(text) for text in reason.tolist()]
     return {
         point.tobytes(): Evaluation(

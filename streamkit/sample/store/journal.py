@@ -141,6 +141,8 @@ def _packed(record: Mapping[str, Array]) -> bytes:
 def _unpacked(path: Path, body: bytes) -> dict[str, Array]:
     try:
         with np.load(io.BytesIO(body), allow_pickle=False) as arrays:
+            if sum(part.file_size for part in arrays.zip.infolist()) > len(body):  # numpy does not compress
+                raise ValueError("its arrays claim to be larger than it is")
             return dict(arrays)
     except Exception as error:  # numpy and zipfile raise whatever a forged file leads them to
         raise ChainError(f"{path}: holds a record that is not readable ({brief(error)})") from None

@@ -10,6 +10,7 @@ from typing import Any
 from streamkit.sample.store.chain import CHAIN
 from streamkit.sample.store.chain_file import ChainFile, ChainMemory
 from streamkit.sample.store.evaluation_cache import CALLS, SMALL_CALLS, EvaluationCache
+from streamkit.stream import Array
 
 
 @dataclass(frozen=True)
@@ -34,14 +35,16 @@ def chain_storage(directory: Path | None, notes: Mapping[str, Any], resumes: boo
     return Storage(chain=chain, is_chain=True)
 
 
-def calls_storage(directory: Path | None, digest: str, small: bool) -> Storage:
+def calls_storage(directory: Path | None, digest: str, d: int, values: Array, small: bool) -> Storage:
     """Return the storage of a sampler that repeats its calls when it resumes: those in the directory cost nothing.
 
-    Calls with ``small`` streams are stored too if asked for.
+    The run with this digest has d parameters and the data ``values`` (m,), NaN where one is not compared. Calls with
+    ``small`` streams are stored too if asked for.
 
     Raises ChainError for calls that cannot be read, or of a run with another digest.
     """
     if directory is None:
         return Storage()
     small_calls = directory / SMALL_CALLS if small else None
-    return Storage(EvaluationCache(directory / CALLS, digest), EvaluationCache(small_calls, digest))
+    full, few = (EvaluationCache(path, digest, d, values) for path in (directory / CALLS, small_calls))
+    return Storage(full, few)

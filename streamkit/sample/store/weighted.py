@@ -144,8 +144,8 @@ def read_weighted(path: Path) -> Weighted:
 
 
 def _read(file: h5py.File) -> Weighted:
-    if odd := [name for name in ARRAYS if not isinstance(file.get(name, getlink=True), h5py.HardLink)]:
-        raise ValueError(f"{odd[0]} is missing, or a link")
+    if lost := [name for name in ARRAYS if not isinstance(file.get(name), h5py.Dataset)]:
+        raise ValueError(f"{lost[0]} is missing")
     notes = {key: value.item() if isinstance(value, np.generic) else value for key, value in file.attrs.items()}
     for name in ("counts", "verdicts"):
         if name in notes:

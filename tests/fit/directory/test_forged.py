@@ -125,6 +125,7 @@ def test_forged_calls_are_one_sentence(runs: Path) -> None:
     path = runs / "weighted" / CALLS
     digest = manifest(runs / "weighted")["digest"]
     (first, *rest), number = Journal(path).read(), 0
+    whole = first["points"]
     for record in forged(first, random.Random(2)):
         journal = Journal(path)
         journal.clear()
@@ -132,7 +133,9 @@ def test_forged_calls_are_one_sentence(runs: Path) -> None:
             journal.append(each)
         number += 1
         with suppress(sk.ChainError):
-            EvaluationCache(path, digest)
+            cache = EvaluationCache(path, digest, whole.shape[1], np.zeros(2))
+            known = [point for point in whole if not cache.missing(point[None])]
+            assert np.isfinite([each.lnp for each in cache.get(np.array(known))]).all()
     assert number > 50
 
 

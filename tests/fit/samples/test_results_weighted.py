@@ -115,6 +115,26 @@ def test_more_draws_go_on_and_are_those_of_one_long_run(done, tmp_path, monkeypa
     same(more.weighted, fit(draws=240).weighted)
 
 
+def test_samples_that_a_resumed_run_does_not_reach_again_are_kept(done, tmp_path, caplog):
+    """Fewer draws than before are fewer effective samples."""
+    shutil.copytree(done.directory, tmp_path / "run")
+    less = fit(tmp_path / "run", resume=True, draws=80)
+    same(less.weighted, done.weighted)
+    before, after = done.weighted.ess, fit(draws=80).weighted.ess
+    assert after < before
+    assert f"the samples of before are kept: {before:.0f} effective samples, and 400 are wanted" in caplog.text
+    assert f"Those of the resumed run: {after:.0f} effective samples" in caplog.text
+
+
+def test_damaged_samples_are_made_again_from_the_calls(done, tmp_path, monkeypatch, caplog):
+    shutil.copytree(done.directory, tmp_path / "run")
+    (tmp_path / "run" / SAMPLES).write_bytes(b"")
+    counted = count_calls(monkeypatch)
+    same(fit(tmp_path / "run", resume=True).weighted, done.weighted)
+    assert sum(counted) == 0
+    assert "samples.h5: was damaged or changed after it was written" in caplog.text
+
+
 def count_calls(monkeypatch):
     counted, own = [], Workers.evaluate
 
