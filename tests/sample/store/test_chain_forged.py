@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 import pytest
 from forging import forging
-from posteriors import banana_run
+from toys import banana_run
 
 import streamkit as sk
 from streamkit.sample import ChainFile
