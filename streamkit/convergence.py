@@ -12,8 +12,8 @@ from streamkit.stream import Array, IntArray
 
 CHECK = 100  # steps between two looks at the autocorrelation time
 STABLE = 0.05  # the autocorrelation time must have changed by less than this fraction since the last look
-LOW = 5.0  # a stuck walker's mean ln p lies below the others' by so many standard deviations of such means
-NARROW = 0.5  # and it roams less than this fraction of what the median walker does
+LOW = 5.0  # a stuck walker's mean ln p is below the others' mean by more than so many standard deviations of the means
+NARROW = 0.5  # and its samples scatter by less than this fraction of the median walker's scatter
 
 
 def autocorrelation_times(chain: Array) -> Array:
@@ -151,7 +151,7 @@ class Convergence:
     def expected_steps(self) -> float:
         """Steps after which the rule may be met, a multiple of `CHECK`; NaN without an estimate.
 
-        R-hat - 1 falls as the inverse of the length, about.
+        R-hat - 1 falls approximately as the inverse of the length.
         """
         steps, longest = len(self.chain), float(np.max(self.tau))
         if self:

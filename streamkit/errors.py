@@ -77,7 +77,7 @@ def printable(text: str) -> str:
 
 
 def message_of(error: BaseException) -> str:
-    """Return what an exception says; a plugin's own class of exceptions may fail at that."""
+    """Return the message of an exception; a class of exceptions in a plugin may fail to give one."""
     try:
         return str(error)
     except Exception:
@@ -85,9 +85,9 @@ def message_of(error: BaseException) -> str:
 
 
 def brief(error: BaseException) -> str:
-    """Return the message of a library's exception as one short line; some of them quote the whole file.
+    """Return the message of a library's exception as one short line; some messages quote the whole file.
 
-    Of pydantic's it is the first fault: where, what is expected, what was found.
+    For pydantic's exceptions it is the first fault: where, what is expected, what was found.
     """
     from pydantic import ValidationError  # here, for commands that read nothing
 

@@ -28,7 +28,7 @@ class Renamed:
 
 
 def adopt(cls: type, former: str, name: str) -> None:
-    """Give what a class defines under a former name the present name. For ``__init_subclass__`` of a base class."""
+    """Rename an attribute of a class from its former to its present name. For ``__init_subclass__`` of a base class."""
     if former in cls.__dict__:
         _warn(cls, former, name)
         setattr(cls, name, cls.__dict__[former])

@@ -25,7 +25,7 @@ KMS_PER_MASYR_KPC = 4.740470463533349  # tangential velocity in km/s of 1 mas/yr
 CENTRE = 1e-30  # kpc^2, added to squared radii: a force at the very centre is zero and not 0/0
 
 
-# The largest size of a number in a run file, and one over the smallest: powers and products of some stay floats.
+# The largest absolute value of a number in a run file, and the inverse of the smallest: products stay finite.
 LARGEST = 1e60
 
 
@@ -197,10 +197,10 @@ NAMED = {"mass": "$M$"}  # fields whose symbol is not their name
 
 
 def symbol_of(name: str, field: FieldInfo, owner: str = "") -> str:
-    """Return the symbol of a field with the name of its owner as an index (``sat``, ``halo``); '' if it has none.
+    """Return the symbol of a field with the name of its owner as an index (``sat``, ``halo``); '' without a symbol.
 
-    A field without a symbol of its own has that of its name, if that is a letter or a Greek one with an index: ``r_s``,
-    ``q1``, ``alpha``.
+    A field without a declared symbol takes it from its name, if the name is a Latin or Greek letter with an index:
+    ``r_s``, ``q1``, ``alpha``.
     """
     tex = next((item.tex for item in reversed(field.metadata) if isinstance(item, Symbol)), "")  # the outermost
     tex = tex or _symbol_of_name(name)

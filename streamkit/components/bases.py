@@ -20,7 +20,15 @@ if TYPE_CHECKING:  # the engine brings numba, which naming a component does not 
 
 
 class Component(BaseModel, ABC):
-    """Something a run file can name by its ``kind``. Its fields are its parameters, with units."""
+    """Something a run file can name by its ``kind``. Its fields are its parameters, with units.
+
+    streamkit makes one instance for a section of the run file, and one for each set of parameters if a field has a
+    prior. An instance does not change, keeps no state between calls, draws no random numbers except from its arguments,
+    and is pickled on its way to worker processes. Methods take and return the engine units kpc, km/s, Msun and
+    kpc/(km/s), unless a docstring names other ones. A method may raise `OutOfDomain` if there is no stream at these
+    parameters: ln p is then -inf. After any other exception the command ends with a `ComponentError`, which names the
+    component and the parameters. The docstrings of the methods give the shapes of arrays.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True)
 
@@ -50,8 +58,8 @@ class Component(BaseModel, ABC):
     def for_section(cls, section: Mapping[str, Any]) -> type[Self]:
         """Return the class that reads a section of the run file: this one, or one of its kind with other fields.
 
-        For components whose fields depend on the section, such as on the name of a potential of another package. They
-        return a class made for the section, with the same kind. The same section gives the same class.
+        Components whose fields depend on the section override it, such as a component with the potentials of another
+        package. They return a class made for the section, with the same kind. The same section gives the same class.
 
         Parameters
         ----------
@@ -91,15 +99,16 @@ class Component(BaseModel, ABC):
 
 
 class StrippingScheme(Component):
-    """Time, place and velocity at which particles leave the progenitor: the part that all schemes share.
+    """The common part of all stripping schemes: time, position and velocity at which particles leave the progenitor.
 
-    A scheme derives from `Stripping`, which releases its particles from the progenitor one after the other, or from
-    `LiveStripping`, which fills the progenitor with particles at the look-back time and follows them all.
+    A scheme derives from `Stripping` or from `LiveStripping`. A `Stripping` releases the particles from the progenitor
+    one after the other. A `LiveStripping` fills the progenitor with particles at the look-back time and follows all of
+    them. Use this class for annotations only.
     """
 
     role: ClassVar[str] = "stripping"
     draws: ClassVar[int]
-    """Number of random numbers per particle."""
+    """Number of random numbers for each particle."""
 
     particles: int = Field(default=10000, ge=2, description="Number of particles, both tails together.")
     quasi_random: bool = Field(
@@ -111,7 +120,9 @@ class StrippingScheme(Component):
 class Stripping(StrippingScheme):
     """A scheme that releases particles from the progenitor, with standard normals as its random numbers.
 
-    The fields below belong to every scheme of this sort.
+    For each stream the model calls `times`, then `release` once for all n particles. It then follows the particles
+    itself. Both methods get the progenitor's orbit in kpc, km/s and kpc/(km/s), and may raise `OutOfDomain`. Every such
+    scheme has the fields below.
     """
 
     progenitor_gravity: bool = Field(
@@ -176,7 +187,11 @@ class Stripping(StrippingScheme):
 
 
 class Integrator(Component):
-    """Advances particles over one block of time. The model releases them and keeps their records."""
+    """Advances particles over one block of time. The model releases them and keeps their records.
+
+    The model calls `advance` for each block, in order, with the particles that have been released by its end. A force
+    that fails, or that raises `OutOfDomain`, does so within the calls of the field: let these exceptions pass.
+    """
 
     role: ClassVar[str] = "integrator"
     order: ClassVar[int]
@@ -205,15 +220,20 @@ class Integrator(Component):
 
 
 class Measurement(Component):
-    """Data, and how a prediction is compared with them."""
+    """Data, and how a prediction is compared with them: the common part of `Observable` and `HostData`.
+
+    streamkit calls `data` once, or for each set of parameters if a field has a prior. It compares each prediction with
+    the data by a Gaussian likelihood, or by `ln_likelihood`. Values, errors and predictions are (m,), in the units that
+    the measurement chooses. The optional methods serve the pages, tables and checks of a fit.
+    """
 
     likelihood_details: ClassVar[tuple[str, ...] | None] = None
-    """The details of a prediction that an `ln_likelihood` of its own reads; () for none.
+    """The details of a prediction that an overridden `ln_likelihood` reads; () for none.
 
-    Whoever declares them lets a sampler emulate the predictions and call `ln_likelihood` for many points at once: mean,
-    variance and details then have one more axis in front, (n, m), fields with a prior are arrays (n, 1), and (n,)
-    values are returned, as NumPy does by itself where sums are over the last axis. None where nothing is declared; an
-    observable without an `ln_likelihood` need not declare anything."""
+    An observable that declares them allows a sampler to emulate its predictions and to call `ln_likelihood` for n
+    points at once. Mean, variance and details then have one more axis in front, (n, m). Fields with a prior are arrays
+    (n, 1). The result is (n,), as NumPy gives it where sums are over the last axis. None means that nothing is
+    declared. An observable without an `ln_likelihood` need not declare anything."""
 
     @abstractmethod
     def data(self) -> tuple[Array, Array]:
@@ -234,8 +254,8 @@ class Measurement(Component):
     def scatter(self, prediction: Prediction) -> Array:
         """Return the standard deviations (m,) of the data about a prediction: their errors by default. Optional.
 
-        For a likelihood with more than errors, such as an extra dispersion or the spread of the debris about which
-        single stars scatter. The noise of the model is not in it. Tables give deviations in units of it.
+        A likelihood with a further term overrides it: an extra dispersion, or for single stars the spread of the
+        debris. The noise of the model is not part of it. Tables give deviations in units of it.
         """
         return np.asarray(self.data()[1], dtype=float)
 
@@ -259,18 +279,18 @@ class Measurement(Component):
         return None
 
     def ln_likelihoods(self, prediction: Prediction, add_noise: bool) -> Array | None:
-        """Return the ln likelihood (m,) of each datum if `ln_likelihood` is not None; None where it has no terms.
+        """Return the ln likelihood (m,) of each datum if `ln_likelihood` is overridden; None where it has no terms.
 
         Their sum is that of `ln_likelihood`, whose arguments these are. Leave-one-out comparisons read them. Optional.
         """
         return None
 
     def residuals(self, prediction: Prediction, add_noise: bool) -> Array | None:
-        """Return the residual (m,) of each datum if `ln_likelihood` is not None; None where there are none. Optional.
+        """Return the residual (m,) of each datum if `ln_likelihood` is overridden; None where there are none. Optional.
 
-        A residual is standard normal if the prediction is right: data minus model in standard deviations, or the
-        normal score of the datum in its predicted distribution (Dunn & Smyth 1996). The goodness of fit of a run is
-        judged by the residuals. For a Gaussian likelihood they are known.
+        A residual is standard normal if the prediction is right: data minus model in standard deviations, or the normal
+        score of the datum in its predicted distribution (Dunn & Smyth 1996). The goodness of fit of a run is judged by
+        the residuals. For a Gaussian likelihood streamkit computes them.
 
         Parameters
         ----------
@@ -296,15 +316,20 @@ class Measurement(Component):
 
 
 class Observable(Measurement):
-    """A measurement of a stream as a survey would make it, and the data it is compared with."""
+    """A measurement of a stream as a survey would make it, and the data it is compared with.
+
+    streamkit calls `predict` for each stream, and compares the result with `data`. `predict` should return a prediction
+    with a ``why_not`` where a stream lacks the measured feature; it may raise `OutOfDomain`, which also gives ln p =
+    -inf. The optional methods `marks`, `panels`, `sky_frame` and `remarks` serve pictures, tables and warnings.
+    """
 
     role: ClassVar[str] = "observable"
     wants_live: ClassVar[bool] = False
-    """Whether its data depend on the rate at which debris leaves: `check` then warns of a scheme that assumes one."""
+    """Whether the data depend on the rate at which debris leaves: `check` then warns of a scheme that assumes one."""
 
     @abstractmethod
     def predict(self, stream: Stream) -> Prediction:
-        """Measure the stream. A stream without the feature raises nothing: its prediction has a ``why_not``."""
+        """Return the prediction (m,) for a stream; with a ``why_not`` for a stream without the measured feature."""
 
     def marks(self, prediction: Prediction) -> tuple[Mark, ...]:
         """Return the marks of the measurement and of the data in a picture of the unwrapped stream. Optional."""
@@ -324,7 +349,7 @@ class Observable(Measurement):
 
 
 class HostView(Protocol):
-    """The host today as `HostData` sees it, without the galaxies that move beside it."""
+    """The host today as `HostData` sees it, without the bodies that move about it."""
 
     def circular_velocity(self, radii: Array) -> Array:
         """(n,) Circular velocity in km/s at radii (n,) in kpc in the plane."""
@@ -343,10 +368,14 @@ class HostView(Protocol):
 
 
 class HostData(Measurement):
-    """Data on the host alone, without a stream: a rotation curve, a mass, the prior of a derived number."""
+    """Data on the host alone, without a stream: a rotation curve, a mass, the prior of a derived number.
+
+    streamkit calls `predict` once for each set of parameters, and compares the result (m,) with `data`. The host's
+    numbers are in kpc, km/s and Msun. Where the host has no such number, `predict` returns a ``why_not``.
+    """
 
     role: ClassVar[str] = "data"
 
     @abstractmethod
     def predict(self, host: HostView) -> Prediction:
-        """Return the numbers of the host, with zero variances if they are exact; a ``why_not`` if there is no value."""
+        """Return the numbers (m,) of the host, with zero variances if they are exact; a ``why_not`` without a value."""

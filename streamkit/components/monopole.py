@@ -1,4 +1,4 @@
-"""The force of a live progenitor: a sphere by the mass in its shells."""
+"""The force of a live progenitor: a sphere, given by the mass in its shells."""
 
 from __future__ import annotations
 
@@ -12,20 +12,21 @@ from streamkit.elementary import sqrt
 from streamkit.stream import Array
 from streamkit.units import G
 
-DEGREE = 8  # of the polynomial that stands for the mass in the shells
-SHELLS = 64  # equal shells in d^2 / (d^2 + b^2) in which the mass is given
-INNERMOST_WEIGHT, TOTAL_WEIGHT = 0.3, 5.0  # in the fit: few particles are in the first shell, and the last is all mass
+DEGREE = 8  # degree of the polynomial that approximates the mass in the shells
+SHELLS = 64  # number of shells of the mass, equal in d^2 / (d^2 + b^2)
+INNERMOST_WEIGHT, TOTAL_WEIGHT = 0.3, 5.0  # weights in the fit: the first shell has few particles, the last all mass
 EDGES = np.arange(1, SHELLS + 1) / SHELLS  # d^2 / (d^2 + b^2) at the outer edges of the shells
 ODD = 2 * np.arange(DEGREE + 1) + 1  # exponents of s = (d^2 + b^2)^(-1/2) in the potential
 
 
 @dataclass(frozen=True, eq=False)
 class Monopole:
-    """A sphere whose force is that of a Plummer sphere, or of a cusp, times a polynomial in y = b^2 / (d^2 + b^2).
+    """A sphere whose force is a Plummer sphere's, or a cusp's, times a polynomial in y = b^2 / (d^2 + b^2).
 
-    It is ``-G F(y) d / [(d^2 + b^2) (d^2 + e^2)^(1/2)]`` with e = b without a cusp, and a small e with one: the mass of
-    a Plummer sphere, and that of a sphere of density r^-1 deep inside, are then the first coefficient alone. The engine
-    knows it by itself: another one in each block of time costs nothing. No component of a run file.
+    The force is ``-G F(y) d / [(d^2 + b^2) (d^2 + e^2)^(1/2)]`` with e = b without a cusp, and with a small e for a
+    cusp. For a Plummer sphere, and for a sphere with an inner density r^-1, F is then its first coefficient alone. The
+    engine has compiled code for this force: another one in each block of time costs nothing. It is no component of a
+    run file.
 
     Attributes
     ----------
@@ -44,7 +45,7 @@ class Monopole:
 
     @property
     def e(self) -> float:
-        """The softening of its cusp in kpc; b without one."""
+        """The softening of the cusp in kpc; b without a cusp."""
         return float(self.sphere[-1])
 
     @staticmethod
@@ -61,12 +62,12 @@ class Monopole:
 
     @staticmethod
     def drag(x: Any, y: Any, z: Any, vx: Any, vy: Any, vz: Any, t: Any, *parameters: Any) -> Any:
-        """Return nothing: no part of it depends on velocity."""
+        """Return no force: no part depends on velocity."""
         return 0.0, 0.0, 0.0
 
     @classmethod
     def has_drag(cls) -> bool:
-        """Say that no part of it depends on velocity."""
+        """Return False: no part depends on velocity."""
         return False
 
     def in_engine_units(self) -> tuple[Any, ...]:
@@ -74,7 +75,7 @@ class Monopole:
         return tuple(self.sphere.tolist())
 
     def growth_table(self) -> None:
-        """Return nothing: it does not change within a block."""
+        """Return None: the force does not change within a block."""
 
     def in_loop(self) -> Monopole:
         """Return itself."""
@@ -101,7 +102,7 @@ class Monopole:
 
 @cache
 def _fit() -> tuple[Array, Array]:
-    """(9, 64) matrix of the least squares, to be applied to what the polynomial is at `EDGES`; and (64, 9) back."""
+    """(9, 64) least-squares matrix from the polynomial's values at `EDGES` to coefficients; and (64, 9) back."""
     powers = np.vander(1 - EDGES, DEGREE + 1, increasing=True)
     weight = np.ones(SHELLS)
     weight[0], weight[-1] = INNERMOST_WEIGHT, TOTAL_WEIGHT
@@ -110,6 +111,6 @@ def _fit() -> tuple[Array, Array]:
 
 @cache
 def _shape(b: float, e: float) -> Array:
-    """(64,) Mass over polynomial at `EDGES`: 1 at infinity, which is the last."""
+    """(64,) Ratio of mass and polynomial at `EDGES`, the last of which is infinity, with the ratio 1."""
     softened = np.sqrt(EDGES + (1 - EDGES) * (e / b) ** 2)  # (d^2 + e^2)^(1/2) / (d^2 + b^2)^(1/2)
     return np.asarray(EDGES**1.5 / softened)

@@ -38,8 +38,8 @@ ROLES: dict[str, type[Component]] = {
 class Plugin:
     """The components and presets of one plugin, and their supplier."""
 
-    # Distribution and version, or file; with a hash of the code if these do not identify it. It is in the digest of a
-    # run.
+    # Distribution and version, or file; with a hash of the code if these do not identify it. The digest of a run has
+    # it.
     supplier: str
     name: str  # of the entry point; empty for a file, and for classes given in Python
     contract: int | None  # the contract that the plugin states it was written for; None if it states none
@@ -75,8 +75,8 @@ def load_file(path: Path) -> Plugin:
 def supplier_of(point: EntryPoint) -> str:
     """Return distribution and version, which need no import.
 
-    The supplier of built-in components is called by the name of the package: the digest of a run has the supplier, and
-    must not change with the name on an index.
+    The supplier of built-in components is called by the name of the package: the digest of a run contains the supplier,
+    and must not change with the name on an index.
     """
     if is_ours(point):
         return f"{PACKAGE} {VERSION}"
@@ -103,7 +103,7 @@ def _contract(module: ModuleType) -> int | None:
 
 
 def _identity(point: EntryPoint, module: ModuleType) -> str:
-    """Return the supplier; with a hash for an editable install, and with the versions of the packages it wraps."""
+    """Return the supplier, with a hash for an editable install, and with the versions of the wrapped packages."""
     name = supplier_of(point)
     if point.dist is None or is_ours(point):
         return name

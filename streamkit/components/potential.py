@@ -97,7 +97,14 @@ def _add_evaluation(cls: type[Potential]) -> None:
 
 
 class Potential(Component):
-    """A gravitational potential, centred on the origin."""
+    """A gravitational potential, centred on the origin.
+
+    The static methods `acceleration`, `potential` and `drag` are formulas: numba compiles them into the loops over
+    particles, which call them for the host, the progenitor and bodies. They take and return floats, or arrays of one
+    shape. They cannot raise, so a force outside its domain is NaN. `prepare` is called once for each set of
+    parameters before them, and may raise `OutOfDomain`. With ``compiled = False`` the methods are Python functions of
+    whole arrays, and may raise `OutOfDomain` too.
+    """
 
     role: ClassVar[str] = "potential"
 
@@ -115,7 +122,7 @@ class Potential(Component):
     evaluation: ClassVar[Literal["exact", "expansion"]] = "exact"
     """Default of the field ``expansion`` of a potential that is not compiled: an expansion, or the potential itself."""
 
-    # The methods that an author writes, and their arguments before the parameters: `Spherical` has others.
+    # The methods that an author writes, and their arguments before the parameters. `Spherical` replaces them.
     _force_method: ClassVar[str] = "acceleration"
     _energy_method: ClassVar[str] = "potential"
     _place_arguments: ClassVar[tuple[str, ...]] = ("x", "y", "z", "t")
@@ -162,11 +169,11 @@ class Potential(Component):
         Parameters
         ----------
         share
-            (n,) share of the mass that is inside each radius, between 0 and 1.
+            (n,) fraction of the mass inside each radius, between 0 and 1.
         chance
-            (n,) share of the particles there that are slower, between 0 and 1.
+            (n,) fraction of the particles at the radius that are slower, between 0 and 1.
         parameters
-            As those of `acceleration`.
+            The same as for `acceleration`.
         """
         raise NotImplementedError
 
@@ -179,14 +186,14 @@ class Potential(Component):
     def prepare(*fields: Any) -> Any:
         """Compute once, for all positions, arguments of `acceleration` such as splines and expansions. Optional.
 
-        The arguments are fields by name, only those that are needed: numbers and arrays in engine units, others as they
-        are. The result is a mapping or a named tuple of numbers and arrays of up to three dimensions. `acceleration`
-        gets those results, and those fields, that its arguments name. With ``compiled = False`` results may be any
-        objects. Called once per instance, which is once for every set of parameters. May raise `OutOfDomain`.
+        The arguments are the needed fields by name: numbers and arrays in engine units, other values unchanged. The
+        result is a mapping or a named tuple of numbers and arrays of up to three dimensions. `acceleration` gets those
+        results, and those fields, that its arguments name. With ``compiled = False`` results may be any objects. Called
+        once per instance, which is once for every set of parameters. May raise `OutOfDomain`.
 
         The argument ``host``, unless a field has this name, is a `HostView` of the other parts of the host today. Parts
         with this argument are not in the view, so that two such parts see the same host. Such a part cannot be a
-        progenitor or a body. By itself, as in the conformance tests, it gets a host without mass.
+        progenitor or a body. Without other parts, as in the conformance tests, the host has no mass.
         """
         raise NotImplementedError
 
@@ -244,11 +251,11 @@ class Potential(Component):
 
     @property
     def place(self) -> str:
-        """Its path in the run file: ``potential.halo``; empty without a run file."""
+        """The path in the run file, such as ``potential.halo``; empty without a run file."""
         return self._place
 
     def share_grid_of(self, other: Potential, place: str) -> None:
-        """Use the nodes of another instance's expansion: other nodes for other parameters would put steps into ln p.
+        """Use the nodes of another instance's expansion: with other nodes for other parameters ln p would have steps.
 
         ``place`` is the path in the run file, for messages.
         """
@@ -275,7 +282,7 @@ class Potential(Component):
         """Return the expansion that replaces the potential, made on first use; None if there is none.
 
         Raises StreamkitError if it cannot be made, or misses its tolerance. Raises OutOfDomain if its nodes were chosen
-        for other parameters, and miss the tolerance at these.
+        for other parameters and miss the tolerance at the present ones.
         """
         if self.compiled or self.expansion == "none":  # type: ignore[attr-defined]  # see `_add_evaluation`
             return None

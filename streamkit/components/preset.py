@@ -12,8 +12,8 @@ from typing import Any
 class Preset:
     """A published model of a galaxy: ``preset = NAME`` in ``[potential]`` adds its named potentials to the host.
 
-    It is no component: the resolved run file has the name and all sections, so that each number can be changed or given
-    a prior.
+    A preset is no component: the resolved run file has its name and all its sections, so that each number can be
+    changed or get a prior.
 
     Attributes
     ----------
@@ -32,8 +32,8 @@ class Preset:
     def merged_with(self, sections: Mapping[str, Any]) -> dict[str, Any]:
         """Return the sections of the preset, changed and extended by those of a run file.
 
-        A section with the name of one of the preset replaces the fields that it gives, or the whole section if its
-        kind is another one. A section with a new name is added.
+        A section with the name of a section of the preset replaces the fields that it gives, or the whole section if
+        its kind differs. A section with a new name is added.
         """
         merged: dict[str, Any] = copy.deepcopy({name: dict(section) for name, section in self.sections.items()})
         for name, section in sections.items():

@@ -51,7 +51,7 @@ class Registry:
         return called if is_loaded else called.loading(called.waiting)
 
     def having_preset(self, name: Any) -> Registry:
-        """Return a registry that has searched for a preset, if need be in every plugin."""
+        """Return a registry that has searched for a preset, in every plugin if necessary."""
         return self if isinstance(name, str) and name in self.presets else self.loading(self.waiting)
 
     def loading(self, points: Sequence[EntryPoint]) -> Registry:
@@ -103,10 +103,10 @@ def load_registry(
 ) -> Registry:
     """Load the plugins of the entry-point group ``streamkit``, one-off plugin files, and classes given in Python.
 
-    An installed plugin that is broken, or clashes with another, stops no run that does without it: it is recorded, and
-    named when a run file has a kind that is missing. Plugins that `DISABLE` names are not loaded. With ``lazy``
-    installed plugins are imported when `Registry.having` or `Registry.find` needs them. ``points`` are entry points in
-    place of the installed ones.
+    An installed plugin that is broken, or clashes with another, does not stop a run without its components: the plugin
+    is recorded, and the error message for a missing kind names it. Plugins that `DISABLE` names are not loaded. With
+    ``lazy`` installed plugins are imported when `Registry.having` or `Registry.find` needs them. ``points`` are entry
+    points in place of the installed ones.
 
     Raises PluginError for a file or a class that is broken, or whose kind is that of a built-in component or of another
     file or class.
@@ -147,9 +147,9 @@ def _order(point: EntryPoint) -> tuple[bool, str, str]:
 def _entries(plugins: Iterable[Plugin], local: Iterable[Plugin]) -> tuple[dict[str, dict[str, Entry]], list[str]]:
     """Return the components, and a record for each kind that several installed packages have.
 
-    Of several, the built-in component is used, or else the one whose entry point has the name of the kind, or else
-    none. Local files and classes take precedence over installed packages, and may not have the kind of a built-in
-    component.
+    Among several components of one kind the built-in one is used, else the one whose entry point has the name of the
+    kind, else none. Local files and classes take precedence over installed packages, and may not have the kind of a
+    built-in component.
     """
     offers: dict[tuple[str, str], list[tuple[Plugin, type[Component]]]] = {}
     for plugin in plugins:
@@ -170,7 +170,7 @@ def _entries(plugins: Iterable[Plugin], local: Iterable[Plugin]) -> tuple[dict[s
 
 
 def _presets(plugins: Iterable[Plugin], local: Iterable[Plugin]) -> tuple[dict[str, Preset], list[str]]:
-    """Return the presets, local ones first, and a record for each preset whose name is taken already."""
+    """Return the presets, local ones first, and a record for each preset whose name another one has already."""
     presets: dict[str, Preset] = {}
     taken = []
     for plugin in plugins:

@@ -1,4 +1,4 @@
-"""The base of spherical potentials: the author writes the pull as a function of the distance alone."""
+"""The base of spherical potentials: the author writes the force as a function of the distance alone."""
 
 from __future__ import annotations
 

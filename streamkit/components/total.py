@@ -13,11 +13,11 @@ from streamkit.errors import blamed
 from streamkit.stream import Array, read_only
 from streamkit.units import G, Unit
 
-DISTANT = 1e5, 1e6  # radii in kpc beyond every galaxy: the missing part of a finite mass falls there at least as 1/r
-ENDS = 3e-3  # the largest relative growth between them of a mass that is finite
+DISTANT = 1e5, 1e6  # radii in kpc beyond every galaxy: the outer part of a finite mass falls there at least as 1/r
+ENDS = 3e-3  # largest relative growth of a finite mass between these radii
 AZIMUTH = 16  # equal angles: exact for every harmonic below this order
-STEP, SHELL = 1e-4, 1e-2  # of the radius: differences for a density at a place, and for that of a shell
-FAR_AWAY = np.array([1e50]), np.array([1e100])  # kpc: a potential that still differs between them has no limit
+STEP, SHELL = 1e-4, 1e-2  # steps in units of the radius: for the density at a position, and for the density of a shell
+FAR_AWAY = np.array([1e50]), np.array([1e100])  # kpc: a potential that differs between these radii has no limit
 POLAR = 20  # Gauss-Legendre nodes per hemisphere
 
 
@@ -40,7 +40,7 @@ class Part(Protocol):
 
 @dataclass(frozen=True)
 class Total:
-    """The sum of potentials today, called through NumPy: a host without the galaxies that move beside it."""
+    """The sum of potentials today, called through NumPy: a host without the bodies that move about it."""
 
     potentials: tuple[Part, ...]
 
@@ -98,7 +98,7 @@ class Total:
         return np.asarray((ahead - behind) / (2 * SHELL * 4 * np.pi * radii**3))
 
     def escape_speed(self, radii: Array) -> Array | None:
-        """(nr,) Speed in km/s that leads to infinity from radii (nr,) in kpc in the plane; None without a potential.
+        """(nr,) Escape speed in km/s to infinity at radii (nr,) in kpc in the plane; None without a potential.
 
         ``sqrt(2 (Phi(infinity) - Phi))`` with the mean potential around the axis. It is infinite where the potential
         has no limit, as in a logarithmic halo.
@@ -160,7 +160,7 @@ def total_mass(potential: Part) -> float:
     axes = np.concatenate([np.eye(3), -np.eye(3)], axis=1)
     with np.errstate(all="ignore"):
         inner, outer = (-(r**2) / G * (add_up("acceleration", [potential], r * axes) * axes).sum() / 6 for r in DISTANT)
-        share = DISTANT[0] / (DISTANT[1] - DISTANT[0])  # mass missing at the outer radius over that between the two
+        share = DISTANT[0] / (DISTANT[1] - DISTANT[0])  # mass outside the outer radius over the mass between the two
         finite = outer > 0 and abs(outer - inner) <= ENDS * outer
     return float(outer + share * (outer - inner)) if finite else float("nan")
 

@@ -1,4 +1,4 @@
-"""Verdicts: the outcome of a check of a run, and the rule by which a number is judged."""
+"""Verdicts: the outcome of a check of a run, and the rule that turns a number into it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Verdict:
     level
         "fine", "look here" or "do not use".
     value
-        Its value, in a few characters.
+        The value of the quantity, in a few characters.
     sentence
         The meaning of the value, and the next thing to do.
     rule
@@ -42,11 +42,11 @@ class Check:
     subject
         The quantity.
     limits
-        Where "fine" ends, and where "do not use" begins.
+        The last value that is "fine", and the last one that is not "do not use".
     rule
         The thresholds in words, and their source.
     larger_is_worse
-        Whether values above the limits are bad; else those below them.
+        Whether values above the limits are bad; by default values below them are.
     """
 
     subject: str
@@ -60,6 +60,6 @@ class Check:
         return FINE if fine else LOOK if usable else DO_NOT
 
     def judge(self, value: float, shown: str, sentences: Mapping[str, str]) -> Verdict:
-        """Return the verdict on a value: as it is shown, and with the sentence of its level."""
+        """Return the verdict on a value, which a page shows as ``shown``, with the sentence of its level."""
         level = self.level(value)
         return Verdict(self.subject, level, shown, sentences[level], self.rule)

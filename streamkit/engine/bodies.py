@@ -1,6 +1,6 @@
 """Centres that move in each other's field: the host and the bodies about it, in an inertial frame.
 
-Each is a centre of forces and feels those of the others. The host may also slow a body down by Chandrasekhar's
+Each is a centre of forces and feels the forces of the others. The host may also slow a body down by Chandrasekhar's
 dynamical friction. Friction depends on the velocity, so the method is the classical one of Runge and Kutta, of fourth
 order.
 """
@@ -30,7 +30,7 @@ PARTS = 100  # most steps between two nodes
 
 
 class Friction(NamedTuple):
-    """Density and velocity dispersion of the host, which slow a body down.
+    """Density and velocity dispersion of the host, for the dynamical friction on a body.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class Centre:
     extent: float = 0.0
 
 
-@njit(**INLINE)  # no `helper`: as a function of its own it is rounded otherwise, and streams with drag change
+@njit(**INLINE)  # no `helper`: a separate function is rounded differently, and streams with drag would change
 def friction_at(friction, t, d, speed, mass, extent):
     """Deceleration by the host at time t of a mass at distance d over its speed.
 

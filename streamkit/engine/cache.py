@@ -164,7 +164,7 @@ def _reason_not_to_trust(folder: Path, source: Path) -> str:
 
 
 def _is_private(group: int) -> bool:
-    """Say whether a group has no members but the user and root."""
+    """Return whether a group has no members other than the user and root."""
     import grp  # not everywhere
     import pwd
 

@@ -1,4 +1,4 @@
-"""The heights of a host's disc: a thin one is crossed in a part of a dynamical time, which limits the steps."""
+"""The heights of a host's disc: a thin disc is crossed in less than a dynamical time, which limits the steps."""
 
 from __future__ import annotations
 

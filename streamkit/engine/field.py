@@ -59,7 +59,8 @@ class Field:
     heights
         (n,) heights in kpc of the disc of the forces fixed at the origin (`disc_heights`); empty without a disc.
     threads
-        Most threads of `adaptive_step` and `split_step` for many particles. The result does not depend on it.
+        Largest number of threads of `adaptive_step` and `split_step` for many particles. The result does not depend on
+        it.
     drag
         The forces that depend on velocity; None without any.
     """
@@ -180,7 +181,7 @@ class Field:
     def pieces(self, n: int) -> list[slice]:
         """Return a slice of n particles for each thread: one if they are few, or if a force runs in Python."""
         count = 1 if self._in_python else min(self.threads, n // BATCH)
-        if count <= 1:  # a fit asks thousands of times a second
+        if count <= 1:  # a fit calls this thousands of times a second
             return [slice(0, n)]
         edges = np.linspace(0, n, count + 1).astype(int).tolist()
         return [slice(*ends) for ends in pairwise(edges)]

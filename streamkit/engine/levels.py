@@ -108,10 +108,11 @@ def foot(a, b, c, d, e, f):
 def rates(forces, eta, heights, uniform, m, lanes, closest, a, centre, path, rate):
     """Store in `rate` the square of (acceleration / distance / eta^2) of m lanes in their time span.
 
-    It is the largest of these: about the Galactic centre, with eta[0], and about each trajectory, for the forces that
-    move on it with their initial mass, with eta[1]. Each is taken where the particle, with its initial acceleration,
-    comes closest. The host's force there is not evaluated: it is the initial force times the inverse square of the
-    distances, which no spherical host exceeds. If the host has a disc of these `heights`, see `crossings`.
+    It is the largest of these levels: about the Galactic centre, with eta[0], and about each trajectory, for the forces
+    that move on it with their initial mass, with eta[1]. Each level is computed where the particle, with its initial
+    acceleration, comes closest. The host's force there is not evaluated: it is the initial force times the inverse
+    square of the distances, which no spherical host exceeds. If the host has a disc of these `heights`, see
+    `crossings`.
     """
     address, trajectory = forces.address, forces.trajectory
     t, span = lanes[T:], lanes[H:]

@@ -34,12 +34,12 @@ from streamkit.engine.steps import METHOD, ROWS, A, H, Method, T, compose, nystr
 from streamkit.engine.velocity_forces import DRAGGED, is_dragged, renew
 from streamkit.stream import Array, IntArray
 
-HIGHEST_LEVEL = 4  # of the first pass over a block: particles of higher levels are postponed
+HIGHEST_LEVEL = 4  # highest level in the first pass over a block: particles of higher levels are postponed
 PARTS = 4  # parts of a block in which the postponed particles choose their level anew
 
 
 class Scratch(NamedTuple):
-    """Work space of `advance`, allocated once by its caller: an allocation takes as long as its use."""
+    """Work space of `advance`, allocated once by its caller: an allocation takes as long as the use of the space."""
 
     work: Array
     numbers: IntArray

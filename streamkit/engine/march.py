@@ -1,9 +1,9 @@
-"""All particles over one block of time in equal steps of leapfrog: for satellites whose every particle is followed.
+"""All particles of a live satellite over one block of time, in equal steps of leapfrog.
 
-Each step drifts, kicks and drifts with one force. Particles of one time go in batches that fit into the nearest cache.
-Where the moving force is a sphere that this loop knows (`Sphere`), its force, the kick and the drift are one pass over
-the particles, and the host, which changes more slowly, kicks once in several steps, in the middle of them
-(Tuckerman, Berne & Martyna 1992, J. Chem. Phys. 97, 1990): symmetric and symplectic like leapfrog itself.
+Each step drifts, kicks and drifts with one force. All particles have the same time, and go in batches that fit into the
+fastest cache. Where the moving force is a `streamkit.Monopole`, its force, the kick and the drift are one pass over the
+particles. The host's force changes more slowly: it kicks once in several steps, in the middle of them (Tuckerman, Berne
+& Martyna 1992, J. Chem. Phys. 97, 1990). This is symmetric and symplectic as leapfrog is.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from streamkit.stream import Array, Orbit
 from streamkit.units import G
 
 TOGETHER = 256  # particles of a batch
-HOST_COST = 3  # cost of the host's force in units of that of a step
+HOST_COST = 3  # cost of the host's force in units of the cost of a step
 
 _F1, _F = types.float64[::1], types.float64
 _MARCH = METHOD, _F1, types.UniTuple(_F1, 6), _F, _F
@@ -65,7 +65,7 @@ def _compile_with_drag() -> None:
 
 @cached(types.void(FORCES, _F1, _F1, types.UniTuple(_F1, 6), _F, _F, types.intp, types.intp), nogil=True)
 def _march_sphere(forces, sphere, lanes, particles, t0, t1, kicks, each):
-    """As `_march`, with the sphere c0 ... c8, b, e (11,) on the last trajectory, and ``each`` steps to a host kick."""
+    """As `_march`, with a sphere c0 ... c8, b, e (11,) on the last trajectory: ``each`` steps for one kick."""
     c0, c1, c2, c3, c4 = sphere[0], sphere[1], sphere[2], sphere[3], sphere[4]
     c5, c6, c7, c8, b, e = sphere[5], sphere[6], sphere[7], sphere[8], sphere[9], sphere[10]
     b2, e2 = b * b, e * e
@@ -130,10 +130,10 @@ def split_kicks(steps: int, kicks: int) -> tuple[int, int]:
 
 
 class MovingForce:
-    """A host, and a force about what moves in it, which may be another one in every block of time.
+    """A host, and the force of a moving progenitor in it, which may be another one in every block of time.
 
-    A force that has an attribute ``sphere`` (11,), which is c_0 ... c_8, b, e of `streamkit.Monopole`, is computed
-    within the loop over the particles; any other one, or a host with drag, by the general loop.
+    A force with an attribute ``sphere`` (11,), the numbers c_0 ... c_8, b, e of a `streamkit.Monopole`, is computed
+    within the loop over the particles. Any other force, and a host with drag, takes the general loop.
     """
 
     def __init__(self, host: Field, orbit: Orbit) -> None:
@@ -145,8 +145,8 @@ class MovingForce:
     def advance(self, force: Force, q: Array, v: Array, t0: float, t1: float, steps: int, kicks: int) -> None:
         """Advance q, v (3, n), whose rows have no gaps, in place, all from t0 to t1 in equal steps.
 
-        At least so many ``steps``, and as many ``kicks`` by the host. With as many threads as the field allows; the
-        particles do not depend on their number.
+        There are at least so many ``steps``, and at least so many ``kicks`` by the host. The loop uses as many threads
+        as the field allows; the result does not depend on their number.
         """
         sphere = None if self._host.drag is not None else getattr(force, "sphere", None)
         if sphere is None:
@@ -161,7 +161,7 @@ class MovingForce:
 
     @cached_property
     def _bare(self) -> Field:
-        """The host with the trajectory, on which no force of its own moves."""
+        """The host with the trajectory, on which no force moves."""
         return self._host.with_moving(build_field([]), self._orbit)
 
     def _field_with(self, force: Force) -> Field:

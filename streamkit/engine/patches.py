@@ -1,7 +1,8 @@
 """Forces from bicubic patches of a table, which are read particle by particle and computed in lanes of particles.
 
-Each lane reads another cell, whose coefficients would have to be gathered one by one. But a patch is contiguous: the
-rows of four of four particles are loaded as vectors, evaluated in the first coordinate and transposed.
+Each lane reads another cell, whose coefficients would have to be gathered one by one. A patch, however, is contiguous:
+for four particles at a time its rows of four numbers are loaded as vectors, evaluated in the first coordinate and
+transposed.
 """
 
 from __future__ import annotations
@@ -121,7 +122,7 @@ def _getter(count: int) -> Any:
 
 @intrinsic
 def _three(typing_context, rows, i):
-    """Return the three numbers of lane i. An index of an array would check its length."""
+    """Return the three numbers of lane i. An index into an array would check the length of the array."""
 
     def codegen(context, builder, signature, args):
         data = context.make_array(signature.args[0])(context, builder, args[0]).data

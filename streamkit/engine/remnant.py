@@ -1,4 +1,7 @@
-"""Who is bound to a sphere, and how the mass of the bound lies in it: compiled, in a fixed order of particles."""
+"""Compiled code for the particles that are bound to a sphere, and for their mass in its shells.
+
+The order of the sums is fixed.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,8 @@ _F1, _F2, _F = types.float64[::1], types.float64[:, ::1], types.float64
 def _bound_shells(q, v, mass, core, depth, scale, reach, bound, shells):
     """Fill bound (n,) and shells (k,); see `bound_shells`.
 
-    Loops without branches over one array of scratch run on all lanes; the sums into shells are one after another.
+    Loops without branches over one array of scratch become vector instructions. The sums into shells have the order of
+    the particles.
     """
     x0, y0, z0, u0, w0, s0 = core[0], core[1], core[2], core[3], core[4], core[5]
     scratch, shell = np.empty(4 * CHUNK), np.empty(CHUNK, dtype=np.int64)
@@ -77,9 +81,9 @@ def bound_shells(
     scale
         b in kpc.
     reach
-        No particle farther away than this is bound, kpc.
+        Distance in kpc beyond which no particle is bound.
     count
-        Number of shells: equal ones in ``1 - y``, from the centre to infinity.
+        Number of shells, of equal size in ``1 - y``, from the centre to infinity.
     """
     bound, shells = np.empty(len(mass), dtype=bool), np.empty(count)
     _bound_shells(q, v, mass, core, depth, scale, reach, bound, shells)

@@ -15,7 +15,8 @@ def orbit_states(acceleration: Callable[[Array | float, Array, Array], Array], q
     """(9, T) Positions, velocities and accelerations at the times t (T,), in either direction, from q, v (3,) at t[0].
 
     The method is that of Dormand and Prince of order eight, with dense output (Hairer, Norsett & Wanner 1993). It needs
-    a third of the calls of steps from time to time. States are NaN from where the force is not finite.
+    a third of the calls that steps of fixed length need. States are NaN from the time on at which the force is not
+    finite.
     """
     from scipy.integrate import DOP853  # slow to import, and only forces in Python need it
 

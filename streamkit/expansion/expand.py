@@ -26,7 +26,7 @@ MOST_NODES = 100_000  # most nodes
 SLOWEST = 0.05  # refinement ends if the error falls with a lower power of the number of nodes
 ROUND = 1e-5  # symmetries hold to this fraction of the tolerance
 THICKNESS = (np.inf, 3.0, 0.3)  # scale heights in kpc to try; infinite without a disc
-CORE = 1.0  # inside this radius in kpc errors are relative to the typical acceleration there: at a centre it may vanish
+CORE = 1.0  # inside this radius in kpc errors are relative to the typical acceleration: it may vanish at the centre
 
 
 class NoExpansion(Exception):  # noqa: N818  a statement about a potential, whose name the caller adds
@@ -116,7 +116,7 @@ class _Check:
 
     @cached_property
     def size(self) -> Array:
-        """(n,) The acceleration to which an error is relative."""
+        """(n,) The acceleration that errors are relative to."""
         size = np.sqrt((self.exact**2).sum(axis=0))
         inside = self.r < CORE
         typical = np.median(size[inside]) if inside.any() else 0.0

@@ -31,7 +31,7 @@ class Expansion:
 
     @staticmethod
     def drag(x: Any, y: Any, z: Any, vx: Any, vy: Any, vz: Any, t: Any, *parameters: Any) -> Any:
-        """Not called: an expansion has no part that depends on velocity."""
+        """Unused: no part of an expansion depends on velocity."""
         raise NotImplementedError
 
     @classmethod
@@ -44,7 +44,7 @@ class Expansion:
         return (self.table,)
 
     def growth_table(self) -> None:
-        """Return None: an expansion is constant in time, and the growth is that of its potential."""
+        """Return None: an expansion is constant in time; its potential has the growth."""
 
     def in_loop(self) -> Expansion:
         """Return the expansion itself."""

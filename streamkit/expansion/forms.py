@@ -23,9 +23,9 @@ from streamkit.engine import Patches
 from streamkit.units import CENTRE
 
 # Numbers in front of the coefficients: first s, intervals of s per unit and their number (0-2), the innermost and the
-# outermost radius (3, 4), coefficients of r, 1, 1/r and 1/r^2 outside the one, and inside the other what is to be added
-# to them (9-12, 5-8), h^2 (13), first w, intervals of w per unit and their number (14-16), -1 if the plane is a mirror,
-# else 1 (17), the inverse of the outermost and of the innermost radius (18, 19).
+# outermost radius (3, 4), coefficients of r, 1, 1/r and 1/r^2 outside the outermost radius (9-12), the terms to add to
+# them inside the innermost radius (5-8), h^2 (13), first w, intervals of w per unit and their number (14-16), -1 if the
+# plane is a mirror, else 1 (17), the inverse of the outermost and of the innermost radius (18, 19).
 HEAD = 20
 
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"arcp", "contract"}, "forceinline": True}

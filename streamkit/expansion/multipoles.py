@@ -16,9 +16,9 @@ from streamkit.units import CENTRE, G
 class Multipoles:
     """``Phi = sum over l, m of Phi_lm(r) P_lm(cos theta) cos(m phi)``, with ``sin(|m| phi)`` for m < 0.
 
-    The mean square of every harmonic over the sphere is 1: Phi_00 is the mean potential. Phi_lm are cubic splines in
-    ln r. Inside the first radius they are power laws, with the power of r of Phi_00 there; outside the last they fall
-    as r^-(l+1), as without mass.
+    The mean square of every harmonic over the sphere is 1: Phi_00 is the mean potential. Phi_lm are cubic splines in ln
+    r. Inside the first radius all are power laws, with the power of r of Phi_00. Outside the last radius they fall as
+    r^-(l+1), as they do without mass.
 
     Parameters
     ----------

@@ -25,12 +25,12 @@ ANY, NOT_NEGATIVE, POSITIVE = "", "zero or more", "positive"
 class ArrayOf:
     """Marks a field that holds an array of numbers in a unit, and reads it. The array is read-only."""
 
-    unit: Unit  # of the field
+    unit: Unit  # the unit of the field
     sign: str = ANY  # condition on every number: positive, zero or more, or none
-    increasing: bool = False  # whether each number must be larger than the one before
+    increasing: bool = False  # whether the numbers must increase
     least: int = 1  # fewest numbers
     ndim: int | None = 1  # number of dimensions; None for any
-    between: tuple[float, float] = (-np.inf, np.inf)  # the least and the greatest number that is allowed, in the unit
+    between: tuple[float, float] = (-np.inf, np.inf)  # the smallest and the largest allowed number, in the unit
     gaps: bool = False  # whether numbers may be missing: NaN
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:

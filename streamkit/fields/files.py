@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 # Suffixes of tables, with astropy's names of their formats. A `.npy` file holds one array.
 FORMATS = {".ecsv": "ascii.ecsv", ".csv": "ascii.csv", ".fits": "fits", ".fit": "fits"}
-# What begins the part of an ECSV file's header that makes quantities of its columns.
+# The beginning of that part of an ECSV file's header which makes quantities of its columns.
 SERIALIZED = "__serialized_columns__"
 _COMMAS = re.compile(r"(?m)^# delimiter: [\"']?,")
 
@@ -36,9 +36,9 @@ class Files:
     """The data files that the fields of one run file name: each is read once."""
 
     folder: Path = field(default_factory=Path.cwd)  # the folder that paths are relative to
-    # SHA-256 that files had before, by their names in the run file: another content is then an error.
+    # Former SHA-256 of files by their names in the run file: another content is then an error.
     expected: Mapping[str, str] = field(default_factory=dict)
-    read: dict[str, str] = field(default_factory=dict)  # SHA-256 of those that have been read
+    read: dict[str, str] = field(default_factory=dict)  # SHA-256 of the files that have been read
     _contents: dict[str, bytes] = field(default_factory=dict, repr=False)
     _tables: dict[str, Table] = field(default_factory=dict, repr=False)
     _plain: dict[str, Table] = field(default_factory=dict, repr=False)
@@ -81,8 +81,8 @@ class Files:
         """Return a column of a table, (n,) in a unit.
 
         The file is ECSV, FITS or CSV. ``given_unit`` is the unit in the run file of a column for which the file gives
-        none, and ``key`` the key of that unit, for messages: what stands before `` = "deg"``. With ``gaps`` values may
-        be missing; they are then NaN.
+        none, and ``key`` the key of that unit in messages: the text before `` = "deg"``. With ``gaps`` values may be
+        missing; they are then NaN.
 
         Raises ValueError for a file that holds no table, a column that is missing (names the nearest), has no unit or
         one of another dimension, has no numbers, or lacks some.
@@ -168,12 +168,12 @@ class DataFile:
     """A file that a run file names, relative to itself. Two are equal if their contents are."""
 
     path: Path = field(compare=False)
-    """Its absolute path."""
+    """The absolute path."""
     sha256: str
-    """The digest of its content when the run file was read."""
+    """The digest of the content when the run file was read."""
 
     def read_bytes(self) -> bytes:
-        """Return its content; SpecError if the file is gone, or has changed since the run file was read."""
+        """Return the content; SpecError if the file is missing, or has changed since the run file was read."""
         try:
             content = self.path.read_bytes()
         except OSError as error:
@@ -183,7 +183,7 @@ class DataFile:
         return content
 
     def read_text(self) -> str:
-        """Return its content as text in UTF-8; raises as `read_bytes`, and for other bytes."""
+        """Return the content as UTF-8 text; raises as `read_bytes`, and for bytes that are not UTF-8."""
         try:
             return self.read_bytes().decode()
         except UnicodeDecodeError as error:

@@ -1,12 +1,13 @@
 """The progenitor as a sphere in equilibrium: its particles drawn from the isotropic distribution function.
 
-In closed form where the potential has one (`Potential.equilibrium`), else by Eddington's formula (Binney & Tremaine
-2008, eq. 4.46) on a table of the mass inside radii. With the relative potential Psi and energy E, let
+The distribution function has a closed form where the potential gives one (`Potential.equilibrium`). Otherwise it
+follows from Eddington's formula (Binney & Tremaine 2008, eq. 4.46) on a table of the mass inside radii. With the
+relative potential Psi and energy E, let
 
     I(E) = integral of d rho / d Psi over (E - Psi)^(1/2), from 0 to E.
 
-The distribution function is proportional to dI/dE, so I must not fall; and the share of particles at a radius that
-are slower than V is proportional to the integral of I(Psi - v^2/2) over v from 0 to V, less V I(Psi - V^2/2).
+The distribution function is proportional to dI/dE, so I must not fall. The fraction of particles at a radius that are
+slower than V is proportional to the integral of I(Psi - v^2/2) over v from 0 to V, minus V I(Psi - V^2/2).
 """
 
 from __future__ import annotations
@@ -29,18 +30,18 @@ CUT = 20.0  # radius beyond which there are no particles, in units of G M / |Phi
 NODES = 481  # radii of the table
 INNERMOST, OUTERMOST = 3e-3, 3e3  # first and last of them, in units of the half-mass radius
 SPEEDS = 512  # cells in which the speeds at a radius are tabulated
-ROUND = 3e-3  # most that the pull along two directions may differ in a sphere
-ENDS = 3e-3  # most of its mass that may lie beyond `OUTSIDE`
-FALLS = 1e-3  # most that I may fall between two nodes, in units of what it is: the error of its table
-NOISE, ROUNDING = 1e-5, 1e-12  # of a density, in units of mass over r^3: of a table of the mass, and of doubles
-STENCIL = 0.02  # in ln r, by which the mass is differentiated: smooth in r, as the density's own slope is needed
+ROUND = 3e-3  # largest relative difference of the force in two directions in a sphere
+ENDS = 3e-3  # largest fraction of a finite mass beyond `OUTSIDE`
+FALLS = 1e-3  # largest relative decrease of I between two nodes: the error of its table
+NOISE, ROUNDING = 1e-5, 1e-12  # error of a density in units of mass over r^3: by a table of the mass, and by doubles
+STENCIL = 0.02  # step in ln r of the derivative of the mass, whose own slope is needed: the result is smooth in r
 FIVE_POINTS = (-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12)
-# (3, 3) unit vectors along which the pull must be the same.
+# (3, 3) unit vectors in whose directions the force must be the same.
 DIRECTIONS = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.6, 0.64, 0.48]]).T
 
 
 class Table(NamedTuple):
-    """The sphere at radii that increase."""
+    """The sphere at increasing radii."""
 
     # (k,) ln of the radius in kpc, mass inside in Msun, relative potential in (km/s)^2 and density in Msun/kpc^3.
     ln_r: Array
@@ -62,13 +63,13 @@ class Equilibrium:
 
     @cached_property
     def total(self) -> float:
-        """All its mass in Msun. OutOfDomain if it has no end, or is no sphere."""
+        """Total mass in Msun. OutOfDomain if it is infinite, or if the potential is no sphere."""
         kind = self.potential.kind
         within, total = self.mass_inside(np.array([0.1 * OUTSIDE, OUTSIDE])).tolist()
         if not (total > 0 and abs(total - within) <= ENDS * total):
             raise OutOfDomain(
-                f"the progenitor {kind} has no end to its mass, so no particles can be drawn from it: give it an end, "
-                "as nfw_truncated has"
+                f"the progenitor {kind} has an infinite mass, so no particles can be drawn from it: choose one with a "
+                "finite mass, such as nfw_truncated"
             )
         return float(total)
 
@@ -100,13 +101,13 @@ class Equilibrium:
     def scale(self) -> float:
         """``G M / |Phi(0)|`` in kpc."""
         ln_r, mass, depth = self._curve
-        steep = np.log(mass[1] / mass[0]) / (ln_r[1] - ln_r[0])  # the mass is a power of r further in
+        steep = np.log(mass[1] / mass[0]) / (ln_r[1] - ln_r[0])  # inside the first radius the mass is a power of r
         inner = G * mass[0] / np.exp(ln_r[0]) / max(steep - 1, 0.05)
         return float(G * self.total / (depth[0] + inner))
 
     @property
     def cut(self) -> float:
-        """Radius in kpc beyond which it has no particles."""
+        """Radius in kpc beyond which there are no particles."""
         return CUT * self.scale
 
     @cached_property
@@ -116,7 +117,7 @@ class Equilibrium:
 
     @property
     def half_mass_radius(self) -> float:
-        """Radius in kpc that holds half its mass."""
+        """Radius in kpc that contains half of the mass."""
         ln_r, mass, _ = self._curve
         return float(np.exp(np.interp(0.5 * self.total, mass, ln_r)))
 
@@ -139,7 +140,7 @@ class Equilibrium:
         return Table(ln_r, mass, depth, density, integral)
 
     def sample(self, points: Array) -> tuple[Array, Array]:
-        """Return positions and velocities (3, n) about its centre, from uniform random numbers (6, n)."""
+        """Return positions and velocities (3, n) about the centre, from uniform random numbers (6, n)."""
         share = points[0] * (self.mass / self.total)
         made = self.potential.in_engine_units(), type(self.potential)
         if made[1].has_equilibrium():
@@ -149,13 +150,13 @@ class Equilibrium:
         return r * directions(points[2], points[3]), speed * directions(points[4], points[5])
 
     def weigh(self, q: Array, v: Array, density: Callable[[Array], Array]) -> Array:
-        """(n,) How many tracers of a density (k,) at radii (k,) each particle stands for, see `SatelliteView`."""
+        """(n,) Number of tracers of a density (k,) at radii (k,) that each particle stands for, see `SatelliteView`."""
         table = self.table
         of_tracers = eddington(table.depth, density(np.exp(table.ln_r)))
         if (np.diff(of_tracers) > FALLS * np.abs(of_tracers[:-1])).any():
             raise OutOfDomain(
                 f"the stars have no isotropic equilibrium in the progenitor {self.potential.kind}: their distribution "
-                "function by Eddington's formula is negative; a core in a cusp has none"
+                "function by Eddington's formula is negative, as it is for a core in a cusp"
             )
         there = table.integral > 0
         ln_e = np.log(table.depth[there])[::-1]
@@ -167,7 +168,7 @@ class Equilibrium:
         return np.asarray(weight / weight.mean())
 
     def _drawn(self, share: Array, chance: Array) -> tuple[Array, Array]:
-        """(n,) Radii that hold the shares of the mass (n,), and the speeds below which are the shares chance (n,)."""
+        """(n,) Radii inside which ``share`` (n,) of the mass is, and speeds below which ``chance`` (n,) of it is."""
         table = self.table
         ln_r = np.interp(share * self.total, table.mass, table.ln_r)
         quantiles = self._quantiles
@@ -180,10 +181,10 @@ class Equilibrium:
 
     @cached_property
     def _quantiles(self) -> Array:
-        """(k, SPEEDS + 1) At every radius, speeds over that of escape below which are shares of particles.
+        """(k, SPEEDS + 1) Speeds, in units of the escape speed, below which given fractions of the particles lie.
 
-        The shares are even in 1 - (1 - share^(1/3))^(1/4): slow particles are as rare as the cube of their speed, and
-        those near the speed of escape as a high power of the energy that is left to them.
+        The fractions are evenly spaced in 1 - (1 - fraction^(1/3))^(1/4). The fraction of slow particles grows as the
+        cube of the speed. Near the escape speed it depends on a high power of the remaining energy.
         """
         table = self.table
         energy, integral = table.depth[::-1], table.integral[::-1]
@@ -204,13 +205,13 @@ class Equilibrium:
                 share = rising / rising[-1]
                 first = max(int(np.searchsorted(share, 0.0, side="right")) - 1, 0)
                 row[:] = np.interp(shares, share[first:], s[first:])
-            else:  # nothing is there
+            else:  # no mass there
                 row[:] = 0.0
         return out
 
 
 def eddington(depth: Array, density: Array) -> Array:
-    """(k,) I(E) at E = depth (k,), which falls: exact for a density that is linear in depth between the nodes."""
+    """(k,) I(E) at E = depth (k,), in decreasing order: exact for a density that is linear in depth between nodes."""
     falling = np.concatenate([depth, [0.0]])
     slope = np.diff(np.concatenate([density, [0.0]])) / np.diff(falling)
     away = np.sqrt(np.maximum(depth[:, None] - falling[None, :], 0.0))
@@ -226,6 +227,6 @@ def directions(cosine: Array, angle: Array) -> Array:
 
 
 def _cell(x: Array, count: int) -> tuple[Array, Array]:
-    """Cells of an even grid of ``count`` cells of length 1, and the places in them."""
+    """Indices of the cells of an even grid of ``count`` cells of length 1, and the positions in the cells."""
     i = np.clip(x.astype(int), 0, count - 1)
     return i, x - i

@@ -12,9 +12,9 @@ from streamkit.stream import Array
 from streamkit.units import GYR, G
 
 RADII = np.geomspace(0.1, 3000.0, 64)  # where the host is measured, kpc
-# Longest interval between two measurements of a host that changes; it is interpolated linearly, as a growth is.
+# Longest interval between two measurements of a host that changes. Between them it is interpolated linearly, as growth.
 APART = 0.25 * GYR
-# Fractions of the time span at which the host is compared with that of today, to see if it changes.
+# Fractions of the time span at which the host is compared with the host today, to find out whether it changes.
 LOOKS = np.array([0.137, 0.41, 0.73, 1.0])
 
 

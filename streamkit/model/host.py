@@ -20,15 +20,15 @@ from streamkit.units import GYR, G
 # Spacing of the tracks of the progenitor and of bodies: their interpolation error stays far below a particle's.
 NODE = 0.002 * GYR
 
-# Most that one of them may turn between two nodes of its track, radians: revolutions are counted by them.
+# Largest angle in radians between two nodes of such a track: revolutions are counted from the nodes.
 SHARPEST = 1.5
 
-COARSE = 8, 4  # nodes of a mean over the sphere for friction, which acts far from any disc
-INFINITY = 1e100  # kpc, in place of infinity: so far that even a logarithmic potential holds any speed
+COARSE = 8, 4  # nodes of a mean over the sphere for friction: the sphere is far outside any disc
+INFINITY = 1e100  # kpc, in place of infinity: even a logarithmic potential exceeds any energy there
 
 
 class Paths(NamedTuple):
-    """The orbits of all that moves."""
+    """The orbits of all moving objects."""
 
     centre: Orbit  # the host's, in the inertial frame in which it rests today
     bodies: dict[str, Orbit]  # the orbits of the bodies about the host, by name
@@ -39,15 +39,15 @@ class Paths(NamedTuple):
 class Host:
     """The galaxy in which everything moves, today at t = 0, and those beside it.
 
-    The origin is its centre. The acceleration of a particle is that by the host and by the bodies, less that of the
-    centre itself: host(x) + sum_k body_k(x - x_k(t)) - a_host(t).
+    The origin is the host's centre. The acceleration of a particle is the sum of the accelerations by the host and by
+    the bodies, minus the acceleration of the centre: host(x) + sum_k body_k(x - x_k(t)) - a_host(t).
 
     Attributes
     ----------
     potentials
         Name -> component, as in the run file; they add up, centred on the origin.
     bodies
-        The galaxies that move about it, by name.
+        The galaxies that move about the host, by name.
     progenitor
         The progenitor, if it has friction or reflex; its pull on particles is not part of the host.
     """
@@ -92,7 +92,7 @@ class Host:
         return self._fields[t1]
 
     def _at(self, times: Array) -> Field:
-        """Return a field that is valid at all times on one side of today; a field made before is used again."""
+        """Return a field that is valid from today to a time; a field that was made before is used again."""
         farthest = float(times[np.argmax(np.abs(times))])
         reach = [t1 for t1 in self._fields if t1 * farthest >= farthest**2]
         return self.until(reach[0] if reach else farthest)
@@ -190,7 +190,7 @@ class Host:
     def orbits(self, lookback: float) -> dict[str, Orbit]:
         """Return the orbits of the bodies about the host by name, over a look-back time in Gyr; empty without bodies.
 
-        Raises OutOfDomain if one cannot be followed so far.
+        Raises OutOfDomain: If an orbit is not finite over this time.
         """
         return dict(self.paths(-lookback * GYR).bodies) if self.bodies else {}
 

@@ -14,8 +14,9 @@ from streamkit.model.records import Records, begin_records
 from streamkit.model.release import Start
 from streamkit.units import GYR
 
-# Largest turn of the progenitor in a block, radians: a particle of the same angular momentum at half its pericentre
-# turns less than four times as much, three quarters of a revolution, and its revolutions are counted right.
+# Largest turn of the progenitor in a block, radians. A particle of the same angular momentum at half the pericentre
+# turns less than four times as much: less than three quarters of a revolution, so that its revolutions are counted
+# right.
 TURN = 1.2
 
 

@@ -67,8 +67,8 @@ def follow_live(
         if remnant.mass < DISSOLVED * mass_left[0] and edges[k] - edges[0] < DISSOLUTION_TIME * dynamical:
             raise OutOfDomain(
                 f"the progenitor {inputs.satellite.kind} dissolves at once: within {DISSOLUTION_TIME:g} of its "
-                "dynamical times from the look-back time next to nothing of it is bound. It is too large for its tidal "
-                "radius"
+                f"dynamical times from the look-back time less than {DISSOLVED:.0%} of it remains bound. It is too "
+                "large for its tidal radius"
             )
         r_tidal = float(_tidal_radius(remnant.mass, brackets[k]))
         record_together(edges[k - 1], edges[k], q, v, states[k], r_tidal, plane, records)
@@ -86,13 +86,13 @@ def follow_live(
 def live_track(inputs: StreamInputs, scheme: LiveStripping, host: Host, track: Orbit) -> Orbit:
     """Return the track of a live progenitor: from the look-back time, or from the apocentre that ``passages`` asks for.
 
-    OutOfDomain if the look-back time does not hold so many.
+    Raises OutOfDomain: If there are fewer passages within the look-back time.
     """
     if scheme.passages is None:
         return track
     pericentres, apocentres = track.pericentres(), track.apocentres()
     if len(pericentres) < scheme.passages:
-        raise OutOfDomain("the look-back time holds fewer pericentre passages than stripping.passages")
+        raise OutOfDomain("there are fewer pericentre passages within the look-back time than stripping.passages")
     before = apocentres[apocentres < pericentres[-scheme.passages]]
     if len(before) == 0:
         raise OutOfDomain("the look-back time does not reach the apocentre before the first of stripping.passages")
@@ -120,7 +120,7 @@ def _blocks(scheme: LiveStripping, satellite: Equilibrium, track: Orbit) -> tupl
 
 
 def _checked(population: Population, name: str) -> tuple[Array, Array, Array]:
-    """Return positions, velocities (3, n) and masses (n,) of their own; ComponentError for other shapes or numbers."""
+    """Return copies of positions, velocities (3, n) and masses (n,); ComponentError for other shapes or numbers."""
     n = len(population.mass)
     for what, values, shape in (
         ("q", population.q, (3, n)), ("v", population.v, (3, n)),
@@ -144,7 +144,7 @@ def _must_fit(satellite: Equilibrium, bound: float, r_tidal: float) -> None:
         )
     if half > r_tidal:
         raise OutOfDomain(
-            f"the progenitor {kind} is larger than its tidal radius at the look-back time: half its mass lies beyond. "
+            f"the progenitor {kind} is larger than its tidal radius at the look-back time: half its mass is outside. "
             "Its mass and radius are those at the look-back time"
         )
 
@@ -152,7 +152,7 @@ def _must_fit(satellite: Equilibrium, bound: float, r_tidal: float) -> None:
 def _remnant_at(
     edge: BlockEdge, scheme: LiveStripping, satellite: Equilibrium, previous: Remnant | None
 ) -> Remnant:
-    """Return what is left of the progenitor at an edge, by the scheme; ComponentError for a mass that is none."""
+    """Return what is left of the progenitor at an edge, by the scheme; ComponentError for a mass that is not valid."""
     name = f"stripping {scheme.kind}"
     with blamed(name):
         remnant = scheme.update_remnant(edge, satellite, previous)

@@ -1,4 +1,4 @@
-"""The model, from parameters to a stream (track, release, integration), what is observed of it, and the likelihood."""
+"""The model: parameters to a stream (track, release, integration), its observation, and the likelihood."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ class Model:
     spec
         A spec, the path of a run file, or a mapping of the same form.
     threads
-        Number of threads for one stream; useful from 10^5 particles on. The stream does not depend on it.
+        Number of threads for one stream; useful from 10^5 particles on. The stream does not depend on this number.
     fresh
-        Whether every point of parameters has random numbers of its own, decided by the seed and the parameters. The
-        noise of two streams is then independent, and the same parameters give the same stream.
+        Whether the random numbers differ between sets of parameters. The seed and the parameters then decide them: the
+        noise of two streams is independent, and the same parameters give the same stream.
     """
 
     def __init__(self, spec: Source, threads: int = 1, fresh: bool = False) -> None:
@@ -149,7 +149,7 @@ class Model:
     def ln_likelihood(self, model_inputs: ModelInputs, observation: Observation) -> float:
         """Return the ln likelihood of all data, given what was observed of a bound spec.
 
-        The measurements are independent, and their terms add up. Raises ComponentError if a likelihood fails, or is no
+        The measurements are independent, so their terms add up. Raises ComponentError if a likelihood fails, or is no
         finite number.
         """
 
@@ -160,7 +160,7 @@ class Model:
             of_streams = (map(term, self._of_stream(inputs)) for inputs in model_inputs.streams.values())
             total = sum(map(sum, of_streams))
             for one in self._of_host(model_inputs):
-                total += term(one)  # not by sum, which rounds in another way from Python 3.12 on
+                total += term(one)  # not by `sum`, which rounds differently from Python 3.12 on
         return total
 
     @contextmanager
@@ -197,7 +197,7 @@ def simulate(inputs: StreamInputs, draws: Array, shared: Host | None = None, thr
 def _stream(
     inputs: StreamInputs, host: Host, orbit: Orbit, done: Records, tail: IntArray, t_release: Array, weight: Array
 ) -> Stream:
-    """Return the stream of particles that have arrived today; OutOfDomain if one of them is nowhere."""
+    """Return the stream of particles that have arrived today; OutOfDomain if a particle's orbit is not finite."""
     if not (np.isfinite(done.q).all() and np.isfinite(done.v).all()):
         raise OutOfDomain("the orbit of a particle is not finite")
     return Stream(

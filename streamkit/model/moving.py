@@ -22,7 +22,7 @@ class Moving:
     orbit: Orbit
 
     def turning(self) -> dict[str, float]:
-        """Return its last pericentre and apocentre: times in engine units and radii in kpc; NaN without one."""
+        """Return the last pericentre and apocentre: times in engine units and radii in kpc; NaN where there is none."""
         values = {}
         for name, times in (("peri", self.orbit.pericentres()), ("apo", self.orbit.apocentres())):
             last = self.orbit.at(times[-1:]) if len(times) else None
@@ -35,8 +35,8 @@ class Moving:
 def moving_objects(source: Source, parameters: Array | Mapping[str, float] | None = None) -> dict[str, Moving]:
     """Return the progenitors by the names of their streams, and the bodies as ``body NAME``.
 
-    Tidal radii are those in the host and the other bodies (a body: in the host alone). Raises OutOfDomain where one
-    has no orbit.
+    Tidal radii of progenitors are those in the host with all bodies, tidal radii of bodies those in the host alone.
+    Raises OutOfDomain where an object has no orbit.
     """
     inputs = as_spec(source).bind_all(parameters)
     host = Host(inputs.potentials, inputs.bodies)

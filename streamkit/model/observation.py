@@ -1,4 +1,4 @@
-"""What is measured: each measurement with its data, and the predictions of a model for all of them."""
+"""Measurements with their data, and the predictions of a model for all of them."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ class Measured:
 
     @property
     def source(self) -> str:
-        """The name of the prediction in `Observation.predictions` that holds that of this measurement."""
+        """The name of the prediction in `Observation.predictions` that contains the prediction of this measurement."""
         return self.stream or f"data.{self.name}"
 
 
 @dataclass(frozen=True)
 class Observation:
-    """The streams by name, and the predictions: of each stream with an observable, and of ``data.NAME``."""
+    """The streams by name, and the predictions by name: of each stream with an observable, and of ``data.NAME``."""
 
     streams: dict[str, Stream]
     predictions: dict[str, Prediction]
 
     @cached_property
     def prediction(self) -> Prediction:
-        """All predictions as one, their names after that of the stream if it has one; empty without an observable."""
+        """All predictions as one, their names after the stream's name if it has one; empty without an observable."""
         if not self.predictions:
             return Prediction((), np.empty(0), np.empty(0))
         if self.predictions.keys() == {ONLY}:

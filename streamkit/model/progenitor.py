@@ -43,7 +43,7 @@ def _orbit(host: Host, inputs: StreamInputs, t1: float) -> Orbit:
 
 
 def _not_finite(inputs: StreamInputs) -> str:
-    """Return the reason for an orbit that is not finite: the potential whose force is not finite, if there is one."""
+    """Return the reason why an orbit is not finite: the potential whose force is not finite, if there is one."""
     for potential in inputs.potentials.values():
         if not np.isfinite(build_field([potential]).acceleration(0.0, inputs.q[:, None])).all():
             return f"the acceleration of the potential {potential.kind} is not finite where the progenitor is today"

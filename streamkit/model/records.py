@@ -1,4 +1,4 @@
-"""The records of particles on their way to today: how they begin, and what they are today."""
+"""The records of particles from their release to today."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Records:
 
 
 class Beginning(NamedTuple):
-    """What the winding of n particles is counted from, and their records at the release.
+    """The records of n particles at their release, and the zero point of their winding.
 
     The winding today is ``offset``, plus the angle in ``plane``, plus all revolutions, minus ``swept``.
 
@@ -35,7 +35,7 @@ class Beginning(NamedTuple):
     plane
         (2, 3) axes of the orbital plane.
     offset
-        (n,) what makes the winding of a particle the angle to the progenitor at the release, in (-pi, pi].
+        (n,) zero point: with it the winding at the release is the angle to the progenitor, in (-pi, pi].
     swept
         Angle in radians of the progenitor today, unwrapped.
     records

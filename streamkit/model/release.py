@@ -13,7 +13,7 @@ from streamkit.model.satellite import Satellite
 from streamkit.runfile import StreamInputs
 from streamkit.stream import LEADING, TRAILING, Array, IntArray, Orbit, read_only
 
-# Least probability of a shifted draw: it then has a normal.
+# Smallest probability of a shifted draw: its normal is then finite.
 EDGE = 1e-12
 
 
@@ -21,7 +21,7 @@ EDGE = 1e-12
 class Start:
     """The initial state of n particles."""
 
-    orbit: Orbit  # the progenitor's whole track, with the mass that it has left and the tidal radius of that mass
+    orbit: Orbit  # the progenitor's whole track, with its remaining mass and the tidal radius of that mass
     at_release: Orbit  # the progenitor at the release times (n,)
     tail: IntArray  # (n,) Lagrange point of each particle
     # (3, n) their positions and velocities.
@@ -68,7 +68,7 @@ def stripped(inputs: StreamInputs, track: Orbit) -> Orbit:
 def release_times(scheme: Stripping, orbit: Orbit) -> Array:
     """(n,) The release times of the scheme.
 
-    Raises ComponentError if they are not one for each particle, in increasing order and within the orbit.
+    Raises ComponentError if there is not one for each particle, in increasing order and within the orbit.
     """
     name, n = f"stripping {scheme.kind}", scheme.particles
     with blamed(name):
@@ -102,7 +102,7 @@ def random_numbers(scheme: StrippingScheme, seed: int) -> Array:
 
 
 def other_numbers(scheme: StrippingScheme, numbers: Array, rng: np.random.Generator) -> Array:
-    """(draws, n) Return random numbers of the same kind as `random_numbers` of a scheme, independent of these."""
+    """(draws, n) Return random numbers of the same kind as `random_numbers`, independent of the given ones."""
     live = isinstance(scheme, LiveStripping)
     if not scheme.quasi_random:
         shape = numbers.T.shape
@@ -143,7 +143,7 @@ def standard_normals(stripping: StrippingScheme, seed: int) -> Array:
 
 
 def shifted_normals(normals: Array, rng: np.random.Generator) -> Array:
-    """(draws, n) Return other standard normals from quasi-random ones, as evenly spread and independent of them.
+    """(draws, n) Return other standard normals from quasi-random ones: as even as they are, and independent of them.
 
     Each coordinate of each tail is shifted, modulo 1, by one random number (Cranley & Patterson 1976).
     """

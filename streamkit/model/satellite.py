@@ -16,7 +16,7 @@ OUTSIDE = 1e6  # a radius in kpc that contains every satellite of finite mass
 TOTAL = 1e-3  # a field ``mass`` is the total mass if at most this fraction of it is missing at `OUTSIDE`
 # (3, 6) Directions over which the pull of a satellite is averaged.
 AXES = np.concatenate([np.eye(3), -np.eye(3)], axis=1)
-SETTLED, STEPS = 1e-12, 200  # relative change at which the tidal radius has converged, and most steps
+SETTLED, STEPS = 1e-12, 200  # relative change at which the tidal radius has converged, and largest number of steps
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from streamkit.stream import Array, Data, Prediction
 
 
 def compare_with_data(observable: Measurement, prediction: Prediction, data: Data) -> float:
-    """Return the ln likelihood of the data, by the observable's own method or by `Data.gaussian`.
+    """Return the ln likelihood of the data, by the observable's method if it defines one, else by `Data.gaussian`.
 
     Raises ComponentError if the method fails, or its result is not finite.
     """
@@ -27,10 +27,10 @@ def compare_with_data(observable: Measurement, prediction: Prediction, data: Dat
 
 
 def residuals_of(observable: Measurement, prediction: Prediction, data: Data) -> Array | None:
-    """Return the residual (m,) of each datum: the observable's own, or those of `Data.residuals`.
+    """Return the residual (m,) of each datum, by the observable's method if it defines one, else by `Data.residuals`.
 
-    None for an observable with a likelihood of its own and without residuals. Raises ComponentError if the method
-    fails, or returns another shape.
+    None for an observable that defines a likelihood and no residuals. Raises ComponentError if the method fails, or
+    returns another shape.
     """
     name = f"{observable.role} {observable.kind}"
     with blamed(name):
@@ -60,9 +60,9 @@ def scatter_of(measured: Sequence[Measurement], prediction: Prediction) -> Array
 
 
 def ln_likelihood_of_each(observable: Measurement, prediction: Prediction, data: Data) -> Array | None:
-    """Return the ln likelihood (m,) of each datum: the observable's own terms, or those of `Data.gaussian_of_each`.
+    """Return the ln likelihood (m,) of each datum: the observable's terms, or those of `Data.gaussian_of_each`.
 
-    None for an observable with a likelihood of its own that has no terms.
+    None for an observable that defines a likelihood and no terms of it.
     """
     with blamed(f"{observable.role} {observable.kind}"):
         given = observable.ln_likelihoods(prediction, data.add_noise)
@@ -73,7 +73,7 @@ def ln_likelihood_of_each(observable: Measurement, prediction: Prediction, data:
 def new_data(observable: Measurement, prediction: Prediction, data: Data, rng: np.random.Generator) -> Array | None:
     """Draw values (m,) of new data about a prediction: by the observable's `mock`, or Gaussian ones.
 
-    None for an observable with a likelihood of its own that makes no mock data.
+    None for an observable that defines a likelihood and no mock data.
     """
     with blamed(f"{observable.role} {observable.kind}"):
         if observable.ln_likelihood(prediction, data.add_noise) is None:

@@ -19,9 +19,9 @@ def measure_stream(
 ) -> Prediction | None:
     """Return the predictions of all observables of a stream as one; None without observables.
 
-    The name of an observable precedes those of its numbers, unless it is the only one and called ``observable``. Where
-    no data are given, the observables are called for them. Raises ComponentError if one fails, predicts other shapes
-    than its data have, or no number for a datum without a reason.
+    The name of an observable precedes the names of its numbers, unless it is the only one and called ``observable``.
+    Without given data the observables are asked for them. Raises ComponentError if an observable fails, if a prediction
+    has another shape than the data, or if a prediction is NaN for a datum without a reason.
     """
     data = data or {}
     predictions = {name: _measure(observable, stream, data.get(name)) for name, observable in observables.items()}

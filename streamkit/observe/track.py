@@ -27,7 +27,7 @@ class Track:
     width: Array
     thickness: Array
     density: Array  # (k,) fraction of the stream's unbound particles per degree
-    count: Array  # (k,) effective number of particles under the kernel, those in its far wings not counted
+    count: Array  # (k,) effective number of particles under the kernel, without its far wings
 
     @cached_property
     def slant(self) -> Array:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]  # an array of floats: positions and velocities are (3, n), what belongs to a particle (n,)
+Array = NDArray[np.float64]  # an array of floats: positions and velocities are (3, n), numbers for each particle (n,)
 IntArray = NDArray[np.int64]  # an array of integers
 BoolArray = NDArray[np.bool_]  # an array of booleans
 

@@ -34,7 +34,8 @@ class Data:
         Parameters
         ----------
         mean, variance
-            (m,) prediction, and the variance of that estimate, which is added to that of the data if `add_noise`.
+            (m,) prediction, and the variance of its estimate, which is added to the variance of the data if
+            `add_noise`.
         """
         used = np.isfinite(self.values)
         noise = variance[used] if self.add_noise else 0.0
@@ -51,13 +52,13 @@ class Data:
     def residuals(self, mean: Array, variance: Array) -> Array:
         """(m,) Data minus prediction in standard deviations of the likelihood; NaN without a datum.
 
-        Correlations are left aside. The arguments are those of `gaussian`.
+        Correlations between data are not used. The arguments are those of `gaussian`.
         """
         total = self.errors**2 + (variance if self.add_noise else 0.0)
         return np.asarray((self.values - mean) / np.sqrt(total))
 
     def gaussian_of_each(self, mean: Array, variance: Array) -> Array:
-        """(m,) ln likelihood of each datum, given all others if they correlate; NaN without a datum.
+        """(m,) ln likelihood of each datum, conditional on all others if they correlate; NaN without a datum.
 
         Burkner, Gabry & Vehtari 2021, equation 5, for a covariance. The arguments are those of `gaussian`.
         """

@@ -68,7 +68,7 @@ class Panel:
     x, y
         (n,) every particle of the stream; NaN for none.
     marks
-        Lines over them, in the same units; a "fit" is the model, and NaN where it has no debris.
+        Lines over the particles, in the same units; a "fit" is the model, and NaN where it has no debris.
     data
         The data; a panel of residuals is drawn below.
     """
@@ -96,7 +96,7 @@ class Prediction:
     why_not
         Empty, or the reason (a short constant sentence) why there is no value; mean is then NaN.
     details
-        Further results of the measurement, such as tracks and fits. Their form is the observable's.
+        Further results of the measurement, such as tracks and fits, in the observable's own form.
     parts
         The predictions that were joined, by the name of the observable; empty for one observable.
     """
@@ -130,7 +130,7 @@ class Prediction:
 def join_predictions(parts: Mapping[str, Prediction], unnamed: str = "") -> Prediction:
     """Join predictions. Names become ``part.name``, except for the part called ``unnamed``.
 
-    ``why_not`` is that of the first part without a value.
+    ``why_not`` is the reason of the first part without a value.
     """
     mean, variance = (np.concatenate([getattr(p, name) for p in parts.values()]) for name in ("mean", "variance"))
     names = tuple(each if name == unnamed else f"{name}.{each}" for name, part in parts.items() for each in part.names)

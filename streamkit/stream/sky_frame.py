@@ -15,7 +15,7 @@ from streamkit.stream.sky_frames import Frame, on_sphere, place_of, sky_matrix
 if TYPE_CHECKING:
     from astropy.coordinates import BaseCoordinateFrame
 
-LONGER = 2.0  # how much farther stars must reach along a great circle than across for the circle to be theirs
+LONGER = 2.0  # smallest ratio of the scatter of stars along a great circle to their scatter across it
 
 
 class InFrame(NamedTuple):
@@ -40,7 +40,7 @@ class InICRS(NamedTuple):
 class SkyFrame:
     """A frame of heliocentric angles phi1 and phi2; made by `sky_frame`.
 
-    It may be given wherever streamkit takes a frame: ``stream.seen(frame)``, ``stream.track(frame)``.
+    All functions with a frame accept it: ``stream.seen(frame)``, ``stream.track(frame)``.
 
     Attributes
     ----------
@@ -133,14 +133,15 @@ def sky_frame(
         (ra, dec) in degrees: of phi2 = 90, and of phi1 = phi2 = 0. An origin that is less than 10 deg off the great
         circle of the pole is moved onto it.
     ends
-        Two points (ra, dec) in degrees that phi2 = 0 goes through the shorter way; phi1 grows from the first to the
-        second. It is zero between them, or at `origin`.
+        Two points (ra, dec) in degrees on the great circle phi2 = 0; phi1 grows from the first to the second along the
+        shorter arc. It is zero in the middle between them, or at `origin`.
     stars
         (ra, dec), arrays (n,) in degrees, or a SkyCoord: phi2 = 0 is the great circle with the least squares of the
-        stars' distances from it, and the pole is the northern one. phi1 is zero amid the stars, or at `origin`.
+        stars' distances from it, and the pole is the northern one. phi1 is zero in the middle of the stars, or at
+        `origin`.
 
-    Raises ValueError for a name that is not known (with the nearest), for what is no frame, for an origin that is far
-    off the great circle, and for stars that lie along none.
+    Raises ValueError for an unknown name (the message has the nearest one), for a value that is no frame, for an origin
+    far off the great circle, and for stars that do not lie along a great circle.
     """
     ways = {"frame": frame, "pole": pole, "ends": ends, "stars": stars}
     given = [name for name, value in ways.items() if value is not None]

@@ -17,7 +17,7 @@ from streamkit.stream.frames import axes
 
 
 class HasMatrix(Protocol):
-    """What numpy can make a matrix of, such as a `SkyFrame`."""
+    """An object that numpy can convert to a matrix, such as a `SkyFrame`."""
 
     def __array__(self, dtype: Any = None, copy: Any = None) -> Array:
         """Return the matrix (3, 3) from ICRS."""
@@ -101,8 +101,8 @@ OPHIUCHUS = [
     [0.45352820359, -0.60434231606, -0.65504391727],
 ]
 
-FARTHEST = 10.0  # degrees that an origin may be off the great circle of its pole: it is then moved onto it
-WORST = 1e-3  # how far a matrix may be from orthonormal: papers print few digits
+FARTHEST = 10.0  # degrees: an origin may be so far from the great circle of its pole, and is moved onto it
+WORST = 1e-3  # largest deviation of a matrix from an orthonormal one: papers print few digits
 
 
 @functools.cache
@@ -136,8 +136,8 @@ def sky_matrix(frame: Frame = None) -> Array:
         pole with longitude zero at the origin; ``{"ends": [[ra, dec], [ra, dec]]}`` for one through two points, with
         longitude zero between them or at an ``origin``; or the matrix itself.
 
-    Raises ValueError for a name that is not known (with the nearest), for what is no frame, and for an origin that is
-    more than 10 deg off the great circle.
+    Raises ValueError for an unknown name (the message has the nearest one), for a value that is no frame, and for an
+    origin more than 10 deg off the great circle.
     """
     if frame is None:
         return named_matrices()["icrs"]
@@ -187,7 +187,7 @@ def _great_circle(given: Mapping[str, Any]) -> Array:
 
 
 def _through(ends: Any) -> tuple[Array, Array]:
-    """Return the pole of the great circle through two points the shorter way, and the middle between them."""
+    """Return the pole of the great circle through two points, and the middle of the shorter arc between them."""
     try:
         pairs = list(ends)
     except TypeError:

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 TRACK_UNITS = {
     "phi2": "deg", "distance": "kpc", "pm_phi1_cosphi2": "mas / yr", "pm_phi2": "mas / yr", "radial_velocity": "km / s",
 }  # fmt: skip
-STEP = 0.5  # kernels between the longitudes of a grid that is not given
-FEWEST = 5.0  # particles under the kernel below which a track has no value
-REACH = 5.0  # kernels beyond which a particle does not count
+STEP = 0.5  # step of the default grid of longitudes, in kernels
+FEWEST = 5.0  # fewest particles under the kernel: with fewer a track has no value
+REACH = 5.0  # distance in kernels beyond which a particle does not count
 
 
 @dataclass(frozen=True, repr=False)
@@ -40,7 +40,7 @@ class SkyTrack:
     error
         (5, k) standard errors of the mean, from the finite number of particles.
     count
-        (k,) particles under the kernel, times their weights.
+        (k,) number of particles under the kernel, times their weights.
     kernel
         Standard deviation of the kernel, degrees.
     """
@@ -109,7 +109,7 @@ class SkyTrack:
 def track_of(longitude: Array, seen: Seen, weight: Array, at: Array, kernel: float, turn: bool) -> SkyTrack:
     """Fit lines to debris (n,) at longitudes (k,) by weighted least squares with a Gaussian kernel, all in degrees.
 
-    Where longitudes are a ``turn``, kernels reach over its seam.
+    Where longitudes are those of one ``turn``, kernels continue beyond its ends.
     """
     columns = np.array([seen.lat, seen.distance, seen.pm_lon_coslat, seen.pm_lat, seen.radial_velocity])
     if turn:
@@ -154,7 +154,7 @@ def within_half_turn(angle: Array, middle: float) -> Array:
 
 
 def grid_from(phi1: Sequence[float] | Array) -> Array:
-    """(k,) The longitudes that are given; ValueError unless they are finite numbers in one dimension."""
+    """(k,) The given longitudes; ValueError unless they are finite numbers in one dimension."""
     at = np.atleast_1d(np.asarray(phi1, dtype=float))
     if at.ndim != 1 or not at.size or not np.isfinite(at).all():
         raise ValueError("phi1 must be a list of finite numbers in degrees")

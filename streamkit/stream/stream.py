@@ -167,9 +167,9 @@ class Stream:
     def unwrapped_longitude(self, frame: Frame = None) -> Array:
         """(n,) Longitude in degrees in a frame, as in `seen`, without jumps at whole turns along the stream.
 
-        That of the progenitor is in (-180, 180]. Whole turns are counted by the angle between particle and progenitor
-        at the Galactic centre. The frame should therefore lie along the stream, and the debris farther from the centre
-        than the Sun.
+        The longitude of the progenitor is in (-180, 180]. Whole turns are counted by the angle between particle and
+        progenitor at the Galactic centre. The frame should therefore lie along the stream, and the debris should be
+        farther from the centre than the Sun.
         """
         matrix = sky_matrix(frame)
         core = self.orbit.q[:, -1:], self.orbit.v[:, -1:]
@@ -200,7 +200,7 @@ class Stream:
         frame
             As in `seen`.
         phi1
-            (k,) longitudes in degrees. Left out: in steps of half a kernel along nearly all of the debris.
+            (k,) longitudes in degrees; by default in steps of half a kernel along nearly all of the debris.
         kernel
             Standard deviation of the kernel, degrees.
         arm
@@ -217,7 +217,7 @@ class Stream:
             raise ValueError(f"found arm = {arm!r}, expected both, {' or '.join(ARMS)}")
         chosen = np.flatnonzero(~self.bound if arm == "both" else self.arm == ARMS[arm])
         if not len(chosen):
-            raise ValueError("the stream has no debris there: no track")
+            raise ValueError("the stream has no debris in this arm: no track")
         seen, weight = Seen(*(part[chosen] for part in self.seen(frame))), self.weight[chosen]
         given = None if phi1 is None else grid_from(phi1)
         if unwrapped:
