@@ -1,4 +1,4 @@
-"""From an N-body snapshot to a `Stream` with the conventions of the model: the same code measures both.
+"""Turn an N-body snapshot into a `Stream` with the conventions of the model: the same code then measures both.
 
 The stripping time, the number of turns of the winding, and the phase chi, if the file lacks them, come from orbits:
 the particles are followed back in the host with the run file's progenitor.
@@ -19,19 +19,19 @@ from streamkit.nbody.snapshot import Snapshot
 from streamkit.runfile import StreamInputs
 from streamkit.stream import LEADING, TRAILING, Array, BoolArray, Orbit, Stream, lag_in_plane, orbital_plane
 
-FEWEST = 50  # particles that make a remnant
-OFFSET = 1.0  # how far, in tidal radii, the remnant may be from the run file's progenitor
-SPEED_OFFSET = 0.1  # the same for the velocity, in units of the progenitor's speed
-# Factor by which the median particle may be nearer, farther, slower or faster than the progenitor ever is.
+FEWEST = 50  # fewest particles of a remnant
+OFFSET = 1.0  # largest distance, in tidal radii, between the remnant and the run file's progenitor
+SPEED_OFFSET = 0.1  # largest difference of their velocities, in units of the progenitor's speed
+# Factor by which the median particle may be outside the progenitor's range of distances or speeds.
 BEYOND = 10.0
 
 
 def as_stream(snapshot: Snapshot, inputs: StreamInputs) -> Stream:
     """Return the snapshot's particles as a stream in the host, and about the progenitor, of a bound run file.
 
-    The track of the core is that of the snapshot, if it has one, else the progenitor's orbit. Bound particles are those
-    of the file, else those inside the tidal radius today. Only the whole turns of the file's windings are used: codes
-    differ in the zero point of the winding by the size of the satellite.
+    The track of the core comes from the snapshot if it has one; otherwise the progenitor's orbit is used. The file says
+    which particles are bound; otherwise these are the particles inside the tidal radius today. Only the whole turns of
+    the file's windings are used: codes differ in the zero point of the winding by the size of the satellite.
 
     Raises StreamkitError if the snapshot cannot be this progenitor's: other units, another place, another velocity.
     """
@@ -104,7 +104,7 @@ def _same_scale(snapshot: Snapshot, track: Orbit) -> None:
             raise StreamkitError(
                 f"{snapshot.source}: the median {what} is {median:.3g} {unit} in the units that the file states; the "
                 f"progenitor of the run file has {expected.min():.3g} to {expected.max():.3g} {unit}. Are the units "
-                "right, the host's centre at the origin, and the snapshot of this satellite?"
+                "right, is the host's centre at the origin, and is the snapshot of this satellite?"
             )
 
 

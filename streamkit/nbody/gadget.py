@@ -12,7 +12,7 @@ from streamkit.nbody.snapshot import Snapshot, SnapshotError, core_track, insist
 from streamkit.report import DamagedError, read_foreign
 
 KPC_CM, KMS_CGS = 3.0856775814913673e21, 1e5
-DENSEST = 1100  # no compression of HDF5's own makes data smaller by more than this
+DENSEST = 1100  # largest factor of compression by HDF5's own filters
 
 
 def read_gadget(file: Path, group: str) -> Snapshot:

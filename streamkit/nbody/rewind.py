@@ -10,9 +10,9 @@ from streamkit.engine import PEFRL, Field, split_step
 from streamkit.stream import Array, Orbit, angle_in_plane, lag_in_plane, orbital_plane
 from streamkit.units import GYR
 
-# Time between two looks at the particles on the way back, and steps of the integrator in it.
+# Time between two measurements of the particles on their way back, and steps of the integrator in it.
 BLOCK, STEPS = 0.01 * GYR, 5
-RETURNED = 3.0  # nearest approach on the way back, in tidal radii, of a particle that came from the progenitor
+RETURNED = 3.0  # closest approach on the way back, in tidal radii, of a particle that came from the progenitor
 
 
 def distances(a: Array, b: Array) -> Array:

@@ -39,14 +39,14 @@ class Snapshot:
     # (3, n) positions and velocities.
     q: Array
     v: Array
-    # (n,) last time inside the tidal radius, NaN for bound particles; None where the file does not say.
+    # (n,) last time inside the tidal radius, NaN for bound particles; None where the file has no such numbers.
     t_strip: Array | None = None
-    # (n,) angle swept relative to the progenitor, radians, leading positive; None likewise.
+    # (n,) angle swept relative to the progenitor in radians, positive if leading; or None.
     winding: Array | None = None
-    chi: Array | None = None  # (n,) phase of Gibbons+ 2014; None likewise
-    # (7, T) track of the satellite's core: t, q, v, up to t = 0; None likewise. One column is its state alone.
+    chi: Array | None = None  # (n,) phase of Gibbons+ 2014; or None
+    # (7, T) track of the satellite's core: t, q, v, up to t = 0, or its present state alone (T = 1); or None.
     core: Array | None = None
-    # (3, n) position and velocity relative to the core at the stripping time, Galactocentric; None likewise.
+    # (3, n) position and velocity relative to the core at the stripping time, Galactocentric; or None.
     dq_strip: Array | None = None
     dv_strip: Array | None = None
 

@@ -15,7 +15,7 @@ from streamkit.nbody.snapshot import Snapshot, SnapshotError, core_track, insist
 from streamkit.units import GYR
 
 COLUMNS = ("x", "y", "z", "vx", "vy", "vz")
-UNITS = ("kpc", "km/s", "Gyr")  # what the ``units`` of a plain table must name
+UNITS = ("kpc", "km/s", "Gyr")  # the required ``units`` of a plain table
 
 
 def read_table(file: Path) -> Snapshot:
@@ -28,7 +28,7 @@ def read_table(file: Path) -> Snapshot:
     insist_on(file, COLUMNS, table)
     n = np.size(table["x"])
     per_particle = (*COLUMNS, "t_strip", "Lam_unwrapped_deg", "chi")
-    for name in (*per_particle, "orbit_txv", "prog_xv"):  # other columns are not read, and may hold anything
+    for name in (*per_particle, "orbit_txv", "prog_xv"):  # other columns are not read
         if name in table and getattr(table[name], "dtype", np.dtype("V")).kind not in "iuf":
             raise SnapshotError(f"{file}: {name}: holds no numbers, expected an array of numbers")
     wrong = [name for name in per_particle if name in table and table[name].shape != (n,)]

@@ -40,7 +40,7 @@ def cited(spec: Spec) -> str:
     """Return BibTeX of exactly what a run file uses, each entry below a comment that says what for.
 
     A component's `bibtex` is used unchanged. Without one, its `reference` is looked up among streamkit's entries; a
-    reference that they lack becomes a note. A run file without free parameters has no sampler.
+    reference without an entry becomes a note. A run file without free parameters has no sampler.
     """
     uses: dict[str, list[str]] = {}
     entries = dict(bibliography())
@@ -66,8 +66,9 @@ def cited(spec: Spec) -> str:
 def _preset_of(spec: Spec) -> Preset | None:
     """Return the preset that a run file names, or whose sections it has.
 
-    Resolved run files did not always keep the name. One without it has a preset if it has all its sections, of the same
-    kinds, with more than half of its numbers: others may have been changed, or given a prior.
+    Older resolved run files lack the name of the preset. A run file without the name has a preset if it has all
+    sections of the preset, of the same kinds, with more than half of the numbers: the user may have changed the other
+    numbers, or given them priors.
     """
     presets, potentials = spec.registry.presets, spec.sections.potentials
     if (name := spec.document["potential"].get("preset")) is not None:
@@ -97,7 +98,7 @@ def _own(spec: Spec) -> str:
 
 
 def _of_component(cls: type[Component]) -> list[tuple[str, str]]:
-    """Return keys and entries of what a component follows."""
+    """Return keys and entries of the papers that a component follows."""
     if cls.bibtex.strip():
         parts = re.split(r"^\s*@", cls.bibtex, flags=re.MULTILINE)[1:]
         return [(key_of(part), f"@{part.strip()}") for part in parts]

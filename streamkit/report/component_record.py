@@ -60,7 +60,7 @@ def field_records(cls: type[BaseModel], names: Iterable[str]) -> list[dict[str, 
 
 
 def check_name(registry: Registry, command: str, name: str, names: Iterable[str]) -> None:
-    """Raise StreamkitError for a name that a command does not have: with its role, or the nearest name."""
+    """Raise StreamkitError for an unknown name: the message has its role, or the nearest name."""
     if name in names:
         return
     homes = [role for role, kinds in registry.entries.items() if name in kinds]

@@ -15,7 +15,7 @@ from streamkit.report.text import columns, paragraph
 def listing(registry: Registry, role: str | None = None, kind: str | None = None, command: str = "plugins") -> str:
     """Describe every component, those of one role, or one of them in full.
 
-    A `StreamkitError` that begins with the command ``command`` names the nearest if there is no such role or component.
+    Without such a role or component a `StreamkitError`, which begins with the ``command``, has the nearest name.
     """
     if role is None:
         parts = [f"{name}\n{_kinds(registry, name)}" for name in ROLES]

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 PICTURES = (".png", ".pdf", ".svg")  # suffixes a picture can be written to
 LOCK = ".streamkit.lock"  # hidden file in a directory that a run writes into
-WAIT = 2.0  # seconds for which a lock is tried: `is_locked` in another process has it for a moment
+WAIT = 2.0  # seconds for which a lock is tried: `is_locked` in another process holds it for a moment
 
 
 def check_target(path: Path, suffixes: Collection[str], option: str, force: bool) -> None:
@@ -98,7 +98,7 @@ def _write_picture(path: Path, figure: Figure) -> None:
         from PIL import Image
 
         with Image.open(path) as image:
-            # particles are dots of many shades: 256 colours show the same, in a third of the bytes
+            # particles are dots of many shades: 256 colours look the same, in a third of the bytes
             image.convert("RGB").quantize(COLOURS).save(path, optimize=True, dpi=(200, 200))
 
 
@@ -123,9 +123,9 @@ def origin(spec: Spec) -> dict[str, Any]:
 def replace_whole(path: Path, writer: Callable[[Path], object]) -> None:
     """Write a temporary file beside ``path`` by ``writer``, then rename it in one step.
 
-    The file is synchronised with the disk before it replaces an older one: a power cut leaves one of the two. A former
-    temporary file is removed first: a kill may have left it, or somebody may have put a link there, through which
-    another file would be written.
+    The file is synchronised with the disk before it replaces an older one, so that a power cut leaves one of the two. A
+    former temporary file is removed first: a kill may have left it, or somebody may have put a link in its place,
+    through which another file would be overwritten.
     """
     part = path.with_name(f".{path.stem}.part{path.suffix}")
     try:

@@ -20,11 +20,11 @@ from streamkit.errors import StreamkitError, brief, expect_file
 from streamkit.report.files import replace_whole, safely
 
 T = TypeVar("T")
-# Bytes in front of the HDF5 in a file with a checksum: a user block, which HDF5 and all that read it pass over.
+# Bytes in front of the HDF5 in a file with a checksum: a user block, which HDF5 ignores.
 BLOCK = 512
 MARK = b"streamkit sha256 "
 DENSEST = 1100  # largest compression of gzip, which is 1032, and its headers
-# CPU time that it may take to read a file without a checksum: so much, and the time for its bytes.
+# Largest CPU time for reading a file without a checksum: a constant, and a time for each byte.
 SECONDS, BYTES_PER_SECOND = 2.0, 2e6
 
 

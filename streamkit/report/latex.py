@@ -11,5 +11,5 @@ SPECIAL = {letter: rf"\{letter}" for letter in "_%&#${}"} | {
 
 
 def latex_escaped(text: str) -> str:
-    """Return a text with the letters that LaTeX reads otherwise escaped."""
+    """Return a text in which the special characters of LaTeX are escaped."""
     return "".join(SPECIAL.get(letter, letter) for letter in text)

@@ -12,8 +12,8 @@ from tqdm import auto
 
 from streamkit.report.text import seconds
 
-EVERY = 60.0  # seconds between two lines of log; of a long work, a hundredth of the time that it has taken
-SOON = 5.0  # seconds after which a line is due as well if a tenth more of the work is done
+EVERY = 60.0  # seconds between two lines of log; for long work, a hundredth of the elapsed time if that is longer
+SOON = 5.0  # seconds between two lines of log if a tenth of the work was done between them
 SHARE = "{desc}: {percentage:3.0f}%|{bar}| {elapsed}<{remaining}{postfix}"  # a bar without counts
 
 
@@ -33,18 +33,18 @@ NOTEBOOK = any(base.__module__ == "tqdm.notebook" for base in Bar.__mro__)
 
 
 class Progress:
-    """The progress of a work, its expected end, and a note; on standard error."""
+    """The progress of some work, its expected end, and a note; on standard error."""
 
     def __init__(
         self,
         what: str,  # the work: "sampling"
-        total: float,  # how much there is to do; infinite where nothing is known yet
-        unit: str = "",  # what is counted, in the singular; with "" only the percentage is shown
+        total: float,  # the amount of work; infinite where it is unknown
+        unit: str = "",  # the counted unit in the singular; with "" only the percentage is shown
         *,
-        done: float = 0,  # how much was done before
+        done: float = 0,  # the amount done before
         shown: bool = True,
         keep: bool = False,  # whether a bar stays when the work is done
-        deadline: float = np.inf,  # value of `time.monotonic` when the work is ended, however far it is
+        deadline: float = np.inf,  # value of `time.monotonic` at which the work ends in any case
     ) -> None:
         self.done, self._total = done, total
         self._what, self._unit, self._note = what, unit, ""

@@ -35,15 +35,15 @@ from streamkit.report.style import (
 from streamkit.runfile import StreamInputs
 from streamkit.stream import Array, Panel, PanelData, Prediction, Stream
 
-# Widths in inches: panels, numbers left of them, gap, the pictures right of them, and the edge.
+# Widths in inches: panels, numbers on their left, gap, pictures on their right, and the edge.
 WIDE, LEFT, GAP, SIDE, RIGHT = 5.8, 0.95, 0.85, 3.0, 0.15
-# The same in one column of a journal, which has the panels alone, with the names below them; and a part of all sizes.
+# The same for one column of a journal, which has only the panels, with the names below; and the factor of all sizes.
 COLUMN_LEFT, COLUMN_RIGHT, COLUMN_NAMES, SMALLER = 0.72, 0.08, 0.4, 0.75
-TALL, BELOW, BETWEEN = 1.2, 0.55, 0.1  # inches down: a panel, its residuals, and from one pair to the next
+TALL, BELOW, BETWEEN = 1.2, 0.55, 0.1  # heights in inches: a panel, its residuals, and the gap to the next pair
 FOOT, NAMES = 0.5, 2.4  # inches for the name of a horizontal axis, and for the legend
 NAME = 0.5  # inches from a panel to the name of its vertical axis
-MASS, AXIS = 1.7, 0.6  # inches down of the picture of the bound mass, and across for its second axis
-THIN = 1.3  # width of a line: the debris of a cold stream shall be seen beside it
+MASS, AXIS = 1.7, 0.6  # inches: height of the picture of the bound mass, and width of its second axis
+THIN = 1.3  # width of a line: the debris of a cold stream stays visible beside it
 BANDS = (BAND_95, BAND_68)
 
 
@@ -137,8 +137,8 @@ def _draw_panels(
 ) -> list[Axes]:
     """Draw the panels below each other, each above its residuals; return the axes of the panels.
 
-    Inches: ``top`` is the distance from the upper edge, ``size`` the left edge, width and height of a panel. Residuals
-    and feet have the ``part`` of their usual sizes.
+    In inches ``top`` is the distance from the upper edge, and ``size`` the left edge, width and height of a panel.
+    ``part`` is the factor of the sizes of residuals and margins.
     """
     width, height = figure.get_size_inches()
     left, wide, tall = size

@@ -14,14 +14,14 @@ from streamkit.stream import Mark, Prediction, Stream, orbital_plane
 from streamkit.units import GYR
 
 BEYOND = 180.0  # margin of the picture beyond the apocentres, degrees
-ASIDE = 10.0  # the same about a datum or an apocentre beyond the debris
-# The radii begin at zero where the innermost debris is nearer to the centre than this share of the outermost.
+ASIDE = 10.0  # margin about a datum or an apocentre beyond the debris, degrees
+# The axis of radii begins at zero where the innermost radius of the debris is below this fraction of the outermost.
 FROM_ZERO = 1 / 3
 SHOWN = 8000  # most particles drawn
 PROGENITOR: dict[str, Any] = {
     "marker": "*", "ms": 13, "color": "black", "mec": "white", "ls": "none", "zorder": 6, "label": "progenitor",
 }  # fmt: skip
-# Larger than a datum, which may lie upon it.
+# Larger than a datum, which may be drawn over it.
 PEAK: dict[str, Any] = {"marker": "o", "ms": 10, "mfc": "white", "mec": "black", "mew": 1.3, "ls": "none"}
 DATUM: dict[str, Any] = {"fmt": "s", "ms": 5, "color": "#CC79A7", "mec": "black", "ecolor": "black", "zorder": 7}
 LEGEND: dict[str, Any] = {"frameon": True, "framealpha": 0.85, "edgecolor": "none", "fontsize": 9}
@@ -50,12 +50,12 @@ def draw_plane(particles: Stream, axes: Axes) -> None:
 
 
 def loses_mass(particles: Stream) -> bool:
-    """Say whether the progenitor loses mass, so that there is something to draw."""
+    """Return whether the progenitor loses mass, so that there is something to draw."""
     return bool((particles.orbit.mass_left != particles.orbit.mass_left[0]).any())
 
 
 def draw_mass(particles: Stream, axes: Axes, small: bool = False) -> None:
-    """Draw the mass that the progenitor has left, and its tidal radius, against time."""
+    """Draw the remaining mass of the progenitor, and its tidal radius, against time."""
     orbit = particles.orbit
     t = orbit.t / GYR
     axes.plot(t, orbit.mass_left, color="black", lw=1.3)

@@ -27,8 +27,8 @@ def draw_stream(
 ) -> Figure:
     """Draw a stream in its orbital plane, and the observables' panels, or else r against the unwrapped angle.
 
-    The intervals (2, m), by what a legend calls them, are those of the predicted numbers: bands of the panels. A
-    picture for one ``column`` of a journal has the panels alone, or the two pictures below each other.
+    The intervals (2, m) of the predicted numbers, by their names in the legend, are drawn as bands. A picture for one
+    ``column`` of a journal has only the panels, or the two pictures below each other.
     """
     if inputs is not None and prediction is not None:
         panels = panels_of(inputs.observables, particles, prediction)
@@ -70,7 +70,7 @@ def draw_track(track: SkyTrack, stream: Stream | None = None, frame: Frame = Non
     track
         The result of ``stream.track(frame)``.
     stream, frame
-        With these the particles are drawn too.
+        If given, the particles are drawn too.
     """
     figure = NotebookFigure(figsize=(WIDE, TALL * len(track.names) + 0.4), layout="constrained")
     panels = figure.subplots(len(track.names), 1, sharex=True)

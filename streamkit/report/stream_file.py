@@ -17,8 +17,8 @@ FORMATS = {".ecsv": "ascii.ecsv", ".hdf5": "hdf5", ".h5": "hdf5", ".fits": "fits
 def write_stream(stream: Stream, spec: Spec, path: Path, *, frame: Frame = None, force: bool = False) -> None:
     """Write one row per particle, with units, and in the header what is needed to make the stream again.
 
-    The columns are those of `Stream.table`: with a ``frame``, its angles stand beside RA and Dec. The path ends in one
-    of `FORMATS`. An existing file is replaced by ``force`` alone, whole or not at all.
+    The columns are those of `Stream.table`; with a ``frame`` there are its angles beside RA and Dec. The path ends in
+    one of `FORMATS`. An existing file is only replaced with ``force``, whole or not at all.
 
     Raises StreamkitError if the file exists, cannot be written, or has another suffix.
     """

@@ -15,7 +15,7 @@ from streamkit.runfile import Spec, StreamInputs, as_written
 from streamkit.stream import Prediction, Stream
 
 WIDER = "sigma: the error with the extra dispersion and, for single stars, the spread of the debris"
-MOST_ROWS, FARTHEST = 200, 20  # data above which a text shows only some of them, and how many
+MOST_ROWS, FARTHEST = 200, 20  # with more data than the first number, a text shows as many as the second
 
 
 def warning_list(texts: Sequence[str]) -> str:
@@ -24,13 +24,13 @@ def warning_list(texts: Sequence[str]) -> str:
 
 
 def describe_expansions(inputs: StreamInputs) -> str:
-    """List the expansions of potentials that are not compiled; nothing without any."""
+    """List the expansions of potentials that are not compiled; an empty text without any."""
     expansions = inputs.expansions()
     return f"expansions\n{columns(expansions.items())}" if expansions else ""
 
 
 def describe_live(scheme: LiveStripping) -> str:
-    """Say to which time the mass and the radius belong, and which numbers of passages are tried."""
+    """Return a sentence with the time of the mass and the radius, and with the number of passages."""
     begins = "a live progenitor: its mass and radius are those at"
     if scheme.passages is None:
         return f"{begins} the look-back time, whatever number of pericentre passages that holds"

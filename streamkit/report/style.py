@@ -26,7 +26,7 @@ class NotebookFigure(Figure):
         return buffer.getvalue()
 
 
-# Inches: one column of a journal and both; points of the smallest text in them.
+# Width in inches of one column of a journal and of two, and points of the smallest text in them.
 COLUMN, BOTH, SMALLEST = 3.4, 7.1, 6.5
 LETTER = 0.62  # mean width of a letter over the size of the font
 ACROSS = 4  # most panels beside each other
@@ -55,7 +55,7 @@ def typical_reach(reaches: Iterable[float]) -> float:
 
 
 def shrink_text(figure: Figure, factor: float) -> None:
-    """Multiply the size of every text of a figure, down to the smallest that a journal prints."""
+    """Multiply the size of every text of a figure; no text gets smaller than a journal prints."""
 
     def shrunk(text: Text) -> float:
         return max(factor * float(text.get_fontsize()), SMALLEST)
@@ -72,7 +72,7 @@ def shrink_text(figure: Figure, factor: float) -> None:
 
 
 def fit_to_journal(figure: Figure) -> None:
-    """Make a figure as wide as a column of a journal, or as both where that would make it half as wide or less."""
+    """Make a figure as wide as a column of a journal, or as two where one column would be half its width or less."""
     width, height = figure.get_size_inches()
     factor = min((COLUMN if width < 2 * COLUMN else BOTH) / width, 1.0)
     figure.set_size_inches(factor * width, factor * height)
@@ -87,7 +87,7 @@ def label_all(figure: Figure, x: str, y: str) -> None:
 
 # Okabe & Ito's colours, which colour-blind readers can distinguish.
 BLUE, VERMILION, GREY = "#0072B2", "#D55E00", "#666666"
-# Tints of the blue for intervals: opaque, so that the legend shows the colour that the band has.
+# Tints of the blue for intervals: opaque, so that legend and band have the same colour.
 BAND_68, BAND_95 = "#82B9D9", "#D1E6F1"
 
 
@@ -100,7 +100,7 @@ def ticks(axes: Axes) -> None:
 def labels(names: Sequence[str], symbols: Sequence[str]) -> list[str]:
     """Return different labels for all parameters: their symbols, or the shortest unambiguous ends of their paths.
 
-    ``names`` are the paths (``potential.halo.m200``); a symbol that equals its path stands for none.
+    ``names`` are the paths (``potential.halo.m200``); a symbol that equals its path is not used.
     """
     texts = []
     for name, symbol in zip(names, symbols, strict=True):
@@ -117,12 +117,12 @@ def labels(names: Sequence[str], symbols: Sequence[str]) -> list[str]:
 
 
 def folded(text: str, letters: int) -> str:
-    """Break a text between words into lines of so many letters."""
+    """Break a text between words into lines of at most so many letters."""
     return "\n".join(textwrap.wrap(text, letters, break_long_words=False, break_on_hyphens=False)) or text
 
 
 def across(names: Iterable[str], inches: float, points: float = 9.0) -> int:
-    """Return how many columns a legend of these names may have in a width."""
+    """Return the number of columns that a legend of these names may have in a width."""
     longest = max((len(line) for name in names for line in name.splitlines()), default=0)
     return max(int(inches / (LETTER * points / 72 * longest + 0.55)), 1)
 

@@ -12,7 +12,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-# Columns of a text that does not go to a terminal, and the most of a paragraph: longer lines are hard to read.
+# Columns of a text that does not go to a terminal, and of a paragraph at most: longer lines are hard to read.
 WIDTH = 100
 MOST_OF_A_WORD = 40  # letters of a word, such as a path, that are not broken
 NARROW = 60  # columns below which no text is squeezed
@@ -45,7 +45,7 @@ def columns(rows: Iterable[Sequence[str]], indent: int = 2, gap: int = 2) -> str
 
 
 def _squeezed(cells: Sequence[Sequence[str]], widths: Sequence[int], room: int) -> list[int]:
-    """Return widths of columns for a room, the widest made narrower first, but none narrower than its words."""
+    """Return the widths of columns in a room: the widest become narrower first, and none narrower than its words."""
     least = [
         min(max((len(word) for row in cells if i < len(row) for word in row[i].split()), default=0), MOST_OF_A_WORD)
         for i in range(len(widths))

@@ -14,7 +14,7 @@ from streamkit.runfile.section import Section
 from streamkit.runfile.sections import StreamSections
 from streamkit.units import Unit
 
-# Steps of a particle beyond which a stream is refused: ten particles of the fastest host would take seconds.
+# Largest number of steps of a particle: ten particles in the fastest host would take seconds.
 MOST_STEPS = 1e7
 
 
@@ -48,7 +48,7 @@ def too_many_steps(integrator: Section[Integrator], streams: Iterable[StreamSect
 
 
 def no_part_of_a_host(path: str, cls: type[Potential]) -> str:
-    """Return why a potential cannot be a progenitor or a body; an empty text if it can."""
+    """Return the reason why a potential cannot be a progenitor or a body; an empty text if it can."""
     if cls.has_drag():
         return f"{path}.kind: {cls.kind!r} has a force that depends on velocity, which only the host may have"
     if cls.asks_for_host():
@@ -57,14 +57,14 @@ def no_part_of_a_host(path: str, cls: type[Potential]) -> str:
 
 
 def varies(cls: type[Component]) -> bool:
-    """Return whether the section of a component decides which fields there are."""
+    """Return whether the fields of a component depend on its section."""
     return cls.for_section.__func__ is not Component.for_section.__func__  # type: ignore[attr-defined]
 
 
 def massless(path: str, cls: type[Potential], potential: Section[Potential] | None, progenitor: bool) -> str:
-    """Return why the potential of a progenitor or a body has no mass; an empty text if it has one.
+    """Return the reason why the potential of a progenitor or a body has no mass; an empty text if it has one.
 
-    ``potential`` is None where its fields could not be read; the section may decide which fields there are.
+    ``potential`` is None where its fields could not be read, or depend on the section.
     """
     of_its_own = cls.parameters().get("mass", Unit("")).name == "Msun"
     try:

@@ -25,18 +25,18 @@ def mass_of(potential: Potential, owner: str) -> float:
 
 @dataclass(frozen=True)
 class Body:
-    """A galaxy that moves beside the Milky Way, or a clump that moves in it."""
+    """A galaxy that moves about the Milky Way, or a clump that moves in it."""
 
-    potential: Potential  # its own potential, centred on itself; it has a mass
+    potential: Potential  # the body's potential, centred on the body, with a mass
     # (3,) Galactocentric position (kpc) and velocity (km/s) today.
     q: Array
     v: Array
     friction: bool = True  # whether Chandrasekhar's dynamical friction in the Milky Way acts on its mass
-    reflex: bool = True  # whether the Milky Way moves because of it
+    reflex: bool = True  # whether the Milky Way moves because of the body
 
     @cached_property
     def mass(self) -> float:
-        """Its mass in Msun, see `total_mass`. Raises OutOfDomain if it is infinite."""
+        """The body's mass in Msun, see `total_mass`. Raises OutOfDomain if the mass is infinite."""
         return mass_of(self.potential, "a body")
 
     @property
@@ -56,7 +56,7 @@ class StreamInputs:
     """One stream of a run file bound to parameter values: the inputs of the model."""
 
     potentials: dict[str, Potential]  # the host: name -> component; a single one is called ``potential``
-    # the progenitor's own potential, and its mass in Msun.
+    # the progenitor's potential, and its mass in Msun.
     satellite: Potential
     mass: float
     # (3,) Galactocentric position (kpc) and velocity (km/s) of the progenitor today.
@@ -66,10 +66,10 @@ class StreamInputs:
     stripping: StrippingScheme
     integrator: Integrator
     observables: dict[str, Observable]  # by name; a single one is called ``observable``
-    seed: int  # that of its own random draws
+    seed: int  # the seed of this stream's random draws
     values: dict[str, float]  # the free parameters by name, in the units of the run file
-    bodies: dict[str, Body] = field(default_factory=dict)  # the galaxies beside it, by name
-    # as those of a `Body`, for the progenitor.
+    bodies: dict[str, Body] = field(default_factory=dict)  # the bodies that move about the host, by name
+    # the same settings as those of a `Body`, for the progenitor.
     friction: bool = False
     reflex: bool = False
     sun: Sun = field(default_factory=Sun)  # the Sun as the observer; its v_circ is a number
@@ -100,7 +100,7 @@ class StreamInputs:
 class ModelInputs:
     """A run file bound to parameter values: all its streams, and their common host and Sun."""
 
-    # the host, the galaxies beside it and the Sun, as in every `StreamInputs`.
+    # the host, the bodies and the Sun, as in every `StreamInputs`.
     potentials: dict[str, Potential]
     bodies: dict[str, Body]
     sun: Sun

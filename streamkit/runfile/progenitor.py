@@ -16,7 +16,7 @@ from streamkit.stream import Array, Frame, Observer, sky_matrix, to_galactocentr
 from streamkit.units import Angle, Coordinate, Duration, Length, ProperMotion, Symbol, Unit, Velocity
 
 MOST_LOOKBACK = 100.0  # the longest look-back time in Gyr
-# Other names of coordinates, in run files, schema and paths: that of the tracks, which is astropy's too.
+# Other names of coordinates, in run files, schema and paths: the names of tracks, which are astropy's too.
 OTHER_NAMES = {"radial_velocity": "v_los"}
 
 
@@ -212,7 +212,7 @@ SETS: tuple[type[Place], ...] = (_GalacticSky, _EquatorialSky, _StreamSky, _Gala
 
 
 class PhaseSpace(Place, ABC):
-    """The progenitor today, in one of the sets of coordinates, and the time over which its orbit is followed back."""
+    """The progenitor today, in one of the sets of coordinates, and the time over which its orbit is integrated back."""
 
     lookback: Annotated[Duration, Symbol(r"$t_{\rm back}$")] = Field(
         le=MOST_LOOKBACK, description="Time over which the progenitor has been stripped."
@@ -221,7 +221,7 @@ class PhaseSpace(Place, ABC):
         default=None, description="Dynamical friction of the Milky Way on the whole mass of the progenitor. Or none."
     )
     reflex: bool | None = Field(
-        default=None, description="Whether the Milky Way moves because of the progenitor. Left out: it does not."
+        default=None, description="Whether the Milky Way moves because of the progenitor. By default it does not."
     )
 
 
@@ -238,7 +238,7 @@ P = TypeVar("P", bound=Place)
 
 
 def _ways(prefix: str, owner: Any) -> Any:
-    """Return, for each set of coordinates, the class of a place with the fields of an owner as well."""
+    """Return, for each set of coordinates, the class of a position with the fields of its owner."""
     return tuple(
         create_model(f"{prefix}{one.__name__.lstrip('_')}", __base__=(one, owner), __doc__=one.__doc__) for one in SETS
     )
@@ -255,8 +255,9 @@ def choose_coordinates(
 ) -> type[P]:
     """Return the set of coordinates that a section gives; ValueError if it gives none or several of the ``ways``.
 
-    ``given`` are the keys of the section without the fields of its potential, which are ``taken``: a set of coordinates
-    with one of these names is not available. The ``ways`` are those of the progenitor, or of a body.
+    ``given`` are the keys of the section without the fields of its potential. The fields of the potential are
+    ``taken``: a set of coordinates with one of these names is not available. ``ways`` are the sets of the progenitor,
+    or of a body.
     """
     given, taken = set(given), set(taken)
     free = [way for way in ways if not taken & way.model_fields.keys()]

@@ -25,7 +25,7 @@ from streamkit.runfile.settings import VERSION, Engine, Likelihood, RunFile
 
 DEFAULT_KIND = {"integrator": "adaptive", "observable": "apocentres", "sampler": "emcee"}
 HOST_ALONE = ("growth",)  # fields of a potential that a progenitor or a body does not have
-LONGEST = 2000  # most characters of a sentence about one error
+LONGEST = 2000  # largest number of characters of a sentence about one error
 _EXPECTED = {
     "version": f"{VERSION}",
     "seed": "a whole number, zero or more",
@@ -33,7 +33,7 @@ _EXPECTED = {
 }
 
 
-OF_A_STREAM = ("progenitor", "stripping", "observable")  # the sections that each of several streams has of its own
+OF_A_STREAM = ("progenitor", "stripping", "observable")  # the sections of each stream where there are several
 
 
 def resolve(
@@ -301,12 +301,12 @@ class _Reader:
         """Validate the data or the bodies: each has a section with its name, which ``read`` validates by its path."""
         table = self.raw.get(section, {})
         if "kind" in table:
-            return self.refuse(f"{section}: found a kind of its own; expected a section [{section}.NAME] for each")
+            return self.refuse(f"{section}: found a kind, expected a section [{section}.NAME] for each")
         names = [name for name in table if not self.dotted(f"{section}.{name}", name, what)]
         return {name: read(f"{section}.{name}", table[name]) for name in names}
 
     def placed(self, path: str, table: Any, ways: Any) -> tuple[Any, Any]:
-        """Validate the progenitor or a body: its own potential, and its place today."""
+        """Validate the progenitor or a body: its potential, and its position and velocity today."""
         if table is None:
             return self.refuse(f"the section [{path}] is missing"), None
         if not isinstance(table, dict):
@@ -344,7 +344,7 @@ class _Reader:
 
 
 def _shortened(error: str) -> str:
-    """Leave out the middle of a message that quotes a very long value."""
+    """Leave out the middle of a message with a very long value."""
     return error if len(error) <= LONGEST else f"{error[: LONGEST // 2]} ... {error[-LONGEST // 2 :]}"
 
 

@@ -85,7 +85,7 @@ def _component(cls: type[Component], what: str = "", way: type[Place] | None = N
 
 
 def _allow_other_names(definition: dict[str, Any]) -> None:
-    """Let the section of a progenitor or a body have another name of a coordinate in place of its own."""
+    """Allow the other name of a coordinate in the section of a progenitor or a body."""
     for other, name in OTHER_NAMES.items():
         if name in definition.get("required", ()):
             definition["properties"][other] = definition["properties"][name]
@@ -94,7 +94,7 @@ def _allow_other_names(definition: dict[str, Any]) -> None:
 
 
 def _open(made: type[BaseModel]) -> type[BaseModel]:
-    """Allow fields that are not known yet."""
+    """Allow further fields."""
     made.model_config["extra"] = "allow"
     made.model_rebuild(force=True)
     return made

@@ -41,7 +41,7 @@ class Section(Generic[M]):
     given: dict[str, Any]  # the values from the run file of the fields without a prior
     priors: dict[str, Prior]  # by field, or ``v_c.0`` for the first entry of an array
     centre: M  # the instance with every free field at the centre of its prior
-    # The values of fields with an array, a table or a file as the run file has them; they stay as they are.
+    # The values of fields with an array, a table or a file, as the run file has them.
     written: dict[str, Any] = dataclass_field(default_factory=dict)
 
     def build(self, values: Mapping[str, float]) -> M:
@@ -195,7 +195,7 @@ def _without_priors(
 
 
 def _list_written(cls: type[BaseModel], name: str, value: Any, pulled: Mapping[str, Prior]) -> Any:
-    """Return an array as the resolved run file has it: as it was given, with priors in the field's unit."""
+    """Return an array for the resolved run file: as it was given, with priors in the field's unit."""
     mark = array_of(cls.model_fields[name])
     if mark is None or not isinstance(value, list):
         return value
@@ -219,7 +219,7 @@ def _filled(given: Mapping[str, Any], values: Mapping[str, float]) -> dict[str, 
 
 
 def _outside(cls: type[BaseModel], trial: dict[str, Any], priors: dict[str, Prior]) -> dict[str, str]:
-    """Return a sentence for every prior with a range that breaks the constraint of its field."""
+    """Return a sentence for every prior whose range breaks the constraint of its field."""
     ends = {name: _ends(prior) for name, prior in priors.items()}
     problems: dict[str, str] = {}
     for side in (0, 1):
@@ -247,7 +247,7 @@ def _ends(prior: Prior) -> tuple[float, float]:
 
 
 def at_default(section: Section[Any]) -> list[str]:
-    """Return the fields that have the default of the present kind: the new kind has its own."""
+    """Return the fields that have the default of the present kind: the new kind has other defaults."""
     document = section.document()
     return [name for name, value in section.defaults().items() if document.get(name) == value]
 

@@ -70,11 +70,11 @@ class Sections:
 
     @cached_property
     def _centre_of_host(self) -> dict[str, Potential]:
-        """Made once: prepared values and expansions are kept."""
+        """The host is made once: prepared values and expansions are kept."""
         return self._joined({name: section.centre for name, section in self.potentials.items()}, centre=True)
 
     def _joined(self, potentials: dict[str, Potential], centre: bool = False) -> dict[str, Potential]:
-        """Return the parts of a host beside each other, with the grids of those at the prior's centre."""
+        """Return the parts of a host, with the grids of the parts at the prior's centre."""
         made = beside_each_other(potentials)
         for name, section in self.potentials.items():
             if section.cls.asks_for_host():

@@ -21,9 +21,9 @@ def should(message: str) -> str:
 
 
 def alternatives_joined(cls: type[BaseModel], items: Iterable[Any]) -> list[Any]:
-    """Return pydantic's errors with one for a field that may have several types.
+    """Return pydantic's errors, with a single error for a field that may have several types.
 
-    Pydantic gives an error for each of the types, at a path that ends with its own name of the type.
+    Pydantic gives an error for each of the types, at a path that ends with pydantic's name of the type.
     """
     single, joined = [], dict[Any, Any]()
     for item in items:

@@ -70,7 +70,7 @@ class Likelihood(BaseModel):
 
 
 class Engine(BaseModel):
-    """Where a run makes its calls. The digest of the run does not depend on it."""
+    """How a run evaluates the posterior: processes and machines. The digest of the run does not depend on it."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 

@@ -56,7 +56,7 @@ def streamkit_components():
 @pytest.mark.parametrize(
     ("progenitor", "stripping", "words"),
     [
-        ('kind = "nfw"\nmass = 1e9\nrs = 1', "", ["nfw", "no end to its mass", "nfw_truncated"]),
+        ('kind = "nfw"\nmass = 1e9\nrs = 1', "", ["nfw", "an infinite mass", "nfw_truncated"]),
         ('kind = "miyamoto_nagai"\nmass = 1e9\na = 1\nb = 0.2', "", ["is no sphere", "plummer, hernquist"]),
         (
             'kind = "hernquist"\nmass = 1e9\na = 1',

@@ -1,1 +1,1 @@
-"""Data that do not come from a stream: of the host, and of what is left of a progenitor."""
+"""Data that do not come from a stream: of the host, and of the remnant of a progenitor."""

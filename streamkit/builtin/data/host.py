@@ -47,7 +47,7 @@ class RotationCurve(sk.HostData):
 
 
 class _OneNumber(sk.HostData):
-    """One positive number and its error: the field that ``datum`` names."""
+    """One positive number and its error, in the field that ``datum`` names."""
 
     datum: ClassVar[str]
 

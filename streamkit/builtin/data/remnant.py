@@ -1,4 +1,4 @@
-"""What is left of the progenitor today, as data: its mass and its velocity dispersion."""
+"""The remnant of the progenitor today as data: its mass and its velocity dispersion."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from pydantic import Field
 from streamkit import Array, MassDatum, Observable, Prediction, Stream, VelocityDatum
 
 NAMES = "mass", "dispersion"
-FEWEST = 10  # bound particles below which nothing of it is measured
+FEWEST = 10  # fewest bound particles for a measurement
 
 
 class RemnantData(Observable):
-    """Mass and line-of-sight velocity dispersion of what is left of the progenitor, beside those of the stream.
+    """Mass and line-of-sight velocity dispersion of the remnant of the progenitor, beside the stream's data.
 
-    With a live progenitor (`restricted_nbody`), whose mass and radius are those at the look-back time, these data say
-    what became of it. A scheme that releases particles has no remnant: its dispersion here is that of debris inside the
-    tidal radius, and its mass that of `mass_loss`.
+    With a live progenitor (`restricted_nbody`), whose mass and radius are those at the look-back time, these data
+    constrain the remnant today. A scheme that releases particles has no remnant: then the dispersion is that of the
+    debris inside the tidal radius, and the mass follows from `mass_loss`.
     """
 
     kind = "remnant"
@@ -46,9 +46,9 @@ class RemnantData(Observable):
         return drawn
 
     def predict(self, stream: Stream) -> Prediction:
-        """Measure what is bound; no value where next to nothing is left."""
+        """Measure the bound particles; a prediction without a value where fewer than ten are bound."""
         bound = stream.bound
-        reason = "next to nothing is left of the progenitor" if bound.sum() < FEWEST else ""
+        reason = "too few particles of the progenitor are still bound" if bound.sum() < FEWEST else ""
         if bound.all():
             reason = "no particle has left the progenitor"
         if reason:
@@ -66,6 +66,6 @@ class RemnantData(Observable):
         return Prediction(NAMES, np.array([mass, dispersion]), np.array(variance))
 
     def remarks(self, prediction: Prediction) -> tuple[str, ...]:
-        """Say that nothing is compared where no datum is given."""
+        """Warn that nothing is compared where no datum is given."""
         given = self.mass is not None or self.dispersion is not None
         return () if given else ("The observable remnant has neither a mass nor a dispersion: nothing is compared.",)

@@ -14,10 +14,11 @@ from streamkit import engine  # loaded when it is used: it brings numba, and lis
 class Adaptive(sk.Integrator):
     """Splitting whose step follows each particle's own dynamical time, by powers of two per block.
 
-    Particles deep in the progenitor take many steps, escaped ones few, in batches of equal steps (Gibbons+ 2014 use
-    adaptive steps too). Where one step is enough for the whole block, Nystrom's fifth-order method takes one or two
-    steps of 4 forces each. The step changes between blocks, so the method is not strictly symplectic. Near the plane of
-    a thin disc, which is crossed in much less than a dynamical time, steps are short enough to resolve it.
+    Particles deep in the progenitor take many steps and escaped particles few, in batches of equal steps (Gibbons+ 2014
+    use adaptive steps too). Where one step is enough for the whole block, Nystrom's fifth-order method takes one or two
+    steps of 4 forces each. The step changes between blocks, so the method is not strictly symplectic. A particle
+    crosses a thin disc in much less than a dynamical time; near its plane steps are short enough to resolve the
+    crossing.
     """
 
     kind = "adaptive"

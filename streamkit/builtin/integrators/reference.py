@@ -1,4 +1,4 @@
-"""The reference integrator, which the others are checked by."""
+"""The reference integrator, which checks the others."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What is measured of a stream and compared with data."""
+"""Measurements of a stream that are compared with data."""

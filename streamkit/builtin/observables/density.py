@@ -12,19 +12,19 @@ import streamkit as sk
 from streamkit.builtin.observables.track.lines import ENOUGH, LN_WING, debris_of, is_enough, warning_of_gaps
 from streamkit.builtin.observables.track.panels import column_panel, fine_grid, longitude_label
 
-STIFFEST = 1e9  # shape of a gamma distribution beyond which it is as good as a number
-LEAST = 1e-150  # of what has a logarithm, or divides
+STIFFEST = 1e9  # shape of a gamma distribution beyond which it is treated as a constant
+LEAST = 1e-150  # smallest number with a logarithm, or in a denominator
 
 
 class Density(sk.Observable):
-    """The density of a stream along itself: counts of stars at longitudes phi1, in bins of one width.
+    """The density along a stream: counts of stars at longitudes phi1, in bins of equal width.
 
-    Expected is ``efficiency * (amplitude * shape + background)``. The shape is the density of the debris in phi1 under
-    a kernel, over its mean at the data: the amplitude is the mean count of the stream's stars. Counts without errors
-    are Poisson numbers; the noise of the particles then makes them negative binomial. Counts with errors are Gaussian.
-    Bound particles are left out: leave out the bins of the progenitor too. Only a live progenitor (`restricted_nbody`)
-    gives the rate at which debris leaves: schemes that release particles at a given rate miss the densities of live
-    satellites by factors of 2 to 7.
+    The expected count is ``efficiency * (amplitude * shape + background)``. The shape is the density of the debris in
+    phi1 under a kernel, divided by its mean at the data; the amplitude is then the mean count of the stream's stars.
+    Counts without errors are Poisson numbers, and negative binomial numbers with the noise of the particles. Counts
+    with errors are Gaussian. Bound particles are left out: leave out the bins of the progenitor too. Only a live
+    progenitor (`restricted_nbody`) gives the rate at which debris leaves: the densities of schemes that release
+    particles at a given rate differ from those of live satellites by factors of 2 to 7.
     """
 
     kind = "density"
@@ -49,8 +49,8 @@ class Density(sk.Observable):
         .between("count", 0, np.inf)
         .positive("error", "efficiency"),
     ] = Field(
-        description="Middle of each bin, and the stars in it; with the errors if they are Gaussian, and with the "
-        "share of all stars that the survey sees there."
+        description="Middle of each bin, and the stars in it; with errors if the counts are Gaussian, and with the "
+        "fraction of all stars in the bin that the survey detects."
     )
     amplitude: sk.PositiveNumber = Field(description="Mean count of the stream's stars over the bins.")
     background: Annotated[sk.Number, Field(ge=0)] = Field(default=0.0, description="Other stars in each bin.")
@@ -58,8 +58,8 @@ class Density(sk.Observable):
         default=1.0,
         gt=0,
         le=45,
-        description="Standard deviation of the kernel in phi1: half a bin or less blurs the model no more than the "
-        "data are; a wider one is smoother.",
+        description="Standard deviation of the kernel in phi1. Half a bin or less blurs the model no more than the "
+        "bins blur the data; a wider kernel is smoother.",
     )
     arm: Literal["leading", "trailing", "both"] = Field(default="both", description="Which debris is compared.")
 
@@ -74,11 +74,11 @@ class Density(sk.Observable):
 
     @property
     def efficiency(self) -> sk.Array:
-        """(m,) Share of the stars that are seen in each bin."""
+        """(m,) Fraction of the stars in each bin that are detected."""
         return self.counts["efficiency"] if "efficiency" in self.counts else np.ones(len(self.counts))
 
     def data(self) -> tuple[sk.Array, sk.Array]:
-        """Return the counts and their errors (m,); those of a Poisson number are at least 1."""
+        """Return the counts and their errors (m,); the error of a Poisson number is at least 1."""
         count = self.counts["count"]
         return count, self.counts["error"] if self.gaussian else np.sqrt(np.maximum(count, 1.0))
 
@@ -96,7 +96,7 @@ class Density(sk.Observable):
         number = particles.sum(axis=1)
         norm = len(phi1) / (number.sum() + ENOUGH)
         shape = norm * number
-        # Each particle moves the shape at its place and, by the norm, the shape everywhere.
+        # Each particle changes the shape at its position and, by the normalisation, everywhere else.
         share = norm * (particles - np.multiply.outer(shape / len(phi1), particles.sum(axis=0)))
         scale = self.efficiency * self.amplitude
         mean = scale * shape + self.efficiency * self.background
@@ -105,7 +105,7 @@ class Density(sk.Observable):
     def _under(self, stream: sk.Stream, at: sk.Array) -> sk.Array:
         """(m, n) The kernels about longitudes (m,) at the debris, times its weights: 1 at the middle.
 
-        A Gaussian with faint exponential wings: where debris is missing the model falls with the distance to it.
+        The kernel is a Gaussian with faint exponential wings: away from the debris the model falls with the distance.
         """
         chosen = debris_of(stream, self.arm)
         away = np.subtract.outer(at, stream.seen(self.frame).lon[chosen])
@@ -113,7 +113,7 @@ class Density(sk.Observable):
         return np.asarray((np.exp(-0.5 * x2) + np.exp(LN_WING + 1 - np.sqrt(1 + x2))) * stream.weight[chosen])
 
     def ln_likelihood(self, prediction: sk.Prediction, add_noise: bool) -> float | sk.Array:
-        """Return ln of Gaussians, of Poisson probabilities, or with noise of negative binomial ones."""
+        """Return the sum of ln of Gaussian, Poisson or, with noise, negative binomial probabilities."""
         total = self.ln_likelihoods(prediction, add_noise).sum(axis=-1)
         return float(total) if total.ndim == 0 else total
 
@@ -132,12 +132,12 @@ class Density(sk.Observable):
         return scores(count, prediction.mean, variance)
 
     def _variance(self, prediction: sk.Prediction, add_noise: bool) -> sk.Array:
-        """(..., m) Variances: of Gaussian counts, or of the expectation of Poisson numbers."""
+        """(..., m) Variances of Gaussian counts, or of the expectations of Poisson numbers."""
         errors2 = self.counts["error"] ** 2 if self.gaussian else 0.0
         return errors2 + (prediction.variance if add_noise else np.zeros_like(prediction.mean))
 
     def mock(self, prediction: sk.Prediction, rng: np.random.Generator) -> dict[str, Any]:
-        """Return a table with Poisson numbers, or Gaussian ones of the errors."""
+        """Return a table with Poisson numbers, or with Gaussian numbers by the errors."""
         if self.gaussian:
             drawn = np.maximum(rng.normal(prediction.mean, self.counts["error"]), 0.0)
         else:
@@ -175,10 +175,10 @@ class Density(sk.Observable):
 
 
 def ln_counts(count: sk.Array, mean: sk.Array, noise: sk.Array) -> sk.Array:
-    """(..., m) ln of the probability of counts whose expectation is a mean with a variance ``noise`` of its own.
+    """(..., m) ln of the probability of counts, given the mean and the variance ``noise`` of their expectation.
 
-    The expectation has a gamma distribution: the counts are negative binomial, and Poisson numbers without noise. With
-    a mean of zero or less, which an emulator may give, stars that are there are as good as impossible.
+    The expectation has a gamma distribution, so the counts are negative binomial; without noise they are Poisson
+    numbers. An emulator may give a mean of zero or less: then counts above zero have practically no probability.
     """
     mean, shape, is_stiff = _gamma(mean, noise)
     poisson = xlogy(count, mean) - mean - gammaln(count + 1)
@@ -188,10 +188,10 @@ def ln_counts(count: sk.Array, mean: sk.Array, noise: sk.Array) -> sk.Array:
 
 
 def scores(count: sk.Array, mean: sk.Array, noise: sk.Array) -> sk.Array:
-    """(..., m) Normal scores of counts in the distributions of `ln_counts`, at the middle of a count's own probability.
+    """(..., m) Normal scores of counts in the distributions of `ln_counts`, at the middle of each count's probability.
 
-    Dunn & Smyth 1996 draw a place in it; the middle is the same at every call. Counts may be fractions, as smoothed
-    ones are: the distributions go on between the integers.
+    Dunn & Smyth 1996 draw a random position within this probability; the middle is the same at every call. Counts may
+    be fractions, as smoothed counts are: the distributions are continued between the integers.
     """
     own = 0.5 * np.exp(ln_counts(count, mean, noise))
     mean, shape, is_stiff = _gamma(mean, noise)
@@ -202,7 +202,7 @@ def scores(count: sk.Array, mean: sk.Array, noise: sk.Array) -> sk.Array:
 
 
 def _gamma(mean: sk.Array, noise: sk.Array) -> tuple[sk.Array, sk.Array, sk.BoolArray]:
-    """Return the mean and the shape of the gamma distribution, above zero, and where it is as good as a number."""
+    """Return mean and shape of the gamma distribution, above zero, and where it is treated as a constant."""
     mean = np.maximum(mean, LEAST)
     shape = mean * (mean / np.maximum(noise, LEAST))
     return mean, np.clip(shape, LEAST, STIFFEST), np.asarray(shape >= STIFFEST, dtype=bool)

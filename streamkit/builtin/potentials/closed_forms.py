@@ -186,7 +186,8 @@ class Plummer(sk.Spherical):
 class Kepler(sk.Potential):
     """Point mass: ``Phi = -G M / r``.
 
-    It is no `Spherical`: its force at the very centre is not finite, and an orbit through it is refused.
+    It does not derive from `Spherical`: its force at the centre is infinite, and an orbit through the centre is
+    refused.
     """
 
     kind = "kepler"
@@ -210,7 +211,7 @@ class Kepler(sk.Potential):
 class Isochrone(sk.Potential):
     """Henon's isochrone: ``Phi = -G M / (b + sqrt(b^2 + r^2))``. Its orbits are known in closed form."""
 
-    # Not `Spherical`: b^2 comes first in the sum of squares here, and another order would change the last bits.
+    # Not derived from `Spherical`: b^2 is first in this sum of squares, and another order would change the last bits.
 
     kind = "isochrone"
     example = {"mass": 2.0e11, "b": 3.0}

@@ -1,9 +1,9 @@
 """Built-in exponential discs, each as three Miyamoto-Nagai discs (Smith et al. 2015, MNRAS 448, 2934).
 
-Smith et al. give one set with a density that is positive everywhere (their table 2), and one that is closer to the
-exponential beyond five scale lengths and negative further out. This is the former, as in gala. The force in the plane
-is that of the exponential disc to 1 per cent up to five scale lengths. Far out the three discs are 10 to 15 per cent
-heavier.
+Smith et al. give two sets. One has a density that is positive everywhere (their table 2). The other is closer to the
+exponential beyond five scale lengths, and negative farther out. The first set is used here, as in gala. The force in
+the plane is that of the exponential disc to 1 per cent up to five scale lengths. Far out the three discs are 10 to 15
+per cent heavier.
 """
 
 from __future__ import annotations

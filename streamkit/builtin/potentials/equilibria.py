@@ -9,14 +9,14 @@ from scipy.special import betaincinv
 
 from streamkit import Array
 
-CELLS = 1024  # of a table of speeds: linear in it, far below the noise of any number of particles
-# Cells are even in 1 - (1 - share^(1/3))^(1/4): slow particles are as rare as the cube of their speed, and those near
-# the speed of escape as a high power of the energy that is left to them.
-RADII = np.linspace(np.log(1e-4), np.log(1e4), 321)  # ln(r / a) at which Hernquist's are tabulated
+CELLS = 1024  # cells of a table of speeds: the error of linear interpolation is far below the particles' noise
+# Cells are evenly spaced in 1 - (1 - fraction^(1/3))^(1/4). The fraction of slow particles grows as the cube of the
+# speed. Near the escape speed it depends on a high power of the remaining energy.
+RADII = np.linspace(np.log(1e-4), np.log(1e4), 321)  # ln(r / a) of the table for Hernquist's sphere
 
 
 def plummer_speeds(chance: Array) -> Array:
-    """(n,) Speeds over that of escape below which are shares ``chance`` (n,) of the particles; the same everywhere.
+    """(n,) Speeds over the escape speed with fractions ``chance`` (n,) of slower particles, the same at all radii.
 
     f(E) ~ E^(7/2), so that s^2 (1 - s^2)^(7/2) is the density of s (Aarseth, Henon & Wielen 1974, A&A 37, 183).
     """
@@ -25,7 +25,7 @@ def plummer_speeds(chance: Array) -> Array:
 
 @cache
 def _plummer_table() -> tuple[Array, Array]:
-    """Cube roots of the shares at the edges of the cells, and the speeds."""
+    """Cube roots of the fractions at the edges of the cells, and the speeds."""
     roots = _edges()
     return roots, np.sqrt(betaincinv(1.5, 4.5, roots**3))
 
@@ -47,7 +47,7 @@ def hernquist_speeds(radius: Array, chance: Array) -> Array:
 def _hernquist_table() -> Array:
     """(radii, CELLS + 1) Speeds at each radius and at the edges of the cells."""
     roots = _edges()
-    s = np.linspace(0.0, 1.0, 4 * CELLS + 1) ** 2  # finer where the slow ones of a cusp are
+    s = np.linspace(0.0, 1.0, 4 * CELLS + 1) ** 2  # finer at low speeds, for the slow particles in a cusp
     table = np.empty((len(RADII), CELLS + 1))
     for row, depth in zip(table, 1 / (1 + np.exp(RADII)), strict=True):
         q = np.sqrt(depth * (1 - s * s))
@@ -60,5 +60,5 @@ def _hernquist_table() -> Array:
 
 
 def _edges() -> Array:
-    """(CELLS + 1,) Cube roots of the shares at the edges of the cells."""
+    """(CELLS + 1,) Cube roots of the fractions at the edges of the cells."""
     return np.asarray(1 - (1 - np.linspace(0.0, 1.0, CELLS + 1)) ** 4)

@@ -28,7 +28,7 @@ class Multipole(Potential):
 
     ``Phi = sum over l, m of Phi_lm(r) P_lm(cos theta) cos(m phi)``, with ``sin(|m| phi)`` for m < 0. The mean square of
     every harmonic over the sphere is 1, so that Phi_00 is the mean potential. Phi_lm are cubic splines in ln r. Inside
-    the first radius they are power laws, with the power of r of Phi_00 there; outside the last there is no mass.
+    the first radius all are power laws, with the power of r of Phi_00. Outside the last radius there is no mass.
     `streamkit.multipole_table` makes such a table from a potential or a density.
     """
 

@@ -1,4 +1,4 @@
-"""Built-in spheres with an end: what a progenitor needs whose particles are drawn from its distribution function."""
+"""Built-in spheres of finite mass, as progenitors whose particles are drawn from a distribution function need it."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from scipy.special import erf
 from streamkit import Array, G, Length, Mass, Number, Potential, Symbol, cubic, cubic_pieces, log, sqrt
 from streamkit.builtin.potentials.halos import CENTRE
 
-CELLS = 2048  # of the table of King's mass, even in the radius
-SERIES = 0.02  # r / rs below which the mass of a truncated NFW is a series: its terms cancel there
+CELLS = 2048  # cells of the table of King's mass, even in the radius
+SERIES = 0.02  # r / rs below which the mass of a truncated NFW is a series: the terms of the closed form cancel
 
 
 class TruncatedNFW(Potential):
-    """NFW halo with an end: ``rho ~ 1 / [r (1 + r/rs)^2 (1 + r^2/rt^2)]``; its mass is finite.
+    """NFW halo with a finite mass: ``rho ~ 1 / [r (1 + r/rs)^2 (1 + r^2/rt^2)]``.
 
-    The halo of a dwarf before it is stripped, as a live progenitor.
+    It serves as the halo of a dwarf before it is stripped, with a live progenitor.
     """
 
     kind = "nfw_truncated"
@@ -97,7 +97,7 @@ class King(Potential):
 
     @staticmethod
     def acceleration(x: Any, y: Any, z: Any, t: Any, mass: Any, pieces: Any, edge: Any) -> Any:
-        """Return -G M(r) / r^2 along the radius: that of a point mass beyond the edge."""
+        """Return -G M(r) / r^2 along the radius: the force of a point mass beyond the edge."""
         r2 = x * x + y * y + z * z + CENTRE
         r = sqrt(r2)
         outside = 1.0 * (r >= edge)
@@ -106,6 +106,6 @@ class King(Potential):
 
 
 def _king_density(w: Any) -> Any:
-    """Density over that unit in which King's is exp(W) erf(W^(1/2)) - (4 W / pi)^(1/2) (1 + 2 W / 3)."""
+    """King's density exp(W) erf(W^(1/2)) - (4 W / pi)^(1/2) (1 + 2 W / 3), in the unit of this formula."""
     w = np.maximum(w, 0.0)
     return np.exp(w) * erf(np.sqrt(w)) - np.sqrt(4 * w / np.pi) * (1 + 2 * w / 3)

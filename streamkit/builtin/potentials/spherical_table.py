@@ -11,8 +11,8 @@ from scipy.interpolate import CubicSpline
 import streamkit as sk
 from streamkit import Array, G, cubic, cubic_pieces, exp, log
 
-CELLS = 1024  # cells of the even grid, about: the force is that of the spline to 1e-9 for ten knots a decade
-FLAT = 1e-6  # slopes of v_c^2 below this count as zero beyond the last knot: the potential is a logarithm there
+CELLS = 1024  # approximate number of cells of the even grid: the force is the spline's to 1e-9 for ten knots a decade
+FLAT = 1e-6  # smaller slopes of v_c^2 count as zero beyond the last knot: the potential is then a logarithm
 
 
 class Spline(NamedTuple):

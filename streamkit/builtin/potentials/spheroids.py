@@ -1,8 +1,9 @@
 """Built-in spheres with free slopes. Enclosed masses are plain arithmetic, so that the force vectorises.
 
 Incomplete beta and gamma functions have no closed form. Here they are a series inside a fixed radius, and another
-series or a continued fraction outside it, all of a fixed length. Both are computed for every particle, and one is used.
-Their coefficients depend on the parameters alone, and the compiler moves them out of the loop over the particles.
+series or a continued fraction outside it, all of a fixed length. Both are computed for every particle, and one result
+is used. Their coefficients depend on the parameters alone, and the compiler moves them out of the loop over the
+particles.
 """
 
 from __future__ import annotations
@@ -206,7 +207,7 @@ class PowerCutoff(sk.Spherical):
         inside = 1.0 * (u < 5.0)
         whole = series(s, 5.0) + fraction(s, 5.0)  # Gamma(s) / (5^s exp(-5))
         share = exp(s * log(0.2 * u) - u + 5.0) / whole
-        low, high = inside * u, inside * 5.0 + (1.0 - inside) * u  # each where it converges
+        low, high = inside * u, inside * 5.0 + (1.0 - inside) * u  # arguments for which both series converge
         part = inside * share * series(s, low) + (1.0 - inside) * (1.0 - share * fraction(s, high))
         return -G * mass * part / (r2 * sqrt(r2))
 

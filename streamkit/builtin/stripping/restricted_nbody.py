@@ -1,4 +1,4 @@
-"""Restricted N-body: test particles in the host and in the monopole of those that are still bound."""
+"""Restricted N-body: test particles in the host and in the monopole of the bound particles."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ def test_only_the_heavy_particles_count(isolated):
 def test_no_value_where_nothing_is_left(isolated):
     gone = replace(isolated, bound=np.zeros(len(isolated), dtype=bool))
     prediction = RemnantData(mass=(MASS, 1e7)).predict(gone)
-    assert prediction.why_not == "next to nothing is left of the progenitor"
+    assert prediction.why_not == "too few particles of the progenitor are still bound"
 
 
 def test_data_and_mock_hold_what_is_given(isolated):

@@ -129,7 +129,7 @@ def test_particles_do_not_depend_on_their_number():
 @pytest.mark.parametrize(
     ("progenitor", "stripping", "words"),
     [
-        ({"kind": "nfw", "mass": 1e9, "rs": 1.0}, {}, "no end to its mass"),
+        ({"kind": "nfw", "mass": 1e9, "rs": 1.0}, {}, "an infinite mass"),
         ({"kind": "miyamoto_nagai", "mass": 1e9, "a": 1.0, "b": 0.2}, {}, "is no sphere"),
         ({"radius": 12.0}, {}, "larger than its tidal radius at the look-back time"),
         ({"radius": 0.003}, {}, "more than 20000 time steps"),

@@ -1,7 +1,7 @@
 """The apocentre of one arm: a Gaussian r(angle) about the maximum of its mean track, smooth in the particles.
 
-The result is a continuous function of the particles, as samplers need: each angle is shared between the two nearest
-cells of a fine grid, the window about the maximum has soft edges, and it is re-centred on the fitted maximum until both
+The result is a continuous function of the particles, as samplers need. Each angle is shared between the two nearest
+cells of a fine grid. The window about the maximum has soft edges, and is re-centred on the fitted maximum until both
 agree.
 """
 
@@ -57,8 +57,8 @@ def _first_guess(grid: Array, smooth: Array, density: Array, guide: float) -> fl
 def _fit(grid: Array, count: Array, total: Array, centre: float, height: float) -> Array | str:
     """Least squares of the Gaussian (A, m, s) to the particles' radii, in the window centred on its own maximum.
 
-    Gauss-Newton steps in ln s, so that s stays positive; a step that would make the fit worse is damped. The window
-    follows the maximum until both have converged.
+    The fit takes Gauss-Newton steps in ln s, so that s stays positive. A step that would make the fit worse is damped.
+    The window follows the maximum until both have converged.
     """
     mean = total / np.maximum(count, 1e-12)
     q = np.array([height, centre, np.log(60.0)])

@@ -1,4 +1,4 @@
-"""The apocentre of one arm from the ridge of its particles: of several overlapping branches, the one that turns."""
+"""The apocentre of one arm from the ridge of its particles, where several branches of debris may overlap."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import numpy as np
 from streamkit import Array
 from streamkit.builtin.observables.apocentres import track as arm
 
-# Degrees beyond the progenitor's own apocentre: there is only debris that has its apocentre before.
+# Degrees beyond the progenitor's apocentre: all debris beyond this angle has passed its own apocentre.
 BEYOND = (10.0, 60.0)
-FEWEST_BEYOND = 10  # fewest particles there (sum of weights)
-START = 50.0  # width (standard deviation) of the Gaussian that the fit of that branch begins with, degrees
-SPARSE = 0.2  # density along the arm, in units of its largest, below which angles begin to count less
-LOW = 4  # minus the power in the mean of the heights: a branch three times as high counts 1 % of the lower one
-# Least eigenvalue of the ridge's curvature, its diagonal scaled to 1, with which the particles determine a Gaussian.
+FEWEST_BEYOND = 10  # fewest particles beyond this angle (sum of weights)
+START = 50.0  # initial width (standard deviation) of the Gaussian in the fit of the branch of this debris, degrees
+SPARSE = 0.2  # density along the arm, in units of its maximum, below which the weight of an angle decreases
+LOW = 4  # minus the power in the mean of the heights: a branch three times as high has 1 % of the lower one's weight
+# Smallest eigenvalue of the ridge's curvature, with its diagonal scaled to 1, at which a Gaussian is determined.
 FLAT = 1e-9
-BREADTH = 0.1  # standard deviation in radius of the kernel about that branch, in units of its apocentre
+BREADTH = 0.1  # standard deviation in radius of the kernel about the branch, in units of its apocentre
 
 
 def fit_turning(
@@ -58,7 +58,7 @@ def fit_turning(
 
 
 def _even_weights(angle: Array, number: Array, guide: float) -> Array:
-    """Numbers (n,) of the same sum that give all angles the same weight, except those with hardly any particles."""
+    """Weights (n,) of the same sum that give all angles the same weight, except angles with hardly any particles."""
     grid = np.arange(-arm.FARTHEST - arm.CELL, arm.FARTHEST + 2 * arm.CELL, arm.CELL) + guide
     (count,) = arm.cells(angle, grid, number)
     density = arm.convolve(count)
@@ -67,7 +67,7 @@ def _even_weights(angle: Array, number: Array, guide: float) -> Array:
 
 
 def _from_beyond(angle: Array, r: Array, number: Array, guide: float) -> Array | str:
-    """A Gaussian at the guide through the particles beyond it, the lower ones where the others have come too."""
+    """A Gaussian at the guide through the particles beyond it: where branches overlap, through the lower one."""
     x = (angle - guide) * np.sign(guide)
     weight = arm.between(x, *BEYOND) * number
     if weight.sum() < FEWEST_BEYOND:

@@ -12,11 +12,11 @@ CELL = 1.0  # grid of angles, degrees
 KERNEL = 4.0  # standard deviation of the smoothing kernel of the track, degrees
 WINDOW, EDGE = 40.0, 5.0  # half width of the fitted window (Gibbons+ 2014) and the scale of its soft edges, degrees
 REACH = 45.0  # limit of the search for the first guess, from the progenitor's own apocentre, degrees
-# Particles farther than this from the progenitor's own apocentre cannot matter, degrees.
+# Particles farther than this from the progenitor's apocentre have no influence, degrees.
 FARTHEST = 2 * REACH + WINDOW + 3 * EDGE
 FEWEST = 30  # fewest particles in the window (sum of weights)
-# Least share of the particles in the window on either side of the maximum: a Gaussian through debris that only rises,
-# or only falls, says where it ends.
+# Smallest fraction of the particles in the window on either side of the maximum. Without this limit a Gaussian through
+# debris that only rises, or only falls, would measure the end of the debris.
 COVERAGE = 0.05
 
 NO_GAUSSIAN = "no Gaussian fits the track near the progenitor's own apocentre"

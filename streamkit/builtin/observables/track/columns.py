@@ -42,7 +42,7 @@ def within(angle: Array, middle: float) -> Array:
 
 
 def radii_of(given: Mapping[str, tuple[Array, Array, Array]], matrix: Array) -> dict[str, float]:
-    """Return the least and the greatest Galactocentric radius of the distances, seen from 8 kpc at phi2 = 0.
+    """Return the smallest and the largest Galactocentric radius of the distances, seen from 8 kpc at phi2 = 0.
 
     ``given`` are the data by field: longitudes, values and errors; the matrix (3, 3) leads from ICRS to their frame.
     """

@@ -11,18 +11,18 @@ from scipy.special import log_ndtr, ndtri_exp
 
 from streamkit import Array
 
-BROAD = 3.0  # errors by which the broad Gaussian of outliers is wider than the scatter of the data
+BROAD = 3.0  # errors that are added to the scatter of the data for the width of the Gaussian of outliers
 
 
 class Side(NamedTuple):
-    """Data of one column beside the Gaussians that the stream predicts, and the outliers among the data."""
+    """Data of one column, with the Gaussians that the stream predicts and the distribution of outliers."""
 
     value: Array  # (m,) data
-    # (..., m) of the Gaussian that the stream predicts, errors included.
+    # (..., m) mean and standard deviation of the predicted Gaussian, errors included.
     variance: Array
     mean: Array
     ln_coverage: Array  # (..., m) ln c: zero where the stream has debris, falling with the distance to the nearest
-    outliers: float | Array  # f, the fraction of data that are none of the stream: a number, or (..., 1)
+    outliers: float | Array  # f, the fraction of data that are not of the stream: a number, or (..., 1)
     # Mean and standard deviation of the outliers. Hogg, Bovy & Lang 2010, arXiv:1008.4686, equation 17.
     background: tuple[float, float]
 
@@ -34,14 +34,14 @@ def ln_mixture(side: Side) -> Array:
     if not np.any(outliers):
         return stream
     other = ln_gaussian(value - background[0], np.full(len(value), background[1] ** 2))
-    with np.errstate(divide="ignore"):  # a fraction of zero among others: ln 0
+    with np.errstate(divide="ignore"):  # ln 0, for a fraction of zero
         return np.asarray(np.logaddexp(np.log1p(-outliers) + stream, np.log(outliers) + other))
 
 
 def mixture_residuals(side: Side) -> Array:
     """(m,) Normal scores of data in the distribution of `ln_mixture`.
 
-    The score z of a datum has the probability of the datum, P(< z) = P(< datum) (Dunn & Smyth 1996). Missing debris
+    The score z of a datum has the same cumulative probability, P(< z) = P(< datum) (Dunn & Smyth 1996). Missing debris
     adds -2 ln(c) to z^2, as it does to -2 ln L.
     """
     value, variance, mean, ln_coverage, outliers, background = side
@@ -62,15 +62,15 @@ def mixture_residuals(side: Side) -> Array:
 def ln_mixture_of_pairs(one: Side, other: Side, covariance: Array) -> Array:
     """(..., m) The ln density of two data with correlated errors, of each star; the covariance is (m,).
 
-    Either datum may be an outlier, and only where neither is do the errors correlate. Without a covariance it is the
-    product of two `ln_mixture`.
+    Either datum may be an outlier. The errors correlate only where neither is one. Without a covariance the density is
+    the product of two mixtures, see `ln_mixture`.
     """
     (x, xx, x_mean, coverage, f, x_out), (y, yy, y_mean, y_coverage, g, y_out) = one, other
     slope = covariance / xx
     given = ln_gaussian(y - y_mean - slope * (x - x_mean), yy - slope * covariance)
     first, second = (ln_gaussian(x - x_mean, xx) + coverage, ln_gaussian(y - y_mean, yy) + y_coverage)
     strange, foreign = (ln_gaussian(v - out[0], np.full(len(v), out[1] ** 2)) for v, out in ((x, x_out), (y, y_out)))
-    with np.errstate(divide="ignore"):  # no outliers: the ln of zero
+    with np.errstate(divide="ignore"):  # ln 0, without outliers
         ln_f, ln_g, ln_in, ln_too = np.log(f), np.log(g), np.log1p(-f), np.log1p(-g)
     terms = [
         ln_in + ln_too + first + given + y_coverage, ln_in + ln_g + first + foreign,
@@ -80,7 +80,7 @@ def ln_mixture_of_pairs(one: Side, other: Side, covariance: Array) -> Array:
 
 
 def ln_sum(compared: Iterable[tuple[str, Side]], pair: Sequence[str], covariance: Array | None) -> Array:
-    """(...) Return the ln likelihood of columns by their names, of which a pair may have a covariance."""
+    """(...) Return the ln likelihood of columns by their names; two of them may have a covariance."""
     sides = dict(compared)
     total = sum(ln_mixture(side).sum(axis=-1) for name, side in sides.items() if name not in pair)
     if covariance is not None and pair:
@@ -89,7 +89,7 @@ def ln_sum(compared: Iterable[tuple[str, Side]], pair: Sequence[str], covariance
 
 
 def ln_of_each(compared: Iterable[tuple[str, Side]], pair: Sequence[str], covariance: Array | None) -> Array:
-    """(m,) The terms of `ln_sum`, of all data. Of a pair, the second is that given the first."""
+    """(m,) The terms of `ln_sum` for all data. The second column of a pair is conditional on the first."""
     sides = dict(compared)
     terms = {name: ln_mixture(side) for name, side in sides.items()}
     if covariance is not None and pair:

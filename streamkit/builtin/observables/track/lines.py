@@ -16,19 +16,19 @@ from scipy.interpolate import CubicSpline
 
 from streamkit import Array, BoolArray, Stream
 
-WING = 1e-3  # height of the exponential wings: within three kernels of debris only the Gaussian matters
+WING = 1e-3  # height of the kernel's exponential wings: within three kernels of debris they are negligible
 LN_WING = math.log(WING)
-# Kernels beyond the nearest particle after which the wings are cut, where both are 4e-4 of the peak among debris.
+# Distance in kernels from the nearest particle at which the wings end.
 REACH = 4.0
-# Particles under a kernel that give a line: far below it the slope and the spread are those of the whole stream.
+# Particles under a kernel that determine a line. With far fewer, slope and spread are those of the whole stream.
 ENOUGH = 5.0
-FEWEST = 10  # particles that have left the progenitor below which there is no stream
+FEWEST = 10  # fewest particles outside the progenitor: with fewer there is no stream
 ARMS = {"leading": 1, "trailing": -1}
 
 TURN = 360.0  # degrees
-LN_MOST = 300.0  # greatest ln of a number of particles, so that it has an exponential
-LN_TINY = -20.0  # ln of a number n below which 1 - exp(-n) is n
-FINE, MANY = 0.125, 200  # kernels between the nodes where lines are splined, and longitudes below which none are
+LN_MOST = 300.0  # largest ln of a number of particles: its exponential is finite
+LN_TINY = -20.0  # ln n below which 1 - exp(-n) is n
+FINE, MANY = 0.125, 200  # kernels between the nodes of splines, and number of longitudes below which none are used
 TILE, BLOCK = 12, 512  # lines that are fitted together, and particles that are summed together
 
 
@@ -36,9 +36,9 @@ class Debris(NamedTuple):
     """Particles in the order of their longitudes."""
 
     longitude: Array  # (n,) degrees, increasing
-    columns: Array  # (c, n) measured values, less their mean over all particles
+    columns: Array  # (c, n) measured values, minus their mean over all particles
     weight: Array  # (n,) statistical weight of each
-    # (c,) that mean, and the ratio of the standard deviations of the column and the longitude: how steep a line may be.
+    # (c,) that mean, and the ratio of the standard deviations of column and longitude: the scale of a line's slope.
     centre: Array
     slope: Array
 
@@ -47,8 +47,8 @@ class Lines(NamedTuple):
     """The lines at m longitudes, of c columns."""
 
     value: Array  # (c, m) b, the column at the longitude
-    # (c, m) variance of b from the finite number of particles, and from a line that debris on one side or far away does
-    # not fix.
+    # (c, m) variance of b from the finite number of particles, and from the uncertain slope of a line where the debris
+    # is far away, or on one side only.
     variance: Array
     spread: Array  # (c, m) standard deviation of the particles about the line
     depth_variance: Array  # (m,) variance of the spread of one column
@@ -68,8 +68,8 @@ def is_enough(stream: Stream, chosen: BoolArray) -> bool:
 def ln_coverage(ln_count: Array) -> Array:
     """(m,) Return ln c = ln(1 - exp(-n)): the chance that any particle is under a kernel where n are expected.
 
-    Where the stream has debris it is zero, however much debris there is: a number that goes on rising with n prefers
-    models that spread their debris to where data are.
+    It is practically zero where the stream has debris, however much. A factor that keeps rising with n would favour
+    models that spread their debris to the positions of the data.
     """
     few = ln_count < LN_TINY
     return np.where(few, ln_count, np.log(-np.expm1(-np.exp(np.clip(ln_count, LN_TINY, LN_MOST)))))
@@ -93,8 +93,8 @@ def warning_of_gaps(subject: str, empty: Array, kernel: float) -> str:
 def gather(longitude: Array, columns: Sequence[Array], weight: Array, margin: float = 0.0) -> Debris:
     """Sort particles by longitude (n,), for c columns (n,) and weights (n,).
 
-    Particles within a margin (degrees) of either end of the turn are repeated beyond the other end: a kernel may reach
-    over the seam.
+    Particles within a margin (degrees) of either end of the turn are repeated beyond the other end, because a kernel
+    may extend beyond the end.
     """
     order = np.argsort(longitude)
     longitude, weight = longitude[order], weight[order]
@@ -218,7 +218,7 @@ def _tile(
     root = np.multiply.outer(-tilt / total, here)
     root += ((1.0 + tilt * x) / total)[:, None]
     root *= k
-    root *= root  # b is the sum of the columns times the root of this
+    root *= root  # b is the sum of the columns times the root; its variance needs the square
     cross = xy - mean * x
     slope = cross / stiff
     square = np.maximum(mean2 - mean**2 - slope * (2 * cross - slope * width), 0.0)

@@ -10,8 +10,8 @@ import numpy as np
 
 import streamkit as sk
 
-POSITION_ERROR = 1e-3  # degrees: that of phi2, far below the width of any stream
-PLAIN = ("distance", "distance_modulus", "radial_velocity")  # the same numbers in every frame
+POSITION_ERROR = 1e-3  # error of phi2 in degrees, far below the width of any stream
+PLAIN = ("distance", "distance_modulus", "radial_velocity")  # columns with the same numbers in every frame
 MOTIONS = ("pm_phi1_cosphi2", "pm_phi2")
 IN_ICRS = ("pm_ra_cosdec", "pm_dec")
 
@@ -49,7 +49,7 @@ class Members:
         return self.phi1[rows], self.values[name][rows], self.errors[name][rows]
 
     def redrawn(self, drawn: Mapping[str, sk.Array]) -> dict[str, list[float]]:
-        """Return the table in ICRS with other values (k,) of some columns; the errors in the frame stay the same."""
+        """Return the table in ICRS with other values (k,) of some columns; the errors in the frame do not change."""
         values = {name: np.array(column) for name, column in self.values.items()}
         for name, column in drawn.items():
             values[name][self.rows(name)] = column
@@ -71,7 +71,7 @@ class Members:
 def members_of(table: sk.Table, frame: sk.Frame) -> Members:
     """Return the stars of a table in a frame; ValueError for a value without an error, or half a proper motion.
 
-    The covariance of the proper motions is turned with them: Gaia's errors in ra and dec, and `pm_correlation`.
+    The covariance of the proper motions, from Gaia's errors in ra and dec and `pm_correlation`, is rotated with them.
     """
     for name in VALUES:
         if name in table and f"{name}_error" not in table:
@@ -107,7 +107,7 @@ def _matrix(one: sk.Array, other: sk.Array, covariance: sk.Array) -> sk.Array:
 
 
 def which_columns(members: Members, compared: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the columns of the stars that are compared; ValueError for one that the table lacks."""
+    """Return the columns that are compared; ValueError for a column that the table lacks."""
     have = tuple(name for name in members.values if len(members.rows(name)))
     if compared is None:
         return have

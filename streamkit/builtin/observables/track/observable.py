@@ -27,11 +27,11 @@ from streamkit.builtin.observables.track.lines import (
 from streamkit.builtin.observables.track.members import MEMBERS, MOTIONS, Members, members_of, which_columns
 from streamkit.builtin.observables.track.panels import column_label, column_panel, fine_grid, longitude_label
 
-# Degrees from the nearest debris beyond which debris on the other side of the sky does not matter.
+# Degrees from the nearest debris: beyond, debris on the other side of the sky has no influence.
 SEAM = 90.0
 # Functions that move drawn data into the allowed range.
 LIMITS: dict[str, Callable[[sk.Array], sk.Array]] = {"phi2": lambda angle: np.clip(angle, -90, 90), "distance": np.abs}
-BROADEST = 45.0  # largest kernel in degrees: two straight lines of that width are a whole turn
+BROADEST = 45.0  # largest kernel in degrees: an eighth of a turn
 
 Outliers = Annotated[sk.Number, Field(ge=0, lt=1, description="Fraction of its data that are no members.")]
 Name = Literal["phi2", "distance", "distance_modulus", "pm_phi1_cosphi2", "pm_phi2", "radial_velocity"]
@@ -47,12 +47,12 @@ class Track(sk.Observable):
     """A stream's track on the sky: latitude, distance, proper motions and velocity at longitudes phi1.
 
     Each column has its own longitudes; a column that is left out is not compared. At a datum's longitude a local line
-    is fitted to the debris with a Gaussian kernel in phi1. Means are compared with the line; member stars (`stars`)
-    with the line and the spread of the debris about it. `members` are such stars in ICRS: their proper motions and the
-    covariances of these are turned into the frame. The density of a datum has the factor 1 - exp(-n), the chance of any
-    particle under the kernel where n are expected: it is 1 among debris, and where there is none ln p falls by the
-    distance to the nearest debris in units of the kernel. Bound particles are left out. With `unwrapped` the longitudes
-    do not jump at whole turns. Several data at one longitude are independent.
+    is fitted to the debris with a Gaussian kernel in phi1. Means are compared with the line, and member stars (`stars`)
+    with the line and the spread of the debris about it. `members` are such stars in ICRS: their proper motions, with
+    the covariances, are rotated into the frame. The density of a datum has the factor 1 - exp(-n), the probability of
+    at least one particle under the kernel where n are expected. The factor is 1 among debris; away from debris ln p
+    falls by the distance to the nearest debris in units of the kernel. Bound particles are left out. With `unwrapped`
+    the longitudes do not jump at whole turns. Several data at one longitude are independent.
     """
 
     kind = "track"
@@ -91,12 +91,12 @@ class Track(sk.Observable):
     )
     members: Annotated[sk.Table, MEMBERS] | None = Field(
         default=None,
-        description="Member stars in ICRS: ra, dec, and of distance, distance_modulus, pm_ra_cosdec, pm_dec and "
-        "radial_velocity those that are known, each with NAME_error; pm_correlation is that of the errors of the "
+        description="Member stars in ICRS: ra, dec, and the known ones of distance, distance_modulus, pm_ra_cosdec, "
+        "pm_dec and radial_velocity, each with NAME_error; pm_correlation is the correlation of the errors of the "
         "proper motions. Values may be missing. Positions are taken as exact.",
     )
     compared: tuple[Name, ...] | None = Field(
-        default=None, description="The columns of `members` that are compared; left out, all that it has."
+        default=None, description="The columns of `members` that are compared; all columns if left out."
     )
     velocity_frame: Literal["heliocentric", "gsr"] = Field(
         default="heliocentric", description="Whether the velocities are heliocentric, or corrected for the Sun's."
@@ -160,7 +160,7 @@ class Track(sk.Observable):
         if twice:
             raise ValueError(f"{twice[0]} is a table and also in members: leave it out of `compared`")
         if self.members is not None and self.unwrapped:
-            raise ValueError("ra and dec do not say which wrap a star is on; give tables with phi1, and `stars`")
+            raise ValueError("ra and dec do not determine the wrap of a star; give tables with phi1, and `stars`")
 
     @cached_property
     def _stars(self) -> Members | None:
@@ -269,23 +269,23 @@ class Track(sk.Observable):
         return longitude, {name: column.of(seen) for name, column in COLUMNS.items() if name in wanted}
 
     def likelihood_fields(self) -> tuple[str, ...]:
-        """Return the dispersions and the fractions of outliers; a datum of depth predicts with that of the distance."""
+        """Return the dispersions and the fractions of outliers; a datum of depth takes those of the distance."""
         dispersions = (f"{name}_dispersion" for name in COLUMNS if name != "distance" or DEPTH not in self.given)
         return (*dispersions, *(f"{name}_outliers" for name in COLUMNS))
 
     def ln_likelihood(self, prediction: sk.Prediction, add_noise: bool) -> sk.Array:
-        """(...) Return the sum over columns of `ln_mixture`: Gaussians about the lines, extra dispersions, outliers.
+        """(...) Return the sum of `ln_mixture` over columns: Gaussians about the lines, extra dispersions, outliers.
 
         The two proper motions of a member are one pair, with their covariance.
         """
         return ln_sum(self._compared(prediction, add_noise), self._pair, self._pair_covariance)
 
     def ln_likelihoods(self, prediction: sk.Prediction, add_noise: bool) -> sk.Array:
-        """Return the terms of `ln_likelihood`; the second proper motion of a member is compared given the first."""
+        """Return the terms of `ln_likelihood`; the second proper motion of a member is conditional on the first."""
         return ln_of_each(self._compared(prediction, add_noise), self._pair, self._pair_covariance)
 
     def residuals(self, prediction: sk.Prediction, add_noise: bool) -> sk.Array:
-        """Return the normal scores of the data in the distributions of `ln_likelihood`, each datum by itself."""
+        """Return the normal score of each datum in its own distribution in `ln_likelihood`."""
         return np.concatenate([mixture_residuals(side) for _, side in self._compared(prediction, add_noise)])
 
     def scatter(self, prediction: sk.Prediction) -> sk.Array:
@@ -308,7 +308,7 @@ class Track(sk.Observable):
 
     @cached_property
     def _pair(self) -> tuple[str, ...]:
-        """The proper motions, if both are those of members."""
+        """The names of the proper motions, if both come from members."""
         return MOTIONS if set(MOTIONS) <= set(self._of_members) else ()
 
     @property
@@ -316,7 +316,7 @@ class Track(sk.Observable):
         return None if self._stars is None else self._stars.covariance[self._stars.rows(MOTIONS[0])]
 
     def scatter2(self, name: str, error: sk.Array, spread: sk.Array) -> sk.Array:
-        """(..., k) Variances of one field's data about the lines: errors, extra dispersion, for stars the spread."""
+        """(..., k) Variances of one field's data about the lines: errors, extra dispersion and, for stars, spread."""
         variance = error**2
         if name != DEPTH:
             variance = variance + getattr(self, f"{name}_dispersion") ** 2
@@ -331,7 +331,7 @@ class Track(sk.Observable):
             variance = self.scatter2(name, error, prediction.details["spread"][part])
             noise[name], variances[name] = rng.normal(0.0, np.sqrt(variance)), variance
             if self._stars is not None and name == MOTIONS[1] and name in self._pair:
-                # given that of the other proper motion, by their covariance
+                # conditional on the other proper motion, by their covariance
                 covariance, other = self._stars.covariance[self._stars.rows(name)], variances[MOTIONS[0]]
                 noise[name] *= np.sqrt(1 - covariance**2 / (other * variance))
                 noise[name] += covariance / other * noise[MOTIONS[0]]

@@ -7,8 +7,8 @@ import numpy as np
 from streamkit import Array, Mark, Panel, PanelData
 from streamkit.builtin.observables.track.columns import COLUMNS, DEPTH, column_of
 
-FINE = 181  # longitudes that a line is drawn through
-BEYOND = 0.15  # how far lines reach beyond the data, over the range of the data
+FINE = 181  # longitudes of a drawn line
+BEYOND = 0.15  # length of lines beyond the data, in units of the range of the data
 UNITS = {"mas/yr": r"mas yr$^{-1}$", "km/s": r"km s$^{-1}$"}
 
 
