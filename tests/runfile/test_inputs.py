@@ -62,7 +62,7 @@ def test_a_run_file_without_bodies_stays_what_it_was():
     ("body", "parts"),
     [
         (3, ["body: found 3, expected a section, [body]"]),
-        (LMC, ["body: found a kind of its own; expected a section [body.NAME]"]),
+        (LMC, ["body: found a kind, expected a section [body.NAME]"]),
         ({"lmc": 3}, ["body.lmc: found 3, expected a section [body.lmc] with a kind"]),
         ({"l.mc": LMC}, ["body.l.mc: the name of a body may not contain a dot"]),
         ({"lmc": {}}, ["body.lmc: 'kind' is missing; it names the potential"]),

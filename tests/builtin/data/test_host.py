@@ -75,7 +75,7 @@ def test_a_fit_with_a_rotation_curve_draws_its_radii(tmp_path):
     [
         ({"sun": {**SPEED, "kind": "circular_velocty"}}, "Did you mean 'circular_velocity'?"),
         ({"sun": {key: value for key, value in SPEED.items() if key != "kind"}}, "data.sun: 'kind' is missing"),
-        (SPEED, "data: found a kind of its own; expected a section [data.NAME]"),
+        (SPEED, "data: found a kind, expected a section [data.NAME]"),
         ({"a.b": SPEED}, "may not contain a dot"),
         ({"sun": {**SPEED, "v_c": [229, 0]}}, "the error must be positive"),
         ({"sun": 7}, "data.sun: found 7, expected a section"),
