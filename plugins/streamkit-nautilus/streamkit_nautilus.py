@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 from streamkit import CONTRACT, Array, Component, Sampler, Samples, Target, hookimpl
 
 STREAMKIT_CONTRACT = CONTRACT
-PART = 2000  # calls after which the samples so far are told
+PART = 2000  # calls after which the samples so far are yielded
 
 
 class Nautilus(Sampler):
@@ -55,7 +55,7 @@ class Nautilus(Sampler):
     def sample(self, target: Target) -> Iterator[Samples]:
         """Run nautilus; tell every 2000 calls."""
         places: dict[bytes, Array] = {}
-        # Calls and effective samples at the end of the exploration, of which the end is not known before.
+        # Calls and effective samples at the end of the exploration, whose length is unknown before.
         begun: dict[str, float] = {}
 
         def ln_likelihood(u: Array) -> Array:

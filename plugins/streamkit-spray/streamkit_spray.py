@@ -28,8 +28,8 @@ from streamkit import (
 
 STREAMKIT_CONTRACT = 1  # the contract with streamkit that this module was written for
 
-# Chen+ 2025 draw the distance from a Gaussian: the 9e-6 of the draws below this many r_t are moved there, since the
-# escape speed of a point mass diverges at its place.
+# Chen+ 2025 draw the distance from a Gaussian. A fraction of 9e-6 of the draws is below this many r_t and is moved to
+# it, since the escape speed of a point mass diverges at the point.
 NEAREST = 0.1
 
 
@@ -45,7 +45,7 @@ class _Fardal(Stripping):
     """The fields and the release that both variants share."""
 
     draws = 4
-    scales_with_k_r: ClassVar[bool]  # whether the tangential kick is in units of k_r V and not of V
+    scales_with_k_r: ClassVar[bool]  # whether the tangential kick is in units of k_r V, else in units of V
 
     k_r: Number = Field(default=2.0, description="Mean radial offset in units of r_t.")
     k_vphi: Number = Field(default=0.3, description="Mean tangential kick in units of V = Omega r_t.")

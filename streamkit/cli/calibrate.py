@@ -33,9 +33,9 @@ def calibrate(
 ) -> None:
     """Test the whole fit on mock data whose truth is known.
 
-    Each draw takes parameters from the prior, makes mock data of their stream with random numbers that the fit does
-    not have, and fits them as the run file says. If the fit is right, the rank of the truth among the posterior
-    samples is uniform (simulation-based calibration, Talts et al. 2018): the 68 % interval holds it in 68 of 100 draws.
+    Each draw takes parameters from the prior, makes mock data of their stream with random numbers that the fit does not
+    have, and fits them as the run file says. If the fit is right, the rank of the truth among the posterior samples is
+    uniform (simulation-based calibration, Talts et al. 2018): the 68 % interval contains the truth in 68 of 100 draws.
 
     With --truth-set the mock data come from another model with the same free parameters, such as another stripping
     scheme. The ranks then show the error that the intervals do not include. If the fit's streams have few particles,

@@ -23,7 +23,7 @@ from streamkit.distribution import foreign_files
 from streamkit.errors import PluginError, StreamkitError, message_of, nearest, printable
 
 GROUP = "streamkit.commands"
-# Commands by words of other programs, which are spelled too differently to be found by their letters.
+# Commands by the words of other programs, whose spelling is too different for a search of similar names.
 MEANT = {
     "fit": "run", "sample": "run", "mcmc": "run", "resume": "run", "quick": "run", "validate": "check", "test": "check",
     "simulate": "stream", "make": "stream", "plot": "stream", "track": "stream", "compare": "ablate", "mass": "host",
@@ -40,7 +40,7 @@ class PluginCommand(click.Command):
         self._points = points
 
     def get_short_help_str(self, limit: int = 45) -> str:
-        """Return the summary of the package: a list of commands imports none of them."""
+        """Return the summary of the package, so that a list of commands imports no package."""
         dist = self._points[0].dist
         return f"{dist.metadata['Summary']} ({dist.name})" if dist else ""
 
@@ -101,7 +101,7 @@ class Commands(click.Group):
         except (ImportError, AttributeError):
             if not foreign_files():
                 raise
-            status = INVALID  # a module of this package is another project's: the sentence below says so
+            status = INVALID  # a module of this package belongs to another project: the sentence below says so
         if sentence := foreign_files():
             _failed(sentence, INVALID)
         status = status if isinstance(status, int) else 0
@@ -134,7 +134,7 @@ def _points() -> list[EntryPoint]:
 
 
 def _failed(message: str, status: int) -> int:
-    with suppress(OSError, ValueError):  # standard error is closed: the exit status remains
+    with suppress(OSError, ValueError):  # standard error is closed: only the exit status is left
         lines = [printable(line) for line in message.split("\n")]  # it may quote a file that came from elsewhere
         click.echo("streamkit: " + "\n".join(lines), err=True)
     return status

@@ -25,13 +25,13 @@ def examples() -> dict[str, Path]:
 
 
 def tables_of(example: Path) -> dict[str, Path]:
-    """Return the files that an example reads by their names in it: files beside it, or beside another example."""
+    """Return the files that an example reads, by their names in the example: in its folder, or in another example's."""
     names = re.findall(r'"((?:\.\./\w+/)?[\w-]+\.ecsv)"', example.read_text(encoding="utf-8"))
     return {name: example.parent.parent / name[3:] if "/" in name else example.with_name(name) for name in names}
 
 
 def new_name(name: str) -> str:
-    """Return the name of the copy of a table: that of another example begins with the example's name."""
+    """Return the name of the copy of a table; for a table of another example it begins with that example's name."""
     return name.removeprefix("../").replace("/", "_")
 
 

@@ -47,7 +47,7 @@ def new(role: str, name: str, output: Path | None) -> None:
 
 
 def section_of(role: str, name: str) -> str:
-    """Return the section of a run file for a component: data have names, which are of the user's choice."""
+    """Return the section of a run file for a component: the user chooses the names of data."""
     return f"data.{name}" if role == "data" else role
 
 
@@ -59,7 +59,7 @@ def package_files(role: str, name: str) -> dict[str, str]:
         raise StreamkitError(f"{name!r} cannot be the name of a component: allowed are {ALLOWED}.{hint}")
     called = "".join(part.capitalize() for part in name.split("_"))
     if called in dir(streamkit) or called == "Field" or keyword.iskeyword(called) or called in vars(builtins):
-        raise StreamkitError(f"{name!r}: its class would be called {called}, which is the name of something else")
+        raise StreamkitError(f"{name!r}: the class would be called {called}, which is a name in Python or streamkit")
     registry = components.load_registry()
     if name in registry.entries[role]:
         supplier = registry.entries[role][name].supplier

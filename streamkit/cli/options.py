@@ -35,7 +35,7 @@ TRUST = click.option("--trust", is_flag=True, help="Run the plugin files in DIR,
 JSON = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 PDF = click.option("--pdf", is_flag=True, help="Write each picture as PDF too.")
 COLUMN = click.option(
-    "--column", is_flag=True, help="Draw the pictures for a journal: as wide as one of its columns, or as both."
+    "--column", is_flag=True, help="Draw the pictures for a journal: as wide as one column, or as two."
 )
 LITERATURE = click.option(
     "--literature", metavar="FILE", type=click.Path(path_type=Path),

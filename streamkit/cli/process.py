@@ -1,4 +1,4 @@
-"""The process of a command: valid standard streams, and an exit that does not wait for foreign threads."""
+"""The process of a command: valid standard streams, and an exit that does not wait for threads of plugins."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ PATIENCE = 10.0  # seconds that other threads have to end after the command
 def keep_streams() -> None:
     """Give the process valid standard streams.
 
-    Descriptors that the shell closed are opened on the null device: otherwise the next file would take their number,
-    and prints would go into it. Output goes through copies, which a plugin that closes the originals leaves open. A
-    letter that the terminal's encoding lacks is replaced.
+    Descriptors that the shell closed are opened on the null device: otherwise the next file would get their number, and
+    prints would go into it. Output goes through copies, which stay open if a plugin closes the originals. A letter that
+    the terminal's encoding lacks is replaced.
     """
     for number in range(3):
         try:

@@ -52,7 +52,7 @@ def study_options(suffix: str) -> Callable[[Callable[..., None]], Callable[..., 
 def conduct(
     options: StudyOptions, count: int, study: Callable[[Callable[[], object]], grid.Products], unit: str = "stream"
 ) -> None:
-    """Run a study, write its files, print its tables, and leave the process with its status.
+    """Run a study, write its files, print its tables, and end the process with the exit status.
 
     The study makes ``count`` streams, or other units, and calls its argument after each.
     """

@@ -53,7 +53,7 @@ TABLES: dict[str, Callable[[Results], QTable]] = {
     "goodness.ecsv": Results.goodness,
     "predictions.ecsv": Results.predictions,
 }
-FLATTENING = "flattening.png"  # only of a host that is no sphere
+FLATTENING = "flattening.png"  # only for a host that is no sphere
 
 
 def figures_of(
@@ -103,9 +103,9 @@ def write_products(
     The run may be given by its directory, whose plugin files are run if ``trust`` allows it. ``truth`` is a TOML file
     whose ``[potential]`` is the true host of a mock: the recovery is written too. ``literature`` is a table of
     published values (`read_literature`) to show beside the run's own: it is kept in the directory, and shown by later
-    reports. With ``pdf`` every picture is written as PDF too; one that is there is written again in any case. With
-    ``column`` the pictures of a paper are drawn for one column of a journal: profiles, streams, predictions and, for
-    few parameters, the corner plot; of more it is as wide as two.
+    reports. With ``pdf`` every picture is written as PDF too; an existing PDF is written again in any case. With
+    ``column`` the pictures of a paper are drawn for one column of a journal: profiles, streams, predictions and the
+    corner plot, which is as wide as two columns for many parameters.
 
     Raises ChainError if there is no readable run. Raises SpecError if the truth is not valid. Nothing has then been
     written. Raises ChainError if a product cannot be written, on a full disk, once all the others have been.

@@ -92,7 +92,7 @@ def live_track(inputs: StreamInputs, scheme: LiveStripping, host: Host, track: O
         return track
     pericentres, apocentres = track.pericentres(), track.apocentres()
     if len(pericentres) < scheme.passages:
-        raise OutOfDomain("there are fewer pericentre passages within the look-back time than stripping.passages")
+        raise OutOfDomain("the look-back time has fewer pericentre passages than stripping.passages")
     before = apocentres[apocentres < pericentres[-scheme.passages]]
     if len(before) == 0:
         raise OutOfDomain("the look-back time does not reach the apocentre before the first of stripping.passages")

@@ -100,7 +100,7 @@ def test_pip_installs_it_and_a_run_file_finds_it(tmp_path: Path) -> None:
         ("2halos", "a letter first. Perhaps 'halos'?"),
         ("../halo", "Perhaps 'halo'?"),
         ("é", "cannot be the name"),
-        ("potential", "its class would be called Potential, which is the name of something else"),
+        ("potential", "the class would be called Potential, which is a name in Python or streamkit"),
         ("true", "its class would be called True"),
         ("plummer", f"streamkit {streamkit.__version__} has a potential of this name"),
     ],

@@ -27,7 +27,7 @@ from streamkit import (
 )
 
 SURFACE, VOLUME = (Annotated[float, Unit(name)] for name in ("Msun / kpc2", "Msun / kpc3"))
-# AGAMA's parameters (its reference, section 2.2.4) and their types. AGAMA itself ignores what it does not know.
+# AGAMA's parameters (its reference, section 2.2.4) and their types. AGAMA itself ignores unknown parameters.
 PARAMETERS: Mapping[str, Any] = {
     "mass": Mass,
     "scaleRadius": Length,
@@ -45,7 +45,7 @@ PARAMETERS: Mapping[str, Any] = {
     "density": str,
 }
 SHARED = ("expansion", "tolerance", "growth")
-# AGAMA's remark, in a file of its `export`, below a potential whose parameters it has left out.
+# AGAMA's remark in a file of its `export`, below a potential whose parameters the export has left out.
 INCOMPLETE = "other parameters are not stored"
 # A line of an INI file that names another file.
 ELSEWHERE = re.compile(r"^\s*(file|center|scale|rotation)\s*=\s*\S*[A-Za-z_/]\S*\s*$", re.IGNORECASE | re.MULTILINE)

@@ -60,7 +60,7 @@ class Dynesty(Sampler):
     )
     walk: Literal["auto", "unif", "rwalk", "slice", "rslice"] = Field(
         default="auto",
-        description="How a new live point is results: uniform within the bound below 10 parameters, by random walks up "
+        description="How a new live point is drawn: uniform within the bound below 10 parameters, by random walks up "
         "to 20, else by slices; or one of these.",
     )
     together: int = Field(
@@ -83,7 +83,7 @@ class Dynesty(Sampler):
                 bootstrap=0,
             )  # fmt: skip
         dead = sampler.sample(dlogz=self.evidence_left, maxcall=self.max_calls, add_live=False)
-        yielded, missing = 0, ""  # calls at the last yield, and what the stopping rule lacks
+        yielded, missing = 0, ""  # calls at the last yield, and the missing part of the stopping rule
         for step in dead:
             left = f"ln evidence may still rise by {step.delta_logz:.2g}, and {self.evidence_left:g} is wanted"
             # what is left shrinks by a factor e in as many steps as there are live points

@@ -12,9 +12,9 @@ from streamkit import Array
 
 
 class Together:
-    """So many walks run in threads. When all wait for a likelihood, these are evaluated in one go, by the caller.
+    """``size`` walks run in threads. When all wait for a likelihood, the caller evaluates all of them in one call.
 
-    ``evaluate`` returns ln likelihood (n,) at points (n, d). It is called in the thread that calls `map` alone.
+    ``evaluate`` returns ln likelihood (n,) at points (n, d). Only the thread that calls `map` calls it.
     """
 
     def __init__(self, evaluate: Callable[[Array], Array], size: int) -> None:
@@ -94,4 +94,4 @@ class Together:
 
 
 class _End(BaseException):
-    """Ends a walk whose call gets no answer."""
+    """Raised in a walk whose call gets no answer."""

@@ -12,7 +12,7 @@ from typing import Any
 
 # Physical types that a run file can hold.
 PHYSICAL = ("mass", "length", "speed", "angle", "mass density", "dimensionless")
-# Classes that are no potential by themselves; sums are several sections of a run file.
+# Classes that are no potentials; sums are several sections of a run file.
 NOT_ALONE = ("PotentialBase", "CPotentialBase", "CompositePotential", "CCompositePotential", "NullPotential")
 
 
@@ -20,10 +20,10 @@ NOT_ALONE = ("PotentialBase", "CPotentialBase", "CompositePotential", "CComposit
 class Parameter:
     """A parameter of a gala potential."""
 
-    name: str  # in the run file: gala's own, ``m``, and for a part of a composite ``halo_m``
-    keys: tuple[str, ...]  # where gala takes it: ``("m",)``, ``("halo", "m")``
-    physical_type: str | None  # by astropy's name; None for what is no physical quantity
-    default: Any = None  # gala's, in the units of `unit_system`; None if there is none
+    name: str  # name in the run file: gala's name, ``m``, and for a part of a composite ``halo_m``
+    keys: tuple[str, ...]  # the keys of gala's argument: ``("m",)``, ``("halo", "m")``
+    physical_type: str | None  # astropy's name; None for a parameter that is no physical quantity
+    default: Any = None  # gala's default in the units of `unit_system`; None if there is none
     dimensions: int = 0  # 0 for a number
 
 

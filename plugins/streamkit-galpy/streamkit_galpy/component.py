@@ -18,9 +18,9 @@ from streamkit_galpy import catalogue
 from streamkit_galpy.evaluate import Evaluator
 
 TO_ENGINE = {"deg": math.pi / 180, "Gyr": GYR}
-# Units of fields that are others in the engine: the factor, and the engine's unit by astropy's name.
+# Units of fields that differ from the engine's: the factor, and the engine's unit by astropy's name.
 IN_ENGINE = {"deg": "rad", "Gyr": "kpc s / km"}
-REFUSED = ValueError, TypeError, OSError, RuntimeError  # what galpy raises for parameters that it does not want
+REFUSED = ValueError, TypeError, OSError, RuntimeError  # exceptions of galpy for parameters that it does not accept
 
 
 class _Galpy(Potential):

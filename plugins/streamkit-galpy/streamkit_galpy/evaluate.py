@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-# Times in kpc/(km/s) at which a potential is asked whether it changes: what turns, does between any two.
+# Times in kpc/(km/s) between which a potential is tested for changes: a rotating one changes between any two.
 TIMES = np.linspace(-11.93, 5.81, 12)
-AXIS = 1e-12  # least cylindrical radius in ro: on the axis itself galpy's torque over radius is 0/0
+AXIS = 1e-12  # smallest cylindrical radius in ro: on the axis galpy's torque over radius is 0/0
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Evaluator:
     """A galpy potential in kpc and km/s."""
 
     source: Any  # A potential, or a sum of potentials, of galpy's
-    # Its scales in kpc and km/s.
+    # The scales ro in kpc and vo in km/s.
     ro: float
     vo: float
     arrays: bool = True  # whether it takes arrays of positions

@@ -9,8 +9,8 @@ import numpy as np
 from streamkit import Array, BoolArray
 from streamkit_nbody.gravity import Gravity
 
-FEWEST = 20  # a satellite of fewer bound particles is gone
-CORE = 0.5  # fraction of the bound particles, the most bound ones, whose mean is the satellite's place
+FEWEST = 20  # a satellite with fewer bound particles counts as destroyed
+CORE = 0.5  # fraction of the bound particles, the most bound ones, whose mean is the satellite's position
 FRAMES = 3  # iterations of the core for the same potential
 
 

@@ -1,4 +1,4 @@
-"""The particles' own gravity: a sum over all pairs, or the tree of pytreegrav, behind arrays of shape (3, n)."""
+"""The gravity of the particles: a sum over all pairs, or the tree of pytreegrav, for arrays of shape (3, n)."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from streamkit.errors import StreamkitError
 # Support of the cubic spline kernel per softening length: both have the central potential -G m / softening.
 SUPPORT = 2.8
 GROUP = 16  # neighbouring particles that share one walk of the tree
-DIRECT = 1000  # up to so many particles every pair is summed in double precision
-PAIRS = 20000  # up to so many in single precision: faster than the tree, nearer to exact, and no tree to compile
+DIRECT = 1000  # largest number of particles for the sum over pairs in double precision
+PAIRS = 20000  # the same in single precision: faster and more accurate than the tree, which takes long to compile
 
 
 class NotFinite(StreamkitError):  # noqa: N818  it names the finding
@@ -25,7 +25,7 @@ class NotFinite(StreamkitError):  # noqa: N818  it names the finding
 class Gravity:
     """Forces between equal particles, softened by the cubic spline of Monaghan & Lattanzio 1985, A&A 149, 135."""
 
-    mass: float  # of each particle, Msun
+    mass: float  # mass of each particle, Msun
     softening: float  # Plummer-equivalent softening length, kpc; forces are exact beyond `SUPPORT` times as much
     theta: float  # opening angle of the tree; its nodes have quadrupoles
     workers: int = 1  # Threads. Each force is summed by one thread, in the same order for any number of them.
@@ -44,7 +44,7 @@ class Gravity:
         return self._evaluate(q, potential=True)["potential"]
 
     def _evaluate(self, q: Array, *, accel: bool = False, potential: bool = False) -> dict[str, Array]:
-        """Return what is asked for: accelerations (n, 3), potentials (n,). Raises NotFinite if a position is not."""
+        """Return accelerations (n, 3), potentials (n,), or both. Raises NotFinite if a position is not finite."""
         import numba
         from pytreegrav import frontend  # type: ignore[import-untyped]  # slow to import
 
@@ -72,7 +72,7 @@ class Gravity:
         return dict(tree.evaluate(accel=accel, potential=potential))
 
     def _over_pairs(self, q: Array, accel: bool, potential: bool) -> dict[str, Array]:
-        """Return what is asked for from a sum over all pairs in single precision, good to 1e-6."""
+        """Return accelerations, potentials, or both by a sum over all pairs in single precision, accurate to 1e-6."""
         from streamkit_nbody.pairs import sum_accelerations, sum_potentials
 
         unit, support, wanted = G * self.mass, SUPPORT * self.softening, {}

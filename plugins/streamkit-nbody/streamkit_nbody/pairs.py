@@ -1,4 +1,4 @@
-"""The sum over all pairs of particles in single precision: compiled, on all lanes of a core, and on several cores."""
+"""The sum over all pairs of particles in single precision: compiled to vector code, on several cores."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from streamkit import Array
 
-CHUNK = 128  # particles whose sums are made together: their loop has no branches, and runs on all lanes
+CHUNK = 128  # particles whose sums are made together: their loop has no branches, and becomes vector instructions
 SINGLE, DOUBLE = np.float32, np.float64
 # contract: fused multiply-add; arcp: one reciprocal. The sums are not reordered, so any machine gives the same bits
 # but for these two.
@@ -21,7 +21,7 @@ FAST = {"contract", "arcp"}
 
 @njit(nogil=True, error_model="numpy", fastmath=FAST)
 def _accelerations(q, support, begin, end, out):  # type: ignore[no-untyped-def]
-    """Fill out (3, n) from begin to end: the pull of all particles of unit mass at q (3, n), with G = 1.
+    """Fill out (3, n) from begin to end: the acceleration by all particles of unit mass at q (3, n), with G = 1.
 
     The force of the cubic spline at u = r / support (Springel 2001, New Astronomy 6, 79, appendix A).
     """
@@ -79,7 +79,7 @@ def _potentials(q, support, begin, end, out):  # type: ignore[no-untyped-def]
                 middle = outer[0] + u2 * (outer[1] + u * (outer[2] + u * (outer[3] + u * outer[4])))
                 soft = near if u < half else middle + outer[5] * inverse
                 value = -inverse if u2 >= one else soft
-                sums[i] += value if r2 > zero else zero  # not its own
+                sums[i] += value if r2 > zero else zero  # without the particle itself
         for i in range(m):
             out[0, first + i] = sums[i]
 
@@ -91,12 +91,12 @@ def sum_accelerations(q: Array, support: float, workers: int = 1) -> Array:
 
 
 def sum_potentials(q: Array, support: float, workers: int = 1) -> Array:
-    """(n,) Potentials of particles of unit mass at q (3, n) with G = 1, each without its own; see `_summed`."""
+    """(n,) Potentials at particles of unit mass at q (3, n) with G = 1, by the other particles; see `_summed`."""
     return _summed(_potentials, 1, q, support, workers)[0] / support
 
 
 def _summed(loop: object, rows: int, q: Array, support: float, workers: int) -> Array:
-    """(rows, n) What a compiled loop makes of all pairs, in units of the support of the spline.
+    """(rows, n) The result of a compiled loop over all pairs, in units of the support of the spline.
 
     Positions are counted from their mean: single precision then resolves 1e-7 of their spread.
     """
@@ -104,7 +104,7 @@ def _summed(loop: object, rows: int, q: Array, support: float, workers: int) -> 
     single: NDArray[np.float32] = np.ascontiguousarray(q - q.mean(axis=1, keepdims=True), dtype=SINGLE)
     out: NDArray[np.float32] = np.empty((rows, n), dtype=SINGLE)
     chunks = -(-n // CHUNK)
-    # Whole chunks: a particle in the rest of one, which fills no register, is rounded differently from those before it.
+    # Only whole chunks: particles in an incomplete one, which fill no register, would be rounded differently.
     edges = [min(CHUNK * (chunks * k // workers), n) for k in range(workers + 1)]
     parts = pairwise(edges)
 

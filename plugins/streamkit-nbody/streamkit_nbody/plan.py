@@ -14,7 +14,7 @@ from streamkit import GYR, G, Orbit
 from streamkit.runfile import Spec, StreamInputs
 from streamkit_nbody import sphere
 
-RECORD = 0.01 * GYR  # longest time between two records of the bound mass, the energy and who is inside the tidal radius
+RECORD = 0.01 * GYR  # longest time between two records of bound mass, energy and particles inside the tidal radius
 TRAVEL = 0.5  # a particle of mean speed moves at most this many softening lengths in a step (Rodionov & Sotnikova 2005)
 # Longest step in units of sqrt(r / acceleration) by the host on the satellite's orbit: 300 steps per revolution.
 TURN = 0.02
@@ -22,7 +22,7 @@ TURN = 0.02
 
 @dataclass(frozen=True)
 class Options:
-    """The command's options; None: chosen from the run."""
+    """The command's options; None means a choice that follows from the run."""
 
     particles: int = 20000  # number of particles
     softening: float | None = None  # Plummer-equivalent softening length in kpc
@@ -34,7 +34,7 @@ class Options:
 class Plan:
     """The numbers of a run: kpc, Msun, times in kpc/(km/s)."""
 
-    # As in `Options`, all chosen.
+    # As in `Options`, with all choices made.
     particles: int
     softening: float
     theta: float

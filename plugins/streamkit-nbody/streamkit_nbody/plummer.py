@@ -6,7 +6,7 @@ import numpy as np
 
 from streamkit import Array, G
 
-TRUNCATION = 20.0  # outermost radius in scale radii; 0.4 % of a Plummer sphere lies beyond
+TRUNCATION = 20.0  # outermost radius in scale radii; 0.4 % of a Plummer sphere is outside
 
 
 def sample(n: int, mass: float, radius: float, rng: np.random.Generator) -> tuple[Array, Array]:

@@ -30,7 +30,7 @@ def run(
     simulation: Simulation,
     out: Path,  # directory of the snapshots and the checkpoint
     *,
-    snapshots: int = 1,  # at equal intervals; the last one is today's
+    snapshots: int = 1,  # number of snapshots at equal intervals; the last one is of today
     resume: bool = False,
     force: bool = False,
     progress: bool = True,

@@ -25,7 +25,7 @@ class Simulation:
 
     spec: Spec  # the run file: its potential, progenitor and seed are used
     inputs: StreamInputs  # the same, bound: free parameters are at the centre of their priors
-    host: Host  # the galaxy, in which the satellite is disrupted
+    host: Host  # the galaxy in which the satellite is disrupted
     plan: Plan  # softening, step, records
     # The point-mass orbit in the host from the look-back time to today: the satellite is set on its first point.
     orbit: Orbit
@@ -36,10 +36,10 @@ class Simulation:
         """Prepare a run.
 
         Raises SpecError if the host has a force that depends on velocity. Raises OutOfDomain if the progenitor is no
-        sphere in isotropic equilibrium with an end to its mass, or its orbit is not finite.
+        sphere of finite mass in isotropic equilibrium, or its orbit is not finite.
         """
         inputs = spec.bind()
-        sphere.sample(1, inputs)  # refuses what is no sphere in equilibrium, before the orbit is made
+        sphere.sample(1, inputs)  # refuses a progenitor that is no sphere in equilibrium, before the orbit is computed
         for name, potential in inputs.potentials.items():
             if potential.has_drag():
                 raise SpecError(

@@ -1,4 +1,4 @@
-"""Snapshots in the Gadget-HDF5 layout. A checkpoint is a snapshot too: each holds all that a run needs to continue."""
+"""Snapshots in the Gadget-HDF5 layout. Each snapshot is also a checkpoint: a run can continue from it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The satellite at the start: a sphere in equilibrium, as large and as heavy as its particles make it."""
+"""The satellite at the start: a sphere of particles in equilibrium."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from streamkit_nbody import plummer
 def size_of(inputs: StreamInputs) -> float:
     """Return ``G M / |Phi(0)|`` in kpc, the scale radius of a Plummer or Hernquist sphere.
 
-    Raises OutOfDomain if the progenitor is no sphere, or its mass has no end.
+    Raises OutOfDomain if the progenitor is no sphere, or its mass is infinite.
     """
     if _closed(inputs):
         return float(inputs.satellite.radius)  # type: ignore[attr-defined]
@@ -21,15 +21,15 @@ def size_of(inputs: StreamInputs) -> float:
 
 
 def mass_of(inputs: StreamInputs) -> float:
-    """Return the mass in Msun of all particles: that inside 20 times its size; a Plummer sphere's is not cut."""
+    """Return the mass in Msun of all particles: the mass inside 20 scale radii; a Plummer sphere's whole mass."""
     return inputs.mass if _closed(inputs) else Equilibrium(inputs.satellite).mass
 
 
 def sample(n: int, inputs: StreamInputs) -> tuple[Array, Array]:
-    """Draw n particles from the isotropic distribution function, by Eddington's formula where none is at hand.
+    """Draw n particles from the isotropic distribution function, in closed form or by Eddington's formula.
 
-    Returns q (3, n) in kpc and v (3, n) in km/s, with the mean of each taken off. Raises OutOfDomain if there is no
-    such function.
+    Returns q (3, n) in kpc and v (3, n) in km/s, with the means subtracted. Raises OutOfDomain if there is no such
+    function.
     """
     rng = np.random.default_rng(inputs.seed)
     if _closed(inputs):
@@ -39,5 +39,5 @@ def sample(n: int, inputs: StreamInputs) -> tuple[Array, Array]:
 
 
 def _closed(inputs: StreamInputs) -> bool:
-    """Whether the sphere is sampled by this plugin's own closed form."""
+    """Whether this plugin samples the sphere by a closed form."""
     return inputs.satellite.kind == "plummer"

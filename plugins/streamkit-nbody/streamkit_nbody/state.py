@@ -19,8 +19,8 @@ class Track:
     q: Array
     v: Array
     mass: Array  # (k,) bound mass; 0 once the satellite is gone
-    # (k,) tidal radius for that mass; where the host has none at that place, the one before (at the start: the distance
-    # from the Galactic centre).
+    # (k,) tidal radius for that mass. Where the host has none, it is the previous one; at the start, the distance from
+    # the Galactic centre.
     r_tidal: Array
     energy: Array  # (k,) total energy of all particles in Msun (km/s)^2; NaN if the host gives no potential energy
 
@@ -50,11 +50,11 @@ class State:
     # (3, n) position and velocity relative to the core at the last record inside, along x, y, z.
     dq_strip: Array
     dv_strip: Array
-    # (n,) of the particle about the Galactic centre in the orbital plane: its swept angle is its present angle plus 2
-    # pi times as many.
+    # (n,) whole turns of the particle about the Galactic centre in the orbital plane: the swept angle is the present
+    # angle plus 2 pi times this number.
     revolutions: IntArray
     track: Track
-    binding: float  # binding energy of the isolated satellite, the yardstick of the energy error; Msun (km/s)^2
+    binding: float  # binding energy of the isolated satellite, the unit of the energy error; Msun (km/s)^2
 
     @property
     def record(self) -> int:

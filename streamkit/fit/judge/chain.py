@@ -27,20 +27,20 @@ R_HAT = Check(
 )
 # With 100 effective samples the median is known to 0.13 of the standard deviation.
 SAMPLES = Check("effective samples", (400.0, 100.0), "fine from 400 on (Vehtari+ 2021, sec. 4), do not use below 100")
-# The chance that a stationary chain drifts as much as this one, over all parameters.
+# The probability that a stationary chain drifts as much as this one, over all parameters.
 DRIFT = Check(
     "traces",
     (0.01, 1e-4),
     "last against first third (Geweke 1992), over all parameters: fine if chance makes 1 in 100, not below 1e-4",
 )
-# The chance that mean ranks of walkers of one distribution differ as much. Walkers that differ are never more than
-# "look here": R-hat says by how much.
+# The probability that mean ranks of walkers of one distribution differ as much. The verdict is "look here" at worst:
+# R-hat measures the difference.
 RANKS = Check(
     "rank plots",
     (0.01, -np.inf),
     "mean rank of each walker (Vehtari+ 2021, sec. 4): fine if chance makes 1 in 100 over walkers and parameters",
 )
-# Shares of walkers: 2.5 % of the samples hold one end of a 95 % interval, 16 % that of a 68 % interval.
+# Fractions of walkers: one end of a 95 % interval has 2.5 % of the samples beyond it, one of a 68 % interval 16 %.
 STUCK = Check(
     "stuck walkers",
     (0.0, 0.16),
@@ -48,8 +48,9 @@ STUCK = Check(
     larger_is_worse=True,
 )
 TAIL_95 = 0.025
-# Random walks lose little from 0.15 to 0.5 (Roberts & Rosenthal 2001, sec. 3; emcee's authors advise 0.2 to 0.5). One
-# in a hundred is the sign of a rough likelihood. High acceptance is no fault here: short steps show in the length.
+# The efficiency of random walks changes little from 0.15 to 0.5 (Roberts & Rosenthal 2001, sec. 3; emcee's authors
+# advise 0.2 to 0.5). An acceptance of 0.01 indicates a rough likelihood. A high acceptance is not judged: short steps
+# show in the length of the chain.
 ACCEPTANCE = Check("acceptance", (0.15, 0.01), "fine from 0.15 on (Roberts & Rosenthal 2001), do not use below 0.01")
 
 
@@ -104,7 +105,7 @@ def drift_verdict(names: Sequence[str], scores: Array) -> Verdict:
 
 
 def ranks_verdict(scores: Array) -> Verdict:
-    """Judge whether all walkers roam over the same distribution, from the scores (walkers, d) of their mean ranks."""
+    """Judge whether all walkers sample the same distribution, from the scores (walkers, d) of their mean ranks."""
     which = int(np.argmax(np.abs(np.nan_to_num(scores)).max(axis=1)))
     differ = f"Not all walkers have been everywhere, walker {which} least of all: look at the rank plots."
     sentences = {FINE: "Every walker has been everywhere: the ranks of each are even.", LOOK: differ}
@@ -187,5 +188,5 @@ def chance(scores: Array) -> float:
 
 
 def at_least_one(p: float, n: int) -> float:
-    """Return the chance that at least one of n independent events of probability p happens."""
+    """Return the probability that at least one of n independent events of probability p happens."""
     return float(-np.expm1(n * np.log1p(-p))) if p < 1 else 1.0

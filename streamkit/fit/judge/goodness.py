@@ -33,7 +33,7 @@ class Fitted:
 
     @property
     def p_value(self) -> float:
-        """Posterior predictive p-value of chi^2 (Gelman, Meng & Stern 1996, eq. 8); of the best sample without others.
+        """Posterior predictive p-value of chi^2 (Gelman, Meng & Stern 1996, eq. 8); without samples at the best one.
 
         The distribution of chi^2 of new data is known at each sample: chi^2 with n degrees of freedom.
         """
@@ -42,7 +42,7 @@ class Fitted:
 
     @property
     def p_of_best(self) -> float:
-        """The chance of a chi^2 at least as large as that of the best sample."""
+        """The probability of a chi^2 at least as large as the best sample's."""
         return float(chi2.sf(self.best, len(self.data)))
 
     @property
@@ -52,7 +52,7 @@ class Fitted:
 
     @property
     def worst_chance(self) -> float:
-        """The chance that the farthest of n independent data is at least so far from its prediction."""
+        """The probability that the farthest of n independent data is at least so far from its prediction."""
         return at_least_one(2 * float(ndtr(-abs(self.residuals[self.worst]))), len(self.data))
 
 
@@ -62,11 +62,11 @@ class Goodness:
 
     quantities: tuple[Fitted, ...]  # one for each quantity that has data and residuals
     whole: Fitted  # all of their data
-    unjudged: tuple[str, ...] = ()  # measurements with a likelihood of their own and without residuals
+    unjudged: tuple[str, ...] = ()  # measurements that define a likelihood and no residuals
 
     @property
     def least(self) -> tuple[Fitted, float]:
-        """The fit that is least likely, and its p-value; that of a quantity allows for the number of quantities."""
+        """The least likely fit, and its p-value; for a quantity the p-value allows for the number of quantities."""
         chances = [at_least_one(each.p_value, len(self.quantities)) for each in self.quantities]
         fits = [(self.whole, self.whole.p_value), *zip(self.quantities, chances, strict=True)]
         return min(fits, key=lambda fit: fit[1])
@@ -82,8 +82,8 @@ class Sampled:
     """The samples of a run with their predictions."""
 
     spec: Spec  # the run
-    # the best sample by name, and what is predicted there; its details stand for those of all samples, as runs store
-    # means and variances only.
+    # the best sample by name, and its predictions. Their details are used for all samples, as runs store only means and
+    # variances.
     best: Mapping[str, float]
     predictions: Mapping[str, Prediction]
     # (n, d) samples, and (n,) records of `streamkit.sample.blob_dtype`; None if predictions were not stored.

@@ -1,4 +1,4 @@
-"""What the posterior predicts beside the data, and how much narrower it is than the prior."""
+"""The predictions of the posterior beside the data, and the width of the posterior in units of the prior's."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def contraction(fractions: Array) -> float:
 
 @dataclass(frozen=True)
 class Predictive:
-    """The data and what the posterior predicts for them."""
+    """The data and the predictions of the posterior for them."""
 
-    # (m,) of the data that are there.
+    # (m,) of the data without missing ones.
     names: tuple[str, ...]
     data: Array
     errors: Array
@@ -35,8 +35,8 @@ class Predictive:
     mean: Array
     variance: Array
     add_noise: bool = False  # whether the likelihood adds that variance to the errors
-    gaussian: bool = True  # whether the likelihood is the Gaussian of these data, and no observable has one of its own
-    # (m,) standard deviations of the data about the best sample's predictions; None: their errors.
+    gaussian: bool = True  # whether the likelihood is the Gaussian of these data: no observable defines another one
+    # (m,) standard deviations of the data about the best sample's predictions; None for their errors.
     scatter: Array | None = None
 
     @property

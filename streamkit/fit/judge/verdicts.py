@@ -18,15 +18,15 @@ from streamkit.fit.judge.predictive import EDGE, Predictive, contraction, prior_
 from streamkit.runfile import ONLY, Normal, Prior
 from streamkit.stream import Array
 
-# Posterior predictive p-value of chi^2 (Gelman, Meng & Stern 1996). It is conservative, as the parameters were fitted
-# to the same data: a small one is the model's or the errors' fault (Bayarri & Berger 2000).
+# Posterior predictive p-value of chi^2 (Gelman, Meng & Stern 1996). The p-value is conservative, as the parameters were
+# fitted to the same data: a small one means that the model or the errors are wrong (Bayarri & Berger 2000).
 GOODNESS = Check(
     "goodness of fit",
     (0.05, 0.001),
     "posterior predictive p of chi^2 (Gelman, Meng & Stern 1996), the least of all data together and of each quantity "
     "times their number: fine from 0.05 on, do not use below 0.001",
 )
-# One datum of many may be wrong in itself and move nothing: it is looked at. A model that fails shows in chi^2 too.
+# A single wrong datum among many may have no influence: the verdict is "look here". A wrong model shows in chi^2 too.
 WORST = Check(
     "worst datum",
     (0.05, -np.inf),
@@ -45,7 +45,7 @@ NOISE_ADDED = Check(
     "standard deviation over the datum's scatter, added in the likelihood here: fine up to 1",
     larger_is_worse=True,
 )
-# Share of all proposals that one reason may refuse, before it may cut the posterior where nobody meant it to.
+# Largest fraction of all proposals that one reason may refuse: beyond, it may cut the posterior unintentionally.
 REASONS = Check(
     "refused proposals",
     (0.1, np.inf),
@@ -61,9 +61,9 @@ MEASURED = Check(
 )
 # Share of a live progenitor's mass that is bound today.
 BOUND = Check("bound mass", (0.01, -np.inf), "share of the mass that is bound to the progenitor today: fine from 1 %")
-AT_EDGE = 0.1  # share of the posterior in the outermost 2 % of a prior, where the prior itself has 2 %
-# Spread of the posterior over that of the prior above which the data say nothing of a parameter. It is said, and no
-# fault: a parameter that was measured elsewhere has its measurement as its prior.
+AT_EDGE = 0.1  # fraction of the posterior in the outermost 2 % of a prior, where the prior itself has 2 %
+# Ratio of the widths of posterior and prior above which the data do not constrain a parameter. The page says so, and it
+# is no fault: the prior of a parameter may be an earlier measurement.
 UNINFORMED = 0.9
 
 
@@ -86,7 +86,7 @@ class Judged(Protocol):
 
     @property
     def unmeasured(self) -> str:
-        """Why the stream at the best sample has no predictions."""
+        """The reason why the stream at the best sample has no predictions."""
 
     @property
     def emulated(self) -> bool:
@@ -149,7 +149,7 @@ def quick_verdict() -> Verdict:
 
 
 def goodness_verdict(fit: Goodness) -> Verdict:
-    """Judge whether the model can make the data: all of them, and those of each quantity."""
+    """Judge whether the model fits the data: all of them, and those of each quantity."""
     (least, p), poorest = fit.least, fit.poorest
     n, several = len(least.data), least is fit.whole and len(fit.quantities) > 1
     name = f"{least.name}, least of all {poorest.name}" if several else least.name
@@ -165,10 +165,10 @@ def goodness_verdict(fit: Goodness) -> Verdict:
 
 
 def disagreement_verdict(fit: Goodness, uncertified: bool) -> Verdict | None:
-    """Judge emulated predictions that may not be those of the model; None where they say how good the fit is.
+    """Judge emulated predictions that may not be the model's; None where they can judge the goodness of fit.
 
-    The chi^2 of the best sample is that of a call, the p-values are those of emulated predictions: where the emulator
-    is right, a call that is far from the data has samples that are.
+    The chi^2 of the best sample comes from a call, the p-values from emulated predictions. If the emulator is right and
+    the call is far from the data, the samples are far from the data too.
     """
     whole = fit.whole
     contradicted = whole.p_of_best < GOODNESS.limits[1] <= whole.p_value

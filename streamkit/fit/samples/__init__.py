@@ -1,1 +1,1 @@
-"""The samples of a run, and what follows from them: intervals, masses, predictions."""
+"""The samples of a run, with intervals, masses and predictions."""

@@ -19,7 +19,7 @@ from streamkit.report import BAND_95, BLUE, GREY, finish, panel_grid
 from streamkit.sample import Chain
 from streamkit.stream import Array
 
-DRAWN = 2000  # steps that a trace shows at most
+DRAWN = 2000  # largest number of steps in a trace
 
 
 class ChainDraws(Draws):
@@ -29,14 +29,14 @@ class ChainDraws(Draws):
 
     def __init__(self, stored: Chain, sampler: ChainSampler, names: Sequence[str], quick: bool) -> None:
         super().__init__(stored.chain, stored.log_prob, stored.blobs, stored.attributes, quick)
-        former = stored.attributes.get("counts", {}).get("surrogate")  # as version 0.1.0 stored this fact
+        former = stored.attributes.get("counts", {}).get("surrogate")  # version 0.1.0 stored the fact here
         self.facts = self.facts or ({"surrogate": former} if former else {})
         steps, walkers, _ = self.chain.shape
         rule = self.convergence = sampler.convergence(self.chain)
         self.discard = steps // 2 if quick else rule.discard
         self.tau, self.r_hat = rule.tau, rank_r_hat(self.kept) if quick else rule.r_hat
         self.ess = effective_samples(self.kept, self.tau)
-        # R-hat above its limit says that the walkers have no common distribution
+        # if R-hat is above its limit, the walkers have no common distribution
         self.trusted_ess = np.where(self.r_hat > checks.R_HAT.limits[1], np.nan, self.ess)
         self.stuck = stuck_walkers(self.chain, self.log_prob)
         step, walker = np.unravel_index(np.argmax(self.log_prob), self.log_prob.shape)

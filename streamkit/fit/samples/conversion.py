@@ -34,7 +34,7 @@ def sample_columns(spec: Spec, draws: Draws) -> dict[str, Array]:
 def arviz_tree(spec: Spec, draws: Draws, data: Data, drawn: Replicates | None) -> DataTree:
     """Return samples as ArviZ reads them, each walker a chain: see `Results.to_arviz`.
 
-    ``data`` are those of the run, ``drawn`` new data of some of the samples.
+    ``data`` are the run's data, ``drawn`` new data for some of the samples.
     """
     import arviz_base  # slow to load
 
@@ -70,18 +70,18 @@ def arviz_tree(spec: Spec, draws: Draws, data: Data, drawn: Replicates | None) -
     return tree
 
 
-DRAWS = 500  # samples that new data are drawn for
+DRAWS = 500  # number of samples with new data
 
 
 @dataclass(frozen=True)
 class Replicates:
-    """The data of each quantity by its name, with what some samples say of them."""
+    """The data of each quantity by its name, with the new data and likelihoods of some samples."""
 
     # (n,) names and values of the data of each quantity.
     names: dict[str, tuple[str, ...]]
     data: dict[str, Array]
-    drawn: dict[str, Array]  # (k, n) new data of k samples; without a quantity of which none can be drawn
-    labels: tuple[str, ...]  # (m,) names of all data that have a likelihood of their own
+    drawn: dict[str, Array]  # (k, n) new data of k samples, for quantities of which they can be drawn
+    labels: tuple[str, ...]  # (m,) names of all data with a separate likelihood
     ln_likelihood: Array  # (k, m) their ln likelihoods
 
 

@@ -15,8 +15,8 @@ from streamkit.errors import ChainError
 from streamkit.sample import Weighted
 from streamkit.stream import Array, IntArray
 
-Row = tuple[str, str, str]  # of a terminal's table: name, value, remark
-# How the sampling ended, by the status of a run that has ended.
+Row = tuple[str, str, str]  # a row of a terminal's table: name, value, remark
+# The way in which the sampling ended, by the status of the run.
 ENDED = {
     "converged": "by the rule of convergence",
     "few": "by the rule of the sampler, with few effective samples",
@@ -33,16 +33,16 @@ class Draws(ABC):
     attributes below.
     """
 
-    acceptance: float  # fraction of the proposals that were accepted, or of the calls that became an effective sample
+    acceptance: float  # fraction of accepted proposals, or effective samples per call
     tau: Array  # (d,) autocorrelation times in steps; NaN where there is no estimate
     r_hat: Array  # (d,) rank-normalised split R-hat after burn-in; NaN where there is none
     ess: Array  # (d,) effective numbers of independent samples after burn-in
-    trusted_ess: Array  # (d,) the same; NaN where the chains disagree so much that the number has no meaning
-    best: Array  # (d,) the sample of the highest ln posterior
-    length: str  # of the sampling: "1000 steps"
+    trusted_ess: Array  # (d,) the same; NaN where the chains disagree too much for a meaningful number
+    best: Array  # (d,) the sample with the highest ln posterior
+    length: str  # the length of the sampling: "1000 steps"
     headline: str  # kind and number of the samples, on the first line of a report
-    lacks: str  # what is missing for samples that can be trusted, as the end of a sentence; empty if nothing is
-    praise: str  # why the samples can be trusted, once nothing is missing, as a sentence
+    lacks: str  # what is missing for reliable samples, as the end of a sentence; empty if nothing is missing
+    praise: str  # the reason why the samples are reliable, as a sentence, for samples that lack nothing
     trace: tuple[str, str]  # label of the horizontal axis of the traces, and their legend
     discard = 0  # steps of learning and of burn-in
     stuck: IntArray = np.empty(0, dtype=np.int64)  # (n,) numbers of the walkers that are stuck far below the others
@@ -55,7 +55,7 @@ class Draws(ABC):
         counts = attributes.get("counts", {})
         self.calls, self.search_calls = int(counts.get("calls", 0)), int(counts.get("search_calls", 0))
         self.reasons: dict[str, int] = counts.get("reasons", {})  # rejected proposals by reason
-        self.facts: dict[str, str] = counts.get("facts", {})  # the sampler's own short texts by name
+        self.facts: dict[str, str] = counts.get("facts", {})  # short texts of the sampler by name
         self.status = str(attributes.get("status", "unfinished"))  # a key of `ENDED`, or "unfinished"
 
     @property
@@ -70,7 +70,7 @@ class Draws(ABC):
         return self.blobs[self.discard :] if names and "mean" in names else None
 
     def note(self) -> str:
-        """Return in one sentence how far the percentiles can be trusted, and what is missing."""
+        """Return one sentence: whether the percentiles are reliable, and what is missing."""
         if self.quick:
             return f"QUICK LOOK, {self.length}: few particles, not converged, not for science."
         return f"Not converged: {self.lacks}." if self.lacks else self.praise
@@ -88,7 +88,7 @@ class Draws(ABC):
         """Return the numbers of the samples, for JSON."""
 
     def provenance(self) -> dict[str, Any]:
-        """Return the notes that a table about the samples carries."""
+        """Return the notes of a table about the samples."""
         steps, walkers, _ = self.chain.shape
         return {
             "status": self.status,
@@ -105,5 +105,5 @@ class Draws(ABC):
         """Draw the trace of a parameter in units of ``scale``, or of ln posterior for None."""
 
     def pictures(self, labels: Sequence[str]) -> dict[str, Callable[[], Figure]]:
-        """Return pictures for the page that only samples of this kind have, by name."""
+        """Return the additional pictures of samples of this kind for the page, by name."""
         return {}

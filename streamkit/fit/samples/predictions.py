@@ -1,4 +1,4 @@
-"""What a run predicts for its data, from the predictions that it stored with its samples."""
+"""The predictions of a run for its data, from the predictions that it stored with its samples."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from streamkit.runfile import Spec
 from streamkit.sample import Posterior
 from streamkit.stream import Array, Data
 
-MOST = 2000  # samples that a prediction is compared with the data for
-COMPARED = 5  # samples whose ln likelihood is compared with that of a Gaussian
+MOST = 2000  # largest number of samples whose predictions are compared with the data
+COMPARED = 5  # number of samples whose ln likelihood is compared with a Gaussian's
 
 
 def stored_predictions(draws: Draws) -> NDArray[Any] | None:

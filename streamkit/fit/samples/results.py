@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from xarray import DataTree
 
-MAX_MODELS = 5000  # samples that a mass profile is computed for
+MAX_MODELS = 5000  # largest number of samples for a mass profile
 
 
 class Results:
@@ -44,21 +44,22 @@ class Results:
     Attributes
     ----------
     spec, directory
-        The run, and where it is; None for one in memory.
+        The run and its directory; None for a run in memory.
     draws
-        Its samples, which describe and judge themselves.
+        The samples, which describe and judge themselves.
     names
         The free parameters.
     chain, log_prob
         (steps, walkers, d) samples and (steps, walkers) ln posterior, burn-in included. Weighted samples have the form
-        of a chain too: as many of equal weight as they are worth, drawn with the seed of the run, as one walker.
+        of a chain with one walker: samples of equal weight, as many as the effective number, drawn with the run's seed.
     discard
-        Steps left out: those of learning, then three times the longest autocorrelation time, at most half.
+        Number of steps left out: the steps of learning, then three times the longest autocorrelation time, at most
+        half.
     kept, samples
         (steps, walkers, d) the chain after burn-in, and (n, d) the same without regard to walkers.
     tau, ess
-        (d,) Autocorrelation times in steps, of the chain after learning, NaN where there is no estimate; and effective
-        numbers of independent samples after burn-in.
+        (d,) Autocorrelation times in steps of the chain after learning, NaN without an estimate; and effective numbers
+        of independent samples after burn-in.
     r_hat
         (d,) Rank-normalised split R-hat after burn-in, each walker a chain; NaN for weighted samples.
     stuck
@@ -70,13 +71,13 @@ class Results:
     reasons
         Rejected proposals of the sampler by reason.
     facts
-        The sampler's own short texts by name, such as what its surrogate was learned from.
+        Short texts of the sampler by name, such as the number of points that its surrogate has learned from.
     status
         Why the sampling ended: "converged", "steps", "time", "few" (effective samples), or "unfinished".
     quick
         Whether it is a coarse look.
     weighted
-        The weighted samples of a sampler that gives such, with the evidence; None for a chain.
+        The weighted samples of a sampler that yields such, with the evidence; None for a chain.
     failed
         Pictures that could not be drawn, with the reason.
     """
@@ -160,7 +161,7 @@ class Results:
         return not self.quick and not self.draws.lacks and self.verdict != DO_NOT
 
     def note(self) -> str:
-        """Return how far the percentiles can be trusted, and what is missing: the verdict of all checks."""
+        """Return whether the percentiles are reliable, and what is missing: the verdict of all checks."""
         own, (level, sentence) = self.draws.note(), overall(self.verdicts)
         return own if level == FINE or self.quick else f"{sentence} {own}"
 
@@ -171,7 +172,7 @@ class Results:
         rank-normalised R-hat, 95 % interval.
         """
         levels = intervals(self.samples)
-        # A narrow terminal leaves out columns in the middle: in this order it still shows medians and intervals.
+        # A narrow terminal leaves out columns in the middle: with this order it still shows medians and intervals.
         table = QTable({"parameter": list(self.names), "median": levels[""], "lo68": levels["lo68"]})
         table["hi68"] = levels["hi68"]
         table["unit"] = [unit.replace(" ", "") or "1" for unit in self.spec.units]
@@ -188,10 +189,10 @@ class Results:
 
     @cached_property
     def unmeasured(self) -> str:
-        """Why the stream at the best sample has no predictions; "" where it has them.
+        """The reason why the stream at the best sample has no predictions; "" where it has them.
 
-        An emulated sample may lie where no stream can be measured, and another machine's rounding may lose a stream at
-        the edge.
+        At an emulated sample there may be no measurable stream. At the edge of measurable streams the rounding of
+        another machine may decide.
         """
         try:
             predictions = self.best_observation.predictions
@@ -201,7 +202,7 @@ class Results:
 
     @cached_property
     def predictive(self) -> Predictive | None:
-        """The data and what the posterior predicts for them; None if the run kept no predictions."""
+        """The data and the predictions of the posterior for them; None if the run stored no predictions."""
         return predictive(self.spec, self.draws, None if self.unmeasured else self.best_observation)
 
     @property
@@ -255,15 +256,16 @@ class Results:
         return Sampled(self.spec, self.best(), self.best_observation.predictions, self.samples, blobs)
 
     def goodness(self) -> QTable:
-        """Return one row per measured quantity and one for all data: how well the model makes the data.
+        """Return one row per measured quantity and one for all data: how well the model fits the data.
 
         Columns: quantity, number of data, chi^2 at the best sample, its posterior predictive p-value, the worst datum,
-        its residual (data minus model, in standard deviations of the likelihood), and the chance of one so far away.
+        its residual (data minus model, in standard deviations of the likelihood), and the probability of such a
+        residual.
         """
         return self.with_provenance(goodness_table(self.fit))
 
     def predictions(self) -> QTable:
-        """Return one row per datum: its error, and median and intervals of what the samples predict."""
+        """Return one row per datum: its error, and median and intervals of the predictions of the samples."""
         return self.with_provenance(predictions_table(self.predictive))
 
     def mass_profile(self, radii: Any) -> QTable:
@@ -317,7 +319,7 @@ class Results:
         return mass[where], v_c[where]
 
     def with_provenance(self, table: QTable, more: dict[str, Any] | None = None) -> QTable:
-        """Return a table with notes of what it comes from, and how far it can be trusted."""
+        """Return a table with notes of its origin and its reliability."""
         about = {"note": self.note(), "quick": self.quick, "digest": self.spec.digest()}
         table.meta.update(about | self.draws.provenance() | (more or {}))
         return table

@@ -1,4 +1,4 @@
-"""The weighted samples of a run: how they describe and judge themselves."""
+"""The weighted samples of a run, with their descriptions and verdicts."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from streamkit.fit.samples.draws import Draws, Row
 from streamkit.report import BLUE, GREY
 from streamkit.sample import Weighted
 
-DRAWN = 5000  # samples that a trace shows at most
-# Share of the largest weight: with one in a hundred a percentile is coarse, with one in ten it is that sample.
+DRAWN = 5000  # largest number of samples in a trace
+# Fraction of all weight in the largest one: with 0.01 a percentile is coarse, with 0.1 the one sample dominates it.
 HEAVIEST = Check(
     "largest weight", (0.01, 0.1), "fine up to 1 % of all weights, do not use above 10 %", larger_is_worse=True
 )
@@ -29,7 +29,7 @@ KISH = Check(
 class WeightedDraws(Draws):
     """Stored weighted samples of a sampler of this kind.
 
-    Their chain is one walker: samples of equal weight, as many as the effective number, drawn with the seed.
+    The chain has one walker: samples of equal weight, as many as the effective number, drawn with the seed.
     """
 
     weighted: Weighted
@@ -41,7 +41,7 @@ class WeightedDraws(Draws):
         super().__init__(chain, log_prob, blobs, stored.attributes, quick)
         d = chain.shape[2]
         self.weighted, self._kind, self.lacks = stored, kind, stored.lacks
-        self.tau = self.r_hat = np.full(d, np.nan)  # of chains alone
+        self.tau = self.r_hat = np.full(d, np.nan)  # only chains have these
         self.ess = self.trusted_ess = np.full(d, stored.ess)
         self.best = stored.points[np.argmax(stored.log_prob)]
         self.acceptance = float(stored.ess / max(self.calls, 1))

@@ -1,4 +1,4 @@
-"""The samples of a run as files for other programs: netCDF for ArviZ, GetDist's text, tables, also for a paper."""
+"""The samples of a run as files for other programs: netCDF for ArviZ, text for GetDist, and tables."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def sample_table(results: Results) -> Any:
 def write_getdist(results: Results, path: Path) -> list[Path]:
     """Write the samples as GetDist reads them: ROOT.txt (weight, -ln posterior, parameters), .paramnames, .ranges.
 
-    Labels are the symbols of the run file's fields. Ranges are the ends of priors that have ends.
+    Labels are the symbols of the run file's fields. Ranges are the ends of bounded priors.
     """
     flat = results.samples
     ln_p = results.log_prob[results.discard :].ravel()
@@ -79,13 +79,14 @@ def _end(prior: Prior, which: int) -> str:
     return f"{value:.10g}" if np.isfinite(value) else "N"
 
 
-LARGE, SMALL = 1e5, 1e-3  # medians beyond these are written with a power of ten
+LARGE, SMALL = 1e5, 1e-3  # larger and smaller medians are written with a power of ten
 
 
 def paper_table(results: Results) -> str:
     """Return a LaTeX table: medians with the distances to the ends of the 68 % intervals.
 
-    Radii of masses are those that the best stream and the data reach. A run that may not be quoted says so on top.
+    Radii of masses are within the range of the best stream and the data. The first line warns if the run is not
+    reliable.
     """
     rows = []
     for row, symbol in zip(results.summary(), results.spec.symbols, strict=True):

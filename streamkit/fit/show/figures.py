@@ -43,10 +43,10 @@ from streamkit.runfile import Prior
 from streamkit.stream import Array
 
 FEW = 200  # samples below which a corner plot shows points without contours
-FEW_RADII = 4  # of the data, that are marked by a line each
+FEW_RADII = 4  # largest number of radii of the data that are marked by a line each
 WIDE = 6.0  # inches: pictures of profiles
-FEW_PARAMETERS = 4  # that a corner plot of one column of a journal may have
-TITLED = 0.95  # inches of a panel that has room for a title
+FEW_PARAMETERS = 4  # largest number of parameters in a corner plot of one column of a journal
+TITLED = 0.95  # smallest width in inches of a panel with a title
 GAP = 0.11  # inches between the panels of a corner plot
 
 
@@ -71,7 +71,7 @@ def reach(results: Results) -> tuple[float, float]:
 
 
 def radii(results: Results, literature: QTable | None = None) -> Array:
-    """(nr,) Radii in kpc that the pictures of a profile are drawn at: beyond the `reach` and published values."""
+    """(nr,) Radii in kpc of the pictures of a profile: beyond the `reach` and published values."""
     low, high = reach(results)
     first, last = 0.5 * low, 1.5 * high
     if literature is not None and len(literature):
@@ -96,7 +96,7 @@ def corner(results: Results, column: bool = False) -> Figure:
 
     For a journal it is as wide as one ``column`` up to `FEW_PARAMETERS`, else as two; small panels have no titles.
     """
-    from corner import corner as draw  # it loads pyplot, which is slow and needed here alone
+    from corner import corner as draw  # it loads pyplot, which is slow and only needed here
 
     scale, names, units = _labels(results)
     samples, d = results.samples / scale, len(names)
@@ -184,7 +184,7 @@ def rotation_curve(results: Results, literature: QTable | None = None, wide: flo
 
 
 def _profile(results: Results, literature: QTable | None, name: str, factor: float, label: str, wide: float) -> Figure:
-    """Draw one column of a profile, so many inches wide."""
+    """Draw one column of a profile, ``wide`` inches wide."""
     rows = None if literature is None else literature[[quantity == name for quantity in literature["quantity"]]]
     profile = results.mass_profile(radii(results, rows))
     r = profile["r"].value
@@ -197,7 +197,7 @@ def _profile(results: Results, literature: QTable | None, name: str, factor: flo
 
 
 def legend_above(figure: Figure, axes: Axes) -> None:
-    """Put the legend above the axes of a profile, where it covers no curve, and make the figure higher by as much."""
+    """Put the legend above the axes of a profile, where it covers no curve, and increase the figure's height for it."""
     handles, entries = axes.get_legend_handles_labels()
     wide, high = figure.get_size_inches()
     size = 7.0 if wide < WIDE else 10.0
@@ -207,9 +207,9 @@ def legend_above(figure: Figure, axes: Axes) -> None:
 
 
 def profile_axes(results: Results, r: Array, label: str, wide: float) -> tuple[Figure, Axes]:
-    """Return a figure so many inches wide, and its axes over radii (nr,) in kpc, with the radii of the data.
+    """Return a figure ``wide`` inches wide, and its axes over radii (nr,) in kpc, with the radii of the data.
 
-    What is extrapolated beyond the `reach` of stream and data is shaded.
+    The range beyond the `reach` of stream and data is shaded.
     """
     figure = NotebookFigure(figsize=(wide, 0.75 * wide), layout="constrained")
     axes, narrow = figure.subplots(), wide < WIDE
@@ -266,7 +266,7 @@ def bands(axes: Axes, r: Array, values: Mapping[str, Array]) -> None:
 
 
 def data_radii(axes: Axes, results: Results) -> None:
-    """Mark the radii of the data: a few by dashed lines with their names, more by the range of each stream or table."""
+    """Mark the radii of the data: a few by dashed lines with names, many by the range of each stream or table."""
     sources = _data_radii(results)
     if sum(map(len, sources.values())) > FEW_RADII:
         _draw_ranges(axes, sources)
@@ -301,7 +301,7 @@ def _draw_ranges(axes: Axes, sources: Mapping[str, Mapping[str, float]]) -> None
 
 
 def _data_radii(results: Results) -> dict[str, dict[str, float]]:
-    """Return the radii in kpc of the data by stream, or table of host data, and name; without those that have none."""
+    """Return the radii in kpc of the data by stream or table of host data, and by name; only of data with radii."""
     bound = results.spec.bind_all(results.best())
     sources = {name or "stream": radii_of(inputs.observables) for name, inputs in bound.streams.items()}
     sources |= {name or "host": data.radii() for name, data in bound.data.items()}
@@ -335,7 +335,7 @@ def _range(values: Array) -> tuple[float, float]:
 
 
 PANEL = (2.5, 1.9)  # inches of a panel with a prior
-ZOOM = 0.15  # share of the prior's range below which the picture shows only the surroundings of the posterior
+ZOOM = 0.15  # fraction of the prior's range below which the picture shows only the surroundings of the posterior
 
 
 def priors(results: Results) -> Figure:

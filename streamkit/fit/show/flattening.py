@@ -17,16 +17,16 @@ from streamkit.report import VERMILION
 from streamkit.runfile import Spec
 from streamkit.stream import Array
 
-# Latitudes in degrees from the centre, and the lines of their medians; the first one has the intervals.
+# Latitudes in degrees seen from the centre, and the line styles of their medians; the first one has the intervals.
 DIRECTIONS = {45.0: "-", 15.0: "--", 75.0: ":"}
 ROUND = 1e-6
-OUTWARDS = 1.04  # the run's own values are drawn at so many times the radius of published ones, beside them
+OUTWARDS = 1.04  # factor of the radius at which a value of the run is drawn beside a published one
 
 
 def is_sphere(spec: Spec) -> bool:
-    """Return whether the host is round at two places of the prior: a prior of q may have its centre at 1.
+    """Return whether the host is round at two points of the prior: a prior of q may have its centre at 1.
 
-    A host without a flattening there counts as round.
+    A host whose flattening cannot be computed there counts as round.
     """
     places = [np.array([float(prior.ppf(np.array([u]))[0]) for prior in spec.priors]) for u in (0.31, 0.74)]
     try:
@@ -40,8 +40,8 @@ def is_sphere(spec: Spec) -> bool:
 def flattening(results: Results, literature: QTable | None = None, wide: float = WIDE) -> Figure:
     """Draw the flattening q of the potential (`Host.flattening`), 45 deg above the plane with 68 % and 95 % bands.
 
-    Lines are the medians nearer to the plane and to the axis. Published values stand at their distance from the centre,
-    with the run's own at the same places.
+    Lines are medians at a low and a high latitude. Published values are drawn at their distance from the centre, with
+    the values of the run at the same positions.
     """
     rows = None if literature is None else literature[[name == POTENTIAL for name in literature["quantity"]]]
     r = radii(results, rows)[::2]

@@ -1,4 +1,4 @@
-"""The host as tables and a picture: its profile at parameters or over a posterior, and the objects that move in it."""
+"""The host as tables and a picture: its profile, at parameters or over a posterior, and the objects that move in it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from streamkit.runfile import Spec
 from streamkit.units import GYR
 
 HOST_RADII = (5.0, 8.0, 10.0, 15.0, 20.0, 30.0, 50.0, 75.0, 100.0, 150.0, 200.0)  # kpc
-MOST = 300  # samples of a posterior that flattening, escape speed and density are computed for
+MOST = 300  # largest number of samples of a posterior for flattening, escape speed and density
 OBJECT_UNITS = {"mass": "Msun", "r": "kpc", "r_tidal": "kpc", "t_peri": "Gyr", "r_peri": "kpc", "r_tidal_peri": "kpc",
                 "t_apo": "Gyr", "r_apo": "kpc", "r_tidal_apo": "kpc"}  # fmt: skip
 
@@ -27,9 +27,9 @@ OBJECT_UNITS = {"mass": "Msun", "r": "kpc", "r_tidal": "kpc", "t_peri": "Gyr", "
 def host_table(source: Spec | Results, radii: Any = HOST_RADII) -> QTable:
     """Return the profile of the host, one row per radius (kpc, or a Quantity).
 
-    Columns: r, and M, v_c, q, v_esc and rho as their descriptions define them. Of a spec they are those at the prior's
-    centre (`Spec.with_values` fixes parameters). Of results they are medians, with 68 % and 95 % intervals in
-    ``_lo68`` and so on; q, v_esc and rho from at most 300 samples.
+    Columns: r, and M, v_c, q, v_esc and rho as their descriptions define them. For a spec they are values at the
+    prior's centre (`Spec.with_values` fixes parameters). For results they are medians, with 68 % and 95 % intervals in
+    ``_lo68`` and so on; q, v_esc and rho come from at most 300 samples.
 
     Raises ValueError for radii that are not positive.
     """
@@ -87,7 +87,7 @@ def orbits_table(objects: Mapping[str, Moving]) -> QTable:
 
 
 def describe_host(profile: QTable, objects: Mapping[str, Moving], note: str = "") -> str:
-    """Show both tables for a terminal, and how each column is defined."""
+    """Return both tables as text for a terminal, with the definition of each column."""
     units = {name: column.unit.replace(" ", "") for name, column in PROFILE.items()}
     head = ["r [kpc]", *(f"{name} [{unit}]" if unit else name for name, unit in units.items())]
     rows = [[f"{row['r'].value:g}", *(_cell(row, name) for name in PROFILE)] for row in profile]

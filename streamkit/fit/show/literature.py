@@ -1,4 +1,4 @@
-"""Published masses, circular velocities and flattenings: a table of them, beside the values of a run, in pictures."""
+"""Published masses, circular velocities and flattenings: as a table beside the values of a run, and in pictures."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from streamkit.fit.samples.results import Results
 from streamkit.model import Host
 from streamkit.stream import Array
 
-# The axis ratio of the potential of the whole host at a place, and of the density of its halo.
+# The axis ratio of the potential of the whole host at a position, and of the density of its halo.
 POTENTIAL, DENSITY = "q_Phi", "q_rho"
 # The quantities that a table may hold, and their units.
 UNITS = {"M": "Msun", "v_c": "km / s", POTENTIAL: "", DENSITY: ""}
 NUMBERS = ("radius", "value", "error_minus", "error_plus")
 COLUMNS = ("quantity", *NUMBERS, "reference")
 MARKERS = "sD^vopP*hX"
-MOST = 300  # samples that the flattening is computed for
+MOST = 300  # largest number of samples for the flattening
 
 
 def read_literature(path: str | Path) -> QTable:

@@ -30,9 +30,9 @@ from streamkit.runfile import ONLY
 
 PAGE = "report.html"
 TEMPLATE = "page.html.jinja"
-WIDEST = 1700  # pixels of a picture in the page: two for each of the widest column
-COLOURS = 160  # colours of a picture in the page: drawings have few, and a picture is a third as large with a palette
-# Pictures of the page that are products of their own, besides those of the streams.
+WIDEST = 1700  # largest width in pixels of a picture in the page: two for each pixel of the widest column
+COLOURS = 160  # colours of a picture in the page: drawings have few, and with a palette files are a third as large
+# Pictures of the page that are separate products, besides the pictures of streams.
 DRAWN = (
     "mass_profile.png", "rotation_curve.png", "flattening.png", "corner.png", "traces.png", "predictions.png",
     "priors.png",
@@ -44,7 +44,7 @@ SIGNS = dict(zip(LEVELS, ("✓", "!", "✕"), strict=True))
 def page_text(results: Results, literature: QTable | None = None) -> str:
     """Return the page of a run as HTML, with published values of `read_literature`.
 
-    Pictures that the directory of the run holds are taken from there.
+    Existing pictures in the directory of the run are used.
     """
     from jinja2 import Environment, PackageLoader
 
@@ -84,7 +84,7 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
 
 
 def _parameters(results: Results) -> Iterator[dict[str, Any]]:
-    """Yield the row of each parameter in the summary, with more columns: its prior among them."""
+    """Yield the row of each parameter in the summary, with further columns such as the prior."""
     spec = results.spec
     for row, unit, prior, x, n_eff in zip(
         results.summary(), spec.units, spec.priors, results.samples.T, results.draws.trusted_ess, strict=True
@@ -94,7 +94,7 @@ def _parameters(results: Results) -> Iterator[dict[str, Any]]:
 
 
 def _place(row: Any) -> str:
-    """Return the quantity and the place of a published value."""
+    """Return the quantity and the position of a published value."""
     names = {"M": "M(<r)", "v_c": "v_c", POTENTIAL: "q of the potential", DENSITY: "q of the halo's density"}
     place = f"(R, z) = ({row['radius']:g}, {row['z']:g}) kpc" if np.isfinite(row["z"]) else f"{row['radius']:g} kpc"
     return f"{names[row['quantity']]}, {place}"
@@ -122,7 +122,7 @@ def _run(results: Results) -> dict[str, Any]:
 
 
 def _live(results: Results) -> dict[str, str]:
-    """What a fit of live progenitors assumes: a fact for each of them."""
+    """The assumptions of a fit of live progenitors: a fact for each of them."""
     facts = {}
     for name, stream in results.spec.sections.streams.items():
         if isinstance(scheme := stream.stripping.centre, LiveStripping):

@@ -1,4 +1,4 @@
-"""The picture of the posterior predictive: every datum, in units of its scatter, beside what the samples predict."""
+"""The picture of the posterior predictive: data beside predictions of the samples, in units of the data's scatter."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from streamkit.report import (
 )
 from streamkit.stream import IntArray
 
-# Inches: the height of a row, and across a column the axes, the names left of it and the numbers right of it.
-ROW, WIDE, NAMES, NUMBERS = 0.2, 2.9, 1.75, 1.35  # at least so much for the names
+# Inches: the height of a row, and the widths of the axes, of the names on their left and the numbers on their right.
+ROW, WIDE, NAMES, NUMBERS = 0.2, 2.9, 1.75, 1.35  # the width of the names is the smallest one
 LONGEST = 40  # most rows in a column
 SMALL_ROW = 0.15  # inches of a row in one column of a journal
 
@@ -36,8 +36,8 @@ SMALL_ROW = 0.15  # inches of a row in one column of a journal
 def predictions(results: Results, column: bool = False) -> Figure:
     """Draw every datum minus the model and, for a Gaussian likelihood, minus new data: in units of its scatter.
 
-    For one ``column`` of a journal the data themselves are left out, and of many more than `LONGEST` there are two
-    columns. ChainError if the run kept no predictions.
+    For one ``column`` of a journal the data themselves are left out. With many more data than `LONGEST` there are two
+    columns. ChainError if the run stored no predictions.
     """
     if results.predictive is None:
         raise ChainError("the run kept no predictions")
@@ -45,7 +45,7 @@ def predictions(results: Results, column: bool = False) -> Figure:
 
 
 def draw_predictive(seen: Predictive, note: str = "", narrow: bool = False) -> Figure:
-    """Draw predictions of any origin in this way, with a caveat above."""
+    """Draw any predictions in this way, with a caveat above."""
     m = len(seen.names)
     columns = -(-m // LONGEST)
     rows = -(-m // columns)
@@ -86,7 +86,7 @@ def _unit(seen: Predictive) -> str:
 
 
 def _column(axes: Axes, seen: Predictive, chosen: IntArray, numbers: bool) -> float:
-    """Draw some of the data below each other, with their numbers beside; return how far the axis must reach."""
+    """Draw some of the data below each other, with their numbers beside; return the necessary end of the axis."""
     datum, error, sigma = seen.data[chosen], seen.errors[chosen], seen.sigma[chosen]
     model = (datum - seen.mean[:, chosen]) / sigma
     y = np.arange(len(chosen))

@@ -25,14 +25,14 @@ from streamkit.report import VERMILION, NotebookFigure, columns, finish, paragra
 from streamkit.runfile import Spec, read_toml, resolve
 from streamkit.stream import Array
 
-RADII = np.arange(10.0, 121.0, 5.0)  # radii in kpc of the table: where Gibbons+ 2014 test their recovery
+RADII = np.arange(10.0, 121.0, 5.0)  # radii in kpc of the table, as in the recovery test of Gibbons+ 2014
 DRAWN = np.linspace(RADII[0], RADII[-1], 56)  # radii in kpc of the picture
 PRINTED = 10.0  # spacing in kpc of the rows that are printed
 QUANTITIES = ("M", "v_c")
 
 
 def true_host(path: str | Path, fit: Spec) -> Host:
-    """Return the host of a run file, whose fields must be numbers. It is validated in place of the host of the fit.
+    """Return the host of a run file, whose fields must be numbers. It is validated as the host of the fit would be.
 
     Only its ``[potential]`` and its ``plugins`` count; it may hold nothing else, or be a whole run file.
 

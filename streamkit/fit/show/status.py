@@ -21,7 +21,7 @@ from streamkit.sample import CALLS, CHAIN, JOURNAL, SAMPLES, SMALL_CALLS, calls_
 
 
 def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
-    """Return the status of a run, running or not, as JSON can hold it; None for a number that is not status.
+    """Return the status of a run, running or not, as values for JSON; None for a number that is unknown.
 
     Keys: state ("running", or `Results.status`), steps, calls and small_calls (of a sampler that makes no chain, with
     all and with few particles), most_steps, walkers, acceptance, effective_samples (the least),
@@ -45,7 +45,7 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
     }
     if not any(path.name in (CHAIN, JOURNAL) for path in files):
         status |= {"calls": calls_in(directory / CALLS), "small_calls": calls_in(directory / SMALL_CALLS)}
-    if (directory / RUN_FILE).exists() and not options["given"]:  # Python alone can read a run with given classes
+    if (directory / RUN_FILE).exists() and not options["given"]:  # only Python can read a run with given classes
         load_spec(directory, trust=trust)
     try:
         results = load_results(directory, trust=trust)
@@ -74,7 +74,7 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
 
 
 def _bare(directory: Path, running: bool, why: str) -> dict[str, Any]:
-    """Return what a chain says without its run file; ``why`` is the reason, for a run with classes given in Python.
+    """Return the status of a chain without its run file; ``why`` is the reason, for a run with classes given in Python.
 
     ChainError for a chain that cannot be read, unless the run is about to write it.
     """
@@ -92,7 +92,7 @@ def _bare(directory: Path, running: bool, why: str) -> dict[str, Any]:
 
 
 def _expected_end(results: Results, status: dict[str, Any], attributes: dict[str, Any]) -> float | None:
-    """When the run may end, as its log says: by its mean pace since the first step after a start or a resumption."""
+    """Time when the run may end, as in its log: by the mean pace since the first step after a start or resumption."""
     since, first = attributes.get("since"), attributes.get("first", 0)
     steps, last, sampler = status["steps"], status["last_alive"], results.spec.sampler
     if since is None or steps <= first or status["most_steps"] is None or not isinstance(sampler, ChainSampler):
@@ -144,5 +144,5 @@ def describe_status(directory: Path, status: dict[str, Any], now: float | None =
 def _clock(when: float) -> str:
     try:
         return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(when))
-    except (OverflowError, ValueError, OSError):  # a time that no clock shows: of a file that came from elsewhere
+    except (OverflowError, ValueError, OSError):  # an impossible time, in a file that came from elsewhere
         return "an unknown time"

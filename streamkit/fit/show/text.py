@@ -13,9 +13,9 @@ from streamkit.fit.samples.tables import LEVELS
 from streamkit.fit.show.figures import reach
 from streamkit.report import columns, paragraph, table_record, warning_list
 
-# Radii in kpc of the masses that a run prints: those of Gibbons+ 2014, table 3.
+# Radii in kpc of the printed masses, as in table 3 of Gibbons+ 2014.
 PRINTED_RADII = (50.0, 100.0, 150.0, 200.0)
-# Smaller ones, which are printed where the streams or the data reach them.
+# Smaller radii, which are printed where the streams or the data reach them.
 INNER_RADII = (5.0, 10.0, 20.0, 30.0)
 
 
@@ -96,8 +96,8 @@ def results_record(results: Results) -> dict[str, Any]:
     Keys: directory, digest, status, quick, converged, note, verdict ("fine", "look here" or "do not use"), steps,
     walkers, burn_in, acceptance, calls, search_calls, rejected (by reason), stuck (numbers of walkers), r_hat (the
     largest), effective_samples (the least), goodness, parameters and mass_profile (``rows``, and ``units`` by column).
-    A sampler that weighs its samples has weighted_samples, ln_evidence and ln_evidence_error in place of steps,
-    walkers, burn_in.
+    For weighted samples there are weighted_samples, ln_evidence and ln_evidence_error in place of steps, walkers and
+    burn_in.
     """
     return {
         "directory": None if results.directory is None else str(results.directory),
