@@ -101,7 +101,7 @@ def test_pip_installs_it_and_a_run_file_finds_it(tmp_path: Path) -> None:
         ("../halo", "Perhaps 'halo'?"),
         ("é", "cannot be the name"),
         ("potential", "the class would be called Potential, which is a name in Python or streamkit"),
-        ("true", "its class would be called True"),
+        ("true", "the class would be called True"),
         ("plummer", f"streamkit {streamkit.__version__} has a potential of this name"),
     ],
 )
