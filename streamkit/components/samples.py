@@ -1,0 +1,103 @@
+"""What a sampler yields: weighted `Samples`, or an `Ensemble` after each step of a chain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from streamkit.components.verdict import Verdict
+from streamkit.stream import Array, BoolArray
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluations:
+    """The posterior at n points, and the predictions that it is made of.
+
+    Attributes
+    ----------
+    ln_probability, ln_likelihood
+        (n,) ln prior + ln likelihood, and the second term alone; -inf where there is no stream or outside the prior.
+    mean, variance
+        (n, m) the prediction of each datum, and the variance of that estimate; NaN where there is none.
+    reasons
+        n texts: why a point has no likelihood; empty where it has one.
+    details
+        (n, k) what else of the predictions the likelihoods read, for a sampler that emulates predictions.
+    """
+
+    ln_probability: Array
+    ln_likelihood: Array
+    mean: Array
+    variance: Array
+    reasons: tuple[str, ...]
+    details: Array = field(default_factory=lambda: np.empty((0, 0)))
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Weighted samples of the posterior, at one stage of the sampling.
+
+    Attributes
+    ----------
+    points
+        (n, d) parameters, each of them evaluated with `Target.evaluate` unless ``evaluations`` says what is known of
+        them.
+    ln_weights
+        (n,) natural logs of their weights in the posterior, up to a constant.
+    ln_evidence, ln_evidence_error
+        The natural log of the integral of prior times likelihood, and its standard error; NaN if unknown.
+    missing
+        What the sampler's own rule of stopping still lacks, as the end of a sentence; empty when the rule is met.
+    verdicts
+        The sampler's own checks, shown on the page of the run beside those of streamkit.
+    facts
+        Short texts by name, shown on the page and in the terminal.
+    evaluations
+        The posterior and the predictions at the n points, for samples of an emulator; None where each point was
+        evaluated.
+    """
+
+    points: Array
+    ln_weights: Array
+    ln_evidence: float = np.nan
+    ln_evidence_error: float = np.nan
+    missing: str = ""
+    verdicts: tuple[Verdict, ...] = ()
+    facts: Mapping[str, str] = field(default_factory=dict)
+    evaluations: Evaluations | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Ensemble:
+    """The walkers of a chain after a step: one sample of each, and all that the next step depends on.
+
+    Attributes
+    ----------
+    points, ln_probability
+        (walkers, d) parameters, each evaluated with `Target.evaluate`, and (walkers,) ln prior + ln likelihood there.
+    accepted
+        (walkers,) whether the step moved each walker.
+    random_state
+        The generator after the step: `numpy.random.RandomState.get_state`, or the ``bit_generator.state`` of a
+        `numpy.random.Generator`.
+    memory
+        Arrays by name that the next step depends on, beside the points. The last step's are stored.
+    history
+        Arrays by name, of the same shape in each step, that later steps depend on. Those of every step are stored.
+    number
+        Steps taken, this one included.
+    facts
+        Short texts by name, shown on the page and in the terminal. The last step's are stored.
+    """
+
+    points: Array
+    ln_probability: Array
+    accepted: BoolArray
+    random_state: Any
+    memory: Mapping[str, Array] = field(default_factory=dict)
+    history: Mapping[str, Array] = field(default_factory=dict)
+    number: int = 0
+    facts: Mapping[str, str] = field(default_factory=dict)
