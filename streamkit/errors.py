@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import errno
 import signal
+import stat
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -67,8 +68,12 @@ def nearest(name: str, allowed: Iterable[str]) -> str:
 
 def expect_file(path: Path) -> None:
     """Raise OSError for a directory, a pipe (reading it would block) or a device (it may have no end)."""
-    if path.exists() and not path.is_file():
-        raise OSError(errno.EINVAL, f"it is a {'directory' if path.is_dir() else 'device or pipe'}")
+    try:
+        mode = path.stat().st_mode  # one look: another process may remove the file at any time
+    except OSError:  # reported when the file is opened
+        return
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, f"it is a {'directory' if stat.S_ISDIR(mode) else 'device or pipe'}")
 
 
 def printable(text: str) -> str:

@@ -336,6 +336,20 @@ def test_nothing_is_written_through_a_link_in_place_of_a_journal(tmp_path):
     assert not (tmp_path / "missing").exists()
 
 
+def test_a_journal_that_is_cleared_while_it_is_looked_at_is_no_device(tmp_path, monkeypatch):
+    """Another process reads the status of a run that has just moved the steps into the chain file."""
+    journal, look = Journal(tmp_path / "chain.journal"), os.stat
+    journal.append({"x": np.zeros(1)})
+
+    def last_look(*args, **options):
+        result = look(*args, **options)
+        journal.path.unlink(missing_ok=True)
+        return result
+
+    monkeypatch.setattr(os, "stat", last_look)
+    assert Journal(journal.path).read() == []
+
+
 def test_samples_that_repeat_take_little_room(tmp_path):
     """One proposal in four is accepted: with each other sample go the 200 numbers that were predicted before."""
     rng, walkers, m = np.random.default_rng(6), 16, 100
