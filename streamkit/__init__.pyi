@@ -23,6 +23,7 @@ from .components import Spherical as Spherical
 from .components import Stripping as Stripping
 from .components import StrippingScheme as StrippingScheme
 from .components import Target as Target
+from .components import TargetFactor as TargetFactor
 from .components import Verdict as Verdict
 from .components import hookimpl as hookimpl
 from .convergence import Convergence as Convergence

@@ -33,6 +33,7 @@ from .samples import Samples as Samples
 from .spherical import Spherical as Spherical
 from .target import PriorDensity as PriorDensity
 from .target import Target as Target
+from .target import TargetFactor as TargetFactor
 from .total import Total as Total
 from .total import add_up as add_up
 from .total import circular_speed as circular_speed

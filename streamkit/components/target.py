@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 from streamkit.components.samples import Ensemble, Evaluations
-from streamkit.stream import Array, BoolArray, Data
+from streamkit.stream import Array, BoolArray, Data, IntArray
 
 
 class PriorDensity(Protocol):
@@ -21,6 +22,27 @@ class PriorDensity(Protocol):
     @property
     def support(self) -> tuple[float, float]:
         """The range outside which the density is zero; it may be infinite."""
+
+
+@dataclass(frozen=True, eq=False)
+class TargetFactor:
+    """One stream of several, or the data of the host: a factor of the likelihood, and a target of its own.
+
+    Attributes
+    ----------
+    name
+        The name of the stream; ``[data]`` for the data of the host.
+    shared, own
+        Indices of its parameters among all of the run: those that the other factors have too, and its own. Their order
+        is the same in its target.
+    target
+        The posterior of this factor alone, with its data, which stand among all of the run in the order of the factors.
+    """
+
+    name: str
+    shared: IntArray
+    own: IntArray
+    target: Target
 
 
 class Target(Protocol):
@@ -42,6 +64,14 @@ class Target(Protocol):
     seed: int
     workers: int
     progress: bool
+
+    @property
+    def factors(self) -> Sequence[TargetFactor]:
+        """The factors of the likelihood of several streams, for a sampler that emulates predictions; else none."""
+
+    @property
+    def small_is_full(self) -> bool:
+        """Whether streams with the particles of `Sampler.search_size` are those of the run."""
 
     @property
     def priors(self) -> Sequence[PriorDensity]:

@@ -149,19 +149,21 @@ def _sample(plan: _Plan, resume: bool, force: bool) -> StoredRun:
         options, resumes = plan.options(where), False
         if directory is not None:
             stack.enter_context(locked(directory))
-            stores = (sample.CHAIN, sample.JOURNAL, sample.SAMPLES, sample.CALLS, sample.SMALL_CALLS)
-            ours = (*products_of(spec), *pdfs_of(spec), *stores, *RECOVERY, LITERATURE)
+            ours = (*products_of(spec), *pdfs_of(spec), *sample.stores_of(spec), *RECOVERY, LITERATURE)
             resumes = claim(directory, spec, options, ours, resume, force)
         limit, reject = sampler.call_limit, sampler.over_limit == "reject"
-        posteriors = {"full": posterior, "cheap": cheap}
+        factors = sample.factor_posteriors(spec, cheap.spec) if sampler.emulates else ()
+        posteriors = {"full": posterior, "cheap": cheap, **sample.worker_posteriors(factors)}
         calls = stack.enter_context(sample.Workers(posteriors, where, limit=limit, reject=reject))
-        stored = StoredRun(directory, spec, posterior.data.values, plan.quick, resumes)
+        stored = StoredRun(directory, spec, posterior.data.values, factors, plan.quick, resumes)
         stored.expect_same(posterior, limit)
         again = resume_command(directory or Path(), options)
         stack.enter_context(_explained(calls, lambda: stored.left(again)))
+        display = _display(plan)
         target = sample.PosteriorTarget(
-            spec.priors, posterior.data, spec.seed, calls, stored.storage, plan.deadlines, _display(plan),
+            spec.priors, posterior.data, spec.seed, calls, stored.storage, plan.deadlines, display,
             posterior.comparison if sampler.emulates else None,
+            factors=sample.factor_targets(factors, spec.seed, calls, stored.storage.factors, plan.deadlines, display),
         )  # fmt: skip
         for weighted in sample.run_sampler(sampler, target):
             stored.keep(weighted, late=target.time_left() < 0)

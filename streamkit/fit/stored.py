@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,33 +22,44 @@ SAME = 1.0  # difference of ln p that another machine's rounding may make
 class StoredRun:
     """The samples of a run, in the files of its directory, or in memory without one.
 
-    ``values`` (m,) are the data. ``resumes`` says whether there are samples to continue. Raises ChainError for files
-    that cannot be read.
+    ``values`` (m,) are the data, ``factors`` those of a sampler that emulates several streams. ``resumes`` says whether
+    there are samples to continue. Raises ChainError for files that cannot be read.
     """
 
-    def __init__(self, directory: Path | None, spec: Spec, values: Array, quick: bool, resumes: bool) -> None:
+    def __init__(
+        self,
+        directory: Path | None,
+        spec: Spec,
+        values: Array,
+        factors: Sequence[sample.FactorPosterior],
+        quick: bool,
+        resumes: bool,
+    ) -> None:
         digest, sampler = spec.digest(), spec.sampler
-        self._directory = directory
+        self._directory, self._factors = directory, factors
         self._notes = {"quick": quick, "digest": digest}
         self._weighted: sample.Weighted | None = None
         self._before: sample.Weighted | None = None  # those that a resumed run begins with
         if isinstance(sampler, ChainSampler):
             self.storage = sample.chain_storage(directory, {"status": "unfinished", **self._notes}, resumes)
         else:
-            self.storage = sample.calls_storage(directory, digest, len(spec.names), values, sampler.emulates)
+            whole = sample.calls_storage(directory, digest, len(spec.names), values, sampler.emulates)
+            self.storage = replace(whole, factors={each.name: each.storage(directory) for each in factors})
             if directory is not None and resumes:
                 self._before = _samples_before(directory / sample.SAMPLES)
 
     def expect_same(self, posterior: sample.Posterior, limit: float) -> None:
         """Evaluate a stored sample of a resumed run again; ChainError if its ln p has changed."""
-        last, evaluations = self.storage.chain.last, self.storage.evaluations
+        last = self.storage.chain.last
         if last is not None:
             best = int(np.argmax(last.log_prob))
-            point, before = last.coords[best], float(last.log_prob[best])
-        elif (first := evaluations.any_good()) is not None:
-            point, before = first, evaluations.get(first[None])[0].lnp
-        else:
-            return
+            self._expect(posterior, last.coords[best], float(last.log_prob[best]), limit)
+        pairs = [(posterior, self.storage), *((each.full, self.storage.factors[each.name]) for each in self._factors)]
+        for one, storage in pairs:
+            if last is None and (first := storage.evaluations.any_good()) is not None:
+                self._expect(one, first, storage.evaluations.get(first[None])[0].lnp, limit)
+
+    def _expect(self, posterior: sample.Evaluates, point: Array, before: float, limit: float) -> None:
         after = sample.first_call(limit, posterior.evaluate, point).lnp
         if abs(after - before) > SAME:
             raise ChainError(
@@ -90,12 +103,13 @@ class StoredRun:
     def left(self, again: str) -> str:
         """Return what an interrupted run leaves, and the command ``again`` that resumes it."""
         directory, steps = self._directory, self.storage.chain.iteration
-        calls = 0 if self.storage.is_chain else len(self.storage.evaluations)
+        calls = 0 if self.storage.is_chain else self.storage.calls
         done = f"{calls} calls" if calls else f"{steps} steps"
         if directory is None:
             return f"{done}, which were kept in memory only and are lost: give `out` to keep them."
         if calls:
-            return f"{done}, all of them in {directory / sample.CALLS}. To continue: {again}"
+            files = " and ".join(str(directory / name) for name in self.storage.files)
+            return f"{done}, all of them in {files}. To continue: {again}"
         if steps == 0:
             return f"no finished step. To begin again: {again}"
         where = [directory / name for name in (sample.CHAIN, sample.JOURNAL) if (directory / name).exists()]

@@ -3,6 +3,8 @@ from .document import differences as differences
 from .document import literal as literal
 from .document import read_toml as read_toml
 from .document import to_toml as to_toml
+from .factors import DATA as DATA
+from .factors import Factor as Factor
 from .inputs import ONLY as ONLY
 from .inputs import Body as Body
 from .inputs import ModelInputs as ModelInputs

@@ -16,6 +16,7 @@ import numpy as np
 from streamkit.runfile.inputs import ONLY
 from streamkit.stream import IntArray
 
+SEEN = "observable"  # the section with the data of a stream
 DATA = "[data]"  # the name of the factor of the data of the host: a TOML key of a stream has no brackets
 
 
@@ -56,9 +57,12 @@ def factors_of(names: Sequence[str], streams: Sequence[str], data: Collection[st
     return tuple(Factor(name, shared, each) for name, each in own)
 
 
-def part(document: Mapping[str, Any], streams: Collection[str], data: bool) -> dict[str, Any]:
-    """Return a document with these of its streams alone, and with the data of the host or without them."""
-    kept = {key: value for key, value in document.items() if data or key != "data"}
+def part(document: Mapping[str, Any], streams: Collection[str], data: bool, observables: bool) -> dict[str, Any]:
+    """Return a document with these of its streams alone, with the data of the host and observables or without them."""
+    kept = {key: value for key, value in document.items() if (data or key != "data") and (observables or key != SEEN)}
     if ONLY in streams:
         return kept
-    return kept | {"stream": {name: table for name, table in document["stream"].items() if name in streams}}
+    tables = {name: table for name, table in document["stream"].items() if name in streams}
+    if not observables:
+        tables = {name: {key: v for key, v in table.items() if key != SEEN} for name, table in tables.items()}
+    return kept | {"stream": tables}

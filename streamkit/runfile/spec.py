@@ -239,12 +239,13 @@ class Spec:
         """The parts of the likelihood that depend on the host and on parameters of their own: streams, host's data."""
         return factors_of(self.names, self.streams, self.sections.data)
 
-    def only(self, *streams: str, data: bool = True) -> Spec:
+    def only(self, *streams: str, data: bool = True, observables: bool = True) -> Spec:
         """Return the spec with these of its streams alone, with ``data`` of the host or without; SpecError for a name.
 
         Its digest does not change when the run file gets another stream: other streams and their files are left out.
+        Without ``observables`` the data of the host alone are left.
         """
-        document = part(self.document, [self.stream_name(name) for name in streams or self.streams], data)
+        document = part(self.document, [self.stream_name(each) for each in streams or self.streams], data, observables)
         return _make(document, self.source, self.registry, self.folder, self.given, self.files)
 
     def with_particles(self, most: int) -> Spec:
@@ -307,8 +308,10 @@ class Spec:
         used = [s for s in self.sections.all if issubclass(s.cls, Component)]
         return [(section.path, section.cls, self.registry.supplier(section.cls)) for section in used]
 
-    def digest(self, suppliers: Mapping[str, str] | None = None) -> str:
+    def digest(self, suppliers: Mapping[str, str] | None = None, sampler: bool = True) -> str:
         """Return the SHA-256 of all that determines a run: the document without limits and engine, and the suppliers.
+
+        Without ``sampler`` it is that of all that determines the posterior: calls of other samplers are the same.
 
         Data files count by their contents. Components at the paths in ``suppliers`` count as supplied by these: so a
         later version finds the digest that an earlier one noted.
@@ -322,6 +325,9 @@ class Spec:
         if self.sampler.kind == DEFAULT_KIND["sampler"]:
             # Run directories from before there were other samplers do not name this one: their digests stay valid.
             del physics["sampler"]["kind"]
+            components = [each for each in components if each[0] != "sampler"]
+        if not sampler:
+            del physics["sampler"]
             components = [each for each in components if each[0] != "sampler"]
         text = json.dumps([physics, self.names, components], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()

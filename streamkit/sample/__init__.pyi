@@ -7,6 +7,7 @@ from .calls.processes import Processes as Processes
 from .calls.processes import WorkerDied as WorkerDied
 from .calls.search import expected_calls as expected_calls
 from .calls.threads import one_thread as one_thread
+from .calls.workers import Evaluates as Evaluates
 from .calls.workers import Stopped as Stopped
 from .calls.workers import Workers as Workers
 from .calls.workers import first_call as first_call
@@ -14,6 +15,10 @@ from .calls.workers import pool as pool
 from .calls.workers import stopped_by_signals as stopped_by_signals
 from .evaluation import Evaluation as Evaluation
 from .evaluation import blob_dtype as blob_dtype
+from .factors import FactorPosterior as FactorPosterior
+from .factors import factor_posteriors as factor_posteriors
+from .factors import factor_targets as factor_targets
+from .factors import worker_posteriors as worker_posteriors
 from .progress import SamplingProgress as SamplingProgress
 from .sampling import run_sampler as run_sampler
 from .store.chain import CHAIN as CHAIN
@@ -29,6 +34,8 @@ from .store.journal import JOURNAL as JOURNAL
 from .store.storage import Storage as Storage
 from .store.storage import calls_storage as calls_storage
 from .store.storage import chain_storage as chain_storage
+from .store.storage import is_calls as is_calls
+from .store.storage import stores_of as stores_of
 from .store.weighted import SAMPLES as SAMPLES
 from .store.weighted import Weighted as Weighted
 from .store.weighted import read_weighted as read_weighted

@@ -32,8 +32,7 @@ def run_sampler(sampler: Sampler, target: PosteriorTarget) -> Iterator[Weighted]
                 yield _weighted(sampler, target, state)
     finally:
         target.display.close()
-        storage.small.write()
-        storage.evaluations.write()
+        storage.write()
         if storage.chain.last is not None:
             with suppress(ChainError):  # the journal holds all steps; the runner tries again, and raises
                 storage.chain.consolidate()
@@ -69,7 +68,7 @@ def _store(sampler: Sampler, target: PosteriorTarget, ensemble: Ensemble) -> Non
 
 def _weighted(sampler: Sampler, target: PosteriorTarget, samples: Samples) -> Weighted:
     """Return weighted samples with their evaluations; ComponentError for wrong shapes, weights or points."""
-    evaluations, small = target.storage.evaluations, target.storage.small
+    storage, evaluations = target.storage, target.storage.evaluations
     points, ln_weights = np.asarray(samples.points, dtype=float), np.asarray(samples.ln_weights, dtype=float)
     if points.ndim != 2 or points.shape != (len(ln_weights), target.size) or not np.isfinite(points).all():
         raise ComponentError(f"sampler {sampler.kind}: gives points of shape {points.shape} and weights of shape "
@@ -89,7 +88,7 @@ def _weighted(sampler: Sampler, target: PosteriorTarget, samples: Samples) -> We
         log_prob, blobs = given.ln_probability[used], np.empty(used.sum(), dtype=dtype)
         for name in dtype.names or ():
             blobs[name] = getattr(given, name)[used]
-    counts = {"calls": len(evaluations), "search_calls": len(small), "reasons": evaluations.reasons}
+    counts = {"calls": storage.calls, "search_calls": storage.small_calls, "reasons": storage.reasons}
     weighted = Weighted(
         points,
         ln_weights[used],

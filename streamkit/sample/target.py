@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from streamkit.components import Ensemble, Evaluations
+from streamkit.components import Ensemble, Evaluations, TargetFactor
 from streamkit.errors import ChainError, ComponentError
 from streamkit.report import Progress
 from streamkit.runfile import Prior
@@ -52,11 +52,14 @@ class PosteriorTarget:
         deadlines: Deadlines = Deadlines(),
         display: SamplingProgress | None = None,
         comparison: Comparison | None = None,  # compares given predictions; None where no sampler emulates them
+        which: tuple[str, str] = ("full", "cheap"),  # the names of the posterior for ``calls``; they may be the same
+        factors: Sequence[TargetFactor] = (),
     ) -> None:
         self.priors, self.data, self.size, self.seed = tuple(priors), data, len(priors), seed
         self.storage, self.display = storage, display or SamplingProgress()
         self.workers, self.progress = calls.at_a_time, self.display.shown
-        self._calls, self._deadlines, self._comparison = calls, deadlines, comparison
+        self.factors, self.small_is_full = tuple(factors), which[0] == which[1]
+        self._calls, self._deadlines, self._comparison, self._which = calls, deadlines, comparison, which
         self._before: dict[str, Any] = {"calls": 0, "search_calls": 0, "reasons": {}}  # counts before the sampling
 
     def from_unit(self, u: Array) -> Array:
@@ -92,7 +95,8 @@ class PosteriorTarget:
         Points in the cache are not evaluated again, except for a chain: there each proposal is a call, and is counted.
         """
         points = np.ascontiguousarray(np.atleast_2d(points), dtype=float)
-        cache, which = (self.storage.small, "cheap") if small else (self.storage.evaluations, "full")
+        small = small and not self.small_is_full
+        cache, which = self.storage.small if small else self.storage.evaluations, self._which[small]
         missing = list(points) if self.storage.is_chain else cache.missing(points)
         if not missing and self._calls.stop:
             raise Stopped(self._calls.stop)
@@ -206,7 +210,8 @@ class PosteriorTarget:
 
     def show(self, more: int) -> None:
         """Show ``more`` calls, or steps of a chain."""
-        self.display.update(more, self._calls.calls["full"], self.storage)
+        made = sum(count for name, count in self._calls.calls.items() if name.startswith("full"))  # of all factors
+        self.display.update(more, made, self.storage)
 
     def counts(self) -> dict[str, Any]:
         """Return the calls, those of the search for a start, and the rejections by reason; before a resumption too."""

@@ -51,6 +51,9 @@ class Gaussian:
         lnl = LN_NORM - 0.5 * np.einsum("ni,ij,nj->n", points, INVERSE, points)
         return np.where((points[:, 0] > 4) | ~np.isfinite(self.ln_prior(points)), -np.inf, lnl)
 
+    factors: tuple[sk.TargetFactor, ...] = ()
+    small_is_full = False
+
     def predictions(self, points: sk.Array, small: bool = False) -> sk.Evaluations:
         """Return the parameters as predictions without noise."""
         lnl = self.evaluate(points)

@@ -40,7 +40,7 @@ KIT = "study.preflight", "testing"  # but `check` runs the quick half of the con
 # Rooms inside packages, in the same order.
 ROOMS = {
     "fit": ({"runner"}, {"products", "stored"}, {"show"}, {"samples"}, {"judge"}, {"directory"}),
-    "sample": ({"sampling"}, {"target"}, {"progress"}, {"calls", "store"}, {"evaluation"}),
+    "sample": ({"sampling", "factors"}, {"target"}, {"progress"}, {"calls", "store"}, {"evaluation"}),
 }
 DOORS = {"", "engine"}  # what built-ins, the conformance kit and plugins may use: `streamkit` and `streamkit.engine`
 

@@ -1,11 +1,8 @@
 """The factors of a likelihood, and a spec of some of its streams."""
 
-import copy
-from typing import Any
-
 import numpy as np
 import pytest
-from runfiles import EXAMPLES, FIT
+from runfiles import EXAMPLES, FIT, several
 
 import streamkit as sk
 from streamkit.errors import SpecError
@@ -13,15 +10,6 @@ from streamkit.model import Model
 
 FOUR = next(path for path in EXAMPLES if path.stem == "four_streams")
 OWN = {"gd1": 5, "pal5": 3, "orphan": 5, "phoenix": 4}  # priors in their sections of the run file
-
-
-def several(*names: str, **host: Any) -> dict[str, Any]:
-    """FIT with its stream under several names, each with a free velocity, and with more sections of the host."""
-    document = copy.deepcopy(FIT)
-    sections = {name: document.pop(name) for name in ("progenitor", "stripping", "observable")}
-    sections["progenitor"]["v_los"] = {"normal": [153, 5]}
-    document["sampler"] = {"walkers": 20}
-    return document | host | {"stream": {name: copy.deepcopy(sections) for name in names}}
 
 
 def test_factors_of_four_streams_share_the_host_alone() -> None:
@@ -107,3 +95,19 @@ def test_check_says_who_shares_what() -> None:
         assert f"{name}" in text
         assert f"{count} parameters of its own" in text
     assert "of its own" not in describe_spec(sk.load(FIT))
+
+
+def test_without_observables_the_data_of_the_host_are_left() -> None:
+    curve = {"curve": {"kind": "circular_velocity", "radius": 8.0, "v_c": [229, 7]}}
+    alone = sk.load(several("a", "b", data=curve)).only("a", observables=False)
+    assert alone.sections.streams["a"].observables == {}
+    assert list(alone.sections.data) == ["curve"]
+    assert sk.load(FIT).only(observables=False).sections.streams["stream"].observables == {}
+
+
+def test_the_digest_without_the_sampler_is_that_of_the_posterior() -> None:
+    spec = sk.load(several("a", "b"))
+    other = spec.with_sampler("emulator")
+    assert spec.digest() != other.digest()
+    assert spec.digest(sampler=False) == other.digest(sampler=False)
+    assert spec.digest(sampler=False) != spec.with_values({"stream.a.stripping.sigma": 5.0}).digest(sampler=False)

@@ -192,3 +192,12 @@ def accepts(schema: dict[str, Any], value: Any, root: dict[str, Any]) -> bool:
     plain = {"type", "title", "description", "default", "examples", "$schema", "$defs"}
     assert set(schema) <= checks.keys() | plain, set(schema) - checks.keys() - plain
     return all(checks[key](argument) for key, argument in schema.items() if key in checks)
+
+
+def several(*names: str, **host: Any) -> dict[str, Any]:
+    """FIT with its stream under several names, each with a free velocity, and with more sections of the host."""
+    document = copy.deepcopy(FIT)
+    sections = {name: document.pop(name) for name in ("progenitor", "stripping", "observable")}
+    sections["progenitor"]["v_los"] = {"normal": [153, 5]}
+    document["sampler"] = {"walkers": 20}
+    return document | host | {"stream": {name: copy.deepcopy(sections) for name in names}}

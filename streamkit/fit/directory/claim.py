@@ -24,7 +24,7 @@ from streamkit.fit.directory.integrity import (
 from streamkit.fit.directory.manifest import MANIFEST, manifest, manifest_of
 from streamkit.report import contents, replace_whole, safely
 from streamkit.runfile import DEFAULT_KIND, ONLY, Spec, differences, read_toml, to_toml
-from streamkit.sample import CALLS, CHAIN, JOURNAL, SAMPLES
+from streamkit.sample import CHAIN, JOURNAL, SAMPLES, is_calls
 
 # Folder with copies of the run's plugin files, and of the files that these import from beside them.
 PLUGIN_COPIES = "plugins"
@@ -110,7 +110,7 @@ def header(options: dict[str, Any]) -> str:
 
 def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
     """Check that the directory holds the run of this spec; return whether its chain has begun."""
-    begun = any(name in files for name in (CHAIN, JOURNAL, SAMPLES, CALLS))
+    begun = any(name in (CHAIN, JOURNAL, SAMPLES) or is_calls(name) for name in files)
     if MANIFEST in files and not begun and RUN_FILE not in files and manifest(directory)["digest"] == spec.digest():
         return False  # it was killed between the first two files
     if MANIFEST not in files or RUN_FILE not in files:
@@ -128,7 +128,7 @@ def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
     if not begun:
         return False
     _check_copies(directory, spec)
-    if CALLS in files or SAMPLES in files:
+    if SAMPLES in files or any(map(is_calls, files)):
         return True
     chain = read_chain(directory)
     if chain.chain.shape[2] != len(spec.names):

@@ -15,7 +15,7 @@ from streamkit.distribution import VERSION
 from streamkit.errors import ChainError, SpecError, expect_file
 from streamkit.fit.directory.manifest import MANIFEST, manifest
 from streamkit.runfile import Spec, load, read_toml
-from streamkit.sample import CALLS, CHAIN, SAMPLES, Chain, Weighted, read_chain_file, read_weighted
+from streamkit.sample import CHAIN, SAMPLES, Chain, Weighted, is_calls, read_chain_file, read_weighted
 
 RUN_FILE = "run.toml"
 DATA_COPIES = "data"  # folder with copies of the run's data files
@@ -136,7 +136,7 @@ def read_chain(directory: Path) -> Chain:
 
 def read_samples(directory: Path) -> Weighted | None:
     """Read the weighted samples of a run, None for one that keeps a chain; errors as those of `read_chain`."""
-    if not any((directory / name).exists() for name in (SAMPLES, CALLS)):
+    if not any(path.name == SAMPLES or is_calls(path.name) for path in directory.iterdir()):
         return None
     samples = read_weighted(directory / SAMPLES)
     _check_digest(directory, SAMPLES, "file of samples", samples.attributes)

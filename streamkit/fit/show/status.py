@@ -17,7 +17,7 @@ from streamkit.fit.judge.verdicts import overall
 from streamkit.fit.samples.draws import ENDED
 from streamkit.fit.samples.results import Results, load_results
 from streamkit.report import columns, is_locked, paragraph, seconds
-from streamkit.sample import CALLS, CHAIN, JOURNAL, SAMPLES, SMALL_CALLS, calls_in
+from streamkit.sample import CHAIN, JOURNAL, SAMPLES, calls_in, is_calls
 
 
 def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
@@ -35,7 +35,8 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
         raise ChainError(f"{directory}: there is no such directory")
     options = manifest(directory)["options"]
     running = is_locked(directory)
-    files = [path for name in (CHAIN, JOURNAL, SAMPLES, CALLS, SMALL_CALLS) if (path := directory / name).exists()]
+    journals = [path for path in sorted(directory.iterdir()) if is_calls(path.name)]
+    files = [*journals, *(path for name in (CHAIN, JOURNAL, SAMPLES) if (path := directory / name).exists())]
     status: dict[str, Any] = {
         "state": "running" if running else "unfinished",
         "steps": 0,
@@ -44,7 +45,9 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
         "go_on": resume_command(directory, options),
     }
     if not any(path.name in (CHAIN, JOURNAL) for path in files):
-        status |= {"calls": calls_in(directory / CALLS), "small_calls": calls_in(directory / SMALL_CALLS)}
+        small = [path for path in journals if path.name.startswith("small")]
+        status |= {"calls": sum(calls_in(path) for path in journals if path not in small)}
+        status |= {"small_calls": sum(map(calls_in, small))}
     if (directory / RUN_FILE).exists() and not options["given"]:  # only Python can read a run with given classes
         load_spec(directory, trust=trust)
     try:

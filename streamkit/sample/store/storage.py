@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
+from streamkit.runfile import Spec
 from streamkit.sample.store.chain import CHAIN
 from streamkit.sample.store.chain_file import ChainFile, ChainMemory
 from streamkit.sample.store.evaluation_cache import CALLS, SMALL_CALLS, EvaluationCache
+from streamkit.sample.store.journal import JOURNAL
+from streamkit.sample.store.weighted import SAMPLES
 from streamkit.stream import Array
 
 
@@ -21,6 +26,39 @@ class Storage:
     small: EvaluationCache = field(default_factory=EvaluationCache)  # those of small streams
     chain: ChainMemory = field(default_factory=ChainMemory)
     is_chain: bool = False  # whether the samples are the steps of a chain; else they are weighted
+    factors: Mapping[str, Storage] = field(default_factory=dict)  # those of each stream alone, by its name
+
+    @property
+    def all(self) -> list[Storage]:
+        """All storages: that of the whole run, and those of the factors."""
+        return [self, *self.factors.values()]
+
+    @property
+    def calls(self) -> int:
+        """The number of evaluations, those of the factors included."""
+        return sum(len(each.evaluations) for each in self.all)
+
+    @property
+    def files(self) -> list[str]:
+        """The names of the files with evaluations: its own, and those of the factors."""
+        names = {"": self} | dict(self.factors)
+        return [calls_files(name)[0] for name, each in names.items() if len(each.evaluations)]
+
+    @property
+    def small_calls(self) -> int:
+        """The number of evaluations of small streams, those of the factors included."""
+        return sum(len(each.small) for each in self.all)
+
+    @property
+    def reasons(self) -> dict[str, int]:
+        """Evaluations without a likelihood, by reason."""
+        return dict(sum((Counter(each.evaluations.reasons) for each in self.all), Counter()))
+
+    def write(self) -> None:
+        """Write all evaluations to the disk; ChainError if it is full."""
+        for each in self.all:
+            each.small.write()
+            each.evaluations.write()
 
 
 def chain_storage(directory: Path | None, notes: Mapping[str, Any], resumes: bool) -> Storage:
@@ -35,16 +73,37 @@ def chain_storage(directory: Path | None, notes: Mapping[str, Any], resumes: boo
     return Storage(chain=chain, is_chain=True)
 
 
-def calls_storage(directory: Path | None, digest: str, d: int, values: Array, small: bool) -> Storage:
+def calls_storage(
+    directory: Path | None, digest: str, d: int, values: Array, small: bool, factor: str = ""
+) -> Storage:
     """Return the storage of a sampler that repeats its calls when it resumes: those in the directory cost nothing.
 
     The run with this digest has d parameters and the data ``values`` (m,), NaN where one is not compared. Calls with
-    ``small`` streams are stored too if asked for.
+    ``small`` streams are stored too if asked for. Those of a factor have files of their own.
 
     Raises ChainError for calls that cannot be read, or of a run with another digest.
     """
     if directory is None:
         return Storage()
-    small_calls = directory / SMALL_CALLS if small else None
-    full, few = (EvaluationCache(path, digest, d, values) for path in (directory / CALLS, small_calls))
+    calls, small_calls = calls_files(factor)
+    paths = directory / calls, directory / small_calls if small else None
+    full, few = (EvaluationCache(path, digest, d, values) for path in paths)
     return Storage(full, few)
+
+
+def is_calls(name: str) -> bool:
+    """Return whether this is the name of a file of calls, with all particles or with few."""
+    begin, _, end = name.partition(".")
+    return any(begin == Path(each).stem and end.endswith("journal") for each in (CALLS, SMALL_CALLS))
+
+
+def stores_of(spec: Spec) -> tuple[str, ...]:
+    """Return the names of all files of chains, samples and calls that a run of this spec may write."""
+    calls = [name for factor in ("", *(each.name for each in spec.factors)) for name in calls_files(factor)]
+    return (CHAIN, JOURNAL, SAMPLES, *calls)
+
+
+def calls_files(factor: str = "") -> tuple[str, str]:
+    """Return the names of the files of calls with all particles and with few, of a run or of one of its factors."""
+    name = f".{quote(factor, safe='')}" if factor else ""
+    return CALLS.replace(".", f"{name}."), SMALL_CALLS.replace(".", f"{name}.")

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import reduce
+from operator import add
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -57,7 +59,7 @@ class Known:
     emulated
         Its emulated posterior.
     places
-        (n, p) coordinates where its start has arrived.
+        (n, p) coordinates where each of its starts has arrived.
     alone
         The best emulated ln likelihood of the stream alone.
     doubt
@@ -71,7 +73,7 @@ class Known:
     factor: Factor
     calls: Calls
     emulated: Emulated
-    places: Array
+    places: list[Array]
     alone: float
     doubt: float = np.inf
     share: float = np.inf
@@ -126,14 +128,22 @@ class Factored:
         Of all parameters.
     noise
         Whether the variance of one call is part of the likelihood.
+    starts
+        Independent ones of each factor: two populations begin from different ones.
     note
         Called with a line about the progress.
     """
 
     def __init__(
-        self, factors: Sequence[Factor], space: Space, noise: bool, note: Callable[[str], None] = lambda _: None
+        self,
+        factors: Sequence[Factor],
+        space: Space,
+        noise: bool,
+        starts: int = 1,
+        note: Callable[[str], None] = lambda _: None,
     ) -> None:
         self._factors, self._space, self._noise, self._note = tuple(factors), space, noise, note
+        self._starts_of_each = starts
         self._seed = factors[0].problem.seed
 
     def run(self, max_calls: int) -> Iterator[JointProgress]:
@@ -190,23 +200,30 @@ class Factored:
         """Start each factor alone, those of the host's data first."""
         known: dict[str, Known] = {}
         host: Emulated | None = None
-        for k, factor in sorted(enumerate(self._factors), key=lambda each: len(each[1].own)):
-            known[factor.name] = self._start(k, factor, host)
+        for factor in sorted(self._factors, key=lambda each: len(each.own)):
+            known[factor.name] = self._start(factor, host)
             if not len(factor.own) and host is None:
                 host = known[factor.name].emulated
         return [known[factor.name] for factor in self._factors]
 
-    def _start(self, k: int, factor: Factor, host: Emulated | None) -> Known:
+    def _start(self, factor: Factor, host: Emulated | None) -> Known:
+        """Start a factor alone; a stream's place in the run file does not change its calls, its name decides."""
         prior = None if host is None or not len(factor.own) else hosts_prior(factor, host)
-        seed = [self._seed, 12, k]
-        space = Space(factor.problem, prior)
-        arrival = arrive(factor.small, space, seed, lambda line: self._note(f"{factor.name}: {line}"))
+        seed = [self._seed, 12, *factor.name.encode()]
+        restricted = Space(factor.problem, prior)
+        arrivals = [
+            arrive(factor.small, restricted, [*seed, i], lambda line: self._note(f"{factor.name}: {line}"))
+            for i in range(self._starts_of_each)
+        ]
+        places = np.concatenate([each.places for each in arrivals])
         space, rng = Space(factor.problem), np.random.default_rng([*seed, 1])
         if factor.small is factor.problem:
-            calls = Calls(factor.problem, space, arrival.calls.y, arrival.calls.theta, arrival.calls.answers)
+            parts = [Calls(factor.problem, space, *(getattr(each.calls, n) for n in ("y", "theta", "answers")))
+                     for each in arrivals]  # fmt: skip
+            calls = reduce(add, parts)
         else:
             size = max(2 * ROUND * factor.problem.size, 2 * LEAST_ROUND)
-            calls = Calls.at(factor.problem, space, rng.permutation(arrival.places)[:size])
+            calls = Calls.at(factor.problem, space, rng.permutation(places)[:size])
         emulator = calls.learn()
         while emulator is None:  # few of the full calls have a prediction: between the places where the start arrived
             if len(calls) > 20 * LEAST_ROUND:
@@ -214,22 +231,23 @@ class Factored:
                     f"{factor.name}: too few predictions to learn from: of {len(calls)} calls with all particles only "
                     f"{int(calls.good.sum())} give a stream with observables. Raise sampler.start_particles."
                 )
-            first, one, other = arrival.places[rng.integers(len(arrival.places), size=(3, LEAST_ROUND))]
+            first, one, other = places[rng.integers(len(places), size=(3, LEAST_ROUND))]
             calls += Calls.at(factor.problem, space, first + rng.random((LEAST_ROUND, 1)) * (one - other))
             emulator = calls.learn()
         emulated = Emulated(space, emulator, self._noise)
-        there = arrival.places[np.isfinite(space.ln_prior(arrival.places))]
-        return Known(factor, calls, emulated, there, float(np.max(emulated.ln_likelihood(_some(there, SOME)))))
+        there = [each.places[np.isfinite(space.ln_prior(each.places))] for each in arrivals]
+        alone = float(np.max(emulated.ln_likelihood(_some(np.concatenate(there), SOME))))
+        return Known(factor, calls, emulated, there, alone)
 
     def _nearest(self, known: Sequence[Known]) -> tuple[Array, Array]:
         """Return two sets of places: hosts of any start, and for each stream a place of its start with such a host."""
         layout, rng = layout_of(self._factors), np.random.default_rng([self._seed, 13])
-        places = [each.places for each in known]
         host_columns = [np.isin(each.factor.columns, each.factor.shared) for each in known]
-        hosts = np.concatenate([rng.permutation(some[:, columns])[: 4 * BEGIN]
-                                for some, columns in zip(places, host_columns, strict=True)])  # fmt: skip
         sets = []
-        for _ in range(2):
+        for population in range(2):
+            places = [each.places[population % len(each.places)] for each in known]
+            hosts = np.concatenate([rng.permutation(some[:, columns])[: 4 * BEGIN]
+                                    for some, columns in zip(places, host_columns, strict=True)])  # fmt: skip
             y = np.empty((BEGIN, layout.size))
             y[:, layout.shared] = h = hosts[rng.integers(len(hosts), size=BEGIN)]
             scale = np.maximum(hosts.std(axis=0), 1e-300)

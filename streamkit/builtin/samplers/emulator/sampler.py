@@ -32,7 +32,11 @@ class PredictionEmulator(Sampler):
     emulates = True
     stopping = ("max_calls",)
 
-    max_calls: int = Field(default=8000, ge=1, description="Stop after so many calls with all particles in any case.")
+    max_calls: int = Field(
+        default=8000,
+        ge=1,
+        description="Stop after so many calls with all particles in any case; of several streams, so many of each.",
+    )
     starts: int = Field(
         default=2, ge=1, description="Independent starts from the prior: a mode that one misses is found by another."
     )
@@ -47,8 +51,12 @@ class PredictionEmulator(Sampler):
 
     def sample(self, target: Target) -> Iterator[Samples]:
         """Make rounds of calls until they confirm the emulator; yield samples of the emulated posterior."""
+        from streamkit.builtin.samplers.emulator.of_factors import sample_factors
         from streamkit.builtin.samplers.emulator.rounds import Rounds
 
+        if len(target.factors) > 1:
+            yield from sample_factors(target, self.max_calls, self.realisation == "one", self.starts)
+            return
         full: Problem = OfTarget(target)
         small: Problem = OfTarget(target, small=True)
         if target.undeclared:
