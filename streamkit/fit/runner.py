@@ -16,12 +16,12 @@ from streamkit import sample
 from streamkit.components import ChainSampler, Component, Sampler
 from streamkit.errors import ChainError, ComponentError, Interrupted, SpecError
 from streamkit.fit.directory.claim import LITERATURE, RECOVERY, claim, resume_command
+from streamkit.fit.history import measured_radius
 from streamkit.fit.products import pdfs_of, products_of, write_products
 from streamkit.fit.samples.results import Results, draws_of, load_results
 from streamkit.fit.show.literature import read_literature
 from streamkit.fit.stored import StoredRun
 from streamkit.model import Host
-from streamkit.observe import radii_of
 from streamkit.report import locked
 from streamkit.runfile import Engine, Source, Spec, as_spec
 from streamkit.stream import Array
@@ -166,14 +166,14 @@ def _sample(plan: _Plan, resume: bool, force: bool) -> StoredRun:
             factors=sample.factor_targets(factors, spec.seed, calls, stored.storage.factors, plan.deadlines, display),
         )  # fmt: skip
         for weighted in sample.run_sampler(sampler, target):
-            stored.keep(weighted, late=target.time_left() < 0)
+            stored.keep(weighted, target.asked, late=target.time_left() < 0)
         stored.finish(sampler, late=target.time_left() < 0)
     return stored
 
 
 def _display(plan: _Plan) -> sample.SamplingProgress:
     """Return the display of the progress; of a chain with the mass inside the largest radius of the data."""
-    spec, radius = plan.spec, _measured_radius(plan.spec)
+    spec, radius = plan.spec, measured_radius(plan.spec)
 
     def mass(theta: Array) -> float:
         return float(Host(spec.host(theta)).mass_inside(np.array([radius]))[0])
@@ -196,15 +196,6 @@ def cheap_spec(spec: Spec) -> Spec:
 def _particles(spec: Spec) -> int:
     """Return the particles of all streams together."""
     return sum(stream.stripping.centre.particles for stream in spec.sections.streams.values())
-
-
-def _measured_radius(spec: Spec) -> float:
-    """Return the largest radius of the data in kpc, or that of a progenitor where none is known, with two digits."""
-    bound = spec.bind_all()
-    measured = [radii_of(inputs.observables) for inputs in bound.streams.values()] + [radii_of(bound.data)]
-    radii = [radius for each in measured for radius in each.values()]
-    radii = radii or [float(np.sqrt(inputs.q @ inputs.q)) for inputs in bound.streams.values()]
-    return float(f"{max(radii):.2g}")
 
 
 @contextmanager

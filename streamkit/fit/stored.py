@@ -12,6 +12,7 @@ import numpy as np
 from streamkit import sample
 from streamkit.components import ChainSampler, Sampler
 from streamkit.errors import ChainError, ComponentError
+from streamkit.fit.history import AnswerHistory
 from streamkit.runfile import Spec
 from streamkit.stream import Array
 
@@ -40,6 +41,7 @@ class StoredRun:
         self._notes = {"quick": quick, "digest": digest}
         self._weighted: sample.Weighted | None = None
         self._before: sample.Weighted | None = None  # those that a resumed run begins with
+        self._history = AnswerHistory(spec)
         if isinstance(sampler, ChainSampler):
             self.storage = sample.chain_storage(directory, {"status": "unfinished", **self._notes}, resumes)
         else:
@@ -68,11 +70,15 @@ class StoredRun:
                 "or --force to overwrite."
             )
 
-    def keep(self, weighted: sample.Weighted, late: bool) -> None:
-        """Store weighted samples in place of those before, unless they lack more; ``late``: the time limit is over."""
+    def keep(self, weighted: sample.Weighted, asked: tuple[int, int], late: bool) -> None:
+        """Store weighted samples in place of those before, unless they lack more.
+
+        They come after so many calls with all particles and with few; ``late`` says that the time limit is over.
+        """
         over = "time" if late else "unfinished"
         status = "converged" if not weighted.lacks else over if weighted.missing else "few"
         weighted.attributes.update(status=status, **self._notes)
+        weighted.attributes["history"] = self._history.after(weighted, asked)
         self._weighted = weighted
         if self._directory is not None and not self._is_worse(weighted):
             weighted.write(self._directory / sample.SAMPLES)
@@ -103,13 +109,13 @@ class StoredRun:
     def left(self, again: str) -> str:
         """Return what an interrupted run leaves, and the command ``again`` that resumes it."""
         directory, steps = self._directory, self.storage.chain.iteration
-        calls = 0 if self.storage.is_chain else self.storage.calls
-        done = f"{calls} calls" if calls else f"{steps} steps"
+        calls, small = (0, 0) if self.storage.is_chain else (self.storage.calls, self.storage.small_calls)
+        few = f"{small} calls with few particles"
+        done = " and ".join([f"{calls} calls"] * bool(calls) + [few] * bool(small)) or f"{steps} steps"
         if directory is None:
             return f"{done}, which were kept in memory only and are lost: give `out` to keep them."
-        if calls:
-            files = " and ".join(str(directory / name) for name in self.storage.files)
-            return f"{done}, all of them in {files}. To continue: {again}"
+        if calls or small:
+            return f"{done}, all of them in {directory}. To continue: {again}"
         if steps == 0:
             return f"no finished step. To begin again: {again}"
         where = [directory / name for name in (sample.CHAIN, sample.JOURNAL) if (directory / name).exists()]

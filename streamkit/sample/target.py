@@ -28,7 +28,7 @@ from streamkit.sample.progress import SamplingProgress
 from streamkit.sample.store.storage import Storage
 from streamkit.stream import Array, BoolArray, Data
 
-PART = 256  # points sent to the workers at a time: a stop loses at most their evaluations
+PART = 256  # points sent to the workers at a time
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,8 @@ class PosteriorTarget:
         self.workers, self.progress = calls.at_a_time, self.display.shown
         self.factors, self.small_is_full = tuple(factors), which[0] == which[1]
         self._calls, self._deadlines, self._comparison, self._which = calls, deadlines, comparison, which
+        # The points that were asked for, of all particles and of few; those of a resumed run too.
+        self._asked: tuple[set[bytes], set[bytes]] = (set(), set())
         self._before: dict[str, Any] = {"calls": 0, "search_calls": 0, "reasons": {}}  # counts before the sampling
 
     def from_unit(self, u: Array) -> Array:
@@ -98,16 +100,28 @@ class PosteriorTarget:
         small = small and not self.small_is_full
         cache, which = self.storage.small if small else self.storage.evaluations, self._which[small]
         missing = list(points) if self.storage.is_chain else cache.missing(points)
+        if not self.storage.is_chain:
+            self._asked[small].update(point.tobytes() for point in points)
         if not missing and self._calls.stop:
             raise Stopped(self._calls.stop)
         for begin in range(0, len(missing), PART):
             part = missing[begin : begin + PART]
-            for point, evaluation in zip(part, self._calls.evaluate(np.array(part), which), strict=True):
+            for point, evaluation in zip(part, self._calls.each(np.array(part), which), strict=True):
                 cache.add(point, evaluation)
-            cache.write(at_once=False)
-        if not self.storage.is_chain:  # of a chain the steps are shown
-            self.show(len(missing))
+                cache.write(at_once=False)
+                if not self.storage.is_chain:  # of a chain the steps are shown
+                    self.show(1)
         return cache.get(points)
+
+    @property
+    def asked(self) -> tuple[int, int]:
+        """Points that the sampler has asked for so far, with all particles and with few; those of the factors too.
+
+        A resumed run asks for those of before again.
+        """
+        every = [self, *(each.target for each in self.factors if isinstance(each.target, PosteriorTarget))]
+        full, few = (sum(len(each._asked[small]) for each in every) for small in (False, True))
+        return full, few
 
     # Samplers that emulate the predictions
 

@@ -26,6 +26,10 @@ class ChainDraws(Draws):
     """A stored chain, judged by the rule of its sampler. Half of the chain of a quick run is burn-in."""
 
     trace = "step", "grey: walkers; blue: their median; shaded: burn-in"
+    trace_caption = (
+        "Every walker against step (grey), their median (blue), burn-in shaded. Good traces are level and cross each "
+        "other all the time."
+    )
 
     def __init__(self, stored: Chain, sampler: ChainSampler, names: Sequence[str], quick: bool) -> None:
         super().__init__(stored.chain, stored.log_prob, stored.blobs, stored.attributes, quick)

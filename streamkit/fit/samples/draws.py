@@ -44,6 +44,8 @@ class Draws(ABC):
     lacks: str  # what is missing for reliable samples, as the end of a sentence; empty if nothing is missing
     praise: str  # the reason why the samples are reliable, as a sentence, for samples that lack nothing
     trace: tuple[str, str]  # label of the horizontal axis of the traces, and their legend
+    trace_caption: str  # what the page says below them
+    last_trace = r"$\ln p$"  # label of their last panel, after the parameters
     discard = 0  # steps of learning and of burn-in
     stuck: IntArray = np.empty(0, dtype=np.int64)  # (n,) numbers of the walkers that are stuck far below the others
     weighted: Weighted | None = None  # the weighted samples; None for a chain
@@ -102,7 +104,7 @@ class Draws(ABC):
 
     @abstractmethod
     def draw_trace(self, axes: Axes, parameter: int | None, scale: float) -> None:
-        """Draw the trace of a parameter in units of ``scale``, or of ln posterior for None."""
+        """Draw the trace of a parameter in units of ``scale``, or the last panel for None."""
 
     def pictures(self, labels: Sequence[str]) -> dict[str, Callable[[], Figure]]:
         """Return the additional pictures of samples of this kind for the page, by name."""

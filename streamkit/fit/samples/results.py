@@ -328,7 +328,7 @@ class Results:
 def draws_of(stored: Chain | Weighted, spec: Spec, quick: bool) -> Draws:
     """Return the stored samples of a run as a chain or as weighted samples, by their sampler."""
     if isinstance(stored, Weighted):
-        return WeightedDraws(stored, spec.sampler.kind, spec.seed, quick)
+        return WeightedDraws(stored, spec.sampler.kind, spec.seed, quick, spec.sampler.emulates)
     if not isinstance(spec.sampler, ChainSampler):
         raise ChainError(f"there is a chain, and the sampler {spec.sampler.kind!r} of the run file makes none")
     return ChainDraws(stored, spec.sampler, spec.names, quick)

@@ -34,13 +34,22 @@ class WeightedDraws(Draws):
 
     weighted: Weighted
     trace = "number of the sample, by rising likelihood", "grey: all samples; blue: by their weight"
+    trace_caption = "The samples in the order of their likelihood: all of them grey, and blue by their weight."
 
-    def __init__(self, stored: Weighted, kind: str, seed: int, quick: bool) -> None:
+    def __init__(self, stored: Weighted, kind: str, seed: int, quick: bool, emulated: bool = False) -> None:
         drawn = stored.drawn(seed)
         chain, log_prob, blobs = (each[drawn][:, None] for each in (stored.points, stored.log_prob, stored.blobs))
         super().__init__(chain, log_prob, blobs, stored.attributes, quick)
         d = chain.shape[2]
         self.weighted, self._kind, self.lacks = stored, kind, stored.lacks
+        self._history: dict[str, Any] = stored.attributes.get("history", {}) if emulated else {}
+        if self._history:  # emulated samples have no order: their picture shows how the answer moved
+            self.trace = "calls with all particles", "median and 68 % interval; filled: the sampler's checks are passed"
+            self.trace_caption = (
+                "The answer after so many calls: medians with their 68 % intervals; filled where the sampler's own "
+                "checks are passed. The last ones should agree within their intervals."
+            )
+            self.last_trace = self._history["names"][-1]
         self.tau = self.r_hat = np.full(d, np.nan)  # only chains have these
         self.ess = self.trusted_ess = np.full(d, stored.ess)
         self.best = stored.points[np.argmax(stored.log_prob)]
@@ -108,7 +117,10 @@ class WeightedDraws(Draws):
         }
 
     def draw_trace(self, axes: Axes, parameter: int | None, scale: float) -> None:
-        """Draw the samples in the order of their ln likelihood: all of them grey, and blue by their weight."""
+        """Draw the history of an emulator; else all samples in the order of their ln likelihood, blue by weight."""
+        if self._history:
+            self._draw_history(axes, -1 if parameter is None else parameter, scale)
+            return
         stored = self.weighted
         order = np.argsort(stored.blobs["ln_likelihood"], kind="stable")
         order = order[np.isfinite(stored.log_prob[order])]
@@ -120,3 +132,13 @@ class WeightedDraws(Draws):
         axes.scatter(x, value, s=5, color=BLUE, alpha=share, lw=0, rasterized=True)
         if parameter is None:
             axes.set_ylim(value.max() - 60, value.max() + 2)
+
+    def _draw_history(self, axes: Axes, quantity: int, scale: float) -> None:
+        """Draw the intervals of a quantity against the calls."""
+        stages = self._history["stages"]
+        calls = np.array([stage["calls"] for stage in stages])
+        low, middle, high = np.array([stage["intervals"][quantity] for stage in stages]).T / scale
+        axes.errorbar(calls, middle, (middle - low, high - middle), color=BLUE, lw=0.8, elinewidth=1.4)
+        passed = np.array([stage["level"] == FINE for stage in stages])
+        axes.plot(calls[~passed], middle[~passed], "o", ms=5, mfc="white", mec=BLUE)
+        axes.plot(calls[passed], middle[passed], "o", ms=5, color=BLUE)

@@ -235,7 +235,8 @@ def traces(results: Results) -> Figure:
     scale, labels_of, units = _labels(results)
     figure, panels = panel_grid(d + 1, 4.3, 1.75, across=3, share=True, share_y=False)
     between = ["\n" if len(name) > (25 if "$" in name else 8) else " " for name in labels_of]
-    names = [with_unit(*each) for each in zip(labels_of, units, between, strict=True)] + [r"$\ln p$"]
+    names = [with_unit(*each) for each in zip(labels_of, units, between, strict=True)]
+    names.append(results.draws.last_trace)
     for i, (axes, name) in enumerate(zip(panels, names, strict=True)):
         parameter = i if i < d else None
         results.draws.draw_trace(axes, parameter, 1.0 if parameter is None else scale[i])

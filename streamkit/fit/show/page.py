@@ -69,6 +69,7 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
         masses=results.mass_profile(radii_to_show(results)),
         reach=reach(results),
         is_chain=results.weighted is None,
+        trace_caption=results.draws.trace_caption,
         literature=[] if literature is None else beside_literature(results, literature),
         pictures=_pictures(results),
         streams=stream_pictures(results.spec),

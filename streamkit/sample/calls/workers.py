@@ -103,20 +103,22 @@ class Workers:
             self._executor.shutdown(wait=True, cancel_futures=True)
 
     def evaluate(self, points: Array, which: str = "full") -> list[Evaluation]:
-        """Evaluate at points (n, d), in order.
+        """Evaluate at points (n, d), in order: see `each`."""
+        return list(self.each(points, which))
+
+    def each(self, points: Array, which: str = "full") -> Iterator[Evaluation]:
+        """Yield the evaluation at each of the points (n, d), in order, as soon as it is there.
 
         Raises `Stopped` soon after ``stop`` is set, ComponentError if a component fails, StreamkitError if worker
         processes die again and again.
         """
-        results: list[Evaluation] = []
         for result in self._results(points, which):
             self.calls[which] += 1
             if result.reason:
                 self.reasons[which][result.reason] += 1
-            results.append(result)
+            yield result
             if self.stop:
                 raise Stopped(self.stop)
-        return results
 
     def _results(self, points: Array, which: str) -> Iterator[Evaluation]:
         if self._executor is None:

@@ -12,12 +12,12 @@ from typing import Annotated, Any, Literal
 
 import h5py
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from streamkit.components import Verdict
 from streamkit.errors import ChainError, ComponentError, brief
 from streamkit.report import BLOCK, DamagedError, read_own, write_own
-from streamkit.sample.store.step import Counts, Text, as_floats, check_array, check_records
+from streamkit.sample.store.step import Count, Counts, Text, as_floats, check_array, check_records
 from streamkit.stream import Array
 
 SAMPLES = "samples.h5"
@@ -106,6 +106,9 @@ class Weighted:
 Number = Annotated[float, BeforeValidator(lambda value: value.item() if isinstance(value, np.generic) else value)]
 
 
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
 class _Verdict(BaseModel):
     """A `Verdict` whose texts may come from elsewhere."""
 
@@ -116,6 +119,32 @@ class _Verdict(BaseModel):
     value: Text
     sentence: Text
     rule: Text
+
+
+class Stage(BaseModel):
+    """The answer after some of the calls: median and ends of the 68 % interval of each quantity of the history."""
+
+    model_config = ConfigDict(strict=True)
+
+    calls: Count
+    small_calls: Count = 0  # with few particles
+    level: Literal["fine", "look here", "do not use"]  # the worst of the sampler's own checks
+    intervals: list[Annotated[list[Finite], Field(min_length=3, max_length=3)]]  # (q, 3) low end, median, high end
+
+
+class History(BaseModel):
+    """How the answer moved with the calls."""
+
+    model_config = ConfigDict(strict=True)
+
+    names: list[Text]  # (q,) the quantities: the parameters, and a mass
+    stages: list[Stage]
+
+    @model_validator(mode="after")
+    def _same_quantities(self) -> History:
+        if any(len(stage.intervals) != len(self.names) for stage in self.stages):
+            raise ValueError("a stage has not as many intervals as there are names")
+        return self
 
 
 class _Notes(BaseModel):
@@ -131,6 +160,7 @@ class _Notes(BaseModel):
     ln_evidence_error: Number
     missing: Text
     verdicts: list[_Verdict] = []
+    history: History | None = None
 
 
 def read_weighted(path: Path) -> Weighted:
@@ -147,7 +177,7 @@ def _read(file: h5py.File) -> Weighted:
     if lost := [name for name in ARRAYS if not isinstance(file.get(name), h5py.Dataset)]:
         raise ValueError(f"{lost[0]} is missing")
     notes = {key: value.item() if isinstance(value, np.generic) else value for key, value in file.attrs.items()}
-    for name in ("counts", "verdicts"):
+    for name in ("counts", "verdicts", "history"):
         if name in notes:
             notes[name] = json.loads(notes[name])
     return _weighted({name: file[name][...] for name in ARRAYS}, notes)
@@ -161,6 +191,8 @@ def _weighted(arrays: Mapping[str, Any], notes: Mapping[str, Any]) -> Weighted:
     attributes: dict[str, Any] = {key: getattr(known, key) for key in ("digest", "quick", "status") if key in notes}
     if "counts" in notes:
         attributes["counts"] = known.counts.model_dump(exclude_defaults=True)
+    if known.history is not None:
+        attributes["history"] = known.history.model_dump()
     verdicts = tuple(Verdict(**each.model_dump()) for each in known.verdicts)
     return Weighted(points, ln_weights, log_prob, blobs, float(known.ln_evidence), float(known.ln_evidence_error),
                     known.missing, attributes, verdicts)  # fmt: skip

@@ -8,8 +8,8 @@ from runfiles import FIT
 
 import streamkit as sk
 from streamkit.fit import describe_results, write_samples
+from streamkit.fit.history import measured_radius
 from streamkit.fit.judge.chain import R_HAT
-from streamkit.fit.runner import _measured_radius
 from streamkit.fit.show.export import measured
 from streamkit.fit.show.figures import reach
 from streamkit.fit.show.text import radii_in_reach
@@ -39,9 +39,9 @@ def test_masses_beyond_data_and_streams_are_marked(results):
 
 def test_the_progress_shows_the_mass_where_the_data_are():
     both = FIT | {"observable": {"kind": "apocentres", "leading": [57, 5], "trailing": [112, 15]}}
-    assert _measured_radius(sk.load(both)) == 110  # the trailing apocentre, 112 kpc
+    assert measured_radius(sk.load(both)) == 110  # the trailing apocentre, 112 kpc
     near = FIT | {"observable": {"kind": "apocentres", "leading": [31.4, 1]}}
-    assert _measured_radius(sk.load(near)) == 31
+    assert measured_radius(sk.load(near)) == 31
 
 
 def test_effective_samples_are_not_shown_where_walkers_disagree(results):
