@@ -1,7 +1,8 @@
 """Figures that compare streams, after Gibbons+ 2014: in phase space, and along the tails.
 
-Every function takes portraits by title (a stream, its inputs, and the prediction of its observables) and returns a
-figure: of the variants of an ablation, or of a fit and an N-body snapshot. The others are compared with the first one.
+Every function takes portraits by title and returns a figure. A portrait is a stream with its inputs and the prediction
+of its observables. The portraits are the variants of an ablation, or a fit and an N-body snapshot. The first one is the
+reference of the others.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ from streamkit.study.ablation.measures import Portrait
 from streamkit.units import GYR
 
 Portraits = Mapping[str, Portrait]
-SHOWN = 6500  # most particles drawn per panel, chosen at random, as in Gibbons+ 2014, figure 6
+SHOWN = 6500  # largest number of particles in a panel, chosen at random, as in Gibbons+ 2014, figure 6
 # Okabe & Ito's colours, for lines.
 CYCLE = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 STAR: dict[str, Any] = {"marker": "*", "ms": 11, "color": "black", "mec": "white", "ls": "none", "label": "progenitor"}
@@ -166,7 +167,7 @@ def crossings(portraits: Portraits) -> Figure:
 
     In the frame that moves with the progenitor (Gibbons+ 2014, figure 4): radial, along the motion, out of the plane.
     The black line is the distribution that the scheme draws from: mLCS's Gaussian. A snapshot and a live progenitor
-    have no such line: no scheme has released their debris; and a snapshot no row if it does not hold its crossings.
+    have no such line, because no scheme has released their debris. A snapshot without crossings has no row.
     """
     trailing = {t: p.stream.dv_strip[:, p.stream.arm < 0] for t, p in portraits.items()}
     shown = {t: v for t, v in trailing.items() if v.size and np.isfinite(v).all()}

@@ -26,10 +26,10 @@ def angular_momentum(q: Array, v: Array) -> Array:
 
 @dataclass(frozen=True)
 class Portrait:
-    """A stream, its own measures, and the prediction of the observables, if there are any.
+    """A stream, its measures, and the prediction of the observables, if there are any.
 
-    The run file that it was made from, or is compared with, has the host that gives the energies. A reference that is
-    no variant has a ``title``: "N-body" for a snapshot, the kind of its scheme for a live progenitor.
+    The energies are those in the host of the run file that the stream was made from, or is compared with. A reference
+    that is no variant has a ``title``: "N-body" for a snapshot, the kind of its scheme for a live progenitor.
     """
 
     stream: Stream
@@ -53,7 +53,7 @@ class Portrait:
 
     @property
     def moves(self) -> bool:
-        """Whether anything moves beside the host: energies are then not conserved."""
+        """Whether a body moves about the host: energies are then not conserved."""
         return bool(self.inputs.bodies) or self.inputs.companion is not None
 
     @cached_property
@@ -81,7 +81,7 @@ class Portrait:
 
 
 def portrait(spec: Spec) -> Portrait:
-    """Return the portrait of the stream at the prior's centre. It raises what `Model.stream` does."""
+    """Return the portrait of the stream at the prior's centre; raises as `Model.stream`."""
     inputs = spec.bind()
     made, prediction = Model(spec).observe(inputs)
     return Portrait(made, inputs, prediction)

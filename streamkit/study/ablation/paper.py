@@ -18,9 +18,9 @@ from streamkit.study.ablation.tables import Row, over_seeds, rows_of
 from streamkit.study.grid import MANY, by_column, rms
 from streamkit.units import datum_unit
 
-RADIUS = 50.0  # kpc, inside which the host is weighed where it varies
-CHANGED = 1e-6  # relative difference between masses that is more than rounding
-FEWEST_DIGITS = 2  # of a number without a scatter
+RADIUS = 50.0  # radius in kpc of the mass of a host that varies
+CHANGED = 1e-6  # relative difference between masses above which it is no rounding
+FEWEST_DIGITS = 2  # digits of a number without a scatter
 
 
 class PaperColumn(NamedTuple):
@@ -33,11 +33,11 @@ class PaperColumn(NamedTuple):
 
 
 def paper_columns(ablation: Ablation) -> list[PaperColumn]:
-    """Return the columns in the order of `measures_table`'s rows, without those that have no number at all.
+    """Return the columns in the order of `measures_table`'s rows, without columns that have no number.
 
-    Length of each tail, distance of its mean track from the reference's near the progenitor, the observables, the
-    fraction bound, the mass of a host that varies, the CPU time. Of more than a dozen data the root mean square
-    difference from the reference is given for each quantity, in standard errors of the data.
+    The columns are the length of each tail, the distance of its mean track from the reference's near the progenitor,
+    the observables, the bound fraction, the mass of a host that varies, and the CPU time. For more than a dozen data
+    there is the root mean square difference from the reference for each quantity, in standard errors of the data.
     """
     rows = rows_of(ablation)
     columns = [_measure(rows, f"length_{arm}", f"length {arm}", "deg") for arm in ARMS]
@@ -49,7 +49,7 @@ def paper_columns(ablation: Ablation) -> list[PaperColumn]:
 
 
 def small_csv(ablation: Ablation) -> str:
-    """Return the small table as CSV: units in the heads, the scatter over the seeds in columns of its own."""
+    """Return the small table as CSV: units in the heads, the scatter over the seeds in separate columns."""
     table = Table({"variant": [label for label, _, _ in rows_of(ablation)]})
     for head, unit, mean, scatter in paper_columns(ablation):
         of = f" [{unit}]" if unit else ""
@@ -60,7 +60,7 @@ def small_csv(ablation: Ablation) -> str:
 
 
 def small_latex(ablation: Ablation) -> str:
-    """Return the small table in LaTeX: means over the seeds with their scatter, to two digits of it."""
+    """Return the small table in LaTeX: means over the seeds with their scatter, to two digits of the scatter."""
     table = Table({"variant": [latex_escaped(label) for label, _, _ in rows_of(ablation)]})
     units = {}
     for head, unit, mean, scatter in paper_columns(ablation):
@@ -92,7 +92,7 @@ def _measure(rows: Sequence[Row], name: str, head: str, unit: str) -> PaperColum
 
 
 def _observables(rows: Sequence[Row], observed: Mapping[str, Observable]) -> Iterator[PaperColumn]:
-    """Return the observables; of many data the difference from the reference, for each quantity."""
+    """Return the observables; for many data the difference from the reference, for each quantity."""
     keys = dict.fromkeys(key for _, _, ms in rows for one in ms for key in one if key.startswith("observable_"))
     names = [key.removeprefix("observable_") for key in keys]
     kind = "".join(each.kind for each in observed.values()) if len(observed) == 1 else ""
@@ -110,13 +110,13 @@ def _observables(rows: Sequence[Row], observed: Mapping[str, Observable]) -> Ite
 
 
 def _unit(name: str, observed: Mapping[str, Observable]) -> str:
-    """Return the unit of a datum that is a field of its own, such as an apocentre; empty for any other."""
+    """Return the unit of a datum that is a field, such as an apocentre; empty for any other."""
     fields = (type(each).model_fields.get(name.rpartition(".")[2]) for each in observed.values())
     return next((datum_unit(field) for field in fields if field is not None), "")
 
 
 def _mass(rows: Sequence[Row]) -> PaperColumn:
-    """Return M(<50 kpc) of the hosts, if they are not one host."""
+    """Return M(<50 kpc) of the hosts, if there are several."""
     masses = []
     for _, outcome, _ in rows:
         first = None if outcome is None else outcome.first

@@ -19,7 +19,7 @@ from streamkit.study.ablation.measures import Portrait, compare, match_rate, obs
 from streamkit.study.grid import INTERRUPTED, run_jobs
 
 NBODY = "N-body"  # the title of a snapshot
-WARM = 64  # particles of the stream that loads the machine code before the clock starts
+WARM = 64  # particles of the stream that loads the machine code before the time is measured
 
 
 @dataclass
@@ -49,8 +49,8 @@ class Outcome:
 class Ablation:
     """A finished ablation: the run file that the variants start from, and their outcomes in the grid's order.
 
-    The reference is a snapshot or a live progenitor, or the first variant's own stream. ``stopped`` says why it ended
-    early.
+    The reference is a snapshot, a live progenitor or the stream of the first variant. ``stopped`` is the reason of an
+    early end.
     """
 
     spec: Spec
@@ -66,7 +66,7 @@ class Ablation:
         return next(f"the variant {o.variant.label!r}" for o in self.outcomes if o.first)
 
 
-Made = tuple[Stream, Prediction | None, float]  # a stream, what the observable says of it, and the CPU seconds of both
+Made = tuple[Stream, Prediction | None, float]  # a stream, the prediction of its observables, the CPU seconds of both
 
 
 def make_stream(job: tuple[Spec, str]) -> Made | str:
@@ -88,8 +88,8 @@ def make_stream(job: tuple[Spec, str]) -> Made | str:
 def read_reference(path: str, spec: Spec, stream: str | None = None) -> Portrait:
     """Return the reference of an ablation: an N-body snapshot, or the stream of a live progenitor by its kind.
 
-    The latter, such as ``restricted_nbody``, has the scheme's own number of particles or the run file's, if that is
-    larger. Of the stream of this name where there are several.
+    A live progenitor, such as ``restricted_nbody``, has the scheme's number of particles or the run file's, if that is
+    larger. ``stream`` is the name of the stream where there are several.
     """
     inputs = spec.bind(stream=stream)
     live = _live_spec(path, spec, stream)
@@ -133,11 +133,11 @@ def run_ablation(
 ) -> Ablation:
     """Make every variant on the same seeds and measure it against the reference, or against the first variant.
 
-    Free parameters stand at the centres of their priors. The seed of ``spec`` is the first of ``seeds`` consecutive
-    ones. ``variants`` and ``reference`` are those of `variants_of` and `read_reference`; without the latter, the first
-    variant that has a stream is the one. ``stream`` is the name of the stream that is compared. With ``match`` the
-    particles are weighed so that as many are stripped at each time as in the reference. ``done`` is called after each
-    stream. After an interruption the finished streams are returned.
+    Free parameters are at the centres of their priors. The seed of ``spec`` is the first of ``seeds`` consecutive ones.
+    ``variants`` and ``reference`` come from `variants_of` and `read_reference`; without a reference, the first variant
+    that has a stream is the reference. ``stream`` is the name of the compared stream. With ``match`` the particles get
+    weights, so that as many are stripped at each time as in the reference. ``done`` is called after each stream. After
+    an interruption the finished streams are returned.
 
     Raises StreamkitError with the reasons if no variant has a stream.
     """
@@ -201,9 +201,9 @@ class Variant:
 def variants_of(spec: Spec, vary: Mapping[str, Sequence[Any]]) -> list[Variant]:
     """Return every combination of the values, validated as in the file.
 
-    A kind other than the run file's starts from its own defaults; fields that all kinds of a section share (particles,
-    progenitor_gravity ...) keep their values. A `SpecError` names a field that does not exist or a value that is not
-    allowed, in any of the variants.
+    A kind other than the run file's starts from the defaults of the kind. Fields that all kinds of a section share
+    (particles, progenitor_gravity ...) keep their values. A `SpecError` names a field that does not exist, or a value
+    that is not allowed, in any of the variants.
     """
     if not vary:
         raise SpecError(f"{spec.source}: nothing is varied: name a field and its values")
@@ -221,7 +221,7 @@ def variants_of(spec: Spec, vary: Mapping[str, Sequence[Any]]) -> list[Variant]:
 
 
 def varied(spec: Spec, values: Mapping[str, Any]) -> Spec:
-    """Return the spec with other values; a new kind drops the fields that only kinds of the old one's sort have."""
+    """Return the spec with other values; a new kind drops the fields that it does not have."""
     reset: dict[str, Any] = {}
     for path, cls, _ in spec.components():
         if not issubclass(cls, Component) or values.get(f"{path}.kind", cls.kind) == cls.kind:

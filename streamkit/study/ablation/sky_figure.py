@@ -1,4 +1,4 @@
-"""The tracks of variants on the sky with the data, and their differences from the first one's track."""
+"""The tracks of variants on the sky with the data, and their differences from the first track."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from streamkit.study.ablation.measures import Portrait
 
 LINES = ("-", "--", "-.", ":")
 MARKERS = "osD^vP"
-WIDE, WIDEST_NAME = 8.2, 90  # inches of the figure, and letters of 9 points that it holds beside a line
+WIDE, WIDEST_NAME = 8.2, 90  # width in inches, and largest number of letters in a line of the legend
 
 
 def has_panels(portrait: Portrait) -> bool:

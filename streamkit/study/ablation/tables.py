@@ -17,7 +17,7 @@ from streamkit.study.ablation.runner import Ablation, Outcome
 from streamkit.study.grid import MANY, by_column, rms
 
 REFERENCE = "reference"
-LABEL = 43  # longest label in a printed table
+LABEL = 43  # letters of the longest label in a printed table
 
 
 class Measure(NamedTuple):
@@ -108,7 +108,7 @@ def rows_of(ablation: Ablation) -> list[Row]:
 
 
 def over_seeds(rows: Sequence[Sequence[float]]) -> tuple[Array, Array]:
-    """Return each row's mean and standard deviation over the seeds that have a value; NaN for fewer than one, two."""
+    """Return each row's mean and standard deviation over the seeds with a value; NaN with none, or below two."""
     finite = [[value for value in row if np.isfinite(value)] for row in rows]
     mean = np.array([np.mean(row) if row else np.nan for row in finite])
     return mean, np.array([np.std(row, ddof=1) if len(row) > 1 else np.nan for row in finite])
@@ -196,7 +196,7 @@ def _observables(rows: Sequence[Row]) -> list[str]:
 
 
 def _columns(rows: Sequence[Row], names: Sequence[str]) -> str:
-    """Return many observables by column: the rms difference from the reference, and the farthest."""
+    """Return many observables by column: the rms difference from the reference, and the largest."""
     shown = [row for row in rows if row[2]]
     body = [["column", *(label for label, _, _ in shown)]]
     pulls = [over_seeds([[one.get(f"pull_{name}", np.nan) for one in ms] for name in names])[0] for _, _, ms in shown]

@@ -17,25 +17,25 @@ from streamkit.runfile import Spec
 from streamkit.sample import Posterior
 from streamkit.stream import Array
 
-MASS_RADII = (50.0, 100.0, 200.0)  # kpc: where enclosed masses are compared besides the parameters
-TRIES = 1000  # most draws of a truth until one has a measurable stream
+MASS_RADII = (50.0, 100.0, 200.0)  # radii in kpc of the enclosed masses that are compared besides the parameters
+TRIES = 1000  # largest number of draws for a truth with a measurable stream
 
 
 @dataclass(frozen=True)
 class Draw:
     """The result of one draw."""
 
-    index: int  # its number, which determines the random numbers together with the run file's seed
-    # (d,) the parameters, in the units of the run file, and the share of the posterior samples below each.
+    index: int  # the number of the draw; with the run file's seed it determines the random numbers
+    # (d,) the parameters, in the units of the run file, and the fraction of the posterior samples below each.
     truth: tuple[float, ...]
     ranks: tuple[float, ...]
-    # the same of the enclosed mass in Msun at `MASS_RADII`.
+    # the same for the enclosed mass in Msun at `MASS_RADII`.
     masses: tuple[float, ...]
     mass_ranks: tuple[float, ...]
     # the largest R-hat, NaN for weighted samples, and the smallest effective number of samples, of the fit.
     r_hat: float
     ess: float
-    calls: int  # number of streams that were made
+    calls: int  # number of computed streams
     converged: bool  # whether the rule of its sampler was met
 
     def line(self) -> str:
@@ -44,7 +44,7 @@ class Draw:
 
     @staticmethod
     def of_line(line: str) -> Draw:
-        """Read a result of `line`; ValueError for any other text."""
+        """Read a result of the method `line`; ValueError for any other text."""
         return TypeAdapter(Draw).validate_json(line)
 
 

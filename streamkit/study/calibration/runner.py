@@ -18,14 +18,14 @@ from streamkit.stream import Array
 from streamkit.study.calibration.draw import Draw, make_draw
 from streamkit.study.grid import run_jobs
 
-DRAWS = "draws.jsonl"  # the finished draws, one a line below the digest of their run file
+DRAWS = "draws.jsonl"  # the finished draws, one in a line, below the digest of their run file
 
 
 @dataclass(frozen=True)
 class Calibration:
     """The finished draws of a run file, in order. ``stopped`` is the reason of missing draws; empty without any.
 
-    ``truth`` is the run file whose streams gave the data, if it is another one.
+    ``truth`` is the run file whose streams gave the data, if it differs.
     """
 
     spec: Spec
@@ -35,7 +35,7 @@ class Calibration:
 
     @cached_property
     def ranks(self) -> Array:
-        """(n, d + 3) The share of the posterior samples below each true parameter, then below each enclosed mass."""
+        """(n, d + 3) The fraction of the posterior samples below each true parameter, then below each enclosed mass."""
         return np.array([(*draw.ranks, *draw.mass_ranks) for draw in self.draws])
 
     def coverage(self, probability: float) -> Array:

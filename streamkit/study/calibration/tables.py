@@ -16,7 +16,7 @@ from streamkit.study.calibration.draw import MASS_RADII
 from streamkit.study.calibration.runner import DRAWS, Calibration
 from streamkit.study.grid import Products
 
-PROBABILITIES = (0.5, 0.68, 0.95)  # of the intervals in the table of coverage
+PROBABILITIES = (0.5, 0.68, 0.95)  # probabilities of the intervals in the table of coverage
 
 
 def draws_table(calibration: Calibration) -> QTable:
@@ -97,9 +97,9 @@ SIMULATIONS = 2000  # sets of uniform ranks from which the band is computed
 def calibration_figure(calibration: Calibration) -> Figure:
     """Draw the empirical distribution of the ranks less the uniform one, with its simultaneous 95 % band.
 
-    Inside the band the intervals have their stated coverage. A hump to the left with a dip to the right is a posterior
-    that is too narrow; the reverse is one that is too wide; a hump alone is a bias (Saeilynoja, Buerkner & Vehtari
-    2022). A mass with the same ranks as a parameter, because the parameter is this mass, is left out.
+    Inside the band the intervals have their stated coverage. A hump on the left with a dip on the right means a
+    posterior that is too narrow. The reverse means one that is too wide. A hump alone means a bias (Saeilynoja,
+    Buerkner & Vehtari 2022). A mass that is itself a parameter, and has the same ranks, is left out.
     """
     names = [
         *labels(calibration.spec.names, calibration.spec.symbols),

@@ -8,7 +8,7 @@ import numpy as np
 
 from streamkit.stream import Array, IntArray
 
-MANY = 8  # data beyond which tables and pictures show columns
+MANY = 8  # with more data, tables and pictures show columns
 
 
 def by_column(names: Sequence[str]) -> dict[str, IntArray]:

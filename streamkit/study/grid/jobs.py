@@ -22,7 +22,7 @@ Result = TypeVar("Result")
 def run_jobs(
     work: Callable[[Job], Result], jobs: Mapping[Key, Job], workers: int = 1, done: Callable[[], object] = lambda: None
 ) -> tuple[dict[Key, Result], str]:
-    """Return the result of ``work`` for each job, and why some are missing: `INTERRUPTED`, `DIED`, or empty.
+    """Return the result of ``work`` for each job, and the reason of missing ones: `INTERRUPTED`, `DIED`, or empty.
 
     Jobs are independent of each other: with several workers ``work`` and the jobs are pickled. ``done`` is
     called after each. Ctrl-C and SIGTERM end the work; an exception of ``work`` comes through.

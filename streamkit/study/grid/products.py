@@ -17,7 +17,7 @@ from streamkit.runfile import Spec
 
 @dataclass(frozen=True)
 class Products:
-    """The products of a study: its run file and the file name of that, text for a terminal, tables and pictures.
+    """The products of a study: its run file with its file name, text for a terminal, tables and pictures.
 
     Tables and pictures are given by file name; pictures are drawn when they are written. The header is added to the
     provenance of the tables. ``stopped`` is the reason of an early end; empty without one. Further files of text are

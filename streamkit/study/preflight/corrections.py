@@ -17,11 +17,11 @@ from streamkit.units import datum_unit
 
 Change = tuple[str, dict[str, Any]]  # the change in words, and the fields that it changes
 OPPOSITE = "the opposite sign of"  # how the words of such a change begin
-LN10_5 = np.log(10) / 5  # a distance d with a modulus of error s has the error d s ln(10) / 5
+LN10_5 = np.log(10) / 5  # with an error s of its modulus a distance d has the error d s ln(10) / 5
 
 
 class Slip(NamedTuple):
-    """A number in another unit than its field has: the unit, and the corrected values and errors."""
+    """A number that was given in another unit than its field's: the unit, and the corrected values and errors."""
 
     unit: str
     values: Callable[[Array], Array]
@@ -36,7 +36,7 @@ def _distance(modulus: Array) -> Array:
     return np.asarray(10 ** (np.clip(modulus, -20, 60) / 5 - 2))
 
 
-# By the unit of the field: the units that a table without units may be in.
+# By the unit of the field: the likely units of a table without units.
 SLIPS: dict[str, tuple[Slip, ...]] = {
     "kpc": (
         _factor("pc", 1e-3),
@@ -53,9 +53,9 @@ SLIPS: dict[str, tuple[Slip, ...]] = {
 
 
 def corrected(measurement: Measurement) -> Iterator[tuple[str, Measurement]]:
-    """Return the measurement with each likely mistake undone, and the change in words; the likeliest come first.
+    """Return the measurement with each likely mistake corrected, and the change in words, the most likely first.
 
-    Changed are tables and data of a value and an error; changes that the fields refuse are left out.
+    The changes concern tables and data with a value and an error. Changes that the fields refuse are left out.
     """
     fields = {name: getattr(measurement, name) for name in type(measurement).model_fields}
     for text, changes in _changes(measurement, fields):

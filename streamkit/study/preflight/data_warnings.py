@@ -1,4 +1,4 @@
-"""Warnings about data that no trial stream comes near, with the likely mistake in them."""
+"""Warnings about data far from all trial streams, with the likely mistake in the data."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from streamkit.stream import IntArray, Prediction
 from streamkit.study.preflight.corrections import OPPOSITE, corrected
 from streamkit.study.preflight.draws import Trial
 
-# Data are near a trial stream whose median distance from them is within so many errors, or within the spread of all
-# trial streams there: few draws from a broad prior come no nearer.
+# Data are near a trial stream if the median distance is within so many errors, or within the spread of all trial
+# streams: a few draws from a broad prior come no nearer.
 NEAR_ERRORS = 3.0
-# Distances of the nearest trial stream, in errors or in spreads, from which on data are doubted: with and without a
-# correction that brings them near.
+# Smallest distances of the nearest trial stream, in errors or in spreads, for a warning: with and without a correction
+# that brings the data near.
 DOUBTFUL, HOPELESS = 5.0, 30.0
 WRONG_SIGN = 8.0  # errors of the median datum from the stream at the prior's centre, from which on signs are tried
-FEW_TRIALS = 8  # trials below which their spread is not known
-MOST_TRIALS = 16  # trial streams that corrected data are compared with
+FEW_TRIALS = 8  # with fewer trials their spread is unknown
+MOST_TRIALS = 16  # largest number of trial streams for the comparison with corrected data
 
 
 @dataclass(frozen=True)
 class _Measured:
-    """One measurement in all trials: its path in the run file, its predictions, and that of another one in a trial."""
+    """One measurement in all trials: path in the run file, predictions, and a function that measures a trial anew."""
 
     path: str
     measurement: Measurement
@@ -40,15 +40,15 @@ class _Measured:
 
 
 class _Distance(NamedTuple):
-    """The distance of data from the nearest trial stream: that of the median datum."""
+    """The distance of the median datum from the nearest trial stream."""
 
     errors: float  # in standard deviations of the likelihood, the noise of the trial stream included
     spreads: float  # in standard deviations of the predictions of all trials; 0 where they are few
-    nearness: float  # in the larger of `NEAR_ERRORS` errors and one spread
-    rank: float  # in spreads, or in predicted values where trials are few: no error of the data enters
+    nearness: float  # in units of the larger of `NEAR_ERRORS` errors and one spread
+    rank: float  # in spreads, or in predicted values where trials are few; independent of the errors of the data
 
     def beyond(self, limit: float) -> bool:
-        """Say whether the data are farther than a limit in errors or in spreads, and not near."""
+        """Return whether the data are farther than a limit in errors or in spreads, and not near."""
         return self.nearness > 1 and max(self.errors, self.spreads) > limit
 
 
@@ -56,9 +56,9 @@ NOWHERE = _Distance(np.nan, np.nan, np.nan, np.nan)  # without a datum or a pred
 
 
 def data_warnings(spec: Spec, trials: Sequence[Trial]) -> list[str]:
-    """Return a warning for each measured quantity that no trial stream comes near.
+    """Return a warning for each measured quantity whose data are far from all trial streams.
 
-    Few trials of a run file with free parameters are no reason to doubt the data: then there is none.
+    With few trials of a run file with free parameters there is no warning.
     """
     if not trials or (spec.names and len(trials) < FEW_TRIALS):
         return []
@@ -147,9 +147,9 @@ def _warning(measured: _Measured, name: str, distance: _Distance, correction: st
 
 
 def _correction(measured: _Measured, name: str, trials: Sequence[Trial]) -> str:
-    """Return the correction that brings the data nearest to the streams; an empty text if none brings them near.
+    """Return the correction with the smallest distance of data and streams; an empty text if none makes them near.
 
-    A correction that takes another quantity away from the streams is none.
+    A correction that moves another quantity away from the streams is not returned.
     """
     rows = measured.measurement.quantities()
     before = {other: _distance(measured.measurement, measured.predictions, rows[other]).nearness for other in rows}

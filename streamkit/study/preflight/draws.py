@@ -1,4 +1,4 @@
-"""Trial streams over the prior: the share that the observables can measure; and the cost of a run."""
+"""Trial streams over the prior, with the fraction that the observables can measure; and the cost of a run."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BUDGET = 15.0  # CPU seconds after which no further trial stream is started
 
 @dataclass(frozen=True)
 class Trial:
-    """One set of parameters with a stream that the observables can measure, and what they measure."""
+    """One set of parameters whose stream the observables can measure, with the stream and the predictions."""
 
     bound: ModelInputs
     observation: Observation
@@ -34,7 +34,7 @@ class PriorDraws:
     """Trial streams of `TRIAL_PARTICLES` particles at draws from the prior."""
 
     draws: int  # number of draws
-    good: Array  # (good, d) The draws with a stream that the observable can measure
+    good: Array  # (good, d) the draws with a measurable stream
     seconds: Array  # (good,) CPU seconds of each of them
     reasons: Counter[str]  # reasons of the other draws, with their numbers
     total: float = 0.0  # CPU seconds of all of them
@@ -92,14 +92,14 @@ SLOW = 5.0  # CPU seconds above which a first call is not repeated: loading mach
 
 @dataclass(frozen=True)
 class Cost:
-    """CPU seconds of the first call of a process and of a later one, measured at ``where``, and of the search."""
+    """CPU seconds of the first call of a process and of a later one, at the parameters ``where``, and of the search."""
 
     first: float
     call: float
     where: str
-    # streams that the search for a start will make, about; 0 where nothing can be fitted or was tried.
+    # approximate number of streams in the search for a start; 0 where nothing can be fitted or was tried.
     search_calls: int = 0
-    search: float = 0.0  # CPU seconds of them, about
+    search: float = 0.0  # their approximate CPU seconds
 
 
 def search_cost(spec: Spec, tried: PriorDraws | None, call: float) -> tuple[int, float]:

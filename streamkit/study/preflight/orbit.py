@@ -12,17 +12,17 @@ from streamkit.runfile import StreamInputs
 from streamkit.stream import Array, Orbit
 from streamkit.units import GYR
 
-HORIZON = 13.8  # how far back, in Gyr, the progenitor's turning points are looked for: the age of the Universe
+HORIZON = 13.8  # look-back time in Gyr of the search for the progenitor's turning points: the age of the Universe
 
 
 @dataclass(frozen=True)
 class OrbitSummary:
-    """The progenitor's orbit in the host alone, as far back as its period needs."""
+    """The progenitor's orbit in the host alone, as far back as its period requires."""
 
     # (k,) turning radii in kpc, the latest first; empty where there are none within `HORIZON`.
     pericentres: Array
     apocentres: Array
-    period: float  # radial period in Gyr, the mean over the turning points found; NaN without two of them
+    period: float  # radial period in Gyr, the mean over the turning points; NaN with fewer than two
     # whether the energy exceeds the potential at infinity; None where a component gives no potential.
     escapes: bool | None
     completed: int  # apocentres within the look-back time

@@ -1,4 +1,4 @@
-"""The preflight: whether the progenitor's orbit can make a stream, and the cost of a fit."""
+"""The preflight: the progenitor's orbit as the source of a stream, and the cost of a fit."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Preflight:
     streams: dict[str, Look]  # each stream at the prior's centre, by name
     # data that are no stream, each with the prediction by the host at the prior's centre, by name.
     data: dict[str, tuple[HostData, Prediction]]
-    reason: str  # why there is no prediction at the prior's centre; empty if there is one
+    reason: str  # the reason why there is no prediction at the prior's centre; empty if there is one
     cost: Cost  # of one posterior call, or of one stream where there is nothing to fit
     prior_draws: PriorDraws | None  # trial streams over the prior; None if there were none
     warnings: tuple[str, ...]  # one paragraph each

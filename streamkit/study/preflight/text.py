@@ -33,7 +33,7 @@ def describe_spec(spec: Spec) -> str:
 
 
 def _factors(spec: Spec) -> list[str]:
-    """Say how many parameters each of several streams has of its own, and how many it shares with the others."""
+    """Return the numbers of parameters that each of several streams has alone, and that all streams share."""
     if len(spec.factors) == 1:
         return []
     rows = [(each.name, f"{len(each.own)} parameters of its own") for each in spec.factors]

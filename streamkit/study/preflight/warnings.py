@@ -17,16 +17,16 @@ from streamkit.study.preflight.draws import PriorDraws
 from streamkit.study.preflight.orbit import HORIZON, OrbitSummary, summarise_orbit
 from streamkit.testing import quick_failures
 
-# Ranges that hold every recent measurement of the Sun's place and of the rotation there.
+# Ranges that contain all recent measurements of the Sun's position and of the rotation speed there.
 USUAL_SUN = {"r0": (7.0, 9.0, "kpc"), "z": (-0.1, 0.1, "kpc"), "v_circ": (180.0, 280.0, "km/s")}
 
-FEWEST_PARTICLES = 100  # particles below which the remedy for rare streams is more of them
-# A progenitor is not bound to a host whose circular speed is so many times smaller than its own speed; no galaxy has a
-# circular speed above the limit in km/s.
+FEWEST_PARTICLES = 100  # with fewer particles the remedy for rare streams is more of them
+# A progenitor is not bound if its speed is more than so many times the host's circular speed. No galaxy has a circular
+# speed above the limit in km/s.
 SLOW_HOST, SPEED_LIMIT = 10.0, 2000.0
 SAME_FRAME = 0.01  # degrees by which the axes of one frame may differ: papers print few digits
 DISSOLVED = 0.01  # share of a progenitor's mass, bound today, below which it has dissolved
-FEW = 300.0  # equal particles that those of a live progenitor should be worth
+FEW = 300.0  # smallest effective number of particles of a live progenitor, by their weights
 
 
 def stream_warnings(spec: Spec, inputs: StreamInputs, orbit: OrbitSummary) -> list[str]:
@@ -64,7 +64,7 @@ def orbit_warnings(spec: Spec, inputs: StreamInputs, orbit: OrbitSummary) -> lis
 
 
 def short_lookback(orbit: OrbitSummary) -> str:
-    """Advise a longer look-back time if it covers fewer than two apocentres of an orbit that has more."""
+    """Advise a longer look-back time if the present one covers fewer than two apocentres of an orbit that has more."""
     if orbit.completed >= min(2, len(orbit.apocentres)):
         return ""
     covered = f"{orbit.completed} apocentre{'s' * (orbit.completed != 1)}"
@@ -152,7 +152,7 @@ def _shown(frame: object) -> str:
 
 
 def live_warnings(spec: Spec, inputs: StreamInputs) -> list[str]:
-    """Return the warnings about the stripping scheme beside the data, and about a start that slides."""
+    """Return the warnings about the stripping scheme and the data, and about the start of a live progenitor."""
     prefix, scheme = spec.prefix(inputs.name), inputs.stripping
     if isinstance(scheme, LiveStripping):
         path = f"{prefix}progenitor.lookback"
@@ -172,7 +172,7 @@ def live_warnings(spec: Spec, inputs: StreamInputs) -> list[str]:
 
 
 def weight_warnings(spec: Spec, inputs: StreamInputs, stream: Stream) -> list[str]:
-    """Return a warning where few particles stand for most stars of a live progenitor, or of its debris."""
+    """Return a warning where few particles represent most stars of a live progenitor, or of its debris."""
     if not isinstance(inputs.stripping, LiveStripping):
         return []
     for which, weight in (("those that have left it", stream.weight[~stream.bound]), ("all of them", stream.weight)):
@@ -200,7 +200,7 @@ def dissolved_warnings(spec: Spec, inputs: StreamInputs, stream: Stream) -> list
 
 
 def prior_warnings(spec: Spec, bound: ModelInputs, tried: PriorDraws | None) -> list[str]:
-    """Return the warnings about a prior where streams are rare, or where some cost far more than most.
+    """Return the warnings about a prior where streams are rare, or where a few streams cost far more than most.
 
     ``bound`` is the run file at the prior's centre.
     """
@@ -238,7 +238,7 @@ def _remedy(spec: Spec, bound: ModelInputs, tried: PriorDraws) -> str:
 
 
 def _odd_host(inputs: StreamInputs) -> str:
-    """Name the likely mistake in the units of a host that is far too light or too heavy; empty for another host."""
+    """Return the likely mistake in the units of a host that is far too light or too heavy; empty for any other host."""
     radius, speed = (float(np.sqrt(x @ x)) for x in (inputs.q, inputs.v))
     circular = float(Host(inputs.potentials).circular_velocity(np.array([radius]))[0])
     if speed / SLOW_HOST < circular < max(SPEED_LIMIT, speed):

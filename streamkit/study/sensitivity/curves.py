@@ -16,7 +16,7 @@ from streamkit.stream import Array, IntArray
 
 # Probability of the prior in the range over which a parameter is varied; the rest is equal on both sides.
 CENTRAL = 0.95
-SAME = 1e-9  # distance, in ranges of the grid, below which a point of the grid is the fixed point
+SAME = 1e-9  # distance in units of the grid's range below which a point of the grid is the fixed point
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,9 @@ class Slope:
 class Curve:
     """The observables against one parameter, which is at ``fixed`` while others are varied.
 
-    x (n,) are its values in order, with the fixed one. At each: (n, m) the mean over the seeds that have a value, NaN
-    without any; the standard deviation, NaN below two seeds; the noise of the observable itself. ``streams`` (n,)
-    counts the seeds that have a value; ``reasons`` are those of the others.
+    x (n,) are the values of the parameter in order, with the fixed one. Further arrays (n, m) are the mean over the
+    seeds that have a value, NaN without any; the standard deviation, NaN below two seeds; and the noise of the
+    observable. ``streams`` (n,) counts the seeds that have a value; ``reasons`` are the reasons of the others.
     """
 
     name: str

@@ -18,7 +18,7 @@ from streamkit.study.grid import MANY, by_column, rms
 from streamkit.study.sensitivity.curves import Curve
 from streamkit.study.sensitivity.runner import Sensitivity
 
-ACROSS = 6  # most columns in a row; more parameters are drawn below
+ACROSS = 6  # largest number of columns in a row; further parameters are drawn below
 COLOURS = (BLUE, VERMILION, "black", "#009E73", "#CC79A7")
 # Largest range of an axis, in units of the middle 80 % of all values: outliers must not shrink the other values.
 REACH = 4.0

@@ -107,7 +107,7 @@ def run_sensitivity(
             "with --set"
         ) from None
     observables = prediction.names
-    grids = {}  # by parameter: its index, its values, and all parameters at each of them
+    grids = {}  # for each parameter: its index, its values, and all parameters at each value
     for name in names:
         i = spec.names.index(name)
         x = with_fixed(prior_grid(spec.priors[i], points), values[name])
