@@ -21,7 +21,7 @@ from streamkit.study import grid
 @click.option("--truth-set", "truth_settings", multiple=True, metavar="PATH=VALUE",
               help="Replace a field in the model of the mock data, not in that of the fit, such as "
               "stripping.kind=streakline. Repeatable.")  # fmt: skip
-@click.option("--resume", is_flag=True, help="Keep the draws in DIR, and make those that are missing.")
+@click.option("--resume", is_flag=True, help="Keep the draws in DIR, and compute the missing ones.")
 @study_options("-calibration")
 def calibrate(
     run_file: Path,

@@ -25,7 +25,7 @@ from streamkit.errors import OutOfDomain, StreamkitError
               help="Write the mean track on the sky to FILE.ecsv, or draw it to .png, .pdf or .svg.")  # fmt: skip
 @click.option("--frame", metavar="NAME", help="Frame of --track by its name; left out: that of the observable.")
 @click.option("--threads", default=1, show_default=True, type=click.IntRange(1), metavar="N",
-              help="Threads for one stream, for 100 000 particles and more; it does not depend on them.")  # fmt: skip
+              help="Threads for one stream, for 100 000 particles and more; the result is the same.")  # fmt: skip
 @FORCE_FILE
 @JSON
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing.")

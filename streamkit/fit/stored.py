@@ -113,7 +113,7 @@ class StoredRun:
         few = f"{small} calls with few particles"
         done = " and ".join([f"{calls} calls"] * bool(calls) + [few] * bool(small)) or f"{steps} steps"
         if directory is None:
-            return f"{done}, which were kept in memory only and are lost: give `out` to keep them."
+            return f"{done}, which are not saved: set `out` to keep the samples."
         if calls or small:
             return f"{done}, all of them in {directory}. To continue: {again}"
         if steps == 0:

@@ -110,7 +110,7 @@ class Processes(Executor):
             raise RuntimeError("these processes have been shut down")
         call = _Call(_Result(self), pickle.dumps((fn, args, kwargs)))
         self._calls.append(call)
-        self._deal()
+        self._dispatch()
         return call.future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
@@ -129,7 +129,7 @@ class Processes(Executor):
         """Distribute calls and receive results until ``enough()``, until all is done, or for ``timeout`` seconds."""
         end = math.inf if timeout is None else monotonic() + timeout
         while not enough():
-            self._deal()
+            self._dispatch()
             busy = [worker for worker in self._workers if worker.call]
             now = monotonic()
             if not busy or now >= end:
@@ -159,7 +159,7 @@ class Processes(Executor):
         theirs.close()  # the pipe then ends with the process
         return _Worker(process, mine)
 
-    def _deal(self) -> None:
+    def _dispatch(self) -> None:
         """Send a call to every idle process."""
         for worker in list(self._workers):
             while self._calls and worker.call is None and worker in self._workers:

@@ -75,7 +75,7 @@ class Workers:
         self._workers = workers
         self._slots = slots(workers) if isinstance(workers, Executor) else workers
         self._executor: Executor | None = None
-        self._sent, self._heard = b"", monotonic()
+        self._sent, self._active_at = b"", monotonic()
         self.calls: Counter[str] = Counter()  # evaluations so far, by posterior
         # Rejections so far, by posterior and reason. Rejected proposals count too.
         self.reasons: dict[str, Counter[str]] = {name: Counter() for name in posteriors}
@@ -127,7 +127,7 @@ class Workers:
                 yield self._overtime(point, which) if isinstance(one, str) else one
             return
         parts = self._parts(points)
-        self._hear()
+        self._note_activity()
         futures = [self._submit(part, which) for part in parts]
         try:
             for part, future in zip(parts, futures, strict=True):
@@ -151,12 +151,12 @@ class Workers:
         assert self._executor is not None  # noqa: S101  checked by the caller
         if isinstance(self._workers, Executor):
             future: Future[Answers] = self._executor.submit(_evaluate_sent, self._sent, which, part, self._limit)
-            future.add_done_callback(self._hear)
+            future.add_done_callback(self._note_activity)
             return future
         return self._executor.submit(_evaluate, which, part)
 
-    def _hear(self, _: object = None) -> None:
-        self._heard = monotonic()
+    def _note_activity(self, _: object = None) -> None:
+        self._active_at = monotonic()
 
     def _parts(self, points: Array) -> list[Array]:
         """Split the points into parts, each sent as one message.
@@ -185,7 +185,8 @@ class Workers:
                     raise
                 if self.stop:
                     raise Stopped(self.stop) from None
-                if isinstance(self._workers, Executor) and monotonic() - self._heard > self._limit * calls + COMPILING:
+                idle = monotonic() - self._active_at
+                if isinstance(self._workers, Executor) and idle > self._limit * calls + COMPILING:
                     raise CallTimeout(
                         f"{calls} call{'s' * (calls > 1)} did not end within sampler.call_limit = {self._limit:g} s "
                         'each, and this engine cannot end one: the engine "processes" can'
@@ -223,7 +224,7 @@ def first_call(limit: float, function: Callable[..., Result], *args: Any) -> Res
 
 def pool(count: int, posteriors: Mapping[str, Evaluates] | None = None, limit: float = math.inf) -> Processes:
     """Return worker processes that hold the posteriors; a call may take ``limit`` seconds."""
-    return Processes(count, _hold, (dict(posteriors or {}),), limit)
+    return Processes(count, _set_posteriors, (dict(posteriors or {}),), limit)
 
 
 _POSTERIORS: dict[str, Evaluates] = {}  # the posteriors of this worker process, set once by its initializer
@@ -231,7 +232,7 @@ _POSTERIORS: dict[str, Evaluates] = {}  # the posteriors of this worker process,
 _SENT: dict[bytes, dict[str, Evaluates]] = {}
 
 
-def _hold(posteriors: Mapping[str, Evaluates]) -> None:
+def _set_posteriors(posteriors: Mapping[str, Evaluates]) -> None:
     _POSTERIORS.update(posteriors)
 
 
