@@ -156,6 +156,14 @@ def takes_releases_off_the_grid(integrator: Integrator) -> None:
     )
 
 
+def ends_without_a_force(integrator: Integrator) -> None:
+    """Check that particles whose force is NaN become NaN, in a short time: the model rejects them by that."""
+    q, v = swarm(COUNT)
+    nowhere = build_field([Isochrone.model_construct(mass=np.nan, b=3.0, swing=0.0)])
+    state = _run(integrator, nowhere, q, v, np.zeros(COUNT), 0.02 * GYR)
+    require(np.isnan(state).any(axis=0).all(), "the force is NaN, and the particles move: their states must be NaN")
+
+
 def checks(accuracy: float) -> tuple[Check, ...]:
     """Return the checks of an integrator."""
     return (
@@ -164,5 +172,6 @@ def checks(accuracy: float) -> tuple[Check, ...]:
         comes_back,
         takes_any_number,
         takes_releases_off_the_grid,
+        ends_without_a_force,
         integrator_is_fast,
     )

@@ -21,7 +21,7 @@ class Reference(sk.Integrator):
     atol: sk.PositiveNumber = Field(default=1e-10, description="Absolute tolerance, in kpc and km/s.")
 
     def advance(self, field: engine.Field, q: sk.Array, v: sk.Array, t0: sk.Array, t1: float) -> None:
-        """Advance in place. Each particle's time runs linearly with a common s from 0 to 1."""
+        """Advance in place; to NaN if a force is not finite. Each particle's time runs linearly in s from 0 to 1."""
         from scipy.integrate import solve_ivp
 
         n = q.shape[1]
@@ -35,6 +35,9 @@ class Reference(sk.Integrator):
             return np.concatenate([state[3:] * span, a * span]).ravel()
 
         start = np.concatenate([q, v]).ravel()
-        done = solve_ivp(rates, (0.0, 1.0), start, method="DOP853", rtol=self.rtol, atol=self.atol)
-        state = done.y[:, -1].reshape(6, n)
+        state = np.full((6, n), np.nan)
+        if np.isfinite(rates(0.0, start)).all():  # from such a rate SciPy never ends
+            done = solve_ivp(rates, (0.0, 1.0), start, method="DOP853", rtol=self.rtol, atol=self.atol)
+            if done.success:  # else the last state is that of another time
+                state = done.y[:, -1].reshape(6, n)
         q[:], v[:] = state[:3], state[3:]

@@ -5,12 +5,13 @@ import itertools
 import numpy as np
 import pytest
 
-from streamkit import GYR, G, Orbit
+from streamkit import GYR, G, Orbit, Potential
 from streamkit.builtin.integrators.adaptive import Adaptive
 from streamkit.builtin.integrators.fixed_step import ForestRuth, Leapfrog
 from streamkit.builtin.integrators.reference import Reference
 from streamkit.builtin.potentials.closed_forms import Isochrone, Kepler, Plummer, TruncatedFlat
 from streamkit.engine import LEAPFROG, PEFRL, RKN4, adaptive_step, build_field, split_step
+from streamkit.sample.calls.timeout import NO_ANSWER, call_with_timeout
 from streamkit.testing import reference
 
 # position error in kpc allowed after one radial period with the default settings: particle noise is 0.2 kpc
@@ -204,6 +205,28 @@ def test_a_particle_does_not_know_of_the_others(cls):
     for some in ([3], [399], list(range(1, 400, 17))):
         alone = np.concatenate(march(cls(), field, q[:, some], v[:, some], 0.0, 0.04))
         assert np.array_equal(alone, together[:, some])
+
+
+class Gap(Potential):
+    """A flat rotation curve without a force in a shell."""
+
+    kind = "gap"
+
+    @staticmethod
+    def acceleration(x, y, z, t):
+        r2 = x * x + y * y + z * z
+        k = np.where((r2 > 20.0**2) & (r2 < 22.0**2), np.nan, -(220.0**2) / r2)
+        return k * x, k * y, k * z
+
+
+@pytest.mark.parametrize("cls", DEFAULTS)
+@pytest.mark.parametrize("radius", [15.0, 21.0])
+def test_a_particle_without_a_force_is_nan_soon(cls, radius):
+    """Outwards at 300 km/s the particle passes 20 kpc after 17 Myr. SciPy's steps from a NaN have no end."""
+    q, v = np.array([[radius], [0.0], [0.0]]), np.array([[300.0], [0.0], [0.0]])
+    end = call_with_timeout(60.0, march, cls(), build_field([Gap()]), q, v, 0.0, 0.1 * GYR)
+    assert not isinstance(end, str), NO_ANSWER
+    assert np.isnan(end).any(axis=1).all()
 
 
 def test_the_oracle_follows_keplers_ellipse():
