@@ -10,13 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit, types
 
-from streamkit.engine.cache import INLINE, also_for, cached, helper
+from streamkit.engine.cache import INLINE, cached, helper
 from streamkit.engine.field import NO_DRAG_OF_BODIES, build_field
 from streamkit.engine.forces import FORCES, ROW, call_kernel
 from streamkit.engine.kernels import Force
@@ -162,7 +161,7 @@ def parts_of(n, x, u, a, step):
 _FOLLOW = _FRICTION, _F2, _F2, _F, _F, types.float64[:, :, ::1]
 
 
-@cached(types.void(FORCES, *_FOLLOW))
+@cached(types.void(FORCES, *_FOLLOW), types.void(DRAGGED, *_FOLLOW))
 def follow(forces, friction, traits, today, t0, step, out):
     """Integrate n centres from today (n, 6) and write their states (n, T, 9) at t0 + k * step.
 
@@ -201,7 +200,8 @@ def follow(forces, friction, traits, today, t0, step, out):
                 t[:] = begin + ahead
                 if stage == 0:
                     for i in range(3):
-                        b[i * ROW : i * ROW + n] = a[i * ROW : i * ROW + n]
+                        for j in range(n):
+                            b[i * ROW + j] = a[i * ROW + j]
                 else:
                     pull(forces, friction, traits, n, t, y, w, centre, b)
                 for j in range(n):
@@ -213,12 +213,6 @@ def follow(forces, friction, traits, today, t0, step, out):
                     x[i * ROW + j] += dx[i, j]
                     u[i * ROW + j] += du[i, j]
             pull(forces, friction, traits, n, t, x, u, centre, a)
-
-
-@cache
-def compile_with_drag() -> None:
-    """Compile the loop also for hosts with forces that depend on velocity, when one is first needed."""
-    also_for(follow, types.void(DRAGGED, *_FOLLOW))
 
 
 def follow_bodies(
@@ -238,11 +232,7 @@ def follow_bodies(
     count = max(int(np.ceil(abs(t1) / max_step)), 2)
     step = t1 / count
     out = np.empty((len(today), count + 1, 9))
-    if field.drag is None:
-        follow(field.forces._replace(trajectory=owner), friction, traits, today, 0.0, step, out)
-    else:
-        compile_with_drag()
-        follow(field.all_forces._replace(trajectory=owner), friction, traits, today, 0.0, step, out)
+    follow(field.all_forces._replace(trajectory=owner), friction, traits, today, 0.0, step, out)
     field.check()
     t: Array = step * np.arange(count + 1, dtype=float)
     t[-1] = t1

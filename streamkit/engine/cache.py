@@ -27,6 +27,7 @@ from numba import njit
 from numba import types as numba_types
 from numba.core.caching import FunctionCache, IndexDataCacheFile, NullCache
 from numba.core.compiler import Compiler
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
 from numba.core.registry import CPUDispatcher
 from numba.core.typing.templates import builtin_registry
@@ -189,38 +190,52 @@ def _engine_digest() -> str:
 ENGINE = _engine_digest()  # digest of the whole engine's text: a change anywhere in it compiles all its loops anew
 
 
-def cached(signature: Any, nogil: bool = False) -> Callable[[Callable[..., Any]], Any]:
-    """Compile a loop for one signature, whatever layout a caller's arrays have; once per machine.
+class Loop:
+    """A compiled function. Machine code for a signature is made, or read from the disk cache, at the first such call.
+
+    A command that needs no live progenitor and no moving bodies compiles nothing for them.
+    """
+
+    def __init__(self, function: Callable[..., Any], signatures: tuple[Any, ...], nogil: bool) -> None:
+        self._signatures = signatures
+        self._dispatcher = njit(nogil=nogil, no_cfunc_wrapper=True, **OPTIONS)(function)
+        self._dispatcher._cache = disk_cache(function, ENGINE)
+        self._ready: set[type] = set()
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the machine code; TypeError for arrays of another type or layout."""
+        if type(arguments[0]) not in self._ready:
+            self._prepare(type(arguments[0]))
+        return self._dispatcher(*arguments)
+
+    def _prepare(self, first: type) -> None:
+        """Compile the signature whose first argument is of this class."""
+        fits = [one for one in self._signatures if getattr(one.args[0], "instance_class", None) is first]
+        with global_compiler_lock:  # threads may come here together
+            self._dispatcher.disable_compile(False)
+            self._dispatcher.compile((fits or self._signatures)[0])
+            self._dispatcher.disable_compile()  # other layouts would be compiled in silence
+            self._ready.add(first)
+
+
+def cached(*signatures: Any, nogil: bool = False) -> Callable[[Callable[..., Any]], Loop]:
+    """Make a loop for one signature, or for several that differ in their first argument; compiled once per machine.
 
     With ``nogil`` other Python threads run at the same time.
     """
-
-    def decorate(function: Callable[..., Any]) -> Any:
-        dispatcher = njit(nogil=nogil, **OPTIONS)(function)
-        dispatcher._cache = disk_cache(function, ENGINE)
-        dispatcher.compile(signature)
-        dispatcher.disable_compile()
-        return dispatcher
-
-    return decorate
+    return lambda function: Loop(function, signatures, nogil)
 
 
 def helper(function: Callable[..., Any]) -> Any:
     """Compile a function that loops call, when the first of them is compiled.
 
     Numba compiles a function once more for each literal among its arguments. Here a literal is a number like others.
+    Python does not call it, and so it needs no wrappers, whose compilation takes longer than that of most helpers.
     """
-    dispatcher = njit(**OPTIONS)(function)
+    dispatcher = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **OPTIONS)(function)
     template = dispatcher.get_call_template
     dispatcher.get_call_template = lambda args, kws: template(tuple(numba_types.unliteral(arg) for arg in args), kws)
     return dispatcher
-
-
-def also_for(loop: Any, signature: Any) -> None:
-    """Compile a loop of `cached` for one more signature."""
-    loop.disable_compile(False)
-    loop.compile(signature)
-    loop.disable_compile()
 
 
 def content_digest(function: Callable[..., Any] | tuple[Any, ...], layout: object) -> str | None:

@@ -20,7 +20,7 @@ from streamkit.engine.loops import NUMBERS, WORK, Scratch
 from streamkit.engine.methods import RKN4, Splitting
 from streamkit.engine.single_orbit import orbit_states
 from streamkit.engine.steps import Method
-from streamkit.engine.velocity_forces import DraggedForces, drag_loop, with_drag
+from streamkit.engine.velocity_forces import DraggedForces, drags, with_drag
 from streamkit.errors import ComponentError, OutOfDomain, message_of
 from streamkit.stream import Array, Orbit
 
@@ -88,7 +88,7 @@ class Field:
         if v is not None and self.drag is not None:
             v = np.require(v, float, ["C", "W"])
             dragged = with_drag(self.forces, *self.drag)
-            self._call(lambda: drag_loop()(dragged, times, q, v, out))
+            self._call(lambda: drags(dragged, times, q, v, out))
         return out
 
     @cached_property
@@ -96,7 +96,6 @@ class Field:
         """All forces, in the form for the loops that advance particles."""
         if self.drag is None:
             return self.forces
-        loops.compile_with_drag()
         return with_drag(self.forces, *self.drag)
 
     def radial_second_derivative(self, t: Array, q: Array) -> Array:

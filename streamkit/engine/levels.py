@@ -30,7 +30,9 @@ def gather(source, index, begin, m, out):
     """Copy the values of m particles into a row of a batch, padded to whole vectors with the last."""
     first = index[begin]
     if index[begin + m - 1] - first == m - 1:  # neighbours, as index increases: a vector copy
-        out[:m] = source[first : first + m]
+        near = source[first : first + m]
+        for i in range(m):  # to assign a slice compiles an error message, for longer than all the rest
+            out[i] = near[i]
     else:
         for i in range(m):
             out[i] = source[index[begin + i]]
@@ -139,7 +141,7 @@ def rates(forces, eta, heights, uniform, m, lanes, closest, a, centre, path, rat
         for i in range(0, m, together):
             for k in range(3):
                 centre_at(forces, b, t[i] + 0.5 * k * span[i], centre)
-                path[3 * k : 3 * k + 3] = centre
+                path[3 * k], path[3 * k + 1], path[3 * k + 2] = centre[0], centre[1], centre[2]
             nearest(i, i + together, lanes, path, closest)
         centre[:] = 0.0
         fresh = 1

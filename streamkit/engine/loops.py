@@ -21,13 +21,12 @@ as the addresses of C functions (see ``kernels.py``). The loops are compiled onc
 
 from __future__ import annotations
 
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
+from numba import njit, types
 
-from streamkit.engine.cache import also_for, cached
+from streamkit.engine.cache import INLINE, cached
 from streamkit.engine.forces import BATCH, FORCES, LANES, LEVELS, ROW, add_forces
 from streamkit.engine.levels import assign_slots, choose_levels, gather, give_back, next_batch, rates, scatter
 from streamkit.engine.steps import METHOD, ROWS, A, H, Method, T, compose, nystrom
@@ -48,7 +47,7 @@ class Scratch(NamedTuple):
 WORK, NUMBERS = (2 * ROWS + 4) * ROW, 2 * ROW  # doubles and integers in it
 
 _F1, _F2 = types.float64[::1], types.float64[:, ::1]
-_I1, _F, _N = types.int64[::1], types.float64, types.intp
+_I1, _F = types.int64[::1], types.float64
 _PARTICLES = types.UniTuple(_F1, 6)  # rows of positions and velocities
 _SCRATCH = types.NamedTuple([_F1, _I1], Scratch)
 
@@ -71,12 +70,11 @@ def accelerations(forces, t, q, out):
                 out[k, begin + i] = a[k * ROW + i]
 
 
-_SWEEP = METHOD, _SCRATCH, _PARTICLES, _I1, _F1, _F1, _N, _I1
 _ADVANCE = METHOD, _SCRATCH, _PARTICLES, _F1, _F
 _ORBIT = METHOD, _F1, _F1, _F, _F, _F2
 
 
-@cached(_N(FORCES, *_SWEEP))
+@njit(**INLINE)
 def sweep(forces, method, scratch, particles, index, t0, t1, limit, postponed):
     """Advance the particles index (n,), in place, from their t0 to their t1 with steps of their own levels.
 
@@ -134,7 +132,7 @@ def sweep(forces, method, scratch, particles, index, t0, t1, limit, postponed):
     return count
 
 
-@cached(types.void(FORCES, *_ADVANCE), nogil=True)
+@cached(types.void(FORCES, *_ADVANCE), types.void(DRAGGED, *_ADVANCE), nogil=True)
 def advance(forces, method, scratch, particles, t0, t1):
     """Advance all particles, in place, from t0 (n,), which never decrease, to t1.
 
@@ -142,23 +140,25 @@ def advance(forces, method, scratch, particles, t0, t1):
     that its dynamical time asks for. Particles that need many steps, deep in the progenitor, choose anew in every
     part of the block, because their closest approach lasts for a short part of it.
     """
-    n, most = t0.shape[0], method.most
-    every, postponed, ends, now = np.arange(n), np.empty(n, np.int64), np.full(n, t1), t0.copy()
-    limit = np.int64(0) if method.eta[0] == 0.0 else min(HIGHEST_LEVEL, most + 1)
-    count = sweep(forces, method, scratch, particles, every, t0, ends, limit, postponed)
-    indices = postponed[:count].copy()
-    if count == 0:
-        return
+    most = method.most
+    indices, postponed, ends, now = np.arange(t0.shape[0]), np.empty(t0.shape[0], np.int64), t0.copy(), t0.copy()
     shorter = Method(method.drift, method.kick, method.eta, max(most - 2, 0), method.heights)
-    for part in range(PARTS):
+    lowest = np.int64(0) if method.eta[0] == 0.0 else min(HIGHEST_LEVEL, most + 1)
+    for part in range(PARTS + 1):  # the whole block, then its parts for the postponed; one call is compiled once
         for i in indices:
-            ends[i] = t1 if part == PARTS - 1 else t0[i] + (t1 - t0[i]) * (part + 1) / PARTS
-        sweep(forces, shorter, scratch, particles, indices, now, ends, LEVELS - 1, postponed)
-        for i in indices:
-            now[i] = ends[i]
+            ends[i] = t1 if part == 0 or part == PARTS else t0[i] + (t1 - t0[i]) * part / PARTS
+        limit, how = (lowest, method) if part == 0 else (LEVELS - 1, shorter)
+        count = sweep(forces, how, scratch, particles, indices, now, ends, limit, postponed)
+        if part == 0:
+            if count == 0:
+                return
+            indices = postponed[:count].copy()
+        else:
+            for i in indices:
+                now[i] = ends[i]
 
 
-@cached(types.void(FORCES, *_ORBIT))
+@cached(types.void(FORCES, *_ORBIT), types.void(DRAGGED, *_ORBIT))
 def integrate_orbit(forces, method, q0, v0, t0, step, out):
     """Integrate one orbit and write its states (T, 9) at t0 + k * step (step may be negative).
 
@@ -177,11 +177,3 @@ def integrate_orbit(forces, method, q0, v0, t0, step, out):
             break  # no force is evaluated beyond the last state
         lanes[T] = t0 + node * step
         compose(forces, method, True, 0, 1, 1, not is_dragged(forces), lanes, relative, centre)
-
-
-@cache
-def compile_with_drag():
-    """Compile the loops also for forces that depend on velocity: once per machine, when a host first has one."""
-    also_for(sweep, _N(DRAGGED, *_SWEEP))  # `advance` calls it
-    also_for(advance, types.void(DRAGGED, *_ADVANCE))
-    also_for(integrate_orbit, types.void(DRAGGED, *_ORBIT))

@@ -17,7 +17,7 @@ import numpy as np
 from numba import types
 
 from streamkit.engine.arguments import layout_of, pack
-from streamkit.engine.cache import also_for, cached
+from streamkit.engine.cache import cached
 from streamkit.engine.field import Field, build_field
 from streamkit.engine.forces import FORCES, LANES, ROW, add_forces, centre_at
 from streamkit.engine.kernels import Force
@@ -34,7 +34,7 @@ _F1, _F = types.float64[::1], types.float64
 _MARCH = METHOD, _F1, types.UniTuple(_F1, 6), _F, _F
 
 
-@cached(types.void(FORCES, *_MARCH), nogil=True)
+@cached(types.void(FORCES, *_MARCH), types.void(DRAGGED, *_MARCH), nogil=True)
 def _march(forces, method, lanes, particles, t0, t1):
     """Advance the rows x, y, z, u, v, w of all particles, in place, from t0 to t1; lanes are scratch."""
     relative, centre = np.empty(3 * ROW), np.empty(3)
@@ -56,11 +56,6 @@ def _march(forces, method, lanes, particles, t0, t1):
             lane, part = lanes[row * ROW : row * ROW + m], out[begin : begin + m]
             for i in range(m):
                 part[i] = lane[i]
-
-
-@cache
-def _compile_with_drag() -> None:
-    also_for(_march, types.void(DRAGGED, *_MARCH))
 
 
 @cached(types.void(FORCES, _F1, _F1, types.UniTuple(_F1, 6), _F, _F, types.intp, types.intp), nogil=True)
@@ -139,8 +134,6 @@ class MovingForce:
     def __init__(self, host: Field, orbit: Orbit) -> None:
         self._host, self._orbit = host, orbit
         self._made: tuple[object, Field] | None = None
-        if host.drag is not None:
-            _compile_with_drag()
 
     def advance(self, force: Force, q: Array, v: Array, t0: float, t1: float, steps: int, kicks: int) -> None:
         """Advance q, v (3, n), whose rows have no gaps, in place, all from t0 to t1 in equal steps.

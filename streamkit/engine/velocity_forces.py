@@ -1,13 +1,12 @@
 """Forces with a part that depends on velocity (drag), and the calls of it in the loops.
 
-The loops are compiled a second time, for `DraggedForces`, when a host first has a drag. In loops compiled for `Forces`
-the functions of this file do nothing and leave no code. One kernel holds the drags of all components. It reads whole
-lanes: positions, velocities, times and time steps.
+The loops have a second machine code, for `DraggedForces`, which is compiled when a host first has a drag. In loops
+compiled for `Forces` the functions of this file do nothing and leave no code. One kernel holds the drags of all
+components. It reads whole lanes: positions, velocities, times and time steps.
 """
 
 from __future__ import annotations
 
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -117,26 +116,21 @@ def _drag_centres(forces, n, t, x, u, a, centre):
     return call
 
 
-@cache
-def drag_loop():
-    """Return the loop that adds the drag at q, v (3, n) and times t (n,) to out (3, n); compiled when first needed."""
-
-    @cached(types.void(DRAGGED, types.float64[::1], *[types.float64[:, ::1]] * 3))
-    def drags(forces, t, q, v, out):
-        lanes, a, centre = np.zeros(LANES_ROWS * ROW), np.empty(3 * ROW), np.empty(3)
-        for begin in range(0, q.shape[1], BATCH):
-            m = min(BATCH, q.shape[1] - begin)
-            for i in range(m):
-                for k in range(3):
-                    lanes[k * ROW + i], lanes[(3 + k) * ROW + i] = q[k, begin + i], v[k, begin + i]
-                    a[k * ROW + i] = out[k, begin + i]
-                lanes[6 * ROW + i] = t[begin + i]
-            add_drag(forces, 0.0, 0, m, lanes, a, centre)
+@cached(types.void(DRAGGED, types.float64[::1], *[types.float64[:, ::1]] * 3))
+def drags(forces, t, q, v, out):
+    """Add the drag at q, v (3, n) and times t (n,) to out (3, n)."""
+    lanes, a, centre = np.zeros(LANES_ROWS * ROW), np.empty(3 * ROW), np.empty(3)
+    for begin in range(0, q.shape[1], BATCH):
+        m = min(BATCH, q.shape[1] - begin)
+        for i in range(m):
             for k in range(3):
-                for i in range(m):
-                    out[k, begin + i] = a[k * ROW + i]
-
-    return drags
+                lanes[k * ROW + i], lanes[(3 + k) * ROW + i] = q[k, begin + i], v[k, begin + i]
+                a[k * ROW + i] = out[k, begin + i]
+            lanes[6 * ROW + i] = t[begin + i]
+        add_drag(forces, 0.0, 0, m, lanes, a, centre)
+        for k in range(3):
+            for i in range(m):
+                out[k, begin + i] = a[k * ROW + i]
 
 
 def with_drag(forces: Forces, address: int, parameters: Array) -> DraggedForces:

@@ -91,13 +91,6 @@ ACCURACY = {
 }
 
 
-@pytest.fixture(autouse=True)
-def loops_of_slow_tests(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Compile the loops with a drag only for the tests that need them."""
-    if request.node.get_closest_marker("slow") is None:
-        monkeypatch.setattr("streamkit.engine.loops.compile_with_drag", lambda: None)
-
-
 @pytest.mark.parametrize(
     "which", [pytest.param(which, marks=() if which == "dop853" else pytest.mark.slow) for which in ACCURACY]
 )
