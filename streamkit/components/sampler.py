@@ -17,24 +17,30 @@ from streamkit.stream import Array
 
 
 class Sampler(Component):
-    """How the posterior of a run is sampled. The fields below belong to every sampler."""
+    """The sampler of a run's posterior. Every sampler has the fields below.
+
+    streamkit calls `sample` once in a run, and once more when a run is resumed. The sampler evaluates points (n, d), in
+    the units of the run file's fields, by `Target.evaluate`. It yields weighted `Samples` or, if it derives from
+    `ChainSampler`, an `Ensemble` after each step. streamkit checks and stores what it yields. Exceptions of
+    `Target.evaluate` must pass. Any other exception ends the run as a `ComponentError`; the stored samples stay.
+    """
 
     role: ClassVar[str] = "sampler"
     stopping: ClassVar[tuple[str, ...]] = ()
-    """Fields that only say when to stop: a resumed run may change them."""
+    """Fields that only decide when to stop: a resumed run may change them."""
     emulates: ClassVar[bool] = False
-    """Whether it emulates predictions: points then have random numbers of their own, and `Evaluations` details."""
+    """Whether it emulates predictions: random numbers then differ between points, `Evaluations` have details."""
 
     call_limit: float = Field(
         default=3600.0,
         gt=0,
-        description="Longest time of one call in seconds. A worker process is ended then; without workers the call is, "
-        "but for compiled code in it, which comes to its end first.",
+        description="Longest time of one call in seconds. After this time the worker process is killed. Without "
+        "workers the call is interrupted, once its compiled code has ended.",
     )
     over_limit: Literal["stop", "reject"] = Field(
         default="stop",
-        description="What becomes of a longer call: the run stops, or it is a rejection, with this reason. Which calls "
-        "are rejected then depends on the machine.",
+        description="The result of a longer call: the run stops, or the call counts as rejected. In the second "
+        "case the rejected calls depend on the machine.",
     )
 
     @classmethod
@@ -46,12 +52,12 @@ class Sampler(Component):
     def sample(self, target: Target) -> Iterator[Samples | Ensemble]:
         """Yield weighted `Samples` now and then, the last of which are the result, or an `Ensemble` after each step.
 
-        streamkit stores each result before the next one is computed. All random numbers come from ``target.seed``, and
-        the clock is used for `Target.time_left` alone: the same target gives the same samples.
+        streamkit stores each result before the next one is computed. All random numbers must come from ``target.seed``,
+        and the only clock is `Target.time_left`: the same target then gives the same samples.
         """
 
     def reject_dimension(self, d: int) -> str:
-        """Return why d free parameters cannot be sampled: a field, its value, what is allowed. Empty if they can."""
+        """Return why d free parameters cannot be sampled: field, value, allowed values; empty if they can."""
         return ""
 
     def quick_settings(self, d: int) -> dict[str, int | float]:
@@ -66,31 +72,33 @@ class Sampler(Component):
         return 0, 1000
 
     def calls(self, d: int) -> tuple[int, str]:
-        """Return how many calls of the posterior a fit of d parameters may take, and how that comes about; 0: unknown.
+        """Return the expected number of calls in a fit of d parameters, and its derivation in words; 0 if unknown.
 
         `streamkit check` shows it.
         """
         return 0, "unknown"
 
     def advice(self, d: int) -> tuple[str, ...]:
-        """Return a sentence for every setting that is allowed for d parameters, and bad. `streamkit check` warns."""
+        """Return a warning for every setting that is allowed but bad for d parameters; `streamkit check` prints it."""
         return ()
 
     def cites(self) -> dict[str, str]:
-        """Return keys of streamkit's own bibliography to cite for these settings, and what for."""
+        """Return the keys of streamkit's bibliography to cite for these settings, each with its subject."""
         return {}
 
 
 class ChainSampler(Sampler):
-    """A sampler whose walkers take steps. A class of this kind says how: `walk`.
+    """A sampler whose walkers take steps. A derived class defines the steps: `walk`.
 
-    streamkit finds the start, stores each step, resumes the chain, and ends it by one rule: `Convergence`.
+    streamkit finds the start, calls `walk` once with it, or with the last stored step of a resumed run, and takes steps
+    from `walk` until the chain has converged (`Convergence`), has ``steps`` steps, or its time is over. It stores each
+    step before the next one is taken.
     """
 
     stopping: ClassVar[tuple[str, ...]] = ("steps", "tau_factor", "r_hat")
 
     walkers: int = Field(default=32, ge=2, description="Number of walkers, at least twice the free parameters.")
-    steps: int = Field(default=5000, ge=1, description="Longest chain, in steps per walker.")
+    steps: int = Field(default=5000, ge=1, description="Largest length of the chain, in steps per walker.")
     tau_factor: float = Field(
         default=50.0, gt=0, description="Stop when the chain is longer than so many autocorrelation times."
     )
@@ -102,8 +110,8 @@ class ChainSampler(Sampler):
     start_particles: int = Field(
         default=1000,
         ge=2,
-        description="Particles of the streams that the search for a start tries, the run's own number at most. Where "
-        "an observable is made of little of the debris, such small streams have none of it: take more.",
+        description="Particles of the streams in the search for a start, at most the run's number. Where an observable "
+        "depends on a small part of the debris, small streams cannot show it: take more.",
     )
 
     @abstractmethod
@@ -111,13 +119,13 @@ class ChainSampler(Sampler):
         """Yield the ensemble after each of the steps that follow ``ensemble``, without end.
 
         ``ensemble`` is the start (``number`` 0; its ``random_state`` is that of a `numpy.random.RandomState` with the
-        run's seed), or the last step of a run that is resumed: the steps must be those of an unbroken run.
+        run's seed), or the last step of a resumed run: the steps must then be those of an uninterrupted run.
         """
 
     def learning_steps(self, chain: Array) -> int:
-        """Return how many steps at the beginning of a chain (steps, walkers, d) depend on the steps before them.
+        """Return the number of steps at the beginning of a chain (steps, walkers, d) in which the moves still learn.
 
-        They are left out of the samples: the sampler changes while it learns.
+        They are left out of the samples.
         """
         return 0
 
@@ -126,9 +134,9 @@ class ChainSampler(Sampler):
         return Convergence(chain, self.learning_steps(chain), self.tau_factor, self.r_hat)
 
     def expected_steps(self, chain: Array, judged: Convergence | None = None) -> float:
-        """Return how long a chain (steps, walkers, d) will be at its end, by the last look at its convergence.
+        """Return the expected final length of a chain (steps, walkers, d), by the last test of its convergence.
 
-        ``judged`` is that look, if it is known. Without an estimate the chain takes all ``steps``.
+        ``judged`` is the result of this test, if it is known. Without an estimate the chain takes all ``steps``.
         """
         looked = len(chain) - len(chain) % CHECK
         if judged is None and looked:

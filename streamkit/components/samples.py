@@ -14,18 +14,18 @@ from streamkit.stream import Array, BoolArray
 
 @dataclass(frozen=True, eq=False)
 class Evaluations:
-    """The posterior at n points, and the predictions that it is made of.
+    """The posterior at n points, with the predictions.
 
     Attributes
     ----------
     ln_probability, ln_likelihood
         (n,) ln prior + ln likelihood, and the second term alone; -inf where there is no stream or outside the prior.
     mean, variance
-        (n, m) the prediction of each datum, and the variance of that estimate; NaN where there is none.
+        (n, m) the prediction of each datum, and the variance of the prediction; NaN where there is none.
     reasons
-        n texts: why a point has no likelihood; empty where it has one.
+        n texts: the reason why a point has no likelihood; empty where it has one.
     details
-        (n, k) what else of the predictions the likelihoods read, for a sampler that emulates predictions.
+        (n, k) the details of the predictions that the likelihoods read, for a sampler that emulates predictions.
     """
 
     ln_probability: Array
@@ -43,16 +43,15 @@ class Samples:
     Attributes
     ----------
     points
-        (n, d) parameters, each of them evaluated with `Target.evaluate` unless ``evaluations`` says what is known of
-        them.
+        (n, d) parameters. Each point was evaluated with `Target.evaluate`, or ``evaluations`` are given.
     ln_weights
-        (n,) natural logs of their weights in the posterior, up to a constant.
+        (n,) natural logs of the weights in the posterior, up to a constant.
     ln_evidence, ln_evidence_error
         The natural log of the integral of prior times likelihood, and its standard error; NaN if unknown.
     missing
-        What the sampler's own rule of stopping still lacks, as the end of a sentence; empty when the rule is met.
+        What the sampler's rule of stopping still requires, as the end of a sentence; empty when the rule is met.
     verdicts
-        The sampler's own checks, shown on the page of the run beside those of streamkit.
+        The results of the sampler's checks, shown on the page of the run beside streamkit's.
     facts
         Short texts by name, shown on the page and in the terminal.
     evaluations
@@ -72,25 +71,25 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class Ensemble:
-    """The walkers of a chain after a step: one sample of each, and all that the next step depends on.
+    """The walkers of a chain after a step: a sample of each walker, and all data that the next step depends on.
 
     Attributes
     ----------
     points, ln_probability
-        (walkers, d) parameters, each evaluated with `Target.evaluate`, and (walkers,) ln prior + ln likelihood there.
+        (walkers, d) parameters, each evaluated with `Target.evaluate`, and (walkers,) ln prior + ln likelihood.
     accepted
         (walkers,) whether the step moved each walker.
     random_state
-        The generator after the step: `numpy.random.RandomState.get_state`, or the ``bit_generator.state`` of a
-        `numpy.random.Generator`.
+        The state of the generator after the step: `numpy.random.RandomState.get_state`, or the
+        ``bit_generator.state`` of a `numpy.random.Generator`.
     memory
-        Arrays by name that the next step depends on, beside the points. The last step's are stored.
+        Arrays by name that the next step depends on, beside the points. Only those of the last step are stored.
     history
-        Arrays by name, of the same shape in each step, that later steps depend on. Those of every step are stored.
+        Arrays by name that later steps depend on, of the same shape in each step. All of them are stored.
     number
-        Steps taken, this one included.
+        Number of steps, this one included.
     facts
-        Short texts by name, shown on the page and in the terminal. The last step's are stored.
+        Short texts by name, shown on the page and in the terminal. Only those of the last step are stored.
     """
 
     points: Array

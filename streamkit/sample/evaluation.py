@@ -17,11 +17,11 @@ class Evaluation:
 
     lnp: float  # ln prior + ln likelihood; -inf where there is no stream or no observable
     ln_likelihood: float  # the second term alone; -inf likewise
-    # (m,) the prediction of the observable, and the variance of that estimate; NaN if there is none.
+    # (m,) the prediction of the observable, and the variance of the prediction; NaN if there is none.
     mean: Array
     variance: Array
-    reason: str = ""  # why lnp is -inf, else empty
-    # (k,) what else of the prediction the likelihoods read, for a sampler that emulates predictions; else empty.
+    reason: str = ""  # the reason why lnp is -inf, else empty
+    # (k,) the details of the prediction that the likelihoods read, for a sampler that emulates predictions; else empty.
     details: Array = field(default_factory=lambda: np.empty(0))
 
     def row(self) -> tuple[float, float, Array, Array]:

@@ -22,9 +22,9 @@ class SamplingProgress:
         self,
         shown: bool = False,
         deadline: float = np.inf,  # value of `time.monotonic` when the sampling ends
-        # A radius in kpc, and the mass inside it in Msun at a point (d,), for the progress of a chain.
+        # A radius in kpc, and a function for the mass inside it in Msun at a point (d,), for the progress of a chain.
         mass: tuple[float, Callable[[Array], float]] | None = None,
-        full_cost: float = 1.0,  # of a call in units of one with a small stream, about: for the search for a start
+        full_cost: float = 1.0,  # approximate cost of a call in units of one with a small stream, for the search
     ) -> None:
         self.shown, self.full_cost = shown, full_cost
         self._deadline, self._mass = deadline, mass
@@ -56,7 +56,7 @@ class SamplingProgress:
         self._bar.update(more)
 
     def close(self) -> None:
-        """Show no more."""
+        """End the display."""
         if self._bar is not None:
             self._bar.close()
 

@@ -26,7 +26,7 @@ LIKELY = {
     4 * math.pi: "a factor 4 pi is too many",
     0.25 / math.pi: "a factor 4 pi is missing",
 }
-OUTER = 1e5  # kpc: there every total mass is reached, and an NFW halo has ten times its scale mass
+OUTER = 1e5  # kpc: it contains every finite total mass, and ten times the scale mass of an NFW halo
 
 
 def enclosed_mass(potential: Potential, r: Array, t: float = 0.0) -> Array:
@@ -85,7 +85,7 @@ HIDDEN = {
     "a density (Annotated[float, Unit('Msun / kpc3')])": (-3, 1),
     "a mass over a length (Annotated[float, Unit('Msun / kpc')], or a Speed)": (-1, 1),
 }
-# A description that says a unit which no type has, such as km/s/kpc.
+# A description with a unit that no type has, such as km/s/kpc.
 NAMED = re.compile(r"\b(kpc|pc|Mpc|km/s|km / s|Msun|Gyr|Myr|mas|deg|rad)\b")
 LENGTH, MASS = 2.0, 3.0  # factors on the units of length and mass
 

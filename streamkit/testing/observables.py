@@ -84,7 +84,7 @@ def leaves_the_stream_alone(observable: Observable) -> None:
     require(not changed, f"predict changes {', '.join(changed)}")
 
 
-SEEDS = 12  # streams of 2000 particles that tell the scatter of a measurement
+SEEDS = 12  # number of streams of 2000 particles for the scatter of a measurement
 
 
 def variance_is_that_of_the_scatter(observable: Observable) -> None:

@@ -25,14 +25,14 @@ STRIPPING: tuple[Check, ...] = (
     stripping.tails_lie_on_their_sides,
 )
 LIVE: tuple[Check, ...] = (use.keeps_no_state, *live.CHECKS)
-BUDGET = 1.5  # seconds after which no further check is begun
+BUDGET = 1.5  # seconds after which no further check begins
 
 
 def quick_failures(component: Component) -> list[str]:
     """Return a line for each failure of the quick checks of a component with its fields as they are.
 
-    Other roles than potentials and stripping schemes have none: trial streams show what is wrong with them. A force
-    without a value at some place passes.
+    Only potentials and stripping schemes have such checks: trial streams show the faults of other components. A force
+    without a value at some position passes.
     """
     of_role = {Potential: POTENTIAL, Stripping: STRIPPING, LiveStripping: LIVE}
     todo = next((checks for base, checks in of_role.items() if isinstance(component, base)), ())

@@ -16,7 +16,7 @@ from streamkit.testing.common import Check, require
 RHO, SD = 0.6, 0.4
 INVERSE = np.linalg.inv(SD**2 * np.array([[1.0, RHO], [RHO, 1.0]]))
 LN_NORM = -math.log(2 * math.pi * SD**2 * math.sqrt(1 - RHO**2))
-# Of a normalised Gaussian far from the ends of a prior that is uniform between -5 and 5.
+# The values of a normalised Gaussian far from the ends of a prior that is uniform between -5 and 5.
 LN_EVIDENCE = -2 * math.log(10.0)
 
 
@@ -83,7 +83,7 @@ class Gaussian:
         return np.array([step.points for step in self.steps]) if self.steps else np.empty((0, 0, 2))
 
     def history(self, name: str) -> sk.Array | None:
-        """Return what the steps kept under this name."""
+        """Return the arrays of this name in the history of the steps."""
         rows = [step.history[name] for step in self.steps if name in step.history]
         return np.array(rows) if rows else None
 
@@ -99,7 +99,7 @@ class Gaussian:
 
 
 def sampled(component: sk.Sampler, seed: int = 1) -> tuple[Gaussian, sk.Samples]:
-    """Return the target after its use and the last samples: of a chain those of its second half, of equal weight."""
+    """Return the target after its use, and the last samples; for a chain the second half of it, with equal weights."""
     target, last = Gaussian(seed), None
     for number, state in enumerate(component.sample(target)):
         if isinstance(state, sk.Ensemble):
@@ -119,7 +119,7 @@ _USES: dict[tuple[type[sk.Sampler], str], tuple[Gaussian, sk.Samples]] = {}
 
 
 def first_use(component: sk.Sampler) -> tuple[Gaussian, sk.Samples]:
-    """Return what `sampled` does, once for all checks of a sampler: a use may take a minute."""
+    """Return the result of `sampled`, computed once for all checks of a sampler: a use may take a minute."""
     key = type(component), repr(component)
     if key not in _USES:
         _USES[key] = sampled(component)

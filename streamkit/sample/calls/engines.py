@@ -30,7 +30,7 @@ def engine(settings: Engine) -> Iterator[int | Executor]:
 
 
 def launcher(settings: Engine, executor: int | Executor | None = None) -> list[str]:
-    """Return the first words of a command for an engine: for MPI those of its launcher."""
+    """Return the first words of a command for an engine; for MPI these are the words of its launcher."""
     if settings.kind != "mpi":
         return ["streamkit"]
     ranks = slots(executor) + 1 if isinstance(executor, Executor) else 8
@@ -38,7 +38,7 @@ def launcher(settings: Engine, executor: int | Executor | None = None) -> list[s
 
 
 def slots(executor: Executor) -> int:
-    """Return how many calls an executor makes at a time; 2 if it has no such attribute."""
+    """Return the number of calls that an executor makes at a time; 2 if it has no such attribute."""
     for name in ("slots", "num_workers", "_max_workers"):
         if count := getattr(executor, name, 0):
             return int(count)

@@ -19,15 +19,15 @@ OUTSIDE = "outside the prior"
 
 
 class Posterior:
-    """The log-probability of the free parameters of a run file. A pickle of it holds the spec alone.
+    """The log-probability of the free parameters of a run file. Its pickle only contains the spec.
 
     Parameters
     ----------
     spec
         The run file.
     emulated
-        Whether a sampler emulates the predictions: every call then has random numbers of its own, and an evaluation
-        has the details that the likelihoods read.
+        Whether a sampler emulates the predictions: random numbers then differ between calls, and an evaluation has the
+        details that the likelihoods read.
 
     Raises SpecError if the spec has no free parameter, no observable or no datum: nothing can be fitted.
     """

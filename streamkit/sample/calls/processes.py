@@ -22,11 +22,11 @@ from typing import Any
 from streamkit.errors import StreamkitError, message_of
 from streamkit.sample.calls.threads import one_thread
 
-TRIES = 3  # worker deaths after which a call is abandoned
-DEATHS = 30  # consecutive worker deaths without a result, before a call begins too, after which a call is abandoned
+TRIES = 3  # number of worker deaths in a call after which the call is abandoned
+DEATHS = 30  # number of consecutive worker deaths, also before a call begins, after which a call is abandoned
 BEGUN = b"begun"  # message of a worker that begins a call
 POLL = 1.0  # seconds between two checks of silent processes
-# Seconds after which a worker that has not begun its call counts as stuck: a fork may inherit a lock.
+# Seconds after which a worker that has not begun its call counts as blocked: a fork may inherit a lock.
 WAKING = 120.0
 PATIENCE = 2.0  # seconds in which an idle worker must end by itself
 
@@ -63,7 +63,7 @@ class _Worker:
 
 
 class _Result(Future[Any]):
-    """A result whose executor works while the caller waits for it: no thread does the work."""
+    """A result whose executor works while the caller waits for it, without a thread."""
 
     def __init__(self, executor: Processes) -> None:
         super().__init__()
@@ -92,7 +92,7 @@ class Processes(Executor):
         count: int,
         initializer: Callable[..., object] = lambda: None,  # called in each process first
         initargs: tuple[Any, ...] = (),
-        limit: float = math.inf,  # seconds of a call; then its process is killed, and the call raises `CallTimeout`
+        limit: float = math.inf,  # longest call in seconds; then its process is killed, and `CallTimeout` raised
     ) -> None:
         method = "fork" if "fork" in multiprocessing.get_all_start_methods() else "spawn"
         self._context: Any = multiprocessing.get_context(method)
@@ -143,7 +143,7 @@ class Processes(Executor):
                     self._overdue(worker)
 
     def _due(self, worker: _Worker) -> float:
-        """Return when the time of a busy worker is over."""
+        """Return the time at which a busy worker has to end."""
         return worker.since + (self.limit if worker.begun else WAKING)
 
     def _start(self) -> _Worker:
@@ -168,7 +168,7 @@ class Processes(Executor):
                     continue
                 try:
                     worker.pipe.send_bytes(call.content)
-                except OSError:  # it died while it was idle: this is no failure of the call
+                except OSError:  # the worker died while it was idle: this is no failure of the call
                     self._calls.appendleft(call)
                     self._replace(worker)
                 else:
@@ -179,7 +179,7 @@ class Processes(Executor):
         call = worker.call
         assert call is not None  # noqa: S101  it is busy
         try:
-            if not worker.pipe.poll():  # it may still be dying, or a child of it may hold the pipe open
+            if not worker.pipe.poll():  # the worker may still be dying, or one of its children may keep the pipe open
                 if worker.process.exitcode is None:
                     return
                 raise EOFError

@@ -23,15 +23,15 @@ from streamkit.stream import Array, IntArray
 
 BATCH = 1024  # prior draws at a time: a power of two, which Sobol sequences need
 PARTS = 16  # parts of a batch, after each of which the search checks the number of streams and the time
-HURRIED = 128  # the same where there is a time limit
+HURRIED = 128  # prior draws at a time where there is a time limit
 MAX_BATCHES = 8
 GIVE_UP = 2  # batches without a single stream after which the search ends
-# Seconds after the time limit, or as long again as the limit, in which a first few streams must appear.
+# Seconds after the time limit, or the length of the limit, within which the first few streams must be found.
 GRACE = 10.0
 ENOUGH = 4  # draws with streams, in units of the population, after which no more are needed
 SWEEPS = 5  # largest number of moves per particle and temperature
-ROUNDS = 6  # times that the walkers' places are filled up
-SPREAD = 12.0  # a walker may start this far in ln p below the best, plus half the number of parameters
+ROUNDS = 6  # largest number of rounds in which missing walkers are replaced
+SPREAD = 12.0  # a walker may start at ln p this much below the best, plus half the number of parameters
 # Sweeps of a search through all temperatures, for estimates: fewer for weak data, more for strong ones.
 SWEEPS_IN_ALL = 20
 
@@ -62,14 +62,14 @@ class Search:
 
     priors: Sequence[PriorDensity]  # d priors
     evaluate: Evaluate  # ``evaluate(points (n, d), "cheap" or "full")``
-    walkers: int  # how many starting points are wanted
+    walkers: int  # number of starting points
     rng: np.random.Generator  # the only source of random numbers
     # Value of `time.monotonic` after which the cheap search ends with its present population; infinity for none. After
-    # as long again, a search with too few streams fails.
+    # the same time again, a search with too few streams fails.
     deadline: float = np.inf
     # Called with a line about the progress after every batch of evaluations.
     report: Callable[[str], None] = lambda _: None
-    full_cost: float = 1.0  # cost of a "full" evaluation in units of a "cheap" one, about
+    full_cost: float = 1.0  # approximate cost of a "full" evaluation in units of a "cheap" one
     calls: int = 0
     # Work done, and an estimate of the work left, in cheap evaluations.
     work: float = 0.0
@@ -108,7 +108,7 @@ class Search:
         return np.array([result.ln_likelihood for result in results])
 
     def _draw(self) -> tuple[Array, Array]:
-        """Draw from the prior until enough draws give a stream with observables; return these."""
+        """Draw from the prior until enough draws give a stream with observables; return these draws."""
         d = len(self.priors)
         sobol = qmc.Sobol(d, scramble=True, seed=self.rng)
         u, lnl = np.empty((0, d)), np.empty(0)
@@ -204,7 +204,7 @@ class Search:
         return u, lnl, accepted
 
     def _make_distinct(self, u: Array, lnl: Array) -> Array:
-        """Separate the copies that resampling made by more moves; return the distinct points (n, d)."""
+        """Separate the copies from resampling by further moves; return the distinct points (n, d)."""
         for _ in range(5 * SWEEPS):
             distinct = np.unique(u, axis=0)
             late = monotonic() > self.deadline and len(distinct) >= 3
@@ -255,7 +255,7 @@ class Search:
         )
 
     def _around(self, u: Array, n: int) -> Array:
-        """(n, d) New points, short differential steps away from good ones, inside the cube."""
+        """(n, d) New points inside the cube, short differential steps away from good points."""
         base, first, second = (u[self.rng.integers(len(u), size=n)] for _ in range(3))
         jitter = 0.02 * u.std(axis=0) * self.rng.standard_normal(base.shape)
         return _reflected(base + 0.3 * (first - second) + jitter)

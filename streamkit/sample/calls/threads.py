@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager
 from importlib import import_module
 from typing import Any
 
-# Packages with linear algebra of their own: one that was loaded later would not know of the limit.
+# Packages with a separate linear algebra library: the limit does not apply to libraries that are loaded later.
 LIBRARIES = ("numpy", "scipy.linalg")
 
 

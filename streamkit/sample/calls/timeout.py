@@ -15,7 +15,7 @@ Result = TypeVar("Result")
 
 
 class _Over(BaseException):
-    """Interrupts a call. It is no Exception, so that a component that catches those does not catch it."""
+    """Interrupts a call. It does not derive from Exception, so that a component's ``except`` does not catch it."""
 
 
 def call_with_timeout(limit: float, function: Callable[..., Result], *args: Any) -> Result | str:

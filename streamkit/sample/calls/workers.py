@@ -24,8 +24,8 @@ from streamkit.sample.evaluation import Evaluation
 from streamkit.stream import Array
 
 OVERTIME = "the call took too long"
-COMPILING = 300.0  # extra seconds for the first call of a remote worker, which compiles
-FOREIGN = 8  # assumed number of points that an executor of others evaluates at a time
+COMPILING = 300.0  # additional seconds for the first call of a remote worker, which compiles
+FOREIGN = 8  # assumed number of points that a given executor evaluates at a time
 Answers = list[Evaluation | str]  # an evaluation for each point, or `NO_ANSWER`
 
 
@@ -58,9 +58,9 @@ class Workers:
 
     Use as a context manager, entered before any thread is started: the processes are forked then.
 
-    A call may take ``limit`` seconds. Then a worker process of ours is killed. In this process and on MPI ranks, Python
-    code is interrupted; compiled code ends first. With Dask or an executor of your own, a longer call is detected
-    when it ends. If no call ends within the limit, a `CallTimeout` is raised.
+    A call may take ``limit`` seconds. After this time a worker process is killed. In this process and on MPI ranks,
+    Python code is interrupted; compiled code ends first. With Dask or a given executor, a longer call is detected when
+    it ends. If no call ends within the limit, a `CallTimeout` is raised.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class Workers:
 
     @property
     def at_a_time(self) -> int:
-        """Points that are evaluated at a time; a guess for an executor of others, so that no sample depends on it."""
+        """Points that are evaluated at a time; a constant for a given executor, so that no sample depends on it."""
         return FOREIGN if isinstance(self._workers, Executor) else self._workers
 
     def forget(self, which: str) -> None:
@@ -107,7 +107,7 @@ class Workers:
         return list(self.each(points, which))
 
     def each(self, points: Array, which: str = "full") -> Iterator[Evaluation]:
-        """Yield the evaluation at each of the points (n, d), in order, as soon as it is there.
+        """Yield the evaluation at each of the points (n, d), in order, as soon as it is known.
 
         Raises `Stopped` soon after ``stop`` is set, ComponentError if a component fails, StreamkitError if worker
         processes die again and again.
@@ -136,7 +136,7 @@ class Workers:
                 except CallTimeout:
                     if isinstance(self._workers, Executor):
                         raise
-                    answers = [NO_ANSWER] * len(part)  # our own processes get one point at a time
+                    answers = [NO_ANSWER] * len(part)  # worker processes get one point at a time
                 for point, each in zip(part, answers, strict=True):
                     yield self._overtime(point, which) if isinstance(each, str) else each
         except Exception as error:
@@ -161,8 +161,8 @@ class Workers:
     def _parts(self, points: Array) -> list[Array]:
         """Split the points into parts, each sent as one message.
 
-        The cost of calls varies with the look-back time: parts of one point keep every core busy to the end. Executors
-        of others need several milliseconds for each part, so their parts are larger.
+        The cost of calls varies with the look-back time: parts of one point keep every core busy to the end. Given
+        executors need several milliseconds for each part, so their parts are larger.
         """
         each = len(points) // (4 * self._slots) if isinstance(self._workers, Executor) else 1
         return np.array_split(points, -(-len(points) // max(each, 1))) if len(points) else []
@@ -195,7 +195,7 @@ class Workers:
 
 @contextmanager
 def stopped_by_signals(target: Stoppable) -> Iterator[None]:
-    """Let SIGINT and SIGTERM set ``target.stop`` to their number instead of tearing a write apart.
+    """Let SIGINT and SIGTERM set ``target.stop`` to their number, so that they do not interrupt a write.
 
     Python allows handlers in the main thread only; elsewhere (a notebook's thread) nothing is changed.
     """
@@ -228,7 +228,7 @@ def pool(count: int, posteriors: Mapping[str, Evaluates] | None = None, limit: f
 
 
 _POSTERIORS: dict[str, Evaluates] = {}  # the posteriors of this worker process, set once by its initializer
-# The posteriors that were last sent to a worker of somebody else's executor, by their pickle.
+# The posteriors that were last sent to a worker of a given executor, by their pickle.
 _SENT: dict[bytes, dict[str, Evaluates]] = {}
 
 
