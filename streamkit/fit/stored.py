@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,11 +11,11 @@ import numpy as np
 from streamkit import sample
 from streamkit.components import ChainSampler, Sampler
 from streamkit.errors import ChainError, ComponentError
+from streamkit.fit.directory.integrity import LOG, warn_of_lost_calls
 from streamkit.fit.history import AnswerHistory
 from streamkit.runfile import Spec
 from streamkit.stream import Array
 
-LOG = logging.getLogger("streamkit")
 SAME = 1.0  # difference of ln p that another machine's rounding may make
 
 
@@ -49,6 +48,8 @@ class StoredRun:
             self.storage = replace(whole, factors={each.name: each.storage(directory) for each in factors})
             if directory is not None and resumes:
                 self._before = _samples_before(directory / sample.SAMPLES)
+            if directory is not None and self._before is not None:
+                warn_of_lost_calls(directory, self._before, self.storage.calls)
 
     def expect_same(self, posterior: sample.Posterior, limit: float) -> None:
         """Evaluate a stored sample of a resumed run again; ChainError if its ln p has changed."""

@@ -198,7 +198,7 @@ class PosteriorTarget:
         left, chain = self.time_left(), self.storage.chain
         chain.note(since=time(), first=number, deadline=time() + left if np.isfinite(left) else 0.0)
         with suppress(ChainError):  # a full disk stops the run at its next step, and loses none
-            chain.consolidate()
+            chain.consolidate(goes_on=True)
 
     def chain(self) -> Array:
         """Return the (steps, walkers, d) samples of all steps so far."""

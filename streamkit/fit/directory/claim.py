@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from streamkit.components import with_neighbours
+from streamkit.components import ChainSampler, with_neighbours
 from streamkit.errors import ChainError, SpecError, expect_file
 from streamkit.fit.directory.integrity import (
     RESTORE,
@@ -20,6 +20,7 @@ from streamkit.fit.directory.integrity import (
     data_copies,
     load_spec,
     read_chain,
+    warn_of_lost_steps,
 )
 from streamkit.fit.directory.manifest import MANIFEST, manifest, manifest_of
 from streamkit.report import contents, replace_whole, safely
@@ -110,7 +111,8 @@ def header(options: dict[str, Any]) -> str:
 
 def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
     """Check that the directory holds the run of this spec; return whether its chain has begun."""
-    begun = any(name in (CHAIN, JOURNAL, SAMPLES) or is_calls(name) for name in files)
+    is_chain = isinstance(spec.sampler, ChainSampler)
+    begun = any(name in (CHAIN, JOURNAL) if is_chain else name == SAMPLES or is_calls(name) for name in files)
     if MANIFEST in files and not begun and RUN_FILE not in files and manifest(directory)["digest"] == spec.digest():
         return False  # it was killed between the first two files
     if MANIFEST not in files or RUN_FILE not in files:
@@ -128,9 +130,11 @@ def _same_run(directory: Path, spec: Spec, files: list[str]) -> bool:
     if not begun:
         return False
     _check_copies(directory, spec)
-    if SAMPLES in files or any(map(is_calls, files)):
+    if not is_chain:
         return True
     chain = read_chain(directory)
+    if chain.lacks_journal:
+        warn_of_lost_steps(directory, chain)
     if chain.chain.shape[2] != len(spec.names):
         raise ChainError(f"{directory}: the chain has {chain.chain.shape[2]} parameters, and the run {len(spec.names)}")
     return len(chain.chain) > 0 or chain.start is not None

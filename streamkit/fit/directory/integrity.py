@@ -10,13 +10,15 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from streamkit.components import IN_PYTHON, Component, is_loaded
+from streamkit.components import IN_PYTHON, ChainSampler, Component, is_loaded
 from streamkit.distribution import VERSION
 from streamkit.errors import ChainError, SpecError, expect_file
 from streamkit.fit.directory.manifest import MANIFEST, manifest
-from streamkit.runfile import Spec, load, read_toml
-from streamkit.sample import CHAIN, SAMPLES, Chain, Weighted, is_calls, read_chain_file, read_weighted
+from streamkit.report import is_locked
+from streamkit.runfile import Spec, differences, load, read_toml
+from streamkit.sample import CALLS, CHAIN, JOURNAL, SAMPLES, Chain, Weighted, is_calls, read_chain_file, read_weighted
 
+LOG = logging.getLogger("streamkit")
 RUN_FILE = "run.toml"
 DATA_COPIES = "data"  # folder with copies of the run's data files
 RESTORE = "Put back the file of the run, or start again with --force."
@@ -74,16 +76,16 @@ def _check_spec(directory: Path, spec: Spec, record: dict[str, Any]) -> None:
         raise ChainError(f"{directory}: the plugin file {names[0]} has changed since the run began. {RESTORE}")
     suppliers = {where: text.partition(" from ")[2] for where, text in record["components"].items()}
     others = {supplier for path, _, supplier in spec.components() if suppliers.get(path, supplier) != supplier}
-    log, path = logging.getLogger("streamkit"), directory / RUN_FILE
+    path = directory / RUN_FILE
     if others:
         made = sorted(set(suppliers.values()) - {supplier for _, _, supplier in spec.components()})
-        log.warning("%s: the run was made with %s, and is read with %s.", directory, ", ".join(made),
+        LOG.warning("%s: the run was made with %s, and is read with %s.", directory, ", ".join(made),
                     ", ".join(sorted(others)))  # fmt: skip
     if spec.digest(suppliers) == record["digest"] or _is_unchanged(path, record):
         return
     made_with, here = record["versions"].get("streamkit", ""), VERSION
     if not record["run_file"] and made_with != here:  # a field may have been added since
-        log.warning("%s: cannot be compared with the run, which streamkit %s made.", path, made_with)
+        LOG.warning("%s: cannot be compared with the run, which streamkit %s made.", path, made_with)
         return
     raise ChainError(
         f"{path}: has changed since the run began: it is the run file of another run, of digest "
@@ -127,6 +129,61 @@ def _is_unchanged(path: Path, record: dict[str, Any]) -> bool:
         return False
 
 
+def judged_spec(directory: Path, spec: Spec) -> Spec:
+    """Return a spec that was read in a directory with the limits by which its run was last sampled.
+
+    They say whether a chain has converged. Others in an edited run file are a warning in the log: a resumed run takes
+    them.
+    """
+    if not isinstance(spec.sampler, ChainSampler):
+        return spec
+    record, path, noted = manifest(directory), directory / RUN_FILE, spec.sampler.stopping
+    limits = {f"sampler.{name}": value for name, value in (record["limits"] or {}).items() if name in noted}
+    here = {where: spec.document["sampler"].get(where.partition(".")[2]) for where in limits}
+    if record["run_file"] and not _is_unchanged(path, record):
+        edits = "; ".join(differences(limits, here))
+        if edits:
+            LOG.warning("%s: has been edited since the run began or was resumed (%s). Convergence is judged by the "
+                        "former; a resumed run takes the latter.", path, edits)  # fmt: skip
+        elif record["limits"] is None:
+            LOG.warning("%s: has been edited since the run began or was resumed. Convergence is judged by the limits "
+                        "that it has now.", path)  # fmt: skip
+    try:
+        return spec if here == limits else spec.with_values(limits)
+    except SpecError as error:
+        raise ChainError(f"{directory / MANIFEST}: limits: {error}") from None
+
+
+def read_stored(directory: Path, spec: Spec) -> Chain | Weighted:
+    """Read the samples of a run, by the sampler of its spec; errors as those of `read_chain`.
+
+    A warning in the log says that steps, or calls, are gone.
+    """
+    if not isinstance(spec.sampler, ChainSampler):
+        samples = read_samples(directory)
+        if not any(path.stat().st_size for path in directory.iterdir() if is_calls(path.name)):
+            warn_of_lost_calls(directory, samples, 0)
+        return samples
+    chain = read_chain(directory)
+    if chain.lacks_journal and not is_locked(directory):  # a running run may be about to write it
+        warn_of_lost_steps(directory, chain)
+    return chain
+
+
+def warn_of_lost_steps(directory: Path, chain: Chain) -> None:
+    """Write into the log that the journal of a chain is gone."""
+    LOG.warning("%s: is missing or empty, and the run was not at its end. Steps after step %d are lost, if there were "
+                "any.", directory / JOURNAL, len(chain.chain))  # fmt: skip
+
+
+def warn_of_lost_calls(directory: Path, samples: Weighted, there: int) -> None:
+    """Write into the log that there are fewer calls than the samples of a run were made from."""
+    made = samples.attributes.get("counts", {}).get("calls", 0)
+    if there < made:
+        LOG.warning("%s: the files of calls, such as %s, hold %d of the %d calls that the samples were made from. A "
+                    "resumed run makes the others again.", directory, CALLS, there, made)  # fmt: skip
+
+
 def read_chain(directory: Path) -> Chain:
     """Read the chain of a run; ChainError if it cannot be read, or is not that of this directory's run."""
     chain = read_chain_file(directory / CHAIN)
@@ -134,10 +191,8 @@ def read_chain(directory: Path) -> Chain:
     return chain
 
 
-def read_samples(directory: Path) -> Weighted | None:
-    """Read the weighted samples of a run, None for one that keeps a chain; errors as those of `read_chain`."""
-    if not any(path.name == SAMPLES or is_calls(path.name) for path in directory.iterdir()):
-        return None
+def read_samples(directory: Path) -> Weighted:
+    """Read the weighted samples of a run; errors as those of `read_chain`."""
     samples = read_weighted(directory / SAMPLES)
     _check_digest(directory, SAMPLES, "file of samples", samples.attributes)
     return samples

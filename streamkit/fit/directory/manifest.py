@@ -46,6 +46,7 @@ class _Manifest(BaseModel):
     versions: dict[Text, Text] = {}
     files: dict[Text, Text] = {}
     components: dict[Text, Text] = {}
+    limits: dict[Text, Any] | None = None  # None in a manifest of a former version
     options: _Options = _Options()
 
 
@@ -58,6 +59,7 @@ def manifest_of(spec: Spec, options: dict[str, Any], run_file: bytes) -> dict[st
         "versions": {"python": platform.python_version(), "streamkit": VERSION} | {n: version(n) for n in PACKAGES},
         "files": dict(spec.files),
         "components": {path: f"{cls.kind} from {supplier}" for path, cls, supplier in spec.components()},
+        "limits": {name: value for name, value in spec.document["sampler"].items() if name in spec.sampler.stopping},
         "options": options,
     }
 

@@ -15,7 +15,7 @@ from astropy.table import QTable
 
 from streamkit.components import DO_NOT, FINE, ChainSampler, Component, LiveStripping, Verdict
 from streamkit.errors import ChainError, OutOfDomain, nearest
-from streamkit.fit.directory.integrity import load_spec, read_chain, read_samples
+from streamkit.fit.directory.integrity import judged_spec, load_spec, read_stored
 from streamkit.fit.directory.manifest import manifest
 from streamkit.fit.judge.goodness import Goodness, Sampled, goodness
 from streamkit.fit.judge.predictive import Predictive
@@ -352,6 +352,7 @@ def load_results(directory: str | Path, components: Iterable[type[Component]] = 
     if not where.is_dir():
         raise ChainError(f"{where}: there is no such directory")
     notes = manifest(where)
-    stored = read_samples(where) or read_chain(where)
     spec = load_spec(where, components, trust)
-    return Results(spec, draws_of(stored, spec, notes["options"]["quick"]), where)
+    stored = read_stored(where, spec)
+    quick = notes["options"]["quick"] or bool(stored.attributes.get("quick"))
+    return Results(spec, draws_of(stored, judged_spec(where, spec), quick), where)

@@ -97,7 +97,7 @@ def paper_table(results: Results) -> str:
     for row in results.mass_profile(radii):
         mass = [row[name].to_value("Msun") for name in ("M", "M_lo68", "M_hi68")]
         rows.append((rf"$M(<{row['r'].to_value('kpc'):g}\,{{\rm kpc}})$", measured(*mass), LATEX_UNITS["Msun"]))
-    remark = [] if results.verdict == FINE else [f"% {results.note()}"]
+    remark = [] if results.verdict == FINE else [f"% {' '.join(results.note().split())}"]
     lines = [*remark, r"\begin{tabular}{lll}", r"\hline", r"parameter & median and 68\,\% & unit \\", r"\hline"]
     lines += [" & ".join(row) + r" \\" for row in rows]
     return "\n".join([*lines, r"\hline", r"\end{tabular}", ""])

@@ -11,13 +11,20 @@ import numpy as np
 from streamkit.components import ChainSampler
 from streamkit.errors import ChainError
 from streamkit.fit.directory.claim import resume_command
-from streamkit.fit.directory.integrity import RUN_FILE, load_spec, read_chain, run_file
+from streamkit.fit.directory.integrity import (
+    RUN_FILE,
+    load_spec,
+    read_chain,
+    read_samples,
+    run_file,
+    warn_of_lost_calls,
+)
 from streamkit.fit.directory.manifest import manifest
 from streamkit.fit.judge.verdicts import overall
 from streamkit.fit.samples.draws import ENDED
 from streamkit.fit.samples.results import Results, load_results
 from streamkit.report import columns, is_locked, paragraph, seconds
-from streamkit.sample import CHAIN, JOURNAL, SAMPLES, calls_in, is_calls
+from streamkit.sample import CHAIN, JOURNAL, SAMPLES, Chain, Weighted, calls_in, is_calls
 
 
 def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
@@ -48,16 +55,22 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
         small = [path for path in journals if path.name.startswith("small")]
         status |= {"calls": sum(calls_in(path) for path in journals if path not in small)}
         status |= {"small_calls": sum(map(calls_in, small))}
-    if (directory / RUN_FILE).exists() and not options["given"]:  # only Python can read a run with given classes
+    has_run_file = (directory / RUN_FILE).exists()
+    if has_run_file and not options["given"]:  # only Python can read a run with given classes
         load_spec(directory, trust=trust)
     try:
         results = load_results(directory, trust=trust)
     except ChainError as error:
-        if (directory / RUN_FILE).exists():
+        if has_run_file:
             run_file(directory, trust)
-        if any(path.name in (CHAIN, JOURNAL) for path in files):
-            status |= _bare(directory, running, str(error) if options.get("given") else "")
+        if not any(path.name in (CHAIN, JOURNAL, SAMPLES) for path in files):
+            return status
+        status |= _bare(directory, running, str(error) if options["given"] else "")
+        if status["steps"] and not options["given"]:
+            raise  # there are samples, and something else is wrong
         return status
+    if results.weighted is not None and status.get("calls"):
+        warn_of_lost_calls(directory, results.weighted, status["calls"])
     steps = len(results.chain)
     level, sentence = overall(results.verdicts)
     status |= {
@@ -77,19 +90,23 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
 
 
 def _bare(directory: Path, running: bool, why: str) -> dict[str, Any]:
-    """Return the status of a chain without its run file; ``why`` is the reason, for a run with classes given in Python.
+    """Return the status of samples without their run file; ``why`` is given for a run with classes given in Python.
 
-    ChainError for a chain that cannot be read, unless the run is about to write it.
+    ChainError for samples that cannot be read, unless the run is about to write them.
     """
+    is_chain = any((directory / name).exists() for name in (CHAIN, JOURNAL))
+    stored: Chain | Weighted
     try:
-        stored = read_chain(directory)
+        stored = read_chain(directory) if is_chain else read_samples(directory)
     except ChainError:
         if running:
             return {}
         raise
-    bare: dict[str, Any] = {"steps": len(stored.chain)}
+    points = stored.chain if isinstance(stored, Chain) else stored.points
+    bare: dict[str, Any] = {"steps": len(points)}
     if why and bare["steps"]:
-        bare |= {"walkers": stored.chain.shape[1], "sentence": "There is no verdict here.", "note": why}
+        walkers = points.shape[1] if is_chain else None
+        bare |= {"walkers": walkers, "sentence": "There is no verdict here.", "note": why}
         bare |= {} if running else {"state": stored.attributes.get("status", "unfinished")}
     return bare
 

@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from streamkit.errors import printable
 from streamkit.fit.judge.chain import stuck_verdict
 from streamkit.fit.samples.results import Results
 from streamkit.fit.samples.tables import LEVELS
 from streamkit.fit.show.figures import reach
-from streamkit.report import columns, paragraph, table_record, warning_list
+from streamkit.report import columns, contents, paragraph, table_record, warning_list
 
 # Radii in kpc of the printed masses, as in table 3 of Gibbons+ 2014.
 PRINTED_RADII = (50.0, 100.0, 150.0, 200.0)
@@ -66,7 +67,7 @@ def describe_results(results: Results) -> str:
     if len(results.stuck):
         parts.append(warning_list([stuck_verdict(len(results.stuck), results.chain.shape[1]).sentence]))
     if results.directory is not None:
-        names = sorted(path.name for path in results.directory.iterdir() if not path.name.startswith("."))
+        names = [printable(name) for name in contents(results.directory)]
         parts.append(paragraph(", ".join(names), f"products in {results.directory}: ", "  "))
     return "\n\n".join(parts)
 

@@ -56,6 +56,7 @@ class Chain:
     journal: list[Step] = field(default_factory=list)  # the steps at the end that only the journal holds
     start: Step | None = None  # the ensemble before the first step, if the journal holds it
     checksum: str = ""  # of all samples
+    lacks_journal: bool = False  # whether the journal that follows the file is missing or empty
     torn: int = 0  # bytes at the end of the journal that are a part of the step after the last: `Journal.torn`
 
 
@@ -74,7 +75,8 @@ def read_chain_file(path: Path) -> Chain:
         if not steps or steps[0].number > 1:
             raise damaged(path, str(error)) from None
         stored = _nothing(steps[0])
-    return replace(_continued(stored, steps, path), torn=journal.torn)
+    lacks_journal = not steps and not journal.torn and bool(stored.attributes.get("goes_on"))
+    return replace(_continued(stored, steps, path), torn=journal.torn, lacks_journal=lacks_journal)
 
 
 def _nothing(first: Step) -> Chain:
@@ -155,6 +157,7 @@ class _Attributes(BaseModel):
     since: float = Field(default=0.0, ge=0, le=MOST)
     first: Count = 0
     deadline: float = Field(default=0.0, ge=0, le=MOST)
+    goes_on: bool = False
     counts: Counts = Counts()
 
 

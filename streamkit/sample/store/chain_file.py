@@ -104,7 +104,7 @@ class ChainMemory:
         rows = self._history.get(name)
         return None if rows is None else np.array(rows)
 
-    def consolidate(self) -> None:
+    def consolidate(self, goes_on: bool = False) -> None:
         """Move the steps to their final place. In memory there is nothing to do."""
 
     def whole(self) -> Chain:
@@ -178,7 +178,7 @@ class ChainFile(ChainMemory):
         super().append(step)
         if len(self._steps) >= max(TAIL, self._stored // 8, self._patience):
             try:
-                self.consolidate()
+                self.consolidate(goes_on=True)
             except ChainError:  # the journal holds the steps; the end of the run raises if there is no room then
                 self._patience = 2 * len(self._steps)
 
@@ -190,14 +190,16 @@ class ChainFile(ChainMemory):
         """Steps in the chain file."""
         return self.iteration - len(self._steps)
 
-    def consolidate(self) -> None:
+    def consolidate(self, goes_on: bool = False) -> None:
         """Move the steps of the journal, and the attributes, into the chain file.
 
+        ``goes_on`` says that more steps follow in the journal: a reader then misses it where it is not there.
         ChainError if it cannot be written: it is then as it was, and so is the journal.
         """
         image = self._image()
         if self._steps:
             image.extend(self._steps)
+        self._attributes["goes_on"] = goes_on
         self._write(image)
         if self._steps:
             self._steps, self._patience = [], 0

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from commands import call, refused
+from forging import forging
 
 import streamkit as sk
 
@@ -97,6 +98,64 @@ def test_the_length_of_the_chain_and_comments_may_be_edited(directory: Path) -> 
     edit(directory / "run.toml", "steps = 8", "steps = 90  # more")
     assert call("status", directory, "--trust").exit_code == 0
     assert sk.load_results(directory, trust=True).spec.document["sampler"]["steps"] == 90
+
+
+def test_edited_limits_do_not_change_what_is_said_of_convergence(
+    whole: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    directory = Path(shutil.copytree(whole / "new", tmp_path / "out"))
+    run_file, about = directory / "run.toml", directory / "manifest.json"
+    text, manifest = run_file.read_text(), about.read_text()
+    run_file.write_text(text.replace("r_hat = 1.02", "r_hat = 9.0"))
+
+    def largest() -> float:
+        caplog.clear()
+        return sk.load_results(directory, trust=True).draws.convergence.largest_r_hat  # type: ignore[attr-defined]
+
+    assert largest() == 1.02
+    assert "run.toml: has been edited since the run began or was resumed" in caplog.text
+    assert "sampler.r_hat: 1.02 -> 9.0" in caplog.text
+    assert "Convergence is judged by the former" in caplog.text
+    # a former version did not note the limits, but the checksum of the file
+    about.write_text(json.dumps({key: value for key, value in json.loads(manifest).items() if key != "limits"}))
+    assert largest() == 9.0
+    assert "run.toml: has been edited since the run began or was resumed" in caplog.text
+    sk.run(run_file, directory, steps=5, resume=True, progress=False, products=False)
+    assert largest() == 9.0
+    assert not caplog.text
+
+
+def test_a_quick_look_stays_one(directory: Path) -> None:
+    """Its samples know it too."""
+    with forging(directory / "chain.h5") as file:
+        file.attrs["quick"] = True
+    assert sk.load_results(directory, trust=True).note().startswith("QUICK LOOK")
+
+
+def test_a_file_of_calls_beside_a_chain_is_no_part_of_it(directory: Path) -> None:
+    (directory / "calls.journal").write_bytes(b"something else")
+    steps = len(sk.load_results(directory, trust=True).chain)
+    assert call("status", directory, "--trust").exit_code == 0
+    sk.run(directory / "run.toml", directory, steps=steps + 1, resume=True, progress=False, products=False)
+    assert len(sk.load_results(directory, trust=True).chain) == steps + 1
+
+
+def test_a_lost_journal_is_mentioned(directory: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Not that of a run at its end, whose steps are all in the chain file."""
+    (directory / "chain.journal").unlink(missing_ok=True)
+    steps = len(sk.load_results(directory, trust=True).chain)
+    assert "chain.journal" not in caplog.text
+    with forging(directory / "chain.h5") as file:
+        file.attrs["goes_on"] = True
+    said = f"chain.journal: is missing or empty, and the run was not at its end. Steps after step {steps} are lost"
+    sk.load_results(directory, trust=True)
+    assert said in caplog.text
+    caplog.clear()
+    sk.run(directory / "run.toml", directory, steps=steps + 1, resume=True, progress=False, products=False)
+    assert said in caplog.text
+    caplog.clear()
+    sk.load_results(directory, trust=True)
+    assert not caplog.text
 
 
 def test_a_later_version_reads_the_run_file_that_has_not_changed(

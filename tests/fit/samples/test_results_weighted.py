@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import call
+from commands import call, refused
+from forging import forging
 from runfiles import FIT
 
 import streamkit as sk
@@ -15,7 +16,7 @@ from streamkit.fit import describe_results, write_samples
 from streamkit.fit.judge.verdicts import overall
 from streamkit.fit.samples.results import Results, load_results
 from streamkit.fit.show.status import describe_status, read_status
-from streamkit.sample import CALLS, CHAIN, SAMPLES, Workers, read_weighted
+from streamkit.sample import CALLS, CHAIN, SAMPLES, EvaluationCache, Posterior, Workers, read_weighted
 
 FILE = Path(__file__).parents[2] / "support" / "importance.py"
 PLUGIN = {"plugins": [str(FILE)]}
@@ -124,6 +125,50 @@ def test_samples_that_a_resumed_run_does_not_reach_again_are_kept(done, tmp_path
     assert after < before
     assert f"the samples of before are kept: {before:.0f} effective samples, and 400 are wanted" in caplog.text
     assert f"Those of the resumed run: {after:.0f} effective samples" in caplog.text
+
+
+def test_lost_calls_are_mentioned(done, tmp_path, caplog):
+    shutil.copytree(done.directory, tmp_path / "run")
+    load_results(tmp_path / "run")
+    read_status(tmp_path / "run")
+    assert not caplog.text
+    (tmp_path / "run" / CALLS).unlink()
+    load_results(tmp_path / "run")
+    assert "calls.journal, hold 0 of the 160 calls" in caplog.text
+    cut = EvaluationCache(tmp_path / "run" / CALLS, done.spec.digest(), 2, np.zeros(4))
+    whole = EvaluationCache(done.directory / CALLS, done.spec.digest(), 2, Posterior(done.spec).data.values)
+    points = done.weighted.points[:30]
+    for point, evaluation in zip(points, whole.get(points), strict=True):
+        cut.add(point, evaluation)
+    cut.write()
+    for reader in (read_status, lambda directory: fit(directory, resume=True)):
+        caplog.clear()
+        reader(tmp_path / "run")
+        assert "calls.journal, hold 30 of the 160 calls" in caplog.text
+
+
+@pytest.mark.parametrize("name", [SAMPLES, CALLS])
+def test_status_tells_of_a_damaged_file(done, tmp_path, name):
+    shutil.copytree(done.directory, tmp_path / "run")
+    content = (tmp_path / "run" / name).read_bytes()
+    (tmp_path / "run" / name).write_bytes(content[:1000] + bytes([content[1000] ^ 1]) + content[1001:])
+    for args in ([], ["--json"]):
+        assert name in refused("status", tmp_path / "run", "--trust", *args)
+
+
+def test_a_text_in_a_file_of_samples_is_no_command(done, tmp_path):
+    """Neither for a terminal nor for LaTeX."""
+    shutil.copytree(done.directory, tmp_path / "run")
+    with forging(tmp_path / "run" / SAMPLES) as file:
+        file.attrs["missing"] = "one\n\\input{mine}\x1b]0;mine\x07"
+        file.attrs["counts"] = json.dumps({"calls": 160, "reasons": {"\x1b[2J": 99}, "facts": {"\x1b[2J": "\x1b[2J"}})
+    write_samples(load_results(tmp_path / "run"), tmp_path / "x.tex")
+    lines = (tmp_path / "x.tex").read_text(encoding="utf-8").splitlines()
+    assert all(line.startswith("%") for line in lines if "mine" in line)
+    for args in (["status"], ["export", "--force", "-o", tmp_path / "x.tex"], ["report"]):
+        output = call(args[0], tmp_path / "run", "--trust", *args[1:]).output
+        assert not any(ord(letter) < 32 and letter != "\n" for letter in output)
+        assert "mine" in output
 
 
 def test_damaged_samples_are_made_again_from_the_calls(done, tmp_path, monkeypatch, caplog):

@@ -204,6 +204,29 @@ def test_a_journal_taken_away_during_the_run_is_told_and_its_steps_are_kept(tmp_
     assert len(read_chain_file(path).chain) == 12
 
 
+def test_a_run_that_was_killed_misses_its_journal(tmp_path, monkeypatch):
+    monkeypatch.setattr(chain_file, "TAIL", 7)
+    path = tmp_path / "chain.h5"
+    file, consolidate = ChainFile(path), ChainFile.consolidate
+    with monkeypatch.context() as patch:  # the end does not come
+        patch.setattr(ChainFile, "consolidate", lambda self, goes_on=False: goes_on and consolidate(self, goes_on))
+        banana_run(file, 10, "de")
+    whole = read_chain_file(path)
+    assert (len(whole.chain), whole.lacks_journal) == (10, False)
+    journal = journal_of(path).path
+    content = journal.read_bytes()
+    for left in (b"", None):
+        journal.unlink() if left is None else journal.write_bytes(left)
+        cut = read_chain_file(path)
+        assert (len(cut.chain), cut.lacks_journal) == (7, True)
+    journal.write_bytes(content)
+    file = ChainFile(path)
+    file.load()
+    file.consolidate()
+    whole = read_chain_file(path)
+    assert (len(whole.chain), whole.lacks_journal, journal.exists()) == (10, False, False)
+
+
 def test_a_damaged_journal_is_told_from_one_that_was_cut(tmp_path):
     journal = Journal(tmp_path / "chain.journal")
     for number in range(3):
@@ -248,7 +271,7 @@ def test_a_flipped_bit_anywhere_in_a_journal_drops_at_most_its_last_record(tmp_p
 def test_a_resumed_run_says_which_step_was_torn(tmp_path, whole, steps, caplog):
     path = tmp_path / "chain.h5"
     file = ChainFile(path)
-    file.consolidate = lambda: None  # as if it had been killed
+    file.consolidate = lambda goes_on=False: None  # as if it had been killed
     banana_run(file, 20, "surrogate")
     assert not caplog.text
     journal = journal_of(path).path
@@ -265,7 +288,7 @@ def test_a_resumed_run_says_which_step_was_torn(tmp_path, whole, steps, caplog):
 def test_a_chain_file_that_cannot_be_read_is_rebuilt_as_long_as_the_journal_holds_all(tmp_path, whole, steps):
     path = tmp_path / "chain.h5"
     file = ChainFile(path)
-    file.consolidate = lambda: None  # as if it had been killed
+    file.consolidate = lambda goes_on=False: None  # as if it had been killed
     banana_run(file, 40, "surrogate")
     path.write_bytes(path.read_bytes()[:1000])
     assert len(read_chain_file(path).chain) == 40
@@ -317,7 +340,7 @@ def test_a_journal_of_another_run_is_refused(tmp_path, monkeypatch):
         file = ChainFile(path)
         banana_run(file, 30, moves)
         file.load()
-        file.consolidate = lambda: None
+        file.consolidate = lambda goes_on=False: None
         banana_run(file, 32, moves)
     journal_of(two).path.replace(journal_of(one).path)
     with pytest.raises(sk.ChainError, match=r"does not continue one\.h5, of 30 steps"):
