@@ -49,7 +49,7 @@ class WeightedDraws(Draws):
                 "The answer after so many calls: medians with their 68 % intervals; filled where the sampler's own "
                 "checks are passed. The last ones should agree within their intervals."
             )
-            self.last_trace = self._history["names"][-1]
+            self.last_trace = str(self._history["names"][-1]).replace(" [", "\n[")
         self.tau = self.r_hat = np.full(d, np.nan)  # only chains have these
         self.ess = self.trusted_ess = np.full(d, stored.ess)
         self.best = stored.points[np.argmax(stored.log_prob)]
