@@ -2,98 +2,22 @@
 
 from __future__ import annotations
 
-import dis
 import inspect
 from abc import abstractmethod
-from collections.abc import Mapping
 from functools import cache
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, PrivateAttr, field_validator
-from pydantic.fields import FieldInfo
 
 from streamkit import engine, expansion
 from streamkit.components.bases import Component
+from streamkit.components.signature import HOST, add_evaluation, check_signature, prepared_arguments
 from streamkit.components.total import Total
-from streamkit.errors import PluginError, StreamkitError, blamed, nearest
+from streamkit.errors import StreamkitError
 from streamkit.fields import Columns, Table
-from streamkit.stream import Array, read_only
+from streamkit.stream import Array
 from streamkit.units import GYR
-
-MOST_DIMENSIONS = 3  # most dimensions of an array that compiled code gets
-
-
-HOST = "host"  # what `prepare` calls the rest of the host
-MOVING = "x", "y", "z", "vx", "vy", "vz", "t"  # the first arguments of `drag`
-
-
-def _check_signature(cls: type[Potential]) -> None:
-    where = f"{cls.__module__}.{cls.__name__}"
-    if "growth" in inspect.get_annotations(cls):
-        raise PluginError(f"{where}: the field 'growth' belongs to every potential: call yours something else")
-    force, head = cls._force_method, cls._place_arguments
-    arguments = cls.force_arguments()
-    fields = [name for name in cls.model_fields if name != "growth"]
-    measured = [*cls.measured()]
-    if cls.prepare is Potential.prepare:
-        if arguments != (*head, *measured):
-            raise PluginError(
-                f"{where}.{force}: the arguments must be ({', '.join((*head, *measured))}), that is {', '.join(head)} "
-                f"and then the fields by name; found ({', '.join(arguments)})"
-            )
-        if odd := [name for name in fields if name not in measured]:
-            raise PluginError(
-                f"{where}: every field of a potential must be a number with a unit or an array of them (Mass, Length, "
-                f"LengthArray, ...), unless the class defines `prepare`, which gets all fields; {', '.join(odd)} is not"
-            )
-    else:
-        for name in inspect.signature(cls.prepare).parameters:
-            if name not in fields and name != HOST:
-                raise PluginError(
-                    f"{where}.prepare: the arguments are fields by name; found {name!r}.{nearest(name, fields)} "
-                    f"Fields: {', '.join(fields)}"
-                )
-        for method in (force, cls._energy_method) if cls.has_energy() else (force,):
-            given = tuple(inspect.signature(getattr(cls, method)).parameters)
-            if given[: len(head)] != head or given != arguments:
-                raise PluginError(
-                    f"{where}: {force} and {cls._energy_method} must have the same arguments: {', '.join(head)} and "
-                    f"then what `prepare` gives, or fields, by name; found ({', '.join(given)})"
-                )
-    if cls.has_drag():
-        given, expected = tuple(inspect.signature(cls.drag).parameters), (*MOVING, *arguments[len(head) :])
-        if given != expected:
-            raise PluginError(
-                f"{where}.drag: the arguments must be ({', '.join(expected)}), that is position, velocity, time and "
-                f"then those of `{force}`; found ({', '.join(given)})"
-            )
-    for name in (force, "drag"):
-        if cls.compiled and any(step.opname == "RAISE_VARARGS" for step in dis.get_instructions(getattr(cls, name))):
-            raise PluginError(
-                f"{where}.{name}: compiled code cannot raise or assert, the exception "
-                "would be lost: return NaN where there is no force, bound the fields, or set `compiled = False`"
-            )
-
-
-def _add_evaluation(cls: type[Potential]) -> None:
-    """Give a potential that is not compiled the fields of its evaluation, after the author's."""
-    chosen = "auto" if cls.evaluation == "expansion" else "none"
-    said = (
-        "Form of the expansion that replaces the potential: spherical, axisymmetric, general, or auto, the simplest "
-        "that its symmetries allow; none calls the potential itself, slowly."
-    )
-    limit = "Largest relative error of the acceleration by the expansion, from 0.1 to 500 kpc."
-    fields: dict[str, tuple[Any, Any]] = {
-        "expansion": (Literal["auto", "spherical", "axisymmetric", "general", "none"], Field(chosen, description=said)),
-        "tolerance": (float, Field(1e-4, ge=1e-8, le=0.1, description=limit)),
-    }
-    for name, (annotation, default) in fields.items():
-        if name in cls.model_fields:
-            raise PluginError(f"{cls.__module__}.{cls.__name__}: no field of a potential may be called {name!r}")
-        cls.__pydantic_fields__[name] = FieldInfo.from_annotated_attribute(annotation, default)
-        cls.__annotations__[name] = annotation
-    cls.model_rebuild(force=True)
 
 
 class Potential(Component):
@@ -113,9 +37,9 @@ class Potential(Component):
         """Check the author's signatures where the class is written."""
         super().__pydantic_init_subclass__(**kwargs)
         if cls.__dict__.get("kind"):
-            _check_signature(cls)
+            check_signature(cls, prepares=cls.prepare is not Potential.prepare)
             if not cls.compiled:
-                _add_evaluation(cls)
+                add_evaluation(cls)
 
     compiled: ClassVar[bool] = True
     """False: `acceleration` is called with whole arrays through NumPy, for code that numba cannot compile."""
@@ -225,7 +149,11 @@ class Potential(Component):
             return super().in_engine_units()
         owner, values = self._prepared
         if owner != id(self):  # not yet, or copied from another instance
-            values = _prepare(self)
+            fields = {name: getattr(self, name) for name in type(self).model_fields}
+            fields |= dict(zip(self.measured(), super().in_engine_units(), strict=True))
+            if self.asks_for_host():
+                fields[HOST] = Total(self._others)
+            values = prepared_arguments(type(self), fields)
             self._prepared = id(self), values
         return values
 
@@ -284,7 +212,7 @@ class Potential(Component):
         Raises StreamkitError if it cannot be made, or misses its tolerance. Raises OutOfDomain if its nodes were chosen
         for other parameters and miss the tolerance at the present ones.
         """
-        if self.compiled or self.expansion == "none":  # type: ignore[attr-defined]  # see `_add_evaluation`
+        if self.compiled or self.expansion == "none":  # type: ignore[attr-defined]  # see `add_evaluation`
             return None
         if self._expanded is None:
             exact = engine.build_field([self], exact=True).acceleration
@@ -300,41 +228,3 @@ class Potential(Component):
                 missed = f"the expansion of the potential {self.kind} misses its tolerance"
                 self._expanded = expansion.expand_like(model, exact, tolerance, missed)
         return self._expanded
-
-
-def _prepare(potential: Potential) -> tuple[Any, ...]:
-    """Return the arguments of `acceleration` after t of a class with `prepare`."""
-    cls = type(potential)
-    fields = {name: getattr(potential, name) for name in cls.model_fields}
-    fields |= dict(zip(cls.measured(), Component.in_engine_units(potential), strict=True))
-    if cls.asks_for_host():
-        fields[HOST] = Total(potential._others)
-    with blamed(f"potential {cls.kind}"):
-        result = cls.prepare(**{name: fields[name] for name in inspect.signature(cls.prepare).parameters})
-    prepared = result._asdict() if hasattr(result, "_asdict") else result
-    where = f"{cls.__module__}.{cls.__name__}"
-    if not isinstance(prepared, Mapping):
-        raise PluginError(f"{where}.prepare: found {prepared!r}, expected a mapping or a named tuple")
-    arguments = fields | dict(prepared)
-    values = []
-    for name in cls.force_arguments()[len(cls._place_arguments) :]:
-        if name not in arguments:
-            raise PluginError(
-                f"{where}.{cls._force_method}: the argument {name!r} is no field, and `prepare` does not give it."
-                f"{nearest(name, arguments)} It gives {', '.join(prepared) or 'nothing'}."
-            )
-        values.append(_plain(arguments[name], f"{where}.prepare: {name!r}") if cls.compiled else arguments[name])
-    return tuple(values)
-
-
-def _plain(value: Any, what: str) -> float | Array:
-    """Return a float, or a read-only array of floats in C order."""
-    try:
-        array = np.ascontiguousarray(value, dtype=float) if np.ndim(value) else float(value)
-    except (TypeError, ValueError):
-        raise PluginError(
-            f"{what}: found {value!r}, expected a number or an array; or set `compiled = False`"
-        ) from None
-    if np.ndim(array) > MOST_DIMENSIONS:
-        raise PluginError(f"{what}: found an array of {np.ndim(array)} dimensions, expected at most {MOST_DIMENSIONS}")
-    return read_only(array) if np.ndim(array) else array
