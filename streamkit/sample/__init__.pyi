@@ -6,13 +6,13 @@ from .calls.processes import CallTimeout as CallTimeout
 from .calls.processes import Processes as Processes
 from .calls.processes import WorkerDied as WorkerDied
 from .calls.search import expected_calls as expected_calls
+from .calls.serving import Evaluates as Evaluates
+from .calls.serving import pool as pool
+from .calls.signals import Stopped as Stopped
+from .calls.signals import stopped_by_signals as stopped_by_signals
 from .calls.threads import one_thread as one_thread
-from .calls.workers import Evaluates as Evaluates
-from .calls.workers import Stopped as Stopped
 from .calls.workers import Workers as Workers
 from .calls.workers import first_call as first_call
-from .calls.workers import pool as pool
-from .calls.workers import stopped_by_signals as stopped_by_signals
 from .evaluation import Evaluation as Evaluation
 from .evaluation import blob_dtype as blob_dtype
 from .factors import FactorPosterior as FactorPosterior

@@ -15,7 +15,8 @@ from streamkit.runfile import DATA, Spec
 from streamkit.runfile import Factor as Parameters
 from streamkit.sample.calls.host_posterior import HostPosterior
 from streamkit.sample.calls.posterior import Posterior
-from streamkit.sample.calls.workers import Evaluates, Workers
+from streamkit.sample.calls.serving import Evaluates
+from streamkit.sample.calls.workers import Workers
 from streamkit.sample.progress import SamplingProgress
 from streamkit.sample.store.storage import Storage, calls_storage
 from streamkit.sample.target import Deadlines, PosteriorTarget

@@ -22,7 +22,8 @@ from streamkit.report import Progress
 from streamkit.runfile import Prior
 from streamkit.sample.calls.comparison import Comparison
 from streamkit.sample.calls.search import Search
-from streamkit.sample.calls.workers import Stopped, Workers
+from streamkit.sample.calls.signals import Stopped
+from streamkit.sample.calls.workers import Workers
 from streamkit.sample.evaluation import Evaluation, details_of
 from streamkit.sample.progress import SamplingProgress
 from streamkit.sample.store.storage import Storage

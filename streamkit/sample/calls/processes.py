@@ -137,10 +137,13 @@ class Processes(Executor):
             soon = min(end, now + POLL, *(self._due(worker) for worker in busy)) - now
             ready = wait([item for w in busy for item in (w.pipe, w.process.sentinel)], max(soon, 0.0))
             for worker in busy:
+                call = worker.call
+                if call is None:
+                    continue
                 if worker.pipe in ready or worker.process.sentinel in ready or worker.process.exitcode is not None:
-                    self._receive(worker)
+                    self._receive(worker, call)
                 elif monotonic() >= self._due(worker):
-                    self._overdue(worker)
+                    self._overdue(worker, call)
 
     def _due(self, worker: _Worker) -> float:
         """Return the time at which a busy worker has to end."""
@@ -174,10 +177,8 @@ class Processes(Executor):
                 else:
                     worker.call, worker.begun, worker.since = call, False, monotonic()
 
-    def _receive(self, worker: _Worker) -> None:
+    def _receive(self, worker: _Worker, call: _Call) -> None:
         """Receive a result, or detect the death of the worker."""
-        call = worker.call
-        assert call is not None  # noqa: S101  it is busy
         try:
             if not worker.pipe.poll():  # the worker may still be dying, or one of its children may keep the pipe open
                 if worker.process.exitcode is None:
@@ -206,9 +207,7 @@ class Processes(Executor):
         else:
             call.future.set_exception(WorkerDied())
 
-    def _overdue(self, worker: _Worker) -> None:
-        call = worker.call
-        assert call is not None  # noqa: S101  it is busy
+    def _overdue(self, worker: _Worker, call: _Call) -> None:
         if not worker.begun:
             self._died(worker, call)
             return

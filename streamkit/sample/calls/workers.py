@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import math
 import pickle
-import signal
-import threading
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
-from contextlib import contextmanager
 from time import monotonic
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from streamkit.errors import PluginError
 from streamkit.sample.calls.engines import slots
-from streamkit.sample.calls.processes import POLL, CallTimeout, Processes, WorkerDied
-from streamkit.sample.calls.threads import one_thread
+from streamkit.sample.calls.processes import POLL, CallTimeout, WorkerDied
+from streamkit.sample.calls.serving import Answers, Evaluates, evaluate_held, evaluate_sent, pool
+from streamkit.sample.calls.signals import Stopped
 from streamkit.sample.calls.timeout import NO_ANSWER, Result, call_with_timeout
 from streamkit.sample.evaluation import Evaluation
 from streamkit.stream import Array
@@ -26,31 +23,6 @@ from streamkit.stream import Array
 OVERTIME = "the call took too long"
 COMPILING = 300.0  # additional seconds for the first call of a remote worker, which compiles
 FOREIGN = 8  # assumed number of points that a given executor evaluates at a time
-Answers = list[Evaluation | str]  # an evaluation for each point, or `NO_ANSWER`
-
-
-class Evaluates(Protocol):
-    """The part of `Posterior` that `Workers` needs; tests write small classes with it."""
-
-    def evaluate(self, theta: Array) -> Evaluation:
-        """Evaluate at theta (d,)."""
-
-    def rejected(self, reason: str) -> Evaluation:
-        """Return the evaluation of parameters without an answer."""
-
-
-class Stoppable(Protocol):
-    """An object that a signal can stop: `Workers`, or any loop that reads its ``stop``."""
-
-    stop: int
-
-
-class Stopped(Exception):  # noqa: N818  a request, not a fault
-    """Raised between two evaluations after the signal ``signum``."""
-
-    def __init__(self, signum: int) -> None:
-        super().__init__(signum)
-        self.signum = signum
 
 
 class Workers:
@@ -121,14 +93,15 @@ class Workers:
                 raise Stopped(self.stop)
 
     def _results(self, points: Array, which: str) -> Iterator[Evaluation]:
-        if self._executor is None:
+        executor = self._executor
+        if executor is None:
             for point in points:
                 one = call_with_timeout(self._limit, self._posteriors[which].evaluate, point)
                 yield self._overtime(point, which) if isinstance(one, str) else one
             return
         parts = self._parts(points)
         self._note_activity()
-        futures = [self._submit(part, which) for part in parts]
+        futures = [self._submit(executor, part, which) for part in parts]
         try:
             for part, future in zip(parts, futures, strict=True):
                 try:
@@ -147,13 +120,12 @@ class Workers:
             for future in futures:
                 future.cancel()
 
-    def _submit(self, part: Array, which: str) -> Future[Answers]:
-        assert self._executor is not None  # noqa: S101  checked by the caller
+    def _submit(self, executor: Executor, part: Array, which: str) -> Future[Answers]:
         if isinstance(self._workers, Executor):
-            future: Future[Answers] = self._executor.submit(_evaluate_sent, self._sent, which, part, self._limit)
+            future: Future[Answers] = executor.submit(evaluate_sent, self._sent, which, part, self._limit)
             future.add_done_callback(self._note_activity)
             return future
-        return self._executor.submit(_evaluate, which, part)
+        return executor.submit(evaluate_held, which, part)
 
     def _note_activity(self, _: object = None) -> None:
         self._active_at = monotonic()
@@ -193,25 +165,6 @@ class Workers:
                     ) from None
 
 
-@contextmanager
-def stopped_by_signals(target: Stoppable) -> Iterator[None]:
-    """Let SIGINT and SIGTERM set ``target.stop`` to their number, so that they do not interrupt a write.
-
-    Python allows handlers in the main thread only; elsewhere (a notebook's thread) nothing is changed.
-    """
-
-    def handle(signum: int, _frame: object) -> None:
-        target.stop = signum
-
-    numbers = (signal.SIGINT, signal.SIGTERM) if threading.current_thread() is threading.main_thread() else ()
-    before = {number: signal.signal(number, handle) for number in numbers}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
 def first_call(limit: float, function: Callable[..., Result], *args: Any) -> Result:
     """Return the result of a call in this process, which may compile; CallTimeout after `COMPILING` and the limit."""
     result = call_with_timeout(limit + COMPILING, function, *args)
@@ -220,38 +173,3 @@ def first_call(limit: float, function: Callable[..., Result], *args: Any) -> Res
             f"the first call took longer than sampler.call_limit = {limit:g} s and the {COMPILING:g} s for compiling"
         )
     return result
-
-
-def pool(count: int, posteriors: Mapping[str, Evaluates] | None = None, limit: float = math.inf) -> Processes:
-    """Return worker processes that hold the posteriors; a call may take ``limit`` seconds."""
-    return Processes(count, _set_posteriors, (dict(posteriors or {}),), limit)
-
-
-_POSTERIORS: dict[str, Evaluates] = {}  # the posteriors of this worker process, set once by its initializer
-# The posteriors that were last sent to a worker of a given executor, by their pickle.
-_SENT: dict[bytes, dict[str, Evaluates]] = {}
-
-
-def _set_posteriors(posteriors: Mapping[str, Evaluates]) -> None:
-    _POSTERIORS.update(posteriors)
-
-
-def _evaluate(which: str, points: Array) -> Answers:
-    return [_POSTERIORS[which].evaluate(point) for point in points]
-
-
-def _evaluate_sent(sent: bytes, which: str, points: Array, limit: float = math.inf) -> Answers:
-    new = sent not in _SENT
-    if new:
-        _SENT.clear()
-        try:
-            _SENT[sent] = pickle.loads(sent)  # noqa: S301  our own
-        except (AttributeError, ImportError) as error:
-            raise PluginError(
-                f"a worker cannot find what the run needs ({error}). A class given in Python must be in a module that "
-                "every worker can import; or put it in a file and name that under plugins in the run file."
-            ) from error
-    limits = [math.inf if new and i == 0 else limit for i in range(len(points))]  # the first call may compile
-    with one_thread():
-        evaluate = _SENT[sent][which].evaluate
-        return [call_with_timeout(most, evaluate, point) for most, point in zip(limits, points, strict=True)]

@@ -18,7 +18,7 @@ from streamkit.convergence import CHECK, Convergence, autocorrelation_times, bur
 from streamkit.runfile import Uniform
 from streamkit.sample import ChainFile, ChainMemory, Evaluation, Workers, read_chain_file
 from streamkit.sample.calls.search import Search
-from streamkit.sample.calls.workers import _evaluate_sent
+from streamkit.sample.calls.serving import evaluate_sent
 
 
 def toy_chain(chain, steps, seed=5, cut=False, **fields):
@@ -247,7 +247,7 @@ def test_every_move_alone_samples_a_gaussian_whatever_the_units(name):
 def test_a_worker_that_does_not_know_a_class_says_what_to_do():
     """The pickle of a class that is in no module of the worker's."""
     with pytest.raises(sk.PluginError, match=r"a worker cannot find .*under plugins in the run file"):
-        _evaluate_sent(b"cno_such_module\nPosterior\n.", "full", np.zeros(1))
+        evaluate_sent(b"cno_such_module\nPosterior\n.", "full", np.zeros(1))
 
 
 class Scarce(Gaussian):

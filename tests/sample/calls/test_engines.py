@@ -174,7 +174,7 @@ def test_no_component_keeps_a_call_from_its_end(monkeypatch):
 def test_an_engine_that_cannot_end_a_call_does_not_wait_for_ever(monkeypatch):
     monkeypatch.setattr(workers, "COMPILING", 0.0)
     over = threading.Event()
-    monkeypatch.setattr(workers, "_evaluate_sent", lambda *_: over.wait(100))
+    monkeypatch.setattr(workers, "evaluate_sent", lambda *_: over.wait(100))
     with ThreadPoolExecutor(1) as mine:
         try:
             with (
