@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 
 from streamkit import sample
-from streamkit.components import ChainSampler, Component, Sampler
+from streamkit.components import Component, Sampler
 from streamkit.errors import ChainError, ComponentError, Interrupted, SpecError
 from streamkit.fit.directory.claim import LITERATURE, RECOVERY, claim, resume_command
 from streamkit.fit.history import measured_radius
+from streamkit.fit.options import arguments_of, cheap_spec, engine_of, quick_spec, sampler_of
 from streamkit.fit.products import pdfs_of, products_of, write_products
 from streamkit.fit.samples.results import Results, draws_of, load_results
 from streamkit.fit.show.literature import read_literature
@@ -26,7 +27,6 @@ from streamkit.report import locked
 from streamkit.runfile import Engine, Source, Spec, as_spec
 from streamkit.stream import Array
 
-QUICK_PARTICLES = 2000
 QUICK_SEARCH = 50.0  # seconds after the beginning of a quick run when its search ends
 QUICK_SAMPLING = 140.0  # the same for its sampling: with the report it must take 3 minutes at most
 
@@ -92,15 +92,15 @@ def run(
     begin, spec = monotonic(), as_spec(spec, components)
     if quick:
         spec = quick_spec(spec)
-    chosen = _engine(spec, workers, engine, scheduler)
+    chosen = engine_of(spec, workers, engine, scheduler)
     plan = _Plan(
         spec,
-        _sampler(spec, steps),
+        sampler_of(spec, steps),
         quick,
         directory=None if out is None else Path(out),
         workers=workers if isinstance(workers, Executor) else chosen,
         deadlines=sample.Deadlines(begin + QUICK_SAMPLING, begin + QUICK_SEARCH) if quick else sample.Deadlines(),
-        arguments=_arguments(spec, chosen, steps, quick, literature, pdf),
+        arguments=arguments_of(spec, chosen, steps, quick, literature, pdf),
         progress=progress,
     )
     if literature is not None:
@@ -182,17 +182,6 @@ def _display(plan: _Plan) -> sample.SamplingProgress:
     return sample.SamplingProgress(plan.progress, plan.deadlines.sampling, (radius, mass), full_cost)
 
 
-def quick_spec(spec: Spec) -> Spec:
-    """Return the spec of the coarse look: fewer particles and walkers, the noise of the former added."""
-    settings = {f"sampler.{name}": value for name, value in spec.sampler.quick_settings(len(spec.names)).items()}
-    return spec.with_particles(QUICK_PARTICLES).with_values({**settings, "likelihood.noise": "add"})
-
-
-def cheap_spec(spec: Spec) -> Spec:
-    """Return the spec that searches for a start: few particles, their noise added to the data's."""
-    return spec.with_particles(spec.sampler.search_size()[1]).with_values({"likelihood.noise": "add"})
-
-
 def _particles(spec: Spec) -> int:
     """Return the particles of all streams together."""
     return sum(stream.stripping.centre.particles for stream in spec.sections.streams.values())
@@ -208,38 +197,3 @@ def _explained(pool: sample.Workers, left: Callable[[], str]) -> Iterator[None]:
         raise Interrupted(f"stopped after {left()}", stop.signum) from None
     except (ComponentError, ChainError, SpecError, sample.CallTimeout, sample.WorkerDied) as error:
         raise type(error)(f"{error}. The run stopped after {left()}") from error
-
-
-def _sampler(spec: Spec, steps: int | None) -> Sampler:
-    """Return the sampler with the given largest length of its chain; SpecError if it makes none."""
-    sampler = spec.sampler
-    if steps is None:
-        return sampler
-    if not isinstance(sampler, ChainSampler):
-        raise SpecError(f"steps: the sampler {sampler.kind!r} has none. What ends it stands in [sampler].")
-    return sampler.model_copy(update={"steps": steps})
-
-
-def _engine(spec: Spec, workers: int | Executor | None, kind: str | None, scheduler: str | None) -> Engine:
-    """Return the engine of the run file with the given changes; SpecError if there is no such engine."""
-    if isinstance(workers, Executor):
-        if kind is not None or scheduler is not None:
-            raise SpecError("workers: is an executor, which takes the place of an engine and its scheduler")
-        return spec.engine
-    given = {"kind": kind, "workers": workers, "scheduler": scheduler}
-    if kind not in (None, "dask") and scheduler is None:
-        given["scheduler"] = ""  # the scheduler of the run file belongs to its engine
-    changed = {f"engine.{name}": value for name, value in given.items() if value is not None}
-    return spec.with_values(changed).engine if changed else spec.engine
-
-
-def _arguments(
-    spec: Spec, chosen: Engine, steps: int | None, quick: bool, literature: str | Path | None, pdf: bool
-) -> list[str]:
-    """Return those arguments of the command that a resumed run needs too."""
-    shown = [*(["--literature", str(literature)] if literature is not None else []), *(["--pdf"] if pdf else [])]
-    words = {"--engine": "kind", "--scheduler": "scheduler", "--workers": "workers"}
-    changed = [(word, str(getattr(chosen, name))) for word, name in words.items()
-               if getattr(chosen, name) not in (getattr(spec.engine, name), "")]  # fmt: skip
-    most = ["--steps", str(steps)] if steps is not None else []
-    return [*(["--quick"] if quick else []), *(part for pair in changed for part in pair), *most, *shown]

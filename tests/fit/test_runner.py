@@ -18,7 +18,8 @@ from runfiles import FIT
 import streamkit as sk
 from streamkit.fit.directory.integrity import RUN_FILE
 from streamkit.fit.directory.manifest import MANIFEST
-from streamkit.fit.runner import Interrupted, cheap_spec
+from streamkit.fit.options import cheap_spec
+from streamkit.fit.runner import Interrupted
 from streamkit.fit.samples.results import draws_of
 from streamkit.report import locked
 from streamkit.sample import CALLS, CHAIN, Chain, ChainFile, read_chain_file

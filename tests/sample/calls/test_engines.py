@@ -21,6 +21,7 @@ from toys import Gaussian, Slow, walk
 import streamkit as sk
 from streamkit.errors import blamed
 from streamkit.fit import read_status, runner
+from streamkit.fit.options import engine_of
 from streamkit.runfile import Engine
 from streamkit.sample import CallTimeout, ChainMemory, Workers, engine
 from streamkit.sample.calls import timeout, workers
@@ -123,7 +124,7 @@ def test_the_run_file_says_which_engine_and_the_command_line_comes_before_it(tmp
         assert go_on[5:] == [*words, "--resume"]
     assert pools == [3, 2, 1, 1]
     chosen = sk.load(FIT | {"engine": {"kind": "dask", "scheduler": "tcp://x:1"}})
-    assert runner._engine(chosen, None, "serial", None) == Engine(kind="serial")
+    assert engine_of(chosen, None, "serial", None) == Engine(kind="serial")
 
 
 def test_a_call_is_ended_or_noticed_wherever_it_is_made():
