@@ -39,7 +39,15 @@ OUTSIDE = {"builtin", "testing"}
 KIT = "study.preflight", "testing"  # but `check` runs the quick half of the conformance kit
 # Rooms inside packages, in the same order.
 ROOMS = {
-    "fit": ({"runner"}, {"options", "products", "stored"}, {"history"}, {"show"}, {"samples"}, {"judge"}, {"directory"}),
+    "fit": (
+        {"runner"},
+        {"options", "products", "stored"},
+        {"history"},
+        {"show"},
+        {"samples"},
+        {"judge"},
+        {"directory"},
+    ),
     "sample": ({"sampling", "factors"}, {"target"}, {"progress"}, {"calls", "store"}, {"evaluation"}),
 }
 DOORS = {"", "engine"}  # what built-ins, the conformance kit and plugins may use: `streamkit` and `streamkit.engine`
