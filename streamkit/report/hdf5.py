@@ -144,4 +144,4 @@ def _rehearse(path: Path, read: Callable[[h5py.File], Any]) -> None:
                 os._exit(0)
         _, status = os.waitpid(process, 0)
         if os.WIFSIGNALED(status):
-            raise DamagedError("HDF5 crashes on it, or does not come to an end")
+            raise DamagedError("HDF5 crashes on it, or does not end")

@@ -145,7 +145,7 @@ def test_every_text_gives_the_verdict_of_all_checks():
     assert not far.converged
     for text in (far.note(), far._repr_html_(), describe_results(far), paper_table(far), far.to_arviz().attrs["note"]):
         said = " ".join(text.replace("%", "").split())
-        assert "Do not quote numbers of this run. What stands against it: goodness of fit." in said
+        assert "Do not quote numbers of this run. Failed checks: goodness of fit." in said
     assert "do not use" in repr(far)
     assert remark(far) == "do not use: goodness of fit"
 

@@ -60,7 +60,7 @@ def length_verdict(span: float, stable: bool) -> Verdict:
         LOOK: "The chain is short, or its autocorrelation time still changes. Continue with --resume and more --steps.",
         DO_NOT: "The chain is too short for any interval. Continue with --resume and more --steps.",
     }
-    fine = "The chain is long enough: it has forgotten where it began many times over."
+    fine = "The chain is long enough: its samples do not depend on the start."
     shown = f"{span:.0f} tau" if np.isfinite(span) else "unknown"
     verdict = LENGTH.judge(span, shown, short | {FINE: fine})
     return verdict if stable or verdict.level != FINE else replace(verdict, level=LOOK, sentence=short[LOOK])
@@ -72,8 +72,8 @@ def r_hat_verdict(names: Sequence[str], r_hat: Array) -> Verdict:
     which = listed([name for name, value in zip(names, r_hat, strict=True) if not value <= R_HAT.limits[0]])
     sentences = {
         FINE: "The walkers agree with each other on every parameter.",
-        LOOK: f"The walkers do not quite agree on {which}: the intervals may move. Let the chain run on.",
-        DO_NOT: f"The walkers disagree on {which}: they have not found one common distribution.",
+        LOOK: f"The walkers do not fully agree on {which}: the intervals may change. Continue with --resume.",
+        DO_NOT: f"The walkers disagree on {which}: they have not reached a common distribution.",
     }
     return R_HAT.judge(largest, number(largest, ".3f"), sentences)
 
@@ -85,10 +85,10 @@ def samples_verdict(names: Sequence[str], ess: Array) -> Verdict:
     error = 1.2533 / np.sqrt(max(least, 1.0))  # of a median, in standard deviations of a Gaussian
     sentences = {
         FINE: f"The median of every parameter is known to {error:.2f} of its standard deviation or better.",
-        LOOK: f"The median of {worst} is known to {error:.2f} of its standard deviation only, the 95 % limits worse.",
+        LOOK: f"The median of {worst} is only known to {error:.2f} of its standard deviation, the 95 % limits to less.",
         DO_NOT: f"There are too few independent samples of {worst} for an interval."
         if np.isfinite(least)
-        else "The walkers disagree, or moved too little: the number of independent samples has no meaning yet.",
+        else "The walkers disagree, or moved too little: there is no estimate of the independent samples yet.",
     }
     return SAMPLES.judge(least, number(least, ".0f"), sentences)
 
@@ -97,9 +97,9 @@ def drift_verdict(names: Sequence[str], scores: Array) -> Verdict:
     """Judge whether the traces still drift."""
     worst = names[int(np.argmax(np.abs(np.nan_to_num(scores))))]
     sentences = {
-        FINE: "The traces are level: the last third of the chain has the means of the first.",
+        FINE: "The traces do not drift: the last third of the chain has the means of the first.",
         LOOK: f"The trace of {worst} seems to drift. Look at the traces: is the burn-in long enough?",
-        DO_NOT: f"The trace of {worst} drifts: the walkers are still on their way. Let the chain run on.",
+        DO_NOT: f"The trace of {worst} drifts: the chain has not converged. Continue with --resume.",
     }
     return DRIFT.judge(chance(scores), number(float(np.max(np.abs(scores))), ".1f", " sigma"), sentences)
 
@@ -107,8 +107,8 @@ def drift_verdict(names: Sequence[str], scores: Array) -> Verdict:
 def ranks_verdict(scores: Array) -> Verdict:
     """Judge whether all walkers sample the same distribution, from the scores (walkers, d) of their mean ranks."""
     which = int(np.argmax(np.abs(np.nan_to_num(scores)).max(axis=1)))
-    differ = f"Not all walkers have been everywhere, walker {which} least of all: look at the rank plots."
-    sentences = {FINE: "Every walker has been everywhere: the ranks of each are even.", LOOK: differ}
+    differ = f"The walkers have different distributions, walker {which} most of all: look at the rank plots."
+    sentences = {FINE: "Every walker has sampled the whole posterior: the ranks of each walker are even.", LOOK: differ}
     p = chance(scores)
     shown = number(float(np.max(np.abs(scores))), ".1f", " sigma")
     return RANKS.judge(p if np.isfinite(p) else 0.0, shown, sentences)
@@ -120,7 +120,7 @@ def stuck_verdict(stuck: int, walkers: int) -> Verdict:
     sentences = {
         FINE: "No walker is stuck.",
         LOOK: f"The {tail} too wide by the stuck walkers. Continue with --resume; if they stay, take more particles.",
-        DO_NOT: "So many walkers are stuck that even the 68 % intervals are theirs. Take more particles, or noise = "
+        DO_NOT: "So many walkers are stuck that they change even the 68 % intervals. Take more particles, or noise = "
         "'add', and start again.",
     }
     return STUCK.judge(stuck / walkers, f"{stuck} of {walkers}", sentences)

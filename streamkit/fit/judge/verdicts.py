@@ -137,7 +137,7 @@ def overall(outcomes: Sequence[Verdict]) -> tuple[str, str]:
     said = {
         FINE: "All checks are passed: the medians and intervals below can be quoted.",
         LOOK: f"The intervals can be used once you have looked at: {which}.",
-        DO_NOT: f"Do not quote numbers of this run. What stands against it: {which}.",
+        DO_NOT: f"Do not quote numbers of this run. Failed checks: {which}.",
     }
     return worst, said[worst]
 
@@ -156,9 +156,9 @@ def goodness_verdict(fit: Goodness) -> Verdict:
     datum, away = poorest.data[poorest.worst], poorest.residuals[poorest.worst]
     far = f"{datum}, {away:+.1f} sigma from the best sample,"
     sentences = {
-        FINE: "The model makes data like these.",
-        LOOK: f"The model strains to make {name}: {far} is the farthest datum.",
-        DO_NOT: f"The model does not make {name}, and its intervals mean nothing: either the model is wrong, or the "
+        FINE: "The model fits the data.",
+        LOOK: f"The model fits {name} poorly: {far} is the farthest datum.",
+        DO_NOT: f"The model does not fit {name}, so its intervals have no meaning: either the model is wrong, or the "
         f"errors of the data are too small. The farthest datum is {far.rstrip(',')}.",
     }
     return GOODNESS.judge(p, f"chi^2 = {least.best:.4g} of {n} {'data' if n > 1 else 'datum'}, p = {p:.2g}", sentences)
@@ -176,15 +176,16 @@ def disagreement_verdict(fit: Goodness, uncertified: bool) -> Verdict | None:
         return None
     value = f"chi^2 = {whole.best:.4g} of {len(whole.data)} data by a call"
     why = "is not certified" if uncertified else f"disagrees with that call (its p = {whole.p_value:.2g})"
-    said = f"The emulator {why}: how well the model makes the data is not known. Continue with more calls."
+    said = f"The emulator {why}: the goodness of fit is unknown. Continue with more calls."
     return Verdict("goodness of fit", LOOK, value, said, "not stated unless emulated predictions are those of calls")
 
 
 def unmeasured_verdict(why: str) -> Verdict:
     """Judge a best sample whose stream cannot be measured."""
     said = (
-        "Whether the model makes the data is unknown: the stream at the best sample cannot be measured. The posterior "
-        "lies at the edge of what can be. Look at the picture of the stream, and at the reasons of refused calls."
+        "The goodness of fit is unknown: the stream at the best sample cannot be measured. The posterior is at the "
+        "edge of the parameters with measurable streams. Look at the picture of the stream, and at the reasons of "
+        "refused calls."
     )
     return Verdict("goodness of fit", LOOK, why, said, "the stream at the best sample must have predictions")
 
@@ -193,8 +194,8 @@ def worst_verdict(whole: Fitted) -> Verdict:
     """Judge the datum that is farthest from its prediction."""
     name, away = whole.data[whole.worst], whole.residuals[whole.worst]
     sentences = {
-        FINE: f"No datum is too far from the model: the farthest is {name}.",
-        LOOK: f"{name} is farther from the model than chance explains. Check this datum and its error. Does the mass "
+        FINE: f"No datum is too far from the model. The farthest datum is {name}.",
+        LOOK: f"{name} is too far from the model for a random error. Check this datum and its error. Does the mass "
         "change without it? Outliers and an extra dispersion may be parameters of the fit.",
     }
     return WORST.judge(whole.worst_chance, f"{away:+.1f} sigma", sentences)
@@ -214,7 +215,7 @@ def noise_verdict(seen: Predictive) -> Verdict:
     more = "It is left out of the likelihood, so that intervals are too narrow: take more particles, or noise = 'add'."
     sentences = {
         FINE: "The model's own noise is small beside the errors of the data.",
-        LOOK: f"The model's own noise counts beside the error of {name}. {more}",
+        LOOK: f"The model's own noise is not small beside the error of {name}. {more}",
         DO_NOT: f"The model's own noise is larger than the error of {name}. {more}",
     }
     return NOISE.judge(noise, f"{noise:.2f}", sentences)
@@ -226,28 +227,28 @@ def reasons_verdict(reasons: Mapping[str, int], calls: int) -> Verdict:
     worst = max(shares, key=shares.__getitem__, default="")
     share = shares.get(worst, 0.0)
     sentences = {
-        FINE: "Few proposals are without a stream or an observable.",
-        LOOK: f"Many proposals are refused because: {worst}. Does this cut the posterior where you did not mean it to?",
+        FINE: "Few proposals have no stream or no observable.",
+        LOOK: f"Many proposals are refused for one reason: {worst}. Does this cut the posterior unintentionally?",
     }
     return REASONS.judge(share, f"{100 * share:.0f} %", sentences)
 
 
 def prior_verdict(names: Sequence[str], fractions: Sequence[Array]) -> Verdict:
-    """Judge what the prior alone decides, from the (n,) samples of every parameter as fractions of its prior."""
+    """Judge the influence of the priors, from the (n,) samples of every parameter as fractions of its prior."""
     ends = [max((u < EDGE).mean(), (u > 1 - EDGE).mean()) for u in fractions]
     at_edge = [name for name, share in zip(names, ends, strict=True) if share > AT_EDGE]
     silent = [name for name, u in zip(names, fractions, strict=True) if contraction(u) > UNINFORMED]
     level = LOOK if at_edge else FINE
-    said = [f"The posterior of {listed(at_edge)} leans on the prior's end: other ends would move it."] * bool(at_edge)
-    said += [f"The data add nothing to the prior of {listed(silent)}."] * bool(silent)
+    said = [f"The posterior of {listed(at_edge)} reaches the prior's end: other ends would change it."] * bool(at_edge)
+    said += [f"The data do not constrain {listed(silent)}: the posterior is the prior."] * bool(silent)
     value = f"{len(at_edge)} at an end, {len(silent)} uninformed"
     rule = "fine if at most 10 % of the samples are in the outermost 2 % of a prior; uninformed: spread above 0.9 of it"
-    text = " ".join(said) or "Every posterior is narrower than its prior, and none leans on an end of it."
+    text = " ".join(said) or "Every posterior is narrower than its prior, and none reaches an end of it."
     return Verdict("prior against posterior", level, value, text, rule)
 
 
 def measured_verdict(names: Sequence[str], priors: Sequence[Prior], samples: Array) -> Verdict:
-    """Judge how far the samples (n, d) move a parameter away from its Gaussian prior."""
+    """Judge the distance of the samples (n, d) from the Gaussian priors."""
     away = {
         name: float((np.median(x) - prior.mean) / prior.sd)
         for name, prior, x in zip(names, priors, samples.T, strict=True)
@@ -255,8 +256,8 @@ def measured_verdict(names: Sequence[str], priors: Sequence[Prior], samples: Arr
     }
     name = max(away, key=lambda each: abs(away[each]))
     sentences = {
-        FINE: f"No measured parameter moves far from its measurement: the farthest is {name}.",
-        LOOK: f"The data pull {name} away from its measurement. Either the model is wrong, or one of the two is.",
+        FINE: f"Every measured parameter is near its measurement. The farthest is {name}.",
+        LOOK: f"The data move {name} away from its measurement. The model, the data or the measurement is wrong.",
     }
     return MEASURED.judge(abs(away[name]), f"{away[name]:+.1f} sigma", sentences)
 
@@ -266,8 +267,8 @@ def bound_verdict(shares: Mapping[str, float]) -> Verdict:
     name = min(shares, key=shares.__getitem__)
     whose = "The progenitor" if name == ONLY else f"The progenitor of {name}"
     sentences = {
-        FINE: "Every live progenitor keeps a bound part until today.",
-        LOOK: f"{whose} has dissolved before today. Is there a progenitor at its place on the sky? The last "
+        FINE: "Every live progenitor still has a bound part today.",
+        LOOK: f"{whose} has dissolved before today. Is there a progenitor at its position on the sky? The last "
         "debris leaves at random, and depends on the number of particles.",
     }
     return BOUND.judge(shares[name], f"{100 * shares[name]:.2g} % of the mass", sentences)

@@ -346,7 +346,7 @@ def load_results(directory: str | Path, components: Iterable[type[Component]] = 
     trust
         Whether the plugin files in the directory may be run.
 
-    Raises ChainError if there is no readable run in the directory, or it has plugin files that nobody trusts.
+    Raises ChainError if there is no readable run in the directory, or it has plugin files that are not trusted.
     """
     where = Path(directory)
     if not where.is_dir():

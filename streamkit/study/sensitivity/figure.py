@@ -129,7 +129,7 @@ def _tangent(axes: Axes, curve: Curve, i: int, scale: float) -> None:
 
 
 def _limits(response: Sensitivity, i: int) -> tuple[float, float]:
-    """Return the range of an observable's axes: of all values but wild ones, and of the datum."""
+    """Return the range of an observable's axes: of all values except outliers, and of the datum."""
     every = np.concatenate([curve.mean[:, i] for curve in response.curves])
     every = every[np.isfinite(every)]
     if not every.size:

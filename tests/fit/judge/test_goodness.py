@@ -89,7 +89,7 @@ def test_27_velocities_with_a_chi2_of_105_are_no_fit():
     whole = fitted(np.concatenate([bad, others.residuals]), name="all data")
     found = rules.goodness_verdict(Goodness((others, velocities), whole))
     assert found.level == DO_NOT
-    assert "does not make radial_velocity" in found.sentence
+    assert "does not fit radial_velocity" in found.sentence
     assert found.value.startswith("chi^2 = 105 of 27 data")
 
 
@@ -228,5 +228,5 @@ def test_goodness_is_not_stated_while_an_emulator_is_unsure():
     for fit, uncertified in ((right, True), (wrong, False)):
         found = rules.disagreement_verdict(alone(fit), uncertified)
         assert found.level == LOOK
-        assert "is not known" in found.sentence
+        assert "goodness of fit is unknown" in found.sentence
     assert "chi^2 = 392 of 8 data" in found.value

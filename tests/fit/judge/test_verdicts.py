@@ -131,14 +131,14 @@ def test_a_posterior_that_is_the_prior_says_so(prior):
     assert contraction(u) == pytest.approx(1, abs=0.02)
     found = rules.prior_verdict(NAMES, [u, np.full(100, 0.5)])
     assert found.level == FINE
-    assert "add nothing to the prior of potential.v0." in found.sentence
+    assert "do not constrain potential.v0:" in found.sentence
 
 
 def test_a_posterior_that_leans_on_the_end_of_its_prior_is_seen():
     u = 1 - np.random.default_rng(6).exponential(0.05, 5000).clip(0, 1)
     found = rules.prior_verdict(NAMES, [np.full(5000, 0.5), u])
     assert found.level == LOOK
-    assert "potential.alpha leans on the prior's end" in found.sentence
+    assert "potential.alpha reaches the prior's end" in found.sentence
 
 
 def test_the_worst_decides():

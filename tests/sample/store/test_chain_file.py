@@ -330,7 +330,7 @@ def test_a_file_in_which_hdf5_never_ends_is_told(tmp_path, monkeypatch):
 
     with h5py.File(tmp_path / "x.h5", "w") as file:
         file["x"] = 1
-    with pytest.raises(hdf5.DamagedError, match="does not come to an end"):
+    with pytest.raises(hdf5.DamagedError, match="does not end"):
         hdf5.read_foreign(tmp_path / "x.h5", endless)
 
 
