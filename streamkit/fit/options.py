@@ -1,4 +1,4 @@
-"""The options of a run: what they change in its spec, its sampler and its engine, and their words on a command line."""
+"""The options of a run: their changes of the sampler and the engine, and their form on a command line."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def sampler_of(spec: Spec, steps: int | None) -> Sampler:
     if steps is None:
         return sampler
     if not isinstance(sampler, ChainSampler):
-        raise SpecError(f"steps: the sampler {sampler.kind!r} has none. What ends it stands in [sampler].")
+        raise SpecError(f"steps: the sampler {sampler.kind!r} has no steps. Fields of [sampler] decide when it ends.")
     return sampler.model_copy(update={"steps": steps})
 
 
@@ -49,7 +49,7 @@ def engine_of(spec: Spec, workers: int | Executor | None, kind: str | None, sche
 def arguments_of(
     spec: Spec, chosen: Engine, steps: int | None, quick: bool, literature: str | Path | None, pdf: bool
 ) -> list[str]:
-    """Return those arguments of the command that a resumed run needs too."""
+    """Return the arguments of the command that a resumed run needs too."""
     shown = [*(["--literature", str(literature)] if literature is not None else []), *(["--pdf"] if pdf else [])]
     words = {"--engine": "kind", "--scheduler": "scheduler", "--workers": "workers"}
     changed = [(word, str(getattr(chosen, name))) for word, name in words.items()

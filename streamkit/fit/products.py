@@ -98,7 +98,7 @@ def write_products(
     """Write every table and picture of a run and its page into its directory, and return its results.
 
     A picture or page that cannot be made is left out, with a warning in the log; `Results.failed` and the diagnostics
-    hold the reason.
+    have the reason.
 
     The run may be given by its directory, whose plugin files are run if ``trust`` allows it. ``truth`` is a TOML file
     whose ``[potential]`` is the true host of a mock: the recovery is written too. ``literature`` is a table of
@@ -108,7 +108,8 @@ def write_products(
     corner plot, which is as wide as two columns for many parameters.
 
     Raises ChainError if there is no readable run. Raises SpecError if the truth is not valid. Nothing has then been
-    written. Raises ChainError if a product cannot be written, on a full disk, once all the others have been.
+    written. Raises ChainError if a product cannot be written, as on a full disk, after all other products have been
+    written.
     """
     results = run if isinstance(run, Results) else load_results(run, trust=trust)
     where = results.directory

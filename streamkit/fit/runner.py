@@ -27,8 +27,8 @@ from streamkit.report import locked
 from streamkit.runfile import Engine, Source, Spec, as_spec
 from streamkit.stream import Array
 
-QUICK_SEARCH = 50.0  # seconds after the beginning of a quick run when its search ends
-QUICK_SAMPLING = 140.0  # the same for its sampling: with the report it must take 3 minutes at most
+QUICK_SEARCH = 50.0  # seconds from the beginning of a quick run to the end of its search
+QUICK_SAMPLING = 140.0  # seconds to the end of its sampling: with the report the run takes 3 minutes at most
 
 
 def run(
@@ -104,7 +104,7 @@ def run(
         progress=progress,
     )
     if literature is not None:
-        read_literature(literature)  # an error in it is raised now, not after the sampling
+        read_literature(literature)  # an error in the table is raised now, not after the sampling
     stored = _sample(plan, resume, force)
     if plan.directory is None:
         return Results(spec, draws_of(stored.samples(), spec, quick))
@@ -114,19 +114,19 @@ def run(
 
 @dataclass(frozen=True)
 class _Plan:
-    """What a run does, and where."""
+    """The settings of a run."""
 
     spec: Spec
-    sampler: Sampler  # that of the spec, with the steps of this call
+    sampler: Sampler  # the sampler of the spec, with the steps of this call
     quick: bool
     directory: Path | None
     workers: Engine | Executor
     deadlines: sample.Deadlines
-    arguments: list[str]  # those of the command that a resumed run needs too
+    arguments: list[str]  # the arguments of the command that a resumed run needs too
     progress: bool  # whether progress is shown
 
     def options(self, where: int | Executor) -> dict[str, Any]:
-        """Return what the directory's manifest notes of the command, for workers that are ``where``."""
+        """Return the notes on the command for the manifest, with workers that are ``where``."""
         engine = self.spec.engine if isinstance(self.workers, Executor) else self.workers
         return {
             "quick": self.quick,
@@ -138,11 +138,11 @@ class _Plan:
 
 
 def _sample(plan: _Plan, resume: bool, force: bool) -> StoredRun:
-    """Sample the posterior, and store the samples; the directory is claimed before, and locked meanwhile."""
+    """Sample the posterior, and store the samples. The directory is claimed first, and locked during the sampling."""
     spec, sampler, directory = plan.spec, plan.sampler, plan.directory
     posterior, cheap = (sample.Posterior(each, sampler.emulates) for each in (spec, cheap_spec(spec)))
     with ExitStack() as stack:
-        stack.enter_context(sample.one_thread())  # for the sampler, which works here, and for calls without workers
+        stack.enter_context(sample.one_thread())  # for the sampler in this process, and for calls without workers
         where = plan.workers if isinstance(plan.workers, Executor) else stack.enter_context(sample.engine(plan.workers))
         # compiles once, before workers fork; fails before anything is written
         sample.first_call(sampler.call_limit, posterior.evaluate, spec.centre())
@@ -172,7 +172,7 @@ def _sample(plan: _Plan, resume: bool, force: bool) -> StoredRun:
 
 
 def _display(plan: _Plan) -> sample.SamplingProgress:
-    """Return the display of the progress; of a chain with the mass inside the largest radius of the data."""
+    """Return the display of the progress; for a chain it shows the mass inside the largest radius of the data."""
     spec, radius = plan.spec, measured_radius(plan.spec)
 
     def mass(theta: Array) -> float:

@@ -1,4 +1,4 @@
-"""What a run stores: its samples as they come, how it ended, and what is left after an interruption."""
+"""The storage of a run: its samples during the run, the reason of its end, and the text after an interruption."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from streamkit.fit.history import AnswerHistory
 from streamkit.runfile import Spec
 from streamkit.stream import Array
 
-SAME = 1.0  # difference of ln p that another machine's rounding may make
+SAME = 1.0  # largest difference of ln p between machines, by rounding
 
 
 class StoredRun:
     """The samples of a run, in the files of its directory, or in memory without one.
 
-    ``values`` (m,) are the data, ``factors`` those of a sampler that emulates several streams. ``resumes`` says whether
-    there are samples to continue. Raises ChainError for files that cannot be read.
+    ``values`` (m,) are the data, ``factors`` the factors for a sampler that emulates several streams. ``resumes``
+    states whether there are samples to continue. Raises ChainError for files that cannot be read.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class StoredRun:
         self._directory, self._factors = directory, factors
         self._notes = {"quick": quick, "digest": digest}
         self._weighted: sample.Weighted | None = None
-        self._before: sample.Weighted | None = None  # those that a resumed run begins with
+        self._before: sample.Weighted | None = None  # the samples that a resumed run begins with
         self._history = AnswerHistory(spec)
         if isinstance(sampler, ChainSampler):
             self.storage = sample.chain_storage(directory, {"status": "unfinished", **self._notes}, resumes)
@@ -72,7 +72,7 @@ class StoredRun:
             )
 
     def keep(self, weighted: sample.Weighted, asked: tuple[int, int], late: bool) -> None:
-        """Store weighted samples in place of those before, unless they lack more.
+        """Store weighted samples in place of the previous ones, unless they lack more.
 
         They come after so many calls with all particles and with few; ``late`` says that the time limit is over.
         """
@@ -85,7 +85,7 @@ class StoredRun:
             weighted.write(self._directory / sample.SAMPLES)
 
     def finish(self, sampler: Sampler, late: bool) -> None:
-        """Store why the sampling ended; ComponentError if there are no samples."""
+        """Store the reason of the end; ComponentError if there are no samples."""
         chain = self.storage.chain
         if isinstance(sampler, ChainSampler):
             converged = chain.iteration and sampler.convergence(chain.samples())
@@ -95,12 +95,12 @@ class StoredRun:
             raise ComponentError(f"sampler {sampler.kind}: gave no samples")
         elif self._is_worse(self._weighted):
             LOG.warning(
-                "%s: the samples of before are kept: %s. Those of the resumed run: %s.",
+                "%s: the previous samples are kept: %s. The samples of the resumed run: %s.",
                 self._directory, _described(self._before), _described(self._weighted),
             )  # fmt: skip
 
     def _is_worse(self, weighted: sample.Weighted) -> bool:
-        """Return whether samples lack what those that the run was resumed with had."""
+        """Return whether samples are worse than the samples that the run was resumed with."""
         return self._before is not None and _rank(self._before) < _rank(weighted)
 
     def samples(self) -> sample.Chain | sample.Weighted:
@@ -108,7 +108,7 @@ class StoredRun:
         return self._weighted or self.storage.chain.whole()
 
     def left(self, again: str) -> str:
-        """Return what an interrupted run leaves, and the command ``again`` that resumes it."""
+        """Return a sentence with the finished part of an interrupted run, and the command ``again`` that resumes it."""
         directory, steps = self._directory, self.storage.chain.iteration
         calls, small = (0, 0) if self.storage.is_chain else (self.storage.calls, self.storage.small_calls)
         few = f"{small} calls with few particles"
@@ -121,7 +121,7 @@ class StoredRun:
             return f"no finished step. To begin again: {again}"
         where = [directory / name for name in (sample.CHAIN, sample.JOURNAL) if (directory / name).exists()]
         if not where:
-            return f"{steps} finished steps, of which nothing is left in {directory}. To begin again: {again}"
+            return f"{steps} finished steps, which are no longer in {directory}. To begin again: {again}"
         return f"{steps} finished steps, all of them in {' and '.join(map(str, where))}. To continue: {again}"
 
 
@@ -131,12 +131,12 @@ def _samples_before(path: Path) -> sample.Weighted | None:
         return sample.read_weighted(path)
     except ChainError as error:
         if path.exists():
-            LOG.warning("%s. The samples are made again from the calls.", error)
+            LOG.warning("%s. The samples are computed again from the calls.", error)
         return None
 
 
 def _rank(weighted: sample.Weighted) -> tuple[bool, bool, float]:
-    """Return the order of samples, the best first: the sampler's rule, then their effective number."""
+    """Return the key that sorts samples, the best first: by the sampler's rule, then by their effective number."""
     return bool(weighted.missing), bool(weighted.lacks), 0.0 if weighted.missing else -weighted.ess
 
 

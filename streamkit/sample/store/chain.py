@@ -36,7 +36,7 @@ CHAIN = "chain.h5"
 GROUP = "mcmc"
 # Data sets that runs of version 0.1.0 stored outside the groups of their kind: kind and name, by data set.
 FORMER_SETS = {"trials": (HISTORY, "trials"), "replicas": (MEMORY, "replicas")}
-RANDOM = "random_state"  # attribute: the state of a `numpy.random.Generator`; emcee's format has that of a RandomState
+RANDOM = "random_state"  # attribute: the state of a `numpy.random.Generator`; emcee's format only has a RandomState's
 RESTORE = "Restore it from a copy, or start again with --force."
 
 
@@ -49,13 +49,13 @@ class Chain:
     blobs: Any  # (steps, walkers) records of `streamkit.sample.blob_dtype`
     accepted: Array  # (walkers,) accepted moves
     attributes: dict[str, Any]  # attributes of the run: digest, quick, status, counts
-    random_state: Any = None  # that of the generator after the last step; None without a step
-    # Arrays by name: those after the last step, and those of every step (steps, ...) that has some.
+    random_state: Any = None  # the generator's state after the last step; None without a step
+    # Arrays by name: in ``memory`` those of the last step, in ``history`` those of every step (steps, ...).
     memory: Mapping[str, Array] = field(default_factory=dict)
     history: Mapping[str, Array] = field(default_factory=dict)
-    journal: list[Step] = field(default_factory=list)  # the steps at the end that only the journal holds
-    start: Step | None = None  # the ensemble before the first step, if the journal holds it
-    checksum: str = ""  # of all samples
+    journal: list[Step] = field(default_factory=list)  # the last steps, which only the journal has
+    start: Step | None = None  # the ensemble before the first step, if the journal has it
+    checksum: str = ""  # the checksum of all samples
     lacks_journal: bool = False  # whether the journal that follows the file is missing or empty
     torn: int = 0  # bytes at the end of the journal that are a part of the step after the last: `Journal.torn`
 
@@ -146,7 +146,7 @@ def _check_form(stored: Chain, first: Step, step: Step, path: Path) -> None:
 
 
 class _Attributes(BaseModel):
-    """The attributes of a chain file that are used; others are left alone."""
+    """The attributes of a chain file that are used; others are ignored."""
 
     model_config = ConfigDict(strict=True)
 

@@ -25,9 +25,9 @@ from streamkit.stream import Array
 # Steps in the journal after which they are moved into the chain file, or an eighth of the chain if that is more. The
 # file is written anew each time, so that a kill leaves the old one unchanged.
 TAIL = 100
-# Level of compression: most proposals are refused, and the sample and its predictions then repeat those before them.
+# Level of compression: most proposals are refused, so that a sample and its predictions repeat the previous ones.
 COMPRESSION = 4
-LARGE = 100_000  # bytes of other arrays from which on they are compressed
+LARGE = 100_000  # smallest size in bytes of other arrays that are compressed
 
 
 class ChainMemory:
@@ -45,7 +45,7 @@ class ChainMemory:
 
     @property
     def iteration(self) -> int:
-        """Steps that are stored."""
+        """The number of stored steps."""
         return len(self._coords)
 
     @property
@@ -229,7 +229,7 @@ class ChainFile(ChainMemory):
                 for name in self._history:
                     _put(file, f"{HISTORY}/{name}", np.array(self._history[name]))
                 for name in [*file.get(MEMORY, ())]:
-                    if name not in last.memory:  # of an earlier step
+                    if name not in last.memory:  # left from an earlier step
                         del file[MEMORY][name]
                 for name, value in last.memory.items():
                     _put(file, f"{MEMORY}/{name}", value)
@@ -274,7 +274,7 @@ class _Image(HDFBackend):  # type: ignore[misc]
 
 
 def _put(file: h5py.File, name: str, array: Array) -> None:
-    """Write an array in place of one of this name; HDF5 does not use the room of a deleted one again."""
+    """Write an array in place of one of this name; HDF5 would not reuse the space of a deleted array."""
     stored = file.get(name)
     if stored is not None and stored.dtype != array.dtype:
         del file[name]

@@ -30,7 +30,7 @@ class Journal:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.torn = 0  # bytes behind the last whole record, when the file was read: a record that was being written
+        self.torn = 0  # bytes after the last whole record when the file was read: a record that was being written
         self._end: int | None = None
 
     def read(self) -> list[dict[str, Array]]:
@@ -92,7 +92,7 @@ class Journal:
         self._end = end + len(frame)
 
     def clear(self) -> None:
-        """Delete the file, whose records are stored elsewhere."""
+        """Delete the file, after its records have been stored elsewhere."""
         with safely(self.path):
             self.path.unlink(missing_ok=True)
         self._end = 0
@@ -144,5 +144,5 @@ def _unpacked(path: Path, body: bytes) -> dict[str, Array]:
             if sum(part.file_size for part in arrays.zip.infolist()) > len(body):  # numpy does not compress
                 raise ValueError("its arrays claim to be larger than it is")
             return dict(arrays)
-    except Exception as error:  # numpy and zipfile raise whatever a forged file leads them to
+    except Exception as error:  # for a forged file numpy and zipfile may raise any exception
         raise ChainError(f"{path}: holds a record that is not readable ({brief(error)})") from None

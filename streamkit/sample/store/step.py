@@ -1,6 +1,6 @@
-"""One step of a chain as it is stored: all that the next step depends on, and the checksum of the chain up to it.
+"""One stored step of a chain: all data that the next step depends on, and the checksum of the chain up to the step.
 
-A step is checked before it is written by the rules that it is read by: `Step.checked`.
+The same rules check a step before it is written and when it is read: `Step.checked`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from streamkit.sample.evaluation import blob_dtype
 from streamkit.stream import Array, BoolArray
 
 MEMORY, HISTORY = "memory", "history"  # groups of arrays in a record, and in the chain file
-# Arrays that runs of version 0.1.0 stored under keys of their own: name here, and key there.
+# Arrays that runs of version 0.1.0 stored under other keys: present name, and former key.
 FORMER = {MEMORY: ("replicas", "replicas"), HISTORY: ("trials", "tried")}
 MOST = 10**15  # upper limit of counts in a file, so that forged numbers cannot overflow
 Count = Annotated[int, Field(ge=0, le=MOST)]
@@ -81,8 +81,8 @@ class Step:
     counts: Mapping[str, Any] = field(default_factory=dict)
     memory: Mapping[str, Array] = field(default_factory=dict)
     history: Mapping[str, Array] = field(default_factory=dict)
-    checksum: str = ""  # that of all samples up to this step: `extend_checksum`
-    digest: str = ""  # that of the run
+    checksum: str = ""  # the checksum of all samples up to this step: `extend_checksum`
+    digest: str = ""  # the digest of the run
 
     def record(self) -> dict[str, Any]:
         """Return the step as a record of a journal."""
@@ -291,6 +291,6 @@ def checksum_of(*parts: Any) -> str:
 def extend_checksum(before: str, coords: Array, log_prob: Array, blobs: Any) -> str:
     """Return the checksum of a chain that is continued by the samples of a step, as in `Step`.
 
-    ``before`` is the checksum of the chain without them; that of no sample at all is the digest of the run.
+    ``before`` is the checksum of the chain without the step; the checksum of an empty chain is the digest of the run.
     """
     return checksum_of(before, coords, log_prob, *([] if blobs is None else [blobs]))

@@ -29,17 +29,17 @@ ENOUGH = 400  # effective samples of a converged run (Vehtari+ 2021, sec. 4)
 class Weighted:
     """Weighted samples of the posterior with their evaluations."""
 
-    # (n, d), and (n,) natural logs of the weights up to a constant.
+    # (n, d) parameters, and (n,) natural logs of the weights up to a constant.
     points: Array
     ln_weights: Array
     # (n,) ln posterior, and (n,) records of `streamkit.sample.blob_dtype`.
     log_prob: Array
     blobs: Any
-    ln_evidence: float  # it and its error are NaN if unknown
+    ln_evidence: float  # NaN, as its error, if unknown
     ln_evidence_error: float
-    missing: str  # what the sampler's stopping rule still requires; empty when the rule is met
+    missing: str  # the missing part of the sampler's stopping rule; empty when the rule is met
     attributes: dict[str, Any]  # attributes of the run: digest, quick, status, counts
-    verdicts: tuple[Verdict, ...] = ()  # the sampler's own checks
+    verdicts: tuple[Verdict, ...] = ()  # the results of the sampler's checks
 
     @cached_property
     def weights(self) -> Array:
@@ -69,7 +69,7 @@ class Weighted:
         return rng.permutation(np.searchsorted(steps / steps[-1], (np.arange(k) + rng.random()) / k))
 
     def checked(self) -> Weighted:
-        """Return the samples as the file gives them back: numbers as floats, texts without control characters.
+        """Return the samples as a file returns them: numbers as floats, texts without control characters.
 
         Raises ComponentError if the file cannot hold them: with what was found and what is allowed.
         """
@@ -133,7 +133,7 @@ class Stage(BaseModel):
 
 
 class History(BaseModel):
-    """How the answer moved with the calls."""
+    """The answer against the number of calls."""
 
     model_config = ConfigDict(strict=True)
 
@@ -148,7 +148,7 @@ class History(BaseModel):
 
 
 class _Notes(BaseModel):
-    """The attributes of the file that are used; others are left alone."""
+    """The attributes of the file that are used; others are ignored."""
 
     model_config = ConfigDict(strict=True)
 
