@@ -27,6 +27,8 @@ from streamkit.cli.options import LITERATURE, PDF, RUN_FILE, SAMPLER, SET, load_
               help="Longest chain in steps per walker, in place of the run file's.")  # fmt: skip
 @click.option("--quick", is_flag=True, help="A coarse look within minutes; every product is marked as such.")
 @click.option("--resume", is_flag=True, help="Continue the run in DIR.")
+@click.option("--reuse", type=click.Path(exists=True, file_okay=False, path_type=Path), metavar="DIR",
+              help="An earlier run by the emulator: its calls of the same streams serve.")  # fmt: skip
 @click.option("-f", "--force", is_flag=True, help="Replace the run in DIR.")
 @LITERATURE
 @PDF
@@ -43,6 +45,7 @@ def run(
     steps: int | None,
     quick: bool,
     resume: bool,
+    reuse: Path | None,
     force: bool,
     literature: Path | None,
     pdf: bool,
@@ -59,7 +62,7 @@ def run(
     out = output if output is not None else Path(run_file.stem)
     results = fit.run(
         spec, out=out, workers=workers, steps=steps, quick=quick, resume=resume, force=force, progress=not quiet,
-        literature=literature, pdf=pdf, engine=engine, scheduler=scheduler,
+        literature=literature, pdf=pdf, engine=engine, scheduler=scheduler, reuse=reuse,
     )  # fmt: skip
     if as_json:
         click.echo(report.as_json(fit.results_record(results)))

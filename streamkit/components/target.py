@@ -70,6 +70,10 @@ class Target(Protocol):
         """The factors of the likelihood of several streams, for a sampler that emulates predictions; else none."""
 
     @property
+    def earlier(self) -> Array:
+        """(n, d) The points of calls of an earlier run, which cost nothing; empty if there are none."""
+
+    @property
     def small_is_full(self) -> bool:
         """Whether streams with the particles of `Sampler.search_size` are those of the run."""
 

@@ -46,6 +46,7 @@ def run(
     components: Iterable[type[Component]] = (),
     engine: str | None = None,
     scheduler: str | None = None,
+    reuse: str | Path | None = None,
 ) -> Results:
     """Sample the posterior of a spec.
 
@@ -79,6 +80,9 @@ def run(
         Where the posterior is evaluated: "processes", "serial", "mpi" or "dask".
     scheduler
         Address of a running Dask scheduler.
+    reuse
+        Directory of an earlier run by the sampler emulator, whose calls of the same streams serve: the run file may
+        have got a stream, or other data.
 
     Returns
     -------
@@ -102,6 +106,7 @@ def run(
         deadlines=sample.Deadlines(begin + QUICK_SAMPLING, begin + QUICK_SEARCH) if quick else sample.Deadlines(),
         arguments=arguments_of(spec, chosen, steps, quick, literature, pdf),
         progress=progress,
+        reuse=None if reuse is None else Path(reuse),
     )
     if literature is not None:
         read_literature(literature)  # an error in the table is raised now, not after the sampling
@@ -124,6 +129,7 @@ class _Plan:
     deadlines: sample.Deadlines
     arguments: list[str]  # the arguments of the command that a resumed run needs too
     progress: bool  # whether progress is shown
+    reuse: Path | None = None  # a directory whose calls may serve
 
     def options(self, where: int | Executor) -> dict[str, Any]:
         """Return the notes on the command for the manifest, with workers that are ``where``."""
@@ -157,6 +163,7 @@ def _sample(plan: _Plan, resume: bool, force: bool) -> StoredRun:
         calls = stack.enter_context(sample.Workers(posteriors, where, limit=limit, reject=reject))
         stored = StoredRun(directory, spec, posterior.data.values, factors, plan.quick, resumes)
         stored.expect_same(posterior, limit)
+        stored.take(plan.reuse if not resumes else None)
         again = resume_command(directory or Path(), options)
         stack.enter_context(_explained(calls, lambda: stored.left(again)))
         display = _display(plan)

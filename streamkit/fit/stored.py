@@ -10,8 +10,8 @@ import numpy as np
 
 from streamkit import sample
 from streamkit.components import ChainSampler, Sampler
-from streamkit.errors import ChainError, ComponentError
-from streamkit.fit.directory.integrity import LOG, warn_of_lost_calls
+from streamkit.errors import ChainError, ComponentError, SpecError
+from streamkit.fit.directory.integrity import LOG, load_spec, warn_of_lost_calls
 from streamkit.fit.history import AnswerHistory
 from streamkit.runfile import Spec
 from streamkit.stream import Array
@@ -61,6 +61,23 @@ class StoredRun:
         for one, storage in pairs:
             if last is None and (first := storage.evaluations.any_good()) is not None:
                 self._expect(one, first, storage.evaluations.get(first[None])[0].lnp, limit)
+
+    def take(self, directory: Path | None) -> None:
+        """Let the calls in a directory serve; without one those of all streams together, of an earlier version.
+
+        Raises ChainError for calls that cannot be read.
+        """
+        storages = dict(self.storage.factors)
+        begun = any(len(each.evaluations) or len(each.earlier) for each in storages.values())
+        if directory is not None:
+            if not storages:
+                raise SpecError("reuse: serves run files of several streams and the sampler emulator only")
+            taken = sample.take_earlier(self._factors, storages, directory, load_spec(directory))
+            LOG.info("%s: %s", directory, ", ".join(f"{count} calls of {name}" for name, count in taken.items()))
+        elif len(self.storage.evaluations) and storages and not begun:
+            for each in self._factors:
+                found = sample.part_of_joint(self.storage.evaluations, self._factors, each)
+                storages[each.name].earlier.take(found)
 
     def _expect(self, posterior: sample.Evaluates, point: Array, before: float, limit: float) -> None:
         after = sample.first_call(limit, posterior.evaluate, point).lnp

@@ -13,6 +13,8 @@ from .calls.signals import stopped_by_signals as stopped_by_signals
 from .calls.threads import one_thread as one_thread
 from .calls.workers import Workers as Workers
 from .calls.workers import first_call as first_call
+from .earlier import part_of_joint as part_of_joint
+from .earlier import take_earlier as take_earlier
 from .evaluation import Evaluation as Evaluation
 from .evaluation import blob_dtype as blob_dtype
 from .factors import FactorPosterior as FactorPosterior

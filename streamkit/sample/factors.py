@@ -20,6 +20,7 @@ from streamkit.sample.calls.workers import Workers
 from streamkit.sample.progress import SamplingProgress
 from streamkit.sample.store.storage import Storage, calls_storage
 from streamkit.sample.target import Deadlines, PosteriorTarget
+from streamkit.stream import Array
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,13 @@ class FactorPosterior:
     def which(self) -> tuple[str, str]:
         """The names of both for `Workers`."""
         return f"full {self.name}", f"{'full' if self.small is self.full else 'small'} {self.name}"
+
+    def details_at(self, theta: Array) -> int:
+        """Return how many details a prediction at theta (d,) has, where there is one."""
+        comparison = self.full.comparison
+        if not comparison.knows_shapes:
+            comparison.read_shapes(theta)
+        return comparison.details_size
 
     def storage(self, directory: Path | None) -> Storage:
         """Return the storage of its calls; ChainError for calls that cannot be read, or of another stream."""

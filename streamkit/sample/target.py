@@ -100,9 +100,11 @@ class PosteriorTarget:
         points = np.ascontiguousarray(np.atleast_2d(points), dtype=float)
         small = small and not self.small_is_full
         cache, which = self.storage.small if small else self.storage.evaluations, self._which[small]
+        before: dict[bytes, Evaluation] = {} if small or self.storage.is_chain else self.storage.earlier.all()
         missing = list(points) if self.storage.is_chain else cache.missing(points)
         if not self.storage.is_chain:
-            self._asked[small].update(point.tobytes() for point in points)
+            self._asked[small].update(key for point in points if (key := point.tobytes()) not in before)
+        missing = [point for point in missing if point.tobytes() not in before]
         if not missing and self._calls.stop:
             raise Stopped(self._calls.stop)
         for begin in range(0, len(missing), PART):
@@ -112,7 +114,13 @@ class PosteriorTarget:
                 cache.write(at_once=False)
                 if not self.storage.is_chain:  # of a chain the steps are shown
                     self.show(1)
-        return cache.get(points)
+        return [before[key] if (key := point.tobytes()) in before else cache.get(point[None])[0] for point in points]
+
+    @property
+    def earlier(self) -> Array:
+        """(n, d) Return the points of calls of an earlier run, which cost nothing."""
+        points = [np.frombuffer(key) for key in self.storage.earlier.all()]
+        return np.array(points).reshape(-1, self.size)
 
     @property
     def asked(self) -> tuple[int, int]:
@@ -140,8 +148,8 @@ class PosteriorTarget:
         """Return ln likelihood (n,) at points (n, d) for given predictions."""
         comparison = self._compared()
         if not comparison.knows_shapes:
-            place = self.storage.evaluations.any_good()
-            place = self.storage.small.any_good() if place is None else place
+            stores = (self.storage.evaluations, self.storage.earlier, self.storage.small)
+            place = next((found for each in stores if (found := each.any_good()) is not None), None)
             if place is None:
                 raise ComponentError("Target.compare: no point has been evaluated before, with a likelihood")
             comparison.read_shapes(place)

@@ -53,6 +53,7 @@ class Gaussian:
 
     factors: tuple[sk.TargetFactor, ...] = ()
     small_is_full = False
+    earlier = np.empty((0, 2))
 
     def predictions(self, points: sk.Array, small: bool = False) -> sk.Evaluations:
         """Return the parameters as predictions without noise."""

@@ -48,7 +48,7 @@ ROOMS = {
         {"judge"},
         {"directory"},
     ),
-    "sample": ({"sampling", "factors"}, {"target"}, {"progress"}, {"calls", "store"}, {"evaluation"}),
+    "sample": ({"earlier"}, {"sampling", "factors"}, {"target"}, {"progress"}, {"calls", "store"}, {"evaluation"}),
 }
 DOORS = {"", "engine"}  # what built-ins, the conformance kit and plugins may use: `streamkit` and `streamkit.engine`
 

@@ -76,6 +76,11 @@ class Comparison:
         """Whether the shapes of the details are known: `details` or `read_shapes` has been called."""
         return bool(self._shapes) or not any(part.reads for part in self._parts)
 
+    @property
+    def details_size(self) -> int:
+        """How many details a prediction has, as far as shapes are known."""
+        return sum(int(np.prod(shape)) for shape in self._shapes)
+
     def read_shapes(self, theta: Array) -> None:
         """Make the streams at theta (d,), where there is a prediction, and note the shapes of their details."""
         self.details(self._model.observe_all(self._spec.bind_all(theta)))

@@ -16,7 +16,7 @@ from streamkit.sample.store.journal import Journal
 from streamkit.sample.store.step import check_array
 from streamkit.stream import Array, BoolArray
 
-CALLS, SMALL_CALLS = "calls.journal", "small_calls.journal"
+CALLS, SMALL_CALLS, EARLIER_CALLS = "calls.journal", "small_calls.journal", "earlier_calls.journal"
 NO_DATA: Array = np.empty(0)
 PERIOD = 1.0  # seconds between two writes: a kill loses at most this much work, any other interruption loses none
 
@@ -62,6 +62,13 @@ class EvaluationCache:
         """Evaluations without a likelihood, by reason."""
         return dict(Counter(each.reason for each in self._evaluations.values() if each.reason))
 
+    def all(self) -> dict[bytes, Evaluation]:
+        """Return all evaluations, by the bytes of their points."""
+        return dict(self._evaluations)
+
+    def __contains__(self, point: Array) -> bool:
+        return point.tobytes() in self._evaluations
+
     def any_good(self) -> Array | None:
         """Return the first point (d,) with a likelihood; None without one."""
         good = (np.frombuffer(key) for key, each in self._evaluations.items() if not each.reason)
@@ -80,6 +87,12 @@ class EvaluationCache:
         self._evaluations[point.tobytes()] = evaluation
         if self._journal is not None:
             self._unwritten.append((point, evaluation))
+
+    def take(self, evaluations: Mapping[bytes, Evaluation]) -> None:
+        """Add evaluations by the bytes of their points, and write them."""
+        for key, evaluation in evaluations.items():
+            self.add(np.frombuffer(key), evaluation)
+        self.write()
 
     def keep_only(self, points: Array) -> None:
         """Drop all evaluations but those at points (n, d): a chain needs no others."""

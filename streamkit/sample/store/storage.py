@@ -12,7 +12,7 @@ from urllib.parse import quote
 from streamkit.runfile import Spec
 from streamkit.sample.store.chain import CHAIN
 from streamkit.sample.store.chain_file import ChainFile, ChainMemory
-from streamkit.sample.store.evaluation_cache import CALLS, SMALL_CALLS, EvaluationCache
+from streamkit.sample.store.evaluation_cache import CALLS, EARLIER_CALLS, SMALL_CALLS, EvaluationCache
 from streamkit.sample.store.journal import JOURNAL
 from streamkit.sample.store.weighted import SAMPLES
 from streamkit.stream import Array
@@ -24,6 +24,7 @@ class Storage:
 
     evaluations: EvaluationCache = field(default_factory=EvaluationCache)
     small: EvaluationCache = field(default_factory=EvaluationCache)  # those of small streams
+    earlier: EvaluationCache = field(default_factory=EvaluationCache)  # those of an earlier run, which serve this one
     chain: ChainMemory = field(default_factory=ChainMemory)
     is_chain: bool = False  # whether the samples are the steps of a chain; else they are weighted
     factors: Mapping[str, Storage] = field(default_factory=dict)  # those of each stream alone, by its name
@@ -85,16 +86,16 @@ def calls_storage(
     """
     if directory is None:
         return Storage()
-    calls, small_calls = calls_files(factor)
-    paths = directory / calls, directory / small_calls if small else None
-    full, few = (EvaluationCache(path, digest, d, values) for path in paths)
-    return Storage(full, few)
+    calls, small_calls, earlier = calls_files(factor)
+    paths = directory / calls, directory / small_calls if small else None, directory / earlier if factor else None
+    full, few, before = (EvaluationCache(path, digest, d, values) for path in paths)
+    return Storage(full, few, before)
 
 
 def is_calls(name: str) -> bool:
     """Return whether this is the name of a file of calls, with all particles or with few."""
     begin, _, end = name.partition(".")
-    return any(begin == Path(each).stem and end.endswith("journal") for each in (CALLS, SMALL_CALLS))
+    return any(begin == Path(each).stem and end.endswith("journal") for each in (CALLS, SMALL_CALLS, EARLIER_CALLS))
 
 
 def stores_of(spec: Spec) -> tuple[str, ...]:
@@ -103,7 +104,8 @@ def stores_of(spec: Spec) -> tuple[str, ...]:
     return (CHAIN, JOURNAL, SAMPLES, *calls)
 
 
-def calls_files(factor: str = "") -> tuple[str, str]:
-    """Return the names of the files of calls with all particles and with few, of a run or of one of its factors."""
+def calls_files(factor: str = "") -> tuple[str, str, str]:
+    """Return the names of the files of calls: with all particles, with few, of an earlier run; of a factor or a run."""
     name = f".{quote(factor, safe='')}" if factor else ""
-    return CALLS.replace(".", f"{name}."), SMALL_CALLS.replace(".", f"{name}.")
+    full, small, earlier = (each.replace(".", f"{name}.") for each in (CALLS, SMALL_CALLS, EARLIER_CALLS))
+    return full, small, earlier

@@ -9,7 +9,7 @@ from runfiles import several
 
 import streamkit as sk
 from streamkit.fit.show.status import read_status
-from streamkit.sample import calls_in
+from streamkit.sample import EvaluationCache, Storage, calls_in, factor_posteriors, part_of_joint, take_earlier
 
 CURVE = {"curve": {"kind": "circular_velocity", "radius": 8.0, "v_c": [229, 7]}}
 
@@ -64,3 +64,63 @@ def test_calls_of_another_stream_in_its_file_are_refused(run, tmp_path: Path) ->
     shutil.copy(copy / "calls.a.journal", copy / "calls.b.journal")
     with pytest.raises(sk.ChainError, match=r"calls\.b\.journal: holds the calls of another run"):
         sk.run(results.spec, out=copy, workers=1, progress=False, products=False, resume=True)
+
+
+def test_a_stream_is_added_without_a_call_of_the_others(run, tmp_path: Path) -> None:
+    out, before = run
+    more = spec_of("a", "b", "c", max_calls=300)
+    results = sk.run(more, out=tmp_path / "more", workers=1, progress=False, products=False, reuse=out)
+    made = {path.name: calls_in(path) for path in (tmp_path / "more").glob("*.journal")}
+    assert made["earlier_calls.a.journal"] == calls_in(out / "calls.a.journal")
+    assert made["calls.c.journal"] >= 100
+    assert made.get("calls.a.journal", 0) + made.get("calls.b.journal", 0) <= 2 * 128 * 3  # fresh ones that test them
+    moved = (results["potential.v0"].mean() - before["potential.v0"].mean()) / before["potential.v0"].std()
+    assert abs(moved) < 1  # the third stream has the same data again
+
+    again = tmp_path / "again"
+    shutil.copytree(tmp_path / "more", again)
+    (again / "samples.h5").unlink()
+    resumed = sk.run(more, out=again, workers=1, progress=False, products=False, resume=True)
+    np.testing.assert_array_equal(resumed.samples, results.samples)
+
+
+def test_calls_are_compared_with_changed_data_anew(run, tmp_path: Path) -> None:
+    out, before = run
+    changed = before.spec.with_values({"data.curve.v_c": ["232 km/s", "7 km/s"]})
+    factors = factor_posteriors(changed, changed)
+    storages = {each.name: Storage() for each in factors}
+    taken = take_earlier(factors, storages, out, before.spec)
+    assert taken == {name: calls_in(out / f"calls.{quoted}.journal")
+                     for name, quoted in (("a", "a"), ("b", "b"), ("[data]", "%5Bdata%5D"))}  # fmt: skip
+    host = factors[-1]
+    for key, each in list(storages["[data]"].earlier.all().items())[:5]:
+        assert each.ln_likelihood == pytest.approx(host.full.evaluate(np.frombuffer(key)).ln_likelihood, rel=1e-9)
+
+
+def test_calls_of_another_model_do_not_serve(run, caplog: pytest.LogCaptureFixture) -> None:
+    out, before = run
+    changed = before.spec.with_values({"stream.b.stripping.sigma": 3.0})
+    factors = factor_posteriors(changed, changed)
+    storages = {each.name: Storage() for each in factors}
+    taken = take_earlier(factors, storages, out, before.spec)
+    assert taken["b"] == 0 < taken["a"]
+    assert "the calls of b are of another model" in caplog.text
+
+
+def test_calls_of_all_streams_together_serve_each(tmp_path: Path) -> None:
+    spec = spec_of("a", "b")
+    posterior, joint = sk.Posterior(spec, emulated=True), EvaluationCache()
+    rng = np.random.default_rng(1)
+    for u in rng.random((6, len(spec.names))):
+        theta = np.array([prior.ppf(x) for prior, x in zip(spec.priors, u, strict=True)])
+        joint.add(theta, posterior.evaluate(theta))
+    factors = factor_posteriors(spec, spec)
+    parts = [part_of_joint(joint, factors, each) for each in factors]
+    good = {key: each for key, each in joint.all().items() if not each.reason}
+    assert len(good) >= 3
+    for key, whole in good.items():
+        theta = np.frombuffer(key)
+        mine = [part[np.ascontiguousarray(theta[each.parameters.parameters]).tobytes()]
+                for part, each in zip(parts, factors, strict=True)]  # fmt: skip
+        np.testing.assert_array_equal(np.concatenate([each.mean for each in mine]), whole.mean)
+        assert sum(each.ln_likelihood for each in mine) == pytest.approx(whole.ln_likelihood, rel=1e-9)

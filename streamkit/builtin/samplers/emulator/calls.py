@@ -32,9 +32,9 @@ class Calls:
     answers: Answers
 
     @classmethod
-    def at(cls, problem: Problem, space: Space, y: Array) -> Calls:
-        """Call the model at coordinates y (n, d)."""
-        theta = np.ascontiguousarray(space.back(y))
+    def at(cls, problem: Problem, space: Space, y: Array, theta: Array | None = None) -> Calls:
+        """Call the model at coordinates y (n, d), or at the same places as parameters theta (n, d)."""
+        theta = np.ascontiguousarray(space.back(y) if theta is None else theta)
         return cls(problem, space, y, theta, problem.evaluate(theta))
 
     def __len__(self) -> int:

@@ -6,7 +6,7 @@ A posterior of one stream is one factor. The sum of the emulated likelihoods of 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -29,6 +29,8 @@ class Factor:
     shared, own
         Indices of its coordinates among all d: those that all factors share, and its own; their order is that of the
         run file, here as there.
+    earlier
+        (n, p) parameters at which an earlier run has called it.
     """
 
     name: str
@@ -36,6 +38,7 @@ class Factor:
     small: Problem
     shared: IntArray
     own: IntArray
+    earlier: Array = field(default_factory=lambda: np.empty((0, 0)))
 
     @property
     def columns(self) -> IntArray:

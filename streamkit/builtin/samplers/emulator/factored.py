@@ -211,13 +211,19 @@ class Factored:
         prior = None if host is None or not len(factor.own) else hosts_prior(factor, host)
         seed = [self._seed, 12, *factor.name.encode()]
         restricted = Space(factor.problem, prior)
+        earlier: Calls | None = None
+        if len(factor.earlier):
+            earlier = Calls.at(factor.problem, restricted, restricted.to(factor.earlier), factor.earlier)
         arrivals = [
-            arrive(factor.small, restricted, [*seed, i], lambda line: self._note(f"{factor.name}: {line}"))
-            for i in range(self._starts_of_each)
-        ]
+            arrive(
+                factor.small if earlier is None else factor.problem, restricted, [*seed, i],
+                lambda line: self._note(f"{factor.name}: {line}"), earlier,
+            )
+            for i in range(self._starts_of_each if earlier is None else 1)
+        ]  # fmt: skip
         places = np.concatenate([each.places for each in arrivals])
         space, rng = Space(factor.problem), np.random.default_rng([*seed, 1])
-        if factor.small is factor.problem:
+        if factor.small is factor.problem or earlier is not None:
             parts = [Calls(factor.problem, space, *(getattr(each.calls, n) for n in ("y", "theta", "answers")))
                      for each in arrivals]  # fmt: skip
             calls = reduce(add, parts)

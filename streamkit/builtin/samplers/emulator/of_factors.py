@@ -22,7 +22,10 @@ RULE = "fresh calls of every stream at samples of the joint posterior, compared 
 
 def sample_factors(target: Target, max_calls: int, noise: bool, starts: int) -> Iterator[Samples]:
     """Yield samples of the joint posterior of the streams of a run after every round; ``max_calls`` of each stream."""
-    factors = [Factor(each.name, *_problems(each.target), each.shared, each.own) for each in target.factors]
+    factors = [
+        Factor(each.name, *_problems(each.target), each.shared, each.own, each.target.earlier)
+        for each in target.factors
+    ]
     space = Space(OfTarget(target))
     target.expect(max_calls * len(factors))
     for progress in Factored(factors, space, noise, starts, target.remark).run(max_calls):

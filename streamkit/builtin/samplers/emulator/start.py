@@ -59,10 +59,15 @@ def walkers_for(d: int) -> int:
     return max(LEAST_WALKERS, WALKERS * d + WALKERS * d % 2)
 
 
-def arrive(problem: Problem, space: Space, seed: list[int], note: Callable[[str], None]) -> Arrival:
-    """Make waves until the emulator is sure of its posterior. StreamkitError where predictions are too rare."""
+def arrive(
+    problem: Problem, space: Space, seed: list[int], note: Callable[[str], None], calls: Calls | None = None
+) -> Arrival:
+    """Make waves until the emulator is sure of its posterior, from draws of the prior or from calls that were made.
+
+    StreamkitError where predictions are too rare.
+    """
     d = problem.size
-    calls = _draws(problem, space, seed)
+    calls = _draws(problem, space, seed) if calls is None else calls
     rng = np.random.default_rng([*seed, 1])
     places: Array | None = None
     for wave in range(WAVES):
