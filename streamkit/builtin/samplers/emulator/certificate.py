@@ -105,11 +105,17 @@ class Trend(NamedTuple):
 
 
 def fresh_calls(
-    emulated: Emulated, problem: Problem, samples: Array, rng: np.random.Generator, chance: float = CHANCE
+    emulated: Emulated,
+    problem: Problem,
+    samples: Array,
+    rng: np.random.Generator,
+    chance: float = CHANCE,
+    most: int = MOST_BATCHES * FRESH,
 ) -> tuple[Calls, Trend | None]:
     """Call the model at some of the samples (n, d): so often that a trend of the residuals can be told from chance.
 
-    The fraction of trends by chance that must be smaller for one to count is ``chance``.
+    The fraction of trends by chance that must be smaller for one to count is ``chance``. After ``most`` calls no more
+    are made, but for `FRESH` in any case.
     """
     order = rng.permutation(len(samples))
 
@@ -118,7 +124,7 @@ def fresh_calls(
 
     fresh = called(0)
     trend = trend_of(emulated, fresh, samples, rng, chance)
-    for batch in range(1, MOST_BATCHES):
+    for batch in range(1, min(most // FRESH, MOST_BATCHES)):
         if trend is None or not trend.by_chance > (MOVED if batch < BATCHES else BLIND):
             break
         fresh += called(batch)

@@ -171,7 +171,7 @@ class Factored:
                 if not result.agree:
                     missing = missing or _apart(result)
             if not missing:
-                trend = self._certify(known, joint, result, seed)
+                trend = self._certify(known, result, max_calls, seed)
                 faults = [(each.factor.name, each.certificate.faults) for each in known if each.certificate is not None]
                 missing = "; ".join(f"{name}: {fault}" for name, each in faults for fault in each)
                 if trend[0] > max(MOVED, trend[1]):
@@ -373,7 +373,7 @@ class Factored:
     # The end
 
     def _certify(
-        self, known: Sequence[Known], joint: JointPosterior, result: Populations, seed: list[int]
+        self, known: Sequence[Known], result: Populations, max_calls: int, seed: list[int]
     ) -> tuple[float, float]:
         """Test each factor by fresh calls, and keep these; return what all trends move together, and chance would."""
         rng = np.random.default_rng([*seed, 6])
@@ -382,7 +382,9 @@ class Factored:
         for each in known:
             mine = samples[:, each.factor.columns]
             level = 1 - LEVEL / len(known)
-            fresh, trend = fresh_calls(each.emulated, each.factor.problem, mine, rng, level)
+            fresh, trend = fresh_calls(
+                each.emulated, each.factor.problem, mine, rng, level, max_calls - len(each.calls)
+            )
             each.certificate = certify(each.emulated, fresh, trend, mine, rng)
             each.calls += fresh
             trends.append(changes_by_trend(each.emulated, fresh, _some(samples, SOME)[:, each.factor.columns], rng))
