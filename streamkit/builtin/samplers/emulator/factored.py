@@ -9,23 +9,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
-from functools import reduce
-from operator import add
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from streamkit import Array, IntArray, StreamkitError
+from streamkit import Array, IntArray
 from streamkit.builtin.samplers.emulator.calls import Calls
-from streamkit.builtin.samplers.emulator.certificate import Certificate, certify, changes_by_trend, fresh_calls
+from streamkit.builtin.samplers.emulator.certificate import certify, changes_by_trend, fresh_calls
 from streamkit.builtin.samplers.emulator.changes import change_of, changes_of, with_axes
 from streamkit.builtin.samplers.emulator.coordinates import Space
 from streamkit.builtin.samplers.emulator.emulated import Emulated
-from streamkit.builtin.samplers.emulator.factor import Factor, JointPosterior, hosts_prior, layout_of
+from streamkit.builtin.samplers.emulator.factor import Factor, JointPosterior
+from streamkit.builtin.samplers.emulator.factor_starts import (
+    SOME,
+    UNCERTAIN,
+    Known,
+    every_so_often,
+    nearest_places,
+    start_factors,
+)
 from streamkit.builtin.samplers.emulator.pairs import paired
 from streamkit.builtin.samplers.emulator.populations import Populations, go_on, sample, tempered
-from streamkit.builtin.samplers.emulator.start import ARRIVED, arrive, doubt_of
+from streamkit.builtin.samplers.emulator.start import ARRIVED, doubt_of
 
 # Inverse temperature of the copy that shows where a factor may be too low, and the share of new calls from it.
 WARM, FROM_WARM = 0.4, 0.4
@@ -33,58 +38,14 @@ WARM, FROM_WARM = 0.4, 0.4
 ROUND, LEAST_ROUND = 8, 80
 # Fraction of a round's new places of the posterior that are pairs.
 PAIRED = 0.5
-# Standard deviations that the posterior may move in so many rounds, and that the noise of the calls may leave; the part
-# of the latter, squared, that one factor may have without new calls is this divided by the number of factors.
-SETTLED, ROUNDS, UNCERTAIN, SHARE = 0.1, 2, 0.1, 0.5
-# Emulators of each factor that the noise of its calls could have given as well; samples for which that is computed.
-REDRAWN, SOME = 16, 1000
-# Nearest places of a start, one of which a walker gets beside its host; walkers to choose from.
-NEAREST, BEGIN = 15, 2000
+# Standard deviations that the posterior may move in so many rounds.
+SETTLED, ROUNDS = 0.1, 2
+# Emulators of each factor that the noise of its calls could have given as well.
+REDRAWN = 16
 # Fraction of trends by chance that may be larger than one that counts; the trend that is too small to count.
 LEVEL, MOVED = 0.05, 0.12
 # Factor by which the covariance of the warm copy is widened for the tilt of the weights.
 WIDER = 2.0
-
-
-@dataclass
-class Known:
-    """What is known of a factor.
-
-    Attributes
-    ----------
-    factor
-        The factor.
-    calls
-        All its calls with all particles.
-    emulated
-        Its emulated posterior.
-    places
-        (n, p) coordinates where each of its starts has arrived.
-    alone
-        The best emulated ln likelihood of the stream alone.
-    doubt
-        What its emulator's own error changes of ln L at the joint posterior.
-    share
-        Its part of the variance that the noise of the calls leaves, in standard deviations squared.
-    certificate
-        What fresh calls say of it; None before the end.
-    """
-
-    factor: Factor
-    calls: Calls
-    emulated: Emulated
-    places: list[Array]
-    alone: float
-    doubt: float = np.inf
-    share: float = np.inf
-    certificate: Certificate | None = None
-    before: list[Emulated] = field(default_factory=list)
-
-    @property
-    def is_learned(self) -> bool:
-        """Whether it needs no more calls at the joint posterior, as far as is known."""
-        passed = self.certificate is None or not self.certificate.faults
-        return passed and self.doubt < ARRIVED and self.share < SHARE * UNCERTAIN**2
 
 
 @dataclass(frozen=True)
@@ -148,15 +109,15 @@ class Factored:
 
     def run(self, max_calls: int) -> Iterator[JointProgress]:
         """Yield how far the sampling is after every round; ``max_calls`` are those of each factor."""
-        known = self._starts()
-        begin = self._nearest(known)
+        known = start_factors(self._factors, self._noise, self._starts_of_each, self._note)
+        begin = nearest_places(known)
         result: Populations | None = None
         turn = 0
         while True:
             joint = JointPosterior(self._factors, [each.emulated for each in known])
             seed = [self._seed, 11, turn]
             result = sample(joint, begin, seed) if result is None else go_on(joint, result.last, seed)
-            samples = _some(result.samples, 4 * SOME)
+            samples = every_so_often(result.samples, 4 * SOME)
             warm = tempered(joint, result.last, WARM, [*seed, 1])
             moved = self._moved(known, joint, samples)
             uncertain = self._uncertain(known, joint, samples, seed)
@@ -194,86 +155,11 @@ class Factored:
             self._learn(known, samples, warm)
             turn += 1
 
-    # The starts
-
-    def _starts(self) -> list[Known]:
-        """Start each factor alone, those of the host's data first."""
-        known: dict[str, Known] = {}
-        host: Emulated | None = None
-        for factor in sorted(self._factors, key=lambda each: len(each.own)):
-            known[factor.name] = self._start(factor, host)
-            if not len(factor.own) and host is None:
-                host = known[factor.name].emulated
-        return [known[factor.name] for factor in self._factors]
-
-    def _start(self, factor: Factor, host: Emulated | None) -> Known:
-        """Start a factor alone; a stream's place in the run file does not change its calls, its name decides."""
-        prior = None if host is None or not len(factor.own) else hosts_prior(factor, host)
-        seed = [self._seed, 12, *factor.name.encode()]
-        restricted = Space(factor.problem, prior)
-        earlier: Calls | None = None
-        if len(factor.earlier):
-            earlier = Calls.at(factor.problem, restricted, restricted.to(factor.earlier), factor.earlier)
-        arrivals = [
-            arrive(
-                factor.small if earlier is None else factor.problem, restricted, [*seed, i],
-                lambda line: self._note(f"{factor.name}: {line}"), earlier,
-            )
-            for i in range(self._starts_of_each if earlier is None else 1)
-        ]  # fmt: skip
-        places = np.concatenate([each.places for each in arrivals])
-        space, rng = Space(factor.problem), np.random.default_rng([*seed, 1])
-        if factor.small is factor.problem or earlier is not None:
-            parts = [Calls(factor.problem, space, *(getattr(each.calls, n) for n in ("y", "theta", "answers")))
-                     for each in arrivals]  # fmt: skip
-            calls = reduce(add, parts)
-        else:
-            size = max(2 * ROUND * factor.problem.size, 2 * LEAST_ROUND)
-            calls = Calls.at(factor.problem, space, rng.permutation(places)[:size])
-        emulator = calls.learn()
-        while emulator is None:  # few of the full calls have a prediction: between the places where the start arrived
-            if len(calls) > 20 * LEAST_ROUND:
-                raise StreamkitError(
-                    f"{factor.name}: too few predictions to learn from: of {len(calls)} calls with all particles only "
-                    f"{int(calls.good.sum())} give a stream with observables. Raise sampler.start_particles."
-                )
-            first, one, other = places[rng.integers(len(places), size=(3, LEAST_ROUND))]
-            calls += Calls.at(factor.problem, space, first + rng.random((LEAST_ROUND, 1)) * (one - other))
-            emulator = calls.learn()
-        emulated = Emulated(space, emulator, self._noise)
-        there = [each.places[np.isfinite(space.ln_prior(each.places))] for each in arrivals]
-        alone = float(np.max(emulated.ln_likelihood(_some(np.concatenate(there), SOME))))
-        return Known(factor, calls, emulated, there, alone)
-
-    def _nearest(self, known: Sequence[Known]) -> tuple[Array, Array]:
-        """Return two sets of places: hosts of any start, and for each stream a place of its start with such a host."""
-        layout, rng = layout_of(self._factors), np.random.default_rng([self._seed, 13])
-        host_columns = [np.isin(each.factor.columns, each.factor.shared) for each in known]
-        sets = []
-        for population in range(2):
-            places = [each.places[population % len(each.places)] for each in known]
-            hosts = np.concatenate([rng.permutation(some[:, columns])[: 4 * BEGIN]
-                                    for some, columns in zip(places, host_columns, strict=True)])  # fmt: skip
-            y = np.empty((BEGIN, layout.size))
-            y[:, layout.shared] = h = hosts[rng.integers(len(hosts), size=BEGIN)]
-            scale = np.maximum(hosts.std(axis=0), 1e-300)
-            for each, some, columns in zip(known, places, host_columns, strict=True):
-                own = each.factor.own
-                if not len(layout.shared):
-                    y[:, own] = some[rng.integers(len(some), size=BEGIN)]
-                elif len(own):
-                    near = min(NEAREST, len(some))
-                    _, rows = cKDTree(some[:, columns] / scale).query(h / scale, near)
-                    chosen = rows.reshape(BEGIN, near)[np.arange(BEGIN), rng.integers(near, size=BEGIN)]
-                    y[:, own] = some[chosen][:, ~columns]
-            sets.append(y)
-        return sets[0], sets[1]
+    # A round
 
     def _again(self, known: Sequence[Known], result: Populations) -> list[Array]:
         """Return two sets of places to come to the joint posterior anew: those of the starts, and the last ones."""
-        return [np.concatenate(pair) for pair in zip(self._nearest(known), result.last, strict=True)]
-
-    # A round
+        return [np.concatenate(pair) for pair in zip(nearest_places(known), result.last, strict=True)]
 
     def _learn(self, known: Sequence[Known], samples: Array, warm: Array) -> None:
         """Learn every factor from its calls: those at likely places count, by its ln L and what the others say of h."""
@@ -340,7 +226,7 @@ class Factored:
     def _uncertain(self, known: Sequence[Known], joint: JointPosterior, samples: Array, seed: list[int]) -> float:
         """Return what the noise of all calls leaves uncertain, in standard deviations; note each factor's share."""
         rng = np.random.default_rng([*seed, 5])
-        some = _some(samples, SOME)
+        some = every_so_often(samples, SOME)
         moving = with_axes(some[:, self._watched()])
         total: Array = np.zeros((2, moving.shape[1]))
         for k, each in enumerate(known):
@@ -377,8 +263,8 @@ class Factored:
     ) -> tuple[float, float]:
         """Test each factor by fresh calls, and keep these; return what all trends move together, and chance would."""
         rng = np.random.default_rng([*seed, 6])
-        samples = _some(result.samples, 4 * SOME)
-        trends = []
+        samples = every_so_often(result.samples, 4 * SOME)
+        trends, some = [], every_so_often(samples, SOME)
         for each in known:
             mine = samples[:, each.factor.columns]
             level = 1 - LEVEL / len(known)
@@ -387,9 +273,8 @@ class Factored:
             )
             each.certificate = certify(each.emulated, fresh, trend, mine, rng)
             each.calls += fresh
-            trends.append(changes_by_trend(each.emulated, fresh, _some(samples, SOME)[:, each.factor.columns], rng))
-        some = _some(samples, SOME)[:, self._watched()]
-        moving = with_axes(some)
+            trends.append(changes_by_trend(each.emulated, fresh, some[:, each.factor.columns], rng))
+        moving = with_axes(some[:, self._watched()])
         total = np.sum([each for each in trends if each is not None], axis=0)  # (1 + TRIES, n)
         measured, *by_chance = (change_of(moving, each) for each in total)
         return measured, float(np.quantile(by_chance, 1 - LEVEL))
@@ -401,8 +286,3 @@ class Factored:
 
 def _apart(result: Populations) -> str:
     return f"two populations of the joint posterior do not agree (R-hat {result.r_hat:.3f})"
-
-
-def _some(samples: Array, n: int) -> Array:
-    """Return about n of the samples, at equal distances."""
-    return samples[:: max(len(samples) // n, 1)]

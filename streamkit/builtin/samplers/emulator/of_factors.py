@@ -10,7 +10,8 @@ from streamkit import Array, Evaluations, Samples, Target, Verdict
 from streamkit.builtin.samplers.emulator.certificate import MOVED
 from streamkit.builtin.samplers.emulator.coordinates import Space
 from streamkit.builtin.samplers.emulator.factor import Factor
-from streamkit.builtin.samplers.emulator.factored import Factored, JointProgress, Known
+from streamkit.builtin.samplers.emulator.factor_starts import Known
+from streamkit.builtin.samplers.emulator.factored import Factored, JointProgress
 from streamkit.builtin.samplers.emulator.learn import learn_predictions
 from streamkit.builtin.samplers.emulator.of_target import LikelihoodOnly, OfTarget
 from streamkit.builtin.samplers.emulator.problem import Problem
