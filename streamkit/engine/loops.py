@@ -3,7 +3,8 @@
 The way of a particle through `advance`, which carries all particles over one block of time:
 
 particles
-    All that are out in this block: rows x, y, z and u, v, w of n doubles, in the order of their release.
+    All that are released before the end of this block: rows x, y, z and u, v, w of n doubles, in the order of their
+    release.
 batch
     At most 4096 of them, few enough to stay in the cache: neighbours of one starting time where there are enough.
 lanes
@@ -78,9 +79,9 @@ _ORBIT = METHOD, _F1, _F1, _F, _F, _F2
 def sweep(forces, method, scratch, particles, index, t0, t1, limit, postponed):
     """Advance the particles index (n,), in place, from their t0 to their t1 with steps of their own levels.
 
-    Level 0 and 1 take one and two of Nystrom's steps: half as long as the one and two of the method that would do,
-    cheaper and more accurate. Particles above the level ``limit`` are not moved: their indices are written into
-    ``postponed`` (n,), and their number is returned.
+    Level 0 takes one step of Nystrom's method, and level 1 two: they are cheaper and more accurate there. A higher
+    level g takes 2^(g - 1) steps of the given method. Particles above the level ``limit`` are not moved: their indices
+    are written into ``postponed`` (n,), and their number is returned.
     """
     work, level, slot, count = scratch.work, scratch.numbers, scratch.numbers[ROW:], 0
     lanes, slots = work[: ROWS * ROW], work[ROWS * ROW : 2 * ROWS * ROW]

@@ -50,26 +50,6 @@ class Model:
     def __repr__(self) -> str:
         return f"<Model of {self.spec!r}>"
 
-    def measured(self, model_inputs: ModelInputs) -> list[Measured]:
-        """Return the measurements of a bound spec with their data: those of the streams, then those of the host."""
-        streams = model_inputs.streams.values()
-        return [one for inputs in streams for one in self._of_stream(inputs)] + self._of_host(model_inputs)
-
-    def _of_stream(self, inputs: StreamInputs) -> list[Measured]:
-        return [self._with_data(observable, name, inputs.name) for name, observable in inputs.observables.items()]
-
-    def _of_host(self, model_inputs: ModelInputs) -> list[Measured]:
-        return [self._with_data(measurement, name) for name, measurement in model_inputs.data.items()]
-
-    def _with_data(self, measurement: Measurement, name: str, stream: str = "") -> Measured:
-        """Return a measurement with its data, which are read once if no field of the measurement has a prior."""
-        measured = self._read.get((stream, name))
-        # a measurement with free fields is a new instance in each call
-        if measured is None or measured.measurement is not measurement:
-            data = read_data(measurement, self.spec.likelihood.noise == "add")
-            measured = self._read[stream, name] = Measured(measurement, data, name, stream)
-        return measured
-
     @property
     def normals(self) -> Array:
         """(draws, n) The random numbers of the only stream's particles; the first n do not depend on their number."""
@@ -145,6 +125,26 @@ class Model:
         with self._naming_parameters(model_inputs.values):
             data = model_inputs.data
             return {name: measure_host(one, host, self._with_data(one, name).data) for name, one in data.items()}
+
+    def measured(self, model_inputs: ModelInputs) -> list[Measured]:
+        """Return the measurements of a bound spec with their data: those of the streams, then those of the host."""
+        streams = model_inputs.streams.values()
+        return [one for inputs in streams for one in self._of_stream(inputs)] + self._of_host(model_inputs)
+
+    def _of_stream(self, inputs: StreamInputs) -> list[Measured]:
+        return [self._with_data(observable, name, inputs.name) for name, observable in inputs.observables.items()]
+
+    def _of_host(self, model_inputs: ModelInputs) -> list[Measured]:
+        return [self._with_data(measurement, name) for name, measurement in model_inputs.data.items()]
+
+    def _with_data(self, measurement: Measurement, name: str, stream: str = "") -> Measured:
+        """Return a measurement with its data, which are read once if no field of the measurement has a prior."""
+        measured = self._read.get((stream, name))
+        # a measurement with free fields is a new instance in each call
+        if measured is None or measured.measurement is not measurement:
+            data = read_data(measurement, self.spec.likelihood.noise == "add")
+            measured = self._read[stream, name] = Measured(measurement, data, name, stream)
+        return measured
 
     def ln_likelihood(self, model_inputs: ModelInputs, observation: Observation) -> float:
         """Return the ln likelihood of all data, given what was observed of a bound spec.

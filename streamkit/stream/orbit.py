@@ -1,4 +1,7 @@
-"""The orbit: states of the progenitor on a grid of times, or at the release times; angles in its plane."""
+"""The orbit: states of the progenitor on a grid of times, or at the release times; angles in its plane.
+
+Units are kpc, km/s and kpc/(km/s), as everywhere behind the run file; today is 0, and the past is negative.
+"""
 
 from __future__ import annotations
 

@@ -51,8 +51,8 @@ class Apocentres(sk.Observable):
         default="turning",
         description="Which trailing debris is too recent to count. 'literal' (the paper): stripped since the "
         "progenitor's last apocentre. 'epoch_aware': stripped since its second-to-last apocentre, that is in the "
-        "last completed stripping passage. 'turning' (the default): what passes by the lower of the branches that turn "
-        "round, whenever stripped: it asks nothing of a star but its place.",
+        "last completed stripping passage. 'turning' (the default): all debris counts, whenever it was stripped; where "
+        "several branches have an apocentre, that of the lowest branch is measured. The rule uses positions alone.",
     )
     coverage: sk.Number = Field(
         default=COVERAGE,
