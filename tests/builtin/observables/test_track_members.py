@@ -167,7 +167,7 @@ def test_a_table_of_gaia_is_read_by_its_own_names(tmp_path: Path) -> None:
         ({"members": table() | {"radial_velocity_error": [float("nan")] * 12}}, "row 1 has a value and no error"),
         ({"members": {"ra": [1], "dec": [2], "pm_dec": [1], "pm_dec_error": [1]}}, "needs pm_ra_cosdec and pm_dec"),
         ({"members": table(), "compared": ["distance"]}, "members have no distance; they have phi2, radial_velocity"),
-        ({"members": table(), "unwrapped": True}, "which wrap"),
+        ({"members": table(), "unwrapped": True}, "do not determine the wrap"),
         ({"members": table(), "phi2": {"phi1": [0], "phi2": [0], "error": [1]}}, "phi2 is a table and also in members"),
         ({"compared": ["phi2"], "phi2": {"phi1": [0], "phi2": [0], "error": [1]}}, "there are no members"),
     ],
