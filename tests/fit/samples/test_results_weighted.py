@@ -124,7 +124,7 @@ def test_samples_that_a_resumed_run_does_not_reach_again_are_kept(done, tmp_path
     before, after = done.weighted.ess, fit(draws=80).weighted.ess
     assert after < before
     assert f"the previous samples are kept: {before:.0f} effective samples, and 400 are wanted" in caplog.text
-    assert f"Those of the resumed run: {after:.0f} effective samples" in caplog.text
+    assert f"The samples of the resumed run: {after:.0f} effective samples" in caplog.text
 
 
 def test_lost_calls_are_mentioned(done, tmp_path, caplog):
