@@ -12,12 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError
+from scipy.stats import chi2
 
 from streamkit import Array
 from streamkit.builtin.samplers.emulator.calls import Calls
-from streamkit.builtin.samplers.emulator.changes import change_of
+from streamkit.builtin.samplers.emulator.changes import RARE, change_of
 from streamkit.builtin.samplers.emulator.emulated import Emulated
 from streamkit.builtin.samplers.emulator.emulator import Predictions
+from streamkit.builtin.samplers.emulator.of_target import LikelihoodOnly
 from streamkit.builtin.samplers.emulator.polynomial import regress
 from streamkit.builtin.samplers.emulator.problem import Problem
 
@@ -40,6 +42,11 @@ EMPTY = 0.1
 # What the emulator's own error may change: the standard deviation of a parameter by this fraction. The error is part of
 # the likelihood, so that it widens intervals and hides nothing. A twentieth refused emulators that were right.
 BLURRED = 0.1
+# Calls where the emulator says that there is nothing, the probability by which a call surprises, and the largest mass
+# that they may find.
+RECALL, SURPRISE, MISSED = 64, 1e-4, 0.05
+# Largest squared residual that counts, in units of the typical one.
+WILD = 25.0
 # Largest shape of the tail of the importance weights (Vehtari et al. 2024). It is tested where noise in ln L is below
 # this, and where the weights leave fewer than this fraction of the samples: a tail of weights of one says nothing.
 K_HAT, QUIET, ALL = 0.7, 1.0, 0.99
@@ -62,6 +69,11 @@ class Certificate:
         Median and standard deviation of true minus emulated ln likelihood.
     noise_offset, noise_spread
         The same if only noise made it.
+    edge
+        What the places without a prediction change of the posterior, see `change_of`.
+    missed
+        Mass of the posterior that calls found where the emulator says that there is nothing, as a fraction of it; NaN
+        where no such calls were made.
     blur
         Fraction of a standard deviation that the emulator's own error adds, at most.
     empty
@@ -87,6 +99,8 @@ class Certificate:
     k_hat: float
     effective: float
     faults: tuple[str, ...]
+    edge: float = float("nan")
+    missed: float = float("nan")
 
 
 class Trend(NamedTuple):
@@ -180,10 +194,13 @@ def certify(
 ) -> Certificate:
     """Compare an emulator with fresh calls at samples of its posterior; samples (n, d) are more of these."""
     empty = float(np.mean(~fresh.good))
-    tried, fresh = len(fresh), fresh.take(fresh.good)
+    full, tried, fresh = fresh, len(fresh), fresh.take(fresh.good)
     faults = []
     if empty > EMPTY:
         faults.append(f"{100 * empty:.0f} % of its samples have no prediction")
+    edge = _edge(emulated, full, rng)
+    if edge > MOVED:
+        faults.append(f"where there is no prediction, it moves a mean or a width by {edge:.2f} standard deviations")
     if trend is None:
         faults.append("too few of its samples have a prediction to test it")
         nan = float("nan")
@@ -216,6 +233,14 @@ def certify(
             f"true minus emulated ln L is {offset:.1f} +- {spread:.1f}, where noise makes {noise_offset:.1f} +- "
             f"{noise_spread:.1f}"
         )
+    varies = _noise_varies(emulated, fresh, samples, rng)
+    if varies is not None and varies.measured > max(MOVED, varies.by_chance):
+        faults.append(
+            "ln L is learned as a whole, and its noise varies over the posterior: its mean and the logarithm of the "
+            f"mean likelihood differ by {varies.measured:.2f} standard deviations. Take more particles"
+        )
+    elif varies is not None and varies.by_chance > BLIND:
+        faults.append("ln L is learned as a whole, and too noisy to tell whether its noise varies. Take more particles")
     blur = _blur(emulated, samples)
     if blur > BLURRED:
         faults.append(f"its own error changes the width of a parameter by {100 * blur:.0f} %")
@@ -226,8 +251,82 @@ def certify(
             faults.append(f"k-hat of the importance weights is {k_hat:.2f}, above {K_HAT}")
     return Certificate(
         tried, size, worst, *trend, offset, spread, noise_offset, noise_spread, blur, empty, k_hat, effective,
-        tuple(faults),
+        tuple(faults), edge,
     )  # fmt: skip
+
+
+def _edge(emulated: Emulated, fresh: Calls, rng: np.random.Generator) -> float:
+    """Return what the places without a prediction change of the posterior, less what chance may.
+
+    The emulator knows the probability of a prediction; a call shows whether there is one.
+    """
+    if fresh.good.all() or not fresh.good.any():
+        return 0.0
+    weight = np.asarray(fresh.good / np.exp(emulated.emulator.predict(fresh.y).ln_exists), dtype=float)
+
+    def change(some: Array) -> float:
+        return change_of(fresh.y, np.log(np.maximum(some, 1e-9)))
+
+    by_chance = float(np.mean([change(rng.permutation(weight)) for _ in range(TRIES)]))
+    return float(np.sqrt(max(change(weight) ** 2 - by_chance**2, 0.0)))
+
+
+def _noise_varies(emulated: Emulated, fresh: Calls, samples: Array, rng: np.random.Generator) -> Trend | None:
+    """Measure what half the variance of ln L changes of the posterior; None where predictions are learned.
+
+    Calls give the mean of ln L. The ln of the mean likelihood is higher by half the variance, and ln L of infinitely
+    many particles by about as much: where the noise is the same everywhere, all three have one posterior.
+    """
+    if not isinstance(fresh.problem, LikelihoodOnly):
+        return None
+    half = 0.5 * (fresh.answers.mean - emulated.emulator.predict(fresh.y).mean) ** 2
+    half = np.minimum(half, WILD * np.median(half) + 1e-300)
+    centre, scale = fresh.y.mean(axis=0), np.maximum(fresh.y.std(axis=0), 1e-300)
+    terms = np.concatenate([np.ones((len(fresh), 1)), (fresh.y - centre) / scale], axis=1)
+    some = samples[:: max(len(samples) // 1000, 1)]
+    there = np.concatenate([np.ones((len(some), 1)), np.clip((some - centre) / scale, -3.0, 3.0)], axis=1)
+
+    def moved(rows: Array) -> float:
+        return change_of(some, there @ regress(terms, rows, np.ones(len(rows)), 1e-6).coefficients[:, 0])
+
+    by_chance = [moved(rng.permutation(half)) for _ in range(TRIES)]
+    return Trend(moved(half), float(np.quantile(by_chance, CHANCE)))
+
+
+def recall_calls(
+    emulated: Emulated, problem: Problem, places: Array, beta: float, samples: Array, rng: np.random.Generator
+) -> tuple[Calls, float, tuple[str, ...]]:
+    """Call the model where the emulator says that there is nothing; return the calls, the mass found, and faults.
+
+    Places (n, d) are samples at an inverse temperature; those count whose density is below that of nearly all of the
+    posterior's samples (m, d). What such a place weighs is its likelihood over that of the tempered copy (importance
+    sampling). A call that is what the emulator says, but for noise, has found nothing.
+    """
+    least = np.quantile(emulated.ln_density(samples), RARE)
+    places = np.unique(places, axis=0)
+    empty = np.flatnonzero(emulated.ln_density(places) < least)
+    share = len(empty) / len(places)
+    chosen = places[rng.permutation(empty)[:RECALL]] if len(empty) else places[:1]
+    calls = Calls.at(problem, emulated.space, chosen)
+    good = calls.take(calls.good)
+    if not len(good):
+        return calls, 0.0, ()
+    here, whole = emulated.ln_likelihood(good.y), emulated.ln_likelihood(places)
+    predicted = emulated.emulator.predict(good.y)
+    noise = np.maximum(np.nan_to_num(good.answers.variance), np.nan_to_num(predicted.noise))
+    used = np.isfinite(problem.values)
+    squares = (good.answers.mean - predicted.mean)[:, used] ** 2
+    floor = (1e-3 * problem.errors[used]) ** 2
+    misfit = np.sum(squares / ((predicted.fit_variance + noise)[:, used] + floor), axis=1)
+    surprising = misfit > chi2.isf(SURPRISE, int(used.sum()))
+    surprising |= (predicted.beyond > 1) | (predicted.ln_exists < np.log(0.5))  # it does not know the place
+    # the noise of one call counts as an error: its own ln L would be too low
+    found = problem.compare(good.theta, good.answers.mean, noise, good.answers.details)
+    total = np.mean(np.exp((1 - beta) * (whole - whole.max())))
+    weights = np.where(surprising, np.exp(np.clip(found - beta * here - (1 - beta) * whole.max(), -700, 300)), 0.0)
+    missed = float(share * weights.sum() / len(calls) / total)
+    faults = (f"calls where it says that there is nothing found a mass of {missed:.2g} of its own",)
+    return calls, missed, faults if missed > MISSED else ()
 
 
 def _differences(

@@ -9,10 +9,10 @@ those that a factor depends on, means and widths.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
-import emcee
 import numpy as np
 
 from streamkit import Array, IntArray, StreamkitError
@@ -30,6 +30,14 @@ SETTLING, FIRST = 20, 60
 # Largest R-hat over both populations, fewest autocorrelation times of a walk, and fewest independent samples.
 # R-hat of 1.004 is a difference of means of 0.15 standard deviations: their common mean is off by half of it.
 R_HAT, TIMES, INDEPENDENT = 1.004, 10.0, 2000
+# A sum of autocorrelations ends at so many times (Sokal 1997).
+WINDOW = 5.0
+# Places of both walks that the moves of the next ones are made from.
+ARCHIVE = 6000
+# Walkers of a population that go on where the first walk was too short.
+WALKING = 256
+# Places of each walker of a tempered copy, and the sweeps between them.
+COPIES, BETWEEN = 8, 3
 # How often a walk may be doubled.
 DOUBLED = 5
 # In a round, from where the last one ended: walkers, sweeps until moves are fixed and after, sweeps of a tempered copy.
@@ -72,11 +80,37 @@ class Populations:
         return self.r_hat < R_HAT and self.sweeps > TIMES * self.time and self.independent > INDEPENDENT
 
 
+class Moves(Protocol):
+    """Moves that do not change, made from a population.
+
+    Attributes
+    ----------
+    accepted, sweeps
+        (2,) sums of the fractions of accepted steps of two kinds, and the sweeps.
+    steps
+        Evaluations of the density for each walker in a sweep.
+    """
+
+    accepted: Array
+    sweeps: int
+    steps: int
+
+    def sweep(
+        self, density: JointDensity, y: Array, terms: Terms, beta: float, rng: np.random.Generator
+    ) -> tuple[Array, Terms]:
+        """Move walkers (w, d) with these terms; return the new places and their terms."""
+
+
+MakeMoves = Callable[[Layout, Array], Moves]
+
+
 class _Population:
     """One population: places (w, d) with their terms, at an inverse temperature."""
 
-    def __init__(self, density: JointDensity, begin: Array, rng: np.random.Generator, walkers: int) -> None:
-        self._density, self._rng, self._walkers = density, rng, walkers
+    def __init__(
+        self, density: JointDensity, begin: Array, rng: np.random.Generator, walkers: int, moves: MakeMoves
+    ) -> None:
+        self._density, self._rng, self._walkers, self._moves = density, rng, walkers, moves
         terms = density.terms(begin)
         there = np.isfinite(terms.total(1.0))
         if there.sum() < 2:
@@ -89,19 +123,19 @@ class _Population:
         self._take(self._rng.permutation(len(self.y))[: self._walkers])
         self.beta = beta
 
-    def anneal(self) -> None:
-        """Come to inverse temperature 1 in stages."""
+    def anneal(self, to: float = 1.0, sweeps: int = SWEEPS) -> None:
+        """Come to a higher inverse temperature in stages of so many sweeps."""
         slowest = 0.0
         for stage in range(10 * MOST_STAGES):
-            wanted = self._next_beta()
+            wanted = min(self._next_beta(), to)
             if stage == 0:
-                slowest = wanted ** (-1 / MOST_STAGES)
+                slowest = (max(self.beta, wanted) / to) ** (-1 / MOST_STAGES)
             weights = np.exp(self._ln_weights(wanted))
             self._take(_systematic(weights, self._walkers, self._rng))
             # a stage at least as long as equal factors make it: the walk does what the weights cannot
-            self.beta = min(max(wanted, self.beta * slowest if stage >= MOST_STAGES // 2 else 0.0), 1.0)
-            self.settle(SWEEPS)
-            if self.beta >= 1:
+            self.beta = min(max(wanted, self.beta * slowest if stage >= MOST_STAGES // 2 else 0.0), to)
+            self.settle(sweeps)
+            if self.beta >= to:
                 return
 
     def _ln_weights(self, beta: float) -> Array:
@@ -131,17 +165,21 @@ class _Population:
         """Walk, with new moves every `SWEEPS` sweeps."""
         for done in range(sweeps):
             if done % SWEEPS == 0:
-                moves = BlockMoves(self._density.layout, self.y)
+                moves = self._moves(self._density.layout, self.y)
             self.sweep(moves)
 
-    def sweep(self, moves: BlockMoves) -> None:
+    def thin(self, walkers: int) -> None:
+        """Go on with some of the walkers, at random."""
+        self._take(self._rng.permutation(len(self.y))[:walkers])
+
+    def sweep(self, moves: Moves) -> None:
         """Walk one sweep."""
         self.y, self.terms = moves.sweep(self._density, self.y, self.terms, max(self.beta, 1e-9), self._rng)
         self.evaluations += moves.steps * len(self.y) * self.terms.ln_likelihood.shape[1]
 
-    def walk(self, sweeps: int, learned_from: Array) -> tuple[Array, list[Terms], BlockMoves]:
+    def walk(self, sweeps: int, learned_from: Array) -> tuple[Array, list[Terms], Moves]:
         """Return the places (sweeps, w, d) and terms of a walk with fixed moves, made from places (n, d)."""
-        moves = BlockMoves(self._density.layout, learned_from)
+        moves = self._moves(self._density.layout, learned_from)
         places, terms = np.empty((sweeps, *self.y.shape)), []
         for i in range(sweeps):
             self.sweep(moves)
@@ -151,7 +189,14 @@ class _Population:
 
 
 def sample(
-    density: JointDensity, begin: Sequence[Array], seed: list[int], walkers: int = WALKERS, doubled: int = DOUBLED
+    density: JointDensity,
+    begin: Sequence[Array],
+    seed: list[int],
+    walkers: int = WALKERS,
+    doubled: int = DOUBLED,
+    moves: MakeMoves = BlockMoves,
+    stage: int = SWEEPS,
+    times: float = TIMES,
 ) -> Populations:
     """Sample a joint posterior by two populations.
 
@@ -167,33 +212,57 @@ def sample(
         Of each population.
     doubled
         How often a walk may be doubled until the populations agree.
+    moves
+        Makes the moves of a population from its layout and places (n, d).
+    stage
+        Sweeps of a stage on the way to the posterior.
+    times
+        Autocorrelation times after which the walks end; fewer, down to `TIMES`, will do where they are doubled no more.
 
     Raises StreamkitError where no place has a probability.
     """
     populations = [
-        _Population(density, places, np.random.default_rng([*seed, i]), walkers) for i, places in enumerate(begin)
+        _Population(density, places, np.random.default_rng([*seed, i]), walkers, moves)
+        for i, places in enumerate(begin)
     ]
     for each in populations:
-        each.anneal()
+        each.anneal(sweeps=stage)
         each.settle(SETTLING)
-    sweeps = FIRST
+    sweeps, rng = FIRST, np.random.default_rng([*seed, 2])
+    places = np.concatenate([each.y for each in populations])
     for trial in range(doubled + 1):
-        # populations that differ learn the moves from both: what one has lost, the other may have kept
-        both = None if trial == 0 else np.concatenate([each.y for each in populations])
-        walks = [each.walk(sweeps, each.y if both is None else both) for each in populations]
+        # both learn the moves from both: what one has lost, the other may have kept
+        walks = [each.walk(sweeps, places) for each in populations]
         chains = np.stack([places for places, _, _ in walks])
         result = _judged(density.layout, chains, walks, populations)
-        if result.agree or trial == doubled:
+        if (result.agree and sweeps > times * result.time) or trial == doubled:
             break
+        places = rng.choice(chains.reshape(-1, chains.shape[3]), ARCHIVE, replace=False)
+        for each in populations:  # few walkers go far at the price of many that do not
+            each.thin(WALKING)
         sweeps *= 2
     return result
 
 
-def go_on(density: JointDensity, begin: Array, seed: list[int]) -> Populations:
+def copies(
+    density: JointDensity, begin: Array, betas: Sequence[float], seed: list[int], walkers: int, moves: MakeMoves
+) -> list[Array]:
+    """Come to rising inverse temperatures from places (n, d); return places (w * `COPIES`, d) at each of them."""
+    each = _Population(density, begin, np.random.default_rng(seed), walkers, moves)
+    found = []
+    for beta in betas:
+        each.anneal(beta)
+        each.settle(SWEEPS)
+        places, _, _ = each.walk(COPIES * BETWEEN, each.y)
+        found.append(places[BETWEEN - 1 :: BETWEEN].reshape(-1, places.shape[2]))
+    return found
+
+
+def go_on(density: JointDensity, begin: Array, seed: list[int], moves: MakeMoves = BlockMoves) -> Populations:
     """Walk shortly from where two populations (2, w, d) ended, with another density that is nearly the same."""
     populations = []
     for i, places in enumerate(begin):
-        each = _Population(density, places, np.random.default_rng([*seed, i]), ROUND_WALKERS)
+        each = _Population(density, places, np.random.default_rng([*seed, i]), ROUND_WALKERS, moves)
         each.continue_at(1.0)
         each.settle(ROUND_SETTLING)
         populations.append(each)
@@ -204,7 +273,7 @@ def go_on(density: JointDensity, begin: Array, seed: list[int]) -> Populations:
 def tempered(density: JointDensity, begin: Array, beta: float, seed: list[int]) -> Array:
     """(n, d) Walk shortly from places (2, w, d) at an inverse temperature; return the last half of the walk."""
     rng = np.random.default_rng(seed)
-    each = _Population(density, begin.reshape(-1, begin.shape[2]), rng, 2 * ROUND_WALKERS)
+    each = _Population(density, begin.reshape(-1, begin.shape[2]), rng, 2 * ROUND_WALKERS, BlockMoves)
     each.continue_at(beta)
     each.settle(TEMPERED)
     places, _, _ = each.walk(TEMPERED // 2, each.y)
@@ -212,16 +281,14 @@ def tempered(density: JointDensity, begin: Array, beta: float, seed: list[int]) 
 
 
 def _judged(
-    layout: Layout, chains: Array, walks: list[tuple[Array, list[Terms], BlockMoves]], populations: list[_Population]
+    layout: Layout, chains: Array, walks: list[tuple[Array, list[Terms], Moves]], populations: list[_Population]
 ) -> Populations:
     """Say how well both agree, from their walks (2, sweeps, w, d)."""
     _, sweeps, walkers, d = chains.shape
     samples = chains.reshape(-1, d)
     watched = with_block_axes(layout, samples).reshape(2, sweeps, walkers, -1)
     both = np.concatenate(list(watched), axis=1)
-    with np.errstate(all="ignore"):
-        times = emcee.autocorr.integrated_time(both, tol=0, quiet=True)
-    time = float(np.nanmax(times)) if np.isfinite(times).any() else np.inf
+    time = float(autocorrelation_times(both).max())
     terms = [each for _, steps, _ in walks for each in steps]
     joined = Terms(*(np.concatenate(parts) for parts in zip(*terms, strict=True)))
     accepted = np.mean([moves.accepted / max(moves.sweeps, 1) for _, _, moves in walks], axis=0)
@@ -229,6 +296,25 @@ def _judged(
         samples, joined, chains[:, -1], agreement(watched), time, len(samples) / time, sweeps,
         sum(each.evaluations for each in populations), (float(accepted[0]), float(accepted[1])),
     )  # fmt: skip
+
+
+def autocorrelation_times(chain: Array) -> Array:
+    """(q,) Integrated autocorrelation times in sweeps of walks (sweeps, w, q) of many walkers.
+
+    Deviations are those from the mean of all walkers. A short walk then shows a long time: each walker about its own
+    mean would hide what is slower than the walk. It is infinite for a quantity that no walker has changed.
+    """
+    sweeps, _, q = chain.shape
+    away = chain - chain.mean(axis=(0, 1))
+    spectrum = np.fft.rfft(away, 2 * sweeps, axis=0)
+    together = np.fft.irfft(np.mean(np.abs(spectrum) ** 2, axis=1), axis=0)[:sweeps]
+    together /= np.arange(sweeps, 0, -1)[:, None]  # each lag has its own number of pairs
+    with np.errstate(invalid="ignore", divide="ignore"):
+        sums = 2 * np.cumsum(together / together[0], axis=0) - 1
+    inside = np.arange(sweeps)[:, None] < WINDOW * sums  # a sum ends at the first lag outside, or with the walk
+    ends = np.where(inside.all(axis=0), sweeps - 1, np.argmin(inside, axis=0))
+    times = np.nan_to_num(sums[ends, np.arange(q)], nan=np.inf)
+    return np.where(np.ptp(chain, axis=(0, 1)) > 0, np.maximum(times, 1.0), 0.0)
 
 
 def agreement(watched: Array) -> float:

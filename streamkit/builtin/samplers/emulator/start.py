@@ -46,12 +46,15 @@ class Arrival:
         The posterior that it has emulated.
     doubt
         What the emulator's own error makes of a typical ln likelihood.
+    draws
+        Draws of the prior that it has made.
     """
 
     calls: Calls
     places: Array
     emulated: Emulated
     doubt: float
+    draws: int
 
 
 def walkers_for(d: int) -> int:
@@ -68,6 +71,7 @@ def arrive(
     """
     d = problem.size
     calls = _draws(problem, space, seed) if calls is None else calls
+    draws = len(calls)
     rng = np.random.default_rng([*seed, 1])
     places: Array | None = None
     for wave in range(WAVES):
@@ -91,7 +95,9 @@ def arrive(
             f"found no place to start: of {len(calls)} draws only {int(calls.good.sum())} give a stream with "
             "observables. Check the priors with `streamkit check`."
         )
-    return Arrival(calls, places, emulated, doubt)
+    if doubt >= ARRIVED:
+        note(f"a start has not arrived after {WAVES} waves: its emulator's error still changes ln L by {doubt:.1f}")
+    return Arrival(calls, places, emulated, doubt, draws)
 
 
 def doubt_of(emulated: Emulated, y: Array) -> float:
