@@ -13,6 +13,7 @@ from streamkit.components.bases import Component
 from streamkit.components.samples import Ensemble, Samples
 from streamkit.components.target import Target
 from streamkit.convergence import CHECK, Convergence
+from streamkit.errors import ComponentError
 from streamkit.stream import Array
 
 
@@ -168,6 +169,7 @@ class ChainSampler(Sampler):
                     target.remark(f"tau {np.max(judged.tau):.0f}")
             if done == self.steps:
                 return
+        raise ComponentError(f"sampler {self.kind}: walk ended after {done} steps, expected steps without end")
 
     def search_size(self) -> tuple[int, int]:
         """Return one point for each walker."""

@@ -100,3 +100,14 @@ class Ensemble:
     history: Mapping[str, Array] = field(default_factory=dict)
     number: int = 0
     facts: Mapping[str, str] = field(default_factory=dict)
+
+    def generator(self) -> np.random.Generator:
+        """Return the generator that draws the next step: ``random_state`` of that step is its ``bit_generator.state``.
+
+        After the start it is a new one, seeded by the start's random state, which follows from the seed of the run.
+        """
+        if not isinstance(self.random_state, Mapping):
+            return np.random.default_rng(self.random_state[1])
+        bits = getattr(np.random, self.random_state["bit_generator"])()
+        bits.state = dict(self.random_state)
+        return np.random.Generator(bits)

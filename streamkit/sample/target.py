@@ -200,7 +200,10 @@ class PosteriorTarget:
             evaluation = Evaluation(float(lnp), float(blob["ln_likelihood"]), blob["mean"], blob["variance"])
             self.storage.evaluations.add(np.ascontiguousarray(point), evaluation)
         accepted = np.asarray(step.accepted, dtype=bool)
-        return Ensemble(step.coords, step.log_prob, accepted, step.random_state, step.memory, number=step.number)
+        # copies: a sampler may change its arrays, and the stored ones are the chain
+        points, lnp = step.coords.copy(), step.log_prob.copy()
+        memory = {name: value.copy() for name, value in step.memory.items()}
+        return Ensemble(points, lnp, accepted, step.random_state, memory, number=step.number)
 
     def _note_begin(self, number: int) -> None:
         """Store when the walkers begin, after which step, and when their time is over: `streamkit status` reads it."""
