@@ -131,6 +131,11 @@ def _weighted(target: PosteriorTarget, samples: Samples) -> Weighted:
         log_prob, blobs = as_floats("ln_probability", given.ln_probability)[used], np.empty(used.sum(), dtype=dtype)
         for name in dtype.names or ():
             blobs[name] = as_floats(name, getattr(given, name))[used]
+        has_stream = np.isfinite(log_prob)  # the reader of the samples asks for the same sum
+        sums = target.ln_prior(points) + blobs["ln_likelihood"]
+        away = np.abs(sums[has_stream] - log_prob[has_stream])
+        if not (away <= SAME * np.maximum(np.abs(log_prob[has_stream]), 1.0)).all():
+            raise ComponentError("yields evaluations whose ln_probability is not ln prior + ln_likelihood")
     counts = {"calls": storage.calls, "search_calls": storage.small_calls, "reasons": storage.reasons}
     weighted = Weighted(
         points,

@@ -10,16 +10,31 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from streamkit.components import IN_PYTHON, ChainSampler, Component, is_loaded
 from streamkit.distribution import VERSION
 from streamkit.errors import ChainError, SpecError, expect_file
 from streamkit.fit.directory.manifest import MANIFEST, manifest
 from streamkit.report import is_locked
 from streamkit.runfile import Spec, differences, load, read_toml
-from streamkit.sample import CALLS, CHAIN, JOURNAL, SAMPLES, Chain, Weighted, is_calls, read_chain_file, read_weighted
+from streamkit.sample import (
+    CALLS,
+    CHAIN,
+    JOURNAL,
+    SAMPLES,
+    Chain,
+    Posterior,
+    Weighted,
+    is_calls,
+    read_chain_file,
+    read_weighted,
+)
+from streamkit.stream import Array
 
 LOG = logging.getLogger("streamkit")
 RUN_FILE = "run.toml"
+ROUNDING = 1e-6  # relative difference of ln p that another machine, or version of SciPy, may make
 DATA_COPIES = "data"  # folder with copies of the run's data files
 RESTORE = "Put back the file of the run, or start again with --force."
 FILE_SUPPLIER = re.compile(r"(.+\.py) sha256:[0-9a-f]+")  # supplier of a component from a plugin file
@@ -161,13 +176,36 @@ def read_stored(directory: Path, spec: Spec) -> Chain | Weighted:
     """
     if not isinstance(spec.sampler, ChainSampler):
         samples = read_samples(directory)
+        _check_samples(directory / SAMPLES, spec, samples.points, samples.log_prob, samples.blobs)
         if not any(path.stat().st_size for path in directory.iterdir() if is_calls(path.name)):
             warn_of_lost_calls(directory, samples, 0)
         return samples
     chain = read_chain(directory)
+    if len(chain.chain):
+        _check_samples(directory / CHAIN, spec, chain.chain, chain.log_prob, chain.blobs)
     if chain.lacks_journal and not is_locked(directory):  # a running run may be about to write it
         warn_of_lost_steps(directory, chain)
     return chain
+
+
+def _check_samples(path: Path, spec: Spec, points: Array, log_prob: Array, blobs: Any) -> None:
+    """Check samples (..., d) against their run: parameters, data, and ln p as the sum of prior and likelihood.
+
+    Raises ChainError if one of them is of another run, or was changed.
+    """
+    m, d = Posterior(spec).size, len(spec.names)
+    found = blobs.dtype["mean"].shape[0], points.shape[-1]
+    if found != (m, d):
+        raise ChainError(f"{path}: belongs to another run: its samples have {found[1]} parameters and {found[0]} data, "
+                         f"those of {RUN_FILE} are {d} and {m}. {RESTORE}")  # fmt: skip
+    columns = np.moveaxis(points.reshape(-1, d), 1, 0)
+    with np.errstate(invalid="ignore", over="ignore"):
+        ln_prior = sum(prior.lnpdf_of_many(x) for prior, x in zip(spec.priors, columns, strict=True))
+        away = np.abs(ln_prior + blobs["ln_likelihood"].ravel() - log_prob.ravel())
+    wrong = np.isfinite(log_prob.ravel()) & ~(away <= ROUNDING * (1 + np.abs(log_prob.ravel())))
+    if wrong.any():
+        raise ChainError(f"{path}: was damaged or changed after it was written: ln p of {wrong.sum()} of {wrong.size} "
+                         f"samples is not that of their prior and likelihood. {RESTORE}")  # fmt: skip
 
 
 def warn_of_lost_steps(directory: Path, chain: Chain) -> None:

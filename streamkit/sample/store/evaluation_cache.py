@@ -124,7 +124,10 @@ class EvaluationCache:
 
 def calls_in(path: Path) -> int:
     """Return how many evaluations a journal holds; 0 without a file. ChainError for a file that cannot be read."""
-    return sum(len(record["points"]) for record in Journal(path).read() if "points" in record)
+    points = [record["points"] for record in Journal(path).read() if "points" in record]
+    if any(each.ndim != 2 for each in points):
+        raise ChainError(f"{path}: holds a record that is none of calls (points have another shape than (n, d))")
+    return sum(map(len, points))
 
 
 def _evaluations_of(record: Mapping[str, Array], d: int, used: BoolArray) -> dict[bytes, Evaluation]:

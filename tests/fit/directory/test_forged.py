@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 import pytest
 from commands import call, refused
+from forging import forging
 
 import streamkit as sk
 from streamkit.fit import describe_status, read_status
 from streamkit.fit.directory.manifest import manifest
-from streamkit.sample import CALLS, read_chain_file
+from streamkit.sample import CALLS, SAMPLES, blob_dtype, read_chain_file
 from streamkit.sample.store.evaluation_cache import EvaluationCache
 from streamkit.sample.store.journal import Journal
 
@@ -137,6 +138,32 @@ def test_forged_calls_are_one_sentence(runs: Path) -> None:
             known = [point for point in whole if not cache.missing(point[None])]
             assert np.isfinite([each.lnp for each in cache.get(np.array(known))]).all()
     assert number > 50
+
+
+def test_samples_that_no_call_gave_are_refused(runs: Path) -> None:
+    """ln p is the sum of prior and likelihood; a point outside of the prior has none."""
+    path, told = runs / "weighted" / SAMPLES, "was damaged or changed after it was written: ln p of"
+    whole = path.read_bytes()
+    for name, shift in (("points", 1e3), ("log_prob", 1.0)):
+        path.write_bytes(whole)
+        with forging(path) as file:
+            file[name][...] += shift
+        with pytest.raises(sk.ChainError, match=told):
+            sk.load_results(runs / "weighted", trust=True)
+    path.write_bytes(whole)
+    with forging(path) as file:
+        wider = np.zeros(len(file["points"]), dtype=blob_dtype(3))
+        del file["blobs"]
+        file["blobs"] = wider
+    with pytest.raises(sk.ChainError, match=r"its samples have 2 parameters and 3 data, those of run\.toml are"):
+        sk.load_results(runs / "weighted", trust=True)
+
+
+def test_calls_of_another_shape_are_not_counted(runs: Path) -> None:
+    path = runs / "weighted" / CALLS
+    (first, *_) = Journal(path).read()
+    Journal(path).append(first | {"points": np.zeros(())})
+    assert "points have another shape" in refused("status", runs / "weighted", "--trust")
 
 
 @pytest.mark.timeout(300)

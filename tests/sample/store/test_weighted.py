@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,9 @@ import pytest
 from forging import forging
 
 import streamkit as sk
+from streamkit.components import Evaluations, Samples
 from streamkit.sample import SAMPLES, Weighted, blob_dtype, read_weighted
+from streamkit.sample.sampling import _weighted
 
 GOOD = Weighted(
     np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]),
@@ -122,3 +125,21 @@ def test_what_a_sampler_gives_is_checked_before_it_is_written(tmp_path: Path) ->
         with pytest.raises(sk.ComponentError, match=r"^samples cannot be stored: "):
             replace(GOOD, **{name: value}).write(path)
     assert path.read_bytes() == before
+
+
+def test_evaluations_of_an_emulator_add_up() -> None:
+    """ln p is the sum of prior and likelihood, which the reader of a directory asks for."""
+    storage = SimpleNamespace(evaluations=None, calls=1, small_calls=0, reasons={})
+    target: Any = SimpleNamespace(
+        size=1, data=SimpleNamespace(values=np.zeros(1)), ln_prior=lambda points: np.full(len(points), -1.0),
+        storage=storage,
+    )  # fmt: skip
+
+    def samples(ln_probability: list[float]) -> Samples:
+        lnl, nothing = np.array([-2.0, -np.inf]), np.zeros((2, 1))
+        evaluations = Evaluations(np.array(ln_probability), lnl, nothing, nothing, ("", "no stream"))
+        return Samples(np.zeros((2, 1)), np.zeros(2), evaluations=evaluations)
+
+    np.testing.assert_array_equal(_weighted(target, samples([-3.0, -np.inf])).log_prob, [-3.0, -np.inf])
+    with pytest.raises(sk.ComponentError, match=r"ln_probability is not ln prior \+ ln_likelihood"):
+        _weighted(target, samples([-2.0, -np.inf]))
