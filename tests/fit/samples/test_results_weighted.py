@@ -273,7 +273,7 @@ def test_errors_in_the_section(sampler, parts):
 
 
 def test_steps_belong_to_the_sampler_that_has_them():
-    with pytest.raises(sk.SpecError, match="steps: the sampler 'importance' has none"):
+    with pytest.raises(sk.SpecError, match="steps: the sampler 'importance' has no steps"):
         sk.run(RUN, steps=3, progress=False)
 
 
