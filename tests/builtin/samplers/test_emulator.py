@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from emcee.autocorr import integrated_time
 from emulated import OfToy
 from posteriors import Curved, Edges, Rough, TwoModes
 
@@ -20,6 +21,7 @@ from streamkit.builtin.samplers.emulator.of_target import LikelihoodOnly
 from streamkit.builtin.samplers.emulator.pairs import paired, pairs_of
 from streamkit.builtin.samplers.emulator.polynomial import regress
 from streamkit.builtin.samplers.emulator.rounds import Rounds
+from streamkit.builtin.samplers.emulator.start import walkers_for
 from streamkit.builtin.samplers.monomials import count, monomials
 
 
@@ -126,9 +128,8 @@ def test_posteriors_are_right_after_some_hundred_calls(toy, noise):
     assert calls < 2000
     np.testing.assert_allclose((last.samples.mean(axis=0) - mean) / sd, 0.0, atol=0.15)
     np.testing.assert_allclose(last.samples.std(axis=0) / sd, 1.0, atol=0.12)
-    assert last.populations.agree
-    assert last.populations.independent > 2000
-    assert last.certificate.missed < 0.05
+    by_walker = last.samples.reshape(-1, 2 * walkers_for(len(mean)), len(mean))
+    assert integrated_time(by_walker, tol=0).max() < 2  # independent samples have 1
 
 
 def test_an_emulator_that_is_too_simple_is_refused(monkeypatch):

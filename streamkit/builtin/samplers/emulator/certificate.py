@@ -12,11 +12,10 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError
-from scipy.stats import chi2
 
 from streamkit import Array
 from streamkit.builtin.samplers.emulator.calls import Calls
-from streamkit.builtin.samplers.emulator.changes import RARE, change_of
+from streamkit.builtin.samplers.emulator.changes import change_of
 from streamkit.builtin.samplers.emulator.emulated import Emulated
 from streamkit.builtin.samplers.emulator.emulator import Predictions
 from streamkit.builtin.samplers.emulator.of_target import LikelihoodOnly
@@ -42,9 +41,6 @@ EMPTY = 0.1
 # What the emulator's own error may change: the standard deviation of a parameter by this fraction. The error is part of
 # the likelihood, so that it widens intervals and hides nothing. A twentieth refused emulators that were right.
 BLURRED = 0.1
-# Calls where the emulator says that there is nothing, the probability by which a call surprises, and the largest mass
-# that they may find.
-RECALL, SURPRISE, MISSED = 64, 1e-4, 0.05
 # Largest squared residual that counts, in units of the typical one.
 WILD = 25.0
 # Largest shape of the tail of the importance weights (Vehtari et al. 2024). It is tested where noise in ln L is below
@@ -69,11 +65,6 @@ class Certificate:
         Median and standard deviation of true minus emulated ln likelihood.
     noise_offset, noise_spread
         The same if only noise made it.
-    edge
-        What the places without a prediction change of the posterior, see `change_of`.
-    missed
-        Mass of the posterior that calls found where the emulator says that there is nothing, as a fraction of it; NaN
-        where no such calls were made.
     blur
         Fraction of a standard deviation that the emulator's own error adds, at most.
     empty
@@ -99,8 +90,6 @@ class Certificate:
     k_hat: float
     effective: float
     faults: tuple[str, ...]
-    edge: float = float("nan")
-    missed: float = float("nan")
 
 
 class Trend(NamedTuple):
@@ -194,13 +183,10 @@ def certify(
 ) -> Certificate:
     """Compare an emulator with fresh calls at samples of its posterior; samples (n, d) are more of these."""
     empty = float(np.mean(~fresh.good))
-    full, tried, fresh = fresh, len(fresh), fresh.take(fresh.good)
+    tried, fresh = len(fresh), fresh.take(fresh.good)
     faults = []
     if empty > EMPTY:
         faults.append(f"{100 * empty:.0f} % of its samples have no prediction")
-    edge = _edge(emulated, full, rng)
-    if edge > MOVED:
-        faults.append(f"where there is no prediction, it moves a mean or a width by {edge:.2f} standard deviations")
     if trend is None:
         faults.append("too few of its samples have a prediction to test it")
         nan = float("nan")
@@ -239,8 +225,6 @@ def certify(
             "ln L is learned as a whole, and its noise varies over the posterior: its mean and the logarithm of the "
             f"mean likelihood differ by {varies.measured:.2f} standard deviations. Take more particles"
         )
-    elif varies is not None and varies.by_chance > BLIND:
-        faults.append("ln L is learned as a whole, and too noisy to tell whether its noise varies. Take more particles")
     blur = _blur(emulated, samples)
     if blur > BLURRED:
         faults.append(f"its own error changes the width of a parameter by {100 * blur:.0f} %")
@@ -251,24 +235,8 @@ def certify(
             faults.append(f"k-hat of the importance weights is {k_hat:.2f}, above {K_HAT}")
     return Certificate(
         tried, size, worst, *trend, offset, spread, noise_offset, noise_spread, blur, empty, k_hat, effective,
-        tuple(faults), edge,
+        tuple(faults),
     )  # fmt: skip
-
-
-def _edge(emulated: Emulated, fresh: Calls, rng: np.random.Generator) -> float:
-    """Return what the places without a prediction change of the posterior, less what chance may.
-
-    The emulator knows the probability of a prediction; a call shows whether there is one.
-    """
-    if fresh.good.all() or not fresh.good.any():
-        return 0.0
-    weight = np.asarray(fresh.good / np.exp(emulated.emulator.predict(fresh.y).ln_exists), dtype=float)
-
-    def change(some: Array) -> float:
-        return change_of(fresh.y, np.log(np.maximum(some, 1e-9)))
-
-    by_chance = float(np.mean([change(rng.permutation(weight)) for _ in range(TRIES)]))
-    return float(np.sqrt(max(change(weight) ** 2 - by_chance**2, 0.0)))
 
 
 def _noise_varies(emulated: Emulated, fresh: Calls, samples: Array, rng: np.random.Generator) -> Trend | None:
@@ -291,42 +259,6 @@ def _noise_varies(emulated: Emulated, fresh: Calls, samples: Array, rng: np.rand
 
     by_chance = [moved(rng.permutation(half)) for _ in range(TRIES)]
     return Trend(moved(half), float(np.quantile(by_chance, CHANCE)))
-
-
-def recall_calls(
-    emulated: Emulated, problem: Problem, places: Array, beta: float, samples: Array, rng: np.random.Generator
-) -> tuple[Calls, float, tuple[str, ...]]:
-    """Call the model where the emulator says that there is nothing; return the calls, the mass found, and faults.
-
-    Places (n, d) are samples at an inverse temperature; those count whose density is below that of nearly all of the
-    posterior's samples (m, d). What such a place weighs is its likelihood over that of the tempered copy (importance
-    sampling). A call that is what the emulator says, but for noise, has found nothing.
-    """
-    least = np.quantile(emulated.ln_density(samples), RARE)
-    places = np.unique(places, axis=0)
-    empty = np.flatnonzero(emulated.ln_density(places) < least)
-    share = len(empty) / len(places)
-    chosen = places[rng.permutation(empty)[:RECALL]] if len(empty) else places[:1]
-    calls = Calls.at(problem, emulated.space, chosen)
-    good = calls.take(calls.good)
-    if not len(good):
-        return calls, 0.0, ()
-    here, whole = emulated.ln_likelihood(good.y), emulated.ln_likelihood(places)
-    predicted = emulated.emulator.predict(good.y)
-    noise = np.maximum(np.nan_to_num(good.answers.variance), np.nan_to_num(predicted.noise))
-    used = np.isfinite(problem.values)
-    squares = (good.answers.mean - predicted.mean)[:, used] ** 2
-    floor = (1e-3 * problem.errors[used]) ** 2
-    misfit = np.sum(squares / ((predicted.fit_variance + noise)[:, used] + floor), axis=1)
-    surprising = misfit > chi2.isf(SURPRISE, int(used.sum()))
-    surprising |= (predicted.beyond > 1) | (predicted.ln_exists < np.log(0.5))  # it does not know the place
-    # the noise of one call counts as an error: its own ln L would be too low
-    found = problem.compare(good.theta, good.answers.mean, noise, good.answers.details)
-    total = np.mean(np.exp((1 - beta) * (whole - whole.max())))
-    weights = np.where(surprising, np.exp(np.clip(found - beta * here - (1 - beta) * whole.max(), -700, 300)), 0.0)
-    missed = float(share * weights.sum() / len(calls) / total)
-    faults = (f"calls where it says that there is nothing found a mass of {missed:.2g} of its own",)
-    return calls, missed, faults if missed > MISSED else ()
 
 
 def _differences(

@@ -11,8 +11,6 @@ from streamkit.builtin.samplers.emulator.emulated import Emulated
 
 # Emulators that the noise of the calls could have given as well.
 REDRAWN = 24
-# Fraction of the samples of a posterior below whose ln density it has next to none.
-RARE = 0.002
 
 
 def change_of(samples: Array, ln_weight: Array) -> float:
@@ -41,36 +39,13 @@ def moved_by(others: list[Emulated], emulated: Emulated, samples: Array) -> floa
     return max(change_of(moving, each.ln_density(some) - here) for each in others)
 
 
-def differs(samples: Array, others: Array) -> float:
-    """Return the most that means and widths of samples (n, d) and (m, d) differ, in units of the narrower ones.
-
-    Along all parameters and the principal axes of the first.
-    """
-    both = with_axes(samples, others)
-    one, other = both[: len(samples)], both[len(samples) :]
-    widths = np.maximum(np.stack([one.std(axis=0), other.std(axis=0)]), 1e-300)
-    moved = np.abs(one.mean(axis=0) - other.mean(axis=0)) / widths.min(axis=0)
-    return float(max(moved.max(), (widths.max(axis=0) / widths.min(axis=0)).max() - 1))
-
-
-def lacked(emulated: Emulated, own: Array, others: Array) -> float:
-    """Return the fraction of other samples (m, d) at places where an emulated posterior has next to none of its own."""
-    least = np.quantile(emulated.ln_density(own), RARE)
-    return float(np.mean(emulated.ln_density(others) < least)) - RARE
-
-
-def with_axes(samples: Array, others: Array | None = None) -> Array:
-    """(n + m, 2 d) Append the principal axes of samples (n, d), each in units of its standard deviation.
-
-    Other samples (m, d) along the same axes follow.
+def with_axes(samples: Array) -> Array:
+    """(n, 2 d) Append the principal axes of samples (n, d), each in units of its standard deviation.
 
     What data know best, such as a mass, is a combination of parameters: it may move where none of these does.
     """
     scaled = (samples - samples.mean(axis=0)) / np.maximum(samples.std(axis=0), 1e-300)
     _, axes = np.linalg.eigh(np.atleast_2d(np.cov(scaled.T)))
-    if others is not None:
-        away = (others - samples.mean(axis=0)) / np.maximum(samples.std(axis=0), 1e-300)
-        samples, scaled = np.concatenate([samples, others]), np.concatenate([scaled, away])
     return np.concatenate([samples, scaled @ axes], axis=1)
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from streamkit import Array
 from streamkit.builtin.samplers.emulator.coordinates import Space
 from streamkit.builtin.samplers.emulator.emulator import Emulator
-from streamkit.builtin.samplers.emulator.joint_density import Layout, Terms
 from streamkit.builtin.samplers.emulator.walk import choose, walk
 
 # Most densities that are computed at a time: more need memory, and are no faster.
@@ -44,21 +43,6 @@ class Emulated:
         if inside.any():
             lnp[inside] += inverse_temperature * self.ln_likelihood(y[inside])
         return np.where(np.isnan(lnp), -np.inf, lnp)
-
-    @property
-    def layout(self) -> Layout:
-        """That of one posterior: see `JointDensity`."""
-        return Layout.of_one(len(self.emulator.problem.coordinates))
-
-    def terms(self, y: Array) -> Terms:
-        """Return ln prior and ln likelihood at coordinates y (n, d)."""
-        prior = self.space.ln_prior(y)
-        inside, lnl = np.isfinite(prior), np.full(len(y), -np.inf)
-        if inside.any():
-            lnl[inside] = self.ln_likelihood(y[inside])
-        lnl[np.isnan(lnl)] = -np.inf
-        prior = np.where(inside, prior, -np.inf)
-        return Terms(np.stack([np.zeros(len(y)), prior], axis=1), lnl[:, None])
 
     def sample(self, pool: Array, walkers: int, steps: int, seed: list[int], inverse_temperature: float = 1.0) -> Array:
         """(steps, w, d) Walk from places of a pool (n, d), drawn by their density."""

@@ -36,8 +36,6 @@ WINDOW = 5.0
 ARCHIVE = 6000
 # Walkers of a population that go on where the first walk was too short.
 WALKING = 256
-# Places of each walker of a tempered copy, and the sweeps between them.
-COPIES, BETWEEN = 8, 3
 # How often a walk may be doubled.
 DOUBLED = 5
 # In a round, from where the last one ended: walkers, sweeps until moves are fixed and after, sweeps of a tempered copy.
@@ -123,19 +121,19 @@ class _Population:
         self._take(self._rng.permutation(len(self.y))[: self._walkers])
         self.beta = beta
 
-    def anneal(self, to: float = 1.0, sweeps: int = SWEEPS) -> None:
-        """Come to a higher inverse temperature in stages of so many sweeps."""
+    def anneal(self, sweeps: int) -> None:
+        """Come to inverse temperature 1 in stages of so many sweeps."""
         slowest = 0.0
         for stage in range(10 * MOST_STAGES):
-            wanted = min(self._next_beta(), to)
+            wanted = self._next_beta()
             if stage == 0:
-                slowest = (max(self.beta, wanted) / to) ** (-1 / MOST_STAGES)
+                slowest = wanted ** (-1 / MOST_STAGES)
             weights = np.exp(self._ln_weights(wanted))
             self._take(_systematic(weights, self._walkers, self._rng))
             # a stage at least as long as equal factors make it: the walk does what the weights cannot
-            self.beta = min(max(wanted, self.beta * slowest if stage >= MOST_STAGES // 2 else 0.0), to)
+            self.beta = min(max(wanted, self.beta * slowest if stage >= MOST_STAGES // 2 else 0.0), 1.0)
             self.settle(sweeps)
-            if self.beta >= to:
+            if self.beta >= 1:
                 return
 
     def _ln_weights(self, beta: float) -> Array:
@@ -226,7 +224,7 @@ def sample(
         for i, places in enumerate(begin)
     ]
     for each in populations:
-        each.anneal(sweeps=stage)
+        each.anneal(stage)
         each.settle(SETTLING)
     sweeps, rng = FIRST, np.random.default_rng([*seed, 2])
     places = np.concatenate([each.y for each in populations])
@@ -242,20 +240,6 @@ def sample(
             each.thin(WALKING)
         sweeps *= 2
     return result
-
-
-def copies(
-    density: JointDensity, begin: Array, betas: Sequence[float], seed: list[int], walkers: int, moves: MakeMoves
-) -> list[Array]:
-    """Come to rising inverse temperatures from places (n, d); return places (w * `COPIES`, d) at each of them."""
-    each = _Population(density, begin, np.random.default_rng(seed), walkers, moves)
-    found = []
-    for beta in betas:
-        each.anneal(beta)
-        each.settle(SWEEPS)
-        places, _, _ = each.walk(COPIES * BETWEEN, each.y)
-        found.append(places[BETWEEN - 1 :: BETWEEN].reshape(-1, places.shape[2]))
-    return found
 
 
 def go_on(density: JointDensity, begin: Array, seed: list[int], moves: MakeMoves = BlockMoves) -> Populations:

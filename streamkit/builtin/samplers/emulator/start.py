@@ -46,15 +46,12 @@ class Arrival:
         The posterior that it has emulated.
     doubt
         What the emulator's own error makes of a typical ln likelihood.
-    draws
-        Draws of the prior that it has made.
     """
 
     calls: Calls
     places: Array
     emulated: Emulated
     doubt: float
-    draws: int
 
 
 def walkers_for(d: int) -> int:
@@ -71,7 +68,6 @@ def arrive(
     """
     d = problem.size
     calls = _draws(problem, space, seed) if calls is None else calls
-    draws = len(calls)
     rng = np.random.default_rng([*seed, 1])
     places: Array | None = None
     for wave in range(WAVES):
@@ -95,9 +91,7 @@ def arrive(
             f"found no place to start: of {len(calls)} draws only {int(calls.good.sum())} give a stream with "
             "observables. Check the priors with `streamkit check`."
         )
-    if doubt >= ARRIVED:
-        note(f"a start has not arrived after {WAVES} waves: its emulator's error still changes ln L by {doubt:.1f}")
-    return Arrival(calls, places, emulated, doubt, draws)
+    return Arrival(calls, places, emulated, doubt)
 
 
 def doubt_of(emulated: Emulated, y: Array) -> float:
