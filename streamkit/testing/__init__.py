@@ -21,6 +21,7 @@ from streamkit.testing import (
     observables,
     potentials,
     samplers,
+    stored_runs,
     stripping,
     use,
 )
@@ -75,7 +76,7 @@ def checks(
         Integrator: COMMON + integrators.checks(accuracy),
         Observable: COMMON + observables.CHECKS,
         HostData: COMMON + host_data.CHECKS,
-        Sampler: samplers.CHECKS,
+        Sampler: (*samplers.CHECKS, stored_runs.survives_its_files),
     }
     for role, of_role in by_role.items():
         if issubclass(cls, role):

@@ -190,4 +190,35 @@ def resumes(component: sk.Sampler) -> None:
             target.steps.append(step)
 
 
-CHECKS: tuple[Check, ...] = (*common.COMMON, samples_a_gaussian, repeats_itself, resumes)
+def returns_what_it_says(component: sk.Sampler) -> None:
+    """Check the types and values that the optional methods return, for the two parameters of the Gaussian."""
+    cls, fields = type(component), type(component).model_fields
+    reason = component.reject_dimension(2)
+    require(isinstance(reason, str), f"reject_dimension returns {reason!r}: a text, empty if d parameters are allowed")
+    require(not reason, f"reject_dimension(2) returns {reason!r}: the kit samples two parameters; change the example")
+    quick = component.quick_settings(2)
+    require(isinstance(quick, dict), f"quick_settings returns {quick!r}: a dict of fields and their values")
+    cls(**{**component.model_dump(), **quick})  # pydantic says what is wrong
+    strange = [name for name in (*quick, *cls.stopping) if name not in fields]
+    require(not strange, f"quick_settings and stopping name fields of the class: {strange} are none")
+    size = component.search_size()
+    require(_are(size, int) and len(size) == 2, f"search_size returns {size!r}: a tuple of two integers")
+    calls = component.calls(2)
+    known = isinstance(calls, tuple) and len(calls) == 2 and _are(calls[:1], int) and _are(calls[1:], str)
+    require(known and calls[0] >= 0, f"calls returns {calls!r}: a tuple, the number of calls and how it comes about")
+    advice = component.advice(2)
+    require(_are(advice, str), f"advice returns {advice!r}: a tuple of sentences")
+    cites = component.cites()
+    require(isinstance(cites, dict) and _are((*cites, *cites.values()), str), f"cites returns {cites!r}: a dict")
+    if isinstance(component, sk.ChainSampler):
+        chain = np.random.default_rng(1).standard_normal((200, 2 * component.walkers, 2))
+        left = component.learning_steps(chain)
+        require(_are((left,), int) and left >= 0, f"learning_steps returns {left!r}: a number of steps")
+
+
+def _are(values: object, kind: type) -> bool:
+    """Return whether this is a tuple of values of one kind; integers of numpy, and truth values, are no integers."""
+    return isinstance(values, tuple) and all(isinstance(each, kind) and type(each) is not bool for each in values)
+
+
+CHECKS: tuple[Check, ...] = (*common.COMMON, returns_what_it_says, samples_a_gaussian, repeats_itself, resumes)

@@ -251,3 +251,44 @@ def test_a_variance_that_is_not_that_of_the_scatter(factor, fine):
     result = told(observable(factor), "variance is that of the scatter")
     assert (result == "") == fine, result
     assert fine or "sum(w^2 (x - mean)^2)" in result
+
+
+def walker(reason="", twice=1.0, settings=None, forgets=False):
+    """Independent random walks, with something wrong."""
+
+    class Walks(sk.ChainSampler):
+        """Random walks."""
+
+        kind = "walks"
+        example = {"walkers": 8, "steps": 200}
+
+        def reject_dimension(self, d):
+            return reason
+
+        def quick_settings(self, d):
+            return settings or {}
+
+        def walk(self, target, ensemble):
+            random = np.random.default_rng(target.seed) if forgets else ensemble.generator()
+            points, lnp = ensemble.points.copy(), ensemble.ln_probability.copy()
+            while True:
+                new = points + 0.5 * random.standard_normal(points.shape)
+                value = target.ln_prior(new) + target.evaluate(new)
+                taken = np.log(random.random(len(points))) < value - lnp
+                points[taken], lnp[taken] = new[taken], value[taken]
+                yield sk.Ensemble(points.copy(), twice * lnp, taken, random.bit_generator.state)
+
+    return Walks
+
+
+def test_return_types_of_a_samplers_optional_methods():
+    assert not told(walker(), "returns what it says")
+    assert "reject_dimension returns None" in told(walker(reason=None), "returns what it says")
+    assert "walkres" in told(walker(settings={"walkres": 3}), "returns what it says")
+
+
+def test_a_chain_by_its_files():
+    """A generator that begins anew resumes with the random numbers of the start."""
+    assert not told(walker(), "survives its files")
+    assert "resumed from its files has other steps" in told(walker(forgets=True), "survives its files")
+    assert "expected ln prior + ln likelihood" in told(walker(twice=2.0), "survives its files")

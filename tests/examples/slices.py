@@ -12,8 +12,7 @@ class Slices(ChainSampler):
 
     def walk(self, target, ensemble):
         """Move the two halves of the ensemble in turn."""
-        random = np.random.RandomState()
-        random.set_state(ensemble.random_state)
+        random = ensemble.generator()
         points, lnp = ensemble.points.copy(), ensemble.ln_probability.copy()
         while True:
             halves = np.array_split(random.permutation(len(points)), 2)
@@ -21,7 +20,7 @@ class Slices(ChainSampler):
                 pairs = np.array([random.choice(others, 2, replace=False) for _ in active])
                 along = 2 * (points[pairs[:, 0]] - points[pairs[:, 1]])
                 points[active], lnp[active] = self.slice(target, random, points[active], lnp[active], along)
-            yield Ensemble(points.copy(), lnp.copy(), np.ones(len(points), dtype=bool), random.get_state())
+            yield Ensemble(points.copy(), lnp.copy(), np.ones(len(points), dtype=bool), random.bit_generator.state)
 
     def slice(self, target, random, points, lnp, along):
         """Return new points on the lines through points (n, d) with directions along (n, d), and ln posterior there."""
@@ -32,7 +31,7 @@ class Slices(ChainSampler):
             return value > height[where], value
 
         height = lnp - random.standard_exponential(len(points))
-        low = -random.random_sample(len(points))
+        low = -random.random(len(points))
         ends = [low, low + 1]
         for end, step in zip(ends, (-1, 1), strict=True):  # step out until both ends are below the slice
             open_ = np.arange(len(points))
