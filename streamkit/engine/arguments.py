@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
+from streamkit.engine.cache import UNCALLED
 from streamkit.stream import Array
 
 ENDLESS = 1 << 40  # length of a view of the packed arguments: each array knows its own
@@ -41,8 +42,8 @@ def unpacker(layout: tuple[int, ...]) -> Any:
     """Return a compiled function that turns the result of `pack` into a tuple of numbers and arrays again."""
     if not any(layout):
         count = len(layout)
-        return njit(lambda packed: to_fixed_tuple(packed[:count], count), forceinline=True)
-    unpack, place = njit(lambda _: (), forceinline=True), 0
+        return njit(lambda packed: to_fixed_tuple(packed[:count], count), forceinline=True, **UNCALLED)
+    unpack, place = njit(lambda _: (), forceinline=True, **UNCALLED), 0
     for ndim in layout:
         unpack = _with_array(unpack, place, ndim) if ndim else _with_number(unpack, place)
         place += 1 + ndim
@@ -50,7 +51,7 @@ def unpacker(layout: tuple[int, ...]) -> Any:
 
 
 def _with_number(before, place):
-    return njit(lambda packed: (*before(packed), packed[place]), forceinline=True)
+    return njit(lambda packed: (*before(packed), packed[place]), forceinline=True, **UNCALLED)
 
 
 def _with_array(before, place, ndim):
@@ -70,7 +71,7 @@ def _with_array(before, place, ndim):
         def shape(packed):
             return int(packed[place + 1]), int(packed[place + 2]), int(packed[place + 3])
 
-    shape_of = njit(shape, forceinline=True)
+    shape_of = njit(shape, forceinline=True, **UNCALLED)
 
     def unpack(packed):
         first, lengths = int(packed[place]), shape_of(packed)
@@ -79,4 +80,4 @@ def _with_array(before, place, ndim):
             count *= length
         return (*before(packed), packed[first : first + count].reshape(lengths))
 
-    return njit(unpack, forceinline=True)
+    return njit(unpack, forceinline=True, **UNCALLED)

@@ -38,6 +38,9 @@ FASTMATH = ("arcp", "contract")
 # Options of all compiled code. contract: fused multiply-add; arcp: one reciprocal for divisions by the same number.
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": set(FASTMATH)}
 
+# Options of functions that Python never calls: a wrapper takes as long to compile as many a function.
+UNCALLED: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
 # Options of helpers, which are inlined into the function that calls them.
 INLINE: dict[str, Any] = {"inline": "always", "error_model": "numpy"}
 
@@ -230,9 +233,8 @@ def helper(function: Callable[..., Any]) -> Any:
     """Compile a function that loops call, when the first of them is compiled.
 
     Numba compiles a function once more for each literal among its arguments. Here a literal is a number like others.
-    Python does not call it, and so it needs no wrappers, whose compilation takes longer than that of most helpers.
     """
-    dispatcher = njit(no_cpython_wrapper=True, no_cfunc_wrapper=True, **OPTIONS)(function)
+    dispatcher = njit(**UNCALLED, **OPTIONS)(function)
     template = dispatcher.get_call_template
     dispatcher.get_call_template = lambda args, kws: template(tuple(numba_types.unliteral(arg) for arg in args), kws)
     return dispatcher

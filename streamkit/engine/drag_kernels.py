@@ -15,7 +15,7 @@ from numba import carray, njit
 
 from streamkit.elementary import interp
 from streamkit.engine.arguments import ENDLESS, layout_of, pack, unpacker
-from streamkit.engine.cache import OPTIONS
+from streamkit.engine.cache import OPTIONS, UNCALLED
 from streamkit.engine.forces import ROW
 from streamkit.engine.kernels import Force, NumpyKernel, machine_code
 from streamkit.engine.velocity_forces import LANES_ROWS
@@ -47,7 +47,7 @@ def drag_kernel(forces: Sequence[Force]) -> tuple[Any, Array]:
 @cache
 def compiled_drag(parts: tuple[Part, ...]) -> Any:
     """Return the machine code for a combination of components; compiled once per process."""
-    inlined = njit(forceinline=True, **OPTIONS)
+    inlined = njit(forceinline=True, **UNCALLED, **OPTIONS)
     total = inlined(lambda x, y, z, u, v, w, t, p: (0.0, 0.0, 0.0))
     for number, (cls, layout, growing) in enumerate(parts):
         total = _with(total, inlined(cls.drag), unpacker(layout), growing, number)
@@ -90,7 +90,7 @@ def compiled_drag(parts: tuple[Part, ...]) -> Any:
 
 def _with(before: Any, drag: Any, unpack: Any, growing: bool, number: int) -> Any:
     """Add the drag of the component with this number to those of the components before it."""
-    inlined = njit(forceinline=True, **OPTIONS)
+    inlined = njit(forceinline=True, **UNCALLED, **OPTIONS)
 
     def total(x, y, z, u, v, w, t, p):
         ax, ay, az = before(x, y, z, u, v, w, t, p)

@@ -24,7 +24,7 @@ from numba.core.errors import NumbaError
 from streamkit.elementary import interp
 from streamkit.engine import vector  # noqa: F401  its overloads are what the elementary functions compile to
 from streamkit.engine.arguments import ENDLESS, unpacker
-from streamkit.engine.cache import OPTIONS, content_digest, disk_cache
+from streamkit.engine.cache import OPTIONS, UNCALLED, content_digest, disk_cache
 from streamkit.engine.forces import ROW
 from streamkit.engine.patches import sweep_of
 from streamkit.errors import PluginError
@@ -147,7 +147,7 @@ def machine_code(kernel: Any, written: Sequence[tuple[type[Force], Any]], layout
 
 def _radial(pull: Any) -> Any:
     """Return the acceleration of a spherical potential from its author's `pull` (`streamkit.Spherical`)."""
-    inlined = njit(forceinline=True, **OPTIONS)(pull)
+    inlined = njit(forceinline=True, **UNCALLED, **OPTIONS)(pull)
 
     def acceleration(x, y, z, t, *parameters):
         k = inlined(x * x + y * y + z * z + CENTRE, *parameters)
@@ -158,7 +158,7 @@ def _radial(pull: Any) -> Any:
 
 def _elementwise(author: Any) -> Any:
     """Return the loop over particles with the author's `acceleration`."""
-    inlined = njit(forceinline=True, **OPTIONS)
+    inlined = njit(forceinline=True, **UNCALLED, **OPTIONS)
     acceleration = inlined(author)
 
     @inlined

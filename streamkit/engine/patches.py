@@ -14,7 +14,7 @@ from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from streamkit.engine.cache import OPTIONS
+from streamkit.engine.cache import OPTIONS, UNCALLED
 from streamkit.engine.forces import ROW
 
 BLOCK = 32  # particles whose patches are read before the arithmetic continues with them
@@ -50,7 +50,7 @@ def sweep_of(patches: Patches) -> Any:
     located_room, read_room = _room(LOCATED), _room(2 * SIDE * patches.number)
     read, located_at, values_at = _reader(patches.number), _getter(LOCATED), _getter(2 * SIDE * patches.number)
 
-    @njit(forceinline=True, **OPTIONS)
+    @njit(forceinline=True, **UNCALLED, **OPTIONS)
     def sweep(begin, end, times, place, total, c, fresh, parameters, factor):
         x, y, z = c[0], c[1], c[2]
         table = parameters[0]

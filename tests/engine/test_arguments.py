@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import pytest
+from numba import njit
 from pydantic import Field
 from scipy.integrate import solve_ivp
 
@@ -32,7 +33,8 @@ TIMES = np.linspace(-3.0, 0.0, 300)
 )
 def test_what_is_packed_is_taken_apart_again(values: tuple[Any, ...]) -> None:
     packed = pack(values)
-    result = unpacker(layout_of(values))(np.concatenate([packed, np.zeros(1)]))
+    unpack = unpacker(layout_of(values))
+    result = njit(lambda everything: unpack(everything))(np.concatenate([packed, np.zeros(1)]))
     assert len(result) == len(values)
     for a, b in zip(result, values, strict=True):
         np.testing.assert_array_equal(a, b)
