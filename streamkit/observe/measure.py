@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -62,4 +63,7 @@ def _measure(observable: Any, source: Any, data: Data | None) -> Prediction:
                 f"{name}: predicted {np.asarray(prediction.mean).tolist()} with variances "
                 f"{np.asarray(prediction.variance).tolist()}, not all of them usable numbers, and gave no reason"
             )
-    return prediction
+    if all(np.asarray(each).dtype == np.float64 for each in (prediction.mean, prediction.variance)):
+        return prediction
+    numbers = {name: np.asarray(getattr(prediction, name), dtype=float) for name in ("mean", "variance")}
+    return replace(prediction, **numbers)  # integers or float32, which no file of calls holds

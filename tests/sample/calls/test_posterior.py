@@ -46,6 +46,8 @@ class Counter(Observable):
             raise ZeroDivisionError("boom")
         if self.mode == "nan":
             mean = mean * np.nan
+        if self.mode == "single":
+            mean, variance = mean.astype(np.float32), np.zeros(2, dtype=int)
         if self.mode == "shape":
             mean = mean[:1]
         why = "the stream is shy" if self.mode == "why" else ""
@@ -192,6 +194,13 @@ def test_a_broken_component_is_named_with_the_parameters(mocked, mode, words):
     for word in ["observable counter", *words, "potential.v0 = 220.0 km / s", "potential.alpha = 0.3"]:
         assert word in str(caught.value)
     assert isinstance(caught.value.__cause__, ZeroDivisionError if mode == "raise" else type(None))
+
+
+def test_predictions_of_other_types_are_64_bit_floats(mocked):
+    """A file of calls holds no others: a resumed run could not read what the run before had stored."""
+    evaluation = mocked("single").evaluate(np.array([220.0, 0.3]))
+    assert evaluation.mean.dtype == evaluation.variance.dtype == np.float64
+    assert evaluation.mean.tolist() == [2.0, 7.0]
 
 
 def test_out_of_domain_becomes_a_counted_reason():
