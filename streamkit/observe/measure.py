@@ -65,5 +65,5 @@ def _measure(observable: Any, source: Any, data: Data | None) -> Prediction:
             )
     if all(np.asarray(each).dtype == np.float64 for each in (prediction.mean, prediction.variance)):
         return prediction
-    numbers = {name: np.asarray(getattr(prediction, name), dtype=float) for name in ("mean", "variance")}
-    return replace(prediction, **numbers)  # integers or float32, which no file of calls holds
+    floats = np.array([prediction.mean, prediction.variance], dtype=float)  # no file of calls holds integers or float32
+    return replace(prediction, mean=floats[0], variance=floats[1])
