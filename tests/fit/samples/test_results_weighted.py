@@ -151,7 +151,8 @@ def test_lost_calls_are_mentioned(done, tmp_path, caplog):
 def test_status_tells_of_a_damaged_file(done, tmp_path, name):
     shutil.copytree(done.directory, tmp_path / "run")
     content = (tmp_path / "run" / name).read_bytes()
-    (tmp_path / "run" / name).write_bytes(content[:1000] + bytes([content[1000] ^ 1]) + content[1001:])
+    at = 1000 if name == SAMPLES else 300  # in the first record of several: the last one may be incomplete
+    (tmp_path / "run" / name).write_bytes(content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :])
     for args in ([], ["--json"]):
         assert name in refused("status", tmp_path / "run", "--trust", *args)
 
