@@ -17,6 +17,7 @@ from streamkit.fit.judge.verdicts import overall
 from streamkit.fit.samples.results import Results, load_results
 from streamkit.fit.show.status import describe_status, read_status
 from streamkit.sample import CALLS, CHAIN, SAMPLES, EvaluationCache, Posterior, Workers, read_weighted
+from streamkit.sample.store.journal import MAGIC
 
 FILE = Path(__file__).parents[2] / "support" / "importance.py"
 PLUGIN = {"plugins": [str(FILE)]}
@@ -151,7 +152,8 @@ def test_lost_calls_are_mentioned(done, tmp_path, caplog):
 def test_status_tells_of_a_damaged_file(done, tmp_path, name):
     shutil.copytree(done.directory, tmp_path / "run")
     content = (tmp_path / "run" / name).read_bytes()
-    at = 1000 if name == SAMPLES else 300  # in the first record of several: the last one may be incomplete
+    content += content[len(MAGIC) :] if name == CALLS else b""  # two records: the last one may be incomplete
+    at = 1000
     (tmp_path / "run" / name).write_bytes(content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :])
     for args in ([], ["--json"]):
         assert name in refused("status", tmp_path / "run", "--trust", *args)
