@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,8 +20,13 @@ class AnswerHistory:
     """The stages of one run so far. A resumed run passes through all of them again, and its calls cost nothing."""
 
     def __init__(self, spec: Spec) -> None:
-        self._spec, self._radius = spec, measured_radius(spec)
+        self._spec = spec
         self._stages: list[dict[str, Any]] = []
+
+    @cached_property
+    def _radius(self) -> float:
+        """The radius of the mass in kpc; a chain, which has no stages, does not need it."""
+        return measured_radius(self._spec)
 
     def after(self, weighted: Weighted, asked: tuple[int, int]) -> dict[str, Any]:
         """Return the history with the stage of these samples, after so many calls with all particles and with few.

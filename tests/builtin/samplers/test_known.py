@@ -5,9 +5,9 @@ from collections import deque
 import numpy as np
 import pytest
 from known import KNOWN, OfKnown, off
+from mixture_moves import Mixture, MixtureMoves
 
 from streamkit.builtin.samplers.emulator.joint_density import Layout, Terms
-from streamkit.builtin.samplers.emulator.mixture_moves import Mixture, MixtureMoves
 from streamkit.builtin.samplers.emulator.of_target import LikelihoodOnly
 from streamkit.builtin.samplers.emulator.populations import autocorrelation_times, sample
 from streamkit.builtin.samplers.emulator.rounds import Rounds

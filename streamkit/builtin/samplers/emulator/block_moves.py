@@ -96,7 +96,7 @@ class BlockMoves:
         return np.asarray(np.linalg.solve(self._shared.root.T, slope))
 
     def _left(self, places: Array, k: int) -> Array:
-        """(n, k) What the regression leaves over of the own coordinates of a factor."""
+        """(n, k) Residuals of the own coordinates of a factor in the regression."""
         own = places[:, self._layout.own[k]]
         if self._shared is None:
             return own

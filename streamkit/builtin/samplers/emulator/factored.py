@@ -15,7 +15,7 @@ import numpy as np
 
 from streamkit import Array, IntArray
 from streamkit.builtin.samplers.emulator.calls import Calls
-from streamkit.builtin.samplers.emulator.certificate import certify, changes_by_trend, fresh_calls
+from streamkit.builtin.samplers.emulator.certificate import MOVED, certify, changes_by_trend, fresh_calls
 from streamkit.builtin.samplers.emulator.changes import change_of, changes_of, with_axes
 from streamkit.builtin.samplers.emulator.coordinates import Space
 from streamkit.builtin.samplers.emulator.emulated import Emulated
@@ -30,20 +30,15 @@ from streamkit.builtin.samplers.emulator.factor_starts import (
 )
 from streamkit.builtin.samplers.emulator.pairs import paired
 from streamkit.builtin.samplers.emulator.populations import Populations, go_on, sample, tempered
+from streamkit.builtin.samplers.emulator.rounds import LEAST_ROUND, PAIRED, ROUND, ROUNDS, SETTLED
 from streamkit.builtin.samplers.emulator.start import ARRIVED, doubt_of
 
 # Inverse temperature of the copy that shows where a factor may be too low, and the share of new calls from it.
 WARM, FROM_WARM = 0.4, 0.4
-# New calls of a factor in a round for each of its parameters, and in any case.
-ROUND, LEAST_ROUND = 8, 80
-# Fraction of a round's new places of the posterior that are pairs.
-PAIRED = 0.5
-# Standard deviations that the posterior may move in so many rounds.
-SETTLED, ROUNDS = 0.1, 2
 # Emulators of each factor that the noise of its calls could have given as well.
 REDRAWN = 16
-# Fraction of trends by chance that may be larger than one that counts; the trend that is too small to count.
-LEVEL, MOVED = 0.05, 0.12
+# Fraction of trends by chance that may be larger than one that counts.
+LEVEL = 0.05
 # Factor by which the covariance of the warm copy is widened for the tilt of the weights.
 WIDER = 2.0
 
