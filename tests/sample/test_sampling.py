@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from toys import Gaussian
 
 from streamkit import ChainSampler, Ensemble, Evaluations, Sampler, Samples, Verdict
 from streamkit.errors import ComponentError
 from streamkit.sample import ChainMemory, PosteriorTarget, Stopped, Storage, Workers, run_sampler
-from tests.support.toys import Gaussian
 
 GOOD = 3  # steps before the fault
 
@@ -111,9 +111,10 @@ def test_a_walk_that_ends_by_itself_is_an_error():
 
 
 def evaluations(samples, **changes):
-    """Return samples with evaluations of their own, some of them changed."""
+    """Return samples with evaluations of their own, whose ln p is that of the prior, some of them changed."""
     n = len(samples.points)
-    fields = {"ln_probability": np.zeros(n), "ln_likelihood": np.zeros(n), "mean": np.zeros((n, 2))}
+    ln_prior = sum(prior.lnpdf_of_many(x) for prior, x in zip(Gaussian().priors, samples.points.T, strict=True))
+    fields = {"ln_probability": ln_prior, "ln_likelihood": np.zeros(n), "mean": np.zeros((n, 2))}
     fields |= {"variance": np.zeros((n, 2)), "reasons": ("",) * n}
     return replace(samples, evaluations=Evaluations(**fields | changes))
 
