@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -68,6 +68,9 @@ class Target(Protocol):
     @property
     def factors(self) -> Sequence[TargetFactor]:
         """The factors of the likelihood of several streams, for a sampler that emulates predictions; else none."""
+
+    def call_factors(self, points: Mapping[str, Array]) -> None:
+        """Call several factors by name at points (n, p), from one queue; their `predictions` cost nothing then."""
 
     @property
     def earlier(self) -> Array:

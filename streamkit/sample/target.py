@@ -8,9 +8,10 @@ no point costs twice. `Workers` spreads the points over processes, counts the ca
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import groupby
 from time import monotonic, time
 from typing import Any
 
@@ -115,6 +116,24 @@ class PosteriorTarget:
                 if not self.storage.is_chain:  # of a chain the steps are shown
                     self.show(1)
         return [before[key] if (key := point.tobytes()) in before else cache.get(point[None])[0] for point in points]
+
+    def call_factors(self, points: Mapping[str, Array]) -> None:
+        """Call several factors by name at points (n, p), from one queue: their `predictions` then cost nothing."""
+        targets = {each.name: each.target for each in self.factors if isinstance(each.target, PosteriorTarget)}
+        queue = [(targets[name], point) for name, some in points.items() for point in targets[name]._missing(some)]
+        for begin in range(0, len(queue), PART):
+            part = queue[begin : begin + PART]
+            batches = [(target._which[0], np.array([point for _, point in some]))
+                       for target, some in groupby(part, key=_target)]  # fmt: skip
+            for (target, point), evaluation in zip(part, self._calls.each_of(batches), strict=True):
+                target.storage.evaluations.add(point, evaluation)
+                target.storage.evaluations.write(at_once=False)
+                target.show(1)
+
+    def _missing(self, points: Array) -> list[Array]:
+        """Return those of points (n, d) that have not been evaluated with all particles, here or in an earlier run."""
+        points = np.ascontiguousarray(points, dtype=float)
+        return [each for each in self.storage.evaluations.missing(points) if each not in self.storage.earlier]
 
     @property
     def earlier(self) -> Array:
@@ -243,3 +262,7 @@ class PosteriorTarget:
         """Return the calls, those of the search for a start, and the rejections by reason; before a resumption too."""
         reasons = dict(Counter(self._before["reasons"]) + self._calls.reasons["full"])
         return self._before | {"calls": self._before["calls"] + self._calls.calls["full"], "reasons": reasons}
+
+
+def _target(queued: tuple[PosteriorTarget, Array]) -> PosteriorTarget:
+    return queued[0]

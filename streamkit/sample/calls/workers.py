@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import pickle
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from time import monotonic
 from typing import Any
@@ -84,7 +84,11 @@ class Workers:
         Raises `Stopped` soon after ``stop`` is set, ComponentError if a component fails, StreamkitError if worker
         processes die again and again.
         """
-        for result in self._results(points, which):
+        yield from self.each_of([(which, points)])
+
+    def each_of(self, batches: Sequence[tuple[str, Array]]) -> Iterator[Evaluation]:
+        """Yield the evaluations of several posteriors, each at points (n, d) of its own, from one queue: see `each`."""
+        for which, result in self._results(batches):
             self.calls[which] += 1
             if result.reason:
                 self.reasons[which][result.reason] += 1
@@ -92,18 +96,19 @@ class Workers:
             if self.stop:
                 raise Stopped(self.stop)
 
-    def _results(self, points: Array, which: str) -> Iterator[Evaluation]:
+    def _results(self, batches: Sequence[tuple[str, Array]]) -> Iterator[tuple[str, Evaluation]]:
         executor = self._executor
         if executor is None:
-            for point in points:
-                one = call_with_timeout(self._limit, self._posteriors[which].evaluate, point)
-                yield self._overtime(point, which) if isinstance(one, str) else one
+            for which, points in batches:
+                for point in points:
+                    one = call_with_timeout(self._limit, self._posteriors[which].evaluate, point)
+                    yield which, self._overtime(point, which) if isinstance(one, str) else one
             return
-        parts = self._parts(points)
+        parts = [(which, part) for which, points in batches for part in self._parts(points)]
         self._note_activity()
-        futures = [self._submit(executor, part, which) for part in parts]
+        futures = [self._submit(executor, part, which) for which, part in parts]
         try:
-            for part, future in zip(parts, futures, strict=True):
+            for (which, part), future in zip(parts, futures, strict=True):
                 try:
                     answers = self._wait(future, len(part))
                 except CallTimeout:
@@ -111,7 +116,7 @@ class Workers:
                         raise
                     answers = [NO_ANSWER] * len(part)  # worker processes get one point at a time
                 for point, each in zip(part, answers, strict=True):
-                    yield self._overtime(point, which) if isinstance(each, str) else each
+                    yield which, self._overtime(point, which) if isinstance(each, str) else each
         except Exception as error:
             if isinstance(error, BrokenExecutor | CancelledError) or type(error).__name__ == "KilledWorker":  # Dask's
                 raise WorkerDied(f"the workers of the executor died ({error})") from None

@@ -57,6 +57,12 @@ def test_a_resumed_run_makes_no_call_again_and_gives_the_same_samples(run, tmp_p
     np.testing.assert_array_equal(again.samples, results.samples)
 
 
+def test_two_workers_give_the_same_samples_from_one_queue(run) -> None:
+    _, results = run
+    again = sk.run(results.spec, workers=2, progress=False)
+    np.testing.assert_array_equal(again.samples, results.samples)
+
+
 def test_calls_of_another_stream_in_its_file_are_refused(run, tmp_path: Path) -> None:
     out, results = run
     copy = tmp_path / "copy"

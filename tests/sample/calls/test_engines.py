@@ -194,3 +194,17 @@ def test_calls_over_the_limit_are_rejections_on_other_engines_too():
     slow[0] = False  # it is the worker's first, which may compile
     with ThreadPoolExecutor(1) as mine, Workers({"full": Slow(0.5)}, mine, limit=0.25, reject=True) as pool:
         assert [found.reason == OVERTIME for found in pool.evaluate(points)] == slow.tolist()
+
+
+@pytest.mark.parametrize("where", [1, 2, ThreadPoolExecutor])
+def test_calls_of_several_posteriors_share_one_queue(where):
+    points = np.random.default_rng(2).normal(size=(3, 40, 3))
+    batches = [("full", points[0]), ("cut", points[1]), ("full", points[2])]
+    executor = where(2) if where is ThreadPoolExecutor else where
+    posteriors = {"full": Gaussian(), "cut": Gaussian(cut=True)}
+    with Workers(posteriors, executor) as pool:
+        found = list(pool.each_of(batches))
+    alone = [posteriors[which].evaluate(p) for which, some in batches for p in some]
+    assert [each.lnp for each in found] == [each.lnp for each in alone]
+    assert pool.calls == {"full": 80, "cut": 40}
+    assert pool.reasons["full"].total() + pool.reasons["cut"].total() == sum(bool(each.reason) for each in alone) > 0

@@ -8,7 +8,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,6 +88,8 @@ class Factored:
         Independent ones of each factor: two populations begin from different ones.
     note
         Called with a line about the progress.
+    together
+        Called with parameters (n, p) by factor before each factor is called at them: all may be called at a time.
     """
 
     def __init__(
@@ -97,9 +99,10 @@ class Factored:
         noise: bool,
         starts: int = 1,
         note: Callable[[str], None] = lambda _: None,
+        together: Callable[[Mapping[str, Array]], None] = lambda _: None,
     ) -> None:
         self._factors, self._space, self._noise, self._note = tuple(factors), space, noise, note
-        self._starts_of_each = starts
+        self._starts_of_each, self._together = starts, together
         self._seed = factors[0].problem.seed
 
     def run(self, max_calls: int) -> Iterator[JointProgress]:
@@ -182,6 +185,7 @@ class Factored:
         """Call each factor that is not learned at places of the joint posterior."""
         rng = np.random.default_rng([*seed, 4])
         waiting = [each for each in known if not each.is_learned] or list(known)
+        chosen: list[tuple[Known, Array]] = []
         for each in waiting:
             size = max(ROUND * each.factor.problem.size, LEAST_ROUND)
             if len(each.calls) >= max_calls:
@@ -191,8 +195,10 @@ class Factored:
             here = samples[rng.choice(len(samples), size - few, replace=False)][:, columns]
             pairs = 0 if each.emulated.emulator.is_silent else int(PAIRED * len(here)) // 2
             there = warm[rng.choice(len(warm), few, replace=False)][:, columns]
-            new = np.concatenate([paired(here, pairs), there])
-            each.calls += Calls.at(each.factor.problem, each.calls.space, new)
+            chosen.append((each, np.concatenate([paired(here, pairs), there])))
+        self._together({each.factor.name: each.calls.space.back(y) for each, y in chosen})
+        for each, y in chosen:
+            each.calls += Calls.at(each.factor.problem, each.calls.space, y)
 
     # What is known
 

@@ -29,7 +29,7 @@ def sample_factors(target: Target, max_calls: int, noise: bool, starts: int) -> 
     ]
     space = Space(OfTarget(target))
     target.expect(max_calls * len(factors))
-    for progress in Factored(factors, space, noise, starts, target.remark).run(max_calls):
+    for progress in Factored(factors, space, noise, starts, target.remark, target.call_factors).run(max_calls):
         yield _samples(target, space, progress)
 
 
