@@ -22,6 +22,8 @@ from streamkit.runfile.section import Section, read_section
 from streamkit.runfile.sections import Sections, StreamSections
 from streamkit.runfile.sentences import should
 from streamkit.runfile.settings import VERSION, Engine, Likelihood, RunFile
+from streamkit.runfile.stream_errors import where_written
+from streamkit.runfile.stream_tables import DEFAULTS, StreamTables
 
 DEFAULT_KIND = {"integrator": "adaptive", "observable": "apocentres", "sampler": "emcee"}
 HOST_ALONE = ("growth",)  # fields of a potential that a progenitor or a body does not have
@@ -31,9 +33,6 @@ _EXPECTED = {
     "seed": "a whole number, zero or more",
     "plugins": 'a list of Python files, such as ["my_halo.py"]',
 }
-
-
-OF_A_STREAM = ("progenitor", "stripping", "observable")  # the sections of each stream where there are several
 
 
 def resolve(
@@ -79,6 +78,7 @@ class _Reader:
         self.name, self.raw, self.files = name, raw, files
         self.errors: list[str] = []
         self.preset: dict[str, str] = {}  # the name of a published model, where the run file has one
+        self.stream_tables = StreamTables()
 
     def refuse(self, error: str) -> Any:
         """Collect an error; return None in place of the section."""
@@ -87,7 +87,8 @@ class _Reader:
     def stop(self) -> None:
         """Raise SpecError if there are errors."""
         if self.errors:
-            raise SpecError("\n".join(f"{self.name}: {_shortened(error)}" for error in self.errors))
+            errors = where_written(self.errors, self.stream_tables, self.name)
+            raise SpecError("\n".join(map(_shortened, errors)))
 
     def head(self) -> None:
         """Check the top-level keys and values."""
@@ -250,32 +251,38 @@ class _Reader:
 
     def streams(self) -> Any:
         """Validate the streams: the one that the run file does not name, or several by name."""
-        table = self.raw.get("stream", {})
-        if not table:
+        tables = self.stream_tables
+        tables.read(self.raw, self.name, self.files.folder)
+        if not tables:
             return {ONLY: self.stream("", self.raw)}
-        out: dict[str, StreamSections] = {}
-        for key in OF_A_STREAM:
-            if key in self.raw:
-                self.refuse(
-                    f"{key}: found beside the named streams {', '.join(table)}; expected one stream, or only named "
-                    f"ones, each with a [stream.NAME.{key}] of its own"
-                )
-        for key, value in table.items():
-            path = f"stream.{key}"
-            if key in OF_A_STREAM:
-                self.refuse(f"{path}: the name of the stream is missing; expected [stream.NAME.{key}]")
-            elif not isinstance(value, dict):
-                self.refuse(f"{path}: found {value!r}, expected sections such as [{path}.progenitor]")
-            elif key == ONLY:
-                self.refuse(f"{path}: a stream may not be called {ONLY!r}, the name of a stream without one")
-            elif not self.dotted(path, key, "stream"):
-                for other in value.keys() - set(OF_A_STREAM):
-                    self.refuse(
-                        f"{path}.{other}: no section of a stream.{nearest(other, OF_A_STREAM)} "
-                        f"Allowed: {', '.join(OF_A_STREAM)}."
-                    )
-                out[key] = self.stream(f"{path}.", value)
-        return out
+        tables.fill(self.raw.pop(DEFAULTS, {}), self.fields_of)
+        self.raw.pop("streams", None)
+        self.raw["stream"] = tables.tables
+        if tables.errors:  # a misspelt section would be missing in every stream
+            return self.errors.extend(tables.errors)
+        return {name: self.stream(f"stream.{name}.", table) for name, table in tables.tables.items()}
+
+    def fields_of(self, section: str, own: Mapping[str, Any], table: Mapping[str, Any]) -> list[str] | None:
+        """Return the fields that a section of a stream may have; None if its kind is not known.
+
+        ``table`` has the kind. The stream's ``own`` table decides in which coordinates the progenitor is given.
+        """
+        role = "potential" if section == "progenitor" else section
+        kind = table.get("kind", DEFAULT_KIND.get(role))
+        self.registry = self.registry.having(role, kind)
+        try:
+            cls = self.registry.find(role, kind, section)
+            cls = cls.for_section({key: value for key, value in table.items() if key in cls.model_fields})
+        except (SpecError, ValueError):
+            return None
+        if section != "progenitor":
+            return ["kind", *cls.model_fields]
+        names = [name for name in cls.model_fields if name not in HOST_ALONE]
+        try:
+            ways: Sequence[Any] = [choose_coordinates(own.keys() - {*names}, names)]
+        except ValueError:
+            ways = WAYS
+        return ["kind", *names, *OTHER_NAMES, *(name for way in ways for name in way.model_fields)]
 
     def stream(self, prefix: str, table: dict[str, Any]) -> StreamSections:
         """Validate the sections of one stream."""

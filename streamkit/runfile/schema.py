@@ -13,6 +13,15 @@ from streamkit.runfile.progenitor import BODY_WAYS, OTHER_NAMES, WAYS, Place, Su
 from streamkit.runfile.reader import DEFAULT_KIND, HOST_ALONE
 from streamkit.runfile.section import section_model
 from streamkit.runfile.settings import Engine, Likelihood, RunFile
+from streamkit.runfile.stream_tables import ABOVE, SECTIONS
+
+# A stream with defaults: fields of its sections may be missing.
+PART = {
+    "type": "object",
+    "properties": {name: {"type": "object"} for name in SECTIONS}
+    | {"frame": {"type": ["string", "object", "array"]}, "table": {"type": ["string", "object"]}},
+    "additionalProperties": False,
+}
 
 
 class _Generator(GenerateJsonSchema):
@@ -64,8 +73,15 @@ def json_schema(registry: Registry) -> dict[str, Any]:
     sections |= {cls.__name__.lower(): section_model(cls) for cls in (Sun, Likelihood, Engine)}
     fields: Any = {name: (sections.get(name, f.annotation), f) for name, f in RunFile.model_fields.items()}
     schema = create_model("RunFile", __config__=RunFile.model_config, __doc__="A run file of streamkit.", **fields)
-    one_or_several = {"oneOf": [{"required": ["progenitor", "stripping"]}, {"required": ["stream"]}]}
+    several = {"anyOf": [{"required": ["stream"]}, {"required": ["streams"]}]}
+    one_or_several = {"oneOf": [{"required": ["progenitor", "stripping"]}, several]}
     made = schema.model_json_schema(schema_generator=_Generator)
+    whole = made["properties"]["stream"]["additionalProperties"]
+    made["properties"]["stream_defaults"] |= PART
+    made["properties"]["stream"]["additionalProperties"] = {"anyOf": [whole, PART]}
+    given_above = PART | {"anyOf": [{"required": [name]} for name in ABOVE]}
+    complete = {"stream": {"additionalProperties": {"anyOf": [whole, given_above]}}}
+    one_or_several["anyOf"] = [{"required": ["stream_defaults"]}, {"properties": complete}]
     for definition in made["$defs"].values():
         _allow_other_names(definition)
     return {"$schema": GenerateJsonSchema.schema_dialect} | made | one_or_several

@@ -39,7 +39,18 @@ class RunFile(BaseModel):
     stream: dict[str, Any] = Field(
         default={},
         description="Several streams in one host: [stream.NAME.progenitor], [stream.NAME.stripping], "
-        "[stream.NAME.observable], in place of the three sections above.",
+        "[stream.NAME.observable], in place of the three sections above. Above its sections a stream may have a frame "
+        "and a table, for all of its sections that have these fields.",
+    )
+    streams: list[str] = Field(
+        default=[],
+        description="Files of one stream each, such as gd1.toml for the stream gd1: what would stand below "
+        "[stream.NAME]. Their paths, and the paths in them, are relative to the run file.",
+    )
+    stream_defaults: dict[str, Any] = Field(
+        default={},
+        description="What several streams share, in sections as those of a stream. A stream's own value replaces a "
+        "default; a default that the kind of a stream's section does not have is left out there.",
     )
     likelihood: dict[str, Any] = Field(default={}, description="How the prediction is compared with the data.")
     sampler: dict[str, Any] = Field(default={}, description="How the posterior is sampled.")

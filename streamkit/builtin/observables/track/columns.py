@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
+from pydantic import Field
 
+import streamkit as sk
 from streamkit import Array, Seen, place_on_sky
 
 
@@ -28,12 +30,35 @@ COLUMNS: dict[str, Column] = {
     "radial_velocity": Column("km/s", r"$v_r$", lambda seen: seen.radial_velocity),
 }
 
+Outliers = Annotated[sk.Number, Field(ge=0, lt=1, description="Fraction of its data that are no members.")]
+Name = Literal["phi2", "distance", "distance_modulus", "pm_phi1_cosphi2", "pm_phi2", "radial_velocity"]
+# Functions that move drawn data into the allowed range.
+LIMITS: dict[str, Callable[[Array], Array]] = {"phi2": lambda angle: np.clip(angle, -90, 90), "distance": np.abs}
+
 DEPTH = "distance_depth"  # the field whose datum is the spread of the distance
+
+
+def one_column(**value: str) -> sk.Columns:
+    """Declare a table of longitudes, one value and its errors in the value's unit."""
+    (unit,) = value.values()
+    return sk.Columns(phi1="deg", **value, error=unit).positive("error")
 
 
 def column_of(name: str) -> str:
     """Return the column that a field's data are compared with."""
     return "distance" if name == DEPTH else name
+
+
+def names_of(given: Mapping[str, tuple[Array, Array, Array]]) -> tuple[str, ...]:
+    """Return a name for every datum: the column and the longitude, and a count where several have the same."""
+    seen: dict[str, int] = {}
+    names = []
+    for column, (phi1, _, _) in given.items():
+        for angle in phi1.tolist():
+            name = f"{column} at {angle:g}"
+            seen[name] = seen.get(name, 0) + 1
+            names.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+    return tuple(names)
 
 
 def within(angle: Array, middle: float) -> Array:

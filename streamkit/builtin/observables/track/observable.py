@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -10,7 +10,18 @@ import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 import streamkit as sk
-from streamkit.builtin.observables.track.columns import COLUMNS, DEPTH, column_of, radii_of, within
+from streamkit.builtin.observables.track.columns import (
+    COLUMNS,
+    DEPTH,
+    LIMITS,
+    Name,
+    Outliers,
+    column_of,
+    names_of,
+    one_column,
+    radii_of,
+    within,
+)  # fmt: skip
 from streamkit.builtin.observables.track.likelihood import Side, ln_of_each, ln_sum, mixture_residuals, scatter_of
 from streamkit.builtin.observables.track.lines import (
     ENOUGH,
@@ -26,33 +37,24 @@ from streamkit.builtin.observables.track.lines import (
 )
 from streamkit.builtin.observables.track.members import MEMBERS, MOTIONS, Members, members_of, which_columns
 from streamkit.builtin.observables.track.panels import column_label, column_panel, fine_grid, longitude_label
+from streamkit.builtin.observables.track.shared_table import TABLE, check_sources, data_of, redrawn
 
 # Degrees from the nearest debris: beyond, debris on the other side of the sky has no influence.
 SEAM = 90.0
-# Functions that move drawn data into the allowed range.
-LIMITS: dict[str, Callable[[sk.Array], sk.Array]] = {"phi2": lambda angle: np.clip(angle, -90, 90), "distance": np.abs}
 BROADEST = 45.0  # largest kernel in degrees: an eighth of a turn
-
-Outliers = Annotated[sk.Number, Field(ge=0, lt=1, description="Fraction of its data that are no members.")]
-Name = Literal["phi2", "distance", "distance_modulus", "pm_phi1_cosphi2", "pm_phi2", "radial_velocity"]
-
-
-def _columns(**value: str) -> sk.Columns:
-    """Declare a table of longitudes, one value and its errors in the value's unit."""
-    (unit,) = value.values()
-    return sk.Columns(phi1="deg", **value, error=unit).positive("error")
 
 
 class Track(sk.Observable):
     """A stream's track on the sky: latitude, distance, proper motions and velocity at longitudes phi1.
 
-    Each column has its own longitudes; a column that is left out is not compared. At a datum's longitude a local line
-    is fitted to the debris with a Gaussian kernel in phi1. Means are compared with the line, and member stars (`stars`)
-    with the line and the spread of the debris about it. `members` are such stars in ICRS: their proper motions, with
-    the covariances, are rotated into the frame. The density of a datum has the factor 1 - exp(-n), the probability of
-    at least one particle under the kernel where n are expected. The factor is 1 among debris; away from debris ln p
-    falls by the distance to the nearest debris in units of the kernel. Bound particles are left out. With `unwrapped`
-    the longitudes do not jump at whole turns. Several data at one longitude are independent.
+    Each column has its own longitudes, or several columns are in one `table`; a column without values is not compared.
+    At a datum's longitude a local line is fitted to the debris with a Gaussian kernel in phi1. Means are compared with
+    the line, and member stars (`stars`) with the line and the spread of the debris about it. `members` are such stars
+    in ICRS: their proper motions, with the covariances, are rotated into the frame. The density of a datum has the
+    factor 1 - exp(-n), the probability of at least one particle under the kernel where n are expected. The factor is 1
+    among debris; away from debris ln p falls by the distance to the nearest debris in units of the kernel. Bound
+    particles are left out. With `unwrapped` the longitudes do not jump at whole turns. Several data at one longitude
+    are independent.
     """
 
     kind = "track"
@@ -68,26 +70,31 @@ class Track(sk.Observable):
         description='Frame of phi1, phi2: a name such as "GD1Koposov10", { pole = [ra, dec], origin = [ra, dec] } in '
         "degrees, or the three rows of a matrix from ICRS."
     )
-    phi2: Annotated[sk.Table, _columns(phi2="deg").between("phi2", -90, 90)] | None = Field(
+    phi2: Annotated[sk.Table, one_column(phi2="deg").between("phi2", -90, 90)] | None = Field(
         default=None, description="Latitudes."
     )
-    distance: Annotated[sk.Table, _columns(distance="kpc").positive("distance")] | None = Field(
+    distance: Annotated[sk.Table, one_column(distance="kpc").positive("distance")] | None = Field(
         default=None, description="Heliocentric distances."
     )
-    distance_modulus: Annotated[sk.Table, _columns(distance_modulus="mag")] | None = Field(
+    distance_modulus: Annotated[sk.Table, one_column(distance_modulus="mag")] | None = Field(
         default=None, description="Distance moduli."
     )
-    distance_depth: Annotated[sk.Table, _columns(depth="kpc")] | None = Field(
+    distance_depth: Annotated[sk.Table, one_column(depth="kpc")] | None = Field(
         default=None, description="Standard deviations of the distance of the debris at a longitude."
     )
-    pm_phi1_cosphi2: Annotated[sk.Table, _columns(pm_phi1_cosphi2="mas/yr")] | None = Field(
+    pm_phi1_cosphi2: Annotated[sk.Table, one_column(pm_phi1_cosphi2="mas/yr")] | None = Field(
         default=None, description="Proper motions in phi1, times cos phi2; not corrected for the Sun's."
     )
-    pm_phi2: Annotated[sk.Table, _columns(pm_phi2="mas/yr")] | None = Field(
+    pm_phi2: Annotated[sk.Table, one_column(pm_phi2="mas/yr")] | None = Field(
         default=None, description="Proper motions in phi2; not corrected for the Sun's."
     )
-    radial_velocity: Annotated[sk.Table, _columns(radial_velocity="km/s")] | None = Field(
+    radial_velocity: Annotated[sk.Table, one_column(radial_velocity="km/s")] | None = Field(
         default=None, description="Line-of-sight velocities."
+    )
+    table: Annotated[sk.Table, TABLE] | None = Field(
+        default=None,
+        description="One table of several of the columns above: phi1, and each column with NAME_error. Values may be "
+        "missing.",
     )
     members: Annotated[sk.Table, MEMBERS] | None = Field(
         default=None,
@@ -96,7 +103,8 @@ class Track(sk.Observable):
         "proper motions. Values may be missing. Positions are taken as exact.",
     )
     compared: tuple[Name, ...] | None = Field(
-        default=None, description="The columns of `members` that are compared; all columns if left out."
+        default=None,
+        description="The columns of `table` and `members` that are compared; all columns if left out.",
     )
     velocity_frame: Literal["heliocentric", "gsr"] = Field(
         default="heliocentric", description="Whether the velocities are heliocentric, or corrected for the Sun's."
@@ -132,17 +140,21 @@ class Track(sk.Observable):
     @field_validator("stars")
     @classmethod
     def _have_tables(cls, value: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
-        given = [name for name in COLUMNS if info.data.get(name) is not None]
+        table = info.data.get("table") or ()
+        given = [name for name in COLUMNS if info.data.get(name) is not None or name in table]
         if missing := [name for name in value if name not in given]:
             raise ValueError(f"there is no table of {missing[0]!r}; there is {', '.join(given) or 'none'}")
         return value
 
     @model_validator(mode="after")
     def _complete(self) -> Track:
-        self._check_members()
+        own = [name for name in (*COLUMNS, DEPTH) if getattr(self, name) is not None]
+        check_sources(own, self.table, self._of_table, self.members, self._of_members, self.compared)
+        if self.members is not None and self.unwrapped:
+            raise ValueError("ra and dec do not determine the wrap of a star; give tables with phi1, and `stars`")
         if not self.given:
             raise ValueError(
-                f"there are no data: expected members, or at least one table of {', '.join((*COLUMNS, DEPTH))}"
+                f"there are no data: expected table or members, or at least one table of {', '.join((*COLUMNS, DEPTH))}"
             )
         for name, (phi1, _, _) in self.given.items():
             if not self.unwrapped and np.ptp(phi1) > 360:
@@ -153,14 +165,11 @@ class Track(sk.Observable):
             raise ValueError('gsr_sun takes three velocities, and velocity_frame = "gsr"')
         return self
 
-    def _check_members(self) -> None:
-        if self.members is None and self.compared is not None:
-            raise ValueError("compared names columns of members, and there are no members")
-        twice = [name for name in self._of_members if getattr(self, name) is not None]
-        if twice:
-            raise ValueError(f"{twice[0]} is a table and also in members: leave it out of `compared`")
-        if self.members is not None and self.unwrapped:
-            raise ValueError("ra and dec do not determine the wrap of a star; give tables with phi1, and `stars`")
+    @cached_property
+    def _of_table(self) -> dict[str, tuple[sk.Array, sk.Array, sk.Array]]:
+        """Longitudes, values and errors, (k,) each, of the columns of `table` that are compared."""
+        parts = {} if self.table is None else data_of(self.table)
+        return {name: part for name, part in parts.items() if self.compared is None or name in self.compared}
 
     @cached_property
     def _stars(self) -> Members | None:
@@ -169,31 +178,26 @@ class Track(sk.Observable):
     @cached_property
     def _of_members(self) -> tuple[str, ...]:
         """The columns of the members that are compared."""
-        return () if self._stars is None else which_columns(self._stars, self.compared)
+        compared = self.compared and [name for name in self.compared if name not in self._of_table]
+        return () if self._stars is None else which_columns(self._stars, compared)
 
     @cached_property
     def given(self) -> dict[str, tuple[sk.Array, sk.Array, sk.Array]]:
         """The data by field: longitudes, values and errors, (k,) each."""
-        tables = {name: getattr(self, name) for name in (*COLUMNS, DEPTH)}
         parts = {}
-        for name, table in tables.items():
-            if table is not None:
+        for name in (*COLUMNS, DEPTH):
+            if (table := getattr(self, name)) is not None:
                 parts[name] = table["phi1"], table["depth" if name == DEPTH else name], table["error"]
+            elif name in self._of_table:
+                parts[name] = self._of_table[name]
             elif self._stars is not None and name in self._of_members:
                 parts[name] = self._stars.column(name)
         return parts
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """A name for every datum: the column and the longitude, and a count where several have the same."""
-        seen: dict[str, int] = {}
-        names = []
-        for column, (phi1, _, _) in self.given.items():
-            for angle in phi1.tolist():
-                name = f"{column} at {angle:g}"
-                seen[name] = seen.get(name, 0) + 1
-                names.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
-        return tuple(names)
+        """A name for every datum."""
+        return names_of(self.given)
 
     @cached_property
     def _places(self) -> tuple[sk.Array, dict[str, sk.IntArray]]:
@@ -325,7 +329,8 @@ class Track(sk.Observable):
     def mock(self, prediction: sk.Prediction, rng: np.random.Generator) -> dict[str, Any]:
         """Return tables with Gaussian noise: errors, extra dispersion, for stars the spread; a fraction of outliers."""
         tables: dict[str, Any] = {}
-        of_members, noise, variances, start = {}, {}, {}, 0
+        noise, variances, start = {}, {}, 0
+        of_table, of_members = dict[str, sk.Array](), dict[str, sk.Array]()
         for name, (phi1, value, error) in self.given.items():
             part = slice(start, start := start + len(phi1))
             variance = self.scatter2(name, error, prediction.details["spread"][part])
@@ -340,11 +345,13 @@ class Track(sk.Observable):
                 other = rng.normal(*scatter_of(value, error), len(phi1))
                 drawn = np.where(rng.random(len(phi1)) < getattr(self, f"{name}_outliers"), other, drawn)
             drawn = LIMITS.get(name, np.asarray)(drawn)
-            if name in self._of_members:
-                of_members[name] = drawn
+            if name in self._of_table or name in self._of_members:
+                (of_table if name in self._of_table else of_members)[name] = drawn
                 continue
             table = {"phi1": phi1, "depth" if name == DEPTH else name: drawn, "error": error}
             tables[name] = {key: column.tolist() for key, column in table.items()}
+        if self.table is not None:
+            tables["table"] = redrawn(self.table, of_table)
         if self._stars is not None:
             tables["members"] = self._stars.redrawn(of_members)
         return tables
