@@ -18,7 +18,7 @@ import click
 
 from streamkit import components
 from streamkit.cli.options import INTERRUPTED, INVALID
-from streamkit.cli.process import keep_streams, leave
+from streamkit.cli.process import collect_rarely, keep_streams, leave
 from streamkit.distribution import foreign_files
 from streamkit.errors import PluginError, StreamkitError, message_of, nearest, printable
 
@@ -87,6 +87,7 @@ class Commands(click.Group):
         alone = args is None  # the process is this command's
         if alone:
             keep_streams()
+            collect_rarely()
         try:
             status = super().main(args, prog_name, complete_var, standalone_mode=False, **extra)
         except StreamkitError as error:

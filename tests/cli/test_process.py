@@ -16,9 +16,24 @@ from streamkit.cli.main import main
 
 process.PATIENCE = 0.5
 
+class Knot:
+    ends = 0
+    def __init__(self):
+        self.own = self  # a cycle
+    def __del__(self):
+        Knot.ends += 1
+
 @main.command()
 @click.argument("what")
 def harm(what):
+    global left_open
+    if what == "knots":
+        for _ in range(20_000 * 2):
+            Knot()
+        assert Knot.ends > 0
+    if what.startswith("open "):
+        left_open = open(what[5:], "w")
+        left_open.write("written")
     if what == "close":
         os.close(1)
         os.close(2)
@@ -51,6 +66,15 @@ def harmed(what, redirected=""):
 @pytest.mark.parametrize("what", ["close", "end"])
 def test_what_does_no_harm(what):
     assert harmed(what) == (0, "done\n", "")
+
+
+def test_cycles_are_freed_while_a_command_runs():
+    assert harmed("knots") == (0, "done\n", "")
+
+
+def test_a_file_that_a_plugin_leaves_open_is_written(tmp_path):
+    assert harmed(f"open {tmp_path / 'left.txt'}") == (0, "done\n", "")
+    assert (tmp_path / "left.txt").read_text() == "written"
 
 
 def test_a_thread_that_is_left_does_not_keep_the_process():
