@@ -17,16 +17,20 @@ from streamkit.study import preflight
 @SET
 @click.option("--draws", default=64, show_default=True, type=click.IntRange(0), metavar="N",
               help="Trial streams over the prior, with few particles; 0 for none.")  # fmt: skip
+@click.option("--stream", metavar="NAME", help="Check one of several streams alone, and show all of its parameters.")
 @JSON
 @click.option("-q", "--quiet", is_flag=True, help="No progress; print the warnings only.")
-def check(run_file: Path, settings: tuple[str, ...], draws: int, as_json: bool, quiet: bool) -> None:
+def check(
+    run_file: Path, settings: tuple[str, ...], draws: int, stream: str | None, as_json: bool, quiet: bool
+) -> None:
     """Validate a run file and check its physics.
 
     Printed are the components with their suppliers, the free parameters with their priors, the progenitor's orbit at
-    the prior's centre, the CPU time of a call and of the run, and warnings about causes of failing fits. The exit
-    status is 0 for a valid run file and 2 for another.
+    the prior's centre, the CPU time of a call and of the run, and warnings about causes of failing fits. Of many
+    streams each has one line. The exit status is 0 for a valid run file and 2 for another.
     """
     spec = load_spec(run_file, settings)
+    spec = spec if stream is None else spec.only(stream)
     if not (as_json or quiet):
         click.echo(f"{preflight.describe_spec(spec)}\n")
     try:

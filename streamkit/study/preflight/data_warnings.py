@@ -31,10 +31,11 @@ MOST_TRIALS = 16  # largest number of trial streams for the comparison with corr
 
 @dataclass(frozen=True)
 class _Measured:
-    """One measurement in all trials: path in the run file, predictions, and a function that measures a trial anew."""
+    """One measurement in all trials that have it: path in the run file, predictions, a function that measures anew."""
 
     path: str
     measurement: Measurement
+    trials: list[Trial]
     predictions: list[Prediction]
     predict: Callable[[Any, Trial], Prediction | None]
 
@@ -60,16 +61,16 @@ def data_warnings(spec: Spec, trials: Sequence[Trial]) -> list[str]:
 
     With few trials of a run file with free parameters there is no warning.
     """
-    if not trials or (spec.names and len(trials) < FEW_TRIALS):
-        return []
     warnings = []
     for measured in _measured(spec, trials):
+        if spec.names and len(measured.trials) < FEW_TRIALS:
+            continue
         for name, rows in measured.measurement.quantities().items():
             distance = _distance(measured.measurement, measured.predictions, rows)
             if not distance.beyond(DOUBTFUL):
                 continue
-            if (correction := _correction(measured, name, trials)) or distance.beyond(HOPELESS):
-                warnings.append(_warning(measured, name, distance, correction, len(trials)))
+            if (correction := _correction(measured, name)) or distance.beyond(HOPELESS):
+                warnings.append(_warning(measured, name, distance, correction))
     return warnings
 
 
@@ -77,10 +78,10 @@ def sign_warnings(spec: Spec, centre: Sequence[Trial]) -> list[str]:
     """Return a warning for each quantity that the stream at the prior's centre makes with the opposite sign.
 
     A wide prior hides a wrong sign from `data_warnings`: some of its streams come near any data. ``centre`` holds the
-    trial at the prior's centre, or nothing.
+    trial at the prior's centre, or nothing. A sign that moves another quantity away from the stream is right.
     """
     warnings = []
-    for measured in _measured(spec, centre) if centre else ():
+    for measured in _measured(spec, centre):
         rows = measured.measurement.quantities()
         paths = {name: measured.path if len(rows) == 1 else f"{measured.path}.{name}" for name in rows}
         far = {name: _distance(measured.measurement, measured.predictions, rows[name]).errors for name in rows}
@@ -90,6 +91,8 @@ def sign_warnings(spec: Spec, centre: Sequence[Trial]) -> list[str]:
             with suppress(StreamkitError, KeyError), np.errstate(all="ignore"):
                 made, turned = measured.predict(other, centre[0]), other.quantities()
                 near = {name: _distance(other, [made] if made else [], turned[name]).errors for name in rows}
+                if any(near[name] > max(far[name], NEAR_ERRORS) for name in rows):
+                    continue
                 warnings += [
                     f"{paths[name]}: the median datum is {far[name]:.0f} errors from the stream at the prior's centre, "
                     f"and {near[name]:.1f} with {text}. Is that the mistake?"
@@ -100,20 +103,24 @@ def sign_warnings(spec: Spec, centre: Sequence[Trial]) -> list[str]:
 
 
 def _measured(spec: Spec, trials: Sequence[Trial]) -> Iterator[_Measured]:
-    """Yield every measurement of the streams, and every one of the host."""
+    """Yield every measurement of the streams, and every one of the host, that some trials have."""
+    if not trials:
+        return
     for stream, inputs in trials[0].bound.streams.items():
-        for name, observable in inputs.observables.items():
+        having = [trial for trial in trials if stream not in trial.reasons]
+        for name, observable in inputs.observables.items() if having else ():
 
             def measure(other: Observable, trial: Trial, stream: str = stream) -> Prediction | None:
                 return measure_stream({UNNAMED: other}, trial.observation.streams[stream])
 
-            parts = [parts_of(trial.observation.predictions[stream])[name] for trial in trials]
+            parts = [parts_of(trial.observation.predictions[stream])[name] for trial in having]
             path = f"{spec.prefix(stream)}observable" + (f".{name}" if name != UNNAMED else "")
-            yield _Measured(path, observable, parts, measure)
+            yield _Measured(path, observable, having, parts, measure)
     for name, data in trials[0].bound.data.items():
-        parts = [trial.observation.predictions[f"data.{name}"] for trial in trials]
+        having = [trial for trial in trials if f"data.{name}" not in trial.reasons]
+        parts = [trial.observation.predictions[f"data.{name}"] for trial in having]
         yield _Measured(
-            f"data.{name}", data, parts,
+            f"data.{name}", data, having, parts,
             lambda other, trial: measure_host(other, Host(trial.bound.potentials, trial.bound.bodies)),
         )  # fmt: skip
 
@@ -136,7 +143,8 @@ def _distance(measurement: Measurement, predictions: Sequence[Prediction], rows:
     return _Distance(*(float(np.median(away / unit, axis=1).min()) for unit in units))
 
 
-def _warning(measured: _Measured, name: str, distance: _Distance, correction: str, trials: int) -> str:
+def _warning(measured: _Measured, name: str, distance: _Distance, correction: str) -> str:
+    trials = len(measured.trials)
     single = len(measured.measurement.quantities()) == 1
     path = measured.path if single else f"{measured.path}.{name}"
     streams = f"none of {trials} trial streams comes" if trials > 1 else "the trial stream does not come"
@@ -146,13 +154,14 @@ def _warning(measured: _Measured, name: str, distance: _Distance, correction: st
     return f"{text} Check unit, sign, column names and frame of the data, and the priors."
 
 
-def _correction(measured: _Measured, name: str, trials: Sequence[Trial]) -> str:
+def _correction(measured: _Measured, name: str) -> str:
     """Return the correction with the smallest distance of data and streams; an empty text if none makes them near.
 
     A correction that moves another quantity away from the streams is not returned.
     """
     rows = measured.measurement.quantities()
     before = {other: _distance(measured.measurement, measured.predictions, rows[other]).nearness for other in rows}
+    trials = measured.trials
     some = [trials[i] for i in np.unique(np.linspace(0, len(trials) - 1, MOST_TRIALS).astype(int))]
     best, least = "", np.inf
     for text, other in corrected(measured.measurement):

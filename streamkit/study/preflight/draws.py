@@ -11,11 +11,11 @@ from functools import partial
 import numpy as np
 
 from streamkit.errors import OutOfDomain, SpecError
-from streamkit.model import Model, Observation
+from streamkit.model import Host, Model, Observation
 from streamkit.report import Progress
-from streamkit.runfile import ModelInputs, Spec
+from streamkit.runfile import ONLY, ModelInputs, Spec
 from streamkit.sample import Posterior, expected_calls, first_call
-from streamkit.stream import Array
+from streamkit.stream import Array, Prediction, Stream
 
 TRIAL_PARTICLES = 1000  # particles of the trial streams over the prior: enough to decide whether there is a stream
 BUDGET = 15.0  # CPU seconds after which no further trial stream is started
@@ -23,10 +23,30 @@ BUDGET = 15.0  # CPU seconds after which no further trial stream is started
 
 @dataclass(frozen=True)
 class Trial:
-    """One set of parameters whose stream the observables can measure, with the stream and the predictions."""
+    """One set of parameters, with the streams and the predictions that there are.
+
+    Attributes
+    ----------
+    bound
+        The run file at the parameters.
+    observation
+        The streams, and the predictions; without those of a stream that does not exist.
+    reasons
+        Why a stream cannot be measured, by its name; none for a stream that the observables can measure.
+    """
 
     bound: ModelInputs
     observation: Observation
+    reasons: dict[str, str]
+
+    @property
+    def reason(self) -> str:
+        """The first of the reasons, after the name of its stream where there are several; empty without one."""
+        return next((_named(name, reason) for name, reason in self.reasons.items()), "")
+
+
+def _named(stream: str, reason: str) -> str:
+    return reason if stream == ONLY or reason.startswith(f"{stream}: ") else f"{stream}: {reason}"
 
 
 @dataclass(frozen=True)
@@ -34,24 +54,48 @@ class PriorDraws:
     """Trial streams of `TRIAL_PARTICLES` particles at draws from the prior."""
 
     draws: int  # number of draws
-    good: Array  # (good, d) the draws with a measurable stream
+    good: Array  # (good, d) the draws at which every stream can be measured
     seconds: Array  # (good,) CPU seconds of each of them
-    reasons: Counter[str]  # reasons of the other draws, with their numbers
+    reasons: Counter[str]  # reasons why streams cannot be measured, with their numbers
     total: float = 0.0  # CPU seconds of all of them
-    trials: tuple[Trial, ...] = ()  # the streams of the draws in ``good``, and their predictions
+    trials: tuple[Trial, ...] = ()  # the draws at which some stream can be measured
+
+    def measured(self, stream: str) -> int:
+        """Return the number of draws at which a stream can be measured."""
+        return sum(stream not in trial.reasons for trial in self.trials)
 
 
 def observe(model: Model, theta: Array) -> tuple[Trial | None, str]:
-    """Return the streams at theta (d,) with their predictions, and the reason if a value is missing.
+    """Return the streams at theta (d,) with their predictions, and the reason if one cannot be measured.
 
     Raises CallTimeout if that takes too long.
     """
     try:
         bound = model.spec.bind_all(theta)
-        observation = first_call(model.spec.sampler.call_limit, model.observe_all, bound)
+        trial = first_call(model.spec.sampler.call_limit, _tried, model, bound)
     except OutOfDomain as error:
         return None, error.reason
-    return Trial(bound, observation), observation.prediction.why_not
+    return trial, trial.reason
+
+
+def _tried(model: Model, bound: ModelInputs) -> Trial:
+    """Make each stream of a bound spec that there is."""
+    host = Host(bound.potentials, bound.bodies)
+    streams: dict[str, Stream] = {}
+    predictions: dict[str, Prediction] = {}
+    reasons: dict[str, str] = {}
+    for name, inputs in bound.streams.items():
+        try:
+            streams[name], prediction = model.observe(inputs, host)
+        except OutOfDomain as error:
+            reasons[name] = error.reason
+            continue
+        if prediction is not None:
+            predictions[name] = prediction
+            reasons |= {name: prediction.why_not} if prediction.why_not else {}
+    predictions |= {f"data.{name}": one for name, one in model.observe_host(bound, host).items()}
+    reasons |= {name: one.why_not for name, one in predictions.items() if one.why_not and name not in streams}
+    return Trial(bound, Observation(streams, predictions), reasons)
 
 
 def try_prior_draws(spec: Spec, draws: int, progress: bool = False) -> PriorDraws:
@@ -75,11 +119,13 @@ def try_prior_draws(spec: Spec, draws: int, progress: bool = False) -> PriorDraw
             done += 1
             trial, reason = observe(model, theta)
             end = time.process_time()
-            if trial is None or reason:
+            if trial is None:
                 reasons[reason] += 1
             else:
+                reasons.update(_named(name, why) for name, why in trial.reasons.items())
+                trials += [trial] if trial.bound.streams.keys() - trial.reasons.keys() else []
+            if trial is not None and not reason:
                 good.append(theta)
-                trials.append(trial)
                 seconds.append(end - begin)
             bar.expect(min(draws, int(done * BUDGET / max(end - start, 1e-9)) + 1))
             bar.update()

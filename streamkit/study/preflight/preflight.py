@@ -74,12 +74,18 @@ def run_preflight(spec: Spec, *, draws: int = 64, progress: bool = False) -> Pre
     data = {name: (bound.data[name], predictions[place]) for name, place in places.items()}
     failures = [text for look in looks.values() for text in conformance_warnings(look.inputs)]
     warnings = list(dict.fromkeys(failures))  # two streams share the components of the host
+    same: dict[str, list[str]] = {}
     for name, look in looks.items():
-        before = f"{name}: " if len(looks) > 1 else ""
-        warnings += [before + text for text in stream_warnings(spec, look.inputs, look.orbit)]
-    if reason and (any(len(orbit.apocentres) for orbit in orbits.values()) or not predictions):
-        shortest = min(orbits.values(), key=lambda orbit: orbit.completed)
-        warnings.append(f"There is no prediction at {centre_name}: {reason}.{short_lookback(shortest)}")
+        for text in stream_warnings(spec, look.inputs, look.orbit):
+            same.setdefault(text, []).append(name)
+    warnings += [f"{', '.join(names)}: {text}" if len(looks) > 1 else text for text, names in same.items()]
+    if trial is None:
+        warnings.append(f"There is no prediction at {centre_name}: {reason}.")
+    for name, why in trial.reasons.items() if trial is not None else ():
+        before = f"{name}: " if len(looks) > 1 and not why.startswith(f"{name}: ") else ""
+        if (orbit := orbits.get(name)) is None or len(orbit.apocentres) or name not in predictions:
+            hint = short_lookback(orbit) if orbit is not None else ""
+            warnings.append(f"{before}There is no prediction at {centre_name}: {why}.{hint}")
     for look in looks.values():
         if look.prediction is not None:
             warnings += remarks_of(look.inputs.observables, look.prediction)
@@ -87,7 +93,7 @@ def run_preflight(spec: Spec, *, draws: int = 64, progress: bool = False) -> Pre
         for name, stream in trial.observation.streams.items():
             warnings += dissolved_warnings(spec, bound.streams[name], stream)
             warnings += weight_warnings(spec, bound.streams[name], stream)
-    trials = [trial] if trial is not None and not reason else []
+    trials = [trial] if trial is not None else []
     warnings += data_warnings(spec, [*trials, *(tried.trials if tried is not None else ())])
     warnings += sign_warnings(spec, trials)
     warnings += prior_warnings(spec, bound, tried)

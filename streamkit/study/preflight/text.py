@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from streamkit.report import prediction_record
 from streamkit.runfile import ONLY, Spec, StreamInputs
 from streamkit.stream import Array
 from streamkit.study.preflight.draws import Cost, PriorDraws
+from streamkit.study.preflight.many import are_many, component_rows, stream_table, without_names
 from streamkit.study.preflight.orbit import OrbitSummary
 from streamkit.study.preflight.preflight import Look, Preflight
 
@@ -19,22 +21,25 @@ from streamkit.study.preflight.preflight import Look, Preflight
 def describe_spec(spec: Spec) -> str:
     """List the components with their suppliers, and the free parameters with priors and units."""
     parts = [f"{spec.source}: valid (digest {spec.digest()[:12]}, seed {spec.seed})"]
-    used = report.columns((path, cls.kind, supplier) for path, cls, supplier in spec.components())
-    parts.append(f"components\n{used}")
+    parts.append(f"components\n{report.columns(component_rows(spec))}")
     if not spec.names:
         return "\n\n".join([*parts, "free parameters: none"])
     rows = [("parameter", "prior", "centre", "unit")]
     rows += [
         (name, prior.text(), f"{centre:.4g}", unit.replace(" ", "") or "-")
         for name, prior, centre, unit in zip(spec.names, spec.priors, spec.centre(), spec.units, strict=True)
+        if not (are_many(spec) and name.startswith("stream."))
     ]
     parts.append(f"free parameters ({len(spec.names)})\n{report.columns(rows)}")
+    if are_many(spec):
+        own = len(spec.names) + 1 - len(rows)
+        parts.append(report.paragraph(f"{own} more belong to one stream each: --stream NAME shows those of a stream"))
     return "\n\n".join([*parts, *_factors(spec)])
 
 
 def _factors(spec: Spec) -> list[str]:
     """Return the numbers of parameters that each of several streams has alone, and that all streams share."""
-    if len(spec.factors) == 1:
+    if len(spec.factors) == 1 or are_many(spec):
         return []
     rows = [(each.name, f"{len(each.own)} parameters of its own") for each in spec.factors]
     return [f"each depends on the host ({len(spec.factors[0].shared)} parameters), and\n{report.columns(rows)}"]
@@ -44,7 +49,10 @@ def describe_preflight(spec: Spec, preflight: Preflight) -> str:
     """Return the text of a preflight: the orbit, the streams over the prior, the cost and the warnings."""
     place = "the prior's centre" if spec.names else "the given parameters"
     parts = []
-    for name, look in preflight.streams.items():
+    if are_many(spec):
+        first = next(iter(preflight.streams.values()))
+        parts += [stream_table(spec, preflight, place), report.describe_expansions(first.inputs)]
+    for name, look in preflight.streams.items() if not are_many(spec) else ():
         head = f"at {place}" if name == ONLY else f"stream {name}, at {place}"
         parts.append(f"{head}\n" + report.columns(_orbit_rows(look.inputs, look.orbit)))
         if name == next(iter(preflight.streams)) and (expansions := report.describe_expansions(look.inputs)):
@@ -55,10 +63,10 @@ def describe_preflight(spec: Spec, preflight: Preflight) -> str:
     for name, (data, prediction) in preflight.data.items():
         parts.append(report.describe_measured(f"data {name}", [data], prediction))
     if preflight.prior_draws is not None:
-        parts.append(_prior_draws(preflight.prior_draws))
+        parts.append(_prior_draws(preflight.prior_draws, preflight.streams))
     parts.append(_cost(spec, preflight.cost))
     parts.append(report.warning_list(preflight.warnings) or "no warnings")
-    return "\n\n".join(parts)
+    return "\n\n".join(filter(None, parts))
 
 
 def _orbit_rows(inputs: StreamInputs, orbit: OrbitSummary) -> list[tuple[str, str]]:
@@ -89,9 +97,11 @@ def _gravity(inputs: StreamInputs) -> str:
     return f"progenitor's gravity {'on' if isinstance(scheme, Stripping) and scheme.progenitor_gravity else 'off'}"
 
 
-def _prior_draws(tried: PriorDraws) -> str:
-    head = f"streams over the prior: {len(tried.good)} of {tried.draws} draws have one that can be measured"
-    rows = [(str(n), f"have none: {reason}") for reason, n in tried.reasons.most_common()]
+def _prior_draws(tried: PriorDraws, streams: Collection[str]) -> str:
+    several, reasons = len(streams) > 1, without_names(tried.reasons, streams)
+    what = "every stream, and they can be measured" if several else "one that can be measured"
+    head = f"streams over the prior: {len(tried.good)} of {tried.draws} draws have {what}"
+    rows = [(str(n), f"have none: {reason}") for reason, n in reasons.most_common()]
     return "\n".join([head, report.columns(rows)] if rows else [head])
 
 
@@ -127,7 +137,12 @@ def preflight_record(spec: Spec, preflight: Preflight) -> dict[str, Any]:
         "reason": preflight.reason,
         "prior_draws": None
         if tried is None
-        else {"draws": tried.draws, "with_stream": len(tried.good), "without": dict(tried.reasons)},
+        else {
+            "draws": tried.draws,
+            "with_stream": len(tried.good),
+            "without": dict(tried.reasons),
+            "measured": {name: tried.measured(name) for name in preflight.streams},
+        },
         "cost": {
             "first_call": preflight.cost.first,
             "call": preflight.cost.call,

@@ -20,6 +20,7 @@ from streamkit.testing import quick_failures
 # Ranges that contain all recent measurements of the Sun's position and of the rotation speed there.
 USUAL_SUN = {"r0": (7.0, 9.0, "kpc"), "z": (-0.1, 0.1, "kpc"), "v_circ": (180.0, 280.0, "km/s")}
 
+RARE = 0.1  # share of the points of a prior that have a stream, below which a sampler is hard to start
 FEWEST_PARTICLES = 100  # with fewer particles the remedy for rare streams is more of them
 # A progenitor is not bound if its speed is more than so many times the host's circular speed. No galaxy has a circular
 # speed above the limit in km/s.
@@ -207,8 +208,15 @@ def prior_warnings(spec: Spec, bound: ModelInputs, tried: PriorDraws | None) -> 
     if tried is None:
         return []
     warnings = []
-    good = len(tried.good)
-    if good < 0.1 * tried.draws:
+    good, names = len(tried.good), list(bound.streams)
+    if len(names) > 1 and spec.sampler.emulates:  # which starts with each stream alone
+        warnings += [
+            f"{name}: Only {count} of {tried.draws} points drawn from the prior have a stream that can be measured: "
+            f"its emulator will be hard to start. {_remedy(spec, bound, tried, name)}"
+            for name in names
+            if (count := tried.measured(name)) < RARE * tried.draws
+        ]
+    elif good < RARE * tried.draws:
         warnings.append(
             f"Only {good} of {tried.draws} points drawn from the prior have a stream that can be measured: "
             f"the walkers will be hard to start. {_remedy(spec, bound, tried)}"
@@ -223,16 +231,18 @@ def prior_warnings(spec: Spec, bound: ModelInputs, tried: PriorDraws | None) -> 
     return warnings
 
 
-def _remedy(spec: Spec, bound: ModelInputs, tried: PriorDraws) -> str:
-    """Return the likely reason why streams are rare, and the change that helps."""
-    for name, inputs in bound.streams.items():
+def _remedy(spec: Spec, bound: ModelInputs, tried: PriorDraws, stream: str = "") -> str:
+    """Return the likely reason why streams, or those of one name, are rare, and the change that helps."""
+    streams = {name: inputs for name, inputs in bound.streams.items() if stream in ("", name)}
+    for name, inputs in streams.items():
         if inputs.stripping.particles < FEWEST_PARTICLES:
             path = f"{spec.prefix(name)}stripping.particles"
             return f"{path} = {inputs.stripping.particles} is too few for any measurement: take some thousand."
-    for inputs in bound.streams.values():
+    for inputs in streams.values():
         if hint := _odd_host(inputs):
             return hint.strip()
-    most, count = next(iter(tried.reasons.most_common(1)), ("", 0))
+    reasons = ((why, n) for why, n in tried.reasons.most_common() if why.startswith(f"{stream}: ") or not stream)
+    most, count = next(reasons, ("", 0))
     why = f"Most often ({count} of {tried.draws}): {most}. " if most else ""
     return f"{why}Narrow the priors about streams that can be measured."
 
