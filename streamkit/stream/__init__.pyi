@@ -12,9 +12,9 @@ from .frames import seen_from as seen_from
 from .frames import to_galactocentric as to_galactocentric
 from .observer import Observer as Observer
 from .orbit import Orbit as Orbit
-from .orbit import angle_in_plane as angle_in_plane
-from .orbit import lag_in_plane as lag_in_plane
-from .orbit import orbital_plane as orbital_plane
+from .plane import angle_in_plane as angle_in_plane
+from .plane import lag_in_plane as lag_in_plane
+from .plane import orbital_plane as orbital_plane
 from .prediction import Mark as Mark
 from .prediction import Panel as Panel
 from .prediction import PanelData as PanelData

@@ -1,4 +1,4 @@
-"""The orbit: states of the progenitor on a grid of times, or at the release times; angles in its plane.
+"""The orbit: states of the progenitor on a grid of times, or at the release times.
 
 Units are kpc, km/s and kpc/(km/s), as everywhere behind the run file; today is 0, and the past is negative.
 """
@@ -11,6 +11,8 @@ from functools import cached_property
 import numpy as np
 
 from streamkit.stream.arrays import Array, freeze, read_only
+
+TOGETHER = 4096  # times whose states are computed together: few enough for the cache
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,12 @@ class Orbit:
     def at(self, t: Array) -> Orbit:
         """Return the states at times ``t`` (m,) by quintic Hermite interpolation; r_t and the mass linearly."""
         t = np.atleast_1d(np.asarray(t, dtype=float))
+        if len(t) <= TOGETHER:
+            return Orbit(t, *self._states(t))
+        parts = (self._states(t[begin : begin + TOGETHER]) for begin in range(0, len(t), TOGETHER))
+        return Orbit(t, *(np.concatenate(arrays, axis=-1) for arrays in zip(*parts, strict=True)))
+
+    def _states(self, t: Array) -> tuple[Array, Array, Array, Array, Array]:
         i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
         h = self.t[i + 1] - self.t[i]
         s = (t - self.t[i]) / h
@@ -74,7 +82,7 @@ class Orbit:
         v = (c1 + s * (2 * c2 + s * (3 * c3 + s * (4 * c4 + 5 * s * c5)))) / h
         a = (2 * c2 + s * (6 * c3 + s * (12 * c4 + 20 * s * c5))) / h**2
         r_tidal, mass_left = (x[i] + s * (x[i + 1] - x[i]) for x in (self.r_tidal, self.mass_left))
-        return Orbit(t, q, v, a, r_tidal, mass_left)
+        return q, v, a, r_tidal, mass_left
 
     @cached_property
     def polynomials(self) -> Array:
@@ -108,23 +116,3 @@ class Orbit:
             slope = sign * ((s.v**2).sum(axis=0) + (s.q * s.a).sum(axis=0))
             t = np.clip(t - rv_t / slope, self.t[i], self.t[i + 1])
         return np.asarray(t)
-
-
-def orbital_plane(orbit: Orbit) -> Array:
-    """(2, 3) Basis of the progenitor's orbital plane today: towards it, and 90 degrees ahead along its motion."""
-    x, v = orbit.q[:, -1], orbit.v[:, -1]
-    first = x / np.sqrt(x @ x)
-    second = v - (v @ first) * first
-    return np.array([first, second / np.sqrt(second @ second)])
-
-
-def angle_in_plane(plane: Array, q: Array) -> Array:
-    """(n,) Angle of positions (3, n) from the first axis of the plane (2, 3), radians."""
-    first, second = plane @ q
-    return np.asarray(np.arctan2(second, first))
-
-
-def lag_in_plane(plane: Array, q: Array, core: Array) -> Array:
-    """(n,) Angle ahead of the core (3, 1), within half a turn."""
-    angle = angle_in_plane(plane, q) - angle_in_plane(plane, core)
-    return np.asarray(angle - 2 * np.pi * np.round(angle / (2 * np.pi)))
