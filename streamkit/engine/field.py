@@ -185,6 +185,18 @@ class Field:
         edges = np.linspace(0, n, count + 1).astype(int).tolist()
         return [slice(*ends) for ends in pairwise(edges)]
 
+    def spread(self, n: int, loop: Callable[[slice, Scratch], None]) -> None:
+        """Call a loop with a slice of n particles and scratch: once, or once in each of several threads; then `check`.
+
+        The loop must release the lock of the interpreter.
+        """
+        pieces = self.pieces(n)
+        if len(pieces) == 1:
+            self._call(lambda: loop(pieces[0], self.scratch))
+            return
+        with ThreadPoolExecutor(len(pieces)) as pool:
+            list(pool.map(loop, pieces, self.scratch_per_thread))
+
     @cached_property
     def scratch_per_thread(self) -> list[Scratch]:
         """The scratch of each thread."""
@@ -290,17 +302,14 @@ def _advance(
     callers_rows = [*q, *v]
     rows = tuple(np.ascontiguousarray(row) for row in callers_rows)
     method = Method(splitting.drift, splitting.kick, eta, most, field.heights)
-    pieces = field.pieces(len(t0))
-    if len(pieces) == 1:
-        field.run(loops.advance, method, field.scratch, rows, t0, t1)
-    else:
-        forces = field.all_forces
-        with ThreadPoolExecutor(len(pieces)) as pool:
+    n, forces = len(t0), field.all_forces
 
-            def advance(piece: slice, scratch: Scratch) -> None:
-                loops.advance(forces, method, scratch, tuple(row[piece] for row in rows), t0[piece], t1)
+    def advance(piece: slice, scratch: Scratch) -> None:
+        everything = piece == slice(0, n)  # a fit comes here thousands of times a second
+        parts, times = (rows, t0) if everything else (tuple(row[piece] for row in rows), t0[piece])
+        loops.advance(forces, method, scratch, parts, times, t1)
 
-            list(pool.map(advance, pieces, field.scratch_per_thread))
+    field.spread(n, advance)
     for row, advanced in zip(callers_rows, rows, strict=True):
         if advanced is not row:
             row[:] = advanced

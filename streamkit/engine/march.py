@@ -9,8 +9,6 @@ particles. The host's force changes more slowly: it kicks once in several steps,
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from functools import cache, cached_property
 
 import numpy as np
@@ -21,8 +19,9 @@ from streamkit.engine.cache import cached
 from streamkit.engine.field import Field, build_field
 from streamkit.engine.forces import FORCES, LANES, ROW, add_forces, centre_at
 from streamkit.engine.kernels import Force
+from streamkit.engine.loops import Scratch
 from streamkit.engine.methods import LEAPFROG
-from streamkit.engine.steps import METHOD, ROWS, A, H, Method, T, V, compose
+from streamkit.engine.steps import METHOD, A, H, Method, T, V, compose
 from streamkit.engine.velocity_forces import DRAGGED
 from streamkit.stream import Array, Orbit
 from streamkit.units import G
@@ -142,15 +141,17 @@ class MovingForce:
         as the field allows; the result does not depend on their number.
         """
         sphere = None if self._host.drag is not None else getattr(force, "sphere", None)
-        if sphere is None:
-            field = self._field_with(force)
-            method = Method(LEAPFROG.drift, LEAPFROG.kick, np.zeros(2), max(steps, kicks), np.empty(0))
-            _in_threads(field, lambda *parts: _march(field.all_forces, method, *parts, t0, t1), (*q, *v))
-        else:
-            field, (often, each) = self._bare, split_kicks(steps, kicks)
-            _in_threads(
-                field, lambda *parts: _march_sphere(field.forces, sphere, *parts, t0, t1, often, each), (*q, *v)
-            )  # fmt: skip
+        field = self._field_with(force) if sphere is None else self._bare
+        method = Method(LEAPFROG.drift, LEAPFROG.kick, np.zeros(2), max(steps, kicks), np.empty(0))
+
+        def march(piece: slice, scratch: Scratch) -> None:
+            rows = tuple(row[piece] for row in (*q, *v))
+            if sphere is None:
+                _march(field.all_forces, method, scratch.work, rows, t0, t1)
+            else:
+                _march_sphere(field.forces, sphere, scratch.work, rows, t0, t1, *split_kicks(steps, kicks))
+
+        field.spread(q.shape[1], march)
 
     @cached_property
     def _bare(self) -> Field:
@@ -170,13 +171,3 @@ class MovingForce:
         first = int(self._host.forces.offset[-1])
         field.forces.parameters[first : first + len(packed)] = packed
         return field
-
-
-def _in_threads(field: Field, loop: Callable[..., None], rows: tuple[Array, ...]) -> None:
-    """Call a loop with scratch and rows: in one piece, or in one for each thread."""
-    pieces = field.pieces(len(rows[0])) if field.threads > 1 else []
-    if len(pieces) <= 1:
-        field.run(lambda _, *parts: loop(*parts), np.empty(ROWS * ROW), rows)
-        return
-    with ThreadPoolExecutor(len(pieces)) as pool:
-        list(pool.map(lambda piece: loop(np.empty(ROWS * ROW), tuple(row[piece] for row in rows)), pieces))

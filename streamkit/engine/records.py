@@ -47,20 +47,23 @@ _RECORDS = types.NamedTuple([_I1, _F2, _F1, _F1, _F1, _F2, _F2], ParticleRecords
 CHUNK = 512  # particles whose distances are computed together
 
 
-@cached(types.void(_N, _F1, _F, _F2, _F2, _F1, _F, _F2, _RECORDS))
-def record(n, t0, t1, q, v, state, r_tidal, plane, records):
-    """Update the records of the first n particles at the end of a block.
+@cached(types.void(_N, _N, _F1, _F, _F2, _F2, _F1, _F, _F2, _RECORDS), nogil=True)
+def record(first, last, t0, t1, q, v, state, r_tidal, plane, records):
+    """Update the records of the particles from ``first`` on, before ``last``, at the end of a block.
 
     t0 (n,) is the time of each particle's previous sample, and is set to t1. state (9,) is the progenitor at t1,
     r_tidal its tidal radius there. plane (2, 3) spans the orbital plane. A particle that turned by less than 90 degrees
     took the short way. Any other particle took the way of its angular momentum. Where a particle has left the tidal
     radius in this block, time, position and velocity are interpolated to the crossing.
     """
-    revolutions, planar, chi, gap, t_strip, dq_strip, dv_strip = records
+    n, dq_strip, dv_strip = last - first, records.dq_strip, records.dv_strip
+    revolutions, chi = records.revolutions[first:last], records.chi[first:last]
+    gap, t_strip, before = records.gap[first:last], records.t_strip[first:last], t0[first:last]
     r_progenitor = math.sqrt(state[0] ** 2 + state[1] ** 2 + state[2] ** 2)
     a0, a1, a2, b0, b1, b2 = plane[0, 0], plane[0, 1], plane[0, 2], plane[1, 0], plane[1, 1], plane[1, 2]
-    x, y, z, u, w, s = q[0, :n], q[1, :n], q[2, :n], v[0, :n], v[1, :n], v[2, :n]
-    planar0, planar1 = planar[0, :n], planar[1, :n]
+    x, y, z = q[0, first:last], q[1, first:last], q[2, first:last]
+    u, w, s = v[0, first:last], v[1, first:last], v[2, first:last]
+    planar0, planar1 = records.planar[0, first:last], records.planar[1, first:last]
     for i in range(n):
         e, f = a0 * x[i] + a1 * y[i] + a2 * z[i], b0 * x[i] + b1 * y[i] + b2 * z[i]
         e0, f0 = planar0[i], planar1[i]
@@ -72,7 +75,7 @@ def record(n, t0, t1, q, v, state, r_tidal, plane, records):
         revolutions[i] += (1 if forward and not grows else 0) - (1 if grows and not forward and cross != 0.0 else 0)
         planar0[i], planar1[i] = e, f
     for i in range(n):
-        chi[i] += (t1 - t0[i]) * (math.sqrt(x[i] * x[i] + y[i] * y[i] + z[i] * z[i]) - r_progenitor)
+        chi[i] += (t1 - before[i]) * (math.sqrt(x[i] * x[i] + y[i] * y[i] + z[i] * z[i]) - r_progenitor)
     px, py, pz, now = state[0], state[1], state[2], np.empty(CHUNK)
     for begin in range(0, n, CHUNK):
         end = min(begin + CHUNK, n)
@@ -86,16 +89,16 @@ def record(n, t0, t1, q, v, state, r_tidal, plane, records):
             if new <= 0.0:
                 t_strip[i] = t1
                 for k in range(3):
-                    dq_strip[k, i] = q[k, i] - state[k]
-                    dv_strip[k, i] = v[k, i] - state[3 + k]
+                    dq_strip[k, first + i] = q[k, first + i] - state[k]
+                    dv_strip[k, first + i] = v[k, first + i] - state[3 + k]
             elif old <= 0.0:
                 # left in this block; a linear interpolation of the gap makes the time smooth in the parameters
-                t_strip[i] = t0[i] + (t1 - t0[i]) * (old / (old - new))
-                h, f = t1 - t0[i], old / (old - new)
+                t_strip[i] = before[i] + (t1 - before[i]) * (old / (old - new))
+                j, h, f = first + i, t1 - before[i], old / (old - new)
                 for k in range(3):  # place and velocity then, by the Hermite cubic of both samples
-                    a, b = dq_strip[k, i], q[k, i] - state[k]
-                    da, db = h * dv_strip[k, i], h * (v[k, i] - state[3 + k])
+                    a, b = dq_strip[k, j], q[k, j] - state[k]
+                    da, db = h * dv_strip[k, j], h * (v[k, j] - state[3 + k])
                     c, d = 3.0 * (b - a) - 2.0 * da - db, 2.0 * (a - b) + da + db
-                    dq_strip[k, i] = a + f * (da + f * (c + f * d))
-                    dv_strip[k, i] = (da + f * (2.0 * c + 3.0 * f * d)) / h
-            t0[i] = t1
+                    dq_strip[k, j] = a + f * (da + f * (c + f * d))
+                    dv_strip[k, j] = (da + f * (2.0 * c + 3.0 * f * d)) / h
+            before[i] = t1

@@ -12,6 +12,7 @@ from streamkit.engine import Field, record
 from streamkit.errors import blamed
 from streamkit.model.records import Records, begin_records
 from streamkit.model.release import Start
+from streamkit.stream import Array
 from streamkit.units import GYR
 
 # Largest turn of the progenitor in a block, radians. A particle of the same angular momentum at half the pericentre
@@ -32,11 +33,16 @@ def integrate(field: Field, integrator: Integrator, start: Start) -> Records:
     states = np.ascontiguousarray(np.concatenate([at_edges.q, at_edges.v, at_edges.a]).T)
     plane, offset, swept, records = begin_records(orbit, released, q, v, np.int64)
 
+    def update(m: int, t1: float, state: Array, r_tidal: float) -> None:
+        field.spread(
+            m, lambda piece, _: record(piece.start, piece.stop, now, t1, q, v, state, r_tidal, plane, records)
+        )  # fmt: skip
+
     active = np.searchsorted(t_release, edges[1:], side="left")
     for t1, state, r_tidal, m in zip(edges[1:], states[1:], at_edges.r_tidal[1:], active, strict=True):
         with blamed(f"integrator {integrator.kind}"):
             integrator.advance(field, q[:, :m], v[:, :m], now[:m], t1)
-        record(m, now, t1, q, v, state, r_tidal, plane, records)
+        update(m, t1, state, r_tidal)
 
     turned = offset + np.arctan2(records.planar[1], records.planar[0])
     winding = turned + 2 * np.pi * records.revolutions - swept
