@@ -20,12 +20,14 @@ from streamkit.fit.directory.manifest import MANIFEST
 from streamkit.fit.samples.predictions import predicted_intervals
 from streamkit.fit.samples.results import Results, load_results
 from streamkit.fit.samples.tables import printable
-from streamkit.fit.show.figures import WIDE, corner, mass_profile, priors, radii, remark, rotation_curve, traces
+from streamkit.fit.show.corner import corner
+from streamkit.fit.show.figures import WIDE, mass_profile, priors, radii, remark, rotation_curve, traces
 from streamkit.fit.show.flattening import flattening, is_sphere
 from streamkit.fit.show.literature import read_literature
 from streamkit.fit.show.page import PAGE, page_text
 from streamkit.fit.show.predictive import predictions
 from streamkit.fit.show.recovery import DRAWN, RADII, recovery_figure, recovery_table, true_host
+from streamkit.fit.show.sky import sky
 from streamkit.fit.show.text import radii_to_show
 from streamkit.report import COLUMN, UnwritableError, draw_stream, save, save_pictures, save_table
 from streamkit.runfile import Spec
@@ -54,6 +56,13 @@ TABLES: dict[str, Callable[[Results], QTable]] = {
     "predictions.ecsv": Results.predictions,
 }
 FLATTENING = "flattening.png"  # only for a host that is no sphere
+# Only for several streams.
+STREAMS, SKY = "streams.ecsv", "sky.png"
+
+
+def tables_of(spec: Spec) -> dict[str, Callable[[Results], QTable]]:
+    """Return the tables of a run of this spec."""
+    return TABLES | ({STREAMS: Results.streams} if len(spec.streams) > 1 else {})
 
 
 def figures_of(
@@ -71,6 +80,8 @@ def figures_of(
     }
     if not is_sphere(spec):
         figures[FLATTENING] = partial(flattening, **profile)
+    if len(spec.streams) > 1:
+        figures[SKY] = sky
     for file, name in stream_pictures(spec).items():
         figures[file] = partial(best_stream, name=name, column=column)
     return figures
@@ -79,7 +90,7 @@ def figures_of(
 def products_of(spec: Spec) -> tuple[str, ...]:
     """Return every file that a run of this spec writes into its output directory."""
     kept = (CHAIN,) if isinstance(spec.sampler, ChainSampler) else (SAMPLES, CALLS)
-    return (RUN_FILE, MANIFEST, *kept, *TABLES, *figures_of(spec), PAGE)
+    return (RUN_FILE, MANIFEST, *kept, *tables_of(spec), *figures_of(spec), PAGE)
 
 
 def pdfs_of(spec: Spec) -> tuple[str, ...]:
@@ -116,7 +127,7 @@ def write_products(
     if where is None:
         raise ChainError("these results are in memory only: a report needs a directory")
     published = _published(where, literature)
-    tables, figures = dict(TABLES), figures_of(results.spec, published, column)
+    tables, figures = tables_of(results.spec), figures_of(results.spec, published, column)
     wanted = [radii(results), np.array(radii_to_show(results))]
     if published is not None:
         wanted.append(np.asarray(published["radius"]))

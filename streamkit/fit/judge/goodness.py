@@ -14,7 +14,7 @@ from streamkit.components import Measurement
 from streamkit.errors import OutOfDomain
 from streamkit.fit.judge.chain import at_least_one
 from streamkit.observe import UNNAMED, parts_of, read_data, residuals_of
-from streamkit.runfile import ONLY, ModelInputs, Spec
+from streamkit.runfile import DATA, ONLY, ModelInputs, Spec
 from streamkit.stream import Array, Data, IntArray, Prediction
 
 SAMPLES = 200  # samples that p-values are averaged over
@@ -63,6 +63,8 @@ class Goodness:
     quantities: tuple[Fitted, ...]  # one for each quantity that has data and residuals
     whole: Fitted  # all of their data
     unjudged: tuple[str, ...] = ()  # measurements that define a likelihood and no residuals
+    # one for each of several streams, by its name, and one for all data of the host; none where there is one stream
+    streams: tuple[Fitted, ...] = ()
 
     @property
     def least(self) -> tuple[Fitted, float]:
@@ -137,7 +139,12 @@ def goodness(sampled: Sampled) -> Goodness | None:
         )
 
     quantities = tuple(fitted(name, {k: rows}) for k in judged for name, rows in here[k].quantities())
-    return Goodness(quantities, fitted(ALL, {k: here[k].rows for k in judged}), unjudged)
+    owners = {k: here[k].stream for k in judged if len(here[k].rows)}
+    streams = tuple(
+        fitted(owner, {k: here[k].rows for k, other in owners.items() if other == owner})
+        for owner in (dict.fromkeys(owners.values()) if len(sampled.spec.streams) > 1 else ())
+    )
+    return Goodness(quantities, fitted(ALL, {k: here[k].rows for k in judged}), unjudged, streams)
 
 
 @dataclass(frozen=True)
@@ -150,6 +157,7 @@ class Measured:
     prediction: Prediction
     residuals: Array  # (m,) NaN for a measurement without residuals
     is_judged: bool = True  # whether there are residuals
+    stream: str = DATA  # the name of its stream; `DATA` for data of the host
 
     @property
     def rows(self) -> IntArray:
@@ -190,7 +198,7 @@ def _measured(bound: ModelInputs, predictions: Mapping[str, Prediction], add_noi
             parts = parts_of(predictions[stream])
             for name, observable in inputs.observables.items():
                 path = ".".join([stream] * (stream != ONLY) + [name] * (name != UNNAMED))
-                yield _with_residuals(path, observable, parts[name], add_noise)
+                yield replace(_with_residuals(path, observable, parts[name], add_noise), stream=stream)
     for name, datum in bound.data.items():
         yield _with_residuals(f"data.{name}", datum, predictions[f"data.{name}"], add_noise)
 

@@ -39,6 +39,14 @@ class Predictive:
     # (m,) standard deviations of the data about the best sample's predictions; None for their errors.
     scatter: Array | None = None
 
+    def farthest(self, most: int) -> Predictive:
+        """Return at most so many of the data, in their order: those that are farthest from the predictions."""
+        rows = np.sort(np.argsort(-np.abs(np.nan_to_num(self.deviations)), kind="stable")[:most])
+        return Predictive(
+            tuple(self.names[row] for row in rows.tolist()), self.data[rows], self.errors[rows], self.mean[:, rows],
+            self.variance[:, rows], self.add_noise, self.gaussian, None if self.scatter is None else self.scatter[rows],
+        )  # fmt: skip
+
     @property
     def sigma(self) -> Array:
         """(m,) The unit of deviations."""

@@ -17,7 +17,7 @@ from streamkit.fit.judge.chain import drift, rank_scores, ranks
 from streamkit.fit.samples.draws import Draws, Row
 from streamkit.report import BAND_95, BLUE, GREY, finish, panel_grid
 from streamkit.sample import Chain
-from streamkit.stream import Array
+from streamkit.stream import Array, IntArray
 
 DRAWN = 2000  # largest number of steps in a trace
 
@@ -94,9 +94,9 @@ class ChainDraws(Draws):
         if parameter is None and np.isfinite(low):
             axes.set_ylim(low - 5, np.nanmax(ln_p) + 2)
 
-    def pictures(self, labels: Sequence[str]) -> dict[str, Callable[[], Figure]]:
-        """Return the rank plots."""
-        return {"ranks": partial(rank_plots, self.kept, self.tau, labels)}
+    def pictures(self, labels: Sequence[str], shown: IntArray) -> dict[str, Callable[[], Figure]]:
+        """Return the rank plots of the parameters ``shown``."""
+        return {"ranks": partial(rank_plots, self.kept[..., shown], self.tau[shown], labels)}
 
 
 def rank_plots(kept: Array, tau: Array, labels: Sequence[str]) -> Figure:

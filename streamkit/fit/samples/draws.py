@@ -106,6 +106,6 @@ class Draws(ABC):
     def draw_trace(self, axes: Axes, parameter: int | None, scale: float) -> None:
         """Draw the trace of a parameter in units of ``scale``, or the last panel for None."""
 
-    def pictures(self, labels: Sequence[str]) -> dict[str, Callable[[], Figure]]:
-        """Return the additional pictures of samples of this kind for the page, by name."""
+    def pictures(self, labels: Sequence[str], shown: IntArray) -> dict[str, Callable[[], Figure]]:
+        """Return the additional pictures of samples of this kind for the page, by name, of the parameters ``shown``."""
         return {}

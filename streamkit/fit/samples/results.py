@@ -24,7 +24,7 @@ from streamkit.fit.samples.chain import ChainDraws
 from streamkit.fit.samples.conversion import arviz_tree, replicates, sample_columns
 from streamkit.fit.samples.draws import Draws
 from streamkit.fit.samples.predictions import predictive
-from streamkit.fit.samples.tables import goodness_table, intervals, predictions_table, printable
+from streamkit.fit.samples.tables import goodness_table, intervals, predictions_table, printable, stream_table
 from streamkit.fit.samples.weighted import WeightedDraws
 from streamkit.model import Host, Observation
 from streamkit.runfile import Prior, Spec
@@ -263,6 +263,13 @@ class Results:
         residual.
         """
         return self.with_provenance(goodness_table(self.fit))
+
+    def streams(self) -> QTable:
+        """Return one row per stream of several, and one for the data of the host: how well the model fits its data.
+
+        Columns: stream, those of `goodness`, and what the sampler says of the stream, such as its calls.
+        """
+        return self.with_provenance(stream_table(self.fit, self.facts))
 
     def predictions(self) -> QTable:
         """Return one row per datum: its error, and median and intervals of the predictions of the samples."""

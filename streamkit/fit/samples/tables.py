@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 from astropy.table import Column, QTable
 
-from streamkit.fit.judge.goodness import Goodness
+from streamkit.fit.judge.goodness import Fitted, Goodness
 from streamkit.fit.judge.predictive import Predictive
+from streamkit.runfile import DATA
 from streamkit.stream import Array
 
 # Percentiles in tables and pictures: the median with its central 68 % and 95 % intervals.
@@ -31,7 +34,27 @@ def printable(table: QTable, digits: str | None = DIGITS) -> QTable:
 def goodness_table(fit: Goodness | None) -> QTable:
     """Return one row per quantity and one for all data: chi^2, number of data, p-values and the worst datum."""
     fits = [] if fit is None else [*fit.quantities, *([fit.whole] if len(fit.quantities) > 1 else [])]
-    table = QTable({"quantity": Column([each.name for each in fits], dtype=str)})
+    table = _fitted("quantity", fits)
+    if fit is not None and fit.unjudged:
+        table.meta["not judged"] = "a likelihood of its own without residuals: " + ", ".join(fit.unjudged)
+    return printable(table)
+
+
+def stream_table(fit: Goodness | None, facts: Mapping[str, str]) -> QTable:
+    """Return one row per stream of several: the columns of `goodness_table`, and what the sampler says of the stream.
+
+    The facts of a sampler about a stream are called ``stream NAME``. A row of the host's data has the name `DATA`.
+    """
+    fits = [] if fit is None else fit.streams
+    table = _fitted("stream", fits)
+    said = [facts.get(f"stream {each.name}", facts.get("data of the host", "") if each.name == DATA else "")
+            for each in fits]  # fmt: skip
+    table["sampler"] = Column(said, dtype=str, description="calls and test of the stream's emulator")
+    return printable(table)
+
+
+def _fitted(called: str, fits: Sequence[Fitted]) -> QTable:
+    table = QTable({called: Column([each.name for each in fits], dtype=str)})
     table["data"] = Column([len(each.data) for each in fits], dtype=int)
     table["chi2"] = Column([each.best for each in fits], dtype=float, description="at the best sample")
     table["p"] = Column([each.p_value for each in fits], dtype=float, description="posterior predictive, of chi2")
@@ -42,9 +65,7 @@ def goodness_table(fit: Goodness | None) -> QTable:
     table["chance"] = Column(
         [each.worst_chance for each in fits], dtype=float, description="chance of a worst datum at least so far away"
     )
-    if fit is not None and fit.unjudged:
-        table.meta["not judged"] = "a likelihood of its own without residuals: " + ", ".join(fit.unjudged)
-    return printable(table)
+    return table
 
 
 def predictions_table(seen: Predictive | None) -> QTable:

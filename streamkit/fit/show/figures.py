@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Mapping
 from operator import itemgetter
 from typing import Any
@@ -11,7 +10,6 @@ import numpy as np
 from astropy.table import QTable
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import ScalarFormatter
 
 from streamkit.components import DO_NOT
 from streamkit.errors import OutOfDomain
@@ -24,13 +22,9 @@ from streamkit.report import (
     BAND_68,
     BAND_95,
     BLUE,
-    BOTH,
-    COLUMN,
-    SMALLEST,
     VERMILION,
     NotebookFigure,
     across,
-    decimals,
     finish,
     inner_ticks,
     labels,
@@ -40,14 +34,12 @@ from streamkit.report import (
     with_unit,
 )
 from streamkit.runfile import Prior
-from streamkit.stream import Array
+from streamkit.stream import Array, IntArray
 
-FEW = 200  # samples below which a corner plot shows points without contours
+MANY_PARAMETERS = 12  # largest number of parameters of several streams in a picture
 FEW_RADII = 4  # largest number of radii of the data that are marked by a line each
 WIDE = 6.0  # inches: pictures of profiles
-FEW_PARAMETERS = 4  # largest number of parameters in a corner plot of one column of a journal
-TITLED = 0.95  # smallest width in inches of a panel with a title
-GAP = 0.11  # inches between the panels of a corner plot
+NAMED = 12  # largest number of ranges of radii with a name each
 
 
 def reach(results: Results) -> tuple[float, float]:
@@ -89,88 +81,6 @@ def remark(results: Results) -> str:
         return "not converged"
     against = [each.subject for each in results.verdicts if each.level == DO_NOT]
     return f"do not use: {listed(against)}" if against else ""
-
-
-def corner(results: Results, column: bool = False) -> Figure:
-    """Draw the marginal distributions of all pairs of parameters, with 68 % and 95 % contours.
-
-    For a journal it is as wide as one ``column`` up to `FEW_PARAMETERS`, else as two; small panels have no titles.
-    """
-    from corner import corner as draw  # it loads pyplot, which is slow and only needed here
-
-    scale, names, units = _labels(results)
-    samples, d = results.samples / scale, len(names)
-    text = remark(results)
-    panel = 2.6 if d == 1 else 2.0 if d < 7 else 1.7
-    titles = [_title(name, column) for name, column in zip(names, samples.T, strict=True)]
-    lines = 1 + max(map(_lines, names))
-    part = 1.0  # of all texts and margins
-    if column:
-        part = 0.6
-        sides = part * ((0.4 if d == 1 else 1.0 + 0.3 * lines) + 0.7)
-        panel = ((COLUMN if d <= FEW_PARAMETERS else BOTH) - sides - GAP * (d - 1)) / d
-        titles = titles if panel > TITLED else [""] * d
-    letters = 14 * part if panel > TITLED else max(14 * part * panel / TITLED, SMALLEST)
-    left, right = part * (0.4 if d == 1 else 1.0 + 0.3 * lines), part * 0.7
-    bottom, top = part * (0.45 + 0.26 * lines), part * (0.25 + 0.22 * _lines(titles[0]) + (0.4 if text else 0))
-    width, height = (panel * d + GAP * (d - 1) + sides for sides in (left + right, bottom + top))
-    figure = NotebookFigure(figsize=(width, height))
-    many = len(samples) >= FEW
-    logging.getLogger("root").addFilter(_no_contour_warning)
-    try:
-        draw(
-            samples,
-            fig=figure,
-            range=[_range(column) for column in samples.T],
-            bins=30 if many else 12,
-            color=BLUE,
-            smooth=1.0 if many else None,
-            levels=(0.68, 0.95),
-            plot_contours=many,
-            plot_density=many,
-            plot_datapoints=not many,
-            fill_contours=many,
-            hist_kwargs={"linewidth": 1.4},
-            data_kwargs={"alpha": 0.5, "ms": 2},
-        )
-    finally:
-        logging.getLogger("root").removeFilter(_no_contour_warning)
-    grid = np.array(figure.axes).reshape(d, d)
-    for i, (name, unit, title) in enumerate(zip(names, units, titles, strict=True)):
-        grid[i, i].set_title(title, fontsize=max(12 * part, SMALLEST), loc="left")
-        low, middle, high = np.percentile(samples[:, i], [16, 50, 84])
-        for value, style in ((low, ":"), (middle, "--"), (high, ":")):
-            grid[i, i].axvline(value, color="black", lw=0.9, ls=style)
-        values = inner_ticks(*_range(samples[:, i]), panel / part * (0.8 if column else 1.0))
-        for axes in grid[i:, i]:
-            axes.set_xticks(values)
-        for axes in grid[i, :i]:
-            axes.set_yticks(values)
-        grid[-1, i].set_xlabel(with_unit(name, unit, "\n"), fontsize=letters)
-        grid[-1, i].xaxis.set_label_coords(0.5, -0.33 * part / panel)
-        if i:
-            grid[i, 0].set_ylabel(with_unit(name, unit, "\n"), fontsize=letters)
-            grid[i, 0].yaxis.set_label_coords(-0.85 * part / panel, 0.5)
-    for axes in figure.axes:
-        axes.tick_params(labelsize=max(11 * part, SMALLEST), labelrotation=0, direction="in", top=True, right=True)
-        for axis in (axes.xaxis, axes.yaxis):
-            if isinstance(formatter := axis.get_major_formatter(), ScalarFormatter):
-                formatter.set_useOffset(False)
-    figure.subplots_adjust(
-        left=left / width, right=1 - right / width, bottom=bottom / height, top=1 - top / height,
-        wspace=GAP / panel, hspace=GAP / panel,
-    )  # fmt: skip
-    if text:
-        figure.text(
-            1 - 0.2 / width,
-            1 - 0.15 / height,
-            text,
-            color=VERMILION,
-            fontsize=part * (14 if d < 4 else 20),
-            ha="right",
-            va="top",
-        )
-    return figure
 
 
 def mass_profile(results: Results, literature: QTable | None = None, wide: float = WIDE) -> Figure:
@@ -230,15 +140,15 @@ def profile_axes(results: Results, r: Array, label: str, wide: float) -> tuple[F
 
 
 def traces(results: Results) -> Figure:
-    """Draw the traces of every parameter and of ln p, by `Draws.draw_trace`."""
-    d = len(results.names)
-    scale, labels_of, units = _labels(results)
+    """Draw the traces of the parameters and of ln p, by `Draws.draw_trace`."""
+    shown, scale, labels_of, units = parameters_of(results)
+    d = len(shown)
     figure, panels = panel_grid(d + 1, 4.3, 1.75, across=3, share=True, share_y=False)
     between = ["\n" if len(name) > (25 if "$" in name else 8) else " " for name in labels_of]
     names = [with_unit(*each) for each in zip(labels_of, units, between, strict=True)]
     names.append(results.draws.last_trace)
     for i, (axes, name) in enumerate(zip(panels, names, strict=True)):
-        parameter = i if i < d else None
+        parameter = int(shown[i]) if i < d else None
         results.draws.draw_trace(axes, parameter, 1.0 if parameter is None else scale[i])
         axes.set_ylabel(name, fontsize=12)
         ticks(axes)
@@ -247,11 +157,6 @@ def traces(results: Results) -> Figure:
     text = remark(results)
     figure.suptitle(f"{text} ({legend})" if text else legend, fontsize=11, color=VERMILION if text else "black")
     return figure
-
-
-def _no_contour_warning(record: logging.LogRecord) -> bool:
-    """Silence corner's warning about sparse contours: the picture shows as much."""
-    return "Too few points to create valid contours" not in record.getMessage()
 
 
 def levels(profile: QTable, name: str, factor: float) -> dict[str, Array]:
@@ -288,13 +193,17 @@ def data_radii(axes: Axes, results: Results) -> None:
 
 
 def _draw_ranges(axes: Axes, sources: Mapping[str, Mapping[str, float]]) -> None:
-    """Draw the range of radii of each source as a line along the bottom, with its name beside it."""
+    """Draw the range of radii of each source as a line along the bottom; a few have their names beside them."""
     place, figure = axes.get_xaxis_transform(), axes.get_figure(root=True)
     size = 8 if figure is not None and figure.get_figwidth() >= WIDE else 6
     ranges = sorted((min(of_source.values()), max(of_source.values()), name) for name, of_source in sources.items())
+    few = len(ranges) <= NAMED
     for row, (first, last, name) in enumerate(ranges):
-        height = 0.03 + 0.045 * row
-        axes.plot([first, last], [height, height], color="black", lw=1.2, marker="|", ms=6, transform=place)
+        height = 0.03 + (0.045 if few else 0.4 / len(ranges)) * row
+        axes.plot([first, last], [height, height], color="black", lw=1.2 if few else 0.7, marker="|",
+                  ms=6 if few else 2, transform=place)  # fmt: skip
+        if not few:
+            continue
         axes.annotate(
             name.replace("_", " "), (last, height), (6, 0), xycoords=place, textcoords="offset points", fontsize=size,
             va="center",
@@ -309,30 +218,23 @@ def _data_radii(results: Results) -> dict[str, dict[str, float]]:
     return {name: of_source for name, of_source in sources.items() if of_source}
 
 
-def _labels(results: Results) -> tuple[Array, list[str], list[str]]:
-    """(d,) Powers of ten that large parameters are divided by, the name of each in a picture, and its unit."""
+def parameters_of(results: Results) -> tuple[IntArray, Array, list[str], list[str]]:
+    """Return the parameters that pictures show, for each the power of ten it is divided by, its name and its unit.
+
+    Of more than `MANY_PARAMETERS` of several streams these are the ones that the streams share.
+    """
+    every, shared = np.arange(len(results.names)), results.spec.factors[0].shared
+    shown = (shared if len(shared) else every[:MANY_PARAMETERS]) if are_too_many(results) else every
     typical = np.median(np.abs(results.samples), axis=0)
-    scales_and_units = [scaled(*each) for each in zip(results.spec.units, typical.tolist(), strict=True)]
+    scales_and_units = [scaled(results.spec.units[k], float(typical[k])) for k in shown.tolist()]
     scales, units = zip(*scales_and_units, strict=True)
-    return np.array(scales), labels(results.names, results.spec.symbols), list(units)
+    names, symbols = ([each[k] for k in shown.tolist()] for each in (results.names, results.spec.symbols))
+    return shown, np.array(scales), labels(names, symbols), list(units)
 
 
-def _lines(text: str) -> int:
-    return text.count("\n") + 1
-
-
-def _title(name: str, values: Array) -> str:
-    """Return the median and 68 % interval of a parameter as a title, below its name if that is long."""
-    between = " = " if name.startswith("$") and "\n" not in name else "\n"
-    low, middle, high = np.percentile(values, [16, 50, 84])
-    digits = decimals(min(high - middle, middle - low))
-    return rf"{name}{between}${middle:.{digits}f}^{{+{high - middle:.{digits}f}}}_{{-{middle - low:.{digits}f}}}$"
-
-
-def _range(values: Array) -> tuple[float, float]:
-    low, high = np.percentile(values, [0.2, 99.8])
-    margin = 0.08 * (high - low) or 1e-3 * max(abs(low), 1.0)
-    return float(low - margin), float(high + margin)
+def are_too_many(results: Results) -> bool:
+    """Return whether pictures of parameters show only those that several streams share."""
+    return len(results.spec.streams) > 1 and len(results.names) > MANY_PARAMETERS
 
 
 PANEL = (2.5, 1.9)  # inches of a panel with a prior
@@ -340,17 +242,15 @@ ZOOM = 0.15  # fraction of the prior's range below which the picture shows only 
 
 
 def priors(results: Results) -> Figure:
-    """Draw every posterior as a histogram, and the density of its prior as a dashed line in the same units.
+    """Draw posteriors as histograms, and the density of each prior as a dashed line in the same units.
 
     If the posterior fills a small part of the prior, the picture shows the surroundings of this part.
     """
-    spec, samples = results.spec, results.samples
-    figure, panels = panel_grid(samples.shape[1], *PANEL, share=False)
-    names = labels(results.names, spec.symbols)
-    for axes, prior, name, unit, values in zip(panels, spec.priors, names, spec.units, samples.T, strict=False):
-        scale, shown = scaled(unit, float(np.median(np.abs(values))))
-        _panel(axes, prior, values, scale)
-        axes.set_xlabel(with_unit(name.replace("\n", ""), shown), fontsize=11)
+    shown, scales, names, units = parameters_of(results)
+    figure, panels = panel_grid(len(shown), *PANEL, share=False)
+    for axes, k, scale, name, unit in zip(panels, shown.tolist(), scales.tolist(), names, units, strict=False):
+        _panel(axes, results.spec.priors[k], results.samples[:, k], scale)
+        axes.set_xlabel(with_unit(name.replace("\n", ""), unit), fontsize=11)
     figure.legend(
         *panels[0].get_legend_handles_labels(), loc="outside lower right", ncols=2, frameon=False, fontsize=10
     )

@@ -21,21 +21,22 @@ from streamkit.fit.judge.predictive import contraction, prior_fractions
 from streamkit.fit.judge.verdicts import overall
 from streamkit.fit.samples.draws import ENDED
 from streamkit.fit.samples.results import Results
-from streamkit.fit.show.figures import reach, remark
+from streamkit.fit.show.figures import parameters_of, reach, remark
 from streamkit.fit.show.literature import DENSITY, POTENTIAL, beside_literature
-from streamkit.fit.show.text import radii_to_show
+from streamkit.fit.show.text import OF_A_STREAM, radii_to_show
 from streamkit.observe import frame_of
-from streamkit.report import cited, describe_live, labels, number
+from streamkit.report import cited, describe_live, number
 from streamkit.runfile import ONLY
 
 PAGE = "report.html"
 TEMPLATE = "page.html.jinja"
 WIDEST = 1700  # largest width in pixels of a picture in the page: two for each pixel of the widest column
+NARROWER, FEW_STREAMS = 1100, 6  # the same for the pictures of more streams than the second number
 COLOURS = 160  # colours of a picture in the page: drawings have few, and with a palette files are a third as large
 # Pictures of the page that are separate products, besides the pictures of streams.
 DRAWN = (
     "mass_profile.png", "rotation_curve.png", "flattening.png", "corner.png", "traces.png", "predictions.png",
-    "priors.png",
+    "priors.png", "sky.png",
 )  # fmt: skip
 CLASSES = dict(zip(LEVELS, ("fine", "look", "not"), strict=True))
 SIGNS = dict(zip(LEVELS, ("✓", "!", "✕"), strict=True))
@@ -66,6 +67,8 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
         counts={name: sum(v.level == name for v in outcomes) for name in LEVELS},
         by_subject={v.subject: v for v in outcomes},
         parameters=list(_parameters(results)),
+        shown={results.names[k] for k in parameters_of(results)[0].tolist()},
+        fits=results.streams(),
         masses=results.mass_profile(radii_to_show(results)),
         reach=reach(results),
         is_chain=results.weighted is None,
@@ -73,6 +76,7 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
         literature=[] if literature is None else beside_literature(results, literature),
         pictures=_pictures(results),
         streams=stream_pictures(results.spec),
+        few=FEW_STREAMS,
         on_sky={name for name, inputs in streams.items() if frame_of(inputs.observables) is not None},
         goodness=results.goodness(),
         data=results.predictions(),
@@ -114,7 +118,7 @@ def _run(results: Results) -> dict[str, Any]:
             "chain": results.draws.headline,
             "ended": ENDED.get(results.status, "not yet, or by an interruption"),
             "streams made": f"{results.calls} by the sampler, {results.search_calls} in the search for a start",
-            **results.facts,
+            **{name: text for name, text in results.facts.items() if not name.startswith(OF_A_STREAM)},
             **_live(results),
         },
         "components": [(path, cls.kind, supplier, cls.reference) for path, cls, supplier in spec.components()],
@@ -133,10 +137,13 @@ def _live(results: Results) -> dict[str, str]:
 
 def _pictures(results: Results) -> dict[str, str]:
     """Return the pictures by name; one that fails is left out, with the reason in `Results.failed`."""
-    makers = results.draws.pictures(labels(results.names, results.spec.symbols))
+    shown_parameters, _, names, _ = parameters_of(results)
+    makers = results.draws.pictures(names, shown_parameters)
     files = [Path(results.directory or "", name) for name in (*DRAWN, *stream_pictures(results.spec))]
     shown = [path for path in files if results.directory is not None and path.exists()]
-    pictures = {path.name: embedded(path.read_bytes()) for path in shown}
+    of_streams = stream_pictures(results.spec)
+    widths = dict.fromkeys(of_streams, NARROWER if len(of_streams) > FEW_STREAMS else WIDEST)
+    pictures = {path.name: embedded(path.read_bytes(), widths.get(path.name, WIDEST)) for path in shown}
     for name, make in makers.items():
         buffer = BytesIO()
         try:
@@ -148,7 +155,7 @@ def _pictures(results: Results) -> dict[str, str]:
     return pictures
 
 
-def embedded(png: bytes) -> str:
+def embedded(png: bytes, widest: int = WIDEST) -> str:
     """Return a picture as a data URL, no wider than the page needs, with a palette."""
     from PIL import Image
 
@@ -158,8 +165,8 @@ def embedded(png: bytes) -> str:
             white.paste(image, mask=image.getchannel("A") if image.mode == "RGBA" else None)
     except OSError:
         return ""
-    if white.width > WIDEST:
-        white = white.resize((WIDEST, round(white.height * WIDEST / white.width)), Image.Resampling.LANCZOS)
+    if white.width > widest:
+        white = white.resize((widest, round(white.height * widest / white.width)), Image.Resampling.LANCZOS)
     buffer = BytesIO()
     white.quantize(COLOURS).save(buffer, format="png", optimize=True)
     return f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode()}"

@@ -30,6 +30,7 @@ from streamkit.stream import IntArray
 # Inches: the height of a row, and the widths of the axes, of the names on their left and the numbers on their right.
 ROW, WIDE, NAMES, NUMBERS = 0.2, 2.9, 1.75, 1.35  # the width of the names is the smallest one
 LONGEST = 40  # most rows in a column
+MOST, FARTHEST = 200, 80  # with more data than the first number, the picture shows as many as the second
 SMALL_ROW = 0.15  # inches of a row in one column of a journal
 
 
@@ -37,11 +38,15 @@ def predictions(results: Results, column: bool = False) -> Figure:
     """Draw every datum minus the model and, for a Gaussian likelihood, minus new data: in units of its scatter.
 
     For one ``column`` of a journal the data themselves are left out. With many more data than `LONGEST` there are two
-    columns. ChainError if the run stored no predictions.
+    columns. Of more than `MOST` data those that are farthest from the predictions are drawn. ChainError if the run
+    stored no predictions.
     """
-    if results.predictive is None:
+    if (seen := results.predictive) is None:
         raise ChainError("the run kept no predictions")
-    return draw_predictive(results.predictive, remark(results), column)
+    note = remark(results)
+    if (m := len(seen.names)) > MOST:
+        seen, note = seen.farthest(FARTHEST), f"the {FARTHEST} of {m} data that are farthest away. {note}".rstrip()
+    return draw_predictive(seen, note, column)
 
 
 def draw_predictive(seen: Predictive, note: str = "", narrow: bool = False) -> Figure:

@@ -9,19 +9,19 @@ from astropy.table import QTable
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from pictures import assert_readable
 from runfiles import APOCENTRES
+from synthetic import synthetic
 
 import streamkit as sk
 from streamkit.fit.judge.predictive import Predictive
 from streamkit.fit.products import FLATTENING, products_of
 from streamkit.fit.samples.predictions import stored_predictions
-from streamkit.fit.samples.results import Results, draws_of
 from streamkit.fit.samples.tables import predictions_table
 from streamkit.fit.show import figures
-from streamkit.fit.show.figures import WIDE, _labels, corner, mass_profile, priors, reach, rotation_curve, traces
+from streamkit.fit.show.corner import corner
+from streamkit.fit.show.figures import WIDE, mass_profile, parameters_of, priors, reach, rotation_curve, traces
 from streamkit.fit.show.flattening import flattening, is_sphere
 from streamkit.fit.show.predictive import LONGEST, draw_predictive, predictions
 from streamkit.report import BOTH, COLUMN, NotebookFigure, labels
-from streamkit.sample import Chain
 
 
 def freed(**priors):
@@ -82,21 +82,6 @@ def eleven():
 CASES = {1: one, 2: freed, 6: six, 8: eight, 11: eleven}
 
 
-def synthetic(document, steps=12, walkers=32, seed=1, quick=False):
-    """Return the results of a run that nobody made: correlated walkers around the prior's centre."""
-    spec, rng = sk.load(document), np.random.default_rng(seed)
-    d = len(spec.names)
-    mix = np.linalg.cholesky(0.5 * np.eye(d) + 0.5)
-    z = np.empty((steps, walkers, d))
-    z[0] = 3 * rng.normal(size=(walkers, d))
-    for k in range(1, steps):
-        z[k] = 0.8 * z[k - 1] + 0.6 * rng.normal(size=(walkers, d)) @ mix.T
-    chain = spec.centre() * (1 + 0.03 * z)
-    ln_p = -0.5 * (np.linalg.solve(mix, z[..., None])[..., 0] ** 2).sum(axis=2)
-    stored = Chain(chain, ln_p, None, np.full(walkers, steps // 3), {"status": "steps"})
-    return Results(spec, draws_of(stored, spec, quick))
-
-
 @pytest.mark.parametrize("draw", [corner, traces, priors])
 @pytest.mark.parametrize(
     "number", [pytest.param(number, marks=pytest.mark.slow if number > 2 else ()) for number in CASES]
@@ -106,7 +91,7 @@ def test_every_text_of_a_picture_can_be_read(number, draw, monkeypatch):
     assert len(results.names) == number
     texts = assert_readable(draw(results), monkeypatch)
     assert any("QUICK LOOK" in text for text in texts)
-    for name in _labels(results)[1]:
+    for name in parameters_of(results)[2]:
         assert any(name.replace("\n", "") in text.replace("\n", "") for text in texts), name
 
 
@@ -180,7 +165,7 @@ def test_many_radii_of_data_are_drawn_as_ranges(monkeypatch):
 
 @pytest.mark.parametrize("most", [20, 0])
 def test_a_corner_plot_is_as_wide_as_one_column_of_a_journal_or_as_both(most, monkeypatch):
-    monkeypatch.setattr(figures, "FEW_PARAMETERS", most)
+    monkeypatch.setattr("streamkit.fit.show.corner.FEW_PARAMETERS", most)
     figure = corner(synthetic(freed()), column=True)
     assert figure.get_figwidth() == pytest.approx(COLUMN if most else BOTH)
     assert_readable(figure, monkeypatch)
@@ -240,7 +225,7 @@ def test_parameters_are_called_by_their_symbol_or_the_shortest_clear_end_of_thei
 def test_the_density_of_the_prior_is_drawn_in_the_units_of_the_parameter():
     results = synthetic(six(), steps=60)
     figure = priors(results)
-    scales = _labels(results)[0].tolist()
+    scales = parameters_of(results)[1].tolist()
     for axes, prior, values, scale in zip(figure.axes, results.spec.priors, results.samples.T, scales, strict=False):
         (line,) = axes.lines
         x, density = line.get_data()

@@ -3,7 +3,6 @@
 import base64
 import re
 import shutil
-from html.parser import HTMLParser
 from io import BytesIO
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 from astropy import units as u
 from astropy.table import QTable, Table
+from html_page import Page
 from matplotlib.image import imread
 from runfiles import FIT
 
@@ -28,34 +28,6 @@ EXAMPLES = Path(__file__).parents[3] / "examples"
 def run(finished_run):
     """Return a small run with its products, and published values in its page."""
     return sk.load_results(finished_run)
-
-
-class Page(HTMLParser):
-    """The tags of a page that is well formed, and its text."""
-
-    EMPTY = {"meta", "img", "br", "link"}
-
-    def __init__(self, text):
-        super().__init__()
-        self.open, self.tags, self.words = [], [], []
-        self.feed(text)
-        assert not self.open
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append((tag, dict(attrs)))
-        if tag not in self.EMPTY:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        if self.open and self.open[-1] != "style":
-            self.words.append(data)
-
-    @property
-    def text(self):
-        return " ".join(" ".join(self.words).split())
 
 
 @pytest.fixture(scope="module")
