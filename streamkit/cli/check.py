@@ -16,7 +16,7 @@ from streamkit.study import preflight
 @RUN_FILE
 @SET
 @click.option("--draws", default=64, show_default=True, type=click.IntRange(0), metavar="N",
-              help="Trial streams over the prior, with few particles; 0 for none.")  # fmt: skip
+              help="Trial streams over the prior, with few particles, at most; 0 for none.")  # fmt: skip
 @click.option("--stream", metavar="NAME", help="Check one of several streams alone, and show all of its parameters.")
 @JSON
 @click.option("-q", "--quiet", is_flag=True, help="No progress; print the warnings only.")

@@ -19,6 +19,9 @@ from streamkit.stream import Array, Prediction, Stream
 
 TRIAL_PARTICLES = 1000  # particles of the trial streams over the prior: enough to decide whether there is a stream
 BUDGET = 15.0  # CPU seconds after which no further trial stream is started
+# Draws at which all streams can be measured that are enough: in examples with mistakes put into their data, 32 and 64
+# draws led to the same warnings in 116 of 117 cases.
+ENOUGH = 32
 
 
 @dataclass(frozen=True)
@@ -101,7 +104,7 @@ def _tried(model: Model, bound: ModelInputs) -> Trial:
 def try_prior_draws(spec: Spec, draws: int, progress: bool = False) -> PriorDraws:
     """Try streams with few particles at random points of the prior, drawn from the run's seed.
 
-    No further one is begun after `BUDGET`.
+    ``draws`` is their largest number: none is begun after `BUDGET`, or when `ENOUGH` can be measured.
     """
     model = Model(spec.with_particles(TRIAL_PARTICLES))
     rng = np.random.default_rng(spec.seed)
@@ -114,7 +117,7 @@ def try_prior_draws(spec: Spec, draws: int, progress: bool = False) -> PriorDraw
     with Progress("trial streams over the prior", draws, "stream", shown=progress) as bar:
         for theta in points:
             begin = time.process_time()
-            if begin - start > BUDGET:
+            if begin - start > BUDGET or len(good) == ENOUGH:
                 break
             done += 1
             trial, reason = observe(model, theta)
@@ -127,7 +130,8 @@ def try_prior_draws(spec: Spec, draws: int, progress: bool = False) -> PriorDraw
             if trial is not None and not reason:
                 good.append(theta)
                 seconds.append(end - begin)
-            bar.expect(min(draws, int(done * BUDGET / max(end - start, 1e-9)) + 1))
+            in_time, needed = done * BUDGET / max(end - start, 1e-9), done * ENOUGH / max(len(good), 1e-9)
+            bar.expect(int(min(draws, in_time + 1, np.ceil(needed))))
             bar.update()
     points = np.array(good).reshape(-1, len(spec.names))
     return PriorDraws(done, points, np.array(seconds), reasons, time.process_time() - start, tuple(trials))

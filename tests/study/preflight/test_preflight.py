@@ -227,6 +227,16 @@ def test_odd_suns() -> None:
     assert "sun.v_circ = 23 km/s" in sun_warnings(Sun(v_circ=23.0))[0]
 
 
+def test_the_prior_draws_end_when_enough_can_be_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    spec = sk.load(SAGITTARIUS)  # four of ten draws of its prior have a stream
+    tried = try_prior_draws(spec, 12)
+    assert tried.draws == 12
+    monkeypatch.setattr("streamkit.study.preflight.draws.ENOUGH", 2)
+    fewer = try_prior_draws(spec, 12)
+    np.testing.assert_array_equal(fewer.good, tried.good[:2])
+    assert fewer.draws == 2 + fewer.reasons.total() < 12
+
+
 def test_the_prior_draws_count_every_draw_once_and_repeats_itself() -> None:
     first, second = (try_prior_draws(paper(), 12) for _ in range(2))
     assert first.draws == 12
