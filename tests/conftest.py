@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import tempfile
@@ -18,6 +19,7 @@ from PIL import Image
 from runfiles import APOCENTRES, FIT, PUBLISHED, RUN
 
 import streamkit as sk
+from streamkit.cli.process import NEW_OBJECTS
 from streamkit.components import load_registry
 from streamkit.runfile import json_schema, to_toml
 
@@ -26,6 +28,9 @@ collect_ignore = ["third_party"]  # a package of its own: test_third_party.py in
 
 # The interpreters that tests start, and the workers of xdist, read modules that another one has compiled.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+# Imports and compilations make objects that stay: as in a command, searches for garbage among them are rare.
+gc.set_threshold(NEW_OBJECTS)
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -37,6 +42,11 @@ def pytest_configure(config: pytest.Config) -> None:
         with FileLock(Path(tempfile.gettempdir()) / f"streamkit-{config.workerinput['testrunuid']}.lock"):
             spec = sk.load(FIT)
             sk.Posterior(spec).evaluate(spec.centre())
+
+
+def pytest_unconfigure() -> None:
+    """End the process without a search for garbage."""
+    gc.freeze()
 
 
 @pytest.fixture(autouse=True)

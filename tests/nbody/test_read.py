@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from snapshot_files import META, write_gadget, write_table
-from snapshots import DATA, nbody_stream, run_file
+from snapshots import arrays_of, nbody_stream, run_file
 
 from streamkit import GYR, StreamkitError
 from streamkit.nbody import as_stream, read_snapshot
@@ -117,7 +117,7 @@ def test_what_is_no_snapshot_is_refused(tmp_path: Path) -> None:
 
 def satellite(name: str = "B") -> Snapshot:
     """The N-body extract, as its file tells it."""
-    data = np.load(DATA / f"nbody_{name}.npz")
+    data = arrays_of(f"nbody_{name}.npz")
     return Snapshot(
         source=f"nbody_{name}.npz",
         q=data["x"].astype(float),

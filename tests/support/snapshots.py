@@ -26,9 +26,15 @@ HOSTS = {
 LOOKBACK = {"A": 4.31, "B": 3.77}
 
 
+def arrays_of(file: str) -> dict[str, np.ndarray]:
+    """The arrays of a file of tests/data, by name."""
+    with np.load(DATA / file) as opened:
+        return dict(opened)
+
+
 def run_file(name: str, particles: int = 10000, **stripping: Any) -> Spec:
     """mLCS from the N-body's own progenitor today, at the true parameters."""
-    w = np.load(DATA / f"nbody_{name}.npz")["prog_xv"]
+    w = arrays_of(f"nbody_{name}.npz")["prog_xv"]
     return load(
         {
             "seed": stripping.pop("seed", 1),
@@ -50,7 +56,7 @@ def model_stream(name: str, particles: int = 10000, **stripping: Any) -> Stream:
 
 
 def nbody_stream(name: str) -> Stream:
-    data = np.load(DATA / f"nbody_{name}.npz")
+    data = arrays_of(f"nbody_{name}.npz")
     scale = np.array([[GYR], *6 * [[1.0]]])
     snapshot = Snapshot(
         source=f"nbody_{name}.npz",
@@ -66,7 +72,7 @@ def nbody_stream(name: str) -> Stream:
 
 def reference_stream() -> tuple[Field, Orbit, np.ndarray, np.ndarray, np.ndarray]:
     """Field, progenitor's orbit, release times (n,) and release q, v (3, n) of the reference stream."""
-    data = np.load(DATA / "nfw_stream.npz")
+    data = arrays_of("nfw_stream.npz")
     host = Host({"halo": NFW(mass=3.584843593e11, rs=9.370845158)})
     start = data["progenitor_start"]
     track = host.alone.orbit(start[:3], start[3:], -float(data["lookback"]) * GYR, 0.0, NODE)
@@ -85,7 +91,7 @@ def started(orbit: Orbit, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> Start:
 def reference_errors(integrator: Integrator) -> np.ndarray:
     """(n,) Position errors in kpc of its escaped particles, against an independent code's converged answer."""
     field, orbit, t, q, v = reference_stream()
-    final = np.load(DATA / "nfw_stream.npz")["final"].T[:3]
+    final = arrays_of("nfw_stream.npz")["final"].T[:3]
     escaped = np.sqrt(((final - orbit.q[:, -1:]) ** 2).sum(axis=0)) > 2 * orbit.r_tidal[-1]
     done = integrate(field, integrator, started(orbit, t, q, v))
     return np.asarray(np.sqrt(((done.q - final) ** 2).sum(axis=0))[escaped])

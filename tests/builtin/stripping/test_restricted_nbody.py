@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from snapshots import DATA, HOSTS, LOOKBACK, nbody_stream
+from snapshots import HOSTS, LOOKBACK, arrays_of, nbody_stream
 
 import streamkit as sk
 from streamkit.builtin.observables.apocentres.observable import Apocentres
@@ -13,7 +13,7 @@ M0, RADIUS = 6.4e8, 0.85
 
 def document(name, particles=10000, **changes):
     """A run file with the live progenitor of the N-body's orbit."""
-    core = np.load(DATA / f"nbody_{name}.npz")["prog_xv"]
+    core = arrays_of(f"nbody_{name}.npz")["prog_xv"]
     return {
         "seed": changes.pop("seed", 1),
         "potential": HOSTS[name],

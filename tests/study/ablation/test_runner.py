@@ -15,7 +15,7 @@ from commands import call, refused
 from matplotlib.figure import Figure
 from runfiles import FIT, RUN
 from snapshot_files import write_gadget, write_table
-from snapshots import DATA
+from snapshots import arrays_of
 
 import streamkit as sk
 from streamkit.cli.ablate import read_variations
@@ -248,7 +248,7 @@ def test_the_products_of_another_ablation_are_not_replaced(run_file: Path, tmp_p
 
 def nbody(path: Path, **changes: object) -> Path:
     """The extract of mock 1, as a plain table."""
-    data = np.load(DATA / "nbody_B.npz")
+    data = arrays_of("nbody_B.npz")
     orbit = data["orbit_txv"].copy()
     orbit[:, 0] -= orbit[0, 0]
     columns: dict[str, object] = dict(zip(("x", "y", "z", "vx", "vy", "vz"), [*data["x"], *data["v"]], strict=True))
@@ -300,7 +300,7 @@ def test_a_snapshot_of_another_satellite_is_refused(run_file: Path, tmp_path: Pa
 
 def with_crossings(path: Path, particles: int) -> Path:
     """The first particles of the extract of mock 1 in the Gadget layout, with crossings of the tidal radius."""
-    data = np.load(DATA / "nbody_B.npz")
+    data = arrays_of("nbody_B.npz")
     today = -data["orbit_txv"][0, 0]
     columns = {name: np.asarray(data[name], float)[..., :particles] for name in ("x", "v", "t_strip", "winding")}
     stripped = np.where(np.isnan(columns["t_strip"]), -1.0, (columns["t_strip"] + today) * sk.GYR)
