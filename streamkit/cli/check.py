@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from streamkit import report
-from streamkit.cli.options import JSON, RUN_FILE, SET, load_spec
+from streamkit.cli.options import JSON, RUN_FILE, SET, STREAM, load_spec
 from streamkit.errors import OutOfDomain, StreamkitError
 from streamkit.study import preflight
 
@@ -17,7 +17,7 @@ from streamkit.study import preflight
 @SET
 @click.option("--draws", default=64, show_default=True, type=click.IntRange(0), metavar="N",
               help="Trial streams over the prior, with few particles, at most; 0 for none.")  # fmt: skip
-@click.option("--stream", metavar="NAME", help="Check one of several streams alone, and show all of its parameters.")
+@STREAM
 @JSON
 @click.option("-q", "--quiet", is_flag=True, help="No progress; print the warnings only.")
 def check(
@@ -29,8 +29,7 @@ def check(
     the prior's centre, the CPU time of a call and of the run, and warnings about causes of failing fits. Of many
     streams each has one line. The exit status is 0 for a valid run file and 2 for another.
     """
-    spec = load_spec(run_file, settings)
-    spec = spec if stream is None else spec.only(stream)
+    spec = load_spec(run_file, settings, stream=stream)
     if not (as_json or quiet):
         click.echo(f"{preflight.describe_spec(spec)}\n")
     try:

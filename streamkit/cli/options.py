@@ -18,8 +18,10 @@ INVALID, INTERRUPTED = 2, 130  # exit statuses of the commands: bad input, and s
 RUN_FILE = click.argument("run_file", metavar="RUN.toml", type=click.Path(path_type=Path))
 SET = click.option(
     "--set", "settings", multiple=True, metavar="PATH=VALUE", shell_complete=settings,
-    help="Replace a field, such as progenitor.mass=6.4e8 or 'potential.v0=220 km/s'. Repeatable.",
+    help="Replace a field, such as progenitor.mass=6.4e8 or 'potential.v0=220 km/s'; of all streams by "
+    "'stream.*.stripping.particles=500'. Repeatable.",
 )  # fmt: skip
+STREAM = click.option("--stream", metavar="NAME", help="Take one of several streams alone.")
 
 SAMPLER = click.option(
     "--sampler", metavar="KIND",
@@ -52,13 +54,19 @@ def directory(suffix: str) -> Callable[[Any], Any]:
     )  # fmt: skip
 
 
-def load_spec(run_file: Path, settings: Sequence[str] = (), sampler: str | None = None) -> sk.Spec:
-    """Read the run file, apply sampler and settings; a command that is not quiet will announce compilation."""
+def load_spec(
+    run_file: Path, settings: Sequence[str] = (), sampler: str | None = None, stream: str | None = None
+) -> sk.Spec:
+    """Read the run file, apply sampler and settings, and take one ``stream`` of it.
+
+    A command that is not quiet will announce compilation.
+    """
     if not click.get_current_context().params.get("quiet"):
         announce_compilation()
     spec = sk.load(run_file)
     spec = spec if sampler is None else spec.with_sampler(sampler)
-    return with_settings(spec, read_settings(settings)) if settings else spec
+    spec = with_settings(spec, read_settings(settings)) if settings else spec
+    return spec if stream is None else spec.only(stream)
 
 
 def with_settings(spec: sk.Spec, values: Mapping[str, Any]) -> sk.Spec:

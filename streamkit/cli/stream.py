@@ -10,13 +10,14 @@ import click
 
 import streamkit as sk
 from streamkit import observe, report
-from streamkit.cli.options import FORCE_FILE, JSON, RUN_FILE, SET, load_spec, read_settings
+from streamkit.cli.options import FORCE_FILE, JSON, RUN_FILE, SET, STREAM, load_spec, read_settings
 from streamkit.errors import OutOfDomain, StreamkitError
 
 
 @click.command()
 @RUN_FILE
 @SET
+@STREAM
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FILE",
               help="Write the particles to FILE.ecsv, .hdf5 or .fits.")  # fmt: skip
 @click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",
@@ -32,6 +33,7 @@ from streamkit.errors import OutOfDomain, StreamkitError
 def stream(
     run_file: Path,
     settings: tuple[str, ...],
+    stream: str | None,
     output: Path | None,
     plot: Path | None,
     track: Path | None,
@@ -46,7 +48,7 @@ def stream(
     If the run file has several streams, each is made, and its files have its name: FILE-gd1.ecsv. Data that are no
     stream are compared with the host. Free parameters are at the prior's centre unless --set gives them a value.
     """
-    spec = load_spec(run_file, settings)
+    spec = load_spec(run_file, settings, stream=stream)
     particles, pictures, tracks = (
         {name: _file(path, name, spec) for name in spec.streams} for path in (output, plot, track)
     )

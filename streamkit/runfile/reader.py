@@ -32,6 +32,7 @@ _EXPECTED = {
     "version": f"{VERSION}",
     "seed": "a whole number, zero or more",
     "plugins": 'a list of Python files, such as ["my_halo.py"]',
+    "streams": 'a list of files of streams, such as ["gd1.toml", "pal5.toml"]',
 }
 
 
@@ -255,11 +256,12 @@ class _Reader:
         tables.read(self.raw, self.name, self.files.folder)
         if not tables:
             return {ONLY: self.stream("", self.raw)}
+        if tables.errors:  # a misspelt section would be missing in every stream
+            return self.errors.extend(tables.errors)
         tables.fill(self.raw.pop(DEFAULTS, {}), self.fields_of)
         self.raw.pop("streams", None)
         self.raw["stream"] = tables.tables
-        if tables.errors:  # a misspelt section would be missing in every stream
-            return self.errors.extend(tables.errors)
+        self.errors += tables.errors
         return {name: self.stream(f"stream.{name}.", table) for name, table in tables.tables.items()}
 
     def fields_of(self, section: str, own: Mapping[str, Any], table: Mapping[str, Any]) -> list[str] | None:

@@ -24,7 +24,10 @@ from streamkit.runfile.reader import DEFAULT_KIND
 from streamkit.runfile.section import Section, at_default, lacked
 from streamkit.runfile.sections import Sections
 from streamkit.runfile.settings import Engine, Likelihood
+from streamkit.runfile.stream_tables import DEFAULTS
 from streamkit.units import Unit, symbol_of, unit_of
+
+EVERY = "stream.*."  # how the path of a field in all streams begins
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -129,7 +132,14 @@ class Resolved(ABC):
         return f"{section}.{OTHER_NAMES[name]}" if section in places and name in OTHER_NAMES else path
 
     def by_path(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return values by `path_of` their names. Raises SpecError for two names of one field."""
+        """Return values by `path_of` their names; those of ``stream.*.`` for every stream that has no value of its own.
+
+        Raises SpecError for two names of one field.
+        """
+        every = [path for path in values if path.startswith(EVERY)]
+        own = {path: value for path, value in values.items() if path not in every}
+        values = {f"stream.{name}.{path.removeprefix(EVERY)}": values[path] for path in every for name in self.streams}
+        values |= own
         paths = {path: self.path_of(path) for path in values}
         for path, name in paths.items():
             if name != path and name in values:
@@ -168,8 +178,9 @@ class Resolved(ABC):
         Parameters
         ----------
         values
-            Path -> number, quantity, prior or other value: ``{"progenitor.mass": "6.4e8 Msun"}``. A new ``kind`` keeps
-            the fields that it has too, unless at the old one's default. Raises SpecError for a value not allowed.
+            Path -> number, quantity, prior or other value: ``{"progenitor.mass": "6.4e8 Msun"}``. A path such as
+            ``stream.*.stripping.particles`` sets the field in all streams. A new ``kind`` keeps the fields that it has
+            too, unless at the old one's default. Raises SpecError for a value not allowed.
         """
         document = copy.deepcopy(self.document)
         values = self.by_path(values)
@@ -208,7 +219,9 @@ class Resolved(ABC):
         paths += ["seed", *(f"{table}.kind" for table in tables)]
         renewed = f"{parent}.kind" in values or parent in without
         if path not in paths and not (renewed and parent in tables):
-            raise SpecError(f"{self.source}: there is no field {path!r}.{nearest(path, paths)}")
+            shared = path.partition(".")
+            hint = f" For all streams: {EVERY}{shared[2]}." if shared[0] == DEFAULTS else nearest(path, paths)
+            raise SpecError(f"{self.source}: there is no field {path!r}.{hint}")
 
     def components(self) -> list[tuple[str, type[Component], str]]:
         """Return path, class and supplier of every component in use."""

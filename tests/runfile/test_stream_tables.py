@@ -106,6 +106,7 @@ MISTAKES = [  # with the beginnings of all lines of the message
     (("stream", ...), ["stream_defaults: there is no stream to share it; expected [stream.NAME] or streams"]),
     (("streams", ["b.toml"]), ["streams[0]: 'b.toml' is a second stream called 'b', beside [stream.b]"]),
     (("progenitor", {}), ["progenitor: found beside the named streams a, b, c"]),
+    (("streams", ["b.toml", 3]), ["streams: found ['b.toml', 3], expected a list of files of streams"]),
 ]  # fmt: skip
 
 
@@ -218,6 +219,16 @@ def test_a_directory_of_a_run_holds_the_tables_of_its_streams(tmp_path: Path) ->
     for file in there.iterdir():
         file.unlink()
     assert load_spec(tmp_path / "out").digest() == spec.digest()
+
+
+def test_a_field_of_all_streams_is_set_at_once() -> None:
+    spec = sk.load(RUN).with_values({"stream.*.stripping.particles": 50, "stream.b.stripping.particles": 60})
+    assert [spec.bind(stream=name).stripping.particles for name in "abc"] == [50, 60, 50]
+    assert spec.bind({"stream.*.progenitor.distance": 9.5}, "c").values["stream.c.progenitor.distance"] == 9.5
+    with pytest.raises(sk.SpecError, match=r"no field 'stream_defaults.stripping.sigma'. For all streams: stream"):
+        spec.with_values({"stream_defaults.stripping.sigma": 2})
+    with pytest.raises(sk.SpecError, match=r"no field 'stream.a.stripping.sigmas'. Did you mean 'stream.a.stripping"):
+        spec.with_values({"stream.*.stripping.sigmas": 2})
 
 
 def test_the_schema_allows_what_load_reads(schema: dict[str, Any]) -> None:

@@ -49,7 +49,7 @@ class Trial:
 
 
 def _named(stream: str, reason: str) -> str:
-    return reason if stream == ONLY or reason.startswith(f"{stream}: ") else f"{stream}: {reason}"
+    return reason if stream == ONLY else f"{stream}: {reason}"
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def _tried(model: Model, bound: ModelInputs) -> Trial:
         try:
             streams[name], prediction = model.observe(inputs, host)
         except OutOfDomain as error:
-            reasons[name] = error.reason
+            reasons[name] = error.reason.removeprefix(f"{name}: ")
             continue
         if prediction is not None:
             predictions[name] = prediction

@@ -82,13 +82,14 @@ def run_preflight(spec: Spec, *, draws: int = 64, progress: bool = False) -> Pre
     if trial is None:
         warnings.append(f"There is no prediction at {centre_name}: {reason}.")
     for name, why in trial.reasons.items() if trial is not None else ():
-        before = f"{name}: " if len(looks) > 1 and not why.startswith(f"{name}: ") else ""
+        before = f"{name}: " if len(looks) > 1 else ""
         if (orbit := orbits.get(name)) is None or len(orbit.apocentres) or name not in predictions:
             hint = short_lookback(orbit) if orbit is not None else ""
             warnings.append(f"{before}There is no prediction at {centre_name}: {why}.{hint}")
-    for look in looks.values():
+    for name, look in looks.items():
         if look.prediction is not None:
-            warnings += remarks_of(look.inputs.observables, look.prediction)
+            before = f"{name}: " if len(looks) > 1 else ""
+            warnings += [before + text for text in remarks_of(look.inputs.observables, look.prediction)]
     if trial is not None:
         for name, stream in trial.observation.streams.items():
             warnings += dissolved_warnings(spec, bound.streams[name], stream)
