@@ -3,6 +3,7 @@ from .components import BlockEdge as BlockEdge
 from .components import ChainSampler as ChainSampler
 from .components import Check as Check
 from .components import Component as Component
+from .components import EmulatedLikelihood as EmulatedLikelihood
 from .components import Ensemble as Ensemble
 from .components import Evaluations as Evaluations
 from .components import HostData as HostData

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from streamkit import CONTRACT, Component, Preset, hookimpl
-from streamkit.builtin.data import host, remnant
+from streamkit.builtin.data import host, host_likelihood, remnant
 from streamkit.builtin.integrators import adaptive, fixed_step, reference
 from streamkit.builtin.observables import density
 from streamkit.builtin.observables.apocentres import observable as apocentres
@@ -70,6 +70,7 @@ def streamkit_components() -> list[type[Component] | Preset]:
         host.CircularVelocity,
         host.EnclosedMass,
         host.Flattening,
+        host_likelihood.HostLikelihood,
         milky_way.BOVY2014,
         milky_way.MCMILLAN2017,
         milky_way.GALA_V1,

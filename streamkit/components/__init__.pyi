@@ -1,8 +1,6 @@
 from .available import switched_off as switched_off
 from .available import where_to_find as where_to_find
 from .bases import Component as Component
-from .bases import HostData as HostData
-from .bases import HostView as HostView
 from .bases import Integrator as Integrator
 from .bases import Measurement as Measurement
 from .bases import Observable as Observable
@@ -11,6 +9,8 @@ from .bases import StrippingScheme as StrippingScheme
 from .given import IN_PYTHON as IN_PYTHON
 from .hookspecs import CONTRACT as CONTRACT
 from .hookspecs import hookimpl as hookimpl
+from .host_data import HostData as HostData
+from .host_data import HostView as HostView
 from .live import BlockEdge as BlockEdge
 from .live import LiveStripping as LiveStripping
 from .live import Population as Population
@@ -31,6 +31,7 @@ from .samples import Ensemble as Ensemble
 from .samples import Evaluations as Evaluations
 from .samples import Samples as Samples
 from .spherical import Spherical as Spherical
+from .target import EmulatedLikelihood as EmulatedLikelihood
 from .target import PriorDensity as PriorDensity
 from .target import Target as Target
 from .target import TargetFactor as TargetFactor

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -346,36 +346,3 @@ class Observable(Measurement):
     def remarks(self, prediction: Prediction) -> tuple[str, ...]:
         """Return warnings about the measurement, one sentence each; `check` and `stream` print them. Optional."""
         return ()
-
-
-class HostView(Protocol):
-    """The host today as `HostData` sees it, without the bodies that move about it."""
-
-    def circular_velocity(self, radii: Array) -> Array:
-        """(n,) Circular velocity in km/s at radii (n,) in kpc in the plane."""
-
-    def mass_inside(self, radii: Array) -> Array:
-        """(n,) Mass in Msun inside radii (n,) in kpc."""
-
-    def flattening(self, radii: Array, z: Array) -> Array:
-        """(n,) Flattening of the potential at cylindrical radii and heights (n,) in kpc."""
-
-    def acceleration(self, q: Array) -> Array:
-        """(3, n) Acceleration in (km/s)^2/kpc at positions (3, n) in kpc."""
-
-    def potential(self, q: Array) -> Array | None:
-        """(n,) Potential in (km/s)^2 at positions (3, n) in kpc; None where a component gives none."""
-
-
-class HostData(Measurement):
-    """Data on the host alone, without a stream: a rotation curve, a mass, the prior of a derived number.
-
-    streamkit calls `predict` once for each set of parameters, and compares the result (m,) with `data`. The host's
-    numbers are in kpc, km/s and Msun. Where the host has no such number, `predict` returns a ``why_not``.
-    """
-
-    role: ClassVar[str] = "data"
-
-    @abstractmethod
-    def predict(self, host: HostView) -> Prediction:
-        """Return the numbers (m,) of the host, with zero variances if they are exact; a ``why_not`` without a value."""

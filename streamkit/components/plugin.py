@@ -21,7 +21,8 @@ import numpy as np
 import pluggy
 
 from streamkit.components import hookspecs
-from streamkit.components.bases import Component, HostData, Integrator, Observable, StrippingScheme
+from streamkit.components.bases import Component, Integrator, Observable, StrippingScheme
+from streamkit.components.host_data import HostData
 from streamkit.components.potential import Potential
 from streamkit.components.preset import Preset
 from streamkit.components.sampler import Sampler

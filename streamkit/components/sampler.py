@@ -11,7 +11,7 @@ from pydantic import Field
 
 from streamkit.components.bases import Component
 from streamkit.components.samples import Ensemble, Samples
-from streamkit.components.target import Target
+from streamkit.components.target import EmulatedLikelihood, Target
 from streamkit.convergence import CHECK, Convergence
 from streamkit.errors import ComponentError
 from streamkit.stream import Array
@@ -56,6 +56,13 @@ class Sampler(Component):
         streamkit stores each result before the next one is computed. All random numbers must come from ``target.seed``,
         and the only clock is `Target.time_left`: the same target then gives the same samples.
         """
+
+    def emulated(self, target: Target) -> EmulatedLikelihood | None:
+        """Return the likelihood that it learns from the calls at `Target.earlier`, without a new call. Optional.
+
+        None for a sampler that learns none. `streamkit export --host-likelihood` asks for it, of each stream alone.
+        """
+        return None
 
     def reject_dimension(self, d: int) -> str:
         """Return why d free parameters cannot be sampled: field, value, allowed values; empty if they can."""

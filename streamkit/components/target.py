@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from streamkit.components.samples import Ensemble, Evaluations
 from streamkit.stream import Array, BoolArray, Data, IntArray
 
@@ -149,3 +151,16 @@ class Target(Protocol):
 
     def remark(self, text: str) -> None:
         """Show a short text beside the progress, such as the number of effective samples."""
+
+
+class EmulatedLikelihood(Protocol):
+    """The likelihood that a sampler has learned from calls; it costs next to nothing."""
+
+    def ln_likelihood(self, points: Array) -> Array:
+        """Return ln likelihood (n,) at points (n, d) inside the prior."""
+
+    def is_trusted(self, points: Array) -> BoolArray:
+        """Return whether points (n, d) are among the calls, (n,)."""
+
+    def redrawn(self, rng: np.random.Generator) -> EmulatedLikelihood:
+        """Return the likelihood that other noise in the calls could have given."""

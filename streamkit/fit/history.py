@@ -49,10 +49,13 @@ class AnswerHistory:
         return {"names": [*self._spec.names, mass], "stages": list(self._stages)}
 
 
+WITHOUT_RADII = 20.0  # kpc, where no datum has a radius
+
+
 def measured_radius(spec: Spec) -> float:
     """Return the largest radius of the data in kpc, or that of a progenitor where none is known, with two digits."""
     bound = spec.bind_all()
     measured = [radii_of(inputs.observables) for inputs in bound.streams.values()] + [radii_of(bound.data)]
     radii = [radius for each in measured for radius in each.values()]
     radii = radii or [float(np.sqrt(inputs.q @ inputs.q)) for inputs in bound.streams.values()]
-    return float(f"{max(radii):.2g}")
+    return float(f"{max(radii, default=WITHOUT_RADII):.2g}")

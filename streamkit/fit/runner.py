@@ -190,8 +190,8 @@ def _display(plan: _Plan) -> sample.SamplingProgress:
 
 
 def _particles(spec: Spec) -> int:
-    """Return the particles of all streams together."""
-    return sum(stream.stripping.centre.particles for stream in spec.sections.streams.values())
+    """Return the particles of all streams together; 1 without a stream."""
+    return sum(stream.stripping.centre.particles for stream in spec.sections.streams.values()) or 1
 
 
 @contextmanager

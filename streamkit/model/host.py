@@ -50,11 +50,14 @@ class Host:
         The galaxies that move about the host, by name.
     progenitor
         The progenitor, if it has friction or reflex; its pull on particles is not part of the host.
+    numbers
+        What data on the host read of the run file, by path: see `HostView.numbers`.
     """
 
     potentials: Mapping[str, Potential]
     bodies: Mapping[str, Body] = field(default_factory=dict)
     progenitor: Body | None = None
+    numbers: Mapping[str, float] = field(default_factory=dict)
     _fields: dict[float, Field] = field(default_factory=dict, init=False, repr=False, compare=False)
     _paths: dict[float, Paths] = field(default_factory=dict, init=False, repr=False, compare=False)
 

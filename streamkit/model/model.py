@@ -109,7 +109,7 @@ class Model:
 
     def observe_all(self, model_inputs: ModelInputs) -> Observation:
         """Return all streams of a bound spec, in one host, and what their observables say; raises as `observe`."""
-        host = Host(model_inputs.potentials, model_inputs.bodies)
+        host = Host(model_inputs.potentials, model_inputs.bodies, numbers=model_inputs.numbers)
         streams: dict[str, Stream] = {}
         predictions: dict[str, Prediction] = {}
         for name, inputs in model_inputs.streams.items():
@@ -121,7 +121,7 @@ class Model:
 
     def observe_host(self, model_inputs: ModelInputs, host: Host | None = None) -> dict[str, Prediction]:
         """Return what the host says of the data that are no stream, by their names; raises as `observe`."""
-        host = host or Host(model_inputs.potentials, model_inputs.bodies)
+        host = host or Host(model_inputs.potentials, model_inputs.bodies, numbers=model_inputs.numbers)
         with self._naming_parameters(model_inputs.values):
             data = model_inputs.data
             return {name: measure_host(one, host, self._with_data(one, name).data) for name, one in data.items()}

@@ -5,6 +5,7 @@ from .document import read_toml as read_toml
 from .document import to_toml as to_toml
 from .factors import DATA as DATA
 from .factors import Factor as Factor
+from .host_checks import host_values as host_values
 from .inputs import ONLY as ONLY
 from .inputs import Body as Body
 from .inputs import ModelInputs as ModelInputs

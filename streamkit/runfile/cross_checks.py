@@ -38,7 +38,7 @@ def drag_unknown(
 
 def too_many_steps(integrator: Section[Integrator], streams: Iterable[StreamSections]) -> list[str]:
     """Return a sentence for each field of the integrator that makes too many steps."""
-    path, longest = max((stream.lookback for stream in streams), key=lambda pair: pair[1])
+    path, longest = max((stream.lookback for stream in streams), key=lambda pair: pair[1], default=("", 0.0))
     return [
         f"{integrator.path}.{name}: found {getattr(integrator.centre, name):g}, with which a particle would take about "
         f"{count:.2g} steps over the {longest:g} Gyr of {path}; expected at most {MOST_STEPS:.0e}"

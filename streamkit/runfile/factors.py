@@ -16,6 +16,7 @@ import numpy as np
 from streamkit.runfile.inputs import ONLY
 from streamkit.stream import IntArray
 
+OF_A_STREAM = ("progenitor", "stripping", "observable")  # the sections of each stream
 SEEN = "observable"  # the section with the data of a stream
 DATA = "[data]"  # the name of the factor of the data of the host: a TOML key of a stream has no brackets
 
@@ -51,8 +52,17 @@ def factors_of(names: Sequence[str], streams: Sequence[str], data: Collection[st
     every = np.arange(len(names))
     if len(streams) == 1:
         return (Factor(streams[0], every[:0], every),)
-    prefixes = [(name, f"stream.{name}.") for name in streams] + ([(DATA, "data.")] if data else [])
-    own = [(name, every[[each.startswith(prefix) for each in names]]) for name, prefix in prefixes]
+    return parts_of(names, streams, data)
+
+
+def parts_of(names: Sequence[str], streams: Sequence[str], data: Collection[str]) -> tuple[Factor, ...]:
+    """Return each stream, of one or of several, and the data of the host as factors of their own."""
+    every = np.arange(len(names))
+    prefixes: dict[str, tuple[str, ...]] = {name: (f"stream.{name}.",) for name in streams if name != ONLY}
+    if ONLY in streams:
+        prefixes = {ONLY: tuple(f"{section}." for section in OF_A_STREAM)}
+    prefixes |= {DATA: ("data.",)} if data else {}
+    own = [(name, every[[each.startswith(prefix) for each in names]]) for name, prefix in prefixes.items()]
     shared = np.setdiff1d(every, np.concatenate([each for _, each in own]))
     return tuple(Factor(name, shared, each) for name, each in own)
 

@@ -107,3 +107,4 @@ class ModelInputs:
     streams: dict[str, StreamInputs]  # the inputs of each stream by name; a single one is called ``stream``
     data: dict[str, HostData]  # the data without a stream, by name
     values: dict[str, float]  # the free parameters by name, in the units of the run file
+    numbers: dict[str, float] = field(default_factory=dict)  # those of the host that the data read, by their paths

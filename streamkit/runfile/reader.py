@@ -15,6 +15,8 @@ from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.fields import Files
 from streamkit.runfile.cross_checks import drag_unknown, massless, no_part_of_a_host, own_keys, too_many_steps
 from streamkit.runfile.document import TOO_DEEP
+from streamkit.runfile.factors import OF_A_STREAM
+from streamkit.runfile.host_checks import not_as_assumed, not_there
 from streamkit.runfile.inputs import ONLY
 from streamkit.runfile.priors import PRIORS
 from streamkit.runfile.progenitor import BODY_WAYS, OTHER_NAMES, WAYS, Sun, choose_coordinates
@@ -66,7 +68,10 @@ def resolve(
         except PluginError as error:
             raise PluginError(f"{name}: {error}") from error.__cause__
     sections = reader.sections(registry)
-    return _document(reader.raw, plugins, sections, reader.preset), name, reader.registry, sections
+    document = _document(reader.raw, plugins, sections, reader.preset)
+    reader.errors += not_as_assumed(sections, document)
+    reader.stop()
+    return document, name, reader.registry, sections
 
 
 class _Reader:
@@ -132,6 +137,7 @@ class _Reader:
         sections = Sections(
             self.raw.get("seed", 0), sun, potentials, bodies, streams, data, integrator, likelihood, sampler, engine
         )  # fmt: skip
+        self.errors += not_there(sections)
         for name in sections.sampler.priors:
             self.refuse(f"sampler.{name}: takes no prior: give a plain value")
         free = sum(len(section.priors) for section in sections.all)
@@ -255,7 +261,8 @@ class _Reader:
         tables = self.stream_tables
         tables.read(self.raw, self.name, self.files.folder)
         if not tables:
-            return {ONLY: self.stream("", self.raw)}
+            of_host_alone = self.raw.get("data") and not self.raw.keys() & set(OF_A_STREAM)
+            return {} if of_host_alone else {ONLY: self.stream("", self.raw)}
         if tables.errors:  # a misspelt section would be missing in every stream
             return self.errors.extend(tables.errors)
         tables.fill(self.raw.pop(DEFAULTS, {}), self.fields_of)

@@ -16,7 +16,7 @@ from typing import Any, Self
 from streamkit.components import Component, Registry, Sampler
 from streamkit.errors import SpecError, nearest
 from streamkit.runfile.document import moved, paths_in, to_toml
-from streamkit.runfile.factors import Factor, factors_of, part
+from streamkit.runfile.factors import Factor, factors_of, part, parts_of
 from streamkit.runfile.inputs import ONLY
 from streamkit.runfile.priors import Prior
 from streamkit.runfile.progenitor import OTHER_NAMES, Place
@@ -155,6 +155,11 @@ class Resolved(ABC):
     def factors(self) -> tuple[Factor, ...]:
         """The parts of the likelihood that depend on the host and on parameters of their own: streams, host's data."""
         return factors_of(self.names, self.streams, self.sections.data)
+
+    @cached_property
+    def parts(self) -> tuple[Factor, ...]:
+        """Each stream, of one or of several, and the data of the host, with the parameters that decide them."""
+        return parts_of(self.names, self.streams, self.sections.data)
 
     def only(self, *streams: str, data: bool = True, observables: bool = True) -> Self:
         """Return the spec with these of its streams alone, with ``data`` of the host or without; SpecError for a name.

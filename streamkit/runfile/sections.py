@@ -51,8 +51,7 @@ class Sections:
     @property
     def all(self) -> list[Section[Any]]:
         """All of them, in the default order."""
-        bodies = [section for pair in self.bodies.values() for section in pair]
-        first: list[Section[Any]] = [self.sun, *self.potentials.values(), *bodies]
+        first = self.of_host
         for stream in self.streams.values():
             first += [stream.satellite, stream.phase, stream.stripping]
         observables = [section for stream in self.streams.values() for section in stream.observables.values()]
@@ -112,7 +111,20 @@ class Sections:
                 name=name,
             )
         data = {name: section.build(values) for name, section in self.data.items()}
-        return ModelInputs(potentials, bodies, sun, streams, data, dict(values))
+        numbers = {path: values.get(path, number) for path, number in self._read.items()}
+        return ModelInputs(potentials, bodies, sun, streams, data, dict(values), numbers)
+
+    @property
+    def of_host(self) -> list[Section[Any]]:
+        """The sections of the host: the Sun, the potentials and the bodies."""
+        return [self.sun, *self.potentials.values(), *(section for pair in self.bodies.values() for section in pair)]
+
+    @cached_property
+    def _read(self) -> dict[str, float]:
+        """The numbers of the host that the data read, by their paths, at the centres of the priors."""
+        wanted = {path for datum in self.data.values() for path in datum.centre.reads()}
+        there = {f"{section.path}.{name}": section for section in self.of_host for name in section.cls.model_fields}
+        return {path: float(getattr(there[path].centre, path.rpartition(".")[2])) for path in sorted(wanted)}
 
 
 def beside_each_other(potentials: Mapping[str, Potential]) -> dict[str, Potential]:

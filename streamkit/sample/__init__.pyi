@@ -14,6 +14,7 @@ from .calls.threads import one_thread as one_thread
 from .calls.workers import Workers as Workers
 from .calls.workers import first_call as first_call
 from .earlier import part_of_joint as part_of_joint
+from .earlier import stored_streams as stored_streams
 from .earlier import take_earlier as take_earlier
 from .evaluation import Evaluation as Evaluation
 from .evaluation import blob_dtype as blob_dtype

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from streamkit.runfile import Spec
+from streamkit.runfile import DATA, ONLY, Spec
 from streamkit.sample.evaluation import Evaluation
-from streamkit.sample.factors import FactorPosterior, factor_posteriors
+from streamkit.sample.factors import FactorPosterior, part_posteriors
 from streamkit.sample.store.evaluation_cache import EvaluationCache
 from streamkit.sample.store.storage import Storage
 from streamkit.stream import Array
@@ -35,7 +35,7 @@ def take_earlier(
     Raises ChainError for calls that cannot be read.
     """
     taken = {}
-    there = {each.name: each for each in factor_posteriors(spec, spec)}
+    there = {each.name: each for each in part_posteriors(spec)}
     joint = _joint_calls(directory, spec)
     for each in factors:
         earlier, other = storages[each.name].earlier, there.get(each.name)
@@ -57,6 +57,17 @@ def take_earlier(
     return taken
 
 
+def stored_streams(directory: Path, spec: Spec) -> list[tuple[FactorPosterior, Storage]]:
+    """Return each stream of a run in a directory alone, by its spec, with its calls as those of an earlier run.
+
+    Raises ChainError for calls that cannot be read.
+    """
+    streams = [each for each in part_posteriors(spec) if each.name != DATA]
+    storages = {each.name: Storage() for each in streams}
+    take_earlier(streams, storages, directory, spec)
+    return [(each, storages[each.name]) for each in streams]
+
+
 def _joint_calls(directory: Path, spec: Spec) -> EvaluationCache | None:
     """Return the calls of all streams together, which an earlier version made; None if there are none."""
     from streamkit.sample.calls.posterior import Posterior
@@ -70,7 +81,10 @@ def _joint_calls(directory: Path, spec: Spec) -> EvaluationCache | None:
 def part_of_joint(
     joint: EvaluationCache, factors: Sequence[FactorPosterior], factor: FactorPosterior
 ) -> dict[bytes, Evaluation]:
-    """Return what calls of all factors together say of one: calls that failed say nothing, as one stream failed."""
+    """Return what calls of all factors together say of one.
+
+    Calls that failed say nothing, as one of several streams failed; a single stream failed where its host did not.
+    """
     good = {key: each for key, each in joint.all().items() if not each.reason}
     if not good:
         return {}
@@ -85,7 +99,20 @@ def part_of_joint(
         found[point.tobytes()] = replace(
             each, mean=each.mean[rows], variance=each.variance[rows], details=each.details[columns]
         )
-    return _compared_anew(factor, found)
+    found = _compared_anew(factor, found)
+    return found | (_failed(joint, factors) if [each.name for each in factors] in ([ONLY], [ONLY, DATA]) else {})
+
+
+def _failed(joint: EvaluationCache, factors: Sequence[FactorPosterior]) -> dict[bytes, Evaluation]:
+    """Return the calls in which the only stream failed: its host can be measured there."""
+    stream, *hosts = factors
+    found = {}
+    for key, each in joint.all().items():
+        theta = np.frombuffer(key)
+        if each.reason and not any(host.full.evaluate(theta[host.parameters.parameters]).reason for host in hosts):
+            point = np.ascontiguousarray(theta[stream.parameters.parameters])
+            found[point.tobytes()] = stream.full.rejected(each.reason)
+    return found
 
 
 def _same_predictions(factor: FactorPosterior, found: dict[bytes, Evaluation]) -> bool:

@@ -62,6 +62,11 @@ def factor_posteriors(spec: Spec, small: Spec) -> tuple[FactorPosterior, ...]:
     return tuple(_posterior(factor, spec, small) for factor in spec.factors)
 
 
+def part_posteriors(spec: Spec) -> tuple[FactorPosterior, ...]:
+    """Return each stream of a run file, of one or of several, and the data of the host, as posteriors of their own."""
+    return tuple(_posterior(part, spec, spec) for part in spec.parts)
+
+
 def _posterior(factor: Parameters, spec: Spec, small: Spec) -> FactorPosterior:
     if factor.name == DATA:
         host = HostPosterior(_without_streams(spec))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from streamkit import Array, G, HostData
@@ -13,6 +15,9 @@ class FlattenedHost:
     """The potential v^2 / 2 ln(R^2 + z^2 / q^2) with v = 220 km/s and q = 0.9, for tests."""
 
     v, q = 220.0, 0.9
+
+    def __init__(self, numbers: Mapping[str, float] | None = None) -> None:
+        self.numbers: Mapping[str, float] = numbers or {}  # see `HostView.numbers`
 
     def circular_velocity(self, radii: Array) -> Array:
         """(n,) The same everywhere."""
@@ -40,7 +45,7 @@ class FlattenedHost:
 
 def has_a_value(data: HostData) -> None:
     """Check that names, mean, variance and data have one length, and that the numbers can be used."""
-    prediction, (values, errors) = data.predict(FlattenedHost()), data.data()
+    prediction, (values, errors) = data.predict(FlattenedHost(data.example_host)), data.data()
     m = len(prediction.names)
     shapes = [np.shape(each) for each in (prediction.mean, prediction.variance, values, errors)]
     require(shapes == [(m,)] * 4, f"{m} names, but mean, variance and data have shapes {shapes}")
@@ -53,7 +58,7 @@ def has_a_value(data: HostData) -> None:
 
 def has_a_likelihood(data: HostData) -> None:
     """Check that an ``ln_likelihood`` of its own is one finite number; None is a Gaussian."""
-    prediction = data.predict(FlattenedHost())
+    prediction = data.predict(FlattenedHost(data.example_host))
     for add_noise in (False, True):
         likelihood = data.ln_likelihood(prediction, add_noise)
         require(
@@ -62,7 +67,14 @@ def has_a_likelihood(data: HostData) -> None:
         )
 
 
+def has_an_example_of_what_it_reads(data: HostData) -> None:
+    """Check that ``example_host`` has each number that ``reads`` names."""
+    missing = sorted(data.reads().keys() - data.example_host.keys())
+    require(not missing, f"reads {', '.join(missing)}, and example_host has no such number")
+
+
 CHECKS: tuple[Check, ...] = (
+    has_an_example_of_what_it_reads,
     has_a_value,
     has_a_covariance_of_its_data,
     gives_each_datum_one_quantity,

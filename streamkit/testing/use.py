@@ -37,7 +37,7 @@ def use(component: sk.Component, seed: int = 1) -> sk.Array:
         component.advance(build_field([Isochrone()]), q, v, np.zeros(7), 0.02 * sk.GYR)
         return np.concatenate([q, v])
     if isinstance(component, sk.HostData):
-        return component.predict(FlattenedHost()).mean
+        return component.predict(FlattenedHost(component.example_host)).mean
     if isinstance(component, sk.Observable):
         return component.predict(select(example_stream(), slice(seed - 1, None))).mean
     raise TypeError(f"{type(component).__name__} is no component with this check: samplers have checks of their own")

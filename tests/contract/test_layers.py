@@ -42,7 +42,7 @@ KIT = "study.preflight", "testing"  # but `check` runs the quick half of the con
 ROOMS = {
     "fit": (
         {"runner"},
-        {"options", "products", "stored"},
+        {"options", "products", "stored", "marginal"},
         {"history"},
         {"show"},
         {"samples"},

@@ -65,6 +65,7 @@ HOSTS: dict[str, dict[str, Any]] = {
     "pal5_density": {"halo.mass": [4e11, 5e11], "halo.q": 1.0},
     "gd1_pal5": {"halo.mass": [4e11, 5e11], "halo.q": 1.0, "disc.mass": 6.8e10},
     "gd1_pal5_literal": {"halo.mass": [4e11, 5e11], "halo.q": 1.0, "disc.mass": 6.8e10},
+    "gd1_pal5_files": {"halo.mass": [4e11, 5e11], "halo.q": 1.0, "disc.mass": 6e10},
     "four_streams": {"halo.mass": [4e11, 5e11], "halo.rs": 16.0, "halo.q": 1.0, "disc.mass": 6.8e10},
     "many_streams": {"halo.mass": [4e11, 5e11], "halo.rs": 16.0, "halo.q": 1.0, "disc.mass": 6.8e10},
     "orphan_lmc": {"halo.mass": [4e11, 5e11], "halo.rs": 16.0},

@@ -121,7 +121,7 @@ def _measured(spec: Spec, trials: Sequence[Trial]) -> Iterator[_Measured]:
         parts = [trial.observation.predictions[f"data.{name}"] for trial in having]
         yield _Measured(
             f"data.{name}", data, having, parts,
-            lambda other, trial: measure_host(other, Host(trial.bound.potentials, trial.bound.bodies)),
+            lambda other, trial: measure_host(other, Host(trial.bound.potentials, numbers=trial.bound.numbers)),
         )  # fmt: skip
 
 
@@ -139,7 +139,7 @@ def _distance(measurement: Measurement, predictions: Sequence[Prediction], rows:
     spread = mean.std(axis=0) if len(usable) >= FEW_TRIALS else np.zeros(there.sum())
     close = np.maximum(NEAR_ERRORS * scatter, spread)
     spreads = np.where(spread > 0, spread, np.inf)
-    units = (scatter, spreads, close, np.where(spread > 0, spread, np.abs(mean)))
+    units = (scatter, spreads, close, np.where(spread > 0, spread, np.maximum(np.abs(mean), 1e-300)))
     return _Distance(*(float(np.median(away / unit, axis=1).min()) for unit in units))
 
 

@@ -83,7 +83,7 @@ def observe(model: Model, theta: Array) -> tuple[Trial | None, str]:
 
 def _tried(model: Model, bound: ModelInputs) -> Trial:
     """Make each stream of a bound spec that there is."""
-    host = Host(bound.potentials, bound.bodies)
+    host = Host(bound.potentials, bound.bodies, numbers=bound.numbers)
     streams: dict[str, Stream] = {}
     predictions: dict[str, Prediction] = {}
     reasons: dict[str, str] = {}

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from pydantic import Field
 
-from streamkit import Array, Evaluations, Sampler, Samples, Target, Verdict
+from streamkit import Array, EmulatedLikelihood, Evaluations, Sampler, Samples, Target, Verdict
 from streamkit.builtin.samplers.emulator.of_target import LikelihoodOnly, OfTarget
 from streamkit.builtin.samplers.emulator.problem import Problem
 
@@ -64,6 +64,12 @@ class PredictionEmulator(Sampler):
         rounds = Rounds(full, small, self.realisation == "one", self.starts, target.remark)
         for progress in rounds.run(self.max_calls):
             yield _samples(target, progress)
+
+    def emulated(self, target: Target) -> EmulatedLikelihood:
+        """Return the likelihood of predictions learned from the calls at ``target.earlier``."""
+        from streamkit.builtin.samplers.emulator.learned import learned
+
+        return learned(target, self.realisation == "one")
 
     def calls(self, d: int) -> tuple[int, str]:
         """Return the most calls with all particles."""
