@@ -57,12 +57,12 @@ TABLES: dict[str, Callable[[Results], QTable]] = {
 }
 FLATTENING = "flattening.png"  # only for a host that is no sphere
 # Only for several streams.
-STREAMS, SKY = "streams.ecsv", "sky.png"
+STREAMS, LEFT_OUT, SKY = "streams.ecsv", "left_out.ecsv", "sky.png"
 
 
 def tables_of(spec: Spec) -> dict[str, Callable[[Results], QTable]]:
     """Return the tables of a run of this spec."""
-    return TABLES | ({STREAMS: Results.streams} if len(spec.streams) > 1 else {})
+    return TABLES | ({STREAMS: Results.streams, LEFT_OUT: Results.left_out} if len(spec.streams) > 1 else {})
 
 
 def figures_of(

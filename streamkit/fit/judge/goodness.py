@@ -102,7 +102,15 @@ class Sampled:
         return [*_measured(self.spec.bind_all(self.best), self.predictions, self.add_noise)]
 
     def at_samples(self, most: int) -> Iterator[list[Measured]]:
-        """Return every measurement at samples, evenly spaced; extra dispersions are those of each sample."""
+        """Return every measurement at samples, as `each`."""
+        for _, measured in self.each(most):
+            yield measured
+
+    def each(self, most: int) -> Iterator[tuple[int, list[Measured]]]:
+        """Return numbers of samples, evenly spaced, with every measurement there; without samples that lack a value.
+
+        Extra dispersions are those of each sample.
+        """
         if self.blobs is None:
             return
         for i in np.unique(np.linspace(0, len(self.blobs) - 1, most).astype(int)):
@@ -117,7 +125,7 @@ class Sampled:
                 first += len(prediction.names)
             one = [*_measured(bound, made, self.add_noise)]
             if all(np.isfinite(each.prediction.mean[each.rows]).all() for each in one):
-                yield one
+                yield int(i), one
 
 
 def goodness(sampled: Sampled) -> Goodness | None:

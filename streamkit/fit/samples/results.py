@@ -23,6 +23,7 @@ from streamkit.fit.judge.verdicts import overall, verdicts
 from streamkit.fit.samples.chain import ChainDraws
 from streamkit.fit.samples.conversion import arviz_tree, replicates, sample_columns
 from streamkit.fit.samples.draws import Draws
+from streamkit.fit.samples.left_out import left_out_table
 from streamkit.fit.samples.predictions import predictive
 from streamkit.fit.samples.tables import goodness_table, intervals, predictions_table, printable, stream_table
 from streamkit.fit.samples.weighted import WeightedDraws
@@ -270,6 +271,20 @@ class Results:
         Columns: stream, those of `goodness`, and what the sampler says of the stream, such as its calls.
         """
         return self.with_provenance(stream_table(self.fit, self.facts))
+
+    def left_out(self) -> QTable:
+        """Return what several streams say of the host without each of them in turn; the first row is the fit to all.
+
+        Columns: the stream that is left out; M20 and M50, the masses inside 20 and 50 kpc with 68 % intervals; for each
+        parameter that streams share, the change of its mean in standard deviations of the fit to all, in coordinates in
+        which its prior is Gaussian; p, the chance of a change as large if the stream agrees with the others; the same
+        for the number of streams; and why there are no numbers. From at most 1000 samples and their predictions.
+        """
+        return self.with_provenance(self._left_out)
+
+    @cached_property
+    def _left_out(self) -> QTable:
+        return left_out_table(self._sampled())
 
     def predictions(self) -> QTable:
         """Return one row per datum: its error, and median and intervals of the predictions of the samples."""

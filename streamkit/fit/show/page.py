@@ -33,6 +33,7 @@ TEMPLATE = "page.html.jinja"
 WIDEST = 1700  # largest width in pixels of a picture in the page: two for each pixel of the widest column
 NARROWER, FEW_STREAMS = 1100, 6  # the same for the pictures of more streams than the second number
 COLOURS = 160  # colours of a picture in the page: drawings have few, and with a palette files are a third as large
+PULLS = 0.05  # chance below which the page says that a stream disagrees with the others
 # Pictures of the page that are separate products, besides the pictures of streams.
 DRAWN = (
     "mass_profile.png", "rotation_curve.png", "flattening.png", "corner.png", "traces.png", "predictions.png",
@@ -69,6 +70,10 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
         parameters=list(_parameters(results)),
         shown={results.names[k] for k in parameters_of(results)[0].tolist()},
         fits=results.streams(),
+        left_out=[dict(zip(row.colnames, row, strict=True)) for row in results.left_out()],
+        shared=[results.names[k] for k in results.spec.factors[0].shared.tolist()],
+        judged=[row["without"] for row in results.left_out() if np.isfinite(row["p"])],
+        pulling=[row["without"] for row in results.left_out() if row["chance"] < PULLS],
         masses=results.mass_profile(radii_to_show(results)),
         reach=reach(results),
         is_chain=results.weighted is None,

@@ -126,7 +126,8 @@ def try_prior_draws(spec: Spec, draws: int, progress: bool = False) -> PriorDraw
                 reasons[reason] += 1
             else:
                 reasons.update(_named(name, why) for name, why in trial.reasons.items())
-                trials += [trial] if trial.bound.streams.keys() - trial.reasons.keys() else []
+                measured = trial.bound.streams.keys() - trial.reasons.keys()
+                trials += [trial] if measured or not (trial.bound.streams or reason) else []
             if trial is not None and not reason:
                 good.append(theta)
                 seconds.append(end - begin)

@@ -121,6 +121,7 @@ def test_a_run_writes_a_table_and_a_sky_of_its_streams(run: sk.Results) -> None:
     assert isinstance(directory, Path)
     assert list(QTable.read(directory / "streams.ecsv")["stream"]) == list("abcdefg")
     assert (directory / "sky.png").exists()
+    assert len(QTable.read(directory / "left_out.ecsv")) == 0  # of 40 samples
     assert not run.failed
 
 

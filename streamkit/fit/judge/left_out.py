@@ -1,0 +1,130 @@
+"""The shared parameters without the data of one stream, from the samples of the fit to all of them.
+
+The posterior of the shared parameters h without stream k is p(h | all) / Z_k(h), where Z_k(h) is the likelihood of the
+stream's data averaged over the prior of its own parameters o. At any o, Z_k(h) = L_k(h, o) p(o) / p(o | h, all). The
+last density is taken as a Gaussian about a quadratic in h, in coordinates in which each prior is a standard normal;
+ln Z_k is smoothed by a quadratic, and the samples get weights 1 / Z_k. For a linear model with Gaussian errors and
+priors that is exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtri
+from scipy.stats import chi2
+
+from streamkit.fit.judge.predictive import prior_fractions
+from streamkit.runfile import Factor, Prior
+from streamkit.stream import Array
+
+INSIDE = 1e-6  # smallest fraction of a prior below or above a sample: beyond, a coordinate is infinite
+INFORMED = 0.03  # a direction counts if the variance of the shared parameters in it rises by this part
+FEWEST = 100.0  # effective samples below which there are no intervals
+ROUGH = 1.0  # scatter of ln Z_k about its quadratic above which the Gaussian is wrong
+
+
+@dataclass(frozen=True, eq=False)
+class LeftOut:
+    """The samples of the shared parameters without one stream's data.
+
+    Attributes
+    ----------
+    stream
+        Its name.
+    weights
+        (n,) of the samples; their sum is 1.
+    scatter
+        Standard deviation of ln Z_k about its quadratic.
+    mean
+        (s,) The mean of the shared parameters without the stream minus that with it, in standard deviations of the fit
+        to all; NaN where the others leave them undetermined. All priors are Gaussian in these coordinates.
+    shift, directions
+        Square of that difference in units of its covariance, and the number of directions that the stream informs. It
+        has a chi^2 distribution if the stream agrees with the others (Raveri & Hu 2019, PRD 99, 043506).
+    """
+
+    stream: str
+    weights: Array
+    scatter: float
+    mean: Array
+    shift: float
+    directions: int
+
+    @property
+    def independent(self) -> float:
+        """The effective number of samples (Kish 1965)."""
+        return float(1 / np.sum(self.weights**2))
+
+    @property
+    def p_value(self) -> float:
+        """The probability of a shift at least as large, if the stream agrees; NaN without a direction."""
+        return float(chi2.sf(self.shift, self.directions)) if self.directions else float("nan")
+
+    @property
+    def problem(self) -> str:
+        """Why the numbers are not to be used; empty if they are."""
+        if not np.isfinite(self.mean).all():
+            return "not determined by the others"
+        return f"not Gaussian: scatter of ln Z {self.scatter:.1f}" if self.scatter > ROUGH else ""
+
+
+def normal_scores(samples: Array, priors: Sequence[Prior]) -> Array:
+    """(n, d) Samples in coordinates in which each prior is a standard normal."""
+    fractions = [prior_fractions(prior, x) for prior, x in zip(priors, samples.T, strict=True)]
+    return np.asarray(ndtri(np.clip(fractions, INSIDE, 1 - INSIDE)).T)
+
+
+def leave_out(scores: Array, ln_likelihood: Mapping[str, Array], factors: Sequence[Factor]) -> list[LeftOut]:
+    """Return the shared parameters without each factor that has a likelihood here.
+
+    Parameters
+    ----------
+    scores
+        (n, d) `normal_scores` of independent samples of the posterior, all of equal weight.
+    ln_likelihood
+        (n,) of the data of each factor at the samples, by its name.
+    factors
+        The factors, with the indices of their shared parameters and of their own.
+    """
+    return [
+        _without(scores[:, each.shared], scores[:, each.own], ln_likelihood[each.name], each.name)
+        for each in factors
+        if each.name in ln_likelihood and len(each.shared)
+    ]
+
+
+def _without(h: Array, o: Array, ln_l: Array, name: str) -> LeftOut:
+    """Return the shared parameters h (n, s) without the factor of this name, whose own parameters are o (n, p)."""
+    x = (h - h.mean(axis=0)) / h.std(axis=0)
+    terms, size = _quadratic(x), h.shape[1]
+    ln_z = ln_l.copy()
+    if o.shape[1]:
+        away = o - terms @ np.linalg.lstsq(terms, o, rcond=None)[0]
+        covariance = away.T @ away / max(len(o) - terms.shape[1], 1)
+        squares = np.einsum("ni,ij,nj->n", away, np.linalg.inv(covariance), away)
+        ln_z += 0.5 * (squares + np.linalg.slogdet(covariance)[1] - (o**2).sum(axis=1))
+    coefficients = np.linalg.lstsq(terms, ln_z, rcond=None)[0]
+    smooth = terms @ coefficients
+    weights = np.exp(smooth.min() - smooth)
+    curvature = np.zeros((size, size))
+    curvature[np.triu_indices(size)] = coefficients[1 + size :]
+    here = np.cov(x.T).reshape(size, size)
+    precision = np.linalg.inv(here) + curvature + curvature.T
+    mean, shift, directions = np.full(size, np.nan), float("nan"), 0
+    if np.linalg.eigvalsh(precision)[0] > 0:
+        there = np.linalg.inv(precision)
+        mean = -there @ coefficients[1 : 1 + size]
+        half = np.linalg.inv(np.linalg.cholesky(here))
+        values, vectors = np.linalg.eigh(half @ (there - here) @ half.T)
+        along, used = vectors.T @ half @ mean, values > INFORMED
+        shift, directions = float((along[used] ** 2 / values[used]).sum()), int(used.sum())
+    return LeftOut(name, weights / weights.sum(), float((ln_z - smooth).std()), mean, shift, directions)
+
+
+def _quadratic(x: Array) -> Array:
+    """(n, q) One, the columns of x (n, s), and their products."""
+    first, second = np.triu_indices(x.shape[1])
+    return np.column_stack([np.ones(len(x)), x, x[:, first] * x[:, second]])
