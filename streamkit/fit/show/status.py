@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 
@@ -24,16 +27,21 @@ from streamkit.fit.judge.verdicts import overall
 from streamkit.fit.samples.draws import ENDED
 from streamkit.fit.samples.results import Results, load_results
 from streamkit.report import columns, is_locked, paragraph, seconds
+from streamkit.runfile import DATA
 from streamkit.sample import CHAIN, JOURNAL, SAMPLES, Chain, Weighted, calls_in, is_calls
+
+KINDS = ("calls", "small_calls", "earlier_calls")  # how names of files of calls begin
 
 
 def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
     """Return the status of a run, running or not, as values for JSON; None for a number that is unknown.
 
     Keys: state ("running", or `Results.status`), steps, calls and small_calls (of a sampler that makes no chain, with
-    all and with few particles), most_steps, walkers, acceptance, effective_samples (the least),
-    r_hat (the largest), verdict, note, last_alive and expected_end (seconds since 1970; the latter of a running run: it
-    has converged, by the last look of its sampler, or reaches its number of steps or its time limit if that is sooner),
+    all and with few particles), streams (by name calls, small_calls, earlier_calls, and what the sampler said with its
+    last samples, where each of several streams has calls of its own), most_steps, walkers, acceptance,
+    effective_samples (the least), r_hat (the largest), verdict, note, last_alive and expected_end (seconds since 1970;
+    the latter of a running run: it has converged, by the last look of its sampler, or reaches its number of steps or
+    its time limit if that is sooner),
     and go_on (a command).
 
     Raises ChainError if there is no run, or if it has plugin files and no ``trust``.
@@ -52,9 +60,13 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
         "go_on": resume_command(directory, options),
     }
     if not any(path.name in (CHAIN, JOURNAL) for path in files):
-        small = [path for path in journals if path.name.startswith("small")]
-        status |= {"calls": sum(calls_in(path) for path in journals if path not in small)}
-        status |= {"small_calls": sum(map(calls_in, small))}
+        counts = {path.name: calls_in(path) for path in journals}
+        of_kind = Counter(dict.fromkeys(KINDS, 0))
+        for name, count in counts.items():
+            of_kind[name.partition(".")[0]] += count
+        status |= {"calls": of_kind["calls"], "small_calls": of_kind["small_calls"]}
+        if streams := _calls_of_each(counts):
+            status["streams"] = streams
     has_run_file = (directory / RUN_FILE).exists()
     if has_run_file and not options["given"]:  # only Python can read a run with given classes
         load_spec(directory, trust=trust)
@@ -71,6 +83,8 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
         return status
     if results.weighted is not None and status.get("calls"):
         warn_of_lost_calls(directory, results.weighted, status["calls"])
+    for name, row in status.get("streams", {}).items():
+        row["said"] = results.facts.get("data of the host" if name == DATA else f"stream {name}", "")
     steps = len(results.chain)
     level, sentence = overall(results.verdicts)
     status |= {
@@ -87,6 +101,17 @@ def read_status(directory: Path, trust: bool = False) -> dict[str, Any]:
     if running and "walkers" in results.draws.record():
         status["expected_end"] = _expected_end(results, status, read_chain(directory).attributes)
     return status
+
+
+def _calls_of_each(counts: Mapping[str, int]) -> dict[str, dict[str, Any]]:
+    """Return the calls of each of several streams by its name, from the calls of each file."""
+    streams: dict[str, dict[str, Any]] = {}
+    for file, count in counts.items():
+        kind, _, name = file.removesuffix(".journal").partition(".")
+        if name:
+            row = streams.setdefault(unquote(name), dict.fromkeys(KINDS, 0) | {"said": ""})
+            row[kind] = count
+    return streams
 
 
 def _bare(directory: Path, running: bool, why: str) -> dict[str, Any]:
@@ -154,11 +179,20 @@ def describe_status(directory: Path, status: dict[str, Any], now: float | None =
         if status.get(name) is not None and not (weighted and name == "acceptance"):
             rows.append((name.replace("_", " ").replace("r hat", "R-hat"), f"{status[name]:{form}}"))
     parts = [f"{directory}\n{columns(rows)}"]
+    if streams := status.get("streams"):
+        parts.append("streams\n" + columns([_stream_row(name, row) for name, row in streams.items()]))
     if "note" in status:
         parts.append(paragraph(f"{status['sentence']} {status['note']}"))
     if status["state"] != "running":
         parts.append(f"to continue:\n  {status['go_on']}")
     return "\n\n".join(parts)
+
+
+def _stream_row(name: str, row: Mapping[str, Any]) -> tuple[str, str, str]:
+    """Return the name of a stream, its calls by now, and what the sampler said of it with its last samples."""
+    more = {"with few particles": row["small_calls"], "of an earlier run": row["earlier_calls"]}
+    calls = ", ".join([f"{row['calls']} calls", *(f"{count} {what}" for what, count in more.items() if count)])
+    return name, calls, row["said"] or "no samples yet"
 
 
 def _clock(when: float) -> str:

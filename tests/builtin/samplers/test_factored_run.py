@@ -8,7 +8,7 @@ import pytest
 from runfiles import several
 
 import streamkit as sk
-from streamkit.fit.show.status import read_status
+from streamkit.fit.show.status import describe_status, read_status
 from streamkit.sample import EvaluationCache, Storage, calls_in, factor_posteriors, part_of_joint, take_earlier
 
 CURVE = {"curve": {"kind": "circular_velocity", "radius": 8.0, "v_c": [229, 7]}}
@@ -35,6 +35,25 @@ def test_calls_are_stored_for_each_stream(run) -> None:
     assert results.calls == sum(made.values()) == read_status(out)["calls"]
     assert calls_in(out / "calls.journal") == 0
     assert set(results.facts) == {"stream a", "stream b", "data of the host"}
+
+
+def test_the_status_has_a_row_for_each_stream_before_and_after_the_first_samples(run, tmp_path: Path) -> None:
+    out, results = run
+    streams = read_status(out)["streams"]
+    assert {name: row["calls"] for name, row in streams.items()} == {
+        name: calls_in(out / f"calls.{quoted}.journal")
+        for name, quoted in (("a", "a"), ("b", "b"), ("[data]", "%5Bdata%5D"))
+    }
+    assert streams["b"]["said"] == results.facts["stream b"]
+    assert streams["[data]"]["said"] == results.facts["data of the host"]
+    copy = tmp_path / "running"
+    shutil.copytree(out, copy)
+    (copy / "samples.h5").unlink()
+    status = read_status(copy)
+    assert {name: row | {"said": ""} for name, row in streams.items()} == status["streams"]
+    text = " ".join(describe_status(copy, status).split())
+    assert f"a {streams['a']['calls']} calls" in text
+    assert text.count("no samples yet") == 3
 
 
 def test_the_samples_have_the_predictions_of_all_data_in_their_order(run) -> None:
@@ -77,6 +96,9 @@ def test_a_stream_is_added_without_a_call_of_the_others(run, tmp_path: Path) -> 
     more = spec_of("a", "b", "c", max_calls=300)
     results = sk.run(more, out=tmp_path / "more", workers=1, progress=False, products=False, reuse=out)
     made = {path.name: calls_in(path) for path in (tmp_path / "more").glob("*.journal")}
+    status = read_status(tmp_path / "more")
+    assert status["streams"]["a"]["earlier_calls"] == made["earlier_calls.a.journal"]
+    assert status["calls"] == results.calls  # without those of the earlier run
     assert made["earlier_calls.a.journal"] == calls_in(out / "calls.a.journal")
     assert made["calls.c.journal"] >= 100
     assert made.get("calls.a.journal", 0) + made.get("calls.b.journal", 0) <= 2 * 128 * 3  # fresh ones that test them
