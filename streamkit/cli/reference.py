@@ -11,7 +11,8 @@ from streamkit import components, report, runfile
 from streamkit.cli.completion import kinds_of, sections
 from streamkit.errors import StreamkitError
 
-KEYS = ("version", "seed", "plugins")  # the keys above the sections
+KEYS = ("version", "seed", "plugins", "streams")  # the keys above the sections
+OF_STREAMS = ("stream", "stream_defaults")  # sections whose own sections are described by their names
 
 
 @click.command()
@@ -42,6 +43,8 @@ def reference(section: str | None, kind: str | None) -> None:
         if kind is not None:
             raise StreamkitError(f"reference: the section [{section}] has no kinds, found {kind!r}")
         parts.append(report.field_table(plain, plain.model_fields, "field"))
+    elif section in OF_STREAMS:
+        parts.append("'streamkit reference' describes progenitor, stripping and observable.")
     elif section == "progenitor":
         parts += _placed(registry, kind, runfile.WAYS, ["lookback", "friction", "reflex"])
     elif section == "body":

@@ -84,3 +84,11 @@ def test_tables_cost_nothing_to_those_who_print_none(code: str) -> None:
     code = f"import atexit, sys\natexit.register(lambda: print('RICH', 'rich' in sys.modules))\n{code}"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "RICH False" in done.stdout
+
+
+@pytest.mark.parametrize("section", ["stream", "stream_defaults"])
+def test_sections_of_streams_say_what_they_hold(section: str) -> None:
+    result = call("reference", section)
+    assert result.exit_code == 0, result.output
+    assert result.stdout.startswith(f"[{section}]")
+    assert "progenitor, stripping and observable" in result.stdout

@@ -89,11 +89,18 @@ def leave_out(scores: Array, ln_likelihood: Mapping[str, Array], factors: Sequen
     factors
         The factors, with the indices of their shared parameters and of their own.
     """
-    return [
-        _without(scores[:, each.shared], scores[:, each.own], ln_likelihood[each.name], each.name)
-        for each in factors
-        if each.name in ln_likelihood and len(each.shared)
-    ]
+    found = []
+    for each in factors:
+        if each.name in ln_likelihood and len(each.shared):
+            try:
+                with np.errstate(all="ignore"):
+                    one = _without(scores[:, each.shared], scores[:, each.own], ln_likelihood[each.name], each.name)
+            except np.linalg.LinAlgError:  # samples that do not differ in some direction
+                nothing = np.full(len(each.shared), np.nan)
+                equal = np.full(len(scores), 1 / len(scores))
+                one = LeftOut(each.name, equal, float("inf"), nothing, float("nan"), 0)
+            found.append(one)
+    return found
 
 
 def _without(h: Array, o: Array, ln_l: Array, name: str) -> LeftOut:

@@ -6,6 +6,7 @@ import numpy as np
 from astropy import units as u
 from astropy.table import Column, QTable
 
+from streamkit.errors import ComponentError
 from streamkit.fit.judge.chain import at_least_one
 from streamkit.fit.judge.goodness import Sampled
 from streamkit.fit.judge.left_out import FEWEST, LeftOut, leave_out, normal_scores
@@ -56,8 +57,11 @@ def _left_out(sampled: Sampled) -> tuple[Array, list[LeftOut]]:
     rows, terms = [], []
     for i, measured in sampled.each(MOST):
         sums = dict.fromkeys((each.name for each in spec.factors), 0.0)
-        for one in measured:
-            sums[one.stream] += compare_with_data(one.measurement, one.prediction, one.data)
+        try:
+            for one in measured:
+                sums[one.stream] += compare_with_data(one.measurement, one.prediction, one.data)
+        except ComponentError:  # emulated predictions may have no likelihood
+            continue
         rows.append(i)
         terms.append(sums)
     size = len(spec.factors[0].shared)

@@ -104,6 +104,13 @@ def test_others_that_leave_the_shared_parameters_free_are_a_problem() -> None:
     assert left.problem == "not determined by the others"
 
 
+def test_samples_that_do_not_differ_are_a_problem() -> None:
+    rng = np.random.default_rng(0)
+    for scores in (np.ones((200, 4)), np.column_stack([rng.normal(size=(200, 2)), np.ones((200, 2))])):
+        (left,) = leave_out(scores, {"s0": rng.normal(size=200)}, [Factor("s0", np.arange(2), 2 + np.arange(2))])
+        assert left.problem
+
+
 def test_scores_are_standard_normal_where_samples_are_the_prior() -> None:
     u = np.random.default_rng(0).random(1000)
     samples = np.column_stack([3 + 2 * u, norm(5, 0.5).ppf(u)])
