@@ -49,6 +49,8 @@ def stream(
     stream are compared with the host. Free parameters are at the prior's centre unless --set gives them a value.
     """
     spec = load_spec(run_file, settings, stream=stream)
+    if not spec.streams and (output or plot or track):
+        spec.stream_name()  # says that there is none
     particles, pictures, tracks = (
         {name: _file(path, name, spec) for name in spec.streams} for path in (output, plot, track)
     )

@@ -44,6 +44,8 @@ def moving_objects(source: Source, parameters: Array | Mapping[str, float] | Non
     for name, stream in inputs.streams.items():
         beside = Host(inputs.potentials, inputs.bodies, stream.companion) if stream.companion else host
         objects[name] = Moving(stream.mass, progenitor_track(beside, stream))
+    if not objects:  # data on the host alone: no look-back time says how far bodies are followed
+        return {}
     longest = max(stream.lookback for stream in inputs.streams.values())
     for name, orbit in host.orbits(longest).items():
         body = inputs.bodies[name]

@@ -120,6 +120,8 @@ class Resolved(ABC):
         if given is None and len(self.streams) == 1:
             return self.streams[0]
         if given not in self.streams:
+            if not self.streams:
+                raise SpecError(f"{self.source}: there is no stream: the run file has data on the host alone")
             problem = "no name of a stream" if given is None else f"no stream is called {given!r}"
             guess = "" if given is None else nearest(given, self.streams)
             raise SpecError(f"{self.source}: {problem}.{guess} Streams: {', '.join(self.streams)}.")

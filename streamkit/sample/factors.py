@@ -80,6 +80,8 @@ def _posterior(factor: Parameters, spec: Spec, small: Spec) -> FactorPosterior:
 
 def _without_streams(spec: Spec) -> Spec:
     """Return the spec of the data of the host alone: it keeps one stream, fixed and without observable."""
+    if not spec.streams:
+        return spec
     alone = spec.only(spec.streams[0], observables=False)
     centre = dict(zip(alone.names, alone.centre().tolist(), strict=True))
     own = {path: value for path, value in centre.items() if path.startswith(alone.prefix())}

@@ -54,6 +54,8 @@ def write_host_likelihoods(directory: Path, out: Path, trust: bool = False) -> I
     Raises StreamkitError for a run by another sampler, a host without free parameters, or too few calls.
     """
     spec = load_spec(directory, trust=trust)
+    if not spec.streams:
+        raise StreamkitError(f"{directory}: the run has no stream: its run file has data on the host alone")
     shared = [spec.names[i] for i in spec.parts[0].shared]
     tops = ("potential.", "body.", "sun.")
     if not shared:

@@ -5,9 +5,11 @@ import copy
 import numpy as np
 import pytest
 from astropy.table import Table
+from commands import call, refused
 
 import streamkit as sk
 from streamkit.builtin.data.host_likelihood import EXAMPLE, HostLikelihood
+from streamkit.fit import write_host_likelihoods
 from streamkit.fit.judge.verdicts import overall
 
 CENTRE, SD = np.log([225.0, 15.0]), np.array([0.05, 0.2])  # of the example: a Gaussian in closed form, out to 6 sd
@@ -132,6 +134,21 @@ def test_another_file_is_refused(tmp_path, spoil, message):
     assert "data.s.table" in str(error.value) or "data.s" in str(error.value)
 
 
+@pytest.mark.parametrize("command", [["stream", "RUN", "-o", "stream.ecsv"], ["check", "RUN", "--stream", "gd1"]])
+def test_what_needs_a_stream_says_that_there_is_none(tmp_path, monkeypatch, command):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "RUN").write_text(sk.load(document()).toml(), encoding="utf-8")
+    assert "there is no stream: the run file has data on the host alone" in refused(*command)
+
+
+@pytest.mark.parametrize("command", ["stream", "host"])
+def test_the_host_is_shown_without_a_stream(tmp_path, command):
+    (tmp_path / "run.toml").write_text(sk.load(document()).toml(), encoding="utf-8")
+    result = call(command, tmp_path / "run.toml")
+    assert result.exit_code == 0
+    assert ("data s (host_likelihood)" if command == "stream" else "M [Msun]") in result.stdout
+
+
 def test_a_fit_without_a_stream_gives_the_gaussian(tmp_path):
     """The prior is flat in v0 and rs: their logarithms have the mean of the file plus its variance."""
     results = sk.run(document(), out=tmp_path / "fit", workers=1, progress=False, products=False)
@@ -140,6 +157,8 @@ def test_a_fit_without_a_stream_gives_the_gaussian(tmp_path):
         assert np.mean(found) == pytest.approx(centre + sd**2, abs=0.15 * sd)
         assert np.std(found) == pytest.approx(sd, rel=0.12)
     assert overall(results.verdicts)[0] != "do not use"
+    with pytest.raises(sk.StreamkitError, match="the run has no stream: its run file has data on the host alone"):
+        list(write_host_likelihoods(tmp_path / "fit", tmp_path))
 
 
 @pytest.mark.slow
