@@ -74,7 +74,9 @@ def json_schema(registry: Registry) -> dict[str, Any]:
     fields: Any = {name: (sections.get(name, f.annotation), f) for name, f in RunFile.model_fields.items()}
     schema = create_model("RunFile", __config__=RunFile.model_config, __doc__="A run file of streamkit.", **fields)
     several = {"anyOf": [{"required": ["stream"]}, {"required": ["streams"]}]}
-    one_or_several = {"oneOf": [{"required": ["progenitor", "stripping"]}, several]}
+    of_streams = [{"required": [name]} for name in (*SECTIONS, "stream", "streams")]
+    host_alone = {"required": ["data"], "not": {"anyOf": of_streams}}
+    one_or_several = {"oneOf": [{"required": ["progenitor", "stripping"]}, several, host_alone]}
     made = schema.model_json_schema(schema_generator=_Generator)
     whole = made["properties"]["stream"]["additionalProperties"]
     made["properties"]["stream_defaults"] |= PART

@@ -171,6 +171,7 @@ def accepts(schema: dict[str, Any], value: Any, root: dict[str, Any]) -> bool:
         "$ref": lambda ref: accepts(root["$defs"][ref.removeprefix("#/$defs/")], value, root),
         "anyOf": lambda options: any(accepts(option, value, root) for option in options),
         "oneOf": lambda options: sum(accepts(option, value, root) for option in options) == 1,
+        "not": lambda refused: not accepts(refused, value, root),
         "const": lambda wanted: value == wanted,
         "enum": lambda wanted: value in wanted,
         "minimum": lambda bound: value >= bound,
