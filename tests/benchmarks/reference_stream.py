@@ -44,7 +44,8 @@ from streamkit.units import Number
 MASS, RADIUS, LOOKBACK, PARTICLES = 6.4e8, 0.85, 4.31, 12660
 HALO = NFW(mass=3.584843593e11, rs=9.370845158)
 FLAT = TruncatedFlat(v0=210.0, rs=12.0, alpha=0.45)
-DATA = np.load(Path(__file__).parents[1] / "data" / "nfw_stream.npz")
+with np.load(Path(__file__).parents[1] / "data" / "nfw_stream.npz") as opened:
+    DATA = dict(opened)
 START = DATA["progenitor_start"]
 
 
