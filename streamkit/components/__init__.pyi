@@ -37,6 +37,7 @@ from .target import Target as Target
 from .target import TargetFactor as TargetFactor
 from .total import Total as Total
 from .total import add_up as add_up
+from .total import along_axes as along_axes
 from .total import circular_speed as circular_speed
 from .total import sphere as sphere
 from .total import total_mass as total_mass

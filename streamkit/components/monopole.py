@@ -77,6 +77,9 @@ class Monopole:
     def growth_table(self) -> None:
         """Return None: the force does not change within a block."""
 
+    def rotation(self) -> None:
+        """Return None: a sphere has no axes."""
+
     def in_loop(self) -> Monopole:
         """Return itself."""
         return self

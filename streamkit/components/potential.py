@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field, PrivateAttr, field_validator
 
 from streamkit import engine, expansion
-from streamkit.components.bases import Component
+from streamkit.components.orientation import Oriented
 from streamkit.components.signature import HOST, add_evaluation, check_signature, prepared_arguments
 from streamkit.components.total import Total
 from streamkit.errors import StreamkitError
@@ -20,7 +20,7 @@ from streamkit.stream import Array
 from streamkit.units import GYR
 
 
-class Potential(Component):
+class Potential(Oriented):
     """A gravitational potential, centred on the origin.
 
     The static methods `acceleration`, `potential` and `drag` are formulas: numba compiles them into the loops over

@@ -15,6 +15,7 @@ from streamkit.errors import PluginError, blamed, nearest
 from streamkit.stream import Array, read_only
 
 MOST_DIMENSIONS = 3  # most dimensions of an array that compiled code gets
+OF_ALL = "growth", "orientation"  # the fields of every potential, which its methods do not get
 HOST = "host"  # what `prepare` calls the rest of the host
 MOVING = "x", "y", "z", "vx", "vy", "vz", "t"  # the first arguments of `drag`
 
@@ -25,11 +26,12 @@ def check_signature(cls: Any, prepares: bool) -> None:
     Raises PluginError for a field or an argument that cannot be.
     """
     where = f"{cls.__module__}.{cls.__name__}"
-    if "growth" in inspect.get_annotations(cls):
-        raise PluginError(f"{where}: the field 'growth' belongs to every potential: call yours something else")
+    for name in OF_ALL:
+        if name in inspect.get_annotations(cls):
+            raise PluginError(f"{where}: the field {name!r} belongs to every potential: call yours something else")
     force, head = cls._force_method, cls._place_arguments
     arguments = cls.force_arguments()
-    fields = [name for name in cls.model_fields if name != "growth"]
+    fields = [name for name in cls.model_fields if name not in OF_ALL]
     measured = [*cls.measured()]
     if not prepares:
         if arguments != (*head, *measured):

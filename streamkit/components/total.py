@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from streamkit.errors import blamed
-from streamkit.stream import Array, read_only
+from streamkit.stream import Array, from_axes, read_only, to_axes
 from streamkit.units import G, Unit
 
 DISTANT = 1e5, 1e6  # radii in kpc beyond every galaxy: the outer part of a finite mass falls there at least as 1/r
@@ -32,6 +32,9 @@ class Part(Protocol):
 
     def in_engine_units(self) -> tuple[Any, ...]:
         """Return the arguments of its `acceleration` after t."""
+
+    def rotation(self) -> tuple[float, ...] | None:
+        """Return the rotation matrix of its axes, row by row (9,); None if they are those of the Galaxy."""
 
     @classmethod
     def has_energy(cls) -> bool:
@@ -128,14 +131,22 @@ def add_up(what: str, potentials: Iterable[Part], q: Array) -> Array:
     It is "acceleration", (3, n) in (km/s)^2/kpc, or "potential", (n,) in (km/s)^2; the potentials are centred on the
     origin. Raises ComponentError if one of them fails.
     """
-    x, y, z = read_only(np.ascontiguousarray(q))
-    t = read_only(np.zeros_like(x))
+    t = read_only(np.zeros(q.shape[1:]))
     total: Array = np.zeros(q.shape if what == "acceleration" else q.shape[1:])
     for potential in potentials:
         with blamed(f"potential {potential.kind}"):
-            parameters = potential.in_engine_units()
-            total = total + np.stack(getattr(type(potential), what)(x, y, z, t, *parameters))
+            total = total + along_axes(what, potential, q, t)
     return total
+
+
+def along_axes(what: str, potential: Part, q: Array, t: Array) -> Array:
+    """Return "acceleration" (3, n) or "potential" (n,) of a potential at positions q (3, n) and times t (n,)."""
+    rotation, parameters = potential.rotation(), potential.in_engine_units()
+    place = np.ascontiguousarray(q if rotation is None else np.stack(to_axes(rotation, *q)))
+    values = getattr(type(potential), what)(*read_only(place), t, *parameters)
+    if rotation is not None and what == "acceleration":
+        values = from_axes(rotation, *values)
+    return np.stack(values)
 
 
 def circular_speed(potentials: Iterable[Part], radius: float) -> float:

@@ -15,14 +15,16 @@ from numba import carray, njit
 
 from streamkit.elementary import interp
 from streamkit.engine.arguments import ENDLESS, layout_of, pack, unpacker
+from streamkit.engine.axes import turned_drag
 from streamkit.engine.cache import OPTIONS, UNCALLED
 from streamkit.engine.forces import ROW
 from streamkit.engine.kernels import Force, NumpyKernel, machine_code
 from streamkit.engine.velocity_forces import LANES_ROWS
-from streamkit.stream import Array
+from streamkit.stream import Array, from_axes, to_axes
 
-# A component, the dimensions of what its `drag` gets after t, and whether the last two of these are a growth.
-Part = tuple[type[Force], tuple[int, ...], bool]
+# A component, the dimensions of what its `drag` gets after t, whether the last two of these are a growth, and whether
+# the nine before are a rotation.
+Part = tuple[type[Force], tuple[int, ...], bool, bool]
 
 
 def drag_kernel(forces: Sequence[Force]) -> tuple[Any, Array]:
@@ -33,15 +35,14 @@ def drag_kernel(forces: Sequence[Force]) -> tuple[Any, Array]:
     """
     if not all(force.compiled for force in forces):
         return NumpyDrag(forces), np.zeros(1)
-    growths = [force.growth_table() for force in forces]
-    values = [force.in_engine_units() + (growth or ()) for force, growth in zip(forces, growths, strict=True)]
-    packed = [pack(value) for value in values]
+    parts, packed = [], []
+    for force in forces:
+        rotation, growth = force.rotation(), force.growth_table()
+        values = force.in_engine_units() + (rotation or ()) + (growth or ())
+        parts.append((type(force), layout_of(values), growth is not None, rotation is not None))
+        packed.append(pack(values))
     begins = np.cumsum([len(forces), *map(len, packed)])[:-1].astype(float)
-    parts = tuple(
-        (type(f), layout_of(value), growth is not None)
-        for f, value, growth in zip(forces, values, growths, strict=True)
-    )
-    return compiled_drag(parts), np.concatenate([begins, *packed, np.zeros(1)])
+    return compiled_drag(tuple(parts)), np.concatenate([begins, *packed, np.zeros(1)])
 
 
 @cache
@@ -49,8 +50,9 @@ def compiled_drag(parts: tuple[Part, ...]) -> Any:
     """Return the machine code for a combination of components; compiled once per process."""
     inlined = njit(forceinline=True, **UNCALLED, **OPTIONS)
     total = inlined(lambda x, y, z, u, v, w, t, p: (0.0, 0.0, 0.0))
-    for number, (cls, layout, growing) in enumerate(parts):
-        total = _with(total, inlined(cls.drag), unpacker(layout), growing, number)
+    for number, (cls, layout, growing, turning) in enumerate(parts):
+        drag = turned_drag(cls.drag) if turning else cls.drag
+        total = _with(total, inlined(drag), unpacker(layout), growing, number)
 
     @inlined
     def mean(x, y, z, u, v, w, t, h, p, ax, ay, az):
@@ -84,7 +86,7 @@ def compiled_drag(parts: tuple[Part, ...]) -> Any:
             )  # fmt: skip
 
     return machine_code(
-        kernel, [(cls, cls.drag) for cls, _, _ in parts], [(layout, grows) for _, layout, grows in parts]
+        kernel, [(cls, cls.drag) for cls, *_ in parts], [(layout, *changes) for _, layout, *changes in parts]
     )
 
 
@@ -112,7 +114,7 @@ class NumpyDrag(NumpyKernel):
 
     def __init__(self, forces: Sequence[Force]) -> None:
         super().__init__(forces[0])
-        self._parts = [(force.drag, force.in_engine_units(), force.growth_table()) for force in forces]
+        self._parts = [(f.drag, f.in_engine_units(), f.growth_table(), f.rotation()) for f in forces]
 
     def _fill(self, q: Callable[[int], Array], times: Array, about: list[float], total: Array, fresh: int) -> None:
         lanes = q(LANES_ROWS)
@@ -129,7 +131,11 @@ class NumpyDrag(NumpyKernel):
 
     def _drag(self, x: Array, v: Array, t: Array) -> Array:
         total = np.zeros_like(v)
-        for drag, arguments, growth in self._parts:
-            part = np.stack(np.broadcast_arrays(*drag(*x, *v, t, *arguments)))
+        for drag, arguments, growth, rotation in self._parts:
+            if rotation is None:
+                part = np.stack(np.broadcast_arrays(*drag(*x, *v, t, *arguments)))
+            else:
+                place, motion = to_axes(rotation, *x), to_axes(rotation, *v)
+                part = np.stack(from_axes(rotation, *np.broadcast_arrays(*drag(*place, *motion, t, *arguments))))
             total += part if growth is None else part * np.interp(t, *growth)
         return total

@@ -246,18 +246,20 @@ class Field:
 def build_field(potentials: Sequence[Force], *, exact: bool = False) -> Field:
     """Compile (or load from the disk cache) the forces of the potentials, which add up, fixed at the origin.
 
-    A potential with an expansion is replaced by it. With ``exact`` it is not, and it has its present mass.
+    A potential with an expansion is replaced by it. With ``exact`` it is not, and it has its present mass and
+    axes that are not turned.
     """
     built: list[Any] = []
     packed: list[Array] = []
     for p in potentials:
-        force, growth = (p, None) if exact else (p.in_loop(), p.growth_table())
+        force, rotation, growth = (p, None, None) if exact else (p.in_loop(), p.rotation(), p.growth_table())
         if force.compiled:
-            values = force.in_engine_units() + (growth or ())
-            built.append(kernels.compiled_kernel(type(force), layout_of(values), growth is not None))
+            values = force.in_engine_units() + (rotation or ()) + (growth or ())
+            given = growth is not None, rotation is not None
+            built.append(kernels.compiled_kernel(type(force), layout_of(values), *given))
             packed.append(pack(values))
         else:
-            built.append(NumpyKernel(force, growth))
+            built.append(NumpyKernel(force, growth, rotation))
             packed.append(np.zeros(0))
     forces = Forces(
         address=np.array([k.address for k in built], dtype=np.int64),

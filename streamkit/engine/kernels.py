@@ -24,11 +24,12 @@ from numba.core.errors import NumbaError
 from streamkit.elementary import interp
 from streamkit.engine import vector  # noqa: F401  its overloads are what the elementary functions compile to
 from streamkit.engine.arguments import ENDLESS, unpacker
+from streamkit.engine.axes import turned
 from streamkit.engine.cache import OPTIONS, UNCALLED, content_digest, disk_cache
 from streamkit.engine.forces import ROW
 from streamkit.engine.patches import sweep_of
 from streamkit.errors import PluginError
-from streamkit.stream import Array
+from streamkit.stream import Array, from_axes, read_only, to_axes
 from streamkit.units import CENTRE
 
 _POINTER = types.CPointer(types.float64)
@@ -59,6 +60,9 @@ class Force(Protocol):
     def growth_table(self) -> tuple[Array, Array] | None:
         """Return times (n,), increasing, and the factors (n,) on the force; None if it does not change."""
 
+    def rotation(self) -> tuple[float, ...] | None:
+        """Return the rotation matrix of the axes, row by row (9,); None if they are those of the Galaxy."""
+
     def in_loop(self) -> Force:
         """Return the force in a loop: the potential itself, or an expansion of it."""
 
@@ -72,7 +76,7 @@ class _NoAliasCompiler(Compiler):  # type: ignore[misc]  # numba is untyped here
 
 
 @functools.cache
-def compiled_kernel(cls: type[Force], layout: tuple[int, ...], growing: bool = False) -> Any:
+def compiled_kernel(cls: type[Force], layout: tuple[int, ...], growing: bool = False, turning: bool = False) -> Any:
     """Return the machine code of a potential class: an object with an ``address``. Once per class and process.
 
     Parameters
@@ -82,13 +86,16 @@ def compiled_kernel(cls: type[Force], layout: tuple[int, ...], growing: bool = F
     layout
         Dimensions of the arguments after t, as `layout_of` gives them.
     growing
-        Whether two more arguments are times and factors by which the force is multiplied.
+        Whether the last two arguments are times and factors by which the force is multiplied.
+    turning
+        Whether the nine arguments before these are the rotation of its axes.
 
     Raises `PluginError` if numba cannot compile the author's function.
     """
     unpack, patches, pull = unpacker(layout), getattr(cls, "patches", None), getattr(cls, "pull", None)
     written = patches or pull or cls.acceleration
-    sweep = sweep_of(patches) if patches else _elementwise(_radial(pull) if pull else cls.acceleration)
+    acceleration = _radial(pull) if pull else written
+    sweep = sweep_of(patches, turning) if patches else _elementwise(turned(acceleration) if turning else acceleration)
 
     def kernel(n, t, p, centre, q, a, fresh):
         parameters = unpack(carray(p, (ENDLESS,)))
@@ -110,7 +117,7 @@ def compiled_kernel(cls: type[Force], layout: tuple[int, ...], growing: bool = F
             for i in range(n):
                 sweep(i, i + 1, times, place, total, c, fresh, parameters[:-2], interp(times[i], knots, factors))
 
-    return machine_code(growing_kernel if growing else kernel, [(cls, written)], [layout])
+    return machine_code(growing_kernel if growing else kernel, [(cls, written)], [(layout, turning)])
 
 
 def machine_code(kernel: Any, written: Sequence[tuple[type[Force], Any]], layouts: Sequence[object]) -> Any:
@@ -201,9 +208,14 @@ class NumpyKernel:
     it after the loop. Until then the accelerations are NaN, and the author's function is not called again.
     """
 
-    def __init__(self, force: Force, growth: tuple[Array, Array] | None = None) -> None:
+    def __init__(
+        self,
+        force: Force,
+        growth: tuple[Array, Array] | None = None,
+        rotation: tuple[float, ...] | None = None,
+    ) -> None:
         self.error: BaseException | None = None
-        self._arguments, self._growth = force.in_engine_units(), growth
+        self._arguments, self._growth, self._rotation = force.in_engine_units(), growth, rotation
         self._acceleration = force.acceleration
         self._callback = _CALLBACK(self._call)
         self.address = ctypes.cast(self._callback, ctypes.c_void_p).value
@@ -238,7 +250,11 @@ class NumpyKernel:
             place = place - np.array(about)[:, None]
             place.flags.writeable = False
         x, y, z = place
+        if self._rotation is not None:
+            x, y, z = map(read_only, to_axes(self._rotation, x, y, z))
         acceleration = self._acceleration(x, y, z, times, *self._arguments)
+        if self._rotation is not None:
+            acceleration = from_axes(self._rotation, *acceleration)
         if self._growth is not None:
             acceleration = np.stack(acceleration) * np.interp(times, *self._growth)
         if fresh:

@@ -160,11 +160,13 @@ class MovingForce:
 
     def _field_with(self, force: Force) -> Field:
         """Return the host with this force: the numbers of a compiled one of the same class replace the last one's."""
-        values = force.in_engine_units() if force.compiled and force.growth_table() is None else None
-        if values is None:
+        changes = force.growth_table() is not None
+        if changes or not force.compiled:
             return self._host.with_moving(build_field([force]), self._orbit)
+        rotation = force.rotation()
+        values = force.in_engine_units() + (rotation or ())
         packed = pack(values)
-        shape = type(force), layout_of(values), len(packed)
+        shape = type(force), layout_of(values), len(packed), rotation is None
         if self._made is None or self._made[0] != shape:
             self._made = shape, self._host.with_moving(build_field([force]), self._orbit)
         field = self._made[1]

@@ -14,6 +14,7 @@ from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from streamkit.engine.axes import compiled_from_axes, compiled_to_axes
 from streamkit.engine.cache import OPTIONS, UNCALLED
 from streamkit.engine.forces import ROW
 
@@ -44,8 +45,9 @@ class Patches(NamedTuple):
     finish: Any
 
 
-def sweep_of(patches: Patches) -> Any:
+def sweep_of(patches: Patches, turning: bool) -> Any:
     """Return the loop of a kernel over particles, with the arguments of `kernels.compiled_kernel`'s."""
+    turn, back = (compiled_to_axes, compiled_from_axes) if turning else (_as_it_is, _as_it_is)
     locate, finish = patches.locate, patches.finish
     located_room, read_room = _room(LOCATED), _room(2 * SIDE * patches.number)
     read, located_at, values_at = _reader(patches.number), _getter(LOCATED), _getter(2 * SIDE * patches.number)
@@ -53,27 +55,35 @@ def sweep_of(patches: Patches) -> Any:
     @njit(forceinline=True, **UNCALLED, **OPTIONS)
     def sweep(begin, end, times, place, total, c, fresh, parameters, factor):
         x, y, z = c[0], c[1], c[2]
-        table = parameters[0]
+        table, rotation = parameters[0], parameters[1:]
         located, values = located_room(), read_room()
         for first in range(begin, end, BLOCK):
             n = min(BLOCK, end - first)
             for i in range(n):
                 dx, dy, dz = _three(place, first + i)
-                _put(located, i, locate(dx - x, dy - y, dz - z, table))
+                u, v, w = turn(rotation, dx - x, dy - y, dz - z)
+                _put(located, i, locate(u, v, w, table))
             for i in range(n, (n + SIDE - 1) // SIDE * SIDE):
                 _put(located, i, located_at(located, 0))
             for i in range(0, n, SIDE):
                 read(table, located, i, values)
             for i in range(n):
                 dx, dy, dz = _three(place, first + i)
-                force = finish(dx - x, dy - y, dz - z, located_at(located, i), values_at(values, i), table)
-                ax, ay, az = factor * force[0], factor * force[1], factor * force[2]
+                u, v, w = turn(rotation, dx - x, dy - y, dz - z)
+                force = finish(u, v, w, located_at(located, i), values_at(values, i), table)
+                fx, fy, fz = back(rotation, force[0], force[1], force[2])
+                ax, ay, az = factor * fx, factor * fy, factor * fz
                 if not fresh:
                     bx, by, bz = _three(total, first + i)
                     ax, ay, az = ax + bx, ay + by, az + bz
                 _set_three(total, first + i, (ax, ay, az))
 
     return sweep
+
+
+@njit(forceinline=True, **UNCALLED, **OPTIONS)
+def _as_it_is(rotation, x, y, z):
+    return x, y, z
 
 
 def _room(count: int) -> Any:

@@ -46,6 +46,9 @@ class Expansion:
     def growth_table(self) -> None:
         """Return None: an expansion is constant in time; its potential has the growth."""
 
+    def rotation(self) -> None:
+        """Return None: its potential has the rotation."""
+
     def in_loop(self) -> Expansion:
         """Return the expansion itself."""
         return self

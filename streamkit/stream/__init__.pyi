@@ -5,6 +5,8 @@ from .arrays import Array as Array
 from .arrays import BoolArray as BoolArray
 from .arrays import IntArray as IntArray
 from .arrays import read_only as read_only
+from .axes import from_axes as from_axes
+from .axes import to_axes as to_axes
 from .data import Data as Data
 from .frames import Seen as Seen
 from .frames import place_on_sky as place_on_sky

@@ -41,6 +41,9 @@ class Read:
     def in_engine_units(self):
         return (COEFFICIENTS.ravel(),)
 
+    def rotation(self):
+        return None
+
     def growth_table(self):
         return self.growth
 

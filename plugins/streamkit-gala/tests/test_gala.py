@@ -8,7 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from astropy import units as u
 from click.testing import CliRunner
+from gala.potential import NFWPotential
+from gala.units import galactic
 from streamkit_gala import Gala
 from streamkit_gala.catalogue import classes, parameters_of
 
@@ -85,6 +88,20 @@ def test_the_logarithmic_halo_is_the_formula():
     fx, fy = k * x / 1.38**2, k * y
     wanted = np.array([c * fx - s * fy, s * fx + c * fy, k * Q[2] / 1.36**2])
     assert error(acceleration(potential), wanted).max() < 1e-10
+
+
+def test_an_orientation_is_galas_rotation():
+    angles = [25.0, 40.0, -70.0]
+    ca, cb, cg = np.cos(np.radians(angles))
+    sa, sb, sg = np.sin(np.radians(angles))
+    rows = [ca * cg - sa * cb * sg, sa * cg + ca * cb * sg, sb * sg], [-ca * sg - sa * cb * cg, ca * cb * cg - sa * sg,
+            sb * cg], [sa * sb, -ca * sb, cb]  # fmt: skip
+    gala = NFWPotential(m=5e11, r_s=16, a=1, b=0.85, c=0.7, units=galactic, R=np.array(rows))
+    wanted = -gala.gradient(Q * u.kpc).to_value("km2 / (s2 kpc)")
+    own = ours("nfw_triaxial", mass=5e11, rs=16, p=0.85, q=0.7, orientation=angles)
+    plain = made("NFWPotential", m=5e11, r_s=16, a=1, b=0.85, c=0.7, orientation=angles)
+    assert error(acceleration(own), wanted).max() < 1e-9
+    assert error(acceleration(plain), wanted).max() < 1e-9
 
 
 def test_a_milky_way_has_the_parameters_of_its_parts():

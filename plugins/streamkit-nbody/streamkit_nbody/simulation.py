@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from streamkit import GYR, Array, BoolArray, IntArray, Orbit, OutOfDomain, SpecError
+from streamkit.components import along_axes
 from streamkit.engine import Field
 from streamkit.model import NODE, Host, Satellite
 from streamkit.runfile import Spec, StreamInputs
@@ -173,7 +174,8 @@ class Simulation:
         hosts = self.host.potentials.values()
         if self.without_energy or self.host.bodies or any(p.growth for p in hosts):
             return float("nan")
-        host = sum(np.asarray(p.potential(*q, self._epoch(t), *p.in_engine_units())) for p in hosts)
+        times = np.full(q.shape[1], self._epoch(t))
+        host = sum(along_axes("potential", p, q, times) for p in hosts)
         return self.gravity.mass * float((0.5 * (v * v).sum(axis=0) + 0.5 * potentials + host).sum())
 
 
