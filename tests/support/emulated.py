@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from streamkit.builtin.samplers.emulator.calls import Calls
 from streamkit.builtin.samplers.emulator.problem import Answers
+from streamkit.builtin.samplers.emulator.space import Space
 from streamkit.errors import OutOfDomain
 from streamkit.model import Model
 from streamkit.sample import Posterior
@@ -46,7 +48,7 @@ class OfRun(Problem):
         self.comparison = Comparison(self.posterior.model)
         self.coordinates = self.comparison.coordinates
         self.values, self.errors = self.posterior.data.values, self.posterior.data.errors
-        self.add_noise = self.posterior.data.add_noise
+        self.add_noise, self.is_ln_likelihood = self.posterior.data.add_noise, False
 
     def evaluate(self, points):
         mean, variance = (np.full((len(points), self.posterior.size), np.nan) for _ in range(2))
@@ -83,7 +85,7 @@ class OfToy(Problem):
         self.toy, self.data = toy, toy.data
         self.values, self.errors = toy.data.values, toy.data.errors
         self.coordinates = np.ones(self.size, dtype=bool)
-        self.add_noise = False
+        self.add_noise = self.is_ln_likelihood = False
         self.noise, self.stated = noise, stated
 
     def evaluate(self, points):
@@ -102,3 +104,9 @@ class OfToy(Problem):
 
     def compare(self, points, mean, variance, details):
         return gaussians(mean, variance, self.data)
+
+
+def called(problem, count, seed=1):
+    """Calls at draws of the prior."""
+    u = np.random.default_rng(seed).random((count, problem.size))
+    return Calls.of(problem, Space(problem), problem.from_unit(u))

@@ -5,8 +5,7 @@ from itertools import pairwise
 import numpy as np
 from scipy import stats
 
-from streamkit.builtin.samplers.emulator.factor import Factor
-from streamkit.builtin.samplers.emulator.joint_density import Layout, Terms
+from streamkit.builtin.samplers.emulator.density import Factor, Layout, Terms
 from streamkit.builtin.samplers.emulator.problem import Answers
 
 
@@ -43,6 +42,15 @@ class LinearFactors:
 
     def ln_likelihood(self, k, h, s):
         return -0.5 * np.sum((h @ self.host[k].T + s @ self.mine[k].T - self.data[k]) ** 2, axis=1)
+
+    def newton(self, y):
+        h, slopes, curvature = y[:, self.layout.shared], np.zeros(y.shape), np.zeros((y.shape[1],) * 2)
+        for k, own in enumerate(self.layout.own):
+            design = np.zeros((len(self.data[k]), y.shape[1]))
+            design[:, self.layout.shared], design[:, own] = self.host[k], self.mine[k]
+            slopes += (self.data[k] - h @ self.host[k].T - y[:, own] @ self.mine[k].T) @ design
+            curvature += design.T @ design
+        return slopes, np.tile(curvature, (len(y), 1, 1))
 
     def answer(self):
         """Mean (d,) and covariance (d, d) of the joint posterior."""
@@ -122,7 +130,7 @@ class OfFactor:
         self.size, self.calls = len(self.columns), 0
         self.coordinates = np.ones(self.size, dtype=bool)
         self.values, self.errors = target.data[k], np.ones(len(target.data[k]))
-        self.add_noise = False
+        self.add_noise = self.is_ln_likelihood = False
         self.is_shared = np.isin(self.columns, target.layout.shared)
 
     def from_unit(self, u):
@@ -153,15 +161,6 @@ class OfFactor:
 
     def expect(self, calls):
         pass
-
-
-class Whole:
-    """The problem of all factors together: its prior alone."""
-
-    def __init__(self, target):
-        self.size = target.layout.size
-
-    from_unit, ln_prior = OfFactor.from_unit, OfFactor.ln_prior
 
 
 def factors_of(target, **kwargs):

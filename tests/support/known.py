@@ -139,7 +139,7 @@ class OfKnown(Problem):
         self.known, self.data = known, known.data
         self.values, self.errors = self.data.values, self.data.errors
         self.coordinates = np.ones(self.size, dtype=bool)
-        self.add_noise = False
+        self.add_noise = self.is_ln_likelihood = False
 
     def evaluate(self, points):
         self.calls += len(points)

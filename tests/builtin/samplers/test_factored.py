@@ -2,17 +2,17 @@
 
 import numpy as np
 import pytest
-from joints import LinearFactors, Whole, factors_of
+from joints import LinearFactors, factors_of
 
-from streamkit.builtin.samplers.emulator.coordinates import Space
-from streamkit.builtin.samplers.emulator.factored import Factored
+from streamkit.builtin.samplers.emulator.rounds import Rounds
 
+pytestmark = pytest.mark.usefixtures("short_walks")
 MEAN, WIDTH = 0.2, 0.15  # standard deviations, fractions
 
 
 def fit(target, noise=0.3, seed=1, max_calls=3000):
     factors = factors_of(target, noise=noise, seed=seed)
-    *_, last = Factored(factors, Space(Whole(target)), False).run(max_calls)
+    *_, last = Rounds(factors, False).run(max_calls)
     return last, [each.problem.calls for each in factors]
 
 

@@ -5,10 +5,11 @@ import pytest
 from joints import HalfEmpty, LinearFactors, Mixture
 from scipy.stats import norm
 
-from streamkit.builtin.samplers.emulator.joint_density import Layout
-from streamkit.builtin.samplers.emulator.populations import sample
+from streamkit.builtin.samplers.emulator.density import Layout
+from streamkit.builtin.samplers.emulator.populations import agreement, sample
 from streamkit.errors import StreamkitError
 
+pytestmark = pytest.mark.usefixtures("short_walks")
 MEAN, WIDTH, WEIGHT = 0.15, 0.15, 0.06  # standard deviations; fractions; of a mode
 COSTLY = 25_000  # evaluations of each factor to 1000 independent samples
 
@@ -33,7 +34,7 @@ def test_gaussian_factors(factors: int, own: int) -> None:
     found = sample(target, target.begin(3), [1])
     assert found.agree, (found.r_hat, found.time)
     assert_right(found.samples, *target.answer())
-    per_sample = found.sweeps * 2 * 320 * 4 / found.independent
+    per_sample = 4 * len(found.samples) / found.independent
     assert 1000 * per_sample < COSTLY
 
 
@@ -115,14 +116,24 @@ def test_a_stream_without_predictions_in_half_of_the_hosts_space() -> None:
     assert found.samples[:, 0].std() == pytest.approx(width, rel=WIDTH)
 
 
-def test_populations_that_cannot_meet_do_not_agree() -> None:
-    target = Mixture(2, own=3, apart=20.0)
-    _, means, _ = target.modes()
+def test_populations_in_different_places_do_not_agree() -> None:
+    """R-hat of two Gaussians, c standard deviations apart, is about (1 + c^2 / 4)^(1/2); and widths count too."""
     rng = np.random.default_rng(1)
-    begin = tuple(mean + 0.01 * rng.standard_normal((640, len(mean))) for mean in means)
-    found = sample(target, begin, [1], doubled=0)
+    walks = rng.standard_normal((2, 100, 64, 2))
+    assert agreement(walks) < 1.002
+    apart = walks.copy()
+    apart[1, ..., 0] += 0.4
+    assert agreement(apart) == pytest.approx(np.sqrt(1 + 0.04 * 4 / 3), abs=0.01)  # four half chains, two means
+    wider = walks.copy()
+    wider[1, ..., 1] *= 1.5
+    assert agreement(wider) > 1.01
+
+
+def test_a_walk_that_is_too_short_is_told() -> None:
+    target = LinearFactors(2, own=3)
+    found = sample(target, target.begin(3), [1], most_sweeps=5)
+    assert found.sweeps == 5
     assert not found.agree
-    assert found.r_hat > 1.1
 
 
 def test_the_same_seed_gives_the_same_samples_and_another_one_others() -> None:

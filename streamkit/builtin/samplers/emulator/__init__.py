@@ -1,8 +1,9 @@
 """The built-in sampler `emulator`: it learns the predictions from few calls, and samples the data's own likelihood.
 
-`problem` says what the emulator needs of a posterior; `of_target` is that of a run. `start` makes waves of calls with
-few particles, from the whole prior to where the data may be. `rounds` makes calls with all particles there until the
-emulated posterior has settled. `certificate` compares fresh calls with the emulator. `learn` makes an `emulator` of all
-`calls` so far, by a `polynomial` or, where that predicts better, a Gaussian process (`kernel`). `emulated` samples it
-(`walk`).
+`rounds` is the algorithm, to be read first. It stands on three kinds of files. What can be called: `problem` says what
+the emulator needs of a posterior, `of_target` is that of a run; `calls` holds what was called, `pairs` measures noise.
+What is learned: `learn` makes an `emulator` of all calls, by a `polynomial` or, where that predicts better, a Gaussian
+process (`kernel`). What is sampled: `density` is the posterior of all factors by their emulators, in coordinates of
+`space`; `populations` sample it by `moves`, one of which is by a `mixture`. `start` comes from the whole prior to where
+the data may be; `certificate` and `recall` test the end; `changes` compares posteriors.
 """

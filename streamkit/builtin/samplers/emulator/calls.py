@@ -1,4 +1,4 @@
-"""All calls so far, in the coordinates of the walks."""
+"""All calls of a factor so far."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from streamkit import Array, BoolArray
-from streamkit.builtin.samplers.emulator.coordinates import Space
 from streamkit.builtin.samplers.emulator.emulator import Emulator
 from streamkit.builtin.samplers.emulator.learn import learn
 from streamkit.builtin.samplers.emulator.problem import Answers, Problem
+from streamkit.builtin.samplers.emulator.space import Space
 
 
 @dataclass(frozen=True)
@@ -19,36 +19,48 @@ class Calls:
 
     Attributes
     ----------
-    y, theta
-        (n, d) coordinates and parameters.
+    theta
+        (n, d) parameters.
     answers
         Of the calls.
     """
 
     problem: Problem
     space: Space
-    y: Array
     theta: Array
     answers: Answers
 
     @classmethod
-    def at(cls, problem: Problem, space: Space, y: Array, theta: Array | None = None) -> Calls:
-        """Call the model at coordinates y (n, d), or at the same places as parameters theta (n, d)."""
-        theta = np.ascontiguousarray(space.back(y) if theta is None else theta)
-        return cls(problem, space, y, theta, problem.evaluate(theta))
+    def at(cls, problem: Problem, space: Space, z: Array) -> Calls:
+        """Call the model at coordinates z (n, d)."""
+        return cls.of(problem, space, space.points(z))
+
+    @classmethod
+    def of(cls, problem: Problem, space: Space, theta: Array) -> Calls:
+        """Call the model at parameters theta (n, d)."""
+        theta = np.ascontiguousarray(theta)
+        return cls(problem, space, theta, problem.evaluate(theta))
 
     def __len__(self) -> int:
-        return len(self.y)
+        return len(self.theta)
 
     def __add__(self, other: Calls) -> Calls:
-        answers = self.answers.joined(other.answers)
-        y, theta = (np.concatenate([getattr(each, name) for each in (self, other)]) for name in ("y", "theta"))
-        return Calls(self.problem, self.space, y, theta, answers)
+        theta = np.concatenate([self.theta, other.theta])
+        return Calls(self.problem, self.space, theta, self.answers.joined(other.answers))
 
     def take(self, rows: BoolArray) -> Calls:
         """Return some of them."""
-        answers = Answers(*(each[rows] for each in self.answers))
-        return Calls(self.problem, self.space, self.y[rows], self.theta[rows], answers)
+        return Calls(self.problem, self.space, self.theta[rows], Answers(*(each[rows] for each in self.answers)))
+
+    @property
+    def z(self) -> Array:
+        """(n, d) Coordinates of walkers."""
+        return self.space.normal(self.theta)
+
+    @property
+    def y(self) -> Array:
+        """(n, d) Coordinates of what is learned."""
+        return self.space.learned_of(self.theta)
 
     @property
     def good(self) -> BoolArray:

@@ -15,8 +15,8 @@ from scipy.linalg import LinAlgError
 
 from streamkit import Array
 from streamkit.builtin.samplers.emulator.calls import Calls
-from streamkit.builtin.samplers.emulator.changes import change_of
-from streamkit.builtin.samplers.emulator.emulated import Emulated
+from streamkit.builtin.samplers.emulator.changes import change_of, every_so_often, with_axes
+from streamkit.builtin.samplers.emulator.density import Emulated
 from streamkit.builtin.samplers.emulator.emulator import Predictions
 from streamkit.builtin.samplers.emulator.of_target import LikelihoodOnly
 from streamkit.builtin.samplers.emulator.polynomial import regress
@@ -43,9 +43,6 @@ EMPTY = 0.1
 BLURRED = 0.1
 # Largest squared residual that counts, in units of the typical one.
 WILD = 25.0
-# Largest shape of the tail of the importance weights (Vehtari et al. 2024). It is tested where noise in ln L is below
-# this, and where the weights leave fewer than this fraction of the samples: a tail of weights of one says nothing.
-K_HAT, QUIET, ALL = 0.7, 1.0, 0.99
 
 
 @dataclass(frozen=True)
@@ -69,9 +66,9 @@ class Certificate:
         Fraction of a standard deviation that the emulator's own error adds, at most.
     empty
         Fraction of the points without a prediction.
-    k_hat, effective
-        Shape of the tail of the importance weights, and the fraction of the samples that they leave; NaN where noise
-        decides them.
+    weighed, weighed_by_chance
+        What weights of true over emulated likelihood change of the fresh samples, see `change_of`; and the same where
+        only noise makes the weights: the largest in 95 of 100 cases.
     faults
         Sentences: why the posterior must not be used; none if it is certified.
     """
@@ -87,8 +84,8 @@ class Certificate:
     noise_spread: float
     blur: float
     empty: float
-    k_hat: float
-    effective: float
+    weighed: float
+    weighed_by_chance: float
     faults: tuple[str, ...]
 
 
@@ -139,7 +136,7 @@ def trend_of(
     emulated: Emulated, fresh: Calls, samples: Array, rng: np.random.Generator, chance: float = CHANCE
 ) -> Trend | None:
     """Measure what a trend of the residuals of fresh calls changes; None where too few of them have a prediction."""
-    some = samples[:: max(len(samples) // 1000, 1)]
+    some = every_so_often(samples, 1000)
     changes = changes_by_trend(emulated, fresh, some, rng)
     if changes is None:
         return None
@@ -156,12 +153,12 @@ def changes_by_trend(emulated: Emulated, fresh: Calls, some: Array, rng: np.rand
     fresh = fresh.take(fresh.good)
     if len(fresh) < 3 * some.shape[1]:
         return None
-    space, problem = emulated.space, fresh.problem
+    space, problem, z = emulated.space, fresh.problem, fresh.z
     used = np.isfinite(problem.values)
     residual = ((fresh.answers.mean - emulated.emulator.predict(fresh.y).mean) / problem.errors)[:, used]
-    centre, scale = fresh.y.mean(axis=0), np.maximum(fresh.y.std(axis=0), 1e-300)
-    terms = np.concatenate([np.ones((len(fresh), 1)), (fresh.y - centre) / scale], axis=1)
-    predicted, theta = emulated.emulator.predict(some), space.back(some)
+    centre, scale = z.mean(axis=0), np.maximum(z.std(axis=0), 1e-300)
+    terms = np.concatenate([np.ones((len(fresh), 1)), (z - centre) / scale], axis=1)
+    predicted, theta = emulated.emulator.predict(space.learned(some)), space.points(some)
     variance = predicted.fit_variance + predicted.noise * emulated.noise
     base = problem.compare(theta, predicted.mean, variance, predicted.details)
     there = np.concatenate([np.ones((len(some), 1)), np.clip((some - centre) / scale, -3.0, 3.0)], axis=1)
@@ -179,9 +176,17 @@ def changes_by_trend(emulated: Emulated, fresh: Calls, some: Array, rng: np.rand
 
 
 def certify(
-    emulated: Emulated, fresh: Calls, trend: Trend | None, samples: Array, rng: np.random.Generator
+    emulated: Emulated,
+    fresh: Calls,
+    trend: Trend | None,
+    samples: Array,
+    rng: np.random.Generator,
+    chance: float = CHANCE,
 ) -> Certificate:
-    """Compare an emulator with fresh calls at samples of its posterior; samples (n, d) are more of these."""
+    """Compare an emulator with fresh calls at samples of its posterior; samples z (n, d) are more of these.
+
+    The fraction of changes by chance that must be smaller for one to count is ``chance``.
+    """
     empty = float(np.mean(~fresh.good))
     tried, fresh = len(fresh), fresh.take(fresh.good)
     faults = []
@@ -225,16 +230,17 @@ def certify(
             "ln L is learned as a whole, and its noise varies over the posterior: its mean and the logarithm of the "
             f"mean likelihood differ by {varies.measured:.2f} standard deviations. Take more particles"
         )
-    blur = _blur(emulated, samples)
+    blur = blur_of(emulated, samples)
     if blur > BLURRED:
         faults.append(f"its own error changes the width of a parameter by {100 * blur:.0f} %")
-    k_hat, effective = float("nan"), float("nan")
-    if noise_spread < QUIET:
-        k_hat, effective = _tail(true)
-        if k_hat > K_HAT and effective < ALL:
-            faults.append(f"k-hat of the importance weights is {k_hat:.2f}, above {K_HAT}")
+    weighed = _weighed(emulated, fresh, predicted, true, rng, chance)
+    if weighed.measured > max(MOVED, weighed.by_chance) and weighed.by_chance < BLIND:
+        faults.append(
+            f"true over emulated likelihood moves a mean or a width by {weighed.measured:.2f} standard deviations, "
+            f"where noise makes {weighed.by_chance:.2f}"
+        )
     return Certificate(
-        tried, size, worst, *trend, offset, spread, noise_offset, noise_spread, blur, empty, k_hat, effective,
+        tried, size, worst, *trend, offset, spread, noise_offset, noise_spread, blur, empty, *weighed,
         tuple(faults),
     )  # fmt: skip
 
@@ -249,9 +255,10 @@ def _noise_varies(emulated: Emulated, fresh: Calls, samples: Array, rng: np.rand
         return None
     half = 0.5 * (fresh.answers.mean - emulated.emulator.predict(fresh.y).mean) ** 2
     half = np.minimum(half, WILD * np.median(half) + 1e-300)
-    centre, scale = fresh.y.mean(axis=0), np.maximum(fresh.y.std(axis=0), 1e-300)
-    terms = np.concatenate([np.ones((len(fresh), 1)), (fresh.y - centre) / scale], axis=1)
-    some = samples[:: max(len(samples) // 1000, 1)]
+    z = fresh.z
+    centre, scale = z.mean(axis=0), np.maximum(z.std(axis=0), 1e-300)
+    terms = np.concatenate([np.ones((len(fresh), 1)), (z - centre) / scale], axis=1)
+    some = every_so_often(samples, 1000)
     there = np.concatenate([np.ones((len(some), 1)), np.clip((some - centre) / scale, -3.0, 3.0)], axis=1)
 
     def moved(rows: Array) -> float:
@@ -266,18 +273,35 @@ def _differences(
 ) -> tuple[Array, Array]:
     """Return true minus emulated ln likelihood (n,), and the same with the residuals of other points (n,)."""
     problem, answers = fresh.problem, fresh.answers
-    at = emulated.emulator.ln_likelihood(fresh.y, fresh.theta, emulated.noise)
     stated = answers.variance * emulated.noise
-    true = problem.compare(fresh.theta, answers.mean, np.nan_to_num(stated), answers.details) - at
+    true = problem.compare(fresh.theta, answers.mean, np.nan_to_num(stated), answers.details)
+    at = emulated.emulator.ln_likelihood(fresh.y, fresh.theta, emulated.noise, emulated.most_by_error)
+    return true - at, _by_noise(fresh, predicted, stated, rng) - at
+
+
+def _by_noise(fresh: Calls, predicted: Predictions, stated: Array, rng: np.random.Generator) -> Array:
+    """(n,) Return ln likelihood of the emulated predictions with the residuals of other points."""
     other = rng.permutation(len(fresh))
-    swapped = predicted.mean + (answers.mean - predicted.mean)[other]
-    noise = problem.compare(fresh.theta, swapped, np.nan_to_num(stated[other]), predicted.details) - at
-    return true, noise
+    swapped = predicted.mean + (fresh.answers.mean - predicted.mean)[other]
+    return fresh.problem.compare(fresh.theta, swapped, np.nan_to_num(stated[other]), predicted.details)
 
 
-def _blur(emulated: Emulated, samples: Array) -> float:
+def _weighed(
+    emulated: Emulated, fresh: Calls, predicted: Predictions, true: Array, rng: np.random.Generator, chance: float
+) -> Trend:
+    """Measure what weights by true minus emulated ln likelihood (n,) change of the fresh samples, and what noise would.
+
+    Noise alone makes weights too, of a few samples where it is large: so it is the noise that the change is beside.
+    """
+    moving, stated = with_axes(fresh.z), fresh.answers.variance * emulated.noise
+    without = fresh.problem.compare(fresh.theta, predicted.mean, np.nan_to_num(stated), predicted.details)
+    tries = [change_of(moving, _by_noise(fresh, predicted, stated, rng) - without) for _ in range(TRIES)]
+    return Trend(change_of(moving, true), float(np.quantile(tries, chance)))
+
+
+def blur_of(emulated: Emulated, samples: Array) -> float:
     """Return what the emulator's own error changes: see `change_of`."""
-    some = samples[:: max(len(samples) // 3000, 1)]
+    some = every_so_often(samples, 3000)
     return change_of(some, emulated.ln_likelihood(some, fit_error=False) - emulated.ln_likelihood(some))
 
 
@@ -285,12 +309,3 @@ def _spread(values: Array) -> float:
     """Return a standard deviation that leaves the wildest alone."""
     low, high = np.quantile(values, [0.16, 0.84])
     return float(0.5 * (high - low))
-
-
-def _tail(ln_weight: Array) -> tuple[float, float]:
-    """Return k-hat, and the fraction of the samples that the smoothed weights leave."""
-    from arviz_stats.base.array import array_stats  # a second or more to load
-
-    smoothed, k = array_stats.psislw(-ln_weight)  # type: ignore[no-untyped-call]  # which takes minus their logs
-    weight = np.exp(smoothed - smoothed.max())
-    return float(k), float(weight.sum() ** 2 / np.sum(weight**2) / len(weight))

@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from streamkit import Array
-from streamkit.builtin.samplers.emulator.emulated import Emulated
-
-# Emulators that the noise of the calls could have given as well.
-REDRAWN = 24
 
 
 def change_of(samples: Array, ln_weight: Array) -> float:
@@ -28,34 +22,34 @@ def changes_of(samples: Array, ln_weight: Array) -> Array:
     return np.array([moved, wider])
 
 
-def moved_by(others: list[Emulated], emulated: Emulated, samples: Array) -> float:
-    """Return the most that one of some other emulators changes of a posterior (`change_of`).
+def difference(first: Array, second: Array) -> float:
+    """Return the largest difference of two posteriors by samples (n, d) and (m, d) of them.
 
-    Samples (n, d) are of the posterior of `emulated`. Those of the others would not do: where an emulator gives up a
-    tail, the few samples there would weigh the more.
+    It is that of a mean, in the smaller of their standard deviations, or of a width, as a fraction of the smaller one:
+    of all coordinates and of the principal axes of either.
     """
-    some = samples[:: max(len(samples) // 2000, 1)]
-    here, moving = emulated.ln_density(some), with_axes(some)
-    return max(change_of(moving, each.ln_density(some) - here) for each in others)
+    return max(_beside(first, second), _beside(second, first))
 
 
-def with_axes(samples: Array) -> Array:
-    """(n, 2 d) Append the principal axes of samples (n, d), each in units of its standard deviation.
+def _beside(first: Array, second: Array) -> float:
+    both = with_axes(np.concatenate([first, second]), len(first))
+    mine, other = both[: len(first)], both[len(first) :]
+    widths = np.stack([mine.std(axis=0), other.std(axis=0)])
+    moved = np.abs(mine.mean(axis=0) - other.mean(axis=0)) / np.maximum(widths.min(axis=0), 1e-300)
+    return float(max(moved.max(), (widths.max(axis=0) / np.maximum(widths.min(axis=0), 1e-300) - 1).max()))
+
+
+def with_axes(samples: Array, first: int | None = None) -> Array:
+    """(n, 2 d) Append the principal axes of samples (n, d), of the first of them, each in its standard deviation.
 
     What data know best, such as a mass, is a combination of parameters: it may move where none of these does.
     """
-    scaled = (samples - samples.mean(axis=0)) / np.maximum(samples.std(axis=0), 1e-300)
-    _, axes = np.linalg.eigh(np.atleast_2d(np.cov(scaled.T)))
-    return np.concatenate([samples, scaled @ axes], axis=1)
+    some = samples[:first]
+    scale = np.maximum(some.std(axis=0), 1e-300)
+    _, axes = np.linalg.eigh(np.atleast_2d(np.cov((some / scale).T)))
+    return np.concatenate([samples, (samples - some.mean(axis=0)) / scale @ axes], axis=1)
 
 
-def uncertainty(emulated: Emulated, samples: Array, rng: np.random.Generator) -> float:
-    """Return how uncertain the noise of the calls leaves a mean or a width: the largest standard error.
-
-    It is that of emulators with other noise at the same calls. Samples (n, d) are of the emulated posterior.
-    """
-    some = samples[:: max(len(samples) // 1000, 1)]
-    here, moving = emulated.ln_density(some), with_axes(some)
-    others = (replace(emulated, emulator=emulated.emulator.redrawn(rng)) for _ in range(REDRAWN))
-    changes = [changes_of(moving, each.ln_density(some) - here) for each in others]
-    return float(np.sqrt(np.mean(np.square(changes), axis=0)).max())
+def every_so_often(samples: Array, n: int) -> Array:
+    """Return about n of the samples, at equal distances."""
+    return samples[:: max(len(samples) // n, 1)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -10,37 +11,12 @@ from scipy.special import log_expit
 
 from streamkit import Array, BoolArray
 from streamkit.builtin.samplers.emulator.kernel import Kernel
-from streamkit.builtin.samplers.emulator.polynomial import Polynomial
+from streamkit.builtin.samplers.emulator.polynomial import Low, Polynomial, Slopes
 from streamkit.builtin.samplers.emulator.problem import Problem
 from streamkit.builtin.samplers.monomials import monomials
 
-# Singular values of coefficients below this fraction of the largest are left out.
-NEGLIGIBLE = 1e-6
 # Noise of a call below this many squared errors of the data is none.
 SILENCE = 1e-3
-
-
-class Low(NamedTuple):
-    """Coefficients (terms, k), as a product of two thinner matrices where that is less work."""
-
-    left: Array
-    right: Array | None = None
-
-    @classmethod
-    def of(cls, coefficients: Array) -> Low:
-        """Take coefficients apart where they have a low rank."""
-        if min(coefficients.shape) < 8:
-            return cls(coefficients)
-        u, s, v = np.linalg.svd(coefficients, full_matrices=False)
-        rank = int(np.sum(s > NEGLIGIBLE * s[0])) or 1
-        if rank * sum(coefficients.shape) >= coefficients.size:
-            return cls(coefficients)
-        return cls(np.ascontiguousarray(u[:, :rank] * s[:rank]), np.ascontiguousarray(v[:rank]))
-
-    def at(self, terms: Array) -> Array:
-        """(n, k) The polynomials with terms (n, t)."""
-        first = terms @ self.left
-        return np.asarray(first if self.right is None else first @ self.right)
 
 
 class Predictions(NamedTuple):
@@ -85,6 +61,8 @@ class Emulator:
     spread2, lack2
         (m,) in squared errors of the data: variance of the points about the fit, and how much of it is not noise: it
         does not average out.
+    typical2
+        (m,) in squared errors of the data: typical variance of the fit near the data.
     more2, stated2, pairs
         (m,) in squared errors of the data: noise of a call beyond what the observable states, measured by pairs of
         calls; what it states; and the number of pairs.
@@ -106,6 +84,7 @@ class Emulator:
     root: Array
     spread2: Array
     lack2: Array
+    typical2: Array
     more2: Array
     stated2: Array
     pairs: int
@@ -130,6 +109,10 @@ class Emulator:
             return None
         return int(more.sum()), float(np.sqrt(1 + np.max(self.more2[more] / np.maximum(self.stated2[more], SILENCE))))
 
+    @cached_property
+    def _along(self) -> Slopes:
+        return self.basis.along(self.mean)
+
     def predict(self, y: Array) -> Predictions:
         """Return the predictions at coordinates y (n, d); NaN where there is no datum."""
         x = (y[:, self.problem.coordinates] - self.centre) @ self.whiten
@@ -153,23 +136,47 @@ class Emulator:
 
     def redrawn(self, rng: np.random.Generator) -> Emulator:
         """Return what other calls at the same points could have given: other noise, so other coefficients."""
-        left, right = self.mean
-        coefficients = left if right is None else left @ right
+        coefficients = self.mean.whole
         chance = self.root @ rng.standard_normal(coefficients.shape) * np.sqrt(self.spread2)
         return replace(self, mean=Low(coefficients + chance))
 
-    def ln_likelihood(self, y: Array, theta: Array, noise: bool = False, fit_error: bool = True) -> Array:
+    def ln_likelihood(self, y: Array, theta: Array, noise: bool = False, most_by_error: float = np.inf) -> Array:
         """(n,) ln likelihood at coordinates y (n, d), which are the parameters theta (n, d).
 
         Parameters
         ----------
         noise
             Whether the variance of one call counts: the likelihood is then that of one realisation, averaged over many.
-        fit_error
-            Whether the emulator's own error counts.
+        most_by_error
+            Most that the emulator's own error adds to ln L; 0 is without it.
         """
         predicted = self.predict(y)
-        variance = predicted.fit_variance * fit_error + (predicted.noise if noise else 0.0)
-        lnl = self.problem.compare(theta, predicted.mean, variance, predicted.details)
+        of_call = predicted.noise if noise else np.zeros_like(predicted.noise)
         outside = len(self.centre) * (predicted.beyond - 1.0)
+        lnl = np.full(len(y), np.inf)
+        if most_by_error > 0:
+            lnl = self.problem.compare(theta, predicted.mean, predicted.fit_variance + of_call, predicted.details)
+        if np.isfinite(most_by_error):
+            without = self.problem.compare(theta, predicted.mean, of_call, predicted.details)
+            lnl = np.minimum(lnl, without + most_by_error)
         return np.asarray(lnl + predicted.ln_exists - outside)
+
+    def newton(self, y: Array, noise: bool = False) -> tuple[Array, Array]:
+        """(n, d) and (n, d, d) Slopes and curvature of -ln L at y (n, d), by linear predictions (Gauss and Newton).
+
+        For Gaussian errors that do not depend on the place. The likelihood of the run file may be another one: these
+        slopes only propose. No curvature is known of a ln L that is learned as a whole.
+        """
+        values, along = self._along((y[:, self.problem.coordinates] - self.centre) @ self.whiten)
+        along = np.matmul(self.whiten, along)  # (n, c, m)
+        d = y.shape[1]
+        slopes, curvature = np.zeros((len(y), d)), np.zeros((len(y), d, d))
+        here = self.problem.coordinates
+        if self.problem.is_ln_likelihood:
+            slopes[:, here] = along[:, :, 0]
+            return slopes, curvature
+        weighed = along / (1.0 + self.typical2 + (self.stated2 + self.more2 if noise else 0.0))
+        slopes[:, here] = -np.matmul(weighed, values[:, :, None])[:, :, 0]
+        rows, columns = np.ix_(here, here)
+        curvature[:, rows, columns] = np.matmul(weighed, along.transpose(0, 2, 1))
+        return slopes, curvature

@@ -8,12 +8,14 @@ data in units of their errors (Rasmussen & Williams 2006, chapters 2 and 5). It 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.linalg import cholesky, eigh, solve_triangular
 from scipy.optimize import minimize
 
 from streamkit import Array, IntArray
+from streamkit.builtin.samplers.emulator.polynomial import Low, Slopes
 
 # Points that represent the process, those that its lengths are learned from, and steps of learning.
 INDUCING, LEARNED_FROM, STEPS = 600, 400, 25
@@ -58,17 +60,38 @@ class Kernel:
         process = squared_exponential(x, self.places, self.lengths) @ self.inverse
         return np.concatenate([np.ones((len(x), 1)), x, process], axis=1)
 
+    def along(self, coefficients: Low) -> Slopes:
+        """Return processes with coefficients (terms, m), and their slopes, as a function of x.
+
+        In single precision: slopes propose, and decide nothing.
+        """
+        c, single = len(self.lengths), np.float32
+        lengths, places = self.lengths.astype(single), self.places.astype(single)
+        whole = coefficients.whole
+        line, weights = whole[: 1 + c].astype(single), (self.inverse @ whole[1 + c :]).astype(single)
+        weighed = np.concatenate([places[:, i, None] * weights for i in range(c)], axis=1)  # (q, c m)
+
+        def slopes(x: Array) -> tuple[Array, Array]:
+            x = x.astype(single)
+            near = squared_exponential(x, places, lengths)
+            process = near @ weights
+            toward = (near @ weighed).reshape(len(x), c, -1) - x[:, :, None] * process[:, None]
+            values = line[0] + x @ line[1:] + process
+            return values.astype(float), (line[1:] + toward / lengths[:, None] ** 2).astype(float)
+
+        return slopes
+
     def unseen(self, terms: Array) -> Array:
         """(n,) Variance of the process that the places do not represent, from its terms (n, t)."""
         seen = np.sum(terms[:, 1 + len(self.lengths) :] ** 2, axis=1)
         return np.asarray(self.amplitude * np.maximum(1.0 - seen, 0.0))
 
 
-def squared_exponential(a: Array, b: Array, lengths: Array) -> Array:
-    """(n, q) exp(-r^2 / 2) between points a (n, c) and b (q, c), r in units of the lengths."""
+def squared_exponential(a: Any, b: Any, lengths: Any) -> Any:
+    """(n, q) exp(-r^2 / 2) between points a (n, c) and b (q, c), r in units of the lengths; in single or double."""
     a, b = a / lengths, b / lengths
     r2 = np.sum(a**2, axis=1)[:, None] + np.sum(b**2, axis=1) - 2 * a @ b.T
-    return np.asarray(np.exp(-0.5 * np.maximum(r2, 0.0)))
+    return np.exp(-0.5 * np.maximum(r2, 0.0))
 
 
 def learn_kernel(x: Array, target: Array, weight: Array, rng: np.random.Generator) -> Kernel:

@@ -7,11 +7,11 @@ from scipy.linalg import LinAlgError
 from scipy.special import expit
 
 from streamkit import Array, BoolArray
-from streamkit.builtin.samplers.emulator.emulator import Emulator, Low
+from streamkit.builtin.samplers.emulator.emulator import Emulator
 from streamkit.builtin.samplers.emulator.kernel import Kernel, learn_kernel
 from streamkit.builtin.samplers.emulator.pairs import ENOUGH as ENOUGH_PAIRS
 from streamkit.builtin.samplers.emulator.pairs import pairs_of
-from streamkit.builtin.samplers.emulator.polynomial import Polynomial, Regression, regress
+from streamkit.builtin.samplers.emulator.polynomial import Low, Polynomial, Regression, regress
 from streamkit.builtin.samplers.emulator.problem import Answers, Problem
 from streamkit.builtin.samplers.monomials import count, monomials
 
@@ -62,7 +62,7 @@ def learn(problem: Problem, y: Array, answers: Answers, theta: Array, tilt: Arra
     emulator = _fitted(problem, y, answers, lnl)
     if emulator is None:
         return None
-    smooth = emulator.ln_likelihood(y, theta, noise=problem.add_noise, fit_error=False) + other
+    smooth = emulator.ln_likelihood(y, theta, problem.add_noise, most_by_error=0.0) + other
     best = _best(lnl[there])
     close = there & (lnl > best - NEAR - 0.5 * y.shape[1])
     if close.sum() < y.shape[1] or np.median(np.abs(smooth - lnl)[close]) > 0.3 * NEAR:
@@ -145,6 +145,7 @@ def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulato
         root=fit.root,
         spread2=spread2,
         lack2=lack2,
+        typical2=lack2 + spread2 * float(np.mean(fit.leverage[close])),
         more2=more2,
         stated2=typical - more2,
         pairs=len(pairs) if len(pairs) >= ENOUGH_PAIRS else 0,

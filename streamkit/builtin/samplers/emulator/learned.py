@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from streamkit import Array, BoolArray, StreamkitError, Target
 from streamkit.builtin.samplers.emulator.calls import Calls
-from streamkit.builtin.samplers.emulator.coordinates import Space
-from streamkit.builtin.samplers.emulator.emulated import Emulated
+from streamkit.builtin.samplers.emulator.density import Emulated
 from streamkit.builtin.samplers.emulator.of_target import LikelihoodOnly, OfTarget
 from streamkit.builtin.samplers.emulator.problem import Problem
+from streamkit.builtin.samplers.emulator.space import Space
 
 
 @dataclass(frozen=True)
@@ -22,16 +22,16 @@ class Learned:
 
     def ln_likelihood(self, points: Array) -> Array:
         """Return ln likelihood (n,) at points (n, d)."""
-        return self.emulated.ln_likelihood(self.emulated.space.to(points))
+        return self.emulated.ln_likelihood(self.emulated.space.normal(points))
 
     def is_trusted(self, points: Array) -> BoolArray:
         """Return whether points (n, d) are among the calls, (n,)."""
-        predicted = self.emulated.emulator.predict(self.emulated.space.to(points))
+        predicted = self.emulated.emulator.predict(self.emulated.space.learned_of(points))
         return np.asarray(predicted.beyond <= 1.0, dtype=bool)
 
     def redrawn(self, rng: np.random.Generator) -> Learned:
         """Return the likelihood that other noise in the calls could have given."""
-        return Learned(replace(self.emulated, emulator=self.emulated.emulator.redrawn(rng)))
+        return Learned(self.emulated.redrawn(rng))
 
 
 def learned(target: Target, noise: bool) -> Learned:
@@ -40,7 +40,7 @@ def learned(target: Target, noise: bool) -> Learned:
     if target.undeclared:
         problem = LikelihoodOnly(problem)
     space = Space(problem)
-    calls = Calls.at(problem, space, space.to(target.earlier), target.earlier)
+    calls = Calls.of(problem, space, target.earlier)
     emulator = calls.learn() if calls.good.any() else None
     if emulator is None:
         raise StreamkitError(f"too few of {len(calls)} stored calls have a prediction to learn from")

@@ -19,7 +19,7 @@ class OfTarget:
         self.size, self.seed = target.size, target.seed
         self.coordinates: BoolArray = target.coordinates
         self.values, self.errors = target.data.values, target.data.errors
-        self.add_noise = target.data.add_noise or small
+        self.add_noise, self.is_ln_likelihood = target.data.add_noise or small, False
 
     def from_unit(self, u: Array) -> Array:
         """Return the parameters (..., d) at fractions u (..., d) of their priors."""
@@ -55,6 +55,7 @@ class LikelihoodOnly:
         self.size, self.seed = problem.size, problem.seed
         self.coordinates: BoolArray = np.ones(problem.size, dtype=bool)
         self.values, self.errors, self.add_noise = np.zeros(1), np.ones(1), False
+        self.is_ln_likelihood = True
         self.from_unit, self.ln_prior = problem.from_unit, problem.ln_prior
         self.time_left, self.expect = problem.time_left, problem.expect
 

@@ -2,16 +2,50 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from streamkit import Array, IntArray
-from streamkit.builtin.samplers.monomials import monomials
+from streamkit.builtin.samplers.monomials import differentiated, monomials
 
+# From places x (n, c): values (n, m), and their slopes (n, c, m).
+Slopes = Callable[[Array], tuple[Array, Array]]
+# Singular values of coefficients below this fraction of the largest are left out.
+NEGLIGIBLE = 1e-6
 # Leverage of a point on its own fit, at most: a point beyond would decide its fit alone.
 HEAVIEST = 0.95
+
+
+class Low(NamedTuple):
+    """Coefficients (terms, k), as a product of two thinner matrices where that is less work."""
+
+    left: Array
+    right: Array | None = None
+
+    @classmethod
+    def of(cls, coefficients: Array) -> Low:
+        """Take coefficients apart where they have a low rank."""
+        if min(coefficients.shape) < 8:
+            return cls(coefficients)
+        u, s, v = np.linalg.svd(coefficients, full_matrices=False)
+        rank = int(np.sum(s > NEGLIGIBLE * s[0])) or 1
+        if rank * sum(coefficients.shape) >= coefficients.size:
+            return cls(coefficients)
+        return cls(np.ascontiguousarray(u[:, :rank] * s[:rank]), np.ascontiguousarray(v[:rank]))
+
+    @property
+    def whole(self) -> Array:
+        """(terms, k) The coefficients."""
+        return self.left if self.right is None else self.left @ self.right
+
+    def at(self, terms: Array) -> Array:
+        """(n, k) The polynomials with terms (n, t)."""
+        first = terms @ self.left
+        return np.asarray(first if self.right is None else first @ self.right)
 
 
 @dataclass(frozen=True)
@@ -62,6 +96,21 @@ class Polynomial:
     def terms(self, x: Array) -> Array:
         """(n, terms) The monomials at x (n, c)."""
         return monomials(x, self.degree)
+
+    def along(self, coefficients: Low) -> Slopes:
+        """Return polynomials with coefficients (terms, m), and their slopes, as a function of x."""
+        slope_coefficients: Array | None = None
+
+        def slopes(x: Array) -> tuple[Array, Array]:
+            nonlocal slope_coefficients
+            if slope_coefficients is None:
+                slope_coefficients = differentiated(coefficients.left, x.shape[1], self.degree)
+            terms = self.terms(x)
+            lower, c, k = slope_coefficients.shape
+            along = (terms[:, :lower] @ slope_coefficients.reshape(lower, c * k)).reshape(-1, c, k)
+            return coefficients.at(terms), along if coefficients.right is None else along @ coefficients.right
+
+        return slopes
 
     def unseen(self, terms: Array) -> Array:
         """(n,) Zero: a polynomial is all in its terms."""

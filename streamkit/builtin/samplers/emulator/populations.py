@@ -1,45 +1,48 @@
-"""Two populations of a joint posterior that start apart: walked until they agree, and long enough.
+"""Two populations of a posterior that start apart: walked until they agree, and long enough.
 
 Each begins from its own places, at a small inverse temperature, and comes to the posterior in stages (sequential Monte
-Carlo: Del Moral, Doucet & Jasra 2006). Weights move walkers from one mode to another there, as no walk would. Both then
-walk on, with moves that no longer change. Rank-normalised R-hat over both, and over both halves of their walks, says
-whether they are samples of one distribution (Vehtari et al. 2021): of all coordinates and of the principal axes of
-those that a factor depends on, means and widths.
+Carlo: Del Moral, Doucet & Jasra 2006). Weights move walkers from one mode to another there, as no walk would. Some of
+both then walk on, with moves that no longer change. Rank-normalised R-hat over both, and over both halves of their
+walks, says whether they are samples of one distribution (Vehtari et al. 2021): of all coordinates and of the principal
+axes of those that a factor depends on, means and widths.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from streamkit import Array, IntArray, StreamkitError
-from streamkit.builtin.samplers.emulator.block_moves import BlockMoves
-from streamkit.builtin.samplers.emulator.joint_density import JointDensity, Layout, Terms
+from streamkit.builtin.samplers.emulator.density import Density, Layout, Terms
+from streamkit.builtin.samplers.emulator.moves import Moves
 
-# Walkers of a population.
-WALKERS = 320
+# Walkers of a population of one posterior; of K factors it has that divided by K, and so many at least.
+WALKERS, LEAST_WALKERS = 1000, 400
 # Fraction of the walkers that the weights of a stage leave, and the sweeps of a stage.
-EFFECTIVE, SWEEPS = 0.5, 5
+EFFECTIVE, STAGE = 0.5, 10
 # Stages after which inverse temperatures rise by equal factors, and the factor of the first in them.
 MOST_STAGES = 24
-# Sweeps until moves are fixed, for new moves every `SWEEPS`; and of the first walk with fixed moves.
-SETTLING, FIRST = 20, 60
+# New moves are made every so many sweeps until they are fixed.
+RENEWED = 5
+# Walkers of a population that walk on, sweeps of their first walk, and their most sweeps. Thin ends of a posterior fill
+# slowly, and a walk of fewer sweeps does not show that they are missing.
+WALKING, FIRST, MOST_SWEEPS = 64, 300, 4000
 # Largest R-hat over both populations, fewest autocorrelation times of a walk, and fewest independent samples.
 # R-hat of 1.004 is a difference of means of 0.15 standard deviations: their common mean is off by half of it.
-R_HAT, TIMES, INDEPENDENT = 1.004, 10.0, 2000
+R_HAT, TIMES, INDEPENDENT = 1.004, 16.0, 2000
+# Those of an answer that fresh calls only test.
+TESTED_TIMES, TESTED_INDEPENDENT = 10.0, 1000
 # A sum of autocorrelations ends at so many times (Sokal 1997).
 WINDOW = 5.0
-# Places of both walks that the moves of the next ones are made from.
-ARCHIVE = 6000
-# Walkers of a population that go on where the first walk was too short.
-WALKING = 256
-# How often a walk may be doubled.
-DOUBLED = 5
+# Quantities whose autocorrelations are computed at a time.
+AT_A_TIME = 16
+# Last places of a population, at least.
+LAST = 256
 # In a round, from where the last one ended: walkers, sweeps until moves are fixed and after, sweeps of a tempered copy.
-ROUND_WALKERS, ROUND_SETTLING, ROUND_SWEEPS, TEMPERED = 128, 10, 20, 20
+ROUND_WALKERS, ROUND_SETTLING, ROUND_SWEEPS, TEMPERED = 128, 10, 20, 15
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,13 +56,15 @@ class Populations:
     terms
         Of the samples.
     last
-        (2, w, d) the last places of both.
+        (2, n, d) the last places of both.
     r_hat, time, independent
         The largest R-hat over both, the longest autocorrelation time in sweeps, and the number of independent samples.
     sweeps, evaluations
         Of both walks, at inverse temperature 1 with fixed moves; and the evaluations of one factor in all.
     accepted
-        Fractions of accepted steps, of the shared coordinates and of the own ones.
+        (4,) fractions of accepted steps, as in `Moves`.
+    agree
+        Whether both are samples of one distribution, and there are enough of them.
     """
 
     samples: Array
@@ -70,80 +75,63 @@ class Populations:
     independent: float
     sweeps: int
     evaluations: int
-    accepted: tuple[float, float]
-
-    @property
-    def agree(self) -> bool:
-        """Whether both are samples of one distribution, and there are enough of them."""
-        return self.r_hat < R_HAT and self.sweeps > TIMES * self.time and self.independent > INDEPENDENT
+    accepted: Array
+    agree: bool
 
 
-class Moves(Protocol):
-    """Moves that do not change, made from a population.
+class Population:
+    """One population: places (w, d) with their terms, at an inverse temperature.
 
-    Attributes
-    ----------
-    accepted, sweeps
-        (2,) sums of the fractions of accepted steps of two kinds, and the sweeps.
-    steps
-        Evaluations of the density for each walker in a sweep.
+    Raises StreamkitError where no place to begin from has a probability.
     """
 
-    accepted: Array
-    sweeps: int
-    steps: int
-
-    def sweep(
-        self, density: JointDensity, y: Array, terms: Terms, beta: float, rng: np.random.Generator
-    ) -> tuple[Array, Terms]:
-        """Move walkers (w, d) with these terms; return the new places and their terms."""
-
-
-MakeMoves = Callable[[Layout, Array], Moves]
-
-
-class _Population:
-    """One population: places (w, d) with their terms, at an inverse temperature."""
-
-    def __init__(
-        self, density: JointDensity, begin: Array, rng: np.random.Generator, walkers: int, moves: MakeMoves
-    ) -> None:
-        self._density, self._rng, self._walkers, self._moves = density, rng, walkers, moves
+    def __init__(self, density: Density, begin: Array, rng: np.random.Generator) -> None:
+        self._density, self._rng = density, rng
+        self.layout = density.layout
         terms = density.terms(begin)
         there = np.isfinite(terms.total(1.0))
         if there.sum() < 2:
             raise StreamkitError(f"of {len(begin)} places to begin from only {there.sum()} have a probability")
-        self.y, self.terms, self.beta = begin[there], terms.take(there), 0.0
+        self.z, self.terms, self.beta = begin[there], terms.take(there), 0.0
         self.evaluations = len(begin)
 
-    def continue_at(self, beta: float) -> None:
-        """Begin at an inverse temperature, with some of the places."""
-        self._take(self._rng.permutation(len(self.y))[: self._walkers])
+    def choose(self, walkers: int, beta: float) -> Population:
+        """Take some of the places by their density at an inverse temperature (Gumbel's way), and begin there."""
+        keys = self.terms.total(beta) + self._rng.gumbel(size=len(self.z))
+        self._take(np.argsort(-keys)[:walkers])
         self.beta = beta
+        return self
 
-    def anneal(self, sweeps: int) -> None:
+    def at(self, walkers: int, beta: float) -> Population:
+        """Take some of the places, which are samples at an inverse temperature."""
+        self._take(self._rng.permutation(len(self.z))[:walkers])
+        self.beta = beta
+        return self
+
+    def anneal(self, walkers: int, sweeps: int) -> Population:
         """Come to inverse temperature 1 in stages of so many sweeps."""
         slowest = 0.0
         for stage in range(10 * MOST_STAGES):
-            wanted = self._next_beta()
+            wanted = self._next_beta(walkers)
             if stage == 0:
                 slowest = wanted ** (-1 / MOST_STAGES)
             weights = np.exp(self._ln_weights(wanted))
-            self._take(_systematic(weights, self._walkers, self._rng))
+            self._take(_systematic(weights, walkers, self._rng))
             # a stage at least as long as equal factors make it: the walk does what the weights cannot
             self.beta = min(max(wanted, self.beta * slowest if stage >= MOST_STAGES // 2 else 0.0), 1.0)
             self.settle(sweeps)
             if self.beta >= 1:
-                return
+                break
+        return self
 
     def _ln_weights(self, beta: float) -> Array:
         lnw = (beta - self.beta) * self.terms.ln_likelihood.sum(axis=1)
         return np.asarray(lnw - lnw.max())
 
-    def _next_beta(self) -> float:
+    def _next_beta(self, walkers: int) -> float:
         """Return the inverse temperature whose weights leave the fraction `EFFECTIVE` of the walkers, by bisection."""
         low, high = self.beta, 1.0
-        wanted = EFFECTIVE * min(self._walkers, len(self.y))
+        wanted = EFFECTIVE * min(walkers, len(self.z))
 
         def left(beta: float) -> float:
             weights = np.exp(self._ln_weights(beta))
@@ -156,47 +144,57 @@ class _Population:
             low, high = (middle, high) if left(middle) >= wanted else (low, middle)
         return max(low, 1e-9)
 
+    def joined(self, other: Population, walkers: int) -> Population:
+        """Return some walkers of this one and as many of another one at the same inverse temperature, as one."""
+        count = min(walkers, len(self.z), len(other.z))
+        both, mine, its = copy(self), self.z[:count], other.z[:count]
+        both.z, rows = np.concatenate([mine, its]), np.arange(count)
+        pairs = zip(self.terms.take(rows), other.terms.take(rows), strict=True)
+        both.terms = Terms(*(np.concatenate(pair) for pair in pairs))
+        both.evaluations = self.evaluations + other.evaluations
+        return both
+
     def _take(self, rows: IntArray) -> None:
-        self.y, self.terms = self.y[rows], self.terms.take(rows)
+        self.z, self.terms = self.z[rows], self.terms.take(rows)
 
-    def settle(self, sweeps: int) -> None:
-        """Walk, with new moves every `SWEEPS` sweeps."""
+    def moves(self, places: Array | None = None) -> Moves:
+        """Return moves made from these places (n, d), or from those of the population."""
+        places = self.z if places is None else places
+        return Moves(self.layout, places, self._rng)
+
+    def settle(self, sweeps: int) -> Population:
+        """Walk, with new moves every `RENEWED` sweeps."""
         for done in range(sweeps):
-            if done % SWEEPS == 0:
-                moves = self._moves(self._density.layout, self.y)
-            self.sweep(moves)
+            if done % RENEWED == 0:
+                moves = self.moves()
+            self._sweep(moves)
+        return self
 
-    def thin(self, walkers: int) -> None:
-        """Go on with some of the walkers, at random."""
-        self._take(self._rng.permutation(len(self.y))[:walkers])
+    def _sweep(self, moves: Moves) -> None:
+        self.z, self.terms = moves.sweep(self._density, self.z, self.terms, max(self.beta, 1e-9), self._rng)
+        self.evaluations += 4 * len(self.z) * self.terms.ln_likelihood.shape[1]
 
-    def sweep(self, moves: Moves) -> None:
-        """Walk one sweep."""
-        self.y, self.terms = moves.sweep(self._density, self.y, self.terms, max(self.beta, 1e-9), self._rng)
-        self.evaluations += moves.steps * len(self.y) * self.terms.ln_likelihood.shape[1]
-
-    def walk(self, sweeps: int, learned_from: Array) -> tuple[Array, list[Terms], Moves]:
-        """Return the places (sweeps, w, d) and terms of a walk with fixed moves, made from places (n, d)."""
-        moves = self._moves(self._density.layout, learned_from)
-        places, terms = np.empty((sweeps, *self.y.shape)), []
+    def walk(self, sweeps: int, moves: Moves) -> tuple[Array, list[Terms]]:
+        """Return the places (sweeps, w, d) and terms of a walk with moves that do not change."""
+        places, terms = np.empty((sweeps, *self.z.shape)), []
         for i in range(sweeps):
-            self.sweep(moves)
-            places[i] = self.y
+            self._sweep(moves)
+            places[i] = self.z
             terms.append(self.terms)
-        return places, terms, moves
+        return places, terms
 
 
 def sample(
-    density: JointDensity,
+    density: Density,
     begin: Sequence[Array],
     seed: list[int],
-    walkers: int = WALKERS,
-    doubled: int = DOUBLED,
-    moves: MakeMoves = BlockMoves,
-    stage: int = SWEEPS,
+    beta: float = 0.0,
+    walkers: int | None = None,
     times: float = TIMES,
+    independent: float = INDEPENDENT,
+    most_sweeps: int = MOST_SWEEPS,
 ) -> Populations:
-    """Sample a joint posterior by two populations.
+    """Sample a posterior by two populations.
 
     Parameters
     ----------
@@ -206,90 +204,91 @@ def sample(
         (n, d) places from which each population begins.
     seed
         Of all random numbers.
+    beta
+        Inverse temperature that the places are samples at; 0 for any places.
     walkers
-        Of each population.
-    doubled
-        How often a walk may be doubled until the populations agree.
-    moves
-        Makes the moves of a population from its layout and places (n, d).
-    stage
-        Sweeps of a stage on the way to the posterior.
-    times
-        Autocorrelation times after which the walks end; fewer, down to `TIMES`, will do where they are doubled no more.
+        Of each population until it comes to the posterior.
+    times, independent
+        Autocorrelation times of a walk, and independent samples of both, at least.
+    most_sweeps
+        Sweeps of a walk at most.
 
     Raises StreamkitError where no place has a probability.
     """
-    populations = [
-        _Population(density, places, np.random.default_rng([*seed, i]), walkers, moves)
-        for i, places in enumerate(begin)
-    ]
+    walkers = walkers or max(WALKERS // max(len(density.layout.own), 1), LEAST_WALKERS)
+    populations = [Population(density, places, np.random.default_rng([*seed, i])) for i, places in enumerate(begin)]
     for each in populations:
-        each.anneal(stage)
-        each.settle(SETTLING)
-    sweeps, rng = FIRST, np.random.default_rng([*seed, 2])
-    places = np.concatenate([each.y for each in populations])
-    for trial in range(doubled + 1):
-        # both learn the moves from both: what one has lost, the other may have kept
-        walks = [each.walk(sweeps, places) for each in populations]
-        chains = np.stack([places for places, _, _ in walks])
-        result = _judged(density.layout, chains, walks, populations)
-        if (result.agree and sweeps > times * result.time) or trial == doubled:
-            break
-        places = rng.choice(chains.reshape(-1, chains.shape[3]), ARCHIVE, replace=False)
-        for each in populations:  # few walkers go far at the price of many that do not
-            each.thin(WALKING)
-        sweeps *= 2
-    return result
+        if beta > 0:
+            each.at(walkers, beta)
+        each.anneal(walkers, STAGE)
+    # both learn the moves from both: what one has lost, the other may have kept
+    both = populations[0].joined(populations[1], WALKING)
+    moves = both.moves(np.concatenate([each.z for each in populations]))
+    parts = []
+    more = sweeps = min(FIRST, most_sweeps)
+    while True:
+        parts.append(both.walk(more, moves))
+        result = _judged(both, moves, parts, times, independent)
+        if result.agree or sweeps >= most_sweeps:
+            return result
+        wanted = max(times * result.time, sweeps * independent / max(result.independent, 1.0))
+        more = min(max(int(1.1 * wanted) - sweeps, sweeps // 4), sweeps, most_sweeps - sweeps)
+        sweeps += more
 
 
-def go_on(density: JointDensity, begin: Array, seed: list[int], moves: MakeMoves = BlockMoves) -> Populations:
+def go_on(density: Density, begin: Array, seed: list[int]) -> Populations:
     """Walk shortly from where two populations (2, w, d) ended, with another density that is nearly the same."""
-    populations = []
-    for i, places in enumerate(begin):
-        each = _Population(density, places, np.random.default_rng([*seed, i]), ROUND_WALKERS, moves)
-        each.continue_at(1.0)
-        each.settle(ROUND_SETTLING)
-        populations.append(each)
-    walks = [each.walk(ROUND_SWEEPS, each.y) for each in populations]
-    return _judged(density.layout, np.stack([places for places, _, _ in walks]), walks, populations)
+    one, other = (Population(density, places, np.random.default_rng([*seed, i])) for i, places in enumerate(begin))
+    both = one.at(ROUND_WALKERS, 1.0).joined(other.at(ROUND_WALKERS, 1.0), ROUND_WALKERS).settle(ROUND_SETTLING)
+    moves = both.moves()
+    return _judged(both, moves, [both.walk(ROUND_SWEEPS, moves)], TIMES, INDEPENDENT)
 
 
-def tempered(density: JointDensity, begin: Array, beta: float, seed: list[int]) -> Array:
-    """(n, d) Walk shortly from places (2, w, d) at an inverse temperature; return the last half of the walk."""
-    rng = np.random.default_rng(seed)
-    each = _Population(density, begin.reshape(-1, begin.shape[2]), rng, 2 * ROUND_WALKERS, BlockMoves)
-    each.continue_at(beta)
-    each.settle(TEMPERED)
-    places, _, _ = each.walk(TEMPERED // 2, each.y)
-    return places.reshape(-1, places.shape[2])
+def tempered(density: Density, begin: Array, beta: float, seed: list[int]) -> Array:
+    """(2, n, d) Walk shortly from places (2, w, d) at an inverse temperature; return the last half of the walks."""
+    one, other = (Population(density, places, np.random.default_rng([*seed, i])) for i, places in enumerate(begin))
+    both = one.at(ROUND_WALKERS, beta).joined(other.at(ROUND_WALKERS, beta), ROUND_WALKERS).settle(TEMPERED)
+    places, _ = both.walk(TEMPERED // 2, both.moves())
+    return np.stack([each.reshape(-1, places.shape[2]) for each in np.split(places, 2, axis=1)])
 
 
 def _judged(
-    layout: Layout, chains: Array, walks: list[tuple[Array, list[Terms], Moves]], populations: list[_Population]
+    both: Population, moves: Moves, parts: Sequence[tuple[Array, list[Terms]]], times: float, independent: float
 ) -> Populations:
-    """Say how well both agree, from their walks (2, sweeps, w, d)."""
-    _, sweeps, walkers, d = chains.shape
-    samples = chains.reshape(-1, d)
-    watched = with_block_axes(layout, samples).reshape(2, sweeps, walkers, -1)
-    both = np.concatenate(list(watched), axis=1)
-    time = float(autocorrelation_times(both).max())
-    terms = [each for _, steps, _ in walks for each in steps]
-    joined = Terms(*(np.concatenate(parts) for parts in zip(*terms, strict=True)))
-    accepted = np.mean([moves.accepted / max(moves.sweeps, 1) for _, _, moves in walks], axis=0)
+    """Say how well two populations agree that have walked as one, in parts; each is a half of the walkers."""
+    walked = np.concatenate([places for places, _ in parts])
+    sweeps, walkers, d = walked.shape
+    watched = with_block_axes(both.layout, walked.reshape(-1, d)).reshape(sweeps, walkers, -1)
+    time = float(autocorrelation_times(watched).max())
+    samples = np.concatenate([each.reshape(-1, d) for each in np.split(walked, 2, axis=1)])
+    halves = np.split(np.arange(walkers), 2)
+    terms = [each.take(half) for half in halves for _, part in parts for each in part]
+    last = np.split(walked[(-2 * LAST) // walkers :], 2, axis=1)
+    r_hat, count = agreement(np.stack(np.split(watched, 2, axis=1))), len(samples) / time
     return Populations(
-        samples, joined, chains[:, -1], agreement(watched), time, len(samples) / time, sweeps,
-        sum(each.evaluations for each in populations), (float(accepted[0]), float(accepted[1])),
+        samples, Terms(*(np.concatenate(each) for each in zip(*terms, strict=True))),
+        np.stack([each.reshape(-1, d) for each in last]), r_hat, time, count, sweeps, both.evaluations,
+        moves.accepted / max(moves.sweeps, 1),
+        bool(r_hat < R_HAT and sweeps > times * time and count > independent),
     )  # fmt: skip
 
 
 def autocorrelation_times(chain: Array) -> Array:
-    """(q,) Integrated autocorrelation times in sweeps of walks (sweeps, w, q) of many walkers.
+    """(q,) Integrated autocorrelation times in sweeps of walks (sweeps, w, q) of many walkers: of values and squares.
 
     Deviations are those from the mean of all walkers. A short walk then shows a long time: each walker about its own
-    mean would hide what is slower than the walk. It is infinite for a quantity that no walker has changed.
+    mean would hide what is slower than the walk. It is infinite for a quantity that no walker has changed, and 0 where
+    all have one value.
     """
+    q = chain.shape[2]
+    return np.concatenate([_times(chain[:, :, i : i + AT_A_TIME]) for i in range(0, q, AT_A_TIME)])
+
+
+def _times(chain: Array) -> Array:
     sweeps, _, q = chain.shape
     away = chain - chain.mean(axis=(0, 1))
+    squares = away**2
+    away = np.concatenate([away, squares - squares.mean(axis=(0, 1))], axis=2)
     spectrum = np.fft.rfft(away, 2 * sweeps, axis=0)
     together = np.fft.irfft(np.mean(np.abs(spectrum) ** 2, axis=1), axis=0)[:sweeps]
     together /= np.arange(sweeps, 0, -1)[:, None]  # each lag has its own number of pairs
@@ -297,7 +296,7 @@ def autocorrelation_times(chain: Array) -> Array:
         sums = 2 * np.cumsum(together / together[0], axis=0) - 1
     inside = np.arange(sweeps)[:, None] < WINDOW * sums  # a sum ends at the first lag outside, or with the walk
     ends = np.where(inside.all(axis=0), sweeps - 1, np.argmin(inside, axis=0))
-    times = np.nan_to_num(sums[ends, np.arange(q)], nan=np.inf)
+    times = np.nan_to_num(sums[ends, np.arange(2 * q)], nan=np.inf).reshape(2, q).max(axis=0)
     return np.where(np.ptp(chain, axis=(0, 1)) > 0, np.maximum(times, 1.0), 0.0)
 
 

@@ -52,6 +52,8 @@ class Problem(Protocol):
         (m,) the data and their standard errors, the units of the fit; NaN for no datum.
     add_noise
         Whether the run file adds the model's own variance to that of the data.
+    is_ln_likelihood
+        Whether the only prediction is ln likelihood itself.
     """
 
     size: int
@@ -60,6 +62,7 @@ class Problem(Protocol):
     values: Array
     errors: Array
     add_noise: bool
+    is_ln_likelihood: bool
 
     def from_unit(self, u: Array) -> Array:
         """Return the parameters (..., d) at fractions u (..., d) of their priors."""

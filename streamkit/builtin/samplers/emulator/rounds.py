@@ -1,247 +1,358 @@
-"""The rounds: calls at samples of the emulated posterior, until it has settled and fresh calls confirm it."""
+"""The algorithm: an emulator for each stream, and the posterior of all sampled on them.
+
+1. Each factor starts alone, the data of the host first: what they say of the host is part of the prior of all others.
+2. Two populations come from places of these starts to the emulated posterior.
+3. Rounds: each factor that is not known yet is called at places of the posterior and of tempered copies of it, and
+   learns from its calls.
+4. Where the posterior has settled, two populations sample it to its end, from independent starts. Fresh calls test each
+   factor there, and the sum of what they would change; other calls look where the emulators know nothing.
+5. All calls are learned from, and the posterior is sampled anew: what was tested and what is given must agree.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import emcee
 import numpy as np
 
-from streamkit import Array, StreamkitError
-from streamkit.builtin.samplers.emulator.agreement import MISSED, missed_by
+from streamkit import Array, IntArray
 from streamkit.builtin.samplers.emulator.calls import Calls
-from streamkit.builtin.samplers.emulator.certificate import Certificate, certify, fresh_calls
-from streamkit.builtin.samplers.emulator.changes import moved_by, uncertainty
-from streamkit.builtin.samplers.emulator.coordinates import Space
-from streamkit.builtin.samplers.emulator.emulated import Emulated
+from streamkit.builtin.samplers.emulator.certificate import (
+    BLURRED,
+    MOVED,
+    blur_of,
+    certify,
+    changes_by_trend,
+    fresh_calls,
+)
+from streamkit.builtin.samplers.emulator.changes import change_of, changes_of, difference, every_so_often, with_axes
+from streamkit.builtin.samplers.emulator.density import Factor, Joint
 from streamkit.builtin.samplers.emulator.pairs import paired
-from streamkit.builtin.samplers.emulator.problem import Problem
-from streamkit.builtin.samplers.emulator.start import ARRIVED, Arrival, arrive, doubt_of, walkers_for
-from streamkit.builtin.samplers.emulator.walk import walk
+from streamkit.builtin.samplers.emulator.populations import (
+    TESTED_INDEPENDENT,
+    TESTED_TIMES,
+    Populations,
+    go_on,
+    sample,
+    tempered,
+)
+from streamkit.builtin.samplers.emulator.recall import Recall, recall
+from streamkit.builtin.samplers.emulator.start import ARRIVED, SOME, Known, Starter, begin_apart, doubt_of
 
 # Inverse temperatures of the copies that new points come from, and the share of each. Tempered ones see regions where
 # the emulator may be too low.
 COPIES = ((1.0, 0.5), (0.5, 0.25), (0.25, 0.25))
-# New points of a round for each parameter, and in any case.
-ROUND, LEAST_ROUND = 8, 80
-# Calls of the full model where the starts have arrived, for each parameter and in any case.
-FIRST, LEAST_FIRST = 16, 160
+# New points of a round for each parameter, in any case, and as a fraction of all calls so far.
+ROUND, LEAST_ROUND, GROWTH = 8, 80, 0.15
 # Fraction of a round's new points of the posterior that are pairs: two calls at one place differ by their noise alone.
 PAIRED = 0.5
-# Steps of the walks of a round, of which the first are not used.
-STEPS, SETTLING = 120, 40
 # Standard deviations that a parameter, or a principal axis, may move between an emulator and those of so many rounds
 # before, and the fraction by which its width may change.
 SETTLED, ROUNDS = 0.1, 2
-# Largest standard error of a mean or a width, in standard deviations, that the noise of the calls may leave.
-UNCERTAIN = 0.1
-# Steps of the walk that gives the answer, of which the first are not used. It goes on until it has given so many
-# independent samples, which leave a median uncertain by 0.03 standard deviations, or for so many steps.
-LAST_STEPS, LAST_SETTLING, INDEPENDENT, MOST_STEPS = 500, 100, 1600, 4000
-# Samples of the last round that the walkers of the answer begin from.
-POOL = 4000
-# Starts that must have seen all of the posterior, and how many are made for that at most.
-AGREEING, MOST_STARTS = 2, 4
+# The same between the posterior that fresh calls have tested and the one that is given: two sets of samples differ by
+# 0.1 by chance.
+CHANGED = 0.15
+# Largest standard error of a mean or a width, in standard deviations, that the noise of the calls may leave; the part
+# of it, squared, that one of K factors may have without new calls is this divided by K.
+UNCERTAIN, SHARE = 0.1, 0.5
+# Emulators of each factor that the noise of its calls could have given as well.
+REDRAWN = 16
+# Fraction of trends by chance that may be larger than one that counts.
+LEVEL = 0.05
+# Starts that must have seen all of the posterior, how many are made for that at most, and what one may miss.
+AGREEING, MOST_STARTS, MISSED = 2, 4, 0.05
+# Factor by which the covariance of the warm copy is widened for the tilt of the weights.
+WIDER = 2.0
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far the rounds are.
+    """How far the sampling is.
 
     Attributes
     ----------
-    calls
-        All calls with the full model.
-    emulated
-        The emulated posterior.
-    samples
-        (n, d) coordinates sampled from it.
-    uncertain
-        How uncertain the noise of the calls leaves a mean, in standard deviations, or a width, as a fraction.
-    certificate
-        What fresh calls say; None before the end.
+    known
+        What is known of each factor.
+    joint
+        The emulated posterior of all.
+    populations
+        Samples of it.
+    moved, uncertain
+        In standard deviations: since `ROUNDS` rounds ago, and by the noise of all calls.
+    trend, trend_by_chance
+        What the trends of the fresh calls of all factors would move together; NaN before they are made.
+    recall
+        What calls find where the emulators know nothing; None before they are made.
     missing
         What is still asked for; empty if nothing is.
     """
 
-    calls: Calls
-    emulated: Emulated
-    samples: Array
+    known: Sequence[Known]
+    joint: Joint
+    populations: Populations
+    moved: float
     uncertain: float
-    certificate: Certificate | None
-    missing: str
+    trend: float = np.nan
+    trend_by_chance: float = np.nan
+    recall: Recall | None = None
+    missing: str = ""
 
 
 class Rounds:
-    """The sampling from its start to its certificate.
+    """The sampling from the starts of all factors to their certificates.
 
     Parameters
     ----------
-    problem, cheap
-        The posterior with all particles, and with few of them for the start.
+    factors
+        The factors; those without parameters of their own, the data of the host, may stand anywhere.
     noise
         Whether the variance of one call is part of the likelihood.
     starts
-        Independent ones: a mode that one of them has missed is found by another.
+        Independent ones of each factor: two populations begin from different ones.
     note
         Called with a line about the progress.
+    together
+        Called with parameters (n, p) by factor before each factor is called at them: all may be called at a time.
     """
 
     def __init__(
         self,
-        problem: Problem,
-        cheap: Problem,
+        factors: Sequence[Factor],
         noise: bool,
         starts: int = AGREEING,
         note: Callable[[str], None] = lambda _: None,
+        together: Callable[[Mapping[str, Array]], None] = lambda _: None,
     ) -> None:
-        self._problem, self._cheap, self._noise, self._note = problem, cheap, noise, note
-        self._space, self._rng = Space(problem), np.random.default_rng([problem.seed, 2])
-        self._arrivals = [self._start(i) for i in range(starts)]
-        self._agreeing = min(AGREEING, starts)
-        self._calls = self._evaluated(self._arrivals)
-        places = np.concatenate([each.places[-walkers_for(problem.size) :] for each in self._arrivals])
-        self._pools = {beta: places for beta, _ in COPIES}
-        self._before: list[Emulated] = []
+        self._factors, self._noise, self._note, self._together = tuple(factors), noise, note, together
+        self._starts_of_each, self._starter = starts, Starter(noise, note)
+        self._seed = factors[0].problem.seed
 
     def run(self, max_calls: int) -> Iterator[Progress]:
-        """Yield how far the sampling is after every round; the last is the result.
+        """Yield how far the sampling is after every round; ``max_calls`` are those of each factor.
 
         Raises StreamkitError where too few calls with all particles give a prediction.
         """
+        known = self._starter.all(self._factors, self._starts_of_each, max_calls)
+        result: Populations | None = None
         turn = 0
         while True:
-            emulator = self._calls.learn()
-            if emulator is None:
-                self._calls += self._between(max_calls)
-                continue
-            emulated = Emulated(self._space, emulator, self._noise)
-            copies = [self._walk(emulated, beta, turn, i) for i, (beta, _) in enumerate(COPIES)]
-            samples = copies[0]
-            moved = moved_by(self._before, emulated, samples) if len(self._before) == ROUNDS else np.inf
-            doubt = doubt_of(emulated, samples)
-            uncertain = uncertainty(emulated, samples, self._rng)
-            self._before = [*self._before, emulated][-ROUNDS:]
-            self._note(
-                f"{len(self._calls)} calls, moved {moved:.2f} sd, uncertain by {uncertain:.2f} sd, the emulator doubts "
-                f"{doubt:.1f} in ln L"
-            )
-            certificate, missing = None, _missing(moved, uncertain, doubt)
-            tested: Emulated | None = None  # the emulator that the samples are independent samples of
-            if not missing:
-                missing = self._unseen(emulated, samples, turn)
-                if not missing:
-                    samples = self._last(emulated, samples, turn)  # independent ones: with few, chance moves more
-                    tested = emulated
-                    certificate = self._certify(emulated, samples)
-                    missing = "; ".join(certificate.faults)
-                if not missing:
-                    emulated, missing = self._with_all(emulated, samples)
-                self._note(missing or "certified")
-            over = len(self._calls) >= max_calls or self._problem.time_left() <= 0
-            if (not missing or over) and emulated is not tested:
-                samples = self._last(emulated, samples, turn)
-            yield Progress(self._calls, emulated, samples, uncertain, certificate, missing)
-            if not missing or over:
+            joint, seed = self._joint(known), [self._seed, 11, turn]
+            if result is None:
+                result = sample(joint, begin_apart(known), seed, most_sweeps=10)
+            result = go_on(joint, result.last, [*seed, 0])
+            copies = self._copies(joint, result, seed)
+            now = self._measured(known, joint, result, seed)
+            over = self._is_over(known, max_calls)
+            if not now.missing:
+                now = self._tested(known, now, copies, max_calls, seed)
+                result, over = now.populations, self._is_over(known, max_calls)
+                self._note(now.missing or "certified")
+            elif over:
+                now = replace(now, populations=sample(joint, self._begin(known, result), [*seed, 2]))
+            yield now
+            if not now.missing or over:
                 return
-            new = [self._some(places, share) for places, (_, share) in zip(copies, COPIES, strict=True)]
-            new[0] = paired(new[0], 0 if emulator.is_silent else int(PAIRED * len(new[0])) // 2)
-            self._calls += Calls.at(self._problem, self._space, np.concatenate(new))
+            self._call(known, copies, max_calls, seed)
+            self._learn(known, copies)
             turn += 1
 
-    def _start(self, number: int) -> Arrival:
-        return arrive(self._cheap, self._space, [self._problem.seed, 1, number], self._note)
+    # A round
 
-    def _evaluated(self, arrivals: list[Arrival]) -> Calls:
-        """Call the full model where starts have arrived."""
-        size = max(FIRST * self._problem.size, LEAST_FIRST) // len(arrivals)
-        places = [self._rng.permutation(each.places)[:size] for each in arrivals]
-        return Calls.at(self._problem, self._space, np.concatenate(places))
+    def _joint(self, known: Sequence[Known]) -> Joint:
+        return Joint(self._factors, [each.emulated for each in known])
 
-    def _between(self, max_calls: int) -> Calls:
-        """Call the full model between the places where the starts have arrived, which have too few predictions."""
-        if len(self._calls) >= max_calls or self._problem.time_left() <= 0:
-            raise StreamkitError(
-                f"too few predictions to learn from: of {len(self._calls)} calls with all particles only "
-                f"{int(self._calls.good.sum())} give a stream with observables, where streams of few particles have "
-                "them. Raise sampler.start_particles."
-            )
-        places = np.concatenate([each.places for each in self._arrivals])
-        size = max(ROUND * self._problem.size, LEAST_ROUND)
-        begin, one, other = places[self._rng.integers(len(places), size=(3, size))]
-        return Calls.at(self._problem, self._space, begin + self._rng.random((size, 1)) * (one - other))
+    def _copies(self, joint: Joint, result: Populations, seed: list[int]) -> list[Array]:
+        """Return samples (2, n, d) of the posterior and of its tempered copies, each walked to from the one before."""
+        copies = [result.samples.reshape(2, -1, result.samples.shape[1])]
+        for i, (beta, _) in enumerate(COPIES[1:]):
+            copies.append(tempered(joint, result.last if i == 0 else copies[-1], beta, [*seed, 1, i]))
+        return copies
 
-    def _walk(self, emulated: Emulated, beta: float, turn: int, copy: int) -> Array:
-        """(n, d) Sample the emulated posterior at an inverse temperature."""
-        d, seed = self._problem.size, [self._problem.seed, 3, turn, copy]
-        pool = np.concatenate([self._calls.y[self._calls.good], self._pools[beta]])
-        chain = emulated.sample(pool, walkers_for(d), STEPS, seed, beta)
-        self._pools[beta] = chain[-1]
-        return chain[SETTLING:].reshape(-1, d)
+    def _begin(self, known: Sequence[Known], result: Populations) -> list[Array]:
+        """Return two sets of places to come to the posterior anew: those of the starts, and the last ones."""
+        return [np.concatenate(pair) for pair in zip(begin_apart(known), result.last, strict=True)]
 
-    def _last(self, emulated: Emulated, samples: Array, turn: int) -> Array:
-        """(n, d) Sample the emulated posterior for long: independent samples."""
-        d, seed = self._problem.size, [self._problem.seed, 5, turn]
-        chain = emulated.sample(samples[-POOL:], 2 * walkers_for(d), LAST_STEPS, seed)
-        while len(answer := _independent(chain[LAST_SETTLING:])) < INDEPENDENT and len(chain) < MOST_STEPS:
-            more, _ = walk(emulated.ln_density, chain[-1], LAST_STEPS, [*seed, len(chain)])
-            chain = np.concatenate([chain, more])
-        return answer
+    def _call(self, known: Sequence[Known], copies: Sequence[Array], max_calls: int, seed: list[int]) -> None:
+        """Call each factor that is not learned at places of the posterior and of its copies."""
+        rng = np.random.default_rng([*seed, 4])
+        chosen: list[tuple[Known, Array]] = []
+        for each in [each for each in known if not self._is_learned(each)] or known:
+            if len(each.calls) >= max_calls:
+                continue
+            size = max(ROUND * each.factor.problem.size, LEAST_ROUND, int(GROWTH * len(each.calls)))
+            places = []
+            for (_, share), copy in zip(COPIES, copies, strict=True):
+                some = np.unique(copy.reshape(-1, copy.shape[2])[:, each.factor.columns], axis=0)  # a walker may rest
+                places.append(some[rng.choice(len(some), min(int(share * size), len(some)), replace=False)])
+            pairs = 0 if each.emulated.emulator.is_silent else int(PAIRED * len(places[0])) // 2
+            places[0] = paired(places[0], pairs)
+            chosen.append((each, np.concatenate(places)))
+        if len(known) > 1:
+            self._together({each.factor.name: each.calls.space.points(z) for each, z in chosen})
+        for each, z in chosen:
+            each.calls += Calls.at(each.factor.problem, each.calls.space, z)
 
-    def _some(self, places: Array, share: float) -> Array:
-        """Choose the share of a round's new points."""
-        size = int(share * max(ROUND * self._problem.size, LEAST_ROUND))
-        places = np.unique(places, axis=0)  # a walker that has rested is one place
-        return places[self._rng.choice(len(places), size, replace=False)]
+    def _is_learned(self, each: Known) -> bool:
+        """Whether a factor needs no more calls at the posterior, as far as is known."""
+        passed = each.certificate is None or not each.certificate.faults
+        return passed and each.doubt < ARRIVED and each.blur < BLURRED and each.share < SHARE * UNCERTAIN**2
 
-    def _certify(self, emulated: Emulated, samples: Array) -> Certificate:
-        """Compare the emulator with fresh calls, and keep these."""
-        fresh, trend = fresh_calls(emulated, self._problem, samples, self._rng)
-        self._calls += fresh
-        return certify(emulated, fresh, trend, samples, self._rng)
+    def _learn(self, known: Sequence[Known], copies: Sequence[Array]) -> None:
+        """Learn every factor from its calls: those at likely places count, by its ln L and what the others say of h."""
+        for each in known:
+            emulator = each.calls.learn(self._tilt(each, copies))
+            if emulator is not None:
+                each.emulated = replace(each.emulated, emulator=emulator)
 
-    def _with_all(self, emulated: Emulated, samples: Array) -> tuple[Emulated, str]:
-        """Learn from the fresh calls too; say how much that moves the posterior if it is too much."""
-        emulator = self._calls.learn()
-        assert emulator is not None  # noqa: S101  fewer calls were enough
-        learned = replace(emulated, emulator=emulator)
-        moved = moved_by([learned], emulated, samples)
-        if moved < SETTLED:
-            return learned, ""
-        return learned, f"the fresh calls move the posterior by {moved:.2f} standard deviations"
+    def _tilt(self, each: Known, copies: Sequence[Array]) -> Array | None:
+        """(n,) What all factors say of the hosts of a factor's calls, as a Gaussian; None for a single factor.
 
-    def _unseen(self, emulated: Emulated, samples: Array, turn: int) -> str:
-        """Say whether too few starts saw all of the posterior, and make another one then; empty if enough did."""
-        walkers, made = walkers_for(self._problem.size), len(self._arrivals)
-        missed = [
-            missed_by(each.places, emulated, samples, walkers, [self._problem.seed, 6, turn, i])
-            for i, each in enumerate(self._arrivals)
-        ]
-        seen = sum(each <= MISSED for each in missed)
-        if seen >= self._agreeing:
-            return ""
-        if made < MOST_STARTS:
-            self._note(f"{seen} of {made} starts saw all of the posterior: another one")
-            self._arrivals.append(self._start(made))
-            self._calls += self._evaluated(self._arrivals[-1:])
-        return f"only {seen} of {made} starts saw all of the posterior: there may be modes that none of them saw"
+        A stream in tension with the others is learned where the joint posterior is, and not where it alone would be.
+        """
+        shared = each.factor.shared
+        if len(self._factors) == 1 or not len(shared):
+            return None
+        h = copies[1].reshape(-1, copies[1].shape[2])[:, shared]
+        covariance = WIDER * np.atleast_2d(np.cov(h.T))
+        covariance[np.diag_indices(len(shared))] *= 1 + 1e-9
+        calls = each.calls.z[:, np.isin(each.factor.columns, shared)]
+        white = np.linalg.solve(np.linalg.cholesky(covariance), (calls - h.mean(axis=0)).T)
+        return np.asarray(-0.5 * np.sum(white**2, axis=0))
+
+    # What is known
+
+    def _measured(self, known: Sequence[Known], joint: Joint, result: Populations, seed: list[int]) -> Progress:
+        """Return how far the posterior has moved, what is uncertain, and what is missing before a test."""
+        samples = every_so_often(result.samples, 4 * SOME)
+        moved, uncertain = self._moved(known, joint, samples), self._uncertain(known, joint, samples, seed)
+        for each in known:
+            mine = samples[:, each.factor.columns]
+            each.doubt, each.blur = doubt_of(each.emulated, mine), blur_of(each.emulated, mine)
+            each.before = [*each.before, each.emulated][-ROUNDS:]
+        rows = ", ".join(f"{each.factor.name} {len(each.calls)} (error {each.doubt:.1f})" for each in known)
+        self._note(f"calls: {rows}; moved {moved:.2f} sd, uncertain by {uncertain:.2f} sd")
+        return Progress(known, joint, result, moved, uncertain, missing=_missing(known, moved, uncertain))
+
+    def _moved(self, known: Sequence[Known], joint: Joint, samples: Array) -> float:
+        """Return how much the posterior has moved since `ROUNDS` rounds ago; infinite before there are so many."""
+        if any(len(each.before) < ROUNDS for each in known):
+            return np.inf
+        here, moving = joint.ln_likelihoods(samples).sum(axis=1), with_axes(samples[:, self._watched()])
+        olds = [Joint(self._factors, [each.before[i] for each in known]) for i in range(ROUNDS)]
+        return max(change_of(moving, old.ln_likelihoods(samples).sum(axis=1) - here) for old in olds)
+
+    def _watched(self) -> IntArray:
+        """Indices of the coordinates that are asked for: the shared ones; all of a single factor."""
+        shared = self._factors[0].shared
+        return shared if len(shared) else self._factors[0].columns
+
+    def _uncertain(self, known: Sequence[Known], joint: Joint, samples: Array, seed: list[int]) -> float:
+        """Return what the noise of all calls leaves uncertain, in standard deviations; note each factor's share."""
+        rng = np.random.default_rng([*seed, 5])
+        some = every_so_often(samples, SOME)
+        moving = with_axes(some[:, self._watched()])
+        total: Array = np.zeros((2, moving.shape[1]))
+        for each in known:
+            mine = some[:, each.factor.columns]
+            here = each.emulated.ln_likelihood(mine)
+            others = (each.emulated.redrawn(rng).ln_likelihood(mine) - here for _ in range(REDRAWN))
+            variance = np.mean(np.square([changes_of(moving, change) for change in others]), axis=0)
+            each.share = len(known) * float(variance.max())
+            total += variance
+        return float(np.sqrt(total.max()))
+
+    def _is_over(self, known: Sequence[Known], max_calls: int) -> bool:
+        return all(len(each.calls) >= max_calls for each in known) or self._factors[0].problem.time_left() <= 0
+
+    # The end
+
+    def _tested(
+        self, known: Sequence[Known], now: Progress, copies: Sequence[Array], max_calls: int, seed: list[int]
+    ) -> Progress:
+        """Sample the posterior to its end, test it, learn from all calls, and sample it anew."""
+        tested = sample(now.joint, self._begin(known, now.populations), [*seed, 2],
+                        times=TESTED_TIMES, independent=TESTED_INDEPENDENT)  # fmt: skip
+        now = replace(now, populations=tested)
+        if fault := _apart(tested) or self._unseen(known, tested):
+            return replace(now, missing=fault)
+        trend, by_chance, faults = self._certified(known, tested, max_calls, seed)
+        warmest, beta = np.concatenate(list(copies[-1])), COPIES[-1][0]
+        beyond = recall(known, now.joint, np.concatenate([*tested.last, warmest]), warmest, beta, [*seed, 7])
+        self._learn(known, copies)
+        joint = self._joint(known)
+        given = sample(joint, list(tempered(joint, tested.last, beta, [*seed, 8])), [*seed, 3], beta)
+        change = difference(tested.samples[:, self._watched()], given.samples[:, self._watched()])
+        faults += [beyond.fault, _apart(given)]
+        if change >= CHANGED:
+            faults.append(f"what fresh calls have taught moves the posterior by {change:.2f} standard deviations")
+        missing = "; ".join(filter(None, faults))
+        return Progress(known, joint, given, now.moved, now.uncertain, trend, by_chance, beyond, missing)
+
+    def _unseen(self, known: Sequence[Known], result: Populations) -> str:
+        """Say whether too few starts of a factor saw all of the posterior, and make another one then."""
+        samples = every_so_often(result.samples, SOME)
+        for each in known:
+            wanted, mine = min(AGREEING, self._starts_of_each, len(each.starts)), samples[:, each.factor.columns]
+            lnl = each.emulated.ln_likelihood(mine)
+            made, seen = len(each.starts), sum(start.missed(mine, lnl) <= MISSED for start in each.starts)
+            if seen >= wanted:
+                continue
+            if made < MOST_STARTS:
+                self._note(f"{each.factor.name}: {seen} of {made} starts saw all of the posterior: another one")
+                self._starter.again(each)
+            return (f"only {seen} of {made} starts of {each.factor.name} saw all of the posterior: there may be modes "
+                    "that none of them saw")  # fmt: skip
+        return ""
+
+    def _certified(
+        self, known: Sequence[Known], result: Populations, max_calls: int, seed: list[int]
+    ) -> tuple[float, float, list[str]]:
+        """Test each factor by fresh calls, and keep these; return what all trends move, chance would, and faults."""
+        rng = np.random.default_rng([*seed, 6])
+        samples = every_so_often(result.samples, 4 * SOME)
+        trends, faults, some = [], [], every_so_often(samples, SOME)
+        level = 1 - LEVEL / len(known)
+        for each in known:
+            mine, left = samples[:, each.factor.columns], max_calls - len(each.calls)
+            fresh, trend = fresh_calls(each.emulated, each.factor.problem, mine, rng, level, left)
+            each.certificate = certify(each.emulated, fresh, trend, mine, rng, level)
+            faults += [f"{each.factor.name}: {fault}" for fault in each.certificate.faults]
+            each.calls += fresh
+            trends.append(changes_by_trend(each.emulated, fresh, some[:, each.factor.columns], rng))
+        moving, found = with_axes(some[:, self._watched()]), [each for each in trends if each is not None]
+        if not found:
+            return np.nan, np.nan, faults
+        measured, *tries = (change_of(moving, each) for each in np.sum(found, axis=0))  # (1 + tries, n)
+        by_chance = float(np.quantile(tries, 1 - LEVEL))
+        if len(known) > 1 and measured > max(MOVED, by_chance):
+            faults.append(f"trends of the residuals of all streams together move the posterior by {measured:.2f} "
+                          "standard deviations")  # fmt: skip
+        return measured, by_chance, faults
 
 
-def _independent(chain: Array) -> Array:
-    """(n, d) Take one place of every walker for each of the longest autocorrelation times of a chain (steps, w, d)."""
-    time = emcee.autocorr.integrated_time(chain, tol=0).max()
-    return chain[:: max(int(np.ceil(time)), 1)].reshape(-1, chain.shape[2])
-
-
-def _missing(moved: float, uncertain: float, doubt: float) -> str:
-    """Say what is missing before fresh calls may test an emulator."""
-    if doubt >= ARRIVED:
-        return f"the emulator's own error still changes ln L by {doubt:.1f}"
+def _missing(known: Sequence[Known], moved: float, uncertain: float) -> str:
+    """Say what is missing before fresh calls may test the emulators."""
+    worst = max(known, key=lambda each: each.doubt)
+    blurred = max(known, key=lambda each: each.blur)
+    if worst.doubt >= ARRIVED:
+        return f"the error of the emulator of {worst.factor.name} still changes ln L by {worst.doubt:.1f}"
     if not np.isfinite(moved):
         return "too few rounds"
+    if blurred.blur >= BLURRED:
+        return f"the error of the emulator of {blurred.factor.name} changes a mean or a width by {blurred.blur:.2f} sd"
     if moved >= SETTLED:
         return f"the posterior still moves by {moved:.2f} standard deviations"
     if uncertain >= UNCERTAIN:
         return f"the noise of the calls leaves a mean or a width uncertain by {uncertain:.2f} standard deviations"
     return ""
+
+
+def _apart(result: Populations) -> str:
+    """Say that two populations do not agree; empty if they do."""
+    if result.agree:
+        return ""
+    return (
+        f"two populations of the posterior do not agree, or are too short (R-hat {result.r_hat:.3f}, {result.sweeps} "
+        f"sweeps with an autocorrelation time of {result.time:.0f})"
+    )

@@ -12,9 +12,13 @@ from streamkit import Array, EmulatedLikelihood, Evaluations, Sampler, Samples, 
 from streamkit.builtin.samplers.emulator.of_target import LikelihoodOnly, OfTarget
 from streamkit.builtin.samplers.emulator.problem import Problem
 
-if TYPE_CHECKING:  # emcee and SciPy are slow to load
-    from streamkit.builtin.samplers.emulator.emulator import Predictions
+if TYPE_CHECKING:  # SciPy is slow to load
+    from streamkit.builtin.samplers.emulator.density import Factor
+    from streamkit.builtin.samplers.emulator.emulator import Emulator
+    from streamkit.builtin.samplers.emulator.recall import Recall
     from streamkit.builtin.samplers.emulator.rounds import Progress
+    from streamkit.builtin.samplers.emulator.space import Space
+    from streamkit.builtin.samplers.emulator.start import Known
 
 MOST = 4000  # samples that are given
 QUICK_CALLS = 400
@@ -50,20 +54,15 @@ class PredictionEmulator(Sampler):
     )
 
     def sample(self, target: Target) -> Iterator[Samples]:
-        """Make rounds of calls until they confirm the emulator; yield samples of the emulated posterior."""
-        from streamkit.builtin.samplers.emulator.of_factors import sample_factors
+        """Make rounds of calls until they confirm the emulators; yield samples of the emulated posterior."""
         from streamkit.builtin.samplers.emulator.rounds import Rounds
+        from streamkit.builtin.samplers.emulator.space import Space
 
-        if len(target.factors) > 1:
-            yield from sample_factors(target, self.max_calls, self.realisation == "one", self.starts)
-            return
-        full: Problem = OfTarget(target)
-        small: Problem = OfTarget(target, small=True)
-        if target.undeclared:
-            full, small = LikelihoodOnly(full), LikelihoodOnly(small)
-        rounds = Rounds(full, small, self.realisation == "one", self.starts, target.remark)
+        factors, space = _factors(target), Space(OfTarget(target))
+        target.expect(self.max_calls * len(factors))
+        rounds = Rounds(factors, self.realisation == "one", self.starts, target.remark, target.call_factors)
         for progress in rounds.run(self.max_calls):
-            yield _samples(target, progress)
+            yield _samples(target, space, progress)
 
     def emulated(self, target: Target) -> EmulatedLikelihood:
         """Return the likelihood of predictions learned from the calls at ``target.earlier``."""
@@ -84,75 +83,151 @@ class PredictionEmulator(Sampler):
         return {"starts": 1, "max_calls": min(self.max_calls, QUICK_CALLS)}
 
     def cites(self) -> dict[str, str]:
-        """Return emcee, and its moves."""
-        return {"ForemanMackey2013": "emcee, which samples the emulated posterior", "terBraak2006": "its moves"}
+        """Return differential evolution, one of the moves on the emulated posterior."""
+        return {"terBraak2006": "the moves on the emulated posterior"}
 
 
-def _samples(target: Target, progress: Progress) -> Samples:
-    """Return samples of the emulated posterior, with what the emulator predicts there."""
-    y = progress.samples[:: max(len(progress.samples) // MOST, 1)]
-    points = np.ascontiguousarray(progress.emulated.space.back(y))
-    lnl = progress.emulated.ln_likelihood(y)
-    predicted = _predictions(target, progress, y)
-    evaluations = Evaluations(
-        target.ln_prior(points) + lnl, lnl, predicted.mean, predicted.fit_variance, ("",) * len(y), predicted.details
-    )
-    facts = {}
-    if target.undeclared:
-        which = ", ".join(target.undeclared)
-        facts["learned"] = (
-            f"ln L as a whole in place of the predictions, which takes more calls: {which} has a likelihood of its own "
-            "without `likelihood_details`, or data that depend on a parameter"
-        )
-    elif larger := progress.emulated.emulator.larger_noise:
-        facts["noise of a call"] = (
-            f"{larger[0]} of {np.isfinite(target.data.values).sum()} data scatter more than their observables "
-            f"state, by a factor of {larger[1]:.1f} at most: measured by pairs of calls at one place"
-        )
-    verdicts = (_verdict(progress),)
+def _factors(target: Target) -> list[Factor]:
+    """Return the streams of a run of several, and the data of the host; one factor otherwise."""
+    from streamkit.builtin.samplers.emulator.density import Factor, one_factor
+
+    if len(target.factors) > 1:
+        return [Factor(each.name, *_problems(each.target), each.shared, each.own, each.target.earlier)
+                for each in target.factors]  # fmt: skip
+    return [one_factor(*_problems(target))]
+
+
+def _problems(target: Target) -> tuple[Problem, Problem]:
+    """Return a factor with all particles and with few; they are one where these are the same."""
+    full: Problem = OfTarget(target)
+    small: Problem = full if target.small_is_full else OfTarget(target, small=True)
+    if not target.undeclared:
+        return full, small
+    whole = LikelihoodOnly(full)
+    return whole, whole if small is full else LikelihoodOnly(small)
+
+
+def _samples(target: Target, space: Space, progress: Progress) -> Samples:
+    """Return samples of the emulated posterior, with what the emulators predict there."""
+    populations = progress.populations
+    chosen = np.linspace(0, len(populations.samples) - 1, min(MOST, len(populations.samples))).astype(int)
+    z = populations.samples[chosen]
+    points = np.ascontiguousarray(space.points(z))
+    lnl = populations.terms.ln_likelihood[chosen].sum(axis=1)
+    targets = [each.target for each in target.factors] if len(progress.known) > 1 else [target]
+    parts = [_predictions(each, known, z[:, known.factor.columns])
+             for each, known in zip(targets, progress.known, strict=True)]  # fmt: skip
+    mean, variance, details = (np.concatenate(arrays, axis=1) for arrays in zip(*parts, strict=True))
+    evaluations = Evaluations(target.ln_prior(points) + lnl, lnl, mean, variance, ("",) * len(z), details)
+    facts = _facts_of_one(target, progress) if len(targets) == 1 else _facts_of_factors(progress)
     return Samples(
-        points, np.zeros(len(y)), missing=progress.missing, verdicts=verdicts, facts=facts, evaluations=evaluations
-    )
+        points, np.zeros(len(z)), missing=progress.missing, verdicts=(_verdict(progress),), facts=facts,
+        evaluations=evaluations,
+    )  # fmt: skip
 
 
-def _predictions(target: Target, progress: Progress, y: Array) -> Predictions:
-    """Return the emulated predictions at samples y (n, d); NaN where too few calls have any."""
+def _predictions(target: Target, known: Known, z: Array) -> tuple[Array, Array, Array]:
+    """Return the emulated predictions of a factor at samples z (n, p), their variances and details.
+
+    NaN where ln L is learned as a whole and too few calls have predictions.
+    """
     from streamkit.builtin.samplers.emulator.learn import learn_predictions
 
-    emulator = progress.emulated.emulator
-    if not target.undeclared:
-        return emulator.predict(y)
-    problem, calls = OfTarget(target), progress.calls
-    of_data = learn_predictions(problem, calls.y, problem.evaluate(calls.theta))  # calls that were made cost nothing
-    if of_data is not None:
-        return of_data.predict(y)
-    nothing = np.full((len(y), len(target.data.values)), np.nan)
-    return emulator.predict(y)._replace(mean=nothing, fit_variance=nothing)
+    emulator: Emulator | None = known.emulated.emulator
+    if target.undeclared:  # calls that were made give the predictions too, and cost nothing
+        problem = OfTarget(target)
+        emulator = learn_predictions(problem, known.calls.y, problem.evaluate(known.calls.theta))
+    if emulator is None:
+        nothing = np.full((len(z), len(target.data.values)), np.nan)
+        return nothing, nothing, np.empty((len(z), 0))
+    predicted = emulator.predict(known.calls.space.learned(z))
+    return predicted.mean, predicted.fit_variance, predicted.details
+
+
+def _facts_of_one(target: Target, progress: Progress) -> dict[str, str]:
+    """Return what is to be known of the emulator of a single stream."""
+    if target.undeclared:
+        which = ", ".join(target.undeclared)
+        return {"learned": (
+            f"ln L as a whole in place of the predictions, which takes more calls: {which} has a likelihood of its own "
+            "without `likelihood_details`, or data that depend on a parameter"
+        )}  # fmt: skip
+    larger = progress.known[0].emulated.emulator.larger_noise
+    if not larger:
+        return {}
+    return {"noise of a call": (
+        f"{larger[0]} of {np.isfinite(target.data.values).sum()} data scatter more than their observables "
+        f"state, by a factor of {larger[1]:.1f} at most: measured by pairs of calls at one place"
+    )}  # fmt: skip
+
+
+def _facts_of_factors(progress: Progress) -> dict[str, str]:
+    """Return a line for each factor: its calls, its emulator's error, its certificate, and its tension."""
+    from streamkit.builtin.samplers.emulator.changes import every_so_often
+
+    samples, facts = every_so_often(progress.populations.samples, 1000), {}
+    for each in progress.known:
+        tension = each.alone - float(np.max(each.emulated.ln_likelihood(samples[:, each.factor.columns])))
+        certificate = each.certificate
+        tested = "not tested" if certificate is None else "refused" if certificate.faults else "confirmed"
+        fresh = f" by {certificate.calls} fresh calls" if certificate is not None else ""
+        name = f"stream {each.factor.name}" if len(each.factor.own) else "data of the host"
+        facts[name] = (
+            f"{len(each.calls)} calls, error of the emulator {each.doubt:.2f} in ln L, {tested}{fresh}, "
+            f"best ln L {max(tension, 0.0):.1f} below that of this factor alone"
+        )
+    return facts
 
 
 def _verdict(progress: Progress) -> Verdict:
     """Return the verdict of the fresh calls; "do not use" too where none were made, or a mode may be missing."""
     from streamkit.builtin.samplers.emulator.certificate import MOVED
 
-    subject, certificate = "fresh calls beside the emulator", progress.certificate
-    if certificate is None:
+    several = len(progress.known) > 1
+    subject = "fresh calls beside the emulators" if several else "fresh calls beside the emulator"
+    tested = [each.certificate for each in progress.known if each.certificate is not None]
+    more = "Raise sampler.max_calls and --resume, run again with more sampler.starts or more particles"
+    if not tested or progress.recall is None:
         sentence = (
-            f"No fresh calls have tested the emulator: {progress.missing}. Raise sampler.max_calls and --resume, or "
-            "run again with more particles or without the data that the emulator cannot follow (the largest `noise` in "
-            "predictions.ecsv), or take the sampler emcee."
+            f"No fresh calls have tested {subject[23:]}: {progress.missing}. {more} or without the data that the "
+            "emulator cannot follow (the largest `noise` in predictions.ecsv), or take the sampler emcee."
         )
         return Verdict(subject, "do not use", "none", sentence, RULE)
-    value = f"true - emulated ln L = {certificate.offset:+.1f} ± {certificate.spread:.1f}"
+    first, both, found = tested[0], progress.populations, progress.recall
+    value = f"true - emulated ln L = {first.offset:+.1f} ± {first.spread:.1f}"
+    if several:
+        value = f"their trends move the posterior by {progress.trend:.2f} sd"
     if progress.missing:
-        sentence = (
-            f"Not certified: {progress.missing}. Raise sampler.max_calls and --resume, run again with another seed and "
-            "more sampler.starts, or take the sampler emcee."
-        )
+        sentence = f"Not certified: {progress.missing}. {more}, or take the sampler emcee."
         return Verdict(subject, "do not use", value, sentence, RULE)
+    shown = max(progress.trend_by_chance, MOVED)
+    noise = f"{first.noise_offset:+.1f} ± {first.noise_spread:.1f}"
+    confirmed = f"the emulators of {len(tested)} factors, each and together" if several else "the emulator"
     sentence = (
-        f"{certificate.calls} fresh calls confirm the emulator. The noise of the particles alone makes "
-        f"{certificate.noise_offset:+.1f} ± {certificate.noise_spread:.1f}. A mean or a width that is off by "
-        f"{max(certificate.trend_by_chance, MOVED):.2f} standard deviations would show; the noise of all calls leaves "
-        f"{progress.uncertain:.2f} at most."
+        f"{sum(each.calls for each in tested)} fresh calls confirm {confirmed}. "
+        + ("" if several else f"The noise of the particles alone makes {noise}. ")
+        + f"A mean or a width that is off by {shown:.2f} standard deviations would show; the noise of all calls leaves "
+        f"{progress.uncertain:.2f} at most. Two populations agree, R-hat {both.r_hat:.3f}, with {both.independent:.0f} "
+        f"independent samples of walks of {both.sweeps / both.time:.0f} autocorrelation times. "
+        + _recalled(found)
+        + f" {_smallest(progress)}"
     )
     return Verdict(subject, "fine", value, sentence, RULE)
+
+
+def _recalled(found: Recall) -> str:
+    return (
+        f"{found.calls} calls where the emulated posterior has next to nothing find {100 * found.found:.1f} % of the "
+        "posterior there."
+    )
+
+
+def _smallest(progress: Progress) -> str:
+    """Say how small a separate mode may be that the draws of the starts would have met."""
+    draws = min(sum(start.draws for start in each.starts) for each in progress.known)
+    if not draws:
+        return "The starts were those of an earlier run."
+    return (
+        f"{draws} draws of the prior began the starts: a separate mode, narrower than what they show, is met with a "
+        f"probability of 95 % if its basin has {300 / draws:.1g} % of the prior."
+    )

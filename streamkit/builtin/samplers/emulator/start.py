@@ -1,4 +1,4 @@
-"""The start: waves of calls with few particles, from the whole prior to where the data may be.
+"""The start of each factor: waves of calls with few particles, from the whole prior to where the data may be.
 
 The emulator's own error is part of its likelihood, so that nothing is given up before it is certain to be wrong: where
 little is certain, the emulated posterior is broad, and new points in it make it narrower (history matching, Vernon,
@@ -7,17 +7,23 @@ Goldstein & Bower 2010).
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import reduce
+from operator import add
 
 import numpy as np
-from scipy.stats import qmc
+from scipy.spatial import cKDTree
+from scipy.stats import norm, qmc
 
-from streamkit import Array, StreamkitError
+from streamkit import Array, BoolArray, StreamkitError
 from streamkit.builtin.samplers.emulator.calls import Calls
-from streamkit.builtin.samplers.emulator.coordinates import Space
-from streamkit.builtin.samplers.emulator.emulated import Emulated
+from streamkit.builtin.samplers.emulator.certificate import Certificate
+from streamkit.builtin.samplers.emulator.changes import every_so_often
+from streamkit.builtin.samplers.emulator.density import Density, Emulated, Factor, Joint, Layout, Terms
+from streamkit.builtin.samplers.emulator.populations import Population
 from streamkit.builtin.samplers.emulator.problem import Problem
+from streamkit.builtin.samplers.emulator.space import Space
 
 # Draws of the prior for each parameter and in any case, made until so many predictions for each parameter are there,
 # and so often at most.
@@ -28,12 +34,22 @@ WAVE, LEAST_WAVE = 6, 48
 WAVES = 40
 # Doubt, in ln likelihood, below which the emulator has arrived: what its own error makes of it at a typical sample.
 ARRIVED = 1.5
-# Walkers for each parameter and in any case, and their steps in a wave, of which the last are used.
-WALKERS, LEAST_WALKERS, STEPS, USED = 10, 128, 60, 20
+# Walkers of a wave for each parameter and in any case, and sweeps of their walk, of which the last are used.
+WALKERS, LEAST_WALKERS, SWEEPS, USED = 10, 128, 15, 5
+# Calls with all particles where the starts have arrived, for each parameter and in any case.
+FIRST, LEAST_FIRST = 16, 160
+# New calls at a time where too few of them have a prediction.
+MORE = 80
+# Nearest places of a start, one of which a walker gets beside its host; walkers to choose from.
+NEAREST, BEGIN = 15, 2000
+# A start has missed a place that it puts lower by so much in ln L, beside its best place, than all calls do.
+EXCLUDED = 30.0
+# Samples that are looked at.
+SOME = 1000
 
 
 @dataclass(frozen=True)
-class Arrival:
+class Start:
     """Where a start has come to.
 
     Attributes
@@ -41,62 +57,219 @@ class Arrival:
     calls
         All its calls.
     places
-        (n, d) coordinates sampled from its emulated posterior.
+        (n, d) coordinates z sampled from its emulated posterior.
     emulated
-        The posterior that it has emulated.
-    doubt
-        What the emulator's own error makes of a typical ln likelihood.
+        The likelihood that it has emulated.
+    draws
+        Draws of the prior that it began with; 0 where an earlier run's calls were there.
     """
 
     calls: Calls
     places: Array
     emulated: Emulated
-    doubt: float
+    draws: int = 0
+
+    def missed(self, samples: Array, ln_likelihood: Array) -> float:
+        """Return the fraction of samples (n, d) that it excludes, where all calls give this ln likelihood (n,)."""
+        lost = np.max(self.emulated.ln_likelihood(self.places)) - self.emulated.ln_likelihood(samples)
+        return float(np.mean(lost - (ln_likelihood.max() - ln_likelihood) > EXCLUDED))
 
 
-def walkers_for(d: int) -> int:
-    """Return the number of walkers for d parameters; even, as halves move in turn."""
-    return max(LEAST_WALKERS, WALKERS * d + WALKERS * d % 2)
+@dataclass
+class Known:
+    """What is known of a factor.
 
-
-def arrive(
-    problem: Problem, space: Space, seed: list[int], note: Callable[[str], None], calls: Calls | None = None
-) -> Arrival:
-    """Make waves until the emulator is sure of its posterior, from draws of the prior or from calls that were made.
-
-    StreamkitError where predictions are too rare.
+    Attributes
+    ----------
+    factor
+        The factor.
+    calls
+        All its calls with all particles.
+    emulated
+        Its emulated likelihood.
+    starts
+        Its independent starts.
+    alone
+        The best emulated ln likelihood of the stream alone.
+    doubt
+        What its emulator's own error changes of ln L at the joint posterior.
+    blur
+        What its emulator's own error changes of the posterior, see `changes.change_of`.
+    share
+        Its part of the variance that the noise of the calls leaves, in standard deviations squared.
+    certificate
+        What fresh calls say of it; None before the end.
+    before
+        What was emulated in the last rounds.
     """
-    d = problem.size
-    calls = _draws(problem, space, seed) if calls is None else calls
-    rng = np.random.default_rng([*seed, 1])
-    places: Array | None = None
-    for wave in range(WAVES):
-        emulator = calls.learn()
-        if emulator is None:
-            calls += _more(problem, space, rng)
-            continue
-        emulated = Emulated(space, emulator, problem.add_noise)
-        pool = calls.y if places is None else np.concatenate([calls.y, places])
-        chain = emulated.sample(pool, walkers_for(d), STEPS, [*seed, 2, wave])
-        places = chain[-USED:].reshape(-1, d)
-        doubt = doubt_of(emulated, places)
-        note(f"{len(calls)} draws, the emulator doubts {doubt:.1f} in ln L")
-        if doubt < ARRIVED:
-            break
-        chosen = rng.choice(len(places), max(WAVE * d, LEAST_WAVE), replace=False)
-        calls += Calls.at(problem, space, places[chosen])
-        places = chain[-1]
-    if places is None:
-        raise StreamkitError(
-            f"found no place to start: of {len(calls)} draws only {int(calls.good.sum())} give a stream with "
-            "observables. Check the priors with `streamkit check`."
+
+    factor: Factor
+    calls: Calls
+    emulated: Emulated
+    starts: list[Start]
+    alone: float
+    doubt: float = np.inf
+    blur: float = np.inf
+    share: float = np.inf
+    certificate: Certificate | None = None
+    before: list[Emulated] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """The posterior of a factor alone, with what the data of the host say of its shared coordinates."""
+
+    alone: Joint
+    host: Emulated
+    shared: BoolArray
+    layout: Layout
+
+    def terms(self, z: Array) -> Terms:
+        """Return the terms at z (n, d)."""
+        prior, lnl = self.alone.terms(z)
+        prior[:, 0] += self.host.ln_likelihood(z[:, self.shared])
+        return Terms(prior, lnl)
+
+    def newton(self, z: Array) -> tuple[Array, Array]:
+        """(n, d) and (n, d, d) Slopes and curvature."""
+        (slopes, curvature), (its, more) = self.alone.newton(z), self.host.newton(z[:, self.shared])
+        slopes[:, self.shared] += its
+        rows, columns = np.ix_(self.shared, self.shared)
+        curvature[:, rows, columns] += more
+        return slopes, curvature
+
+
+class Starter:
+    """Makes the starts of all factors.
+
+    Parameters
+    ----------
+    noise
+        Whether the variance of one call is part of the likelihood.
+    note
+        Called with a line about the progress.
+    """
+
+    def __init__(self, noise: bool, note: Callable[[str], None]) -> None:
+        self._noise, self._note = noise, note
+        self._host: Emulated | None = None
+
+    def all(self, factors: Sequence[Factor], starts: int, max_calls: int) -> list[Known]:
+        """Start each factor alone, so many times; those of the host's data first: they are part of the others' prior.
+
+        Raises StreamkitError where too few calls give a prediction.
+        """
+        known: dict[str, Known] = {}
+        for factor in sorted(factors, key=lambda each: len(each.own)):
+            number = 1 if len(factor.earlier) else starts
+            made = [self.one(factor, i) for i in range(number)]
+            known[factor.name] = each = self._known(factor, made, max_calls)
+            if not len(factor.own) and self._host is None:
+                self._host = each.emulated
+        return [known[factor.name] for factor in factors]
+
+    def one(self, factor: Factor, number: int) -> Start:
+        """Make waves until the emulator is sure of its posterior, from draws of the prior or from calls that were made.
+
+        A stream's place in the run file does not change its calls: its name decides.
+        """
+        small, seed = factor.small, [factor.problem.seed, 12, *factor.name.encode(), number]
+        space, rng, calls = Space(factor.problem), np.random.default_rng([*seed, 1]), None
+        if len(factor.earlier):
+            small = factor.problem
+            calls = Calls.of(small, space, factor.earlier)
+        calls = _draws(small, space, seed) if calls is None else calls
+        d, places, draws = small.size, None, 0 if len(factor.earlier) else len(calls)
+        for wave in range(WAVES):
+            emulator = calls.learn()
+            if emulator is None:
+                calls += Calls.at(small, space, rng.standard_normal((4 * d, d)))
+                continue
+            emulated = Emulated(space, emulator, small.add_noise, np.inf)
+            pool = calls.z if places is None else np.concatenate([calls.z, places])
+            population = Population(self._density(factor, emulated), pool, np.random.default_rng([*seed, 2, wave]))
+            population.choose(max(LEAST_WALKERS, WALKERS * d), 1.0).settle(SWEEPS)
+            places = population.walk(USED, population.moves())[0].reshape(-1, d)
+            doubt = doubt_of(emulated, places)
+            self._note(f"{factor.name}: {len(calls)} draws, the emulator doubts {doubt:.1f} in ln L")
+            if doubt < ARRIVED:
+                break
+            calls += Calls.at(small, space, rng.choice(places, max(WAVE * d, LEAST_WAVE), replace=False))
+        if places is None:
+            raise StreamkitError(
+                f"found no place to start: of {len(calls)} draws only {int(calls.good.sum())} give a stream with "
+                "observables. Check the priors with `streamkit check`."
+            )
+        return Start(calls, places, emulated, draws)
+
+    def _density(self, factor: Factor, emulated: Emulated) -> Density:
+        alone = Joint([factor.alone], [emulated])
+        if self._host is None or not len(factor.own):
+            return alone
+        return Beside(alone, self._host, np.isin(factor.columns, factor.shared), alone.layout)
+
+    def _known(self, factor: Factor, starts: list[Start], max_calls: int) -> Known:
+        """Call a factor with all particles where its starts have arrived."""
+        problem, space = factor.problem, Space(factor.problem)
+        places, rng = np.concatenate([each.places for each in starts]), np.random.default_rng([problem.seed, 14])
+        if starts[0].calls.problem is problem:
+            calls = reduce(add, [each.calls for each in starts])
+        else:
+            calls = Calls.at(problem, space, rng.permutation(places)[: max(FIRST * problem.size, LEAST_FIRST)])
+        while (emulator := calls.learn()) is None:  # between the places, as too few of them have a prediction
+            if len(calls) >= max_calls or problem.time_left() <= 0:
+                raise StreamkitError(
+                    f"too few predictions to learn from: of {len(calls)} calls with all particles only "
+                    f"{int(calls.good.sum())} give a stream with observables, where streams of few particles have "
+                    "them. Raise sampler.start_particles."
+                )
+            first, one, other = places[rng.integers(len(places), size=(3, MORE))]
+            calls += Calls.at(problem, space, first + rng.random((MORE, 1)) * (one - other))
+        emulated = Emulated(space, emulator, self._noise)
+        return Known(
+            factor, calls, emulated, starts, float(np.max(emulated.ln_likelihood(every_so_often(places, SOME))))
         )
-    return Arrival(calls, places, emulated, doubt)
+
+    def again(self, known: Known) -> None:
+        """Make another start of a factor, and call it with all particles where that has arrived."""
+        start, problem = self.one(known.factor, len(known.starts)), known.factor.problem
+        size = max(FIRST * problem.size, LEAST_FIRST) // 2
+        known.starts.append(start)
+        rng = np.random.default_rng([problem.seed, 15, len(known.starts)])
+        known.calls += Calls.at(problem, known.calls.space, rng.permutation(start.places)[:size])
 
 
-def doubt_of(emulated: Emulated, y: Array) -> float:
-    """Return how much the emulator's own error changes a typical ln likelihood at samples y (n, d)."""
-    some = y[:: max(len(y) // 500, 1)]
+def begin_apart(known: Sequence[Known]) -> list[Array]:
+    """Return two sets of places: hosts of any start, and for each stream a place of its start with such a host.
+
+    Each set is of other starts, where a factor has several.
+    """
+    layout = Joint([each.factor for each in known], []).layout
+    rng = np.random.default_rng([known[0].factor.problem.seed, 13])
+    host_columns = [np.isin(each.factor.columns, each.factor.shared) for each in known]
+    sets = []
+    for population in range(2):
+        places = [each.starts[population % len(each.starts)].places for each in known]
+        hosts = np.concatenate([rng.permutation(some[:, columns])[: 4 * BEGIN]
+                                for some, columns in zip(places, host_columns, strict=True)])  # fmt: skip
+        z = np.empty((BEGIN, layout.size))
+        z[:, layout.shared] = h = hosts[rng.integers(len(hosts), size=BEGIN)]
+        for each, some, columns in zip(known, places, host_columns, strict=True):
+            own = each.factor.own
+            if not len(layout.shared):
+                z[:, own] = some[rng.integers(len(some), size=BEGIN)]
+            elif len(own):
+                near = min(NEAREST, len(some))
+                _, rows = cKDTree(some[:, columns]).query(h, near)
+                chosen = rows.reshape(BEGIN, near)[np.arange(BEGIN), rng.integers(near, size=BEGIN)]
+                z[:, own] = some[chosen][:, ~columns]
+        sets.append(z)
+    return sets
+
+
+def doubt_of(emulated: Emulated, z: Array) -> float:
+    """Return how much the emulator's own error changes a typical ln likelihood at samples z (n, d)."""
+    some = every_so_often(z, 500)
     change = emulated.ln_likelihood(some) - emulated.ln_likelihood(some, fit_error=False)
     return float(np.median(np.abs(change)))
 
@@ -109,14 +282,9 @@ def _draws(problem: Problem, space: Space, seed: list[int]) -> Calls:
     calls: Calls | None = None
     for _ in range(MOST_BATCHES):
         u = np.clip(sobol.random(size), 1e-9, 1 - 1e-9)  # the ends of a prior may be infinite
-        batch = Calls.at(problem, space, space.to(problem.from_unit(u)))
+        batch = Calls.at(problem, space, norm.ppf(u))
         calls = batch if calls is None else calls + batch
         if calls.good.sum() >= NEEDED * d:
             break
     assert calls is not None  # noqa: S101  there is at least one batch
     return calls
-
-
-def _more(problem: Problem, space: Space, rng: np.random.Generator) -> Calls:
-    """Draw more of the prior."""
-    return Calls.at(problem, space, space.to(problem.from_unit(rng.random((4 * problem.size, problem.size)))))

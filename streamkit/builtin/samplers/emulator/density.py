@@ -1,0 +1,229 @@
+"""The emulated posterior: one likelihood for each stream, by its own emulator, and the prior.
+
+ln p(h, s_1 .. s_K) = ln p(h) + sum over k of [ln p(s_k) + ln L_k(h, s_k)], with the shared parameters h (the host) and
+the own parameters s_k of each stream. A posterior of one stream is the case K = 1 without shared parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from streamkit import Array, BoolArray, IntArray
+from streamkit.builtin.samplers.emulator.emulator import Emulator
+from streamkit.builtin.samplers.emulator.problem import Problem
+from streamkit.builtin.samplers.emulator.space import Space
+
+# Most that the emulator's own error adds to ln L. Without a limit, places far from all calls have the likelihood of a
+# flat density, and their volume may hold more of the posterior than the places that fit.
+MOST_BY_ERROR = 2.0
+# Most places that are computed at a time: more need memory, and are no faster.
+PART = 2048
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Which of d coordinates are shared by all factors, and which belong to one.
+
+    Attributes
+    ----------
+    shared
+        Indices of the coordinates h.
+    own
+        Indices of the coordinates s_k of each factor; empty for a factor that depends on h alone.
+    """
+
+    shared: IntArray
+    own: Sequence[IntArray]
+
+    @classmethod
+    def of_one(cls, d: int) -> Layout:
+        """Return that of a single posterior of d parameters."""
+        return cls(np.empty(0, dtype=np.int64), (np.arange(d),))
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates d."""
+        return len(self.shared) + sum(map(len, self.own))
+
+    def of(self, factor: int) -> IntArray:
+        """Indices of all coordinates that a factor depends on, in rising order."""
+        return np.sort(np.concatenate([self.shared, self.own[factor]]))
+
+
+class Terms(NamedTuple):
+    """The terms of ln density at n places.
+
+    Attributes
+    ----------
+    prior
+        (n, 1 + K) ln prior of h, and of each s_k.
+    ln_likelihood
+        (n, K) of each factor; -inf where there is no prediction.
+    """
+
+    prior: Array
+    ln_likelihood: Array
+
+    def total(self, beta: float) -> Array:
+        """(n,) ln density at an inverse temperature: the likelihoods to the power of beta."""
+        return np.asarray(self.prior.sum(axis=1) + beta * self.ln_likelihood.sum(axis=1))
+
+    def take(self, rows: IntArray | BoolArray) -> Terms:
+        """Return those of some of the places."""
+        return Terms(self.prior[rows], self.ln_likelihood[rows])
+
+    def replaced(self, other: Terms, accepted: BoolArray) -> Terms:
+        """Return these terms, with those of ``other`` at the accepted places (n,)."""
+        rows = accepted[:, None]
+        return Terms(*(np.where(rows, new, old) for old, new in zip(self, other, strict=True)))
+
+
+class Density(Protocol):
+    """A density of this form, of coordinates in which the prior is a standard normal."""
+
+    @property
+    def layout(self) -> Layout:
+        """Which coordinates belong to which factor."""
+
+    def terms(self, z: Array) -> Terms:
+        """Return the terms at coordinates z (n, d)."""
+
+    def newton(self, z: Array) -> tuple[Array, Array]:
+        """(n, d) and (n, d, d) Return about the slopes of the sum of ln L at z (n, d), and about minus its curvature.
+
+        Steps along them are accepted more often; the density of the samples does not depend on them.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class Emulated:
+    """The likelihood of one factor, by its emulator, at coordinates z.
+
+    Attributes
+    ----------
+    noise
+        Whether the variance of one call is part of the likelihood.
+    most_by_error
+        Most that the emulator's own error adds to ln L.
+    """
+
+    space: Space
+    emulator: Emulator
+    noise: bool
+    most_by_error: float = MOST_BY_ERROR
+
+    def ln_likelihood(self, z: Array, fit_error: bool = True) -> Array:
+        """(n,) ln likelihood at z (n, d), with or without the emulator's own error."""
+        found = np.empty(len(z))
+        most = self.most_by_error if fit_error else 0.0
+        for i in range(0, len(z), PART):
+            y = self.space.learned(z[i : i + PART])
+            found[i : i + PART] = self.emulator.ln_likelihood(y, self.space.parameters(y), self.noise, most)
+        return np.where(np.isnan(found), -np.inf, found)
+
+    def newton(self, z: Array) -> tuple[Array, Array]:
+        """(n, d) and (n, d, d) Slopes and curvature along z, see `Emulator.newton`."""
+        y, rates = self.space.learned_with_rates(z)
+        slopes, curvature = self.emulator.newton(y, self.noise)
+        return slopes * rates, curvature * rates[:, :, None] * rates[:, None]
+
+    def redrawn(self, rng: np.random.Generator) -> Emulated:
+        """Return what other noise in the calls could have given."""
+        return replace(self, emulator=self.emulator.redrawn(rng))
+
+
+@dataclass(frozen=True, eq=False)
+class Factor:
+    """One factor: what can be called. A posterior of one stream is one factor.
+
+    Attributes
+    ----------
+    name
+        Of its stream; `[data]` for the data of the host.
+    problem, small
+        Its posterior alone, with all particles and with few of them.
+    shared, own
+        Indices of its coordinates among all d: those that all factors share, and its own; their order is that of the
+        run file, here as there.
+    earlier
+        (n, p) parameters at which an earlier run has called it.
+    """
+
+    name: str
+    problem: Problem
+    small: Problem
+    shared: IntArray
+    own: IntArray
+    earlier: Array = field(default_factory=lambda: np.empty((0, 0)))
+
+    @property
+    def columns(self) -> IntArray:
+        """Indices of its coordinates among all, in rising order."""
+        return np.sort(np.concatenate([self.shared, self.own]))
+
+    @property
+    def alone(self) -> Factor:
+        """The factor as a posterior of its own."""
+        none, all_of_it = np.empty(0, dtype=np.int64), np.arange(len(self.columns))
+        return replace(self, shared=none, own=all_of_it)
+
+
+def one_factor(problem: Problem, small: Problem) -> Factor:
+    """Return the only factor of a posterior."""
+    return Factor("the stream", problem, small, np.empty(0, dtype=np.int64), np.arange(problem.size))
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """The posterior of all factors, by the emulator of each: a `Density`.
+
+    Attributes
+    ----------
+    factors
+        The factors.
+    emulated
+        The emulated likelihood of each.
+    """
+
+    factors: Sequence[Factor]
+    emulated: Sequence[Emulated]
+
+    @property
+    def layout(self) -> Layout:
+        """Which coordinates belong to which factor."""
+        return Layout(self.factors[0].shared, [each.own for each in self.factors])
+
+    def with_(self, k: int, emulated: Emulated) -> Joint:
+        """Return the posterior with another emulator of factor k."""
+        return replace(self, emulated=[emulated if i == k else each for i, each in enumerate(self.emulated)])
+
+    def terms(self, z: Array) -> Terms:
+        """Return the terms of ln density at coordinates z (n, d)."""
+        layout = self.layout
+        blocks = [layout.shared, *layout.own]
+        prior = np.stack([-0.5 * np.sum(z[:, block] ** 2, axis=1) for block in blocks], axis=1)
+        return Terms(prior, self.ln_likelihoods(z))
+
+    def ln_likelihoods(self, z: Array, fit_error: bool = True) -> Array:
+        """(n, K) ln likelihood of each factor at coordinates z (n, d)."""
+        columns = [each.ln_likelihood(z[:, factor.columns], fit_error)
+                   for factor, each in zip(self.factors, self.emulated, strict=True)]  # fmt: skip
+        return np.stack(columns, axis=1)
+
+    def newton(self, z: Array) -> tuple[Array, Array]:
+        """(n, d) and (n, d, d) Slopes and curvature of the sum of ln L along z."""
+        slopes, curvature = np.zeros(z.shape), np.zeros((*z.shape, z.shape[1]))
+        for factor, each in zip(self.factors, self.emulated, strict=True):
+            mine, its = each.newton(z[:, factor.columns])
+            slopes[:, factor.columns] += mine
+            rows, columns = np.ix_(factor.columns, factor.columns)
+            curvature[:, rows, columns] += its
+        return slopes, curvature
+
+    def unlimited(self) -> Joint:
+        """Return the posterior in which an emulator's own error may add any amount to ln L."""
+        return replace(self, emulated=[replace(each, most_by_error=np.inf) for each in self.emulated])

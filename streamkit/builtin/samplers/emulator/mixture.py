@@ -1,0 +1,83 @@
+"""A Gaussian mixture of a population, and steps that leave its density alone."""
+
+from __future__ import annotations
+
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+from scipy.cluster.vq import kmeans2
+from scipy.special import logsumexp
+
+from streamkit import Array
+
+# Places for each parameter that a component has at least, most components, and steps of their fit.
+PLACES, COMPONENTS, STEPS = 12, 24, 12
+# What is added to the diagonal of covariances, as a fraction of the whole population's.
+RIDGE = 1e-6
+
+
+class Mixture(NamedTuple):
+    """A Gaussian mixture: weights (k,), means (k, d), lower roots of the covariances (k, d, d), and their inverses."""
+
+    weights: Array
+    means: Array
+    roots: Array
+    inverses: Array
+
+    @classmethod
+    def of(cls, places: Array, rng: np.random.Generator) -> Mixture:
+        """Fit places (n, d) by expectation maximisation, from clusters."""
+        n, d = places.shape
+        count = int(np.clip(n // (PLACES * d), 1, COMPONENTS))
+        spread = np.maximum(places.std(axis=0), 1e-300)
+        white = (places - places.mean(axis=0)) / spread
+        share = np.eye(count)[_clusters(white, count, rng)]
+        for _ in range(STEPS if count > 1 else 1):
+            share = share[:, share.sum(axis=0) > d + 2]
+            total = share.sum(axis=0)
+            means = (share.T @ white) / total[:, None]
+            away = white[None] - means[:, None]
+            covariances = np.einsum("nk,kni,knj->kij", share, away, away, optimize=True) / total[:, None, None]
+            roots = np.linalg.cholesky(covariances + RIDGE * np.eye(d))
+            mixture = cls(total / total.sum(), means, roots, np.linalg.inv(roots))
+            share = np.exp(mixture.ln_shares(white))
+        means = mixture.means * spread + places.mean(axis=0)
+        return cls(mixture.weights, means, mixture.roots * spread[:, None], mixture.inverses / spread)
+
+    def ln_terms(self, y: Array) -> Array:
+        """(n, k) ln of the weighted density of each component, up to a common constant."""
+        k, d = self.means.shape
+        middle = np.einsum("kij,kj->ki", self.inverses, self.means)
+        white = (y @ self.inverses.reshape(k * d, d).T).reshape(-1, k, d) - middle
+        volumes = np.log(np.einsum("kii->ki", self.inverses)).sum(axis=1)
+        return np.asarray(np.log(self.weights) + volumes - 0.5 * np.einsum("nki,nki->nk", white, white))
+
+    def ln_shares(self, y: Array) -> Array:
+        """(n, k) ln probability of each component at y (n, d)."""
+        terms = self.ln_terms(y)
+        return np.asarray(terms - logsumexp(terms, axis=1, keepdims=True))
+
+    def step(self, y: Array, length: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Propose steps of lengths (n,) from y (n, d); return places and what is added to ln of the acceptance (n,).
+
+        A step chooses a component by its probability at the walker, and is a preconditioned Crank-Nicolson step about
+        that component (Cotter et al. 2013). The component cancels in the acceptance, min(1, p(y') g(y) / (p(y) g(y')))
+        for the mixture g. That is the acceptance of a draw of the mixture, too, which an infinite length is: such draws
+        move walkers from one mode to another.
+        """
+        terms = self.ln_terms(y)
+        here, drawn = np.where(np.isinf(length)[:, None], np.log(self.weights), terms), np.minimum(length, 1.0)[:, None]
+        k = np.argmax(here + rng.gumbel(size=here.shape), axis=1)
+        chance = np.einsum("nij,nj->ni", self.roots[k], rng.standard_normal(y.shape))
+        new = self.means[k] + np.sqrt(1 - drawn**2) * (y - self.means[k]) + drawn * chance
+        return new, logsumexp(terms, axis=1) - logsumexp(self.ln_terms(new), axis=1)
+
+
+def _clusters(white: Array, count: int, rng: np.random.Generator) -> Array:
+    """(n,) Return the number of a cluster for each place."""
+    if count == 1:
+        return np.zeros(len(white), dtype=int)
+    with warnings.catch_warnings():  # an empty cluster is left out
+        warnings.filterwarnings("ignore", message="One of the clusters is empty")
+        return np.asarray(kmeans2(white, count, minit="++", rng=rng)[1])

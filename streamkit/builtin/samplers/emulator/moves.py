@@ -1,0 +1,199 @@
+"""The moves of a population: by a Gaussian mixture of it, by differences of it, and by linear predictions.
+
+A posterior with bends or several modes is locally Gaussian, which the mixture follows. Differential evolution (ter
+Braak & Vrugt 2008, without its snooker move) reaches where the mixture is wrong. Both move the shared coordinates, and
+then those of each factor, which the others do not depend on: each factor accepts for itself. The third kind moves all
+coordinates: where predictions are nearly linear, the posterior is a Gaussian that each walker knows from their slopes
+at its place (stochastic Newton: Martin et al. 2012), so that steps are short across a thin sheet and long in it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from streamkit import Array, IntArray
+from streamkit.builtin.samplers.emulator.density import Density, Layout, Terms
+from streamkit.builtin.samplers.emulator.mixture import Mixture
+
+# Lengths of Crank-Nicolson steps, of which each walker draws one.
+LENGTHS = (0.25, 0.5, 0.8, 1.0)
+# Lengths of differences in units of the best one for a Gaussian, 2.38 / sqrt(2 d), and the fraction of whole ones.
+DIFFERENCES, WHOLE = (1.0, 0.5, 0.2), 0.2
+# The shortest step about a local Gaussian: each walker draws a length from there to 1, by its logarithm.
+SHORTEST = 0.1
+# Beyond this a slope, or a curvature, says nothing.
+STEEPEST = 1e6
+# What is added to the diagonal of a covariance, as a fraction.
+RIDGE = 1e-9
+
+
+class Moves:
+    """The moves of a population, made from its places (n, d), which they do not change with.
+
+    Attributes
+    ----------
+    accepted, sweeps
+        (4,) sums of the fractions of accepted steps: steps and draws by mixtures, differences, steps by linear
+        predictions; and the sweeps.
+    """
+
+    def __init__(self, layout: Layout, places: Array, rng: np.random.Generator) -> None:
+        self._layout = layout
+        self._middle = places[:, layout.shared].mean(axis=0)
+        self._follow = [self._regression(places, own) for own in layout.own]
+        left = [self._left(places, k) for k in range(len(layout.own))]
+        self._shared = Mixture.of(places[:, layout.shared], rng) if len(layout.shared) else None
+        self._own = [Mixture.of(each, rng) if each.shape[1] else None for each in left]
+        alone = self._own[0] if self._shared is None and len(self._own) == 1 else None
+        self._whole = alone or Mixture.of(places, rng)
+        self._archive = places
+        covariance = np.atleast_2d(np.cov(places.T))
+        covariance[np.diag_indices_from(covariance)] *= 1 + RIDGE
+        self._precision: Array = np.linalg.inv(covariance).astype(float)
+        self.accepted, self.sweeps = np.zeros(4), 0
+        self._blocks = int(self._shared is not None) + int(any(each is not None for each in self._own))
+
+    def _regression(self, places: Array, own: IntArray) -> Array:
+        """(h, k) The coefficients of the own coordinates on the shared ones."""
+        shared = self._layout.shared
+        if not len(shared) or not len(own):
+            return np.zeros((len(shared), len(own)))
+        return np.asarray(np.linalg.lstsq(places[:, shared] - self._middle, places[:, own])[0])
+
+    def _left(self, places: Array, k: int) -> Array:
+        """(n, k) Residuals of the own coordinates of a factor in the regression."""
+        shared = places[:, self._layout.shared] - self._middle
+        return np.asarray(places[:, self._layout.own[k]] - shared @ self._follow[k])
+
+    def sweep(
+        self, density: Density, z: Array, terms: Terms, beta: float, rng: np.random.Generator
+    ) -> tuple[Array, Terms]:
+        """Move walkers (w, d) with these terms at an inverse temperature; return the new places and their terms."""
+        for length in (rng.choice(LENGTHS, size=len(z)), None):
+            if self._shared is not None:
+                z, terms = self._move_shared(density, z, terms, beta, rng, length)
+            if any(each is not None for each in self._own):
+                z, terms = self._move_own(density, z, terms, beta, rng, length)
+        self.sweeps += 1
+        z, terms = self._draw(density, z, terms, beta, rng)
+        return self._newton(density, z, terms, beta, rng)
+
+    def _differences(self, columns: IntArray, n: int, rng: np.random.Generator) -> Array:
+        """(n, k) Differences of two of the archive, of several lengths."""
+        first = rng.integers(len(self._archive), size=n)
+        other = (first + rng.integers(1, len(self._archive), size=n)) % len(self._archive)
+        length = 2.38 / np.sqrt(2 * len(columns)) * rng.choice(DIFFERENCES, size=n)
+        length = np.where(rng.random(n) < WHOLE, 1.0, length * (1 + 0.01 * rng.standard_normal(n)))[:, None]
+        return np.asarray(length * (self._archive[first][:, columns] - self._archive[other][:, columns]))
+
+    def _move_shared(
+        self, density: Density, z: Array, terms: Terms, beta: float, rng: np.random.Generator, length: Array | None
+    ) -> tuple[Array, Terms]:
+        """Move h, by the mixture in steps of these lengths or by differences; the other coordinates follow."""
+        assert self._shared is not None  # noqa: S101  checked by the caller
+        h, correction = z[:, self._layout.shared], np.zeros(len(z))
+        if length is None:
+            step = self._differences(self._layout.shared, len(z), rng)
+        else:
+            new_h, correction = self._shared.step(h, length, rng)
+            step = new_h - h
+        new = z.copy()
+        new[:, self._layout.shared] += step
+        for own, follow in zip(self._layout.own, self._follow, strict=True):
+            new[:, own] += step @ follow
+        others = density.terms(new)
+        gain = _gain(others.total(beta), terms.total(beta)) + correction
+        accepted = np.log(rng.random(len(z))) < gain
+        self.accepted[0 if length is not None else 2] += accepted.mean() / self._blocks
+        return np.where(accepted[:, None], new, z), terms.replaced(others, accepted)
+
+    def _move_own(
+        self, density: Density, z: Array, terms: Terms, beta: float, rng: np.random.Generator, length: Array | None
+    ) -> tuple[Array, Terms]:
+        """Move s_k of all factors at a time; each is accepted for itself."""
+        new, correction = z.copy(), np.zeros((len(z), len(self._own)))
+        for k, (own, mixture) in enumerate(zip(self._layout.own, self._own, strict=True)):
+            if mixture is None:
+                continue
+            if length is None:
+                new[:, own] += self._differences(own, len(z), rng)
+            else:
+                left = self._left(z, k)
+                proposed, correction[:, k] = mixture.step(left, length, rng)
+                new[:, own] += proposed - left
+        others = density.terms(new)
+        before = terms.prior[:, 1:] + beta * terms.ln_likelihood
+        after = others.prior[:, 1:] + beta * others.ln_likelihood
+        accepted = np.log(rng.random(after.shape)) < _gain(after, before) + correction
+        self.accepted[0 if length is not None else 2] += accepted.mean() / self._blocks
+        z = z.copy()
+        for k, own in enumerate(self._layout.own):
+            z[:, own] = np.where(accepted[:, [k]], new[:, own], z[:, own])
+        prior, lnl = terms.prior.copy(), np.where(accepted, others.ln_likelihood, terms.ln_likelihood)
+        prior[:, 1:] = np.where(accepted, others.prior[:, 1:], prior[:, 1:])
+        return z, Terms(prior, lnl)
+
+    def _draw(
+        self, density: Density, z: Array, terms: Terms, beta: float, rng: np.random.Generator
+    ) -> tuple[Array, Terms]:
+        """Draw all coordinates from the mixture: from one mode to another."""
+        new, correction = self._whole.step(z, np.full(len(z), np.inf), rng)
+        others = density.terms(new)
+        accepted = np.log(rng.random(len(z))) < _gain(others.total(beta), terms.total(beta)) + correction
+        self.accepted[1] += accepted.mean()
+        return np.where(accepted[:, None], new, z), terms.replaced(others, accepted)
+
+    def _newton(
+        self, density: Density, z: Array, terms: Terms, beta: float, rng: np.random.Generator
+    ) -> tuple[Array, Terms]:
+        """Move all coordinates about the Gaussian of linear predictions at each walker.
+
+        It is the step of `Mixture.step` about that Gaussian, of a length between `SHORTEST` and 1.
+        """
+        length = np.exp(rng.uniform(np.log(SHORTEST), 0.0, len(z)))
+        here = self._local(density, z, beta, length)
+        new = here.middle + np.matmul(here.root, rng.standard_normal((*z.shape, 1)))[:, :, 0]
+        there = self._local(density, new, beta, length)
+        others = density.terms(new)
+        gain = _gain(others.total(beta), terms.total(beta)) + there.ln_density(z) - here.ln_density(new)
+        accepted = np.log(rng.random(len(z))) < gain
+        self.accepted[3] += accepted.mean()
+        return np.where(accepted[:, None], new, z), terms.replaced(others, accepted)
+
+    def _local(self, density: Density, z: Array, beta: float, length: Array) -> _Gaussians:
+        """Return the Gaussian that a step of these lengths (n,) from z (n, d) is drawn from."""
+        slopes, curvature = density.newton(z)
+        precision = beta * np.nan_to_num(curvature, nan=0.0, posinf=STEEPEST, neginf=0.0)
+        if precision.any():
+            precision[:, np.arange(z.shape[1]), np.arange(z.shape[1])] += 1.0
+        else:  # ln L is learned as a whole
+            precision = precision + self._precision
+        inverse_root: Array = np.linalg.cholesky(precision).astype(float)
+        root = np.linalg.inv(inverse_root).transpose(0, 2, 1)
+        force = np.clip(np.nan_to_num(beta * slopes), -STEEPEST, STEEPEST) - z
+        toward = np.matmul(root, np.matmul(root.transpose(0, 2, 1), force[:, :, None]))[:, :, 0]
+        shrunk = 1.0 - np.sqrt(1.0 - length**2)
+        return _Gaussians(z + shrunk[:, None] * toward, length[:, None, None] * root, inverse_root, length)
+
+
+class _Gaussians(NamedTuple):
+    """Gaussians of n walkers: means (n, d), roots of the covariances (n, d, d), lower ones of the inverses, lengths."""
+
+    middle: Array
+    root: Array
+    inverse_root: Array
+    length: Array
+
+    def ln_density(self, z: Array) -> Array:
+        """(n,) ln density of each at z (n, d), up to a constant that depends on the length alone."""
+        away = np.matmul((z - self.middle)[:, None], self.inverse_root)[:, 0] / self.length[:, None]
+        volume = np.log(np.einsum("nii->ni", self.inverse_root)).sum(axis=1)
+        return np.asarray(volume - 0.5 * np.sum(away**2, axis=1))
+
+
+def _gain(after: Array, before: Array) -> Array:
+    """Return differences of ln densities; those of walkers that are nowhere yet are infinite."""
+    with np.errstate(invalid="ignore"):
+        return np.where(np.isneginf(before), np.where(np.isneginf(after), -np.inf, np.inf), after - before)

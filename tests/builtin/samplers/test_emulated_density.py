@@ -1,0 +1,90 @@
+"""What the emulator samples: coordinates, slopes, and the search for what it misses."""
+
+import numpy as np
+import pytest
+from emulated import OfToy, called
+from posteriors import Curved
+from scipy.stats import norm
+
+from streamkit.builtin.samplers.emulator import learn as learning
+from streamkit.builtin.samplers.emulator.density import Emulated, Joint, one_factor
+from streamkit.builtin.samplers.emulator.recall import recall
+from streamkit.builtin.samplers.emulator.space import Space
+from streamkit.builtin.samplers.emulator.start import Known
+from streamkit.builtin.samplers.monomials import count, differentiated, monomials
+from streamkit.runfile import LogUniform, Normal, Uniform
+
+
+def test_slopes_are_those_of_the_likelihood():
+    """By differences of ln L, for a polynomial and a Gaussian process, whose slopes are in single precision."""
+    for toy, count_, worth in ((Curved(), 400, np.inf), (Wavy(), 300, 0.0)):
+        problem = OfToy(toy)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(learning, "WORTH", worth)
+            emulated = Emulated(Space(problem), called(problem, count_).learn(), noise=False)
+        z = np.random.default_rng(2).normal(scale=0.4, size=(50, problem.size))
+        step = 1e-3 * np.eye(problem.size)
+
+        def at(z, emulated=emulated):
+            return emulated.ln_likelihood(z, fit_error=False)
+
+        object.__setattr__(emulated.emulator, "typical2", 0.0)  # without the error of the fit, as here
+
+        measured = np.stack([(at(z + each) - at(z - each)) / 2e-3 for each in step], axis=1)
+        np.testing.assert_allclose(emulated.newton(z)[0], measured, rtol=0.02, atol=0.02 * np.abs(measured).max())
+
+
+class Wavy(Curved):
+    """What no polynomial of low degree follows."""
+
+    def mean(self, theta):
+        x, y, z = theta
+        return np.array([x + 0.5 * np.sin(3 * y), z - x])
+
+
+def test_slopes_of_polynomials_are_polynomials():
+    rng = np.random.default_rng(1)
+    x = rng.normal(size=(5, 3))
+    for degree in (0, 1, 2, 5):
+        coefficients = rng.normal(size=(count(3, degree), 2))
+        sides = [[monomials(x + sign * 1e-6 * each, degree) @ coefficients for sign in (1, -1)] for each in np.eye(3)]
+        measured = np.stack([(after - before) / 2e-6 for after, before in sides], axis=1)
+        slopes = np.einsum("nt,tik->nik", monomials(x, max(degree - 1, 0)), differentiated(coefficients, 3, degree))
+        np.testing.assert_allclose(slopes, measured, atol=1e-6)
+
+
+def test_the_coordinates_of_walkers_are_normal_in_the_prior():
+    priors = (Uniform(2, 5), Normal(1.0, 0.3), LogUniform(0.1, 10.0))
+    problem = OfToy(Curved())
+    problem.priors = priors
+    space, u = Space(problem), np.random.default_rng(1).random((200, 3))
+    theta = problem.from_unit(u)
+    np.testing.assert_allclose(space.normal(theta), norm.ppf(u), atol=2e-5)
+    np.testing.assert_allclose(space.points(space.normal(theta)), theta, rtol=1e-12)
+    np.testing.assert_array_equal(space.learned_of(theta)[:, 1], theta[:, 1])
+    np.testing.assert_allclose(space.learned_of(theta)[:, 2], np.log(theta[:, 2]))
+
+
+def test_calls_find_what_an_emulator_that_knows_one_side_misses(monkeypatch):
+    """A linear emulator of calls at positive p0, of a posterior that has the same mass on both sides."""
+    monkeypatch.setattr(learning, "DEGREES", (1,))
+    problem = OfToy(Symmetric())
+    calls = called(problem, 200)
+    one_side = calls.take(calls.theta[:, 0] > 0.3)
+    emulated = Emulated(calls.space, one_side.learn(), noise=False)
+    factor = one_factor(problem, problem)
+    known, joint = Known(factor, one_side, emulated, [], 0.0), Joint([factor], [emulated])
+    begin = np.random.default_rng(3).normal(size=(500, 3))
+    found = recall([known], joint, begin, begin, 0.25, [1])
+    assert found.share > 0.1
+    assert found.calls == len(known.calls) - len(one_side) == 64
+    assert found.found > 0.05
+    assert "where the emulators have next to nothing" in found.fault
+
+
+class Symmetric(Curved):
+    """The same at minus p0."""
+
+    def mean(self, theta):
+        x, y, z = theta
+        return np.array([np.abs(x) + 0.5 * y**2, z - np.abs(x)])
