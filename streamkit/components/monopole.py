@@ -74,8 +74,9 @@ class Monopole:
         """Return the arguments of `acceleration` after t."""
         return tuple(self.sphere.tolist())
 
-    def growth_table(self) -> None:
-        """Return None: the force does not change within a block."""
+    def changes(self) -> tuple[()]:
+        """Return nothing: the force does not change within a block."""
+        return ()
 
     def rotation(self) -> None:
         """Return None: a sphere has no axes."""

@@ -1,26 +1,23 @@
-"""The base of potentials: the arguments of a force, its preparation, its growth with time, its expansion."""
+"""The base of potentials: the arguments of a force, its preparation, its expansion."""
 
 from __future__ import annotations
 
 import inspect
 from abc import abstractmethod
 from functools import cache
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
-import numpy as np
-from pydantic import Field, PrivateAttr, field_validator
+from pydantic import PrivateAttr
 
 from streamkit import engine, expansion
-from streamkit.components.orientation import Oriented
+from streamkit.components.changes import Changing
 from streamkit.components.signature import HOST, add_evaluation, check_signature, prepared_arguments
 from streamkit.components.total import Total
 from streamkit.errors import StreamkitError
-from streamkit.fields import Columns, Table
 from streamkit.stream import Array
-from streamkit.units import GYR
 
 
-class Potential(Oriented):
+class Potential(Changing):
     """A gravitational potential, centred on the origin.
 
     The static methods `acceleration`, `potential` and `drag` are formulas: numba compiles them into the loops over
@@ -121,27 +118,7 @@ class Potential(Oriented):
         """
         raise NotImplementedError
 
-    growth: Annotated[Table, Columns(t="Gyr", factor="").increasing("t")] | None = Field(
-        default=None,
-        repr=False,
-        description="Factor on the force as a table of time (t = 0 is today, where it must be 1): linear between the "
-        "rows, constant before the first and after the last. The parameters are those of today.",
-    )
     _prepared: tuple[int, tuple[Any, ...]] = PrivateAttr((0, ()))
-
-    @field_validator("growth")
-    @classmethod
-    def _as_it_is_today(cls, growth: Table | None) -> Table | None:
-        if growth is not None:
-            if abs(now := float(np.interp(0.0, growth["t"], growth["factor"])) - 1.0) > 1e-9:
-                raise ValueError(f"the factor today (t = 0) is {now + 1.0:g}, expected 1: divide all factors by it")
-            if (low := float(growth["factor"].min())) < 0:
-                raise ValueError(f"found the factor {low:g}, expected zero or more")
-        return growth
-
-    def growth_table(self) -> tuple[Array, Array] | None:
-        """Return times (n,) in engine units and the factors (n,) on the force; None if it does not change."""
-        return None if self.growth is None else (self.growth["t"] * GYR, self.growth["factor"])
 
     def in_engine_units(self) -> tuple[Any, ...]:
         """Return the arguments of `acceleration` after t: the fields, or the results of `prepare` and fields."""

@@ -2,6 +2,10 @@ from .bodies import NO_FRICTION as NO_FRICTION
 from .bodies import Centre as Centre
 from .bodies import Friction as Friction
 from .bodies import follow_bodies as follow_bodies
+from .changing import FACTOR as FACTOR
+from .changing import Changes as Changes
+from .changing import linear as linear
+from .changing import values_at as values_at
 from .discs import with_disc as with_disc
 from .field import Field as Field
 from .field import adaptive_step as adaptive_step

@@ -13,18 +13,18 @@ from typing import Any
 import numpy as np
 from numba import carray, njit
 
-from streamkit.elementary import interp
 from streamkit.engine.arguments import ENDLESS, layout_of, pack, unpacker
 from streamkit.engine.axes import turned_drag
 from streamkit.engine.cache import OPTIONS, UNCALLED
+from streamkit.engine.changing import arguments_at, compiled_arguments, numbers_of, tables_of
 from streamkit.engine.forces import ROW
 from streamkit.engine.kernels import Force, NumpyKernel, machine_code
 from streamkit.engine.velocity_forces import LANES_ROWS
 from streamkit.stream import Array, from_axes, to_axes
 
-# A component, the dimensions of what its `drag` gets after t, whether the last two of these are a growth, and whether
-# the nine before are a rotation.
-Part = tuple[type[Force], tuple[int, ...], bool, bool]
+# A component, the dimensions of what its `drag` gets after t, which of these change, and whether its axes are turned,
+# as in `compiled_kernel`.
+Part = tuple[type[Force], tuple[int, ...], tuple[int, ...], bool]
 
 
 def drag_kernel(forces: Sequence[Force]) -> tuple[Any, Array]:
@@ -37,9 +37,9 @@ def drag_kernel(forces: Sequence[Force]) -> tuple[Any, Array]:
         return NumpyDrag(forces), np.zeros(1)
     parts, packed = [], []
     for force in forces:
-        rotation, growth = force.rotation(), force.growth_table()
-        values = force.in_engine_units() + (rotation or ()) + (growth or ())
-        parts.append((type(force), layout_of(values), growth is not None, rotation is not None))
+        rotation, changes = force.rotation(), force.changes()
+        values = force.in_engine_units() + (rotation or ()) + tables_of(changes)
+        parts.append((type(force), layout_of(values), numbers_of(changes), rotation is not None))
         packed.append(pack(values))
     begins = np.cumsum([len(forces), *map(len, packed)])[:-1].astype(float)
     return compiled_drag(tuple(parts)), np.concatenate([begins, *packed, np.zeros(1)])
@@ -50,9 +50,10 @@ def compiled_drag(parts: tuple[Part, ...]) -> Any:
     """Return the machine code for a combination of components; compiled once per process."""
     inlined = njit(forceinline=True, **UNCALLED, **OPTIONS)
     total = inlined(lambda x, y, z, u, v, w, t, p: (0.0, 0.0, 0.0))
-    for number, (cls, layout, growing, turning) in enumerate(parts):
+    for number, (cls, layout, changing, turning) in enumerate(parts):
         drag = turned_drag(cls.drag) if turning else cls.drag
-        total = _with(total, inlined(drag), unpacker(layout), growing, number)
+        now = compiled_arguments(len(layout) - len(changing), changing) if changing else None
+        total = _with(total, inlined(drag), unpacker(layout), now, number)
 
     @inlined
     def mean(x, y, z, u, v, w, t, h, p, ax, ay, az):
@@ -90,7 +91,7 @@ def compiled_drag(parts: tuple[Part, ...]) -> Any:
     )
 
 
-def _with(before: Any, drag: Any, unpack: Any, growing: bool, number: int) -> Any:
+def _with(before: Any, drag: Any, unpack: Any, now: tuple[Any, Any] | None, number: int) -> Any:
     """Add the drag of the component with this number to those of the components before it."""
     inlined = njit(forceinline=True, **UNCALLED, **OPTIONS)
 
@@ -99,14 +100,18 @@ def _with(before: Any, drag: Any, unpack: Any, growing: bool, number: int) -> An
         bx, by, bz = drag(x, y, z, u, v, w, t, *unpack(p[int(p[number]) :]))
         return ax + bx, ay + by, az + bz
 
-    def growing_total(x, y, z, u, v, w, t, p):
-        ax, ay, az = before(x, y, z, u, v, w, t, p)
-        parameters = unpack(p[int(p[number]) :])
-        bx, by, bz = drag(x, y, z, u, v, w, t, *parameters[:-2])
-        factor = interp(t, parameters[-2], parameters[-1])
-        return ax + factor * bx, ay + factor * by, az + factor * bz
+    if now is None:
+        return inlined(total)
+    arguments, factor = now
 
-    return inlined(growing_total if growing else total)
+    def changing_total(x, y, z, u, v, w, t, p):
+        ax, ay, az = before(x, y, z, u, v, w, t, p)
+        packed = unpack(p[int(p[number]) :])
+        bx, by, bz = drag(x, y, z, u, v, w, t, *arguments(t, packed))
+        k = factor(t, packed)
+        return ax + k * bx, ay + k * by, az + k * bz
+
+    return inlined(changing_total)
 
 
 class NumpyDrag(NumpyKernel):
@@ -114,7 +119,7 @@ class NumpyDrag(NumpyKernel):
 
     def __init__(self, forces: Sequence[Force]) -> None:
         super().__init__(forces[0])
-        self._parts = [(f.drag, f.in_engine_units(), f.growth_table(), f.rotation()) for f in forces]
+        self._parts = [(f.drag, f.in_engine_units(), f.changes(), f.rotation()) for f in forces]
 
     def _fill(self, q: Callable[[int], Array], times: Array, about: list[float], total: Array, fresh: int) -> None:
         lanes = q(LANES_ROWS)
@@ -131,11 +136,12 @@ class NumpyDrag(NumpyKernel):
 
     def _drag(self, x: Array, v: Array, t: Array) -> Array:
         total = np.zeros_like(v)
-        for drag, arguments, growth, rotation in self._parts:
+        for drag, arguments, changes, rotation in self._parts:
+            now, factor = arguments_at(t, arguments, changes) if changes else (arguments, 1.0)
             if rotation is None:
-                part = np.stack(np.broadcast_arrays(*drag(*x, *v, t, *arguments)))
+                part = np.stack(np.broadcast_arrays(*drag(*x, *v, t, *now)))
             else:
                 place, motion = to_axes(rotation, *x), to_axes(rotation, *v)
-                part = np.stack(from_axes(rotation, *np.broadcast_arrays(*drag(*place, *motion, t, *arguments))))
-            total += part if growth is None else part * np.interp(t, *growth)
+                part = np.stack(from_axes(rotation, *np.broadcast_arrays(*drag(*place, *motion, t, *now))))
+            total += factor * part
         return total

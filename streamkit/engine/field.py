@@ -13,6 +13,7 @@ import numpy as np
 
 from streamkit.engine import kernels, loops
 from streamkit.engine.arguments import layout_of, pack
+from streamkit.engine.changing import numbers_of, tables_of
 from streamkit.engine.drag_kernels import drag_kernel
 from streamkit.engine.forces import BATCH, DEEPEST, NO_FRAME, NO_TRACKS, Forces
 from streamkit.engine.kernels import Force, NumpyKernel
@@ -246,20 +247,20 @@ class Field:
 def build_field(potentials: Sequence[Force], *, exact: bool = False) -> Field:
     """Compile (or load from the disk cache) the forces of the potentials, which add up, fixed at the origin.
 
-    A potential with an expansion is replaced by it. With ``exact`` it is not, and it has its present mass and
-    axes that are not turned.
+    A potential with an expansion is replaced by it. With ``exact`` it is not, and it is as it is today, with axes that
+    are not turned.
     """
     built: list[Any] = []
     packed: list[Array] = []
     for p in potentials:
-        force, rotation, growth = (p, None, None) if exact else (p.in_loop(), p.rotation(), p.growth_table())
+        force, rotation, changes = (p, None, ()) if exact else (p.in_loop(), p.rotation(), p.changes())
         if force.compiled:
-            values = force.in_engine_units() + (rotation or ()) + (growth or ())
-            given = growth is not None, rotation is not None
+            values = force.in_engine_units() + (rotation or ()) + tables_of(changes)
+            given = numbers_of(changes), rotation is not None
             built.append(kernels.compiled_kernel(type(force), layout_of(values), *given))
             packed.append(pack(values))
         else:
-            built.append(NumpyKernel(force, growth, rotation))
+            built.append(NumpyKernel(force, changes, rotation))
             packed.append(np.zeros(0))
     forces = Forces(
         address=np.array([k.address for k in built], dtype=np.int64),

@@ -21,11 +21,11 @@ from numba.core.ccallback import CFunc
 from numba.core.compiler import Compiler
 from numba.core.errors import NumbaError
 
-from streamkit.elementary import interp
 from streamkit.engine import vector  # noqa: F401  its overloads are what the elementary functions compile to
 from streamkit.engine.arguments import ENDLESS, unpacker
 from streamkit.engine.axes import turned
 from streamkit.engine.cache import OPTIONS, UNCALLED, content_digest, disk_cache
+from streamkit.engine.changing import Changes, arguments_at, compiled_arguments
 from streamkit.engine.forces import ROW
 from streamkit.engine.patches import sweep_of
 from streamkit.errors import PluginError
@@ -57,8 +57,8 @@ class Force(Protocol):
     def in_engine_units(self) -> tuple[Any, ...]:
         """Return the arguments of `acceleration` after t: numbers and arrays; any object if it is not compiled."""
 
-    def growth_table(self) -> tuple[Array, Array] | None:
-        """Return times (n,), increasing, and the factors (n,) on the force; None if it does not change."""
+    def changes(self) -> Changes:
+        """Return the arguments of `acceleration` after t that change in time, and the factor on the force."""
 
     def rotation(self) -> tuple[float, ...] | None:
         """Return the rotation matrix of the axes, row by row (9,); None if they are those of the Galaxy."""
@@ -76,7 +76,9 @@ class _NoAliasCompiler(Compiler):  # type: ignore[misc]  # numba is untyped here
 
 
 @functools.cache
-def compiled_kernel(cls: type[Force], layout: tuple[int, ...], growing: bool = False, turning: bool = False) -> Any:
+def compiled_kernel(
+    cls: type[Force], layout: tuple[int, ...], changing: tuple[int, ...] = (), turning: bool = False
+) -> Any:
     """Return the machine code of a potential class: an object with an ``address``. Once per class and process.
 
     Parameters
@@ -84,9 +86,9 @@ def compiled_kernel(cls: type[Force], layout: tuple[int, ...], growing: bool = F
     cls
         The potential.
     layout
-        Dimensions of the arguments after t, as `layout_of` gives them.
-    growing
-        Whether the last two arguments are times and factors by which the force is multiplied.
+        Dimensions of the arguments after t, as `layout_of` gives them, and of the pieces of those that change.
+    changing
+        The numbers of the arguments that change in time, as `Changes` has them. Their pieces are the last arguments.
     turning
         Whether the nine arguments before these are the rotation of its axes.
 
@@ -103,21 +105,24 @@ def compiled_kernel(cls: type[Force], layout: tuple[int, ...], growing: bool = F
         place, total, c = carray(q, (3 * ROW,)), carray(a, (3 * ROW,)), carray(centre, (3,))
         sweep(0, n, times, place, total, c, fresh, parameters, 1.0)
 
-    def growing_kernel(n, t, p, centre, q, a, fresh):
-        parameters = unpack(carray(p, (ENDLESS,)))
-        knots, factors = parameters[-2], parameters[-1]
+    if not changing:
+        return machine_code(kernel, [(cls, written)], [(layout, turning)])
+    now, factor = compiled_arguments(len(layout) - len(changing), changing)
+
+    def changing_kernel(n, t, p, centre, q, a, fresh):
+        packed = unpack(carray(p, (ENDLESS,)))
         times = carray(t, (n,))
         place, total, c = carray(q, (3 * ROW,)), carray(a, (3 * ROW,)), carray(centre, (3,))
-        together = True
-        for i in range(n):
-            together &= times[i] == times[0]
-        if together:
-            sweep(0, n, times, place, total, c, fresh, parameters[:-2], interp(times[0], knots, factors))
-        else:
-            for i in range(n):
-                sweep(i, i + 1, times, place, total, c, fresh, parameters[:-2], interp(times[i], knots, factors))
+        begin = 0
+        while begin < n:  # neighbours of one time together: mostly all of them
+            end = begin + 1
+            while end < n and times[end] == times[begin]:
+                end += 1
+            t0 = times[begin]
+            sweep(begin, end, times, place, total, c, fresh, now(t0, packed), factor(t0, packed))
+            begin = end
 
-    return machine_code(growing_kernel if growing else kernel, [(cls, written)], [(layout, turning)])
+    return machine_code(changing_kernel, [(cls, written)], [(layout, turning, changing)])
 
 
 def machine_code(kernel: Any, written: Sequence[tuple[type[Force], Any]], layouts: Sequence[object]) -> Any:
@@ -208,14 +213,9 @@ class NumpyKernel:
     it after the loop. Until then the accelerations are NaN, and the author's function is not called again.
     """
 
-    def __init__(
-        self,
-        force: Force,
-        growth: tuple[Array, Array] | None = None,
-        rotation: tuple[float, ...] | None = None,
-    ) -> None:
+    def __init__(self, force: Force, changes: Changes = (), rotation: tuple[float, ...] | None = None) -> None:
         self.error: BaseException | None = None
-        self._arguments, self._growth, self._rotation = force.in_engine_units(), growth, rotation
+        self._arguments, self._changes, self._rotation = force.in_engine_units(), changes, rotation
         self._acceleration = force.acceleration
         self._callback = _CALLBACK(self._call)
         self.address = ctypes.cast(self._callback, ctypes.c_void_p).value
@@ -252,11 +252,14 @@ class NumpyKernel:
         x, y, z = place
         if self._rotation is not None:
             x, y, z = map(read_only, to_axes(self._rotation, x, y, z))
-        acceleration = self._acceleration(x, y, z, times, *self._arguments)
+        arguments, factor = self._arguments, None
+        if self._changes:
+            arguments, factor = arguments_at(times, arguments, self._changes)
+        acceleration = self._acceleration(x, y, z, times, *arguments)
         if self._rotation is not None:
             acceleration = from_axes(self._rotation, *acceleration)
-        if self._growth is not None:
-            acceleration = np.stack(acceleration) * np.interp(times, *self._growth)
+        if factor is not None:
+            acceleration = factor * np.stack(np.broadcast_arrays(*acceleration))
         if fresh:
             total[:] = acceleration
         else:

@@ -160,8 +160,7 @@ class MovingForce:
 
     def _field_with(self, force: Force) -> Field:
         """Return the host with this force: the numbers of a compiled one of the same class replace the last one's."""
-        changes = force.growth_table() is not None
-        if changes or not force.compiled:
+        if force.changes() or not force.compiled:
             return self._host.with_moving(build_field([force]), self._orbit)
         rotation = force.rotation()
         values = force.in_engine_units() + (rotation or ())

@@ -43,8 +43,9 @@ class Expansion:
         """Return the table."""
         return (self.table,)
 
-    def growth_table(self) -> None:
-        """Return None: an expansion is constant in time; its potential has the growth."""
+    def changes(self) -> tuple[()]:
+        """Return nothing: an expansion is constant in time; its potential has the growth."""
+        return ()
 
     def rotation(self) -> None:
         """Return None: its potential has the rotation."""

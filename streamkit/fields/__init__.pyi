@@ -13,6 +13,9 @@ from .arrays import TimeArray as TimeArray
 from .arrays import VelocityArray as VelocityArray
 from .files import DataFile as DataFile
 from .files import Files as Files
+from .in_time import KNOTS as KNOTS
+from .in_time import InTime as InTime
+from .in_time import times_of as times_of
 from .table import Columns as Columns
 from .table import Table as Table
 from .table import array_of as array_of

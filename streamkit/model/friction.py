@@ -18,18 +18,18 @@ APART = 0.25 * GYR
 LOOKS = np.array([0.137, 0.41, 0.73, 1.0])
 
 
-def friction_times(field: Field, growths: Sequence[Array], t1: float) -> Array:
+def friction_times(field: Field, changes: Sequence[Array], t1: float) -> Array:
     """(T,) Increasing times from today to t1 at which the host is measured; one time if it does not change.
 
-    ``growths`` are the times at which its rate of growth changes.
+    ``changes`` are the times of the knots of what changes in it.
     """
     q = np.array([[3.0, -1.0, 9.0, 40.0], [1.0, -7.0, 14.0, -60.0], [0.5, 2.0, -5.0, 20.0]])
     now = np.tile(field.acceleration(0.0, q), len(LOOKS))
     then = field.acceleration(np.repeat(LOOKS, 4) * t1, np.tile(q, len(LOOKS)))
-    if not growths and np.allclose(then, now, rtol=1e-9, atol=0, equal_nan=True):
+    if not changes and np.allclose(then, now, rtol=1e-9, atol=0, equal_nan=True):
         return np.zeros(1)
     even = np.linspace(t1, 0.0, int(np.ceil(abs(t1) / APART)) + 1)
-    knots = np.concatenate([even, *growths])
+    knots = np.concatenate([even, *changes])
     return np.unique(knots[(knots >= min(t1, 0.0)) & (knots <= max(t1, 0.0))])
 
 

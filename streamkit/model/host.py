@@ -125,8 +125,8 @@ class Host:
 
     def _friction(self, t1: float) -> Friction:
         """Return the table of dynamical friction from today to t1."""
-        growths = [grows[0] for p in self.potentials.values() if (grows := p.growth_table()) is not None]
-        times = friction_times(self.alone, growths, t1)
+        changes = [pieces[1:, 0] for p in self.potentials.values() for _, pieces in p.changes()]
+        times = friction_times(self.alone, changes, t1)
         if len(times) > 1:
             return friction_table(self.alone, *sphere(*COARSE), times)
         return self._friction_of_today

@@ -22,6 +22,7 @@ def not_there(sections: Sections) -> list[str]:
         for section in sections.of_host
         for name, field in section.cls.model_fields.items()
         if (unit := unit_of(field)) is not None and isinstance(getattr(section.centre, name), float)
+        if name not in section.knots
     }
     return [error for datum in sections.data.values() for error in _unread(datum, units)]
 
@@ -30,9 +31,7 @@ def _unread(datum: Section[HostData], units: Mapping[str, str]) -> Iterator[str]
     head = f"{datum.path}: the {datum.cls.kind} reads"
     for path, unit in datum.centre.reads().items():
         if path not in units:
-            yield (
-                f"{head} {path}, and the host has no such number.{nearest(path, units)} Allowed: {', '.join(units)}"
-            )
+            yield (f"{head} {path}, and the host has no such number.{nearest(path, units)} Allowed: {', '.join(units)}")
         elif units[path] != unit:
             yield f"{head} {path} in {unit or 'no unit'}; found a field in {units[path] or 'no unit'}"
 

@@ -176,7 +176,7 @@ class _Reader:
             cls = cls.for_section(fields)
         except ValueError as error:
             return self.refuse(f"{path}: {error}")
-        return read_section(path, cls, fields, self.errors, f"the {role} {cls.kind!r}", files=self.files)
+        return read_section(path, cls, fields, self.errors, f"the {role} {cls.kind!r}", (), self.files)
 
     def sampler(self, table: dict[str, Any]) -> Any:
         """Validate the sampler; an error for a field of another sampler names that sampler."""
@@ -347,7 +347,7 @@ class _Reader:
         fields = {key: value for key, value in table.items() if key in names}
         rest = {key: value for key, value in table.items() if key not in ("kind", *names)}
         before = len(self.errors)
-        potential = read_section(path, cls, fields, self.errors, f"the potential {cls.kind!r}", files=self.files)
+        potential = read_section(path, cls, fields, self.errors, f"the potential {cls.kind!r}", (), self.files, False)
         if reason := massless(path, cls, potential, progenitor):
             self.errors[before:] = [reason]  # its fields do not matter then
             return None, None

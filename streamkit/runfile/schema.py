@@ -94,7 +94,8 @@ def _component(cls: type[Component], what: str = "", way: type[Place] | None = N
     kind: Any = Annotated[Literal[cls.kind], WithJsonSchema({"const": cls.kind})]
     fields: Any = {"kind": (kind, cls.kind if way is None and DEFAULT_KIND.get(cls.role) == cls.kind else ...)}
     if way is None:
-        made = create_model(f"{cls.role}/{cls.kind}", __base__=section_model(cls), **fields)
+        base = section_model(cls, in_time=cls.role == "potential")
+        made = create_model(f"{cls.role}/{cls.kind}", __base__=base, **fields)
         return _open(made) if varies(cls) else made
     bases = section_model(cls, HOST_ALONE), section_model(way)
     text = f"{section_model(cls).__doc__} As a {what}, its place given as: {way.title}."

@@ -24,6 +24,7 @@ from pydantic import (
 from streamkit.components import Component, Potential, Registry
 from streamkit.errors import OutOfDomain, SpecError
 from streamkit.fields import DataFile, Files, Table, array_of
+from streamkit.runfile.knots import Knots, KnotsTable, without_knots
 from streamkit.runfile.priors import PRIORS, Prior, PriorTable, parse, quantity
 from streamkit.runfile.sentences import alternatives_joined, sentence, should
 from streamkit.units import Unit, unit_of
@@ -43,13 +44,15 @@ class Section(Generic[M]):
     centre: M  # the instance with every free field at the centre of its prior
     # The values of fields with an array, a table or a file, as the run file has them.
     written: dict[str, Any] = dataclass_field(default_factory=dict)
+    knots: dict[str, Knots] = dataclass_field(default_factory=dict)  # the numbers that change in time, by field
 
     def build(self, values: Mapping[str, float]) -> M:
         """Return the instance at ``values``, by the full name of each free field; `OutOfDomain` if one breaks it."""
         if not self.priors:
             return self.centre
         try:
-            built = self.cls.model_validate(_filled(self.given, {name: values[full] for name, full in self._free}))
+            free = {name: values[full] for name, full in self._free}
+            built = _at(self.cls, self.given, free, self.knots)
         except ValidationError as error:
             where = ".".join([self.path, *(str(part) for part in error.errors()[0]["loc"][:1])])
             raise OutOfDomain(f"{where} is outside its allowed range") from None
@@ -65,7 +68,8 @@ class Section(Generic[M]):
         """Return the unit of every number in a list of an array field, as ``v_c.0``: each may have a prior."""
         lists = {name: value for name, value in self.written.items() if isinstance(value, list)}
         marks = {name: mark for name in lists if (mark := array_of(self.cls.model_fields[name])) is not None}
-        return {f"{name}.{i}": mark.unit for name, mark in marks.items() for i in range(len(lists[name]))}
+        entries = {f"{name}.{i}": mark.unit for name, mark in marks.items() for i in range(len(lists[name]))}
+        return entries | {path: knots.unit for name, knots in self.knots.items() for path in knots.paths(name)}
 
     def defaults(self) -> dict[str, Any]:
         """Return the fields that have a default, as the resolved run file writes the default."""
@@ -82,11 +86,12 @@ class Section(Generic[M]):
 
 
 @cache
-def section_model(cls: type[BaseModel], without: tuple[str, ...] = ()) -> type[BaseModel]:
+def section_model(cls: type[BaseModel], without: tuple[str, ...] = (), in_time: bool = False) -> type[BaseModel]:
     """Derive the model of a section in a run file: its physical numbers may be text or priors.
 
     The fields of the class itself, which the engine sees, are numbers. The model has the validators of the fields'
-    types, and not those of the class. A section ``without`` some fields refuses them.
+    types, and not those of the class. A section ``without`` some fields refuses them. The schema allows numbers that
+    change ``in_time``.
     """
     fields: dict[str, Any] = {}
     for name, field in cls.model_fields.items():
@@ -101,6 +106,8 @@ def section_model(cls: type[BaseModel], without: tuple[str, ...] = ()) -> type[B
             bounds = (float, *(item for item in field.metadata if isinstance(item, BaseMetadata)), Field())
             text = Annotated[str, Field(examples=[unit.example])]
             form = Annotated[bounds] | text | PriorTable
+            if in_time:
+                form |= KnotsTable
             parts.append(WrapValidator(partial(_number_or_prior, unit), json_schema_input_type=form))
             parts.append(PlainSerializer(partial(_written, unit)))
         settings: Any = {"default": field.default, "default_factory": field.default_factory}
@@ -137,13 +144,17 @@ def read_section(
     called: str,
     more: tuple[str, ...] = (),
     files: Files | None = None,
+    in_time: bool | None = None,
 ) -> Section[M] | None:
     """Validate the table of a section, without its ``kind``; on failure add a sentence per error and return None.
 
     In messages the class is ``called`` such as ``the potential 'tf'``, and ``more`` names other fields of the section.
-    Data files are read through ``files``.
+    Data files are read through ``files``. Numbers may change ``in_time``: those of a potential, unless
+    this says otherwise.
     """
     plain, pulled = _without_priors(path, cls, table, errors)
+    in_time = issubclass(cls, Potential) if in_time is None else in_time
+    plain, knots = without_knots(path, cls, plain, in_time, errors)
     try:
         read = section_model(cls).model_validate(plain, context=files)
     except ValidationError as error:
@@ -155,12 +166,19 @@ def read_section(
     trial = {name: priors[name].centre if name in priors else data.get(name, value) for name, value in plain.items()}
     priors |= pulled
     outside = _outside(cls, trial, priors)
+    for name, each in knots.items():
+        for i, prior in each.priors.items():
+            priors[f"{name}.values.{i}"] = prior
+            outside |= {f"{name}.values.{i}": said for said in _outside(cls, trial, {name: prior}).values()}
     errors.extend(f"{path}.{name}: {problem}" for name, problem in outside.items())
     try:
-        centre = cls.model_validate(trial)
+        centre = _at(cls, trial, {}, knots)
     except ValidationError as error:
         new = (item for item in error.errors() if item["loc"][:1] not in {(name,) for name in outside})
         errors.extend(sentence(path, cls, item, called) for item in alternatives_joined(cls, new))
+        return None
+    except ValueError as error:
+        errors.append(f"{path}.{error}")
         return None
     given = {  # numbers as read, so that build() does not parse text again
         name: trial[name] if unit_of(cls.model_fields[name]) is None else getattr(centre, name)
@@ -170,7 +188,20 @@ def read_section(
     if isinstance(centre, Potential):
         centre.share_grid_of(centre, path)
     written = {name: _list_written(cls, name, table[name], pulled) for name in data}
-    return None if outside else Section(path, cls, given, priors, centre, written)
+    written |= {name: each.document() for name, each in knots.items()}
+    return None if outside else Section(path, cls, given, priors, centre, written, knots)
+
+
+def _at(cls: type[M], given: Mapping[str, Any], free: Mapping[str, float], knots: Mapping[str, Knots]) -> M:
+    """Return the instance at values of the free fields; ValidationError if it is not allowed at one of the knots."""
+    if not knots:
+        return cls.model_validate(_filled(given, free))
+    moved = {name: each.at(name, free) for name, each in knots.items()}
+    fixed = _filled(given, {name: value for name, value in free.items() if name.partition(".")[0] not in knots})
+    for t in sorted({t for each in moved.values() for t in each.times}):
+        cls.model_validate(fixed | {name: each.at(t) for name, each in moved.items()})
+    built = cls.model_validate(fixed | {name: each.at(0.0) for name, each in moved.items()})
+    return built.changing(moved) if isinstance(built, Potential) else built
 
 
 def _without_priors(

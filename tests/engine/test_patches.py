@@ -5,7 +5,7 @@ import pytest
 from numba import njit
 from numpy.polynomial.polynomial import polyval2d
 
-from streamkit.engine import Patches, build_field
+from streamkit.engine import FACTOR, Patches, build_field, linear
 from streamkit.engine.patches import BLOCK
 
 COUNT, CELLS = 3, 5
@@ -44,8 +44,8 @@ class Read:
     def rotation(self):
         return None
 
-    def growth_table(self):
-        return self.growth
+    def changes(self):
+        return () if self.growth is None else ((FACTOR, linear(*self.growth)),)
 
     def in_loop(self):
         return self

@@ -14,12 +14,14 @@ class Bar(Potential):
     """Rotating bar: a needle of half-length a, softened by b and c as a Miyamoto-Nagai disc is (Long & Murali 1992).
 
     ``Phi = (G M / 2a) ln[(s - 2a) / (s + 2a)]``, s the sum of the distances from the needle's ends, each with
-    ``b + sqrt(z^2 + c^2)`` in place of z. It is prolate with b = 0. Its pattern speed is constant.
+    ``b + sqrt(z^2 + c^2)`` in place of z. It is prolate with b = 0. A bar that slows down has a
+    ``pattern_speed`` in time, or a pattern speed of 0 and an ``angle`` in time.
     Where the Sun is at x < 0 and moves towards y > 0 the Galaxy turns clockwise: the pattern speed is then negative,
     and the angle of a bar whose near end is 27 deg away from the Sun, at positive longitudes, is -27 deg.
     """
 
     kind = "bar"
+    rates = {"pattern_speed": "angle"}
     example = {"mass": 1.0e10, "a": 3.5, "b": 0.5, "c": 0.6, "pattern_speed": -39.0, "angle": -27.0}
     reference = "Long & Murali 1992, ApJ 397, 44"
 
