@@ -19,6 +19,8 @@ TABLES = (".ecsv",)
 @click.argument("source", metavar="RUN.toml|DIR", type=click.Path(path_type=Path))
 @SET
 @click.option("--radii", metavar="R1,R2,...", help="Radii of the table in kpc.")
+@click.option("--draws", default=0, type=click.IntRange(0), metavar="N",
+              help="Show medians and intervals of N draws of a run file's priors.")  # fmt: skip
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FILE", help="Write the profile to FILE.ecsv.")
 @click.option("--orbits", type=click.Path(path_type=Path), metavar="FILE",
               help="Write the orbits of the progenitors and bodies to FILE.ecsv.")  # fmt: skip
@@ -32,6 +34,7 @@ def host(
     source: Path,
     settings: tuple[str, ...],
     radii: str | None,
+    draws: int,
     output: Path | None,
     orbits: Path | None,
     plot: Path | None,
@@ -44,7 +47,8 @@ def host(
 
     A table of mass, circular velocity, flattening, escape speed and density against radius; and of the progenitors and
     bodies with their tidal radii and orbits. Free parameters of a run file are at the prior's centre unless --set gives
-    them a value. A directory gives medians and 68 % intervals; its orbits are those of the best sample.
+    them a value; --draws shows what the priors allow. A directory gives medians and 68 % intervals; its orbits are
+    those of the best sample.
     """
     targets = (output, TABLES, "--output"), (orbits, TABLES, "--orbits"), (plot, report.PICTURES, "--plot")
     for path, suffixes, option in targets:
@@ -57,22 +61,31 @@ def host(
         if settings:
             raise click.UsageError("--set changes a run file; a directory has its parameters from its samples")
         results = fit.load_results(source, trust=trust)
+        if draws:
+            raise click.UsageError("--draws shows the priors of a run file; a directory has samples of the posterior")
         spec, best, whole, note = results.spec, results.best(), results, results.note()
         caveat = fit.remark(results)
     else:
         spec = load_spec(source, settings)
-        best, whole, note, caveat = None, spec, "", ""
+        if draws and not spec.names:
+            raise click.UsageError("--draws: the run file has no free parameter")
+        best, whole, caveat = None, spec, ""
+        note = f"Medians and 68 % intervals of {draws} draws of the priors." if draws else ""
     try:
         objects = model.moving_objects(spec, best)
     except OutOfDomain as error:
         raise StreamkitError(f"{source}: there is no orbit at these parameters: {error}") from None
-    profile = fit.host_table(whole, at)
+    try:
+        profile = fit.host_table(whole, at, draws)
+        lines = fit.prior_profiles(spec, fine, draws) if draws and plot else None
+    except OutOfDomain as error:
+        raise StreamkitError(f"{source}: no draw of the priors has a host: {error}") from None
     if output:
         report.save_table(output, profile)
     if orbits:
         report.save_table(orbits, fit.orbits_table(objects))
     if plot:
-        report.save_picture(plot, fit.draw_host(fit.host_table(whole, fine), objects, caveat))
+        report.save_picture(plot, fit.draw_host(fit.host_table(whole, fine, draws), objects, caveat, lines))
     if as_json:
         tables = {"profile": profile, "objects": fit.objects_table(objects)}
         click.echo(report.as_json({name: report.table_record(table) for name, table in tables.items()}))

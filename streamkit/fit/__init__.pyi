@@ -15,6 +15,7 @@ from .show.host import draw_host as draw_host
 from .show.host import host_table as host_table
 from .show.host import objects_table as objects_table
 from .show.host import orbits_table as orbits_table
+from .show.host import prior_profiles as prior_profiles
 from .show.literature import read_literature as read_literature
 from .show.recovery import describe_recovery as describe_recovery
 from .show.status import describe_status as describe_status

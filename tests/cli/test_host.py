@@ -13,7 +13,7 @@ from pictures import assert_readable
 from runfiles import RUN
 
 import streamkit as sk
-from streamkit.fit import draw_host
+from streamkit.fit import draw_host, prior_profiles
 from streamkit.model import moving_objects
 
 
@@ -46,6 +46,30 @@ def test_the_text_defines_every_column(run_file: Path) -> None:
     text = " ".join(call("host", run_file).stdout.split())
     for words in ("Gauss's law", "gala's mass_enclosed", "escape speed to infinity", "last pericentre"):
         assert words in text
+
+
+def test_draws_of_the_priors_have_the_percentiles_of_their_closed_form(run_file: Path) -> None:
+    """v_c is v0 times a function of the radius, and v0 is uniform from 190 to 230 km/s."""
+    picture = run_file.with_name("prior.png")
+    result = call("host", run_file, "--radii", "10,50", "--draws", "4000", "--json")
+    assert result.exit_code == 0, result.output
+    for row in json.loads(result.stdout)["profile"]["rows"]:
+        factor = 12**0.225 / (12**2 + row["r"] ** 2) ** 0.1125
+        assert [row["v_c_lo68"], row["v_c"], row["v_c_hi68"]] == pytest.approx(
+            factor * (190 + 40 * np.array([0.16, 0.5, 0.84])), abs=1.5 * factor
+        )
+    assert call("host", run_file, "--draws", "20", "--plot", picture).exit_code == 0
+    assert picture.is_file()
+    spec, r = sk.load(run_file), np.array([10.0, 50.0])
+    drawn = prior_profiles(spec, r, 20)
+    lines = draw_host(sk.host_table(spec, r, 20), {}, drawn=drawn).axes[0].lines
+    assert sum(np.array_equal(line.get_ydata(), one) for line in lines for one in drawn["M"]) == 12
+
+
+def test_draws_need_priors(run_file: Path, finished_run: Path) -> None:
+    assert "--draws shows the priors of a run file" in refused("host", finished_run, "--draws", "5")
+    settings = "--set", "potential.v0=210", "--set", "progenitor.mass=5e8"
+    assert "the run file has no free parameter" in refused("host", run_file, *settings, "--draws", "5")
 
 
 @pytest.mark.rendered

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -10,28 +10,32 @@ from astropy import units as u
 from astropy.table import QTable, vstack
 from matplotlib.figure import Figure
 
+from streamkit.errors import OutOfDomain
 from streamkit.fit.samples.results import Results
 from streamkit.fit.samples.tables import LEVELS, printable
 from streamkit.fit.show.figures import bands, levels
 from streamkit.model import PROFILE, Host, Moving, profile_values
 from streamkit.report import BLUE, VERMILION, columns, number, panel_grid, paragraph, ticks
 from streamkit.runfile import Spec
+from streamkit.stream import Array
 from streamkit.units import GYR
 
 HOST_RADII = (5.0, 8.0, 10.0, 15.0, 20.0, 30.0, 50.0, 75.0, 100.0, 150.0, 200.0)  # kpc
+LINES = 12  # draws of the priors that are lines of their own in the picture
 MOST = 300  # largest number of samples of a posterior for flattening, escape speed and density
 OBJECT_UNITS = {"mass": "Msun", "r": "kpc", "r_tidal": "kpc", "t_peri": "Gyr", "r_peri": "kpc", "r_tidal_peri": "kpc",
                 "t_apo": "Gyr", "r_apo": "kpc", "r_tidal_apo": "kpc"}  # fmt: skip
 
 
-def host_table(source: Spec | Results, radii: Any = HOST_RADII) -> QTable:
+def host_table(source: Spec | Results, radii: Any = HOST_RADII, draws: int = 0) -> QTable:
     """Return the profile of the host, one row per radius (kpc, or a Quantity).
 
     Columns: r, and M, v_c, q, v_esc and rho as their descriptions define them. For a spec they are values at the
     prior's centre (`Spec.with_values` fixes parameters). For results they are medians, with 68 % and 95 % intervals in
-    ``_lo68`` and so on; q, v_esc and rho come from at most 300 samples.
+    ``_lo68`` and so on; q, v_esc and rho come from at most 300 samples. For a spec with ``draws`` they are those of so
+    many draws of the priors.
 
-    Raises ValueError for radii that are not positive.
+    Raises ValueError for radii that are not positive, and OutOfDomain if no draw has a host.
     """
     r = np.atleast_1d(u.Quantity(radii, u.kpc).value).astype(float)
     if not (r.ndim == 1 and r.size and np.isfinite(r).all() and (r > 0).all()):
@@ -39,22 +43,52 @@ def host_table(source: Spec | Results, radii: Any = HOST_RADII) -> QTable:
     table = QTable({"r": r * u.kpc})
     if isinstance(source, Results):
         chosen = source.some(MOST)
-        each = [profile_values(Host(source.spec.host(theta)), r) for theta in chosen]
-        drawn = {name: np.array([one[name] for one in each]) for name in PROFILE}
+        drawn = _stacked([profile_values(Host(source.spec.host(theta)), r) for theta in chosen])
         drawn["M"], drawn["v_c"] = source.profiles(r)
-        for name, values in drawn.items():
-            # an escape speed may be infinite: no percentile between two samples
-            how: Literal["linear", "nearest"] = "linear" if name in ("M", "v_c") else "nearest"
-            for level, percent in LEVELS.items():
-                column = np.percentile(values, percent, axis=0, method=how)
-                table[f"{name}_{level}".rstrip("_")] = column * u.Unit(PROFILE[name].unit)
+        _add_levels(table, drawn)
         source.with_provenance(table, {"samples used": len(chosen)})
+    elif draws:
+        drawn = prior_profiles(source, r, draws)
+        _add_levels(table, drawn)
+        table.meta["draws of the priors"] = len(drawn["M"])
     else:
-        for name, column in profile_values(Host.at(source), r).items():
-            table[name] = column * u.Unit(PROFILE[name].unit)
+        for name, values in profile_values(Host.at(source), r).items():
+            table[name] = values * u.Unit(PROFILE[name].unit)
     for name, column in PROFILE.items():
         table[name].info.description = column.meaning
     return printable(table)
+
+
+def prior_profiles(spec: Spec, radii: Array, draws: int) -> dict[str, Array]:
+    """Return the columns of `PROFILE` (n, nr) at radii (nr,) in kpc, for draws of the priors from the run's seed.
+
+    Draws without a host are left out; OutOfDomain if none has one.
+    """
+    rng = np.random.default_rng(spec.seed)
+    points = np.stack([prior.sample(rng, draws) for prior in spec.priors], axis=1)
+    each, reason = [], ""
+    for theta in points:
+        try:
+            each.append(profile_values(Host(spec.host(theta)), radii))
+        except OutOfDomain as error:
+            reason = error.reason
+    if not each:
+        raise OutOfDomain(reason)
+    return _stacked(each)
+
+
+def _stacked(each: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
+    return {name: np.array([one[name] for one in each]) for name in PROFILE}
+
+
+def _add_levels(table: QTable, drawn: Mapping[str, Array]) -> None:
+    """Add median and intervals of each column (n, nr)."""
+    for name, values in drawn.items():
+        # an escape speed may be infinite: no percentile between two samples
+        how: Literal["linear", "nearest"] = "linear" if name in ("M", "v_c") else "nearest"
+        for level, percent in LEVELS.items():
+            column = np.percentile(values, percent, axis=0, method=how)
+            table[f"{name}_{level}".rstrip("_")] = column * u.Unit(PROFILE[name].unit)
 
 
 def objects_table(objects: Mapping[str, Moving]) -> QTable:
@@ -120,14 +154,21 @@ def _or_dash(value: float) -> str:
 LOGARITHMIC = ("M", "rho")  # columns over several powers of ten
 
 
-def draw_host(profile: QTable, objects: Mapping[str, Moving], note: str = "") -> Figure:
-    """Draw the columns of `host_table` against radius, with their intervals if it has them, and the orbits' radii."""
+def draw_host(
+    profile: QTable, objects: Mapping[str, Moving], note: str = "", drawn: Mapping[str, Array] | None = None
+) -> Figure:
+    """Draw the columns of `host_table` against radius, with their intervals if it has them, and the orbits' radii.
+
+    ``drawn`` are columns (n, nr) of single draws, of which the first are thin lines.
+    """
     shown = [name for name in PROFILE if np.isfinite(profile[name].value).any()]
     figure, panels = panel_grid(len(shown) + bool(objects), 3.4, 2.9, across=3, share=False)
     r, has_bands = profile["r"].value, f"{shown[0]}_lo68" in profile.colnames
     for axes, name in zip(panels, shown, strict=False):
         if has_bands:
             bands(axes, r, levels(profile, name, 1.0))
+            for line in drawn[name][:LINES] if drawn else ():
+                axes.plot(r, line, color="black", lw=0.5, alpha=0.5)
         else:
             axes.plot(r, profile[name].value, color=BLUE, lw=1.8)
         axes.set_ylabel(PROFILE[name].label, fontsize=11)
