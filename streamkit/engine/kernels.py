@@ -113,14 +113,14 @@ def compiled_kernel(
         packed = unpack(carray(p, (ENDLESS,)))
         times = carray(t, (n,))
         place, total, c = carray(q, (3 * ROW,)), carray(a, (3 * ROW,)), carray(centre, (3,))
-        begin = 0
-        while begin < n:  # neighbours of one time together: mostly all of them
-            end = begin + 1
-            while end < n and times[end] == times[begin]:
-                end += 1
-            t0 = times[begin]
-            sweep(begin, end, times, place, total, c, fresh, now(t0, packed), factor(t0, packed))
-            begin = end
+        together = True
+        for i in range(n):
+            together &= times[i] == times[0]
+        if together:
+            sweep(0, n, times, place, total, c, fresh, now(times[0], packed), factor(times[0], packed))
+        else:
+            for i in range(n):
+                sweep(i, i + 1, times, place, total, c, fresh, now(times[i], packed), factor(times[i], packed))
 
     return machine_code(changing_kernel, [(cls, written)], [(layout, turning, changing)])
 
