@@ -145,7 +145,9 @@ def test_an_emulator_that_is_too_simple_is_refused(monkeypatch):
     problem = OfToy(Curved())
     calls = called(problem, 400)
     emulator = calls.learn()
-    simple = Emulated(Space(problem), replace(emulator, lack2=np.zeros(2), spread2=np.zeros(2)), noise=False)
+    simple = Emulated(
+        Space(problem), replace(emulator, lack_of_fit=np.zeros(2), residual_variance=np.zeros(2)), noise=False
+    )
     samples = walked(simple, calls.z)
     fresh = Calls.at(problem, simple.space, samples[:: len(samples) // 128][:128])
     assert any("times what noise makes" in fault for fault in faults_by(simple, fresh, samples))
@@ -232,15 +234,15 @@ def paired_calls(noise):
 def test_pairs_of_calls_measure_noise_that_is_not_stated():
     emulator = paired_calls(0.7)
     assert emulator.pairs > 50
-    np.testing.assert_allclose(np.sqrt(emulator.more2), 0.7, rtol=0.25)
-    assert np.all(emulator.lack2 < 0.3 * 0.7**2)
-    assert emulator.larger_noise[0] == len(emulator.more2)
+    np.testing.assert_allclose(np.sqrt(emulator.unstated_variance), 0.7, rtol=0.25)
+    assert np.all(emulator.lack_of_fit < 0.3 * 0.7**2)
+    assert emulator.larger_noise[0] == len(emulator.unstated_variance)
 
 
 def test_noise_far_below_the_errors_of_the_data_is_measured_but_not_told():
     """A noise of a fiftieth of an error changes no answer: the page does not list such data."""
     emulator = paired_calls(0.02)
-    np.testing.assert_allclose(np.sqrt(emulator.more2), 0.02, rtol=0.25)
+    np.testing.assert_allclose(np.sqrt(emulator.unstated_variance), 0.02, rtol=0.25)
     assert emulator.larger_noise is None
 
 

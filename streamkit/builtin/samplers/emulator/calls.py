@@ -50,7 +50,7 @@ class Calls:
 
     def take(self, rows: BoolArray) -> Calls:
         """Return some of them."""
-        return Calls(self.problem, self.space, self.theta[rows], Answers(*(each[rows] for each in self.answers)))
+        return Calls(self.problem, self.space, self.theta[rows], self.answers.take(rows))
 
     @property
     def z(self) -> Array:

@@ -42,7 +42,7 @@ EMPTY = 0.1
 # the likelihood, so that it widens intervals and hides nothing. A twentieth refused emulators that were right.
 BLURRED = 0.1
 # Largest squared residual that counts, in units of the typical one.
-WILD = 25.0
+OUTLIER = 25.0
 
 
 @dataclass(frozen=True)
@@ -254,7 +254,7 @@ def _noise_varies(emulated: Emulated, fresh: Calls, samples: Array, rng: np.rand
     if not isinstance(fresh.problem, LikelihoodOnly):
         return None
     half = 0.5 * (fresh.answers.mean - emulated.emulator.predict(fresh.y).mean) ** 2
-    half = np.minimum(half, WILD * np.median(half) + 1e-300)
+    half = np.minimum(half, OUTLIER * np.median(half) + 1e-300)
     z = fresh.z
     centre, scale = z.mean(axis=0), np.maximum(z.std(axis=0), 1e-300)
     terms = np.concatenate([np.ones((len(fresh), 1)), (z - centre) / scale], axis=1)

@@ -11,7 +11,7 @@ from scipy.special import log_expit
 
 from streamkit import Array, BoolArray
 from streamkit.builtin.samplers.emulator.kernel import Kernel
-from streamkit.builtin.samplers.emulator.polynomial import Low, Polynomial, Slopes
+from streamkit.builtin.samplers.emulator.polynomial import LowRank, Polynomial, Slopes
 from streamkit.builtin.samplers.emulator.problem import Problem
 from streamkit.builtin.samplers.monomials import monomials
 
@@ -58,15 +58,15 @@ class Emulator:
     root
         (terms, terms): the squared length of ``terms @ root`` is the leverage, the variance of the fit over that of the
         points about it.
-    spread2, lack2
+    residual_variance, lack_of_fit
         (m,) in squared errors of the data: variance of the points about the fit, and how much of it is not noise: it
         does not average out.
-    typical2
+    typical_fit_variance
         (m,) in squared errors of the data: typical variance of the fit near the data.
-    more2, stated2, pairs
+    unstated_variance, stated_variance, pairs
         (m,) in squared errors of the data: noise of a call beyond what the observable states, measured by pairs of
         calls; what it states; and the number of pairs.
-    low, rest, positive, ends
+    secondary_degree, secondary, positive, secondary_range
         Polynomials of this degree for ln variance and the details, (terms, m + k); which details are logarithms; the
         range in which they stay.
     typical_r2, trusted_r2
@@ -80,18 +80,18 @@ class Emulator:
     whiten: Array
     basis: Polynomial | Kernel
     growth: int
-    mean: Low
+    mean: LowRank
     root: Array
-    spread2: Array
-    lack2: Array
-    typical2: Array
-    more2: Array
-    stated2: Array
+    residual_variance: Array
+    lack_of_fit: Array
+    typical_fit_variance: Array
+    unstated_variance: Array
+    stated_variance: Array
     pairs: int
-    low: int
-    rest: Low
+    secondary_degree: int
+    secondary: LowRank
     positive: BoolArray
-    ends: tuple[Array, Array]
+    secondary_range: tuple[Array, Array]
     typical_r2: float
     trusted_r2: float
     exists: Array
@@ -99,15 +99,17 @@ class Emulator:
     @property
     def is_silent(self) -> bool:
         """Whether pairs of calls have shown that there is no noise."""
-        return self.pairs > 0 and bool(np.max(self.stated2 + self.more2) < SILENCE)
+        return self.pairs > 0 and bool(np.max(self.stated_variance + self.unstated_variance) < SILENCE)
 
     @property
     def larger_noise(self) -> tuple[int, float] | None:
         """How many data have more noise than is stated, and by which factor at most (of a standard deviation)."""
-        more = self.more2 > SILENCE
+        more = self.unstated_variance > SILENCE
         if not more.any():
             return None
-        return int(more.sum()), float(np.sqrt(1 + np.max(self.more2[more] / np.maximum(self.stated2[more], SILENCE))))
+        return int(more.sum()), float(
+            np.sqrt(1 + np.max(self.unstated_variance[more] / np.maximum(self.stated_variance[more], SILENCE)))
+        )
 
     @cached_property
     def _along(self) -> Slopes:
@@ -117,28 +119,30 @@ class Emulator:
         """Return the predictions at coordinates y (n, d); NaN where there is no datum."""
         x = (y[:, self.problem.coordinates] - self.centre) @ self.whiten
         r2 = np.sum(x**2, axis=1)
-        terms, few = self.basis.terms(x), monomials(x, self.low)
+        terms, few = self.basis.terms(x), monomials(x, self.secondary_degree)
         leverage = np.sum((terms @ self.root) ** 2, axis=1)
         grown = np.maximum(r2 / self.typical_r2, 1.0) ** self.growth
         fit_variance2 = (
-            self.spread2 * leverage[:, None] + self.lack2 * grown[:, None] + self.basis.unseen(terms)[:, None]
+            self.residual_variance * leverage[:, None]
+            + self.lack_of_fit * grown[:, None]
+            + self.basis.unseen(terms)[:, None]
         )
         used = np.isfinite(self.problem.values)
         m, errors = int(used.sum()), self.problem.errors[used]
-        rest = np.clip(self.rest.at(few), *self.ends)
-        details = np.where(self.positive, np.exp(np.where(self.positive, rest[:, m:], 0.0)), rest[:, m:])
+        secondary = np.clip(self.secondary.at(few), *self.secondary_range)
+        details = np.where(self.positive, np.exp(np.where(self.positive, secondary[:, m:], 0.0)), secondary[:, m:])
         mean, fit_variance, noise = (np.full((len(y), len(used)), np.nan) for _ in range(3))
         mean[:, used] = self.problem.values[used] + errors * self.mean.at(terms)
         fit_variance[:, used] = errors**2 * fit_variance2
-        noise[:, used] = errors**2 * (np.exp(rest[:, :m]) + self.more2)
+        noise[:, used] = errors**2 * (np.exp(secondary[:, :m]) + self.unstated_variance)
         ln_exists = log_expit(few @ self.exists)
         return Predictions(mean, fit_variance, noise, details, ln_exists, np.maximum(r2 / self.trusted_r2, 1.0))
 
     def redrawn(self, rng: np.random.Generator) -> Emulator:
         """Return what other calls at the same points could have given: other noise, so other coefficients."""
         coefficients = self.mean.whole
-        chance = self.root @ rng.standard_normal(coefficients.shape) * np.sqrt(self.spread2)
-        return replace(self, mean=Low(coefficients + chance))
+        chance = self.root @ rng.standard_normal(coefficients.shape) * np.sqrt(self.residual_variance)
+        return replace(self, mean=LowRank(coefficients + chance))
 
     def ln_likelihood(self, y: Array, theta: Array, noise: bool = False, most_by_error: float = np.inf) -> Array:
         """(n,) ln likelihood at coordinates y (n, d), which are the parameters theta (n, d).
@@ -175,7 +179,8 @@ class Emulator:
         if self.problem.is_ln_likelihood:
             slopes[:, here] = along[:, :, 0]
             return slopes, curvature
-        weighed = along / (1.0 + self.typical2 + (self.stated2 + self.more2 if noise else 0.0))
+        of_call = self.stated_variance + self.unstated_variance if noise else 0.0
+        weighed = along / (1.0 + self.typical_fit_variance + of_call)
         slopes[:, here] = -np.matmul(weighed, values[:, :, None])[:, :, 0]
         rows, columns = np.ix_(here, here)
         curvature[:, rows, columns] = np.matmul(weighed, along.transpose(0, 2, 1))

@@ -15,7 +15,7 @@ from scipy.linalg import cholesky, eigh, solve_triangular
 from scipy.optimize import minimize
 
 from streamkit import Array, IntArray
-from streamkit.builtin.samplers.emulator.polynomial import Low, Slopes
+from streamkit.builtin.samplers.emulator.polynomial import LowRank, Slopes
 
 # Points that represent the process, those that its lengths are learned from, and steps of learning.
 INDUCING, LEARNED_FROM, STEPS = 600, 400, 25
@@ -60,7 +60,7 @@ class Kernel:
         process = squared_exponential(x, self.places, self.lengths) @ self.inverse
         return np.concatenate([np.ones((len(x), 1)), x, process], axis=1)
 
-    def along(self, coefficients: Low) -> Slopes:
+    def along(self, coefficients: LowRank) -> Slopes:
         """Return processes with coefficients (terms, m), and their slopes, as a function of x.
 
         In single precision: slopes propose, and decide nothing.

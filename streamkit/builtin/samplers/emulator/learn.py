@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import NamedTuple
+
 import numpy as np
 from scipy.linalg import LinAlgError
 from scipy.special import expit
 
-from streamkit import Array, BoolArray
+from streamkit import Array, BoolArray, IntArray
 from streamkit.builtin.samplers.emulator.emulator import Emulator
 from streamkit.builtin.samplers.emulator.kernel import Kernel, learn_kernel
 from streamkit.builtin.samplers.emulator.pairs import ENOUGH as ENOUGH_PAIRS
 from streamkit.builtin.samplers.emulator.pairs import pairs_of
-from streamkit.builtin.samplers.emulator.polynomial import Low, Polynomial, Regression, regress
+from streamkit.builtin.samplers.emulator.polynomial import LowRank, Polynomial, Regression, regress
 from streamkit.builtin.samplers.emulator.problem import Answers, Problem
 from streamkit.builtin.samplers.monomials import count, monomials
 
@@ -32,7 +35,7 @@ LEAST_WEIGHT = 0.02
 # The fit is trusted to |x|^2 of the farthest near point times this.
 REACH = 1.5
 # Largest squared residual that counts in an error, in units of the typical one.
-WILD = 25.0
+OUTLIER = 25.0
 # The best points by ln likelihood, which is noisy: the best one is this one from the top, a fraction.
 BEST = 0.01
 # Ridge penalty of the fit of the probability that there is a prediction; its steps, halvings of a step, and least gain.
@@ -81,82 +84,147 @@ def _best(lnl: Array) -> float:
     return float(np.sort(lnl)[-max(int(BEST * len(lnl)), 1)])
 
 
+@dataclass(frozen=True, eq=False)
+class _Points:
+    """The calls that gave a prediction, as points of a regression.
+
+    Attributes
+    ----------
+    centre, whiten
+        Of the coordinates x, see `Emulator`.
+    x
+        (n, c) whitened coordinates.
+    target, noise
+        (n, m) differences from the data and stated variances, in errors of the data and in squared ones.
+    weight, close
+        (n,) how much a point counts, and whether errors are measured on it.
+    pairs
+        (p, 2) indices of calls at one place.
+    """
+
+    centre: Array
+    whiten: Array
+    x: Array
+    target: Array
+    noise: Array
+    weight: Array
+    close: BoolArray
+    pairs: IntArray
+
+
 def _fitted(problem: Problem, y: Array, answers: Answers, lnl: Array) -> Emulator | None:
-    """Fit with weights by this ln likelihood (n,)."""
-    used = np.isfinite(problem.values)
+    """Fit with weights by this ln likelihood (n,); None where the points do not span the terms."""
     there: BoolArray = np.asarray(np.isfinite(answers.ln_likelihood), dtype=bool)
-    z = y[:, problem.coordinates]
-    placed, d = z[there], z.shape[1]
-    weight = weights(lnl[there], y.shape[1], ENOUGH * count(d, 2))
-    close = nearest(lnl[there], y.shape[1])
-    effective = weight.sum() ** 2 / np.sum(weight**2)
-    centre, whiten = whitening(placed, weight)
-    x = (placed - centre) @ whiten
-    errors = problem.errors[used]
-    target = (answers.mean[there][:, used] - problem.values[used]) / errors
-    noise = answers.variance[there][:, used] / errors**2
-    pairs = pairs_of(x)
-    degrees = [k for k in DEGREES if POINTS_PER_TERM * count(d, k) <= effective and count(d, k) <= MOST_TERMS]
+    points = _points(problem, y[there], answers.take(there), lnl[there])
+    found = _best_regression(points)
+    if found is None:
+        return None
+    basis, fit = found
+    errors = _errors(points, fit)
+    degree = min(2, _highest_degree(points))
+    others, positive = _forms(points.noise, answers.details[there])
+    secondary = regress(monomials(points.x, degree), others, points.weight, RIDGES[-2])
+    every = monomials((y[:, problem.coordinates] - points.centre) @ points.whiten, degree)
+    r2 = np.sum(points.x**2, axis=1)
+    return Emulator(
+        problem=problem,
+        centre=points.centre,
+        whiten=points.whiten,
+        basis=basis,
+        growth=1 + (basis.degree if isinstance(basis, Polynomial) else 1),
+        mean=LowRank.of(fit.coefficients),
+        root=fit.root,
+        residual_variance=errors.residual,
+        lack_of_fit=errors.lack_of_fit,
+        typical_fit_variance=errors.lack_of_fit + errors.residual * float(np.mean(fit.leverage[points.close])),
+        unstated_variance=errors.unstated,
+        stated_variance=errors.stated,
+        pairs=errors.pairs,
+        secondary_degree=degree,
+        secondary=LowRank.of(secondary.coefficients),
+        positive=positive,
+        secondary_range=(others.min(axis=0), others.max(axis=0)),
+        typical_r2=float(_quantile(r2, points.weight, 0.7)),
+        trusted_r2=float(REACH * r2[points.close].max()),
+        exists=log_odds(every, there.astype(float), EXISTS_RIDGE),
+    )
+
+
+def _points(problem: Problem, y: Array, answers: Answers, lnl: Array) -> _Points:
+    """Weigh and whiten calls with predictions at coordinates y (n, d)."""
+    used, z = np.isfinite(problem.values), y[:, problem.coordinates]
+    weight = weights(lnl, y.shape[1], ENOUGH * count(z.shape[1], 2))
+    centre, whiten = whitening(z, weight)
+    x, errors = (z - centre) @ whiten, problem.errors[used]
+    target = (answers.mean[:, used] - problem.values[used]) / errors
+    noise = answers.variance[:, used] / errors**2
+    return _Points(centre, whiten, x, target, noise, weight, nearest(lnl, y.shape[1]), pairs_of(x))
+
+
+def _highest_degree(points: _Points) -> int:
+    """Return the highest degree of a polynomial that there are points for; 0 if there is none."""
+    effective, d = points.weight.sum() ** 2 / np.sum(points.weight**2), points.x.shape[1]
+    enough = [k for k in DEGREES if POINTS_PER_TERM * count(d, k) <= effective and count(d, k) <= MOST_TERMS]
+    return max(enough, default=0)
+
+
+def _best_regression(points: _Points) -> tuple[Polynomial | Kernel, Regression] | None:
+    """Return the polynomial, or the Gaussian process, whose fits without a point predict that point best."""
     fits: list[tuple[float, Polynomial | Kernel, Regression]] = []
     best = (np.inf, 1)  # what the best polynomial leaves over, and its degree
-    for degree in degrees:
+    for degree in (k for k in DEGREES if k <= _highest_degree(points)):
         if degree > best[1] + IN_VAIN:
             break
-        terms = monomials(x, degree)
+        terms = monomials(points.x, degree)
         for ridge in RIDGES:
             try:
-                fit = regress(terms, target, weight, ridge)
+                fit = regress(terms, points.target, points.weight, ridge)
             except LinAlgError:  # walkers that hardly moved
                 continue
-            left = float(np.sum(error_of(fit.out_without(pairs)[close] ** 2)))
-            best = min(best, (left, degree))
-            fits.append((left, Polynomial(degree), fit))
+            best = min(best, (_left_over(points, fit), degree))
+            fits.append((_left_over(points, fit), Polynomial(degree), fit))
     if not fits:
         return None
-    noisy = float(noise[close].mean(axis=0).sum())
-    if min(fits, key=_first)[0] > WORTH * noisy + EXACT * len(errors):
+    noisy = float(points.noise[points.close].mean(axis=0).sum())
+    if min(fits, key=_first)[0] > WORTH * noisy + EXACT * points.target.shape[1]:
         try:
-            counted = weight >= LEAST_WEIGHT
-            kernel = learn_kernel(x[counted], target[counted], weight[counted], np.random.default_rng(len(x)))
-            fit = regress(kernel.terms(x), target, weight, kernel.penalty)
-            fits.append((float(np.sum(error_of(fit.out_without(pairs)[close] ** 2))), kernel, fit))
+            counted = points.weight >= LEAST_WEIGHT
+            rng = np.random.default_rng(len(points.x))
+            kernel = learn_kernel(points.x[counted], points.target[counted], points.weight[counted], rng)
+            fit = regress(kernel.terms(points.x), points.target, points.weight, kernel.penalty)
+            fits.append((_left_over(points, fit), kernel, fit))
         except LinAlgError:
             pass
     _, basis, fit = min(fits, key=_first)
-    degree = basis.degree if isinstance(basis, Polynomial) else 1
-    spread2 = error_of((fit.left * fit.out_without(pairs))[close])
-    pairs = pairs[close[pairs].all(axis=1) & (x[pairs[:, 0]] != x[pairs[:, 1]]).any(axis=1)]  # one call has one noise
-    more2 = unstated(target[pairs], noise[pairs])
-    typical = noise[close].mean(axis=0) + more2
-    uncertain = 2 / close.sum() + np.where(more2 > 0, 2 / max(len(pairs), 1), 0.0)
-    lack2 = np.maximum(spread2 - typical * (1 + CHANCE * np.sqrt(uncertain)), 0.0)
-    low = min(max(degrees), 2)
-    others, positive = _forms(noise, answers.details[there])
-    rest = regress(monomials(x, low), others, weight, RIDGES[-2])
-    r2 = np.sum(x**2, axis=1)
-    exists = log_odds(monomials((z - centre) @ whiten, low), there.astype(float), EXISTS_RIDGE)
-    return Emulator(
-        problem=problem,
-        centre=centre,
-        whiten=whiten,
-        basis=basis,
-        growth=degree + 1,
-        mean=Low.of(fit.coefficients),
-        root=fit.root,
-        spread2=spread2,
-        lack2=lack2,
-        typical2=lack2 + spread2 * float(np.mean(fit.leverage[close])),
-        more2=more2,
-        stated2=typical - more2,
-        pairs=len(pairs) if len(pairs) >= ENOUGH_PAIRS else 0,
-        low=low,
-        rest=Low.of(rest.coefficients),
-        positive=positive,
-        ends=(others.min(axis=0), others.max(axis=0)),
-        typical_r2=float(_quantile(r2, weight, 0.7)),
-        trusted_r2=float(REACH * r2[close].max()),
-        exists=exists,
-    )
+    return basis, fit
+
+
+def _left_over(points: _Points, fit: Regression) -> float:
+    """Return the sum over the data of the mean square that fits without a point, or its pair, leave over there."""
+    return float(np.sum(error_of(fit.out_without(points.pairs)[points.close] ** 2)))
+
+
+class _Errors(NamedTuple):
+    """Variances in squared errors of the data, (m,) each, and the number of pairs of calls: see `Emulator`."""
+
+    residual: Array
+    lack_of_fit: Array
+    unstated: Array
+    stated: Array
+    pairs: int
+
+
+def _errors(points: _Points, fit: Regression) -> _Errors:
+    """Measure the error of a fit, and how much of it is noise of the calls."""
+    residual = error_of((fit.left * fit.out_without(points.pairs))[points.close])
+    both = points.close[points.pairs].all(axis=1)
+    apart = (points.x[points.pairs[:, 0]] != points.x[points.pairs[:, 1]]).any(axis=1)  # one call has one noise
+    pairs = points.pairs[both & apart]
+    more = unstated(points.target[pairs], points.noise[pairs])
+    stated = points.noise[points.close].mean(axis=0)
+    uncertain = 2 / points.close.sum() + np.where(more > 0, 2 / max(len(pairs), 1), 0.0)
+    lack_of_fit = np.maximum(residual - (stated + more) * (1 + CHANCE * np.sqrt(uncertain)), 0.0)
+    return _Errors(residual, lack_of_fit, more, stated, len(pairs) if len(pairs) >= ENOUGH_PAIRS else 0)
 
 
 def unstated(targets: Array, noise: Array) -> Array:
@@ -207,7 +275,7 @@ def whitening(y: Array, weight: Array) -> tuple[Array, Array]:
 
 def error_of(squares: Array) -> Array:
     """(k,) Means of squares (n, k), the wildest cut."""
-    top = WILD * np.maximum(np.median(np.abs(squares), axis=0) / 0.455, 1e-300)
+    top = OUTLIER * np.maximum(np.median(np.abs(squares), axis=0) / 0.455, 1e-300)
     return np.asarray(np.clip(squares, -top, top).mean(axis=0))
 
 

@@ -20,14 +20,14 @@ NEGLIGIBLE = 1e-6
 HEAVIEST = 0.95
 
 
-class Low(NamedTuple):
+class LowRank(NamedTuple):
     """Coefficients (terms, k), as a product of two thinner matrices where that is less work."""
 
     left: Array
     right: Array | None = None
 
     @classmethod
-    def of(cls, coefficients: Array) -> Low:
+    def of(cls, coefficients: Array) -> LowRank:
         """Take coefficients apart where they have a low rank."""
         if min(coefficients.shape) < 8:
             return cls(coefficients)
@@ -97,7 +97,7 @@ class Polynomial:
         """(n, terms) The monomials at x (n, c)."""
         return monomials(x, self.degree)
 
-    def along(self, coefficients: Low) -> Slopes:
+    def along(self, coefficients: LowRank) -> Slopes:
         """Return polynomials with coefficients (terms, m), and their slopes, as a function of x."""
         slope_coefficients: Array | None = None
 

@@ -27,6 +27,10 @@ class Answers(NamedTuple):
     details: Array
     ln_likelihood: Array
 
+    def take(self, rows: BoolArray) -> Answers:
+        """Return those of some of the points."""
+        return Answers(*(each[rows] for each in self))
+
     def joined(self, other: Answers) -> Answers:
         """Return the answers of both; calls without any prediction may have no column of details."""
         k = max(self.details.shape[1], other.details.shape[1])

@@ -173,7 +173,7 @@ def _facts_of_factors(progress: Progress) -> dict[str, str]:
         fresh = f" by {certificate.calls} fresh calls" if certificate is not None else ""
         name = f"stream {each.factor.name}" if len(each.factor.own) else "data of the host"
         facts[name] = (
-            f"{len(each.calls)} calls, error of the emulator {each.doubt:.2f} in ln L, {tested}{fresh}, "
+            f"{len(each.calls)} calls, error of the emulator {each.own_error:.2f} in ln L, {tested}{fresh}, "
             f"best ln L {max(tension, 0.0):.1f} below that of this factor alone"
         )
     return facts

@@ -91,7 +91,7 @@ class Known:
         Its independent starts.
     alone
         The best emulated ln likelihood of the stream alone.
-    doubt
+    own_error
         What its emulator's own error changes of ln L at the joint posterior.
     blur
         What its emulator's own error changes of the posterior, see `changes.change_of`.
@@ -108,7 +108,7 @@ class Known:
     emulated: Emulated
     starts: list[Start]
     alone: float
-    doubt: float = np.inf
+    own_error: float = np.inf
     blur: float = np.inf
     share: float = np.inf
     certificate: Certificate | None = None
@@ -190,9 +190,9 @@ class Starter:
             population = Population(self._density(factor, emulated), pool, np.random.default_rng([*seed, 2, wave]))
             population.choose(max(LEAST_WALKERS, WALKERS * d), 1.0).settle(SWEEPS)
             places = population.walk(USED, population.moves())[0].reshape(-1, d)
-            doubt = doubt_of(emulated, places)
-            self._note(f"{factor.name}: {len(calls)} draws, the emulator doubts {doubt:.1f} in ln L")
-            if doubt < ARRIVED:
+            own_error = own_error_of(emulated, places)
+            self._note(f"{factor.name}: {len(calls)} draws, the emulator doubts {own_error:.1f} in ln L")
+            if own_error < ARRIVED:
                 break
             calls += Calls.at(small, space, rng.choice(places, max(WAVE * d, LEAST_WAVE), replace=False))
         if places is None:
@@ -267,7 +267,7 @@ def begin_apart(known: Sequence[Known]) -> list[Array]:
     return sets
 
 
-def doubt_of(emulated: Emulated, z: Array) -> float:
+def own_error_of(emulated: Emulated, z: Array) -> float:
     """Return how much the emulator's own error changes a typical ln likelihood at samples z (n, d)."""
     some = every_so_often(z, 500)
     change = emulated.ln_likelihood(some) - emulated.ln_likelihood(some, fit_error=False)
