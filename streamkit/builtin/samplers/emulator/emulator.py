@@ -11,7 +11,7 @@ from scipy.special import log_expit
 
 from streamkit import Array, BoolArray
 from streamkit.builtin.samplers.emulator.kernel import Kernel
-from streamkit.builtin.samplers.emulator.polynomial import LowRank, Polynomial, Slopes
+from streamkit.builtin.samplers.emulator.polynomial import LowRank, Polynomial, Slopes, times_triangular
 from streamkit.builtin.samplers.emulator.problem import Problem
 from streamkit.builtin.samplers.monomials import monomials
 
@@ -120,7 +120,7 @@ class Emulator:
         x = (y[:, self.problem.coordinates] - self.centre) @ self.whiten
         r2 = np.sum(x**2, axis=1)
         terms, few = self.basis.terms(x), monomials(x, self.secondary_degree)
-        leverage = np.sum((terms @ self.root) ** 2, axis=1)
+        leverage = np.sum(times_triangular(terms, self.root) ** 2, axis=1)
         grown = np.maximum(r2 / self.typical_r2, 1.0) ** self.growth
         fit_variance2 = (
             self.residual_variance * leverage[:, None]

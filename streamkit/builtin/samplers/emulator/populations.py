@@ -29,12 +29,12 @@ MOST_STAGES = 24
 RENEWED = 5
 # Walkers of a population that walk on, sweeps of their first walk, and their most sweeps. Thin ends of a posterior fill
 # slowly, and a walk of fewer sweeps does not show that they are missing.
-WALKING, FIRST, MOST_SWEEPS = 64, 300, 4000
+WALKING, FIRST, MOST_SWEEPS = 64, 300, 8000
 # Largest R-hat over both populations, fewest autocorrelation times of a walk, and fewest independent samples.
 # R-hat of 1.004 is a difference of means of 0.15 standard deviations: their common mean is off by half of it.
 R_HAT, TIMES, INDEPENDENT = 1.004, 16.0, 2000
 # Those of an answer that fresh calls only test.
-TESTED_TIMES, TESTED_INDEPENDENT = 10.0, 1000
+TESTED_TIMES, TESTED_INDEPENDENT = 6.0, 800
 # A sum of autocorrelations ends at so many times (Sokal 1997).
 WINDOW = 5.0
 # Quantities whose autocorrelations are computed at a time.
@@ -42,7 +42,7 @@ AT_A_TIME = 16
 # Last places of a population, at least.
 LAST = 256
 # In a round, from where the last one ended: walkers, sweeps until moves are fixed and after, sweeps of a tempered copy.
-ROUND_WALKERS, ROUND_SETTLING, ROUND_SWEEPS, TEMPERED = 128, 10, 20, 15
+ROUND_WALKERS, ROUND_SETTLING, ROUND_SWEEPS, TEMPERED = 128, 10, 50, 15
 
 
 @dataclass(frozen=True, eq=False)

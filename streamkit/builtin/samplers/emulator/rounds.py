@@ -274,7 +274,9 @@ class Rounds:
         tested = sample(now.joint, self._begin(known, now.populations), [*seed, 2],
                         times=TESTED_TIMES, independent=TESTED_INDEPENDENT)  # fmt: skip
         now = replace(now, populations=tested)
-        if fault := _apart(tested) or self._unseen(known, tested):
+        for each in known:
+            each.blur = blur_of(each.emulated, every_so_often(tested.samples, 4 * SOME)[:, each.factor.columns])
+        if fault := _apart(tested) or _blurred(known) or self._unseen(known, tested):
             return replace(now, missing=fault)
         trend, by_chance, faults = self._certified(known, tested, max_calls, seed)
         warmest, beta = np.concatenate(list(copies[-1])), COPIES[-1][0]
@@ -334,18 +336,25 @@ class Rounds:
 def _missing(known: Sequence[Known], moved: float, uncertain: float) -> str:
     """Say what is missing before fresh calls may test the emulators."""
     worst = max(known, key=lambda each: each.own_error)
-    blurred = max(known, key=lambda each: each.blur)
     if worst.own_error >= ARRIVED:
         return f"the error of the emulator of {worst.factor.name} still changes ln L by {worst.own_error:.1f}"
     if not np.isfinite(moved):
         return "too few rounds"
-    if blurred.blur >= BLURRED:
-        return f"the error of the emulator of {blurred.factor.name} changes a mean or a width by {blurred.blur:.2f} sd"
+    if fault := _blurred(known):
+        return fault
     if moved >= SETTLED:
         return f"the posterior still moves by {moved:.2f} standard deviations"
     if uncertain >= UNCERTAIN:
         return f"the noise of the calls leaves a mean or a width uncertain by {uncertain:.2f} standard deviations"
     return ""
+
+
+def _blurred(known: Sequence[Known]) -> str:
+    """Say that an emulator's own error changes too much; empty if it does not."""
+    worst = max(known, key=lambda each: each.blur)
+    if worst.blur < BLURRED:
+        return ""
+    return f"the error of the emulator of {worst.factor.name} changes a mean or a width by {worst.blur:.2f} sd"
 
 
 def _apart(result: Populations) -> str:
