@@ -19,7 +19,7 @@ from streamkit.builtin.samplers.emulator.space import Space
 
 # Most that the emulator's own error adds to ln L. Without a limit, places far from all calls have the likelihood of a
 # flat density, and their volume may hold more of the posterior than the places that fit.
-MOST_BY_ERROR = 2.0
+MOST_BY_ERROR = 1.0
 # Most places that are computed at a time: more need memory, and are no faster.
 PART = 2048
 

@@ -39,8 +39,8 @@ TESTED_TIMES, TESTED_INDEPENDENT = 6.0, 800
 WINDOW = 5.0
 # Quantities whose autocorrelations are computed at a time.
 AT_A_TIME = 16
-# Last places of a population, at least.
-LAST = 256
+# Samples of a population that the next walk may begin from.
+LAST = 512
 # In a round, from where the last one ended: walkers, sweeps until moves are fixed and after, sweeps of a tempered copy.
 ROUND_WALKERS, ROUND_SETTLING, ROUND_SWEEPS, TEMPERED = 128, 10, 50, 15
 
@@ -56,7 +56,7 @@ class Populations:
     terms
         Of the samples.
     last
-        (2, n, d) the last places of both.
+        (2, n, d) some samples of both, at equal distances in their walks.
     r_hat, time, independent
         The largest R-hat over both, the longest autocorrelation time in sweeps, and the number of independent samples.
     sweeps, evaluations
@@ -263,11 +263,11 @@ def _judged(
     samples = np.concatenate([each.reshape(-1, d) for each in np.split(walked, 2, axis=1)])
     halves = np.split(np.arange(walkers), 2)
     terms = [each.take(half) for half in halves for _, part in parts for each in part]
-    last = np.split(walked[(-2 * LAST) // walkers :], 2, axis=1)
+    last = samples.reshape(2, -1, d)[:, np.linspace(0, sweeps * walkers // 2 - 1, LAST).astype(int)]
     r_hat, count = agreement(np.stack(np.split(watched, 2, axis=1))), len(samples) / time
     return Populations(
         samples, Terms(*(np.concatenate(each) for each in zip(*terms, strict=True))),
-        np.stack([each.reshape(-1, d) for each in last]), r_hat, time, count, sweeps, both.evaluations,
+        last, r_hat, time, count, sweeps, both.evaluations,
         moves.accepted / max(moves.sweeps, 1),
         bool(r_hat < R_HAT and sweeps > times * time and count > independent),
     )  # fmt: skip

@@ -42,7 +42,9 @@ from streamkit.builtin.samplers.emulator.start import ARRIVED, SOME, Known, Star
 
 # Inverse temperatures of the copies that new points come from, and the share of each. Tempered ones see regions where
 # the emulator may be too low.
-COPIES = ((1.0, 0.5), (0.5, 0.25), (0.25, 0.25))
+COPIES = ((1.0, 0.4), (0.5, 0.2), (0.25, 0.2))
+# Share of a round's new points that are samples of the posterior where the emulator's own error counts most.
+LEAST_KNOWN = 0.2
 # New points of a round for each parameter, in any case, and as a fraction of all calls so far.
 ROUND, LEAST_ROUND, GROWTH = 8, 80, 0.15
 # Fraction of a round's new points of the posterior that are pairs: two calls at one place differ by their noise alone.
@@ -147,6 +149,7 @@ class Rounds:
             if not now.missing:
                 now = self._tested(known, now, copies, max_calls, seed)
                 result, over = now.populations, self._is_over(known, max_calls)
+                copies[0] = np.stack(np.split(result.samples, 2))
                 self._note(now.missing or "certified")
             elif over:
                 now = replace(now, populations=sample(joint, self._begin(known, result), [*seed, 2]))
@@ -185,6 +188,8 @@ class Rounds:
             for (_, share), copy in zip(COPIES, copies, strict=True):
                 some = np.unique(copy.reshape(-1, copy.shape[2])[:, each.factor.columns], axis=0)  # a walker may rest
                 places.append(some[rng.choice(len(some), min(int(share * size), len(some)), replace=False)])
+                if len(places) == 1:
+                    places.append(_least_known(each, some, int(LEAST_KNOWN * size), rng))
             pairs = 0 if each.emulated.emulator.is_silent else int(PAIRED * len(places[0])) // 2
             places[0] = paired(places[0], pairs)
             chosen.append((each, np.concatenate(places)))
@@ -331,6 +336,13 @@ class Rounds:
             faults.append(f"trends of the residuals of all streams together move the posterior by {measured:.2f} "
                           "standard deviations")  # fmt: skip
         return measured, by_chance, faults
+
+
+def _least_known(each: Known, samples: Array, size: int, rng: np.random.Generator) -> Array:
+    """Draw samples (n, d) of the posterior by what the emulator's own error changes of their ln L."""
+    some = rng.permutation(samples)[: 4 * SOME]
+    change = np.abs(each.emulated.ln_likelihood(some) - each.emulated.ln_likelihood(some, fit_error=False)) + 1e-9
+    return some[rng.choice(len(some), min(size, len(some)), replace=False, p=change / change.sum())]
 
 
 def _missing(known: Sequence[Known], moved: float, uncertain: float) -> str:
