@@ -59,11 +59,16 @@ class Interrupted(StreamkitError):  # noqa: N818  a request, not a fault
         self.exit_status = 128 + int(signum)
 
 
+SHORTEST = 3  # letters of a name that names which begin with it are found by
+
+
 def nearest(name: str, allowed: Iterable[str]) -> str:
     """Return ``" Did you mean 'x'?"`` for the closest allowed name, or an empty string."""
     folded = {each.lower(): each for each in allowed}
-    close = [folded[match] for match in difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)]
-    return f" Did you mean {close[0]!r}?" if close else ""
+    close = difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)
+    if not close and len(name) >= SHORTEST:  # "gd1" of 'GD1Koposov10'
+        close = sorted((each for each in folded if each.startswith(name.lower())), key=len)
+    return f" Did you mean {folded[close[0]]!r}?" if close else ""
 
 
 def expect_file(path: Path) -> None:

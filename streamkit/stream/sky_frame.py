@@ -97,6 +97,8 @@ class SkyFrame:
             (n,) or numbers, degrees, or astropy quantities.
         pm_ra_cosdec, pm_dec
             (n,) or numbers, mas/yr, or quantities; without them the proper motions are NaN.
+
+        Raises ValueError for arrays of different shapes, and for a dec beyond 90 deg.
         """
         return InFrame(*_turned(self.matrix, (ra, dec), (pm_ra_cosdec, pm_dec)))
 
@@ -207,6 +209,7 @@ def _turned(matrix: Array, place: tuple[Any, Any], motion: tuple[Any, Any]) -> t
     if motion[0] is None or motion[1] is None:
         raise ValueError("a proper motion has two components; only one is given")
     pm_lon, pm_lat = (np.asarray(_plain(each, "mas / yr"), dtype=float) for each in motion)
+    _expect_one_shape("places and proper motions", [lon, pm_lon, pm_lat])
     along = np.einsum("ij,j...->i...", matrix, pm_lon * east + pm_lat * north)
     _, new_east, new_north = on_sphere(lon, lat)
     parts = ((along * way).sum(axis=0) for way in (new_east, new_north))
@@ -214,9 +217,27 @@ def _turned(matrix: Array, place: tuple[Any, Any], motion: tuple[Any, Any]) -> t
 
 
 def _angles(lon: Any, lat: Any) -> tuple[Array, Array]:
-    """Return both in radians, in a common shape."""
-    both = np.broadcast_arrays(*(np.radians(np.asarray(_plain(each, "deg"), dtype=float)) for each in (lon, lat)))
+    """Return both in radians, in a common shape.
+
+    Raises ValueError for arrays of different shapes, and for latitudes beyond 90 deg.
+    """
+    degrees = [np.asarray(_plain(each, "deg"), dtype=float) for each in (lon, lat)]
+    _expect_one_shape("places", degrees)
+    if (np.abs(degrees[1]) > 90).any():
+        raise ValueError(
+            f"a latitude (dec or phi2) of {degrees[1].flat[np.nanargmax(np.abs(degrees[1]))]:g} deg is beyond 90 deg; "
+            "are longitude and latitude exchanged?"
+        )
+    both = np.broadcast_arrays(*map(np.radians, degrees))
     return both[0], both[1]
+
+
+def _expect_one_shape(what: str, arrays: Sequence[Array]) -> None:
+    """Raise ValueError for arrays of different shapes; a number goes with any."""
+    shapes = sorted({each.shape for each in arrays if each.ndim})
+    if len(shapes) > 1:
+        found = " and ".join(str(shape) for shape in shapes)
+        raise ValueError(f"the {what} are arrays of the shapes {found}: one shape is wanted, or a number for all")
 
 
 def _plain(value: Any, unit: str) -> Any:

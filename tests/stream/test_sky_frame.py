@@ -148,3 +148,34 @@ def test_what_gives_no_frame_is_refused(given: dict[str, Any], text: str) -> Non
 def test_half_a_proper_motion_is_refused() -> None:
     with pytest.raises(ValueError, match="two components"):
         sk.sky_frame("icrs").from_icrs(1, 2, pm_dec=3)
+
+
+@pytest.mark.parametrize(
+    ("place", "text"),
+    [
+        (([1, 2], [3]), r"arrays of the shapes \(1,\) and \(2,\): one shape is wanted, or a number for all"),
+        ((1.0, 95.0), "of 95 deg is beyond 90 deg; are longitude and latitude exchanged"),
+        (([10.0, 20.0], [30.0, -91.5]), "of -91.5 deg is beyond"),
+        (
+            ([1, 2], [3, 4], [1, 2, 3], [1, 2, 3]),
+            r"places and proper motions are arrays of the shapes \(2,\) and \(3,\)",
+        ),
+    ],
+)
+def test_places_that_are_none_are_refused(place: tuple[Any, ...], text: str) -> None:
+    for turn in (sk.sky_frame("icrs").from_icrs, sk.sky_frame("icrs").to_icrs):
+        with pytest.raises(ValueError, match=text):
+            turn(*place)
+
+
+def test_a_number_goes_with_an_array_and_the_poles_are_places() -> None:
+    frame = sk.sky_frame(pole=(0, 90), origin=(0, 0))
+    assert np.allclose(frame.from_icrs([10.0, 20.0], 5.0).phi2, 5.0)
+    assert np.allclose(frame.from_icrs([10.0, 20.0], [90.0, -90.0]).phi2, [90.0, -90.0])
+    assert np.isnan(frame.from_icrs([10.0, 20.0], [np.nan, 1.0]).phi2[0])
+
+
+@pytest.mark.parametrize(("name", "meant"), [("gd1", "GD1Koposov10"), ("mag", "MagellanicStreamNidever08")])
+def test_the_beginning_of_a_frames_name_is_enough_for_a_hint(name: str, meant: str) -> None:
+    with pytest.raises(ValueError, match=rf"there is no frame '{name}'\. Did you mean '{meant}'\?"):
+        sk.sky_frame(name)
