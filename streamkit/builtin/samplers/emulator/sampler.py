@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # SciPy is slow to load
     from streamkit.builtin.samplers.emulator.space import Space
     from streamkit.builtin.samplers.emulator.start import Known
 
-MOST = 4000  # samples that are given
+LEAST, MOST = 500, 4000  # samples that are given, about as many as are independent
 QUICK_CALLS = 400
 RULE = "fresh calls at samples of the emulated posterior, compared with what the noise of the particles makes of them"
 
@@ -110,7 +110,8 @@ def _problems(target: Target) -> tuple[Problem, Problem]:
 def _samples(target: Target, space: Space, progress: Progress) -> Samples:
     """Return samples of the emulated posterior, with what the emulators predict there."""
     populations = progress.populations
-    chosen = np.linspace(0, len(populations.samples) - 1, min(MOST, len(populations.samples))).astype(int)
+    independent = int(max(min(populations.independent, MOST), LEAST))
+    chosen = np.linspace(0, len(populations.samples) - 1, min(independent, len(populations.samples))).astype(int)
     z = populations.samples[chosen]
     points = np.ascontiguousarray(space.points(z))
     lnl = populations.terms.ln_likelihood[chosen].sum(axis=1)
