@@ -84,8 +84,6 @@ class Ensemble:
         ``bit_generator.state`` of a `numpy.random.Generator`.
     memory
         Arrays by name that the next step depends on, beside the points. Only those of the last step are stored.
-    history
-        Arrays by name that later steps depend on, of the same shape in each step. All of them are stored.
     number
         Number of steps, this one included.
     facts
@@ -97,7 +95,6 @@ class Ensemble:
     accepted: BoolArray
     random_state: Any
     memory: Mapping[str, Array] = field(default_factory=dict)
-    history: Mapping[str, Array] = field(default_factory=dict)
     number: int = 0
     facts: Mapping[str, str] = field(default_factory=dict)
 

@@ -140,8 +140,11 @@ class Target(Protocol):
     def chain(self) -> Array:
         """Return the (steps, walkers, d) samples of all steps that were yielded so far, before a resumption too."""
 
-    def history(self, name: str) -> Array | None:
-        """Return the arrays of this name in `Ensemble.history` of all steps (steps, ...); None if there are none."""
+    def chain_evaluations(self) -> Evaluations:
+        """Return the posterior and the predictions at all points of `chain`, step by step: (steps * walkers,) of them.
+
+        They have no details. `chain` must have a step.
+        """
 
     def time_left(self) -> float:
         """Return the seconds until the run's time limit; infinite without one. End the sampling when it is over."""

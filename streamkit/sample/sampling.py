@@ -84,7 +84,6 @@ def _store(target: PosteriorTarget, ensemble: Ensemble) -> None:
         ensemble.random_state,
         target.counts() | ({"facts": ensemble.facts} if ensemble.facts else {}),
         ensemble.memory,
-        ensemble.history,
     )
     chain.append(step)
     evaluations.keep_only(points)

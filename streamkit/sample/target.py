@@ -235,9 +235,12 @@ class PosteriorTarget:
         """Return the (steps, walkers, d) samples of all steps so far."""
         return self.storage.chain.samples()
 
-    def history(self, name: str) -> Array | None:
-        """Return the arrays of this name in `Ensemble.history` of all steps (steps, ...); None if there are none."""
-        return self.storage.chain.history(name)
+    def chain_evaluations(self) -> Evaluations:
+        """Return the posterior and the predictions at all points of `chain`, step by step."""
+        whole = self.storage.chain.whole()
+        rows, m = whole.blobs.reshape(-1), len(self.data.values)
+        mean, variance = (rows[name].reshape(-1, m) for name in ("mean", "variance"))
+        return Evaluations(whole.log_prob.reshape(-1), rows["ln_likelihood"], mean, variance, ("",) * len(rows))
 
     # Time and progress
 

@@ -49,6 +49,28 @@ class Data:
         white = solve_triangular(root, self.values[used] - mean[used], lower=True)
         return float(-0.5 * (white @ white + len(white) * np.log(2 * np.pi)) - np.log(np.diag(root)).sum())
 
+    def gaussian_of_many(self, mean: Array, variance: Array) -> Array:
+        """(n,) ln likelihood of predictions (n, m) under Gaussian errors; a NaN datum is not used.
+
+        Their variances (n, m) are added to those of the data, whatever `add_noise` says.
+        """
+        used = np.isfinite(self.values)
+        away, noise = self.values[used] - mean[:, used], variance[:, used]
+        if self.covariance is None:
+            total = self.errors[used] ** 2 + noise
+            return np.asarray(-0.5 * np.sum(away**2 / total + np.log(2 * np.pi * total), axis=1))
+        covariance, m = self.covariance[np.ix_(used, used)], int(used.sum())
+        if not noise.any():
+            from scipy.linalg import cholesky, solve_triangular  # slow to load, and only a covariance needs it
+
+            root = cholesky(covariance, lower=True)
+            white, spread = solve_triangular(root, away.T, lower=True).T, np.log(np.diag(root)).sum()
+        else:
+            roots = np.linalg.cholesky(covariance + noise[:, :, None] * np.eye(m))
+            white = np.linalg.solve(roots, away[:, :, None])[:, :, 0]
+            spread = np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
+        return np.asarray(-0.5 * (white**2).sum(axis=1) - spread - 0.5 * m * np.log(2 * np.pi))
+
     def residuals(self, mean: Array, variance: Array) -> Array:
         """(m,) Data minus prediction in standard deviations of the likelihood; NaN without a datum.
 

@@ -46,8 +46,10 @@ class Gaussian:
 
     def evaluate(self, points: sk.Array) -> sk.Array:
         """Return the ln density."""
-        points = np.atleast_2d(points)
-        self.calls.update(point.tobytes() for point in np.ascontiguousarray(points, dtype=float))
+        self.calls.update(point.tobytes() for point in np.ascontiguousarray(np.atleast_2d(points), dtype=float))
+        return self._ln_likelihood(np.atleast_2d(points))
+
+    def _ln_likelihood(self, points: sk.Array) -> sk.Array:
         lnl = LN_NORM - 0.5 * np.einsum("ni,ij,nj->n", points, INVERSE, points)
         return np.where((points[:, 0] > 4) | ~np.isfinite(self.ln_prior(points)), -np.inf, lnl)
 
@@ -60,7 +62,11 @@ class Gaussian:
 
     def predictions(self, points: sk.Array, small: bool = False) -> sk.Evaluations:
         """Return the parameters as predictions without noise."""
-        lnl = self.evaluate(points)
+        self.evaluate(points)
+        return self._evaluations(points)
+
+    def _evaluations(self, points: sk.Array) -> sk.Evaluations:
+        lnl = self._ln_likelihood(points)
         mean = np.where(np.isfinite(lnl)[:, None], points, np.nan)
         reasons = tuple("" if there else "no stream" for there in np.isfinite(lnl))
         details = np.empty((len(points), 0))
@@ -86,10 +92,9 @@ class Gaussian:
         """Return the points of all steps."""
         return np.array([step.points for step in self.steps]) if self.steps else np.empty((0, 0, 2))
 
-    def history(self, name: str) -> sk.Array | None:
-        """Return the arrays of this name in the history of the steps."""
-        rows = [step.history[name] for step in self.steps if name in step.history]
-        return np.array(rows) if rows else None
+    def chain_evaluations(self) -> sk.Evaluations:
+        """Return the density and the predictions at the points of all steps."""
+        return self._evaluations(self.chain().reshape(-1, 2))
 
     def expect(self, calls: float) -> None:
         """Show nothing."""
@@ -188,7 +193,7 @@ def resumes(component: sk.Sampler) -> None:
         for step in islice(component.walk(target, whole[done - 1]), min(len(whole) - done, 80)):
             number = len(target.steps)
             same = np.array_equal(step.points, whole[number].points)
-            reason = "the points, random_state, memory or history of a step must hold all that the next depends on"
+            reason = "the points, random_state or memory of a step must hold all that the next depends on"
             require(same, f"a chain that is resumed after step {done} has another step {number + 1}: {reason}")
             target.steps.append(step)
 

@@ -60,7 +60,7 @@ def _chain_survives(component: sk.ChainSampler, folder: Path) -> None:
     read = sample.read_chain_file(folder / sample.CHAIN)
     require(np.array_equal(read.chain, first), "the points that the chain file gives back are others")
     again = _walked(component, sample.chain_storage(folder, {}, resumes=True), 2 * HALF)
-    reason = "the points, random_state, memory or history of a step must hold all that the next depends on"
+    reason = "the points, random_state or memory of a step must hold all that the next depends on"
     require(np.array_equal(again, whole), f"a chain that is resumed from its files has other steps: {reason}")
 
 
@@ -79,4 +79,3 @@ def _samples_survive(component: sk.Sampler, path: Path) -> None:
         same = np.array_equal(read.points, weighted.points) and np.array_equal(read.ln_weights, weighted.ln_weights)
         require(same, "the samples that the file gives back are others")
         require(read.verdicts == weighted.verdicts, "the verdicts that the file gives back are others")
-

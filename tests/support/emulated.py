@@ -10,7 +10,7 @@ from streamkit.builtin.samplers.emulator.space import Space
 from streamkit.errors import OutOfDomain
 from streamkit.model import Model
 from streamkit.sample import Posterior
-from streamkit.sample.calls.comparison import Comparison, gaussians
+from streamkit.sample.calls.comparison import Comparison
 
 
 def ln_densities(priors, points):
@@ -103,7 +103,7 @@ class OfToy(Problem):
         return Answers(mean, variance.copy(), np.empty((len(points), 0)), lnl)
 
     def compare(self, points, mean, variance, details):
-        return gaussians(mean, variance, self.data)
+        return self.data.gaussian_of_many(mean, variance)
 
 
 def called(problem, count, seed=1):

@@ -16,7 +16,6 @@ from emulated import Problem
 
 from streamkit.builtin.samplers.emulator.problem import Answers
 from streamkit.runfile import Uniform
-from streamkit.sample.calls.comparison import gaussians
 from streamkit.stream import Data
 
 
@@ -158,7 +157,7 @@ class OfKnown(Problem):
         return Answers(mean, variance, np.empty((len(points), 0)), lnl)
 
     def compare(self, points, mean, variance, details):
-        return gaussians(mean, variance, self.data)
+        return self.data.gaussian_of_many(mean, variance)
 
 
 def first(a):

@@ -55,6 +55,19 @@ def walk(toy, pool: Workers, chain: ChainMemory, seed=5, progress=False, **field
     return target
 
 
+class OfPriors:
+    """What the moves need of a target: its priors."""
+
+    def __init__(self, priors) -> None:
+        self.priors, self.size = priors, len(priors)
+
+    def from_unit(self, u):
+        return np.array([prior.ppf(x) for prior, x in zip(self.priors, u, strict=True)])
+
+    def ln_prior(self, points):
+        return sum(prior.lnpdf_of_many(x) for prior, x in zip(self.priors, points.T, strict=True))
+
+
 class Slow(Gaussian):
     """One that never ends for a tenth of the points."""
 

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
 
 from streamkit.components import Measurement
 from streamkit.model import Measured, Model, Observation
 from streamkit.observe import read_data
-from streamkit.stream import Array, BoolArray, Data, Prediction
+from streamkit.stream import Array, BoolArray, Prediction
 
 
 @dataclass(frozen=True)
@@ -22,6 +21,7 @@ class Part:
     rows: slice  # where its data are among all
     reads: tuple[str, ...]  # the details that its likelihood reads
     free: dict[str, int]  # the parameters that are fields of it, by field
+
 
 class Comparison:
     """The ln likelihood of predictions of a model's observables that are given, at many points at once."""
@@ -121,23 +121,4 @@ def _compare(part: Part, points: Array, prediction: Prediction) -> Array:
     if part.free:
         measurement = measurement.model_copy(update={name: points[:, [i]] for name, i in part.free.items()})
     value = measurement.ln_likelihood(prediction, True)
-    return gaussians(prediction.mean, prediction.variance, data) if value is None else np.asarray(value)
-
-
-def gaussians(mean: Array, variance: Array, data: Data) -> Array:
-    """(n,) Return the ln likelihood of Gaussian errors for predictions (n, m), their variances (n, m) added."""
-    used = np.isfinite(data.values)
-    away, noise = data.values[used] - mean[:, used], variance[:, used]
-    if data.covariance is None:
-        total = data.errors[used] ** 2 + noise
-        return np.asarray(-0.5 * np.sum(away**2 / total + np.log(2 * np.pi * total), axis=1))
-    covariance = data.covariance[np.ix_(used, used)]
-    if not noise.any():
-        root = cholesky(covariance, lower=True)
-        white = solve_triangular(root, away.T, lower=True)
-        spread = np.log(np.diag(root)).sum()
-        return np.asarray(-0.5 * (white**2).sum(axis=0) - spread - 0.5 * len(root) * np.log(2 * np.pi))
-    roots = np.linalg.cholesky(covariance + noise[:, :, None] * np.eye(used.sum()))
-    white = np.linalg.solve(roots, away[:, :, None])[:, :, 0]
-    spread = np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
-    return np.asarray(-0.5 * (white**2).sum(axis=1) - spread - 0.5 * used.sum() * np.log(2 * np.pi))
+    return data.gaussian_of_many(prediction.mean, prediction.variance) if value is None else np.asarray(value)

@@ -17,7 +17,7 @@ from streamkit.errors import ChainError
 from streamkit.report import DamagedError, read_own
 from streamkit.sample.store.journal import journal_of
 from streamkit.sample.store.step import (
-    HISTORY,
+    FORMER,
     MEMORY,
     MOST,
     Count,
@@ -34,8 +34,6 @@ from streamkit.stream import Array
 
 CHAIN = "chain.h5"
 GROUP = "mcmc"
-# Data sets that runs of version 0.1.0 stored outside the groups of their kind: kind and name, by data set.
-FORMER_SETS = {"trials": (HISTORY, "trials"), "replicas": (MEMORY, "replicas")}
 RANDOM = "random_state"  # attribute: the state of a `numpy.random.Generator`; emcee's format only has a RandomState's
 RESTORE = "Restore it from a copy, or start again with --force."
 
@@ -50,9 +48,7 @@ class Chain:
     accepted: Array  # (walkers,) accepted moves
     attributes: dict[str, Any]  # attributes of the run: digest, quick, status, counts
     random_state: Any = None  # the generator's state after the last step; None without a step
-    # Arrays by name: in ``memory`` those of the last step, in ``history`` those of every step (steps, ...).
-    memory: Mapping[str, Array] = field(default_factory=dict)
-    history: Mapping[str, Array] = field(default_factory=dict)
+    memory: Mapping[str, Array] = field(default_factory=dict)  # arrays by name, of the last step
     journal: list[Step] = field(default_factory=list)  # the last steps, which only the journal has
     start: Step | None = None  # the ensemble before the first step, if the journal has it
     checksum: str = ""  # the checksum of all samples
@@ -112,10 +108,6 @@ def _continued(stored: Chain, steps: list[Step], path: Path) -> Chain:
         return Chain(stored.chain, stored.log_prob, stored.blobs, stored.accepted, attributes,
                      start=start, checksum=checksum)  # fmt: skip
     last, blobs = tail[-1], np.array([step.blobs for step in tail])
-    history = {name: list(values[:done]) for name, values in stored.history.items()}
-    for step in tail:
-        for name, value in step.history.items():
-            history.setdefault(name, []).append(value)
     return Chain(
         np.concatenate([stored.chain, [step.coords for step in tail]]),
         np.concatenate([stored.log_prob, [step.log_prob for step in tail]]),
@@ -124,7 +116,6 @@ def _continued(stored: Chain, steps: list[Step], path: Path) -> Chain:
         stored.attributes | {"counts": dict(last.counts)},
         last.random_state,
         last.memory,
-        {name: np.array(rows) for name, rows in history.items()},
         tail,
         checksum=checksum,
     )
@@ -135,9 +126,6 @@ def _check_form(stored: Chain, first: Step, step: Step, path: Path) -> None:
     same = step.coords.shape == stored.chain.shape[1:] and step.blobs.dtype == first.blobs.dtype
     if len(stored.chain):
         same = same and step.blobs.dtype == stored.blobs.dtype
-    shapes = {name: values.shape for name, values in first.history.items()}
-    shapes |= {name: values.shape[1:] for name, values in stored.history.items()}
-    same = same and all(values.shape == shapes.get(name, values.shape) for name, values in step.history.items())
     if not same:
         raise ChainError(
             f"{journal_of(path).path}: does not continue {path.name}: step {step.number} has other walkers, parameters "
@@ -174,14 +162,10 @@ def _read(path: Path, file: h5py.File) -> Chain:
     if "counts" in attributes:
         attributes["counts"] = checked.counts.model_dump(exclude_defaults=True)
     random = [value for key, value in sorted(group.attrs.items()) if key.startswith("random_state_")]
-    arrays: dict[str, dict[str, Array]] = {MEMORY: {}, HISTORY: {}}
-    for name, (kind, key) in FORMER_SETS.items():
-        if name in file:
-            arrays[kind][key] = file[name][...]
-    for kind, values in arrays.items():
-        for name in file.get(kind, ()):
-            values[name] = file[kind][name][...]
-    _check_shapes(chain, log_prob, accepted, blobs, arrays)
+    memory = {FORMER: file[FORMER][...]} if FORMER in file else {}
+    memory |= {name: file[MEMORY][name][...] for name in file.get(MEMORY, ())}
+    check_numbers(memory)
+    _check_shapes(chain, log_prob, accepted, blobs)
     random_state = attributes.pop(RANDOM, None) or tuple(random) or None
     if steps or random_state is not None:
         check_random_state(random_state)
@@ -192,13 +176,10 @@ def _read(path: Path, file: h5py.File) -> Chain:
         checksum = extend_checksum(checksum, chain[row], log_prob[row], blobs[row])
     if checked.checksum != checksum:
         raise damaged(path, "its samples have another checksum")
-    return Chain(chain, log_prob, blobs, accepted, attributes, random_state, arrays[MEMORY], arrays[HISTORY],
-                 checksum=checksum)  # fmt: skip
+    return Chain(chain, log_prob, blobs, accepted, attributes, random_state, memory, checksum=checksum)
 
 
-def _check_shapes(
-    chain: Array, log_prob: Array, accepted: Array, blobs: Any, arrays: Mapping[str, Mapping[str, Array]]
-) -> None:
+def _check_shapes(chain: Array, log_prob: Array, accepted: Array, blobs: Any) -> None:
     """Check the arrays of a chain file against each other; ValueError if one has another shape, or holds no numbers."""
     steps, walkers, d = chain.shape
     if not (walkers and d):
@@ -210,11 +191,6 @@ def _check_shapes(
         raise ValueError(f"accepted holds other numbers than 0 to {steps}")
     if steps:
         check_records(blobs, (steps, walkers))
-    for kind, values in arrays.items():
-        check_numbers(kind, values)
-    for name, rows in arrays[HISTORY].items():
-        if not 0 < len(rows) <= steps:
-            raise ValueError(f"history {name!r} has {len(rows)} rows, and the chain {steps} steps")
 
 
 def damaged(path: Path, what: str) -> ChainError:

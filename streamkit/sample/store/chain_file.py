@@ -17,9 +17,9 @@ from emcee.backends import HDFBackend
 
 from streamkit.errors import ChainError, ComponentError
 from streamkit.report import BLOCK, DamagedError, safely, verified, write_own
-from streamkit.sample.store.chain import FORMER_SETS, RANDOM, Chain, damaged, read_chain_file
+from streamkit.sample.store.chain import RANDOM, Chain, damaged, read_chain_file
 from streamkit.sample.store.journal import journal_of
-from streamkit.sample.store.step import HISTORY, MEMORY, Step, extend_checksum
+from streamkit.sample.store.step import FORMER, MEMORY, Step, extend_checksum
 from streamkit.stream import Array
 
 # Steps in the journal after which they are moved into the chain file, or an eighth of the chain if that is more. The
@@ -39,7 +39,6 @@ class ChainMemory:
         self._shape = 0, 0  # walkers and parameters
         self._coords: list[Array] = []
         self._steps: list[Step] = []
-        self._history: dict[str, list[Array]] = {}
         self._accepted: Array = np.zeros(0)
         self._checksum = ""
 
@@ -59,7 +58,7 @@ class ChainMemory:
 
     def reset(self, walkers: int, d: int) -> None:
         """Begin an empty chain, in place of any other."""
-        self.last, self._coords, self._steps, self._history = None, [], [], {}
+        self.last, self._coords, self._steps = None, [], []
         self._accepted, self._shape = np.zeros(walkers), (walkers, d)
         self._checksum = self._digest
 
@@ -78,31 +77,21 @@ class ChainMemory:
             self._steps.append(step)
             self._accepted = self._accepted + step.accepted
             self._checksum = checksum
-            for name, value in step.history.items():
-                self._history.setdefault(name, []).append(value)
         else:
             self._write_step(step)
         self.last = step
 
     def _check_form(self, step: Step) -> None:
-        """Check that points and history have the shapes and types of the steps before; ComponentError if not."""
-        forms = {"the points": (step.coords, np.empty(self._shape))}
-        forms |= {name: (step.history[name], rows[0]) for name, rows in self._history.items() if name in step.history}
-        for name, (found, before) in forms.items():
-            if (found.shape, found.dtype) != (before.shape, before.dtype):
-                raise ComponentError(
-                    f"a step cannot be stored: {name}: found {found.dtype} of shape {found.shape}, expected "
-                    f"{before.dtype} of shape {before.shape} as in the steps before"
-                )
+        """Check that the points have the shape of the steps before; ComponentError if not."""
+        if step.coords.shape != self._shape:
+            raise ComponentError(
+                f"a step cannot be stored: the points: found {step.coords.dtype} of shape {step.coords.shape}, "
+                f"expected shape {self._shape} as in the steps before"
+            )
 
     def samples(self) -> Array:
         """(steps, walkers, d) All samples."""
         return np.array(self._coords) if self._coords else np.empty((0, *self._shape))
-
-    def history(self, name: str) -> Array | None:
-        """Return the arrays of this name of all steps (steps, ...); None if there are none."""
-        rows = self._history.get(name)
-        return None if rows is None else np.array(rows)
 
     def consolidate(self, goes_on: bool = False) -> None:
         """Move the steps to their final place. In memory there is nothing to do."""
@@ -155,7 +144,6 @@ class ChainFile(ChainMemory):
         counts = self._attributes.pop("counts", {})
         super().reset(walkers, d)
         self._coords, self._steps, self._accepted = list(stored.chain), stored.journal, stored.accepted
-        self._history = {name: list(values[:steps]) for name, values in stored.history.items()}
         self._checksum = stored.checksum
         self.last = stored.start
         if steps:
@@ -181,6 +169,10 @@ class ChainFile(ChainMemory):
                 self.consolidate(goes_on=True)
             except ChainError:  # the journal holds the steps; the end of the run raises if there is no room then
                 self._patience = 2 * len(self._steps)
+
+    def whole(self) -> Chain:
+        """Read the chain back from its files. ChainError if it cannot be read."""
+        return read_chain_file(self.path)
 
     def _write_step(self, step: Step) -> None:
         self._journal.append(step.record())
@@ -221,13 +213,10 @@ class ChainFile(ChainMemory):
     def _write(self, image: _Image) -> None:
         last, notes = self.last, self._attributes | {"counts": {}, "checksum": self._checksum}
         with image.open("a") as file:
-            for name in FORMER_SETS:
-                if name in file:  # stored in the groups below instead
-                    del file[name]
+            if FORMER in file:  # stored in the group below instead
+                del file[FORMER]
             if last is not None and last.number:
                 notes["counts"] = dict(last.counts)
-                for name in self._history:
-                    _put(file, f"{HISTORY}/{name}", np.array(self._history[name]))
                 for name in [*file.get(MEMORY, ())]:
                     if name not in last.memory:  # left from an earlier step
                         del file[MEMORY][name]

@@ -18,9 +18,8 @@ from streamkit.errors import ChainError, ComponentError, brief, printable
 from streamkit.sample.evaluation import blob_dtype
 from streamkit.stream import Array, BoolArray
 
-MEMORY, HISTORY = "memory", "history"  # groups of arrays in a record, and in the chain file
-# Arrays that runs of version 0.1.0 stored under other keys: present name, and former key.
-FORMER = {MEMORY: ("replicas", "replicas"), HISTORY: ("trials", "tried")}
+MEMORY = "memory"  # group of arrays in a record, and in the chain file
+FORMER = "replicas"  # the array of the memory that runs of version 0.1.0 stored outside this group
 MOST = 10**15  # upper limit of counts in a file, so that forged numbers cannot overflow
 Count = Annotated[int, Field(ge=0, le=MOST)]
 
@@ -31,7 +30,7 @@ def _in_one_line(text: Any) -> Any:
 
 
 Text = Annotated[str, BeforeValidator(_in_one_line)]  # of a file that may come from elsewhere
-NUMBERS = "biuf"  # kinds of arrays in memory and history: truth values, integers, floating-point numbers
+NUMBERS = "biuf"  # kinds of arrays in memory: truth values, integers, floating-point numbers
 WIDEST = 8  # bytes of such a number: HDF5 has no portable form of a longer one
 TWISTER_WORDS = 624
 BUFFERED = 4  # numbers that numpy's generator Philox draws at a time
@@ -76,11 +75,10 @@ class Step:
     log_prob: Array
     blobs: Any
     accepted: BoolArray  # (walkers,) whether the step moved each walker
-    random_state: Any  # this, memory and history: as in `streamkit.Ensemble`
+    random_state: Any  # this and memory: as in `streamkit.Ensemble`
     # Calls and rejections up to the end of the step, and the sampler's facts.
     counts: Mapping[str, Any] = field(default_factory=dict)
     memory: Mapping[str, Array] = field(default_factory=dict)
-    history: Mapping[str, Array] = field(default_factory=dict)
     checksum: str = ""  # the checksum of all samples up to this step: `extend_checksum`
     digest: str = ""  # the digest of the run
 
@@ -98,20 +96,18 @@ class Step:
         else:
             kind, arrays["keys"], *rest = self.random_state
             entries["random"] = [kind, *(value.item() if isinstance(value, np.generic) else value for value in rest)]
-        for group, values in ((MEMORY, self.memory), (HISTORY, self.history)):
-            arrays |= {f"{group}/{name}": value for name, value in values.items()}
+        arrays |= {f"{MEMORY}/{name}": value for name, value in self.memory.items()}
         text = json.dumps(entries, default=_plain, ensure_ascii=False)
         return arrays | {"about": np.frombuffer(text.encode(errors="replace"), dtype=np.uint8)}
 
     def checked(self) -> Step:
         """Return a copy of the step as a file gives it back: numbers as floats, texts without control characters.
 
-        Arrays in ``memory`` and ``history`` keep their types. Raises ComponentError if a file cannot hold the step:
-        with what was found and what is allowed.
+        Arrays in ``memory`` keep their types. Raises ComponentError if a file cannot hold the step: with what was
+        found and what is allowed.
         """
         try:
-            _check_names(MEMORY, self.memory)
-            _check_names(HISTORY, self.history)
+            _check_names(self.memory)
             check_random_state(self.random_state)
             step = replace(
                 self,
@@ -119,7 +115,6 @@ class Step:
                 log_prob=as_floats("ln p", self.log_prob),
                 accepted=_as_truth(self.accepted),
                 memory={name: _native(value) for name, value in self.memory.items()},
-                history={name: _native(value) for name, value in self.history.items()},
             )
             return _step_of(step.record())
         except (KeyError, ValueError, TypeError, AttributeError) as error:
@@ -157,8 +152,7 @@ def _step_of(record: Mapping[str, Any]) -> Step:
         record["accepted"],
         random,
         entries.counts.model_dump(exclude_defaults=True),
-        _named(record, MEMORY),
-        _named(record, HISTORY),
+        _memory(record),
         entries.checksum,
         entries.digest,
     )
@@ -174,8 +168,7 @@ def _check_arrays(step: Step) -> None:
     if step.accepted.shape != (walkers,) or step.accepted.dtype != bool:
         raise ValueError("accepted holds no truth value for each walker")
     check_records(step.blobs, (walkers,))
-    check_numbers(MEMORY, step.memory)
-    check_numbers(HISTORY, step.history)
+    check_numbers(step.memory)
     check_random_state(step.random_state)
 
 
@@ -232,20 +225,20 @@ def check_records(records: Any, shape: tuple[int, ...]) -> None:
         raise ValueError("blobs holds a negative variance")
 
 
-def check_numbers(group: str, arrays: Mapping[str, Array]) -> None:
-    """Check the types of arrays in memory or history; ValueError with the name of a wrong one."""
+def check_numbers(arrays: Mapping[str, Array]) -> None:
+    """Check the types of arrays in memory; ValueError with the name of a wrong one."""
     for name, array in arrays.items():
         if array.dtype.kind not in NUMBERS or array.dtype.itemsize > WIDEST:
             raise ValueError(
-                f"{group} {name!r}: found the type {array.dtype}, expected floats, integers or truth values of at "
+                f"{MEMORY} {name!r}: found the type {array.dtype}, expected floats, integers or truth values of at "
                 "most 64 bits"
             )
 
 
-def _check_names(group: str, arrays: Any) -> None:
-    """Check the names of arrays in memory or history, which are the names of data sets of HDF5."""
+def _check_names(arrays: Any) -> None:
+    """Check the names of arrays in memory, which are the names of data sets of HDF5."""
     if not isinstance(arrays, Mapping):
-        raise TypeError(f"{group}: found {arrays!r:.80}, expected arrays by name")
+        raise TypeError(f"{MEMORY}: found {arrays!r:.80}, expected arrays by name")
     for name in arrays:
         if not isinstance(name, str) or not name.strip(".") or "/" in name or not name.isprintable():
             raise ValueError(f"found the name {name!r} of an array, expected a word without a slash")
@@ -272,11 +265,10 @@ def _as_truth(values: Any) -> BoolArray:
     return array.astype(bool)
 
 
-def _named(record: Mapping[str, Any], group: str) -> dict[str, Array]:
-    """Return the arrays of a record that are memory, or history, by name."""
-    arrays = {name.partition("/")[2]: value for name, value in record.items() if name.startswith(f"{group}/")}
-    name, key = FORMER[group]
-    return arrays | ({name: record[key]} if key in record else {})
+def _memory(record: Mapping[str, Any]) -> dict[str, Array]:
+    """Return the arrays of a record that are memory, by name; those of other groups, of former versions, are left."""
+    arrays = {name.partition("/")[2]: value for name, value in record.items() if name.startswith(f"{MEMORY}/")}
+    return arrays | ({FORMER: record[FORMER]} if FORMER in record else {})
 
 
 def checksum_of(*parts: Any) -> str:

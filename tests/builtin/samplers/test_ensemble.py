@@ -10,9 +10,10 @@ import emcee
 import numpy as np
 import pytest
 from scipy.stats import norm, rankdata
-from toys import COVARIANCE, MEAN, PRIORS, Gaussian, walk
+from toys import COVARIANCE, MEAN, PRIORS, Gaussian, OfPriors, walk
 
 import streamkit as sk
+from streamkit.builtin.samplers.ensemble.coordinates import Space
 from streamkit.builtin.samplers.ensemble.moves import proposals
 from streamkit.convergence import CHECK, Convergence, autocorrelation_times, burn_in, rank_r_hat, stuck_walkers
 from streamkit.runfile import Uniform
@@ -232,7 +233,7 @@ def test_stuck_walkers_are_recognised():
 def test_every_move_alone_samples_a_gaussian_whatever_the_units(name):
     """Standard deviations within 6 %, for parameters whose scales differ by 10^8 (snooker: off by 15 %)."""
     scale = np.array([1.0, 1e8, 1e-2, 30.0])
-    for move, _ in proposals(name, [Uniform(-1e12, 1e12)] * 4):
+    for move, _ in proposals(name, Space(OfPriors([Uniform(-1e12, 1e12)] * 4))):
         sampler = emcee.EnsembleSampler(
             80, 4, lambda x: -0.5 * (x**2 / scale**2).sum(axis=1), moves=move, vectorize=True
         )

@@ -1,14 +1,18 @@
 """The moves on densities known in closed form or by quadrature: a wrong acceptance factor would fail."""
 
 import math
+from dataclasses import replace
 
 import emcee
 import numpy as np
 import pytest
 from scipy import stats
-from toys import Banana, Heavy, Many, banana_run
+from toys import MEAN, Banana, Gaussian, Heavy, Many, OfPriors, banana_run
+from toys import walk as walk_toy
 
+import streamkit as sk
 from streamkit.builtin.samplers.ensemble import learning, walk
+from streamkit.builtin.samplers.ensemble.called import learn
 from streamkit.builtin.samplers.ensemble.coordinates import Space
 from streamkit.builtin.samplers.ensemble.learning import LEAST_STEPS, learning_steps
 from streamkit.builtin.samplers.ensemble.moves import (
@@ -17,11 +21,9 @@ from streamkit.builtin.samplers.ensemble.moves import (
     SurrogateMove,
     proposals,
 )
-from streamkit.builtin.samplers.ensemble.surrogate import learn
 from streamkit.convergence import autocorrelation_times
 from streamkit.runfile import LogUniform, Normal, TruncatedNormal, Uniform
-from streamkit.sample import ChainFile, ChainMemory, read_chain_file
-from streamkit.stream import Data
+from streamkit.sample import ChainFile, ChainMemory, Workers, read_chain_file
 
 PRIORS = (
     Uniform(0, 1), Uniform(-1, 1), Normal(1, 2), LogUniform(0.1, 10), TruncatedNormal(0, 1, -0.5, math.inf),
@@ -48,23 +50,26 @@ def ln_posterior(theta):
     return ln_prior(theta) - 0.5 * np.einsum("ni,ij,nj->n", x, INVERSE, x) - 0.5 * (theta[:, 2] - 2) ** 2
 
 
-def wrong_surrogate():
-    """Learned from data that are off by more than half a standard error."""
-    rng = np.random.default_rng(8)
-    theta = np.stack([prior.sample(rng, 400) for prior in PRIORS], axis=1)
+class OffBySigmas:
+    """A surrogate: the likelihood with data that are off by more than half a standard error."""
+
     root = np.linalg.cholesky(INVERSE)
-    mean = np.column_stack([(theta[:, :2] - CENTRE) @ root, theta[:, 2] - 2])
-    data = Data(np.array([0.6, -0.6, 0.8]), np.ones(3))
-    surrogate = learn(Space(PRIORS).to(theta), mean, np.zeros_like(mean), data)
-    assert surrogate is not None
-    return surrogate
+
+    def ln_likelihood(self, theta):
+        away = np.column_stack([(theta[:, :2] - CENTRE) @ self.root, theta[:, 2] - 2]) - [0.6, -0.6, 0.8]
+        return -0.5 * (away**2).sum(axis=1)
+
+
+def drawn(n, seed=8):
+    """(n, 6) Places from the prior."""
+    rng = np.random.default_rng(seed)
+    return np.stack([prior.sample(rng, n) for prior in PRIORS], axis=1)
 
 
 def sampled(move, ln_density, steps, last=True, walkers=60):
-    rng = np.random.default_rng(4)
-    start = np.stack([prior.sample(rng, walkers) for prior in PRIORS], axis=1)
+    start = drawn(walkers, 4)
     if isinstance(move, SurrogateMove):
-        move.learn(wrong_surrogate(), walkers, seed=7, last=last)
+        move.use(OffBySigmas(), drawn(400), 256, seed=7, last=last)
     sampler = emcee.EnsembleSampler(walkers, len(PRIORS), ln_density, moves=move, vectorize=True)
     sampler.run_mcmc(emcee.State(start, random_state=np.random.RandomState(6).get_state()), steps)
     found = sampler.get_chain(discard=steps // 10)
@@ -80,7 +85,7 @@ def check_moments(chain, expected, precision=0.03):
     np.testing.assert_array_less(np.abs(flat.mean(axis=0) - expected) / error, 4.5)
 
 
-MOVES = [move for move, _ in proposals("surrogate", PRIORS)]
+MOVES = [move for move, _ in proposals("surrogate", Space(OfPriors(PRIORS)))]
 
 
 @pytest.mark.slow
@@ -122,9 +127,9 @@ def test_every_move_alone_samples_a_cut_gaussian(move, steps, last):
 
 def test_an_exchange_gives_the_replica_the_walkers_place(monkeypatch):
     monkeypatch.setattr("streamkit.builtin.samplers.ensemble.moves.EXCHANGES", 1.0)
-    (move, _), *_ = proposals("surrogate", PRIORS)
-    move.learn(wrong_surrogate(), 8, seed=7, last=True)
-    here = np.stack([prior.sample(np.random.default_rng(4), 8) for prior in PRIORS], axis=1)
+    (move, _), *_ = proposals("surrogate", Space(OfPriors(PRIORS)))
+    move.use(OffBySigmas(), drawn(400), 256, seed=7, last=True)
+    here = drawn(8, 4)
     there, _ = move.get_proposal(here, [], np.random.RandomState(1))
     accepted = np.arange(8) % 3 == 0
     state = emcee.State(here.copy(), log_prob=np.zeros(8))
@@ -139,86 +144,75 @@ def test_an_exchange_gives_the_replica_the_walkers_place(monkeypatch):
 @pytest.mark.slow
 def test_replicas_are_tempered_while_the_surrogate_learns():
     """The third parameter is a Gaussian of variance 1 in the data and 4 in the prior: 1 / (1/4 + beta)."""
-    (move, _), *_ = proposals("surrogate", PRIORS)
+    (move, _), *_ = proposals("surrogate", Space(OfPriors(PRIORS)))
     for last in (False, True):
-        move.learn(wrong_surrogate(), 8, seed=7, last=last)
+        move.use(OffBySigmas(), drawn(400), 256, seed=7, last=last)
         z = move.replicas[:, 2]
         for i, beta in enumerate(INVERSE_TEMPERATURES):
             expected = 1 / (0.25 + (LAST_INVERSE_TEMPERATURE if last else beta))
             found = np.var(z[i :: len(INVERSE_TEMPERATURES)])
-            assert found == pytest.approx(expected, rel=0.6)  # 85 of them, and Student's tails
+            assert found == pytest.approx(expected, rel=0.6)  # 85 of them: 0.15 standard errors
 
 
-def test_a_cubic_model_is_learned_exactly():
-    rng = np.random.default_rng(2)
-    y = rng.normal([3, -1, 1e8], [1, 0.1, 1e7], (200, 3))
-    x = (y - [3, -1, 1e8]) / [1, 0.1, 1e7]
-    mean = np.column_stack([x[:, 0] + x[:, 1] ** 2 * x[:, 2], x[:, 2] - x[:, 0] ** 3, np.full(200, 7.0)])
-    data = Data(np.array([0.5, 0.2, np.nan]), np.array([2.0, 3.0, 1.0]))
-    surrogate = learn(y, mean, np.ones((200, 3)), data)
-    assert surrogate is not None
-    near = np.abs(x).max(axis=1) < 1.2  # inside the cloud
-    chi2 = (((mean[near, :2] - [0.5, 0.2]) / [2, 3]) ** 2).sum(axis=1)
-    # Student's t of two data with 8 degrees of freedom
-    np.testing.assert_allclose(surrogate.ln_likelihood(y[near]), -5 * np.log(1 + chi2 / 8), atol=0.02)
-    noisy = learn(y, mean, np.ones((200, 3)), Data(data.values, data.errors, add_noise=True))
-    assert noisy is not None
-    np.testing.assert_allclose(noisy.variance, 1 + 1 / np.array([4, 9]), rtol=0.01)
+class Walked:
+    """A target whose chain has one step of many walkers, at places uniform between -2 and 2."""
+
+    size, seed, data = 3, 5, Banana.data
+
+    def __init__(self, toy, n):
+        self.points = np.random.default_rng(2).uniform(-2, 2, (n, 3))
+        found = [toy.evaluate(point) for point in self.points]
+        self.lnl = np.array([each.ln_likelihood for each in found])
+        mean, variance = (np.array([getattr(each, name) for each in found]) for name in ("mean", "variance"))
+        self.found = sk.Evaluations(self.lnl, self.lnl, mean, variance, ("",) * n)
+
+    def chain(self):
+        return self.points[None]
+
+    def chain_evaluations(self):
+        return self.found
+
+    def from_unit(self, u):
+        return 6 * np.asarray(u) - 3
+
+    def ln_prior(self, points):
+        return np.where((np.abs(points) <= 3).all(axis=1), -3 * np.log(6), -np.inf)
 
 
-def test_where_there_is_no_observable_is_learned():
-    """Half of a plane has none: nearly forbidden there, and as before on the other side."""
-    y = np.random.default_rng(2).uniform(-2, 2, (900, 2))
-    data = Data(np.zeros(2), np.ones(2))
-    whole, half = (
-        learn(y, np.where(there[:, None], y, np.nan), np.zeros_like(y), data)
-        for there in (np.full(900, True), y[:, 0] > 0)
-    )
-    assert whole is not None
-    assert half is not None
-    inside, outside = (half.ln_likelihood(p) - whole.ln_likelihood(p) for p in (y[y[:, 0] > 0.6], y[y[:, 0] < -0.6]))
-    assert np.median(inside) > -0.1
-    assert np.median(outside) < -2
-    assert outside.max() < -1
+NOWHERE = np.empty((0, 3))
 
 
-def test_the_odds_of_an_observable_are_learned():
-    """A chance that depends on the place, as the noise of a model's particles makes it: logistic, known."""
-    rng = np.random.default_rng(3)
-    y = rng.uniform(-2, 2, (6000, 2))
-    chance = 1 / (1 + np.exp(-(1.0 + 2.0 * y[:, 0] - y[:, 1] ** 2)))
-    there = rng.random(6000) < chance
-    learned = learn(y, np.where(there[:, None], y, np.nan), np.zeros_like(y), Data(np.zeros(2), np.ones(2)))
-    assert learned is not None
-    x = (y - learned.centre) @ learned.whiten
-    terms = np.column_stack([np.ones(6000), x, x[:, 0] ** 2, x[:, 0] * x[:, 1], x[:, 1] ** 2])
-    found = 1 / (1 + np.exp(-terms @ learned.exists))
-    assert np.abs(found - chance).mean() < 0.02  # the error of 6 coefficients from 6000 coins: 0.5 sqrt(6 / 6000)
-    assert np.abs(found - chance).max() < 0.1
+@pytest.mark.parametrize(("toy", "subject"), [(Banana(), "the observables"), (Heavy(), "ln likelihood")])
+def test_the_likelihood_is_learned_from_the_places_of_the_walkers(toy, subject):
+    target = Walked(toy, 400)
+    surrogate, places, found = learn(target, 1, NOWHERE)
+    assert found == subject
+    assert len(places) == 400
+    theta = np.random.default_rng(3).uniform(-1.5, 1.5, (300, 3))
+    exact = np.array([toy.ln_likelihood(point) for point in theta])
+    off = surrogate.ln_likelihood(theta) - exact
+    near = exact > -4
+    assert np.std(off[near]) < (0.05 if toy.__class__ is Banana else 0.3)
 
 
-def test_a_likelihood_is_learned_near_its_best_among_many_bad_points():
-    """Six parameters; ln L falls faster than a polynomial, and seven of eight points are 200 below the best one."""
-    rng = np.random.default_rng(1)
-
-    def lnl(y):
-        r2 = (y**2).sum(axis=1)
-        return -0.5 * r2 * np.exp(0.02 * r2)
-
-    y = np.concatenate([rng.uniform(-6, 6, (4000, 6)), rng.normal(size=(600, 6))])[rng.permutation(4600)]
-    none = np.zeros((len(y), 1))
-    surrogate = learn(y, none, none, Data(np.zeros(1), np.ones(1)), lnl(y))
-    assert surrogate.subject == "ln likelihood"
-    near = rng.normal(size=(500, 6))
-    assert np.std(surrogate.ln_likelihood(near) - lnl(near)) < 1.2
+def test_where_there_was_no_prediction_the_surrogate_is_lower():
+    """Half of the space has none: proposals there were refused."""
+    target, refused = Walked(Banana(), 400), np.random.default_rng(4).uniform([-2, -2, -2], [0, 2, 2], (200, 3))
+    target.points[:, 0] = np.abs(target.points[:, 0])
+    mean = np.array([Banana().mean(point) for point in target.points])
+    lnl = np.array([Banana().ln_likelihood(point) for point in target.points])
+    target.found = replace(target.found, mean=mean, ln_likelihood=lnl)
+    inside, outside = ([[x, 0.2, 1.0]] * np.ones((1, 3)) for x in (1.0, -1.0))
+    (knows, _, _), (whole, _, _) = (learn(target, 1, places) for places in (refused, NOWHERE))
+    assert abs(knows.ln_likelihood(inside) - whole.ln_likelihood(inside)) < 0.5
+    assert knows.ln_likelihood(outside) < whole.ln_likelihood(outside) - 2
 
 
 def test_too_little_to_learn_from():
-    y = np.random.default_rng(2).standard_normal((60, 3))
-    data = Data(np.zeros(1), np.ones(1))
-    assert learn(y[:12], y[:12, :1], y[:12, :1], data) is None
-    still = y * [1, 1, 0]
-    assert learn(still, still[:, :1], still[:, :1], data) is None
+    assert learn(Walked(Banana(), 3), 1, NOWHERE) is None
+    still = Walked(Banana(), 40)
+    still.points[:] = still.points[0]
+    assert learn(still, 1, NOWHERE) is None
 
 
 @pytest.mark.slow
@@ -254,21 +248,18 @@ def test_the_surrogate_works_for_dozens_of_correlated_numbers_and_for_a_likeliho
     assert autocorrelation_times(kept).max() < 0.7 * autocorrelation_times(usual).max()
 
 
-def test_what_is_learned_from_is_all_that_was_tried(tmp_path):
-    """Refused proposals too, which the chain does not hold."""
-    file = ChainFile(tmp_path / "chain.h5")
-    banana_run(file, 30, "surrogate")
-    rows = file.history("trials").reshape(-1, 8)
-    points, mean, variance, lnl = rows[:, :3], rows[:, 3:5], rows[:, 5:7], rows[:, 7]
-    inside = file.last.counts["calls"] - file.last.counts["reasons"].get("outside the prior", 0)
-    found = (np.abs(points) <= 3).all(axis=1)
-    assert len(points) == 30 * 16
-    assert found.sum() == inside > 1.2 * len(np.unique(file.samples().reshape(-1, 3), axis=0))
-    np.testing.assert_array_equal(mean[found], [Banana().mean(point) for point in points[found]])
-    np.testing.assert_array_equal(lnl[found], [Banana().ln_likelihood(point) for point in points[found]])
-    assert (lnl[~found] == -np.inf).all()
-    assert not variance[found].any()
-    assert np.isnan(mean[~found]).all()
+def test_proposals_without_a_prediction_are_kept_while_the_moves_learn(tmp_path):
+    """Two of each step, all where there is no stream, inside the prior; also where the run was interrupted."""
+    toy, file = Gaussian(cut=True), ChainFile(tmp_path / "chain.h5")
+    for steps in (20, 30):
+        with Workers({"full": toy, "cheap": toy}) as pool:
+            walk_toy(toy, pool, file, walkers=16, steps=steps, moves="surrogate")
+        refused = file.last.memory["refused"]
+        assert (refused[:, 1] < MEAN[0]).all()
+        assert (np.abs(refused[:, 1:]) <= 20).all()
+        assert set(refused[:, 0]) <= set(range(1, steps + 1))
+        assert np.unique(refused[:, 0], return_counts=True)[1].max() == 2
+        assert len(refused) > steps
 
 
 @pytest.fixture(scope="module")
@@ -320,7 +311,7 @@ def test_a_chain_that_learns_for_longer_is_resumed_bit_for_bit(tmp_path, monkeyp
     monkeypatch.setattr(learning, "ACCEPTED", 0.55)
     whole = ChainFile(tmp_path / "whole.h5")
     banana_run(whole, 70, "surrogate")
-    assert 20 < learning_steps("surrogate", whole.samples()) == len(whole.history("trials")) < 50
+    assert 20 < learning_steps("surrogate", whole.samples()) < 50
     for stop in (15, 35, 55):
         parts = ChainFile(tmp_path / f"{stop}.h5")
         banana_run(parts, stop, "surrogate")
@@ -346,7 +337,7 @@ def test_a_finished_chain_stays_finished(tmp_path):
 )
 def test_the_prior_in_the_coordinates_of_the_walks_is_the_prior(prior):
     """Its density in y is that in theta times d theta / d y, up to a constant."""
-    space, theta = Space([prior]), np.linspace(1.2, 4.8, 7)[:, None]
+    space, theta = Space(OfPriors([prior])), np.linspace(1.2, 4.8, 7)[:, None]
     y = space.to(theta)
     wanted = np.array([prior.lnpdf(float(x)) for x in theta[:, 0]]) + space.ln_jacobian(y)
     assert np.ptp(space.ln_prior(y) - wanted) < 1e-12

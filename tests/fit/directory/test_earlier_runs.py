@@ -43,8 +43,8 @@ def test_the_results_are_read(runs: Path) -> None:
 def test_the_runs_are_resumed(runs: Path) -> None:
     before = sk.load_results(runs / "chain", trust=True).chain
     options = {"resume": True, "progress": False, "products": False}
-    after = sk.run(runs / "chain" / "run.toml", runs / "chain", steps=14, **options)
-    assert after.chain.shape == (14, 6, 2)
+    after = sk.run(runs / "chain" / "run.toml", runs / "chain", steps=26, **options)  # learns at step 25
+    assert after.chain.shape == (26, 6, 2)
     np.testing.assert_array_equal(after.chain[:11], before)
     calls = (runs / "weighted" / CALLS).read_bytes()
     weighted = sk.run(runs / "weighted" / "run.toml", runs / "weighted", **options)

@@ -43,12 +43,11 @@ def stored(path: Path, *steps: Step) -> ChainFile:
 @pytest.mark.parametrize("dtype", ["i8", "u1", "i4", "f4", "f2", "?", ">f8", "f8"])
 def test_arrays_of_numbers_are_read_as_they_were_given(tmp_path: Path, dtype: str) -> None:
     values = np.array([0, 1, 1], dtype=dtype)
-    steps = [step(n, memory={"counter": values}, history={"tried": values}) for n in (1, 2)]
+    steps = [step(n, memory={"counter": values}) for n in (1, 2)]
     stored(tmp_path, *steps)
     chain = read_chain_file(tmp_path / "chain.h5")
-    for found in (chain.memory["counter"], chain.history["tried"][1]):
-        assert found.dtype == values.dtype.newbyteorder("=")
-        np.testing.assert_array_equal(found, values)
+    assert chain.memory["counter"].dtype == values.dtype.newbyteorder("=")
+    np.testing.assert_array_equal(chain.memory["counter"], values)
 
 
 def test_points_of_other_numbers_become_floats(tmp_path: Path) -> None:
@@ -65,7 +64,7 @@ def test_points_of_other_numbers_become_floats(tmp_path: Path) -> None:
     [
         ({"memory": {"a": np.array([1j])}}, "memory 'a': found the type complex128"),
         ({"memory": {"a": np.array([None])}}, "memory 'a': found the type object"),
-        ({"history": {"a": np.array(["x"])}}, "history 'a': found the type <U1"),
+        ({"memory": {"a": np.array(["x"])}}, "memory 'a': found the type <U1"),
         ({"memory": {"a/b": np.zeros(1)}}, "found the name 'a/b' of an array"),
         ({"memory": {3: np.zeros(1)}}, "found the name 3 of an array"),
         ({"memory": None}, "memory: found None"),
@@ -92,12 +91,6 @@ def test_a_step_that_could_not_be_read_is_an_error_before_it_is_written(
         stored(tmp_path, step(1), step(2, **changes))
     assert reason in str(caught.value)
     np.testing.assert_array_equal(read_chain_file(tmp_path / "chain.h5").chain, [step(1).coords])
-
-
-def test_history_keeps_its_form(tmp_path: Path) -> None:
-    for other in (np.zeros(3), np.zeros(2, dtype=int)):
-        with pytest.raises(sk.ComponentError, match=r"tried: found .* as in the steps before"):
-            stored(tmp_path, step(1, history={"tried": np.zeros(2)}), step(2, history={"tried": other}))
 
 
 def test_memory_is_that_of_the_last_step_alone(tmp_path: Path) -> None:

@@ -9,16 +9,13 @@ import emcee
 import numpy as np
 from emcee.moves.red_blue import RedBlueMove
 
-from streamkit import Array, IntArray, PriorDensity
+from streamkit import Array, EmulatedLikelihood, IntArray
 from streamkit.builtin.samplers.ensemble.coordinates import Space
-from streamkit.builtin.samplers.ensemble.surrogate import Surrogate
 
 # Fraction of the moves with a surrogate that exchange walkers with replicas; the others are walks.
 EXCHANGES = 0.6
-FEWEST = 256  # least number of replicas
 # Factors of the surrogate's ln likelihood for the replicas, in equal numbers, as long as it learns. Tempered replicas
-# explore regions without training points, and their proposals become training points: without them a chain may miss a
-# thin tail.
+# explore regions where no walker has been: without them a chain may miss a thin tail.
 INVERSE_TEMPERATURES = (1.0, 0.3, 0.1)
 # The same after learning, for all replicas. A walker stays for long where the surrogate is too low. With this factor
 # it leaves three times as soon, and a fifth fewer proposals are accepted.
@@ -34,8 +31,8 @@ class SurrogateMove(RedBlueMove):  # type: ignore[misc]
     """Exchanges with replicas that sample a cheap surrogate of the posterior, and short walks on it.
 
     The replicas are walkers of their own, whose density is the surrogate: many, and stirred all the time by
-    differential evolution between training points. A walker and a replica exchange their places, accepted with the
-    ratio that preserves the product of all densities. The walker's new point is independent of its old one
+    differential evolution. A walker and a replica exchange their places, accepted with the ratio that preserves the
+    product of all densities. The walker's new point is independent of its old one
     (replica exchange, Swendsen & Wang 1986, with a surrogate in place of a temperature). Walks are short: each
     step is reversible under the surrogate, so that the end is accepted with the ratio of the surrogates as its factor
     (surrogate transition, Liu 2001, section 9.4.3). How good the surrogate is only decides how many are accepted.
@@ -50,20 +47,22 @@ class SurrogateMove(RedBlueMove):  # type: ignore[misc]
         self.replicas: Array = np.empty((0, 0))  # (k, d) coordinates, stored with the chain; none without a surrogate
         self._gammas, self._parts = np.array(gammas).T
         self._plain = [_differential(gamma) for gamma in self._gammas]
-        self._surrogate: Surrogate | None = None
+        self._surrogate: EmulatedLikelihood | None = None
+        self._places: Array = np.empty((0, 0))
         self._beta: Array = np.empty(0)
         self._offered: tuple[IntArray, Array] | None = None
 
-    def learn(self, surrogate: Surrogate | None, walkers: int, seed: int, last: bool) -> None:
-        """Use a new surrogate, and let replicas settle on it; ``last`` if no other follows."""
-        self._surrogate, self.replicas = surrogate, np.empty((0, 0))
-        if surrogate is not None:
-            random, points, number = np.random.RandomState(seed), surrogate.points, max(FEWEST, 2 * walkers)
-            lnp = self._ln_density(points)
-            weight = np.exp(lnp - lnp.max())
-            chosen = random.choice(len(points), number, p=weight / weight.sum())
-            self._beta = np.full(number, LAST_INVERSE_TEMPERATURE) if last else np.resize(INVERSE_TEMPERATURES, number)
-            self.replicas, _, _ = self._walk(points[chosen], SETTLE, 1.0, random, self._beta)
+    def use(self, surrogate: EmulatedLikelihood, places: Array, number: int, seed: int, last: bool) -> None:
+        """Use a new surrogate, and let so many replicas settle on it; ``last`` if no other follows.
+
+        Their steps are differences of places (n, d), where the walkers have been.
+        """
+        self._surrogate, self._places, random = surrogate, self.space.to(places), np.random.RandomState(seed)
+        lnp = self._ln_density(self._places)
+        weight = np.exp(lnp - lnp.max())
+        chosen = random.choice(len(places), number, p=weight / weight.sum())
+        self._beta = np.full(number, LAST_INVERSE_TEMPERATURE) if last else np.resize(INVERSE_TEMPERATURES, number)
+        self.replicas, _, _ = self._walk(self._places[chosen], SETTLE, 1.0, random, self._beta)
 
     def get_proposal(self, s: Array, c: list[Array], random: Any) -> tuple[Array, Array]:
         """Return proposals (n, d) for the walkers s, and their terms (n,) of ln acceptance."""
@@ -97,21 +96,27 @@ class SurrogateMove(RedBlueMove):  # type: ignore[misc]
 
         ``beta`` is the inverse temperature, of each walker or of all.
         """
-        assert self._surrogate is not None  # noqa: S101  checked by the callers
         first = lnp = self._ln_density(y, beta)
         for gamma in scale * random.choice(self._gammas, p=self._parts, size=steps * y.shape[1]):
-            new = y + gamma * _differences(self._surrogate.points, len(y), random)
+            new = y + gamma * _differences(self._places, len(y), random)
             lnp_new = self._ln_density(new, beta)
             taken = np.log(random.rand(len(y))) < lnp_new - lnp
             y, lnp = np.where(taken[:, None], new, y), np.where(taken, lnp_new, lnp)
         return y, first, lnp
 
     def _ln_density(self, y: Array, beta: Array | float = 1.0) -> Array:
-        assert self._surrogate is not None  # noqa: S101  as above
-        return self.space.ln_prior(y) + beta * self._surrogate.ln_likelihood(y)
+        """(n,) ln density of the replicas at coordinates y (n, d)."""
+        assert self._surrogate is not None  # noqa: S101  checked by the callers
+        lnp = self.space.ln_prior(y)
+        inside = np.isfinite(lnp)
+        if inside.any():
+            lnp[inside] += np.broadcast_to(beta, len(y))[inside] * self._surrogate.ln_likelihood(
+                self.space.back(y[inside])
+            )
+        return np.where(np.isnan(lnp), -np.inf, lnp)
 
 
-def proposals(name: str, priors: Sequence[PriorDensity]) -> list[tuple[emcee.moves.Move, float]]:
+def proposals(name: str, space: Space) -> list[tuple[emcee.moves.Move, float]]:
     """Return the moves of the ensemble, with the fraction of the steps that each takes.
 
     "de": mostly the length that is best for a Gaussian, a third of it where the posterior is curved, sometimes 1,
@@ -121,14 +126,14 @@ def proposals(name: str, priors: Sequence[PriorDensity]) -> list[tuple[emcee.mov
     """
     if name == "stretch":
         return [(emcee.moves.StretchMove(), 1.0)]
-    best = 2.38 / np.sqrt(2 * len(priors))
+    best = 2.38 / np.sqrt(2 * space.size)
     gammas = [(best, 0.6), (best / 3, 0.3), (1.0, 0.1)]
     differential = [(_differential(gamma), part) for gamma, part in gammas]
     if name == "de":
         return differential
     share = 1 - SURROGATE_SHARE
     return [
-        (SurrogateMove(Space(priors), gammas), SURROGATE_SHARE),
+        (SurrogateMove(space, gammas), SURROGATE_SHARE),
         *((move, share * part) for move, part in differential),
     ]
 

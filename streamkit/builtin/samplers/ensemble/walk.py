@@ -9,13 +9,16 @@ import numpy as np
 from emcee.model import Model
 
 from streamkit import Array, Ensemble, Target
+from streamkit.builtin.samplers.ensemble.called import learn
 from streamkit.builtin.samplers.ensemble.coordinates import Space
 from streamkit.builtin.samplers.ensemble.learning import LEARNING, learning_steps
 from streamkit.builtin.samplers.ensemble.moves import SurrogateMove, proposals
-from streamkit.builtin.samplers.ensemble.surrogate import learn
 
-TRIALS = "trials"  # history: every proposal of a step of learning, and the prediction there
 REPLICAS = "replicas"  # memory: coordinates of the replicas that move on the surrogate
+FEWEST = 256  # least number of them
+REFUSED = "refused"  # memory: number of the step, and parameters (1 + d), of proposals without a prediction
+# Such proposals that are kept of each step of learning: they show the surrogate its edges, and more show no more.
+KEPT = 2
 
 
 def walk(moves: str, target: Target, ensemble: Ensemble) -> Iterator[Ensemble]:
@@ -26,25 +29,22 @@ def walk(moves: str, target: Target, ensemble: Ensemble) -> Iterator[Ensemble]:
     """
     random = np.random.RandomState()
     random.set_state(ensemble.random_state)
-    choices, shares = zip(*proposals(moves, target.priors), strict=True)
+    choices, shares = zip(*proposals(moves, Space(target)), strict=True)
     share = np.array(shares) / np.sum(shares)
-    learner = Learner(moves, target, choices)
-    learner.learn(ensemble.number, ensemble.memory.get(REPLICAS))
+    learner = Learner(moves, target, choices, ensemble)
     state = emcee.State(ensemble.points, log_prob=ensemble.ln_probability, copy=True)
     model = Model(None, learner.ln_probability, map, random)
     number = ensemble.number
     while True:
         move = random.choice(np.array(choices, dtype=object), p=share)
         state, accepted = move.propose(model, state)
-        trials = learner.trials(number)
         number += 1
         yield Ensemble(
             state.coords.copy(),
             state.log_prob.copy(),
             np.array(accepted),
             random.get_state(),
-            learner.memory(),
-            {} if trials is None else {TRIALS: trials},
+            learner.memory(number),
             number,
             learner.facts,
         )
@@ -53,54 +53,53 @@ def walk(moves: str, target: Target, ensemble: Ensemble) -> Iterator[Ensemble]:
 
 
 class Learner:
-    """Evaluates the proposals, stores those of the steps of learning, and gives the moves their surrogate.
+    """Evaluates the proposals, and gives the moves their surrogate, which it learns from the chain.
 
-    A rejected proposal is as good a training point as an accepted one, and most are rejected. The proposals are stored
-    with each step, so that a resumed run learns the same surrogate as an unbroken one.
+    A resumed run learns the same surrogate as an unbroken one, from the steps that are stored.
     """
 
-    def __init__(self, name: str, target: Target, moves: tuple[emcee.moves.Move, ...]) -> None:
-        self._name, self._target, self._space = name, target, Space(target.priors)
-        self._moves = [move for move in moves if isinstance(move, SurrogateMove)]
-        self._rows: list[Array] = []
+    def __init__(self, name: str, target: Target, moves: tuple[emcee.moves.Move, ...], begin: Ensemble) -> None:
+        self._name, self._target = name, target
+        self._move = next((move for move in moves if isinstance(move, SurrogateMove)), None)
+        self._new: list[Array] = []  # refused proposals of this step
+        self._refused = begin.memory.get(REFUSED, np.empty((0, 1 + target.size)))
         self.steps = 0  # of learning, estimated from the chain so far
         self.facts: dict[str, str] = {}  # the subject of the surrogate, once one was learned
+        self.learn(begin.number, begin.memory.get(REPLICAS))
 
     def ln_probability(self, points: Array) -> tuple[Array, None]:
         """Return ln posterior (n,) at points (n, d), in the form of emcee's ``compute_log_prob``: without blobs."""
         result = self._target.predictions(points)
-        self._rows.append(np.column_stack([points, result.mean, result.variance, result.ln_likelihood]))
+        lost = ~np.isfinite(result.ln_likelihood) & np.isfinite(self._target.ln_prior(points))
+        self._new += list(points[lost])
         return result.ln_probability, None
 
-    def trials(self, step: int) -> Array | None:
-        """(walkers, d + 2 m + 1) The proposals since the last call; None for a step after those of learning."""
-        rows, self._rows = self._rows, []
-        return np.concatenate(rows) if step < self.steps else None
-
-    def memory(self) -> dict[str, Array]:
-        """Return the replicas, if there are any."""
-        replicas = [move.replicas.copy() for move in self._moves if len(move.replicas)]
-        return {REPLICAS: replicas[0]} if replicas else {}
+    def memory(self, number: int) -> dict[str, Array]:
+        """Return the replicas and the refused proposals after the step of this number."""
+        if number <= self.steps and self._new:
+            new = np.array(self._new[:KEPT])
+            self._refused = np.concatenate([self._refused, np.column_stack([np.full(len(new), number), new])])
+        self._new = []
+        replicas = np.empty(0) if self._move is None else self._move.replicas.copy()
+        arrays = {REFUSED: self._refused, REPLICAS: replicas}
+        return {name: values for name, values in arrays.items() if len(values)}
 
     def learn(self, done: int, replicas: Array | None = None) -> None:
-        """Learn the surrogate of the last of the steps of `LEARNING` that are done, from all proposals before it.
+        """Learn the surrogate of the last of the steps of `LEARNING` that are done, from all steps before it.
 
         ``replicas`` are those of a resumed run.
         """
         self.steps = learning_steps(self._name, self._target.chain())
         last = max((step for step in LEARNING if step <= min(done, self.steps)), default=0)
-        trials = self._target.history(TRIALS)
-        if not (last and self._moves and trials is not None):
+        if not last or self._move is None:
             return
-        walkers, d, m = trials.shape[1], self._target.size, len(self._target.data.values)
-        rows = trials[:last].reshape(-1, trials.shape[2])
-        rows = rows[np.isfinite(rows[:, :d]).all(axis=1)]
-        y = self._space.to(rows[:, :d])
-        inside = np.isfinite(self._space.ln_prior(y))
-        mean, variance, lnl = rows[inside, d : d + m], rows[inside, d + m : -1], rows[inside, -1]
-        surrogate = learn(y[inside], mean, variance, self._target.data, lnl)
-        self.facts = {"surrogate": "none: too few points to learn from" if surrogate is None else surrogate.subject}
-        for move in self._moves:
-            move.learn(surrogate, walkers, self._target.seed, last == self.steps)
-            if done > last and replicas is not None and replicas.shape == move.replicas.shape:
-                move.replicas = replicas.copy()
+        learned = learn(self._target, last, self._refused[self._refused[:, 0] <= last, 1:])
+        if learned is None:
+            self.facts = {"surrogate": "none: too few points to learn from"}
+            return
+        surrogate, places, subject = learned
+        self.facts = {"surrogate": subject}
+        number = max(FEWEST, 2 * self._target.chain().shape[1])
+        self._move.use(surrogate, places, number, self._target.seed, last == self.steps)
+        if done > last and replicas is not None and replicas.shape == self._move.replicas.shape:
+            self._move.replicas = replicas.copy()
