@@ -11,7 +11,7 @@ from toys import MEAN, Banana, Gaussian, Heavy, Many, OfPriors, banana_run
 from toys import walk as walk_toy
 
 import streamkit as sk
-from streamkit.builtin.samplers.ensemble import learning, walk
+from streamkit.builtin.samplers.ensemble import learner, learning
 from streamkit.builtin.samplers.ensemble.called import learn
 from streamkit.builtin.samplers.ensemble.coordinates import Space
 from streamkit.builtin.samplers.ensemble.learning import LEAST_STEPS, learning_steps
@@ -305,7 +305,7 @@ def test_learning_goes_on_until_enough_is_accepted(chain, expected):
 
 @pytest.mark.slow  # a chain that learns as long as usual is resumed above
 def test_a_chain_that_learns_for_longer_is_resumed_bit_for_bit(tmp_path, monkeypatch):
-    for module in (learning, walk):
+    for module in (learning, learner):
         monkeypatch.setattr(module, "LEARNING", (10, 20, 30, 40, 50))
     monkeypatch.setattr(learning, "LEAST_STEPS", 20)
     monkeypatch.setattr(learning, "ACCEPTED", 0.55)
