@@ -286,15 +286,18 @@ class Rounds:
         trend, by_chance, faults = self._certified(known, tested, max_calls, seed)
         warmest, beta = np.concatenate(list(copies[-1])), COPIES[-1][0]
         beyond = recall(known, now.joint, np.concatenate([*tested.last, warmest]), warmest, beta, [*seed, 7])
+        faults += [beyond.fault] if beyond.fault else []
+        now = replace(now, trend=trend, trend_by_chance=by_chance, recall=beyond, missing="; ".join(faults))
         self._learn(known, copies)
+        if faults:
+            return now
         joint = self._joint(known)
         given = sample(joint, list(tempered(joint, tested.last, beta, [*seed, 8])), [*seed, 3], beta)
         change = difference(tested.samples[:, self._watched()], given.samples[:, self._watched()])
-        faults += [beyond.fault, _apart(given)]
-        if change >= CHANGED:
-            faults.append(f"what fresh calls have taught moves the posterior by {change:.2f} standard deviations")
-        missing = "; ".join(filter(None, faults))
-        return Progress(known, joint, given, now.moved, now.uncertain, trend, by_chance, beyond, missing)
+        missing = _apart(given)
+        if not missing and change >= CHANGED:
+            missing = f"what fresh calls have taught moves the posterior by {change:.2f} standard deviations"
+        return replace(now, joint=joint, populations=given, missing=missing)
 
     def _unseen(self, known: Sequence[Known], result: Populations) -> str:
         """Say whether too few starts of a factor saw all of the posterior, and make another one then."""
