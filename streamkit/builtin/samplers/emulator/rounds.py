@@ -284,14 +284,14 @@ class Rounds:
         if fault := _apart(tested) or _blurred(known) or self._unseen(known, tested):
             return replace(now, missing=fault)
         trend, by_chance, faults = self._certified(known, tested, max_calls, seed)
-        warmest, beta = np.concatenate(list(copies[-1])), COPIES[-1][0]
-        beyond = recall(known, now.joint, np.concatenate([*tested.last, warmest]), warmest, beta, [*seed, 7])
+        beyond = recall(known, now.joint, np.concatenate([*tested.last, *copies[-1]]), [*seed, 7])
         faults += [beyond.fault] if beyond.fault else []
         now = replace(now, trend=trend, trend_by_chance=by_chance, recall=beyond, missing="; ".join(faults))
         self._learn(known, copies)
         if faults:
             return now
         joint = self._joint(known)
+        beta = COPIES[-1][0]
         given = sample(joint, list(tempered(joint, tested.last, beta, [*seed, 8])), [*seed, 3], beta)
         change = difference(tested.samples[:, self._watched()], given.samples[:, self._watched()])
         missing = _apart(given)

@@ -217,9 +217,11 @@ def _verdict(progress: Progress) -> Verdict:
 
 
 def _recalled(found: Recall) -> str:
+    if not found.calls:
+        return "The own error of the emulator alone allows no other place."
     return (
-        f"{found.calls} calls where the emulated posterior has next to nothing find {100 * found.found:.1f} % of the "
-        "posterior there."
+        f"{found.calls} calls where only the emulator's own error allows the data find {100 * found.found:.1f} % of "
+        "the posterior there."
     )
 
 
