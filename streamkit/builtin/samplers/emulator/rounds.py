@@ -300,7 +300,12 @@ class Rounds:
         return replace(now, joint=joint, populations=given, missing=missing)
 
     def _unseen(self, known: Sequence[Known], result: Populations) -> str:
-        """Say whether too few starts of a factor saw all of the posterior, and make another one then."""
+        """Say whether too few starts saw all of the posterior, and make another one then.
+
+        A stream of several is not asked: its start alone need not have been where all of them together are.
+        """
+        if len(known) > 1:
+            return ""
         samples = every_so_often(result.samples, SOME)
         for each in known:
             wanted, mine = min(AGREEING, self._starts_of_each, len(each.starts)), samples[:, each.factor.columns]
