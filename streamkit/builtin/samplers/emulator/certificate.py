@@ -302,7 +302,7 @@ def _weighed(
 def blur_of(emulated: Emulated, samples: Array) -> float:
     """Return what the emulator's own error changes: see `change_of`."""
     some = every_so_often(samples, 3000)
-    return change_of(some, emulated.ln_likelihood(some, fit_error=False) - emulated.ln_likelihood(some))
+    return change_of(some, -emulated.change_by_error(some))
 
 
 def _spread(values: Array) -> float:

@@ -125,6 +125,10 @@ class Emulated:
             found[i : i + PART] = self.emulator.ln_likelihood(y, self.space.parameters(y), self.noise, most)
         return np.where(np.isnan(found), -np.inf, found)
 
+    def change_by_error(self, z: Array) -> Array:
+        """(n,) What the emulator's own error changes of ln likelihood at z (n, d)."""
+        return self.ln_likelihood(z) - self.ln_likelihood(z, fit_error=False)
+
     def newton(self, z: Array) -> tuple[Array, Array]:
         """(n, d) and (n, d, d) Slopes and curvature along z, see `Emulator.newton`."""
         y, rates = self.space.learned_with_rates(z)
@@ -197,10 +201,6 @@ class Joint:
         """Which coordinates belong to which factor."""
         return Layout(self.factors[0].shared, [each.own for each in self.factors])
 
-    def with_(self, k: int, emulated: Emulated) -> Joint:
-        """Return the posterior with another emulator of factor k."""
-        return replace(self, emulated=[emulated if i == k else each for i, each in enumerate(self.emulated)])
-
     def terms(self, z: Array) -> Terms:
         """Return the terms of ln density at coordinates z (n, d)."""
         layout = self.layout
@@ -218,12 +218,17 @@ class Joint:
         """(n, d) and (n, d, d) Slopes and curvature of the sum of ln L along z."""
         slopes, curvature = np.zeros(z.shape), np.zeros((*z.shape, z.shape[1]))
         for factor, each in zip(self.factors, self.emulated, strict=True):
-            mine, its = each.newton(z[:, factor.columns])
-            slopes[:, factor.columns] += mine
-            rows, columns = np.ix_(factor.columns, factor.columns)
-            curvature[:, rows, columns] += its
+            add_newton(slopes, curvature, each, z, factor.columns)
         return slopes, curvature
 
     def unlimited(self) -> Joint:
         """Return the posterior in which an emulator's own error may add any amount to ln L."""
         return replace(self, emulated=[replace(each, most_by_error=np.inf) for each in self.emulated])
+
+
+def add_newton(slopes: Array, curvature: Array, each: Emulated, z: Array, columns: IntArray | BoolArray) -> None:
+    """Add a likelihood that depends on these columns of z (n, d) to slopes (n, d) and curvature (n, d, d)."""
+    its_slopes, its_curvature = each.newton(z[:, columns])
+    slopes[:, columns] += its_slopes
+    rows, across = np.ix_(columns, columns)
+    curvature[:, rows, across] += its_curvature

@@ -149,7 +149,7 @@ class Rounds:
             if not now.missing:
                 now = self._tested(known, now, copies, max_calls, seed)
                 result, over = now.populations, self._is_over(known, max_calls)
-                copies[0] = np.stack(np.split(result.samples, 2))
+                copies[0] = _by_population(result)
                 self._note(now.missing or "certified")
             elif over:
                 now = replace(now, populations=sample(joint, self._begin(known, result), [*seed, 2]))
@@ -167,7 +167,7 @@ class Rounds:
 
     def _copies(self, joint: Joint, result: Populations, seed: list[int]) -> list[Array]:
         """Return samples (2, n, d) of the posterior and of its tempered copies, each walked to from the one before."""
-        copies = [result.samples.reshape(2, -1, result.samples.shape[1])]
+        copies = [_by_population(result)]
         for i, (beta, _) in enumerate(COPIES[1:]):
             copies.append(tempered(joint, result.last if i == 0 else copies[-1], beta, [*seed, 1, i]))
         return copies
@@ -346,10 +346,15 @@ class Rounds:
         return measured, by_chance, faults
 
 
+def _by_population(result: Populations) -> Array:
+    """(2, n, d) Return the samples of each population."""
+    return result.samples.reshape(2, -1, result.samples.shape[1])
+
+
 def _least_known(each: Known, samples: Array, size: int, rng: np.random.Generator) -> Array:
     """Draw samples (n, d) of the posterior by what the emulator's own error changes of their ln L."""
     some = rng.permutation(samples)[: 4 * SOME]
-    change = np.abs(each.emulated.ln_likelihood(some) - each.emulated.ln_likelihood(some, fit_error=False)) + 1e-9
+    change = np.abs(each.emulated.change_by_error(some)) + 1e-9
     return some[rng.choice(len(some), min(size, len(some)), replace=False, p=change / change.sum())]
 
 

@@ -20,7 +20,7 @@ from streamkit import Array, BoolArray, StreamkitError
 from streamkit.builtin.samplers.emulator.calls import Calls
 from streamkit.builtin.samplers.emulator.certificate import Certificate
 from streamkit.builtin.samplers.emulator.changes import every_so_often
-from streamkit.builtin.samplers.emulator.density import Density, Emulated, Factor, Joint, Layout, Terms
+from streamkit.builtin.samplers.emulator.density import Density, Emulated, Factor, Joint, Layout, Terms, add_newton
 from streamkit.builtin.samplers.emulator.populations import Population
 from streamkit.builtin.samplers.emulator.problem import Problem
 from streamkit.builtin.samplers.emulator.space import Space
@@ -132,10 +132,8 @@ class Beside:
 
     def newton(self, z: Array) -> tuple[Array, Array]:
         """(n, d) and (n, d, d) Slopes and curvature."""
-        (slopes, curvature), (its, more) = self.alone.newton(z), self.host.newton(z[:, self.shared])
-        slopes[:, self.shared] += its
-        rows, columns = np.ix_(self.shared, self.shared)
-        curvature[:, rows, columns] += more
+        slopes, curvature = self.alone.newton(z)
+        add_newton(slopes, curvature, self.host, z, self.shared)
         return slopes, curvature
 
 
@@ -191,7 +189,7 @@ class Starter:
             population.choose(max(LEAST_WALKERS, WALKERS * d), 1.0).settle(SWEEPS)
             places = population.walk(USED, population.moves())[0].reshape(-1, d)
             own_error = own_error_of(emulated, places)
-            self._note(f"{factor.name}: {len(calls)} draws, the emulator doubts {own_error:.1f} in ln L")
+            self._note(f"{factor.name}: {len(calls)} draws, the emulator's own error is {own_error:.1f} in ln L")
             if own_error < ARRIVED:
                 break
             calls += Calls.at(small, space, rng.choice(places, max(WAVE * d, LEAST_WAVE), replace=False))
@@ -269,9 +267,7 @@ def begin_apart(known: Sequence[Known]) -> list[Array]:
 
 def own_error_of(emulated: Emulated, z: Array) -> float:
     """Return how much the emulator's own error changes a typical ln likelihood at samples z (n, d)."""
-    some = every_so_often(z, 500)
-    change = emulated.ln_likelihood(some) - emulated.ln_likelihood(some, fit_error=False)
-    return float(np.median(np.abs(change)))
+    return float(np.median(np.abs(emulated.change_by_error(every_so_often(z, 500)))))
 
 
 def _draws(problem: Problem, space: Space, seed: list[int]) -> Calls:
