@@ -31,6 +31,12 @@ COLUMNS: dict[str, Column] = {
 }
 
 Outliers = Annotated[sk.Number, Field(ge=0, lt=1, description="Fraction of its data that are no members.")]
+EXTRA = Field(
+    ge=0,
+    description="Extra error of its track: of the model, or of a smooth table. Two data at longitudes that differ by d "
+    "have the covariance s^2 exp(-d^2 / 2 l^2), with the error s and `extra_error_length` l.",
+)
+ALIKE = Field(ge=0, description="Length l in phi1 over which the extra errors are alike; they need one above 0.")
 Name = Literal["phi2", "distance", "distance_modulus", "pm_phi1_cosphi2", "pm_phi2", "radial_velocity"]
 # Functions that move drawn data into the allowed range.
 LIMITS: dict[str, Callable[[Array], Array]] = {"phi2": lambda angle: np.clip(angle, -90, 90), "distance": np.abs}
@@ -81,3 +87,43 @@ def radii_of(given: Mapping[str, tuple[Array, Array, Array]], matrix: Array) -> 
     q = place_on_sky(phi1, np.zeros(len(phi1)), distance, matrix)
     r = np.sqrt((q**2).sum(axis=0))
     return {"innermost distance": float(r.min()), "outermost distance": float(r.max())}
+
+
+def check_turn(given: Mapping[str, tuple[Array, Array, Array]], unwrapped: bool) -> None:
+    """Refuse longitudes that run over more than a turn without being unwrapped; ValueError says which."""
+    for name, (phi1, _, _) in given.items():
+        if not unwrapped and np.ptp(phi1) > 360:
+            raise ValueError(
+                f"{name}: phi1 runs over {np.ptp(phi1):g} deg, more than a turn; expected unwrapped = true"
+            )
+
+
+def middle_of(phi1: Array) -> float:
+    """Return the middle of longitudes on the circle, in degrees."""
+    return float(np.degrees(np.angle(np.exp(1j * np.radians(phi1)).sum())))
+
+
+def extra_error_of(track: sk.Observable, name: str) -> float | Array:
+    """Return the extra error of a field's data; the depth has none."""
+    return 0.0 if name == DEPTH else getattr(track, f"{name}_extra_error")
+
+
+def check_extra_errors(track: sk.Observable, pair: tuple[str, ...]) -> None:
+    """Refuse extra errors without a length or beside outliers; ValueError says which.
+
+    The columns of a pair have a covariance, so that neither has outliers where one has an extra error.
+    """
+    for name in COLUMNS:
+        if not extra_error_of(track, name):
+            continue
+        if not track.extra_error_length > 0:  # type: ignore[attr-defined]
+            raise ValueError(
+                f"{name}_extra_error is alike along the track: expected extra_error_length, the degrees of phi1 over "
+                f"which it is, above 0. An error of each datum by itself is {name}_dispersion"
+            )
+        for other in pair if name in pair else (name,):
+            if getattr(track, f"{other}_outliers"):
+                raise ValueError(
+                    f"{name}_extra_error and {other}_outliers: a column with an extra error has no outliers; leave out "
+                    f"either, or take {name}_dispersion in place of the extra error"
+                )

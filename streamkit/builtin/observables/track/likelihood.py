@@ -1,8 +1,8 @@
-"""The likelihood of data along a track: means or single stars, extra dispersion, outliers, missing debris."""
+"""The likelihood of data along a track: means or single stars, extra dispersion and error, outliers, missing debris."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import reduce
 from typing import NamedTuple
 
@@ -10,6 +10,7 @@ import numpy as np
 from scipy.special import log_ndtr, ndtri_exp
 
 from streamkit import Array
+from streamkit.builtin.observables.track.extra_error import ExtraError, whitened
 
 BROAD = 3.0  # errors that are added to the scatter of the data for the width of the Gaussian of outliers
 
@@ -25,11 +26,12 @@ class Side(NamedTuple):
     outliers: float | Array  # f, the fraction of data that are not of the stream: a number, or (..., 1)
     # Mean and standard deviation of the outliers. Hogg, Bovy & Lang 2010, arXiv:1008.4686, equation 17.
     background: tuple[float, float]
+    extra: ExtraError | None = None  # what is alike along the track; there are no outliers then
 
 
 def ln_mixture(side: Side) -> Array:
     """(..., m) Return ln [(1 - f) c N(value; mean, variance) + f N(value; background)] of each datum."""
-    value, variance, mean, ln_coverage, outliers, background = side
+    value, variance, mean, ln_coverage, outliers, background, _ = side
     stream = ln_gaussian(value - mean, variance) + ln_coverage
     if not np.any(outliers):
         return stream
@@ -44,7 +46,7 @@ def mixture_residuals(side: Side) -> Array:
     The score z of a datum has the same cumulative probability, P(< z) = P(< datum) (Dunn & Smyth 1996). Missing debris
     adds -2 ln(c) to z^2, as it does to -2 ln L.
     """
-    value, variance, mean, ln_coverage, outliers, background = side
+    value, variance, mean, ln_coverage, outliers, background, _ = side
     score = (value - mean) / np.sqrt(variance)
     ln_weight = ln_coverage
     if np.any(outliers):
@@ -65,7 +67,7 @@ def ln_mixture_of_pairs(one: Side, other: Side, covariance: Array) -> Array:
     Either datum may be an outlier. The errors correlate only where neither is one. Without a covariance the density is
     the product of two mixtures, see `ln_mixture`.
     """
-    (x, xx, x_mean, coverage, f, x_out), (y, yy, y_mean, y_coverage, g, y_out) = one, other
+    (x, xx, x_mean, coverage, f, x_out), (y, yy, y_mean, y_coverage, g, y_out) = one[:6], other[:6]
     slope = covariance / xx
     given = ln_gaussian(y - y_mean - slope * (x - x_mean), yy - slope * covariance)
     first, second = (ln_gaussian(x - x_mean, xx) + coverage, ln_gaussian(y - y_mean, yy) + y_coverage)
@@ -82,19 +84,65 @@ def ln_mixture_of_pairs(one: Side, other: Side, covariance: Array) -> Array:
 def ln_sum(compared: Iterable[tuple[str, Side]], pair: Sequence[str], covariance: Array | None) -> Array:
     """(...) Return the ln likelihood of columns by their names; two of them may have a covariance."""
     sides = dict(compared)
-    total = sum(ln_mixture(side).sum(axis=-1) for name, side in sides.items() if name not in pair)
-    if covariance is not None and pair:
-        total = total + ln_mixture_of_pairs(sides[pair[0]], sides[pair[1]], covariance).sum(axis=-1)
-    return np.asarray(total)
+    joint = _ln_joint(sides, pair, covariance)
+    plain = {name: side for name, side in sides.items() if name not in joint}
+    total = sum(ln_mixture(side).sum(axis=-1) for name, side in plain.items() if name not in pair)
+    if covariance is not None and plain.keys() >= {*pair} != set():
+        total = total + ln_mixture_of_pairs(plain[pair[0]], plain[pair[1]], covariance).sum(axis=-1)
+    return np.asarray(total + sum(terms.sum(axis=-1) for terms in joint.values()))
 
 
 def ln_of_each(compared: Iterable[tuple[str, Side]], pair: Sequence[str], covariance: Array | None) -> Array:
-    """(m,) The terms of `ln_sum` for all data. The second column of a pair is conditional on the first."""
+    """(m,) The terms of `ln_sum` for all data. The second column of a pair is conditional on the first.
+
+    A datum of a column with an extra error is conditional on those before it.
+    """
     sides = dict(compared)
-    terms = {name: ln_mixture(side) for name, side in sides.items()}
-    if covariance is not None and pair:
+    joint = _ln_joint(sides, pair, covariance)
+    terms = {name: joint[name] if name in joint else ln_mixture(side) for name, side in sides.items()}
+    if covariance is not None and pair and pair[1] not in joint:
         terms[pair[1]] = ln_mixture_of_pairs(sides[pair[0]], sides[pair[1]], covariance) - terms[pair[0]]
     return np.concatenate(list(terms.values()))
+
+
+def residual_of_each(compared: Iterable[tuple[str, Side]], pair: Sequence[str], covariance: Array | None) -> Array:
+    """(m,) The normal scores of all data. A datum of a column with an extra error is conditional on those before it."""
+    sides = dict(compared)
+    scores = {name: mixture_residuals(side) for name, side in sides.items()}
+    for names, white, _ in _joint(sides, pair, covariance):
+        for name, score in zip(names, _parts(sides, names, white), strict=True):
+            scores[name] = np.copysign(np.sqrt(score**2 - 2 * sides[name].ln_coverage), score)
+    return np.concatenate(list(scores.values()))
+
+
+def _ln_joint(sides: Mapping[str, Side], pair: Sequence[str], covariance: Array | None) -> dict[str, Array]:
+    """Return the terms (..., k) of columns with an extra error, by name."""
+    found: dict[str, Array] = {}
+    for names, white, scale in _joint(sides, pair, covariance):
+        terms = -0.5 * (white**2 + np.log(2 * np.pi)) - np.log(scale)
+        parts = _parts(sides, names, terms)
+        found |= {name: part + sides[name].ln_coverage for name, part in zip(names, parts, strict=True)}
+    return found
+
+
+def _joint(
+    sides: Mapping[str, Side], pair: Sequence[str], covariance: Array | None
+) -> Iterator[tuple[tuple[str, ...], Array, Array]]:
+    """Return columns with a joint Gaussian: their names, white residuals (..., m) and standard deviations (..., m)."""
+    paired = covariance is not None and len(pair) > 0
+    groups = [tuple(pair)] * paired + [(name,) for name in sides if not (paired and name in pair)]
+    for names in groups:
+        group = [sides[name] for name in names]
+        if all(side.extra is None for side in group):
+            continue
+        away, variance = [side.value - side.mean for side in group], [side.variance for side in group]
+        both = covariance if len(names) > 1 else None
+        yield names, *whitened(away, variance, [side.extra for side in group], both)
+
+
+def _parts(sides: Mapping[str, Side], names: Sequence[str], joined: Array) -> list[Array]:
+    """Return the (..., k) of each column from those of all (..., m)."""
+    return np.split(joined, np.cumsum([len(sides[name].value) for name in names])[:-1], axis=-1)
 
 
 def ln_gaussian(difference: Array, variance: Array) -> Array:

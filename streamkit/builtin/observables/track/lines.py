@@ -26,10 +26,17 @@ FEWEST = 10  # fewest particles outside the progenitor: with fewer there is no s
 ARMS = {"leading": 1, "trailing": -1}
 
 TURN = 360.0  # degrees
+SEAM = 90.0  # degrees from the nearest debris: beyond, debris on the other side of the sky has no influence
 LN_MOST = 300.0  # largest ln of a number of particles: its exponential is finite
 LN_TINY = -20.0  # ln n below which 1 - exp(-n) is n
 FINE, MANY = 0.125, 200  # kernels between the nodes of splines, and number of longitudes below which none are used
 TILE, BLOCK = 12, 512  # lines that are fitted together, and particles that are summed together
+
+
+def beyond_seam(away: Array, kernel: float) -> float:
+    """Return the degrees of debris that lines at longitudes so far from their middle need from beyond half a turn."""
+    farthest = np.abs(away).max() + REACH * kernel
+    return float(np.clip(farthest - SEAM, 0.0, TURN))
 
 
 class Debris(NamedTuple):

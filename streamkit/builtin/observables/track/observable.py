@@ -11,22 +11,29 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 import streamkit as sk
 from streamkit.builtin.observables.track.columns import (
+    ALIKE,
     COLUMNS,
     DEPTH,
-    LIMITS,
+    EXTRA,
     Name,
     Outliers,
+    check_extra_errors,
+    check_turn,
     column_of,
+    extra_error_of,
+    middle_of,
     names_of,
     one_column,
     radii_of,
     within,
 )  # fmt: skip
-from streamkit.builtin.observables.track.likelihood import Side, ln_of_each, ln_sum, mixture_residuals, scatter_of
+from streamkit.builtin.observables.track.draws import new_values
+from streamkit.builtin.observables.track.extra_error import ExtraError, squares_of
+from streamkit.builtin.observables.track.likelihood import Side, ln_of_each, ln_sum, residual_of_each, scatter_of
 from streamkit.builtin.observables.track.lines import (
     ENOUGH,
-    REACH,
     Lines,
+    beyond_seam,
     debris_of,
     gather,
     is_enough,
@@ -39,8 +46,6 @@ from streamkit.builtin.observables.track.members import MEMBERS, MOTIONS, Member
 from streamkit.builtin.observables.track.panels import column_label, column_panel, fine_grid, longitude_label
 from streamkit.builtin.observables.track.shared_table import TABLE, check_sources, data_of, redrawn
 
-# Degrees from the nearest debris: beyond, debris on the other side of the sky has no influence.
-SEAM = 90.0
 BROADEST = 45.0  # largest kernel in degrees: an eighth of a turn
 
 
@@ -54,7 +59,8 @@ class Track(sk.Observable):
     factor 1 - exp(-n), the probability of at least one particle under the kernel where n are expected. The factor is 1
     among debris; away from debris ln p falls by the distance to the nearest debris in units of the kernel. Bound
     particles are left out. With `unwrapped` the longitudes do not jump at whole turns. Several data at one longitude
-    are independent.
+    are independent, but for an extra error. A dispersion is an error of each datum by itself, an extra error one of the
+    whole track: of the model, or of a smooth curve through stars. Both add to the squared errors, and may have priors.
     """
 
     kind = "track"
@@ -130,6 +136,13 @@ class Track(sk.Observable):
     pm_phi1_cosphi2_dispersion: sk.ProperMotion = Field(default=0.0, ge=0, description="Extra dispersion of its data.")
     pm_phi2_dispersion: sk.ProperMotion = Field(default=0.0, ge=0, description="Extra dispersion of its data.")
     radial_velocity_dispersion: sk.Velocity = Field(default=0.0, ge=0, description="Extra dispersion of the velocity.")
+    phi2_extra_error: Annotated[sk.Angle, EXTRA] = 0.0
+    distance_extra_error: Annotated[sk.Coordinate, EXTRA] = 0.0
+    distance_modulus_extra_error: Annotated[sk.Number, EXTRA] = 0.0
+    pm_phi1_cosphi2_extra_error: Annotated[sk.ProperMotion, EXTRA] = 0.0
+    pm_phi2_extra_error: Annotated[sk.ProperMotion, EXTRA] = 0.0
+    radial_velocity_extra_error: Annotated[sk.Velocity, EXTRA] = 0.0
+    extra_error_length: Annotated[sk.Angle, ALIKE] = 0.0
     phi2_outliers: Outliers = 0.0
     distance_outliers: Outliers = 0.0
     distance_modulus_outliers: Outliers = 0.0
@@ -156,11 +169,8 @@ class Track(sk.Observable):
             raise ValueError(
                 f"there are no data: expected table or members, or at least one table of {', '.join((*COLUMNS, DEPTH))}"
             )
-        for name, (phi1, _, _) in self.given.items():
-            if not self.unwrapped and np.ptp(phi1) > 360:
-                raise ValueError(
-                    f"{name}: phi1 runs over {np.ptp(phi1):g} deg, more than a turn; expected unwrapped = true"
-                )
+        check_turn(self.given, self.unwrapped)
+        check_extra_errors(self, self._pair)
         if self.gsr_sun is not None and (len(self.gsr_sun) != 3 or self.velocity_frame != "gsr"):
             raise ValueError('gsr_sun takes three velocities, and velocity_frame = "gsr"')
         return self
@@ -241,11 +251,9 @@ class Track(sk.Observable):
         longitude, columns = self.of_particles(stream)
         margin = 0.0
         if not self.unwrapped:
-            different = self._places[0]
-            middle = float(np.degrees(np.angle(np.exp(1j * np.radians(different)).sum())))
+            middle = middle_of(self._places[0])
             longitude, at = (within(angle, middle) for angle in (longitude, at))
-            farthest = np.abs(at - middle).max() + REACH * self.kernel
-            margin = float(np.clip(farthest - SEAM, 0.0, 360.0))
+            margin = beyond_seam(at - middle, self.kernel)
         away = np.flatnonzero(chosen)
         debris = gather(longitude[away], [column[away] for column in columns.values()], stream.weight[away], margin)
         of = list(columns)
@@ -273,14 +281,16 @@ class Track(sk.Observable):
         return longitude, {name: column.of(seen) for name, column in COLUMNS.items() if name in wanted}
 
     def likelihood_fields(self) -> tuple[str, ...]:
-        """Return the dispersions and the fractions of outliers; a datum of depth takes those of the distance."""
+        """Return the dispersions, extra errors and fractions of outliers; the depth takes the distance's dispersion."""
         dispersions = (f"{name}_dispersion" for name in COLUMNS if name != "distance" or DEPTH not in self.given)
-        return (*dispersions, *(f"{name}_outliers" for name in COLUMNS))
+        others = (f"{name}_{what}" for name in COLUMNS for what in ("extra_error", "outliers"))
+        return (*dispersions, *others, "extra_error_length")
 
     def ln_likelihood(self, prediction: sk.Prediction, add_noise: bool) -> sk.Array:
         """(...) Return the sum of `ln_mixture` over columns: Gaussians about the lines, extra dispersions, outliers.
 
-        The two proper motions of a member are one pair, with their covariance.
+        The two proper motions of a member are one pair, with their covariance. All data of a column with an extra error
+        have one joint Gaussian.
         """
         return ln_sum(self._compared(prediction, add_noise), self._pair, self._pair_covariance)
 
@@ -289,13 +299,14 @@ class Track(sk.Observable):
         return ln_of_each(self._compared(prediction, add_noise), self._pair, self._pair_covariance)
 
     def residuals(self, prediction: sk.Prediction, add_noise: bool) -> sk.Array:
-        """Return the normal score of each datum in its own distribution in `ln_likelihood`."""
-        return np.concatenate([mixture_residuals(side) for _, side in self._compared(prediction, add_noise)])
+        """Return the normal score of each datum in `ln_likelihood`, with an extra error given the data before it."""
+        return residual_of_each(self._compared(prediction, add_noise), self._pair, self._pair_covariance)
 
     def scatter(self, prediction: sk.Prediction) -> sk.Array:
-        """Return the root of `scatter2` for all data."""
+        """Return the root of `scatter2` for all data, with the extra errors."""
         rows, spread = self.quantities(), prediction.details["spread"]
-        parts = [self.scatter2(name, error, spread[rows[name]]) for name, (_, _, error) in self.given.items()]
+        parts = [self.scatter2(name, error, spread[rows[name]]) + extra_error_of(self, name) ** 2
+                 for name, (_, _, error) in self.given.items()]  # fmt: skip
         return np.sqrt(np.concatenate(parts))
 
     def _compared(self, prediction: sk.Prediction, add_noise: bool) -> Iterator[tuple[str, Side]]:
@@ -308,7 +319,16 @@ class Track(sk.Observable):
                 variance = variance + prediction.variance[part]
             outliers = 0.0 if name == DEPTH else getattr(self, f"{name}_outliers")
             coverage = prediction.details["ln_coverage"][part]
-            yield name, Side(value, variance, prediction.mean[part], coverage, outliers, scatter_of(value, error))
+            size, background = extra_error_of(self, name), scatter_of(value, error)
+            extra = ExtraError(self._squares[name], size, self.extra_error_length) if np.any(size) else None
+            yield name, Side(value, variance, prediction.mean[part], coverage, outliers, background, extra)
+
+    @cached_property
+    def _squares(self) -> dict[str, sk.Array]:
+        """Squared differences (k, k) of the longitudes of each column."""
+        middle = middle_of(self._places[0])
+        return {name: squares_of(phi1 if self.unwrapped else within(phi1, middle))
+                for name, (phi1, _, _) in self.given.items()}  # fmt: skip
 
     @cached_property
     def _pair(self) -> tuple[str, ...]:
@@ -321,39 +341,22 @@ class Track(sk.Observable):
 
     def scatter2(self, name: str, error: sk.Array, spread: sk.Array) -> sk.Array:
         """(..., k) Variances of one field's data about the lines: errors, extra dispersion and, for stars, spread."""
-        variance = error**2
-        if name != DEPTH:
-            variance = variance + getattr(self, f"{name}_dispersion") ** 2
+        variance = error**2 + (0.0 if name == DEPTH else getattr(self, f"{name}_dispersion")) ** 2
         return variance + spread**2 if name in self.stars or name in self._of_members else variance
 
     def mock(self, prediction: sk.Prediction, rng: np.random.Generator) -> dict[str, Any]:
         """Return tables with Gaussian noise: errors, extra dispersion, for stars the spread; a fraction of outliers."""
+        sides = dict(self._compared(prediction, add_noise=False))
+        drawn = new_values(sides, self._pair, self._pair_covariance, rng)
         tables: dict[str, Any] = {}
-        noise, variances, start = {}, {}, 0
-        of_table, of_members = dict[str, sk.Array](), dict[str, sk.Array]()
-        for name, (phi1, value, error) in self.given.items():
-            part = slice(start, start := start + len(phi1))
-            variance = self.scatter2(name, error, prediction.details["spread"][part])
-            noise[name], variances[name] = rng.normal(0.0, np.sqrt(variance)), variance
-            if self._stars is not None and name == MOTIONS[1] and name in self._pair:
-                # conditional on the other proper motion, by their covariance
-                covariance, other = self._stars.covariance[self._stars.rows(name)], variances[MOTIONS[0]]
-                noise[name] *= np.sqrt(1 - covariance**2 / (other * variance))
-                noise[name] += covariance / other * noise[MOTIONS[0]]
-            drawn = prediction.mean[part] + noise[name]
-            if name != DEPTH:
-                other = rng.normal(*scatter_of(value, error), len(phi1))
-                drawn = np.where(rng.random(len(phi1)) < getattr(self, f"{name}_outliers"), other, drawn)
-            drawn = LIMITS.get(name, np.asarray)(drawn)
-            if name in self._of_table or name in self._of_members:
-                (of_table if name in self._of_table else of_members)[name] = drawn
-                continue
-            table = {"phi1": phi1, "depth" if name == DEPTH else name: drawn, "error": error}
-            tables[name] = {key: column.tolist() for key, column in table.items()}
+        for name, (phi1, _, error) in self.given.items():
+            if name not in self._of_table and name not in self._of_members:
+                table = {"phi1": phi1, "depth" if name == DEPTH else name: drawn[name], "error": error}
+                tables[name] = {key: column.tolist() for key, column in table.items()}
         if self.table is not None:
-            tables["table"] = redrawn(self.table, of_table)
+            tables["table"] = redrawn(self.table, {name: drawn[name] for name in self._of_table})
         if self._stars is not None:
-            tables["members"] = self._stars.redrawn(of_members)
+            tables["members"] = self._stars.redrawn({name: drawn[name] for name in self._of_members})
         return tables
 
     def panels(self, stream: sk.Stream, prediction: sk.Prediction) -> tuple[sk.Panel, ...]:
@@ -385,15 +388,12 @@ class Track(sk.Observable):
 
     def remarks(self, prediction: sk.Prediction) -> tuple[str, ...]:
         """Warn of data at longitudes where the stream has no debris."""
-        warnings, start = [], 0
-        for name, (phi1, _, _) in self.given.items():
-            part = slice(start, start := start + len(phi1))
-            if prediction.why_not:
-                continue
-            empty = np.unique(phi1[is_gap(prediction.details["ln_coverage"][part])])
-            if len(empty):
-                warnings.append(warning_of_gaps(f"{name}: {len(empty)} of its longitudes", empty, self.kernel))
-        return tuple(warnings)
+        if prediction.why_not:
+            return ()
+        rows, coverage = self.quantities(), prediction.details["ln_coverage"]
+        empty = {name: np.unique(part[0][is_gap(coverage[rows[name]])]) for name, part in self.given.items()}
+        return tuple(warning_of_gaps(f"{name}: {len(phi1)} of its longitudes", phi1, self.kernel)
+                     for name, phi1 in empty.items() if len(phi1))  # fmt: skip
 
     def radii(self) -> dict[str, float]:
         """Return the least and the greatest Galactocentric radius of the distances, seen from 8 kpc at phi2 = 0."""
