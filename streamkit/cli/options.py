@@ -77,6 +77,14 @@ def with_settings(spec: sk.Spec, values: Mapping[str, Any]) -> sk.Spec:
     return new
 
 
+def apart(spec: sk.Spec, settings: Mapping[str, Any]) -> tuple[sk.Spec, dict[str, Any]]:
+    """Split the settings: numbers for free parameters make the fixed point, the others are applied to the run file."""
+    settings = spec.by_path(settings)
+    point = {path: value for path, value in settings.items() if path in spec.names and not isinstance(value, Mapping)}
+    rest = {path: value for path, value in settings.items() if path not in point}
+    return with_settings(spec, rest) if rest else spec, point
+
+
 def read_settings(settings: Sequence[str], option: str = "--set") -> dict[str, Any]:
     """Turn ``PATH=VALUE`` arguments into fields and values, the values read as a run file reads them."""
     values: dict[str, Any] = {}

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import click
 
-import streamkit as sk
 from streamkit import report
 from streamkit.cli.completion import free_parameters
-from streamkit.cli.options import SEEDS, SET, load_spec, read_settings, with_settings
+from streamkit.cli.options import SEEDS, SET, apart, load_spec, read_settings
 from streamkit.cli.study import StudyOptions, conduct, study_options
 from streamkit.study import grid
 from streamkit.study import sensitivity as study
@@ -49,11 +47,3 @@ def sensitivity(
         return study.sensitivity_products(response)
 
     conduct(options, seeds * (1 + points * len(names)), run)
-
-
-def apart(spec: sk.Spec, settings: Mapping[str, Any]) -> tuple[sk.Spec, dict[str, Any]]:
-    """Split the settings: numbers for free parameters make the fixed point, the others are applied to the run file."""
-    settings = spec.by_path(settings)
-    point = {path: value for path, value in settings.items() if path in spec.names and not isinstance(value, Mapping)}
-    rest = {path: value for path, value in settings.items() if path not in point}
-    return with_settings(spec, rest) if rest else spec, point
