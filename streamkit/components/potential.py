@@ -15,6 +15,7 @@ from streamkit.components.signature import HOST, add_evaluation, check_signature
 from streamkit.components.total import Total
 from streamkit.errors import StreamkitError
 from streamkit.stream import Array
+from streamkit.units import GYR
 
 
 class Potential(Changing):
@@ -118,6 +119,14 @@ class Potential(Changing):
         """
         raise NotImplementedError
 
+    def known_times(self) -> Array | None:
+        """Return the times (n,) in Gyr, increasing, from the first to the last of which the force is known. Optional.
+
+        0 is today. A run whose look-back time begins earlier is refused. With ``compiled = False`` the expansion is
+        made at these times, and is a cubic spline in between. None: the force is known at all times.
+        """
+        return None
+
     _prepared: tuple[int, tuple[Any, ...]] = PrivateAttr((0, ()))
 
     def in_engine_units(self) -> tuple[Any, ...]:
@@ -196,12 +205,14 @@ class Potential(Changing):
             form, tolerance = self.expansion, self.tolerance  # type: ignore[attr-defined]
             other = self._like
             model = None if other is None or other is self else other.expanded()
+            times = self.known_times()
+            times = None if times is None or len(times) < 2 else times * GYR
             if model is None:
                 try:
-                    self._expanded = expansion.expand(exact, form, tolerance)
+                    self._expanded = expansion.expand(exact, form, tolerance, times)
                 except expansion.NoExpansion as error:
                     raise StreamkitError(f"{self._place or 'potential'} ({self.kind}): {error}") from None
             else:
                 missed = f"the expansion of the potential {self.kind} misses its tolerance"
-                self._expanded = expansion.expand_like(model, exact, tolerance, missed)
+                self._expanded = expansion.expand_like(model, exact, tolerance, missed, times)
         return self._expanded

@@ -22,3 +22,4 @@ from .patches import Patches as Patches
 from .records import ParticleRecords as ParticleRecords
 from .records import record as record
 from .remnant import bound_shells as bound_shells
+from .slices import SLICES as SLICES

@@ -17,10 +17,10 @@ from numba.extending import intrinsic
 from streamkit.engine.axes import compiled_from_axes, compiled_to_axes
 from streamkit.engine.cache import OPTIONS, UNCALLED
 from streamkit.engine.forces import ROW
+from streamkit.engine.slices import SIDE, cells_room, making_patches, no_room
 
 BLOCK = 32  # particles whose patches are read before the arithmetic continues with them
 LOCATED = 7  # numbers that `Patches.locate` returns
-SIDE = 4  # coefficients of a cubic; particles that are transposed together
 
 _POINTER = types.CPointer(types.float64)
 
@@ -38,25 +38,33 @@ class Patches(NamedTuple):
     finish
         ``finish(x, y, z, located, values, table)`` returns the force. ``values`` (8 number,) holds, for each patch,
         the four coefficients of powers of g at f, and of their derivative with respect to f.
+    at_time
+        None unless they change in time. The index is then that of the cell's first point in a slice (`slices`), and
+        ``at_time(t, table)`` returns the index of the first of `SLICES` slices, the distances between them and between
+        points that follow each other in f, and the weights.
     """
 
     number: int
     locate: Any
     finish: Any
+    at_time: Any = None
 
 
 def sweep_of(patches: Patches, turning: bool) -> Any:
     """Return the loop of a kernel over particles, with the arguments of `kernels.compiled_kernel`'s."""
     turn, back = (compiled_to_axes, compiled_from_axes) if turning else (_as_it_is, _as_it_is)
     locate, finish = patches.locate, patches.finish
-    located_room, read_room = _room(LOCATED), _room(2 * SIDE * patches.number)
-    read, located_at, values_at = _reader(patches.number), _getter(LOCATED), _getter(2 * SIDE * patches.number)
+    count, at_time = patches.number, patches.at_time
+    located_room, read_room, located_at = _room(LOCATED), _room(2 * SIDE * count), _getter(LOCATED)
+    values_at, reader = _getter(2 * SIDE * count), _reader(count)
+    read = making_patches(count, reader, at_time) if at_time else _reading(reader)
+    room = cells_room(count) if at_time else no_room
 
     @njit(forceinline=True, **UNCALLED, **OPTIONS)
     def sweep(begin, end, times, place, total, c, fresh, parameters, factor):
         x, y, z = c[0], c[1], c[2]
         table, rotation = parameters[0], parameters[1:]
-        located, values = located_room(), read_room()
+        located, values, cells = located_room(), read_room(), room()
         for first in range(begin, end, BLOCK):
             n = min(BLOCK, end - first)
             for i in range(n):
@@ -66,7 +74,7 @@ def sweep_of(patches: Patches, turning: bool) -> Any:
             for i in range(n, (n + SIDE - 1) // SIDE * SIDE):
                 _put(located, i, located_at(located, 0))
             for i in range(0, n, SIDE):
-                read(table, located, i, values)
+                read(table, located, i, values, times[first:], n, cells)
             for i in range(n):
                 dx, dy, dz = _three(place, first + i)
                 u, v, w = turn(rotation, dx - x, dy - y, dz - z)
@@ -162,6 +170,16 @@ def _lane(builder, data, i):
 
 def _element(builder, room, i, kind):
     return builder.gep(room, [builder.add(i, ir.Constant(ir.IntType(64), kind * BLOCK))], inbounds=True)
+
+
+def _reading(reader: Any) -> Any:
+    """Return the function that reads patches that do not change."""
+
+    @njit(forceinline=True, **UNCALLED, **OPTIONS)
+    def read(table, located, i, values, times, n, cells):
+        reader(table, located, i, values)
+
+    return read
 
 
 def _reader(count: int) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 
 from streamkit import engine
 from streamkit.errors import OutOfDomain
-from streamkit.expansion.forces import Expansion, expansion_of
+from streamkit.expansion.forces import Expansion, expansion_in_time, expansion_of
 from streamkit.expansion.grid import Grid
 from streamkit.expansion.symmetry import ForceAt, Symmetry, random_positions, symmetry_of
 from streamkit.stream import Array
@@ -26,7 +26,10 @@ MOST_NODES = 100_000  # most nodes
 SLOWEST = 0.05  # refinement ends if the error falls with a lower power of the number of nodes
 ROUND = 1e-5  # symmetries hold to this fraction of the tolerance
 THICKNESS = (np.inf, 3.0, 0.3)  # scale heights in kpc to try; infinite without a disc
+SOME = 5  # times at which a grid is chosen for a force that changes, of those that it is expanded at
 CORE = 1.0  # inside this radius in kpc errors are relative to the typical acceleration: it may vanish at the centre
+
+_TODAY = np.zeros(1)
 
 
 class NoExpansion(Exception):  # noqa: N818  a statement about a potential, whose name the caller adds
@@ -42,6 +45,7 @@ class Expanded:
     # Largest relative error of the acceleration, and the number of held-out points at which it was found.
     error: float
     points: int
+    times: int = 0  # number of times of a force that changes
 
     def text(self) -> str:
         """Describe it in a line."""
@@ -51,29 +55,35 @@ class Expanded:
             size.append(f"{grid.heights} polar angles")
         if grid.angles > 1:
             size.append(f"{grid.angles} azimuths (m up to {grid.orders[-1]})")
+        if self.times:
+            size.append(f"{self.times} times")
         return (
             f"{grid.form} expansion, {' x '.join(size)}, largest error {self.error:.1g} at {self.points} "
             "held-out points"
         )
 
 
-def expand(force: ForceAt, form: Form, tolerance: float) -> Expanded:
+def expand(force: ForceAt, form: Form, tolerance: float, times: Array | None = None) -> Expanded:
     """Expand a force in a form, with the fewest nodes that meet the tolerance at held-out points.
 
     The tolerance is the largest relative error |da| / |a| from 0.1 to 500 kpc. The form ``auto`` is the simplest that
-    the force's symmetries allow.
+    the force's symmetries allow. A force that changes is expanded at increasing ``times`` (n,) in kpc/(km/s), between
+    which it is a cubic spline.
 
-    Raises NoExpansion if the force depends on time, is not finite somewhere, or `MOST_NODES` nodes miss the tolerance.
+    Raises NoExpansion if the force depends on time and there are no times, is not finite somewhere, or `MOST_NODES`
+    nodes miss the tolerance.
     """
-    symmetry = symmetry_of(force, max(tolerance * ROUND, 1e-11))
-    if not symmetry.static:
-        raise NoExpansion('it changes in time, and an expansion does not: set expansion = "none"')
-    check = _Check(force, HELD_OUT)
+    some = _some(times)
+    symmetry = symmetry_of(force, max(tolerance * ROUND, 1e-11), some)
+    if not symmetry.static and times is None:
+        raise NoExpansion(
+            'it changes in time, and has no `known_times` to be expanded at: set expansion = "none", which is slow'
+        )
+    check = _Check(force, HELD_OUT, some)
     if not np.isfinite(check.exact).all():
         raise NoExpansion('its force is not finite everywhere from 0.1 to 500 kpc: set expansion = "none"')
     form = _form(symmetry) if form == "auto" else form
-    starts = _starts(form, symmetry)
-    tried = [_try(force, grid, check) for grid in starts]
+    tried = [_try(force, grid, check) for grid in _starts(form, symmetry)]
     best = min(tried, key=lambda expanded: expanded.error)
     while best.error > MARGIN * tolerance:
         finer = [grid for grid in _finer(best.grid) if grid.nodes <= MOST_NODES]
@@ -89,16 +99,27 @@ def expand(force: ForceAt, form: Form, tolerance: float) -> Expanded:
             + ('take expansion = "auto", ' if form != _form(symmetry) else "")
             + 'or set expansion = "none", which calls the potential itself'
         )
-    return best
+    if times is None or symmetry.static:
+        return best
+    whole = _at_all_times(force, best.grid, HELD_OUT, times)
+    if not whole.error <= tolerance:
+        raise NoExpansion(
+            f"between its {len(times)} times it misses the tolerance {tolerance:g}: the largest error is "
+            f"{whole.error:.1g}. Give it more times, or raise the tolerance"
+        )
+    return whole
 
 
-def expand_like(model: Expanded, force: ForceAt, tolerance: float, missed: str) -> Expanded:
+def expand_like(model: Expanded, force: ForceAt, tolerance: float, missed: str, times: Array | None = None) -> Expanded:
     """Expand a force at the nodes of another expansion: it is then a smooth function of the parameters.
 
     Raises OutOfDomain with the sentence ``missed`` where that misses the tolerance.
     """
     try:
-        expanded = _try(force, model.grid, _Check(force, AGAIN))
+        if times is not None and model.times:
+            expanded = _at_all_times(force, model.grid, AGAIN, times)
+        else:
+            expanded = _try(force, model.grid, _Check(force, AGAIN))
     except NoExpansion:
         raise OutOfDomain(missed) from None
     if not expanded.error <= tolerance:
@@ -106,12 +127,27 @@ def expand_like(model: Expanded, force: ForceAt, tolerance: float, missed: str) 
     return expanded
 
 
-class _Check:
-    """Compares expansions with the force at points between the nodes."""
+def _some(times: Array | None) -> Array:
+    """Return the times at which a grid is chosen: today without any."""
+    if times is None:
+        return np.zeros(1)
+    return np.asarray(times[np.unique(np.linspace(0, len(times) - 1, SOME).astype(int))])
 
-    def __init__(self, force: ForceAt, count: int) -> None:
+
+def _at_all_times(force: ForceAt, grid: Grid, count: int, times: Array) -> Expanded:
+    """Expand a force at all times, and compare it between them."""
+    expansion = expansion_in_time(grid, times, (_at_nodes(force, t, grid) for t in times))
+    check = _Check(force, count, 0.5 * (times[1:] + times[:-1]))
+    return Expanded(expansion, grid, float(check.errors(expansion).max()), len(check.r), len(times))
+
+
+class _Check:
+    """Compares expansions with the force at points between the nodes, in turn at each of the times."""
+
+    def __init__(self, force: ForceAt, count: int, times: Array = _TODAY) -> None:
         self.q = random_positions(count, np.random.default_rng(count))
-        self.exact = force(0.0, self.q)
+        self.times = times[np.arange(count) * len(times) // count]
+        self.exact = np.concatenate([force(t, self.q[:, self.times == t]) for t in np.unique(self.times)], axis=1)
         self.r = np.sqrt((self.q**2).sum(axis=0))
 
     @cached_property
@@ -124,7 +160,7 @@ class _Check:
 
     def errors(self, expansion: Expansion) -> Array:
         """(n,) Relative errors."""
-        acceleration = engine.build_field([expansion]).acceleration(0.0, self.q)
+        acceleration = engine.build_field([expansion]).acceleration(self.times, self.q)
         return np.asarray(np.sqrt(((acceleration - self.exact) ** 2).sum(axis=0)) / self.size)
 
     def place(self, expansion: Expansion) -> str:
@@ -133,15 +169,21 @@ class _Check:
         return f"({', '.join(f'{x:.3g}' for x in self.q[:, i])}) kpc"
 
 
-def _try(force: ForceAt, grid: Grid, check: _Check) -> Expanded:
+def _at_nodes(force: ForceAt, t: float, grid: Grid) -> Array:
     q = grid.positions()
-    values = force(0.0, q)
+    values = force(t, q)
     bad = np.flatnonzero(~np.isfinite(values).all(axis=0))
     if len(bad):
         where = np.sqrt((q[:, bad[0]] ** 2).sum())
         raise NoExpansion(f'its force is not finite at a radius of {where:.3g} kpc: set expansion = "none"')
-    expansion = expansion_of(grid, values)
-    return Expanded(expansion, grid, float(check.errors(expansion).max()), len(check.r))
+    return values
+
+
+def _try(force: ForceAt, grid: Grid, check: _Check) -> Expanded:
+    """Expand a force at the time of the check, or at each of its times by itself."""
+    each = [(expansion_of(grid, _at_nodes(force, t, grid)), check.times == t) for t in np.unique(check.times)]
+    error = max(float(check.errors(expansion)[there].max()) for expansion, there in each)
+    return Expanded(each[-1][0], grid, error, len(check.r))
 
 
 def _gain(old: Expanded, new: Expanded) -> float:

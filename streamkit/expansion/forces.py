@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cache
 from typing import Any, ClassVar
 
 import numpy as np
 
 from streamkit.engine import Patches
-from streamkit.expansion import forms
+from streamkit.expansion import forms, slices
 from streamkit.expansion.grid import Grid
 from streamkit.expansion.tables import table_of
 from streamkit.stream import Array
@@ -44,7 +45,7 @@ class Expansion:
         return (self.table,)
 
     def changes(self) -> tuple[()]:
-        """Return nothing: an expansion is constant in time; its potential has the growth."""
+        """Return nothing: what changes is in the table, and its potential has the growth."""
         return ()
 
     def rotation(self) -> None:
@@ -55,15 +56,31 @@ class Expansion:
         return self
 
 
+class SphereInTime(Expansion):
+    """The force of a sphere that changes in time, compiled."""
+
+    patches = slices.in_time(forms.SPHERE)
+
+
 @cache
-def form_of(orders: tuple[int, ...], sines: bool, bent: bool) -> type[Expansion]:
+def form_of(orders: tuple[int, ...], sines: bool, bent: bool, in_time: bool = False) -> type[Expansion]:
     """Return the class of expansions that are no spheres; see `forms.patches_of`. Once per process."""
-    return type("Expansion", (Expansion,), {"patches": forms.patches_of(orders, sines, bent)})
+    patches = forms.patches_of(orders, sines, bent)
+    return type("Expansion", (Expansion,), {"patches": slices.in_time(patches) if in_time else patches})
 
 
 def expansion_of(grid: Grid, force: Array) -> Expansion:
     """Return the expansion from the acceleration (3, nodes) at ``grid.positions()``, all finite."""
-    table = table_of(grid, force)
+    return _expansion(grid, table_of(grid, force), in_time=False)
+
+
+def expansion_in_time(grid: Grid, times: Array, forces: Iterable[Array]) -> Expansion:
+    """Return the expansion from the accelerations at two increasing times or more."""
+    tables = np.array([table_of(grid, force) for force in forces])
+    return _expansion(grid, slices.table_in_time(grid, times, tables), in_time=True)
+
+
+def _expansion(grid: Grid, table: Array, in_time: bool) -> Expansion:
     if grid.form == "spherical":
-        return Expansion(table)
-    return form_of(tuple(grid.orders), grid.sines, bool(grid.thickness < np.inf))(table)
+        return (SphereInTime if in_time else Expansion)(table)
+    return form_of(tuple(grid.orders), grid.sines, bool(grid.thickness < np.inf), in_time)(table)

@@ -32,7 +32,7 @@ OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"arcp", "contrac
 
 
 @njit(**OPTIONS)
-def _radial(x, y, z, p):
+def radial(x, y, z, p):
     """Inverse radius, radius of the spline, interval and place in it, the factor beyond its ends over that radius."""
     r2 = x * x + y * y + z * z + CENTRE
     u = min(max((0.5 * log(r2) - p[0]) * p[1], 0.0), p[2])
@@ -90,7 +90,7 @@ def _patch(values, n, g):
 @njit(**OPTIONS)
 def spherical(x, y, z, p):
     """Force of a sphere: cubics in ln r for r times the radial acceleration."""
-    inverse, _, i, f, k = _radial(x, y, z, p)
+    inverse, _, i, f, k = radial(x, y, z, p)
     b = HEAD + 4 * np.int64(i)
     g = (p[b] + f * (p[b + 1] + f * (p[b + 2] + f * p[b + 3]))) * k * inverse
     return g * x, g * y, g * z
@@ -132,13 +132,13 @@ def patches_of(orders: tuple[int, ...], sines: bool, bent: bool) -> Patches:
 
     @njit(**OPTIONS)
     def locate(x, y, z, p):
-        inverse, c, i, f, k = _radial(x, y, z, p)
+        inverse, c, i, f, k = radial(x, y, z, p)
         j, g, wmu, ws = polar(z * inverse, c, p)
         return HEAD + 16.0 * tables * (i * p[16] + j), f, g, inverse, k, wmu, ws
 
     @njit(**OPTIONS)
     def finish(x, y, z, located, values, p):
-        _, _, g, inverse, k, wmu, ws = located
+        g, inverse, k, wmu, ws = located[2], located[3], located[4], located[5], located[6]
         ex, ey, mu = x * inverse, y * inverse, z * inverse
         _, ds, dw = _patch(values, 0, g)
         gx, gy = 0.0, 0.0
@@ -152,3 +152,19 @@ def patches_of(orders: tuple[int, ...], sines: bool, bent: bool) -> Patches:
         return -out * ex - k * gx, -out * ey - k * gy, -out * mu - up
 
     return Patches(tables, locate, finish)
+
+
+@njit(**OPTIONS)
+def _locate_sphere(x, y, z, p):
+    inverse, _, i, f, k = radial(x, y, z, p)
+    return HEAD + 16.0 * i, f, 0.0, inverse, k, 0.0, 0.0
+
+
+@njit(**OPTIONS)
+def _finish_sphere(x, y, z, located, values, p):
+    g = values[0] * located[4] * located[3]
+    return g * x, g * y, g * z
+
+
+# A sphere as patches that are constant in w: for one that changes in time.
+SPHERE = Patches(1, _locate_sphere, _finish_sphere)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PPoly, make_interp_spline
 
 from streamkit.expansion.harmonics import at_directions, legendre, names, quadrature
 from streamkit.stream import Array
@@ -25,15 +25,20 @@ class Multipoles:
     degree, order, radius, phi
         (n,) l, m, r in kpc and Phi_lm(r) in (km/s)^2: every pair of l and m that occurs at the same four radii or more,
         in any order of rows.
+    time
+        (n,) times in kpc/(km/s), each with all these rows; left out without a change in time. Between the times Phi_lm
+        are cubic splines, with two continuous derivatives (a parabola through three times, a line through two); before
+        the first they are those of the first, after the last those of the last.
 
     Raises ValueError if that is not so.
     """
 
-    def __init__(self, degree: Array, order: Array, radius: Array, phi: Array) -> None:
+    def __init__(self, degree: Array, order: Array, radius: Array, phi: Array, time: Array | None = None) -> None:
         degree, order, radius, phi = (np.asarray(a, dtype=float) for a in (degree, order, radius, phi))
-        radii = np.unique(radius)
+        time = np.zeros_like(phi) if time is None else np.asarray(time, dtype=float)
+        radii, times = np.unique(radius), np.unique(time)
         pairs = list(zip(degree, order, strict=True))
-        self.harmonics = sorted({(int(n), int(m)) for n, m in pairs})
+        self.harmonics = sorted({(int(n), int(m)) for n, m in set(pairs)})
         wrong = [pair for pair in pairs if pair[0] != int(pair[0]) or pair[1] != int(pair[1]) or abs(pair[1]) > pair[0]]
         if wrong:
             raise ValueError(f"found l = {wrong[0][0]:g}, m = {wrong[0][1]:g}; expected whole numbers with |m| <= l")
@@ -42,47 +47,55 @@ class Multipoles:
         if (0, 0) not in self.harmonics:
             raise ValueError("found no rows with l = 0, m = 0: the mean potential")
         index = {pair: k for k, pair in enumerate(self.harmonics)}
-        values = np.full((len(radii), len(self.harmonics)), np.nan)
-        values[np.searchsorted(radii, radius), [index[int(n), int(m)] for n, m in pairs]] = phi
+        values = np.full((len(radii), len(times), len(self.harmonics)), np.nan)
+        places = np.searchsorted(radii, radius), np.searchsorted(times, time), [index[int(n), int(m)] for n, m in pairs]
+        values[places] = phi
         if len(phi) != values.size or not np.isfinite(values).all():
+            at = f"the {len(radii)} radii" + (f" and {len(times)} times" if len(times) > 1 else "")
             raise ValueError(
                 f"found {len(phi)} rows; expected each of the {len(self.harmonics)} pairs of l and m once at each of "
-                f"the {len(radii)} radii"
+                f"{at}"
             )
-        self._ends = np.log(radii[[0, -1]])
-        self._spline = CubicSpline(np.log(radii), values)
-        self._values = self._spline(self._ends)
-        self._slopes = self._spline(self._ends, 1)
-        mean = self._spline(self._ends[0], 2)[index[0, 0]] / self._slopes[0, index[0, 0]]
-        inner = np.full(len(self.harmonics), min(max(float(np.nan_to_num(mean)), 0.1), 2.0))
-        self._powers = np.array([inner, [-(n + 1.0) for n, _ in self.harmonics]])
+        self.times = times
+        self._mean = index[0, 0]
+        self._spline = CubicSpline(np.log(radii), values if len(times) > 1 else values[:, 0])
+        self._in_time = None
+        if len(times) > 1:
+            coefficients = np.moveaxis(self._spline.c, 2, 0)
+            self._in_time = make_interp_spline(times, coefficients, k=min(3, len(times) - 1))
+        self._last: tuple[float, _Radial] = (np.nan, self._radial_at(float(times[-1])))
 
-    def radial(self, r: Array) -> tuple[Array, Array]:
-        """(h, n) Phi_lm at radii r (n,), and their derivatives with respect to ln r."""
-        s = np.log(r)
-        c = np.clip(s, *self._ends)
-        value, slope = self._spline(c), self._spline(c, 1)
-        for end, outside in ((0, s < self._ends[0]), (1, s > self._ends[1])):
-            k, d = self._powers[end], self._slopes[end]
-            growth = np.exp(k * (s[outside] - c[outside])[:, None])
-            value[outside] = self._values[end] + d / k * (growth - 1)
-            slope[outside] = d * growth
-        return value.T, slope.T
+    def _radial_at(self, t: float) -> _Radial:
+        if self._in_time is None:
+            return _Radial(self._spline, self.harmonics, self._mean)
+        c = self._in_time(min(max(t, self.times[0]), self.times[-1]))
+        return _Radial(PPoly(c, self._spline.x), self.harmonics, self._mean)
 
-    def potential(self, x: Any, y: Any, z: Any) -> Any:
-        """Return the potential in (km/s)^2 at positions in kpc, floats or arrays of one shape."""
-        q = np.stack(np.broadcast_arrays(x, y, z)).astype(float)
-        flat = q.reshape(3, -1)
-        r = np.sqrt((flat**2).sum(axis=0) + CENTRE)
-        value, _ = self.radial(r)
+    def radial(self, r: Array, t: Any = 0.0) -> tuple[Array, Array]:
+        """(h, n) Phi_lm at radii r (n,) and times t, one or (n,), and their derivatives with respect to ln r."""
+        if self._in_time is None:
+            return self._last[1](r)
+        if np.ndim(t) == 0 or (np.ravel(t) == np.ravel(t)[0]).all():
+            now = float(np.ravel(t)[0])
+            if self._last[0] != now:
+                self._last = now, self._radial_at(now)
+            return self._last[1](r)
+        value, slope = np.empty((2, len(self.harmonics), len(r)))
+        for now in np.unique(t):
+            there = t == now
+            value[:, there], slope[:, there] = self._radial_at(float(now))(r[there])
+        return value, slope
+
+    def potential(self, x: Any, y: Any, z: Any, t: Any = 0.0) -> Any:
+        """Return the potential in (km/s)^2 at positions in kpc, floats or arrays of one shape, and at times."""
+        q, flat, r, times = _flat(x, y, z, t)
+        value, _ = self.radial(r, times)
         return (value * at_directions(self.harmonics, flat / r)).sum(axis=0).reshape(q.shape[1:])[()]
 
-    def acceleration(self, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
+    def acceleration(self, x: Any, y: Any, z: Any, t: Any = 0.0) -> tuple[Any, Any, Any]:
         """Return minus its gradient in (km/s)^2/kpc."""
-        q = np.stack(np.broadcast_arrays(x, y, z)).astype(float)
-        flat = q.reshape(3, -1)
-        r = np.sqrt((flat**2).sum(axis=0) + CENTRE)
-        value, slope = self.radial(r)
+        q, flat, r, times = _flat(x, y, z, t)
+        value, slope = self.radial(r, times)
         ex, ey, mu = flat / r
         m_max = max(abs(m) for _, m in self.harmonics)
         polynomials = legendre(max(n for n, _ in self.harmonics), m_max, mu)
@@ -108,14 +121,46 @@ class Multipoles:
         return ax[()], ay[()], az[()]
 
 
+def _flat(x: Any, y: Any, z: Any, t: Any) -> tuple[Array, Array, Array, Array]:
+    """Positions in their shape, as (3, n), their radii, and times, one or (n,)."""
+    q = np.stack(np.broadcast_arrays(x, y, z)).astype(float)
+    flat = q.reshape(3, -1)
+    times = np.broadcast_to(t, q.shape[1:]).ravel() if np.ndim(t) else np.asarray(t)
+    return q, flat, np.sqrt((flat**2).sum(axis=0) + CENTRE), times
+
+
+class _Radial:
+    """Phi_lm(r) of one time: splines in ln r, and powers of r beyond them."""
+
+    def __init__(self, spline: PPoly, harmonics: list[tuple[int, int]], mean: int) -> None:
+        self._spline, self._ends = spline, spline.x[[0, -1]]
+        self._values, self._slopes = spline(self._ends), spline(self._ends, 1)
+        power = spline(self._ends[0], 2)[mean] / self._slopes[0, mean]
+        inner = np.full(len(harmonics), min(max(float(np.nan_to_num(power)), 0.1), 2.0))
+        self._powers = np.array([inner, [-(n + 1.0) for n, _ in harmonics]])
+
+    def __call__(self, r: Array) -> tuple[Array, Array]:
+        """(h, n) Phi_lm at radii r (n,), and their derivatives with respect to ln r."""
+        s = np.log(r)
+        c = np.clip(s, *self._ends)
+        value, slope = self._spline(c), self._spline(c, 1)
+        for end, outside in ((0, s < self._ends[0]), (1, s > self._ends[1])):
+            k, d = self._powers[end], self._slopes[end]
+            growth = np.exp(k * (s[outside] - c[outside])[:, None])
+            value[outside] = self._values[end] + d / k * (growth - 1)
+            slope[outside] = d * growth
+        return value.T, slope.T
+
+
 def multipole_table(
     *,
-    potential: Callable[[Array, Array, Array], Array] | None = None,
-    density: Callable[[Array, Array, Array], Array] | None = None,
+    potential: Callable[..., Array] | None = None,
+    density: Callable[..., Array] | None = None,
     l_max: int = 8,
     m_max: int | None = None,
     even: bool = False,
     radii: Array | None = None,
+    times: Array | None = None,
 ) -> Any:
     """Return the table of a `multipole` potential, from a potential or a density.
 
@@ -130,10 +175,12 @@ def multipole_table(
     radii
         (k,) in kpc, increasing; 100 from 0.01 to 1000 kpc unless given. A density is taken to continue as a power of
         r inside the first, and to vanish outside the last.
+    times
+        (T,) in Gyr, 0 today, for a body that changes: the function then takes a time as its fourth argument.
 
     Returns
     -------
-    An `astropy.table.Table` with the columns l, m, r (kpc) and phi (km2 / s2): write it with
+    An `astropy.table.Table` with the columns l, m, r (kpc) and phi (km2 / s2), and t (Gyr) with times: write it with
     ``table.write("halo.ecsv")``, or give it to `Multipoles`. A density's multipoles solve Poisson's equation (Binney &
     Tremaine 2008, eq. 2.95).
     """
@@ -146,20 +193,25 @@ def multipole_table(
     harmonics = names(l_max, l_max if m_max is None else m_max, even)
     directions, weights = quadrature(l_max, max(abs(m) for _, m in harmonics))
     x, y, z = (directions[:, None, :] * r[:, None]).reshape(3, -1)
-    values = np.broadcast_to(np.asarray(given[0](x, y, z), dtype=float), x.shape).reshape(len(r), -1)
-    amplitudes = values @ (at_directions(harmonics, directions) * weights).T
-    if density is not None:
-        amplitudes = np.array([
-            _poisson(n, r, amplitude) for (n, _), amplitude in zip(harmonics, amplitudes.T, strict=True)
-        ]).T  # fmt: skip
     n, m = np.array(harmonics).T
+    weighted = (at_directions(harmonics, directions) * weights).T
+    parts = []
+    for at_time in [()] if times is None else [(float(t),) for t in times]:
+        values = np.broadcast_to(np.asarray(given[0](x, y, z, *at_time), dtype=float), x.shape).reshape(len(r), -1)
+        amplitudes = (values @ weighted).T
+        if density is not None:
+            amplitudes = np.array([_poisson(n, r, amplitude) for n, amplitude in zip(n, amplitudes, strict=True)])
+        parts.append(amplitudes.ravel())
     columns = {
-        "l": np.repeat(n, len(r)),
-        "m": np.repeat(m, len(r)),
-        "r": np.tile(r, len(n)),
-        "phi": amplitudes.T.ravel(),
+        "l": np.tile(np.repeat(n, len(r)), len(parts)),
+        "m": np.tile(np.repeat(m, len(r)), len(parts)),
+        "r": np.tile(r, len(n) * len(parts)),
+        "phi": np.concatenate(parts),
     }
-    return Table(columns, units={"r": "kpc", "phi": "km2 / s2"})
+    units = {"r": "kpc", "phi": "km2 / s2"}
+    if times is not None:
+        columns, units = {"t": np.repeat(times, len(parts[0])), **columns}, {"t": "Gyr", **units}
+    return Table(columns, units=units)
 
 
 def _poisson(degree: int, r: Array, density: Array) -> Array:

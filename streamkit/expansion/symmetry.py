@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import astuple, dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -30,15 +30,20 @@ class Symmetry:
     half_turn: bool
 
 
-def symmetry_of(force: ForceAt, tolerance: float) -> Symmetry:
-    """Return the symmetries that hold to a relative tolerance, at random positions from 0.1 to 500 kpc."""
+def symmetry_of(force: ForceAt, tolerance: float, times: Sequence[float] | Array = (0.0,)) -> Symmetry:
+    """Return the symmetries that hold to a relative tolerance at all times, at random positions from 0.1 to 500 kpc."""
+    each = [astuple(_symmetry_at(force, tolerance, float(t))) for t in times]
+    return Symmetry(*(all(held) for held in zip(*each, strict=True)))
+
+
+def _symmetry_at(force: ForceAt, tolerance: float, now: float) -> Symmetry:
     q = random_positions(POINTS, np.random.default_rng(SEED))
     r = np.sqrt((q**2).sum(axis=0))
     turns = [_turn(angle) for angle in (0.9, 2.0, 3.6)]
     flip, aside, half = np.diag([1.0, 1.0, -1.0]), np.diag([1.0, -1.0, 1.0]), np.diag([-1.0, -1.0, 1.0])
     tilts = [tilt @ turn for tilt, turn in zip((_tilt(0.7), _tilt(1.9)), turns, strict=False)]
     maps = [np.eye(3), *turns, flip, aside, half, *tilts]
-    here, *others = np.split(force(0.0, np.concatenate([m @ q for m in maps], axis=1)), len(maps), axis=1)
+    here, *others = np.split(force(now, np.concatenate([m @ q for m in maps], axis=1)), len(maps), axis=1)
     size = np.sqrt((here**2).sum(axis=0)) + 1e-300
 
     def same(index: int) -> bool:

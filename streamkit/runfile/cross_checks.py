@@ -36,14 +36,36 @@ def drag_unknown(
     ]
 
 
-def too_many_steps(integrator: Section[Integrator], streams: Iterable[StreamSections]) -> list[str]:
-    """Return a sentence for each field of the integrator that makes too many steps."""
+def unfit_for_lookback(
+    potentials: Iterable[Section[Potential]], integrator: Section[Integrator], streams: Iterable[StreamSections]
+) -> list[str]:
+    """Return a sentence for each field that makes too many steps, and each part of the host that is not known so long.
+
+    The longest look-back time counts.
+    """
     path, longest = max((stream.lookback for stream in streams), key=lambda pair: pair[1], default=("", 0.0))
+    return [
+        *_too_many_steps(integrator, path, longest),
+        *(error for section in potentials for error in _not_covered(section, path, longest)),
+    ]
+
+
+def _too_many_steps(integrator: Section[Integrator], path: str, longest: float) -> list[str]:
     return [
         f"{integrator.path}.{name}: found {getattr(integrator.centre, name):g}, with which a particle would take about "
         f"{count:.2g} steps over the {longest:g} Gyr of {path}; expected at most {MOST_STEPS:.0e}"
         for name, count in integrator.centre.steps(longest).items()
         if count > MOST_STEPS
+    ]
+
+
+def _not_covered(section: Section[Potential], path: str, longest: float) -> list[str]:
+    times = section.centre.known_times()
+    if times is None or (times[0] <= -longest and times[-1] >= 0.0):
+        return []
+    return [
+        f"{section.path}: the {section.cls.kind} is known from {times[0]:g} to {times[-1]:g} Gyr; expected all times "
+        f"from {-longest:g} Gyr, where {path} begins, to 0, today"
     ]
 
 

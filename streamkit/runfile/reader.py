@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from streamkit.components import Component, Registry, Sampler, load_registry
 from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.fields import Files
-from streamkit.runfile.cross_checks import drag_unknown, massless, no_part_of_a_host, own_keys, too_many_steps
+from streamkit.runfile.cross_checks import drag_unknown, massless, no_part_of_a_host, own_keys, unfit_for_lookback
 from streamkit.runfile.document import TOO_DEEP
 from streamkit.runfile.factors import OF_A_STREAM
 from streamkit.runfile.host_checks import not_as_assumed, not_there
@@ -133,7 +133,7 @@ class _Reader:
         sampler, engine = self.sampler(self.raw.get("sampler", {})), self.plain("engine", Engine)
         self.stop()
         self.errors += drag_unknown(potentials.values(), integrator.cls, self.registry.entries["integrator"])
-        self.errors += too_many_steps(integrator, streams.values())
+        self.errors += unfit_for_lookback(potentials.values(), integrator, streams.values())
         sections = Sections(
             self.raw.get("seed", 0), sun, potentials, bodies, streams, data, integrator, likelihood, sampler, engine
         )  # fmt: skip

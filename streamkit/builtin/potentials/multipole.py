@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, field_validator
 
-from streamkit import Angle, Columns, Multipoles, PositiveNumber, Potential, Symbol, Table
+from streamkit import GYR, Angle, Array, Columns, Multipoles, PositiveNumber, Potential, Symbol, Table
 
 
 def _example() -> dict[str, list[float]]:
@@ -29,7 +29,9 @@ class Multipole(Potential):
     ``Phi = sum over l, m of Phi_lm(r) P_lm(cos theta) cos(m phi)``, with ``sin(|m| phi)`` for m < 0. The mean square of
     every harmonic over the sphere is 1, so that Phi_00 is the mean potential. Phi_lm are cubic splines in ln r. Inside
     the first radius all are power laws, with the power of r of Phi_00. Outside the last radius there is no mass.
-    `streamkit.multipole_table` makes such a table from a potential or a density.
+    With a column t the host changes in time: Phi_lm are cubic splines in t too, and the table must cover the look-back
+    time. Energies are then those of the potential today, and no orbit keeps its own. `streamkit.multipole_table` makes
+    such a table from a potential or a density.
     """
 
     kind = "multipole"
@@ -38,8 +40,9 @@ class Multipole(Potential):
     example = {"table": _example()}
     reference = "Binney & Tremaine 2008, eq. 2.95"
 
-    table: Annotated[Table, Columns(l="", m="", r="kpc", phi="km2 / s2")] = Field(
-        description="Phi_lm(r): columns l, m, r and phi, with every pair of l and m at the same four radii or more."
+    table: Annotated[Table, Columns(l="", m="", r="kpc", phi="km2 / s2").optional(t="Gyr")] = Field(
+        description="Phi_lm(r): columns l, m, r and phi, with every pair of l and m at the same four radii or more; "
+        "and t in Gyr, 0 today, if they change in time, with all other rows at each time."
     )
     factor: PositiveNumber = Field(default=1.0, description="Factor on the mass.")
     angle: Annotated[Angle, Symbol(r"$\phi$")] = Field(
@@ -52,6 +55,10 @@ class Multipole(Potential):
         _multipoles(table)
         return table
 
+    def known_times(self) -> Array | None:
+        """Return the times in the table."""
+        return np.unique(self.table["t"]) if "t" in self.table else None
+
     @staticmethod
     def prepare(table: Table) -> dict[str, Multipoles]:
         """Return the splines."""
@@ -61,15 +68,16 @@ class Multipole(Potential):
     def acceleration(x: Any, y: Any, z: Any, t: Any, multipoles: Multipoles, factor: Any, angle: Any) -> Any:
         """Return minus the gradient of the sum."""
         c, s = np.cos(angle), np.sin(angle)
-        ax, ay, az = multipoles.acceleration(c * x + s * y, c * y - s * x, z)
+        ax, ay, az = multipoles.acceleration(c * x + s * y, c * y - s * x, z, t)
         return factor * (c * ax - s * ay), factor * (s * ax + c * ay), factor * az
 
     @staticmethod
     def potential(x: Any, y: Any, z: Any, t: Any, multipoles: Multipoles, factor: Any, angle: Any) -> Any:
         """Return the sum."""
         c, s = np.cos(angle), np.sin(angle)
-        return factor * multipoles.potential(c * x + s * y, c * y - s * x, z)
+        return factor * multipoles.potential(c * x + s * y, c * y - s * x, z, t)
 
 
 def _multipoles(table: Table) -> Multipoles:
-    return Multipoles(table["l"], table["m"], table["r"], table["phi"])
+    times = table["t"] * GYR if "t" in table else None
+    return Multipoles(table["l"], table["m"], table["r"], table["phi"], times)
