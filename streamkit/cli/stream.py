@@ -24,7 +24,12 @@ from streamkit.errors import OutOfDomain, StreamkitError
               help="Draw the stream to FILE.png, .pdf or .svg.")  # fmt: skip
 @click.option("--track", type=click.Path(path_type=Path), metavar="FILE",
               help="Write the mean track on the sky to FILE.ecsv, or draw it to .png, .pdf or .svg.")  # fmt: skip
-@click.option("--frame", metavar="NAME", help="Frame of --track by its name; left out: that of the observable.")
+@click.option("--stars", type=click.Path(path_type=Path), metavar="FILE",
+              help="Write mock stars to FILE.csv or .ecsv, for simulators of surveys such as streamobs.")  # fmt: skip
+@click.option("--isochrone", type=click.Path(path_type=Path), metavar="FILE",
+              help="Their magnitudes: a table of mass (initial, Msun) and the absolute one in each band.")  # fmt: skip
+@click.option("--frame", metavar="NAME",
+              help="Frame of --track and --stars by its name; left out: that of the observable.")  # fmt: skip
 @click.option("--threads", default=1, show_default=True, type=click.IntRange(1), metavar="N",
               help="Threads for one stream, for 100 000 particles and more; the result is the same.")  # fmt: skip
 @FORCE_FILE
@@ -37,6 +42,8 @@ def stream(
     output: Path | None,
     plot: Path | None,
     track: Path | None,
+    stars: Path | None,
+    isochrone: Path | None,
     frame: str | None,
     threads: int,
     force: bool,
@@ -49,18 +56,22 @@ def stream(
     stream are compared with the host. Free parameters are at the prior's centre unless --set gives them a value.
     """
     spec = load_spec(run_file, settings, stream=stream)
-    if not spec.streams and (output or plot or track):
+    if not spec.streams and (output or plot or track or stars):
         spec.stream_name()  # says that there is none
-    particles, pictures, tracks = (
-        {name: _file(path, name, spec) for name in spec.streams} for path in (output, plot, track)
+    particles, pictures, tracks, mocks = (
+        {name: _file(path, name, spec) for name in spec.streams} for path in (output, plot, track, stars)
     )
     for files, suffixes, option in (
         (particles, report.FORMATS, "--output"),
         (pictures, report.PICTURES, "--plot"),
         (tracks, (".ecsv", *report.PICTURES), "--track"),
+        (mocks, report.STARS, "--stars"),
     ):
         for path in filter(None, files.values()):
             report.check_target(path, suffixes, option, force)
+    if isochrone is not None and stars is None:
+        raise click.UsageError("--isochrone gives magnitudes to mock stars, and --stars FILE is missing")
+    magnitudes = None if isochrone is None else report.read_isochrone(isochrone)
     if frame is not None:
         try:
             sk.sky_matrix(frame)
@@ -91,6 +102,10 @@ def stream(
         if file := tracks[name]:
             _write_track(made, frame or observe.frame_of(inputs.observables), file)
             show(f"track: {file}")
+        if file := mocks[name]:
+            seen_in = frame or observe.frame_of(inputs.observables)
+            report.write_stars(report.star_table(made, seen_in, magnitudes, inputs.seed), file)
+            show(f"mock stars: {file}")
     bound = spec.bind_all()
     for name, measured in model.observe_host(bound).items():
         show("\n" + report.describe_measured(f"data {name}", [bound.data[name]], measured))

@@ -32,6 +32,10 @@ from .plain import prediction_record as prediction_record
 from .plain import table_record as table_record
 from .progress import Progress as Progress
 from .sky_figure import SMALLER as SMALLER
+from .stars import STARS as STARS
+from .stars import read_isochrone as read_isochrone
+from .stars import star_table as star_table
+from .stars import write_stars as write_stars
 from .stream_axes import draw_unwrapped as draw_unwrapped
 from .stream_axes import radial_limits as radial_limits
 from .stream_figure import draw_stream as draw_stream

@@ -60,4 +60,6 @@ def coordinates_at(spec: Spec, theta: Array) -> Coordinates:
         sd.append(prior.sd if unbounded else float(np.std(np.log(x) if log else x)))
         ends.append((np.log(low), np.log(high)) if log else (low, high))
     low_, high_ = np.array(ends).T
-    return Coordinates(logarithmic, np.where(logarithmic, np.log(np.abs(theta)), theta), np.array(sd), low_, high_)
+    centre = np.array(theta, dtype=float)
+    centre[logarithmic] = np.log(centre[logarithmic])
+    return Coordinates(logarithmic, centre, np.array(sd), low_, high_)

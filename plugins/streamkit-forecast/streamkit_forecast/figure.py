@@ -35,7 +35,7 @@ def forecast_figure(found: Forecast, target: Quantity) -> Figure:
         axes = figure.add_subplot(grid[1 + i // across, i % across], sharey=first)
         first = first or axes
         gains = [gain for gain in found.gains if gain.source == stream]
-        _panel(axes, gains, which, now)
+        _panel(axes, gains, which, now, len(streams) == 1)
         axes.set_title(stream if len(streams) > 1 else "one more datum", fontsize=10)
         if i % across:
             axes.tick_params(labelleft=False)
@@ -45,6 +45,9 @@ def forecast_figure(found: Forecast, target: Quantity) -> Figure:
         if i == 0:
             handles, names = axes.get_legend_handles_labels()
             figure.legend(handles, names, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    if first is not None:
+        least = min(float(gain.sd[:, which].min()) for gain in found.gains) / now
+        first.set_ylim(1 - 1.08 * (1 - least), 1 + 0.05 * (1 - least))
     return figure
 
 
@@ -57,19 +60,18 @@ def _bars(axes: Axes, found: Forecast, which: int, target: Quantity) -> None:
     colours = [GREY if b.data == PRIORS else VERMILION if b.data.startswith(TOGETHER) else BLUE for b in found.bounds]
     axes.barh(y, sd, color=colours, height=0.65, xerr=error, error_kw={"lw": 1})
     axes.set_yticks(y, [bound.data for bound in found.bounds], fontsize=9)
-    axes.set_xlim(0, 1.15 * sd.max())
-    for place, value in zip(y, sd, strict=True):
-        axes.annotate(f"{value:.3g}", (value, place), (8, 0), textcoords="offset points", va="center", fontsize=8)
+    axes.set_xlim(0, 1.15 * (sd + error).max())
+    for place, value, end in zip(y, sd, sd + error, strict=True):
+        axes.annotate(f"{value:.3g}", (end, place), (5, 0), textcoords="offset points", va="center", fontsize=8)
     unit = f"${unit}$" if unit.startswith("10") else unit
     value = target.value / scale
     axes.set_xlabel(with_unit(f"standard deviation of {target.name} = {value:.3g}", unit), fontsize=11)
     axes.tick_params(axis="y", which="both", length=0)
 
 
-def _panel(axes: Axes, gains: list[Gain], which: int, now: float) -> None:
+def _panel(axes: Axes, gains: list[Gain], which: int, now: float, errors: bool) -> None:
     for gain in gains:
-        label = f"{gain.column.replace('_', ' ')}, {gain.error:.2g} {gain.unit}"
+        label = gain.column.replace("_", " ") + (f", {gain.error:.2g} {gain.unit}" if errors else "")
         axes.plot(gain.phi1, gain.sd[:, which] / now, color=COLOURS[gain.column], lw=1.5, label=label)
     axes.axhline(1.0, color=GREY, lw=0.8, ls="--")
-    axes.set_ylim(None, 1.02)
     ticks(axes)

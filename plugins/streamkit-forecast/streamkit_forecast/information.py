@@ -38,31 +38,38 @@ def product(white: Array, seeds: Sequence[int]) -> Array:
     """(k, k) Information of whitened slopes (all, n, k), by products of different seeds: their noise cancels."""
     some = white[list(seeds)]
     whole = some.sum(axis=0)
-    same = np.einsum("sna,snb->ab", some, some)
-    if len(some) == 1:
-        return np.asarray(same)
-    return np.asarray((whole.T @ whole - same) / (len(some) * (len(some) - 1)))
+    return without_noise(whole.T @ whole, np.einsum("sna,snb->ab", some, some), len(some))
+
+
+def without_noise(whole: Array, same: Array, seeds: int) -> Array:
+    """Return the mean product of different seeds, by the product of the sums and the sum of the products of each."""
+    return np.asarray(same if seeds == 1 else (whole - same) / (seeds * (seeds - 1)))
 
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """The whitened slopes (seeds, 2 m, k) of one stream, or of the host, in the parameters ``which`` (k,)."""
+    """The whitened slopes (seeds, 2 m, k) of one stream, or of the host, in the parameters ``which`` (k,).
+
+    ``sd`` (k,) are the standard deviations of their priors.
+    """
 
     white: Array
     which: IntArray
+    sd: Array
 
     def information(self, rows: BoolArray, seeds: Sequence[int], d: int) -> Array:
-        """(d, d) Return the information of some of the data (m,) about all d parameters."""
+        """(d, d) Return the information of some of the data (m,) about all d parameters.
+
+        Negative eigenvalues, which the noise of the slopes leaves, are none: more data never tell less.
+        """
+        scale = np.outer(self.sd, self.sd)
+        value, vector = np.linalg.eigh(product(self.white[:, np.tile(rows, 2)], seeds) * scale)
         out = np.zeros((d, d))
-        out[np.ix_(self.which, self.which)] = product(self.white[:, np.tile(rows, 2)], seeds)
+        out[np.ix_(self.which, self.which)] = (vector * np.maximum(value, 0.0)) @ vector.T / scale
         return out
 
 
 def covariance(information: Array, sd: Array) -> Array:
-    """(d, d) The covariance of parameters by information (d, d) and priors with standard deviations (d,).
-
-    Negative eigenvalues of the information, which the noise of the slopes leaves, are none.
-    """
-    value, vector = np.linalg.eigh(information * np.outer(sd, sd))
-    shrunk = vector / (1.0 + np.maximum(value, 0.0)) @ vector.T
-    return np.asarray(shrunk * np.outer(sd, sd))
+    """(d, d) The covariance of parameters by information (d, d) and priors with standard deviations (d,)."""
+    scale = np.outer(sd, sd)
+    return np.asarray(np.linalg.inv(np.eye(len(sd)) + information * scale) * scale)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from streamkit import Array, Model, Observable, OutOfDomain, Spec
+from streamkit_forecast.information import without_noise
 from streamkit_forecast.quantities import Quantity
 from streamkit_forecast.slopes import Slopes
 from streamkit_forecast.surveys import own_track, track
@@ -17,6 +18,7 @@ PLACES = 25  # longitudes along a stream
 ENDS = 1.0, 99.0  # percentiles of the debris between which they lie
 # Errors of a star where the stream has no such column: Gaia's at G = 18, a photometric distance's, and DESI's.
 TYPICAL = {"phi2": 0.1, "distance": 1.0, "pm_phi1_cosphi2": 0.1, "pm_phi2": 0.1, "radial_velocity": 5.0}
+UNITS = {"phi2": "deg", "distance": "kpc", "pm_phi1_cosphi2": "mas/yr", "pm_phi2": "mas/yr", "radial_velocity": "km/s"}
 
 
 @dataclass(frozen=True)
@@ -71,14 +73,18 @@ def gains_of(slopes: Slopes, covariance: Array, quantities: Sequence[Quantity]) 
     now = np.einsum("qa,ab,qb->q", along, covariance, along)
     found = []
     for column, rows in observable.quantities().items():
-        j = np.zeros((len(rows), len(covariance)))
-        j[:, slopes.which] = slopes.of_mean.mean(axis=0)[start + rows]
+        j = np.zeros((len(slopes.of_mean), len(rows), len(covariance)))  # by seed
+        j[:, :, slopes.which] = slopes.of_mean[:, start + rows]
         moved = j @ covariance
-        whole = slopes.variance[start + rows] + np.einsum("na,na->n", moved, j)
-        sd = np.sqrt(np.maximum(now - (moved @ along.T) ** 2 / whole[:, None], 0.0))
+        seen = _product(moved @ along.T, moved @ along.T)
+        whole = slopes.variance[start + rows] + _product(moved, j).sum(axis=1)
+        sd = np.sqrt(np.maximum(now - seen / whole[:, None], 0.0))
         phi1, _, error = observable.given[column]
         found.append(Gain(slopes.source, column, UNITS[column], float(error[0]), np.asarray(phi1), sd))
     return found
 
 
-UNITS = {"phi2": "deg", "distance": "kpc", "pm_phi1_cosphi2": "mas/yr", "pm_phi2": "mas/yr", "radial_velocity": "km/s"}
+def _product(one: Array, other: Array) -> Array:
+    """(n, q) Products of numbers (seeds, n, q) of different seeds; negative ones, which are noise, are none."""
+    whole, same = one.sum(axis=0) * other.sum(axis=0), (one * other).sum(axis=0)
+    return np.asarray(np.maximum(without_noise(whole, same, len(one)), 0.0))

@@ -73,7 +73,7 @@ class Forecast:
     @cached_property
     def sources(self) -> list[Informed]:
         """The whitened slopes of each stream, and of the data of the host."""
-        return [Informed(whitened(each), each.which) for each in self.slopes]
+        return [Informed(whitened(each), each.which, self.at.sd[each.which]) for each in self.slopes]
 
     @property
     def seeds(self) -> int:

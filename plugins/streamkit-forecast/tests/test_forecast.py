@@ -233,6 +233,14 @@ def test_the_picture_has_a_bar_for_each_set_of_data_and_a_line_for_each_column(w
         assert np.allclose(lines[gain.column.replace("_", " ")], gain.sd[:, 0] / with_survey.bounds[1].sd[0])
 
 
+def test_a_parameter_may_be_zero():
+    document = tomllib.loads(RUN)
+    document["progenitor"] |= {"y": {"normal": [0, 0.1]}}
+    document |= {"observable": {"kind": Linear.kind}}
+    sd = bounds(forecast(load(document, components=[Linear]), seeds=2))["the stream"].sd
+    assert np.allclose(sd[:2], np.sqrt(np.diag(exact(np.diag(ERRORS**2))))[:2], rtol=1e-4)
+
+
 def test_no_number_of_workers_changes_a_bound(of_track):
     one, two = (forecast(of_track, seeds=2, workers=workers) for workers in (1, 2))
     assert all(np.array_equal(a.sd, b.sd) for a, b in zip(one.bounds, two.bounds, strict=True))
