@@ -62,9 +62,19 @@ class Interrupted(StreamkitError):  # noqa: N818  a request, not a fault
 SHORTEST = 3  # letters of a name that names which begin with it are found by
 
 
+MOST_NAMED = 3  # names that a hint has at most
+
+
 def nearest(name: str, allowed: Iterable[str]) -> str:
-    """Return ``" Did you mean 'x'?"`` for the closest allowed name, or an empty string."""
+    """Return ``" Did you mean 'x'?"`` for the closest allowed name, or an empty string.
+
+    A few names that have all words of the given one are named together: 'pm_error' may be that of two columns.
+    """
     folded = {each.lower(): each for each in allowed}
+    words = set(name.lower().split("_"))
+    having = [each for key, each in folded.items() if words <= set(key.split("_"))]
+    if len(words) > 1 and 1 < len(having) <= MOST_NAMED and name.lower() not in folded:
+        return f" Did you mean {' or '.join(map(repr, having))}?"
     close = difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)
     if not close and len(name) >= SHORTEST:  # "gd1" of 'GD1Koposov10'
         close = sorted((each for each in folded if each.startswith(name.lower())), key=len)

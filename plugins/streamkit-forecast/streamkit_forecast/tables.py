@@ -10,10 +10,10 @@ from streamkit.study.grid import Products
 from streamkit_forecast.figure import forecast_figure
 from streamkit_forecast.one_more import Gain
 from streamkit_forecast.quantities import Quantity
-from streamkit_forecast.runner import PRIORS, Bound, Forecast
+from streamkit_forecast.runner import FEWEST, PRIORS, Bound, Forecast
 
 PRODUCTS = ("forecast.ecsv", "one_more.ecsv", "forecast.png", "forecast.toml")
-MUCH = 0.1  # relative error of a bound that is said
+MUCH = 0.1  # relative error of a bound above which more seeds are worth their time
 
 
 def forecast_products(found: Forecast, target: Quantity) -> Products:
@@ -76,14 +76,15 @@ def _cell(bound: Bound, i: int) -> str:
 
 
 def _remark(found: Forecast) -> str:
-    worst = max(
-        (float(bound.error[i] / bound.sd[i]) for bound in found.bounds if bound.data != PRIORS
-         for i in range(len(bound.sd)) if bound.error[i] == bound.error[i]), default=float("nan"),
-    )  # fmt: skip
-    if worst != worst:
+    """Say how far the noise of the particles moves the bounds: those of the last data, and the worst of all."""
+    if found.seeds < FEWEST:
         return "With fewer than three seeds the error of these numbers is not known."
-    more = "; more --seeds make it smaller" if worst > MUCH else ""
-    return f"The noise of the particles leaves an error of {worst:.0%} of a number at most{more}."
+    shares = {bound.data: float((bound.error / bound.sd).max()) for bound in found.bounds if bound.data != PRIORS}
+    last, worst = list(shares)[-1], max(shares, key=shares.__getitem__)
+    text = f"The noise of the particles leaves an error of {shares[last]:.0%} of a number at most, by {last}"
+    if worst != last:
+        text += f"; of {shares[worst]:.0%}, by {worst}"
+    return f"{text}. More --seeds make it smaller." if shares[worst] > MUCH else f"{text}."
 
 
 def _best(found: Forecast, target: Quantity) -> list[list[str]]:

@@ -122,7 +122,7 @@ def verdicts(run: Judged) -> list[Verdict]:
         outcomes.append(noise_verdict(run.noisy))
     outcomes.append(reasons_verdict(run.reasons, run.calls))
     fractions = [prior_fractions(p, x) for p, x in zip(run.priors, run.samples.T, strict=True)]
-    outcomes.append(prior_verdict(run.names, fractions))
+    outcomes.append(prior_verdict(run.names, fractions, [prior.support for prior in run.priors]))
     if any(isinstance(prior, Normal) for prior in run.priors):
         outcomes.append(measured_verdict(run.names, run.priors, run.samples))
     if run.bound_shares:
@@ -233,9 +233,17 @@ def reasons_verdict(reasons: Mapping[str, int], calls: int) -> Verdict:
     return REASONS.judge(share, f"{100 * share:.0f} %", sentences)
 
 
-def prior_verdict(names: Sequence[str], fractions: Sequence[Array]) -> Verdict:
-    """Judge the influence of the priors, from the (n,) samples of every parameter as fractions of its prior."""
-    ends = [max((u < EDGE).mean(), (u > 1 - EDGE).mean()) for u in fractions]
+def prior_verdict(
+    names: Sequence[str], fractions: Sequence[Array], supports: Sequence[tuple[float, float]]
+) -> Verdict:
+    """Judge the influence of the priors, from the (n,) samples of every parameter as fractions of its prior.
+
+    ``supports`` are the ends of the priors. A normal prior has none: `measured_verdict` judges samples in its wings.
+    """
+    ends = [
+        max((u < EDGE).mean() * np.isfinite(low), (u > 1 - EDGE).mean() * np.isfinite(high))
+        for u, (low, high) in zip(fractions, supports, strict=True)
+    ]
     at_edge = [name for name, share in zip(names, ends, strict=True) if share > AT_EDGE]
     silent = [name for name, u in zip(names, fractions, strict=True) if contraction(u) > UNINFORMED]
     level = LOOK if at_edge else FINE

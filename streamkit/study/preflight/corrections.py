@@ -21,15 +21,18 @@ LN10_5 = np.log(10) / 5  # with an error s of its modulus a distance d has the e
 
 
 class Slip(NamedTuple):
-    """A number that was given in another unit than its field's: the unit, and the corrected values and errors."""
+    """A number that was given in another unit than its field's: the change in words, corrected values and errors."""
 
-    unit: str
+    text: str
     values: Callable[[Array], Array]
     errors: Callable[[Array, Array], Array]
 
 
 def _factor(unit: str, factor: float) -> Slip:
-    return Slip(unit, lambda x: x * factor, lambda _, error: error * factor)
+    """Return the slip of numbers in a unit; a file that states the unit may state a wrong one."""
+    times = f"multiplied by {factor:.4g}" if factor > 1 else f"divided by {1 / factor:.4g}"
+    text = f"{times}, as numbers in {unit} or below a wrong unit,"
+    return Slip(text, lambda x: x * factor, lambda _, error: error * factor)
 
 
 def _distance(modulus: Array) -> Array:
@@ -41,15 +44,21 @@ SLIPS: dict[str, tuple[Slip, ...]] = {
     "kpc": (
         _factor("pc", 1e-3),
         _factor("Mpc", 1e3),
-        Slip("mag (a distance modulus)", _distance, lambda x, error: LN10_5 * _distance(x) * error),
+        Slip("read in mag (a distance modulus)", _distance, lambda x, error: LN10_5 * _distance(x) * error),
     ),
     "mag": (
-        Slip("kpc (a distance)", lambda x: 5 * np.log10(np.abs(x)) + 10, lambda x, error: error / np.abs(x) / LN10_5),
+        Slip(
+            "read in kpc (a distance)",
+            lambda x: 5 * np.log10(np.abs(x)) + 10,
+            lambda x, error: error / np.abs(x) / LN10_5,
+        ),
     ),
     "km / s": (_factor("m/s", 1e-3),),
     "mas / yr": (_factor("arcsec/yr", 1e3), _factor("microarcsec/yr", 1e-3)),
-    "deg": (_factor("rad", 180 / np.pi), _factor("hours", 15.0)),
+    "deg": (_factor("rad", 180 / np.pi),),
 }
+HOURS = _factor("hours", 15.0)  # of a right ascension: no longitude along a stream is given in hours
+RIGHT_ASCENSION = "ra"
 
 
 def corrected(measurement: Measurement) -> Iterator[tuple[str, Measurement]]:
@@ -79,14 +88,15 @@ def _changes(measurement: Measurement, fields: Mapping[str, Any]) -> Iterator[Ch
         for slip in SLIPS.get(units[name], ()):
             one, of_one = np.array([value]), np.array([error])
             changed = (float(slip.values(one)[0]), float(slip.errors(one, of_one)[0]))
-            yield f"{name} read in {slip.unit}", {name: changed}
+            yield f"{name} {slip.text}", {name: changed}
     for name, (table, declared_units) in tables.items():
         for column in _values(table):
-            for slip in SLIPS.get(declared_units.get(column, ""), ()):
+            hours = (HOURS,) if column == RIGHT_ASCENSION else ()
+            for slip in (*SLIPS.get(declared_units.get(column, ""), ()), *hours):
                 same = [error for error in _errors(table) if declared_units.get(error) == declared_units[column]]
                 columns = {column: slip.values(table[column])}
                 columns |= {error: slip.errors(table[column], table[error]) for error in same}
-                yield f"{_named(name, column)} read in {slip.unit}", {name: _with(table, columns)}
+                yield f"{_named(name, column)} {slip.text}", {name: _with(table, columns)}
     for name, value in fields.items():
         annotation = declared[name].annotation
         for choice in get_args(annotation) if get_origin(annotation) is Literal else ():

@@ -150,7 +150,10 @@ def _warning(measured: _Measured, name: str, distance: _Distance, correction: st
     streams = f"none of {trials} trial streams comes" if trials > 1 else "the trial stream does not come"
     text = f"{path}: {streams} near these data; the median datum is {distance.errors:.0f} errors away."
     if correction:
-        return f"{text} With {correction} the data lie among the streams. Is that the mistake?"
+        return (
+            f"{text} With {correction} the data lie among the streams. Is that the mistake, or are the data of another "
+            "stream or frame?"
+        )
     return f"{text} Check unit, sign, column names and frame of the data, and the priors."
 
 

@@ -17,6 +17,7 @@ from streamkit.study.preflight.orbit import OrbitSummary, summarise_orbit
 from streamkit.study.preflight.warnings import (
     conformance_warnings,
     dissolved_warnings,
+    mass_warnings,
     prior_warnings,
     short_lookback,
     stream_warnings,
@@ -97,6 +98,7 @@ def run_preflight(spec: Spec, *, draws: int = 64, progress: bool = False) -> Pre
     trials = [trial] if trial is not None else []
     warnings += data_warnings(spec, [*trials, *(tried.trials if tried is not None else ())])
     warnings += sign_warnings(spec, trials)
+    warnings += mass_warnings(spec, bound)
     warnings += prior_warnings(spec, bound, tried)
     warnings += [f"This run file cannot be fitted: {unfit}."] if unfit else spec.sampler.advice(len(spec.names))
     warnings += sun_warnings(bound.sun)

@@ -20,6 +20,7 @@ from streamkit.testing import quick_failures
 # Ranges that contain all recent measurements of the Sun's position and of the rotation speed there.
 USUAL_SUN = {"r0": (7.0, 9.0, "kpc"), "z": (-0.1, 0.1, "kpc"), "v_circ": (180.0, 280.0, "km/s")}
 
+LARGEST_LOG = 20.0  # Msun: a smaller mass is more likely a decimal logarithm of one
 RARE = 0.1  # share of the points of a prior that have a stream, below which a sampler is hard to start
 FEWEST_PARTICLES = 100  # with fewer particles the remedy for rare streams is more of them
 # A progenitor is not bound if its speed is more than so many times the host's circular speed. No galaxy has a circular
@@ -120,6 +121,8 @@ def progenitor_warnings(inputs: StreamInputs, orbit: OrbitSummary) -> list[str]:
 
 def _slip(size: float, mass: float, tidal: float) -> str:
     """Return the likely mistake in a size in kpc or a mass in Msun, for a tidal radius in kpc."""
+    if 0 < mass < LARGEST_LOG:
+        return f" Is its mass, {mass:.3g} Msun, a logarithm? Masses are in Msun, such as 1e4."
     if size / 1000 <= tidal:
         return f" Is the radius in pc? Write it with its unit, such as '{size:.3g} pc'."
     return f" Check the radius, and the exponent of the mass, {mass:.3g} Msun."
@@ -238,6 +241,8 @@ def _remedy(spec: Spec, bound: ModelInputs, tried: PriorDraws, stream: str = "")
         if inputs.stripping.particles < FEWEST_PARTICLES:
             path = f"{spec.prefix(name)}stripping.particles"
             return f"{path} = {inputs.stripping.particles} is too few for any measurement: take some thousand."
+    if mass_warnings(spec, bound):
+        return "The mass named above is the likely reason."
     for inputs in streams.values():
         if hint := _odd_host(inputs):
             return hint.strip()
@@ -245,6 +250,17 @@ def _remedy(spec: Spec, bound: ModelInputs, tried: PriorDraws, stream: str = "")
     most, count = next(reasons, ("", 0))
     why = f"Most often ({count} of {tried.draws}): {most}. " if most else ""
     return f"{why}Narrow the priors about streams that can be measured."
+
+
+def mass_warnings(spec: Spec, bound: ModelInputs) -> list[str]:
+    """Return a warning for each free mass that is as small as the logarithm of one, at the prior's centre."""
+    masses = (name for name, unit in zip(spec.names, spec.units, strict=True) if unit == "Msun")
+    return [
+        f"{name} = {bound.values[name]:.3g} Msun at the prior's centre: is that a logarithm? Masses are in Msun; a "
+        "prior that is even in the logarithm is log_uniform = [1e11, 1e12]."
+        for name in masses
+        if 0 < bound.values[name] < LARGEST_LOG
+    ]
 
 
 def _odd_host(inputs: StreamInputs) -> str:

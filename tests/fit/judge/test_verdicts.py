@@ -10,7 +10,7 @@ from streamkit.fit.judge import chain as chain_verdicts
 from streamkit.fit.judge import verdicts as rules
 from streamkit.fit.judge.chain import chance, drift, rank_scores, ranks
 from streamkit.fit.judge.predictive import Predictive, contraction, prior_fractions
-from streamkit.runfile import LogUniform, Normal, Uniform
+from streamkit.runfile import LogUniform, Normal, TruncatedNormal, Uniform
 
 NAMES = ("potential.v0", "potential.alpha")
 
@@ -129,16 +129,25 @@ def test_a_posterior_that_is_the_prior_says_so(prior):
     u = prior_fractions(prior, prior.sample(np.random.default_rng(5), 20000))
     np.testing.assert_allclose(np.percentile(u, [5, 50, 95]), [0.05, 0.5, 0.95], atol=0.015)
     assert contraction(u) == pytest.approx(1, abs=0.02)
-    found = rules.prior_verdict(NAMES, [u, np.full(100, 0.5)])
+    found = rules.prior_verdict(NAMES, [u, np.full(100, 0.5)], [prior.support] * 2)
     assert found.level == FINE
     assert "do not constrain potential.v0:" in found.sentence
 
 
 def test_a_posterior_that_leans_on_the_end_of_its_prior_is_seen():
     u = 1 - np.random.default_rng(6).exponential(0.05, 5000).clip(0, 1)
-    found = rules.prior_verdict(NAMES, [np.full(5000, 0.5), u])
+    found = rules.prior_verdict(NAMES, [np.full(5000, 0.5), u], [(0.0, 1.0)] * 2)
     assert found.level == LOOK
     assert "potential.alpha reaches the prior's end" in found.sentence
+
+
+@pytest.mark.parametrize(("prior", "reaches"), [
+    (Normal(3, 0.5), False), (TruncatedNormal(3, 0.5, -np.inf, 4.2), True), (TruncatedNormal(3, 0.5, 1, np.inf), False),
+])  # fmt: skip
+def test_a_normal_prior_has_no_end_to_lean_on(prior, reaches):
+    u = 1 - np.random.default_rng(6).exponential(0.02, 5000).clip(0, 1)
+    found = rules.prior_verdict(NAMES[:1], [u], [prior.support])
+    assert ("reaches the prior's end" in found.sentence) == reaches
 
 
 def test_the_worst_decides():

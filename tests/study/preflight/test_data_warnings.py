@@ -14,6 +14,7 @@ from runfiles import FIT
 
 import streamkit as sk
 from streamkit.study.preflight import run_preflight
+from streamkit.study.preflight.corrections import corrected
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 GD1 = EXAMPLES / "gd1" / "gd1.toml"
@@ -70,10 +71,10 @@ def moduli_as_distances(run: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("mistake", "words"),
     [
-        (scaled("distance", "distance", 1000.0), ("observable.distance", "distance read in pc")),
-        slow(scaled("radial_velocity", "radial_velocity", 1000.0), ("radial_velocity read in m/s",)),
+        (scaled("distance", "distance", 1000.0), ("observable.distance", "distance divided by 1000, as numbers in pc")),
+        slow(scaled("radial_velocity", "radial_velocity", 1000.0), ("radial_velocity divided by 1000, as",)),
         slow(scaled("pm_phi1_cosphi2", "pm_phi1_cosphi2", -1.0), ("opposite sign of pm_phi1_cosphi2",)),
-        slow(scaled("pm_phi1_cosphi2", "pm_phi1_cosphi2", 1e-3), ("pm_phi1_cosphi2 read in arcsec/yr",)),
+        slow(scaled("pm_phi1_cosphi2", "pm_phi1_cosphi2", 1e-3), ("pm_phi1_cosphi2 multiplied by 1000, as",)),
         slow(exchanged_motions, ("the columns pm_phi1_cosphi2 and pm_phi2 exchanged",)),
         slow(exchanged_angles, ("observable.phi2", "the columns phi1 and phi2 exchanged")),
     ],
@@ -84,6 +85,24 @@ def test_a_mistake_in_a_table_is_named(mistake: Callable[[dict[str, Any]], None]
     warnings = [text for text in warnings_of(run) if "trial streams comes near" in text]
     assert warnings
     assert any(all(word in text for word in words) for text in warnings), warnings
+
+
+def test_a_wrong_unit_of_a_column_is_no_unit_of_the_numbers() -> None:
+    """Distances in kpc in a column that says pc come as 1000 times too small: their numbers are not in Mpc."""
+    run = example()
+    scaled("distance", "distance", 1e-3)(run)
+    text = next(text for text in warnings_of(run) if "observable.distance" in text)
+    assert "distance multiplied by 1000, as numbers in Mpc or below a wrong unit," in text
+
+
+def test_no_longitude_along_a_stream_is_said_to_be_in_hours() -> None:
+    run = example()
+    for name in ("phi2", "distance", "pm_phi1_cosphi2", "pm_phi2", "radial_velocity"):
+        table = run["observable"][name]
+        table["phi1"] = [angle / 15 for angle in table["phi1"]]
+    texts = [text for text, _ in corrected(sk.load(run).bind().observable)]
+    assert any("rad" in text for text in texts)
+    assert not any("hours" in text for text in texts)
 
 
 def test_the_example_without_a_mistake_has_no_such_warning() -> None:
@@ -104,7 +123,7 @@ def test_moduli_in_the_column_of_distances_are_named() -> None:
     ("leading", "trailing", "words"),
     [
         (["-47.8 kpc", "0.5 kpc"], ["102.5 kpc", "2.5 kpc"], "the opposite sign of leading"),
-        ([47800.0, 500.0], ["102.5 kpc", "2.5 kpc"], "leading read in pc"),
+        ([47800.0, 500.0], ["102.5 kpc", "2.5 kpc"], "leading divided by 1000, as numbers in pc"),
     ],
 )
 def test_a_mistake_in_a_datum_is_named(leading: list[Any], trailing: list[Any], words: str) -> None:
@@ -143,6 +162,7 @@ def test_a_run_file_without_priors_is_judged_by_its_one_stream() -> None:
     ("field", "value", "words"),
     [
         ("radius", 30.0, ("larger than its tidal radius", "Write it with its unit, such as '30 pc'")),
+        ("mass", 4.3, ("larger than its tidal radius", "4.3 Msun, a logarithm?")),
         ("mass", 2e14, ("heavier than its host", "Check the exponent")),
         ("frame", "Pal5PriceWhelan18", ("'Pal5PriceWhelan18' and 'GD1Koposov10'", "Give both the same frame")),
     ],
@@ -152,6 +172,14 @@ def test_a_mistake_in_the_progenitor_is_named(field: str, value: Any, words: tup
     run["progenitor"][field] = value
     texts = warnings_of(run, draws=0)
     assert any(all(word in text for word in words) for text in texts), texts
+
+
+def test_a_mass_in_log10_is_named_and_no_narrower_prior() -> None:
+    run = example()
+    run["potential"] = {"kind": "nfw", "mass": {"uniform": [11, 13]}, "rs": "16 kpc"}
+    texts = warnings_of(run)
+    assert any("potential.mass = 12 Msun at the prior's centre: is that a logarithm?" in text for text in texts)
+    assert not any("Narrow the priors" in text for text in texts)
 
 
 def test_a_frame_given_by_its_matrix_is_the_same_frame() -> None:
