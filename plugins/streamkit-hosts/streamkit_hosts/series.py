@@ -1,0 +1,165 @@
+"""A series of snapshots as the table of a `multipole` potential, and how far it can be trusted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from streamkit import Array, Multipoles, StreamkitError
+from streamkit_hosts.multipoles import inwards, names, of_particles
+from streamkit_hosts.snapshot import Particles, read
+
+MOST_ROWS = 2_000_000  # of a table
+INNERMOST = 300  # particles inside the first radius
+CENTRE = 0.01  # kpc: the first radius, down to which the innermost multipoles are continued
+OUTSIDE = 1e-3  # share of the particles outside the last radius
+FEWEST = 10_000  # particles
+SHRINK, CORE = 0.7, 1000  # of the spheres by which a centre is found, down to so many particles
+POINTS = 400  # places at which forces are compared
+LIMIT = 0.01  # largest change of the force of which nothing is said
+
+
+@dataclass(frozen=True)
+class Series:
+    """A table of multipoles in time, as `streamkit.multipole_table` makes it, with its errors."""
+
+    table: Any
+    times: Array  # (T,) in Gyr, 0 today
+    radii: Array  # (k,) in kpc
+    l_max: int
+    # Median relative change of the force between the first and the last radius, the largest of all snapshots: without
+    # the two highest degrees, and between two halves of the particles over 2, which is the noise of all.
+    truncation: float
+    noise: float
+    moved: float  # largest distance in kpc of a centre from the last one
+
+    def warnings(self) -> list[str]:
+        """Return a sentence for each reason not to trust the table."""
+        said = []
+        if self.truncation > max(LIMIT, 2 * self.noise):
+            said.append(
+                f"the expansion does not converge: without the degrees above {self.l_max - 2} the force changes by "
+                f"{self.truncation:.1%}. Raise --l-max"
+            )
+        if self.noise > LIMIT:
+            said.append(f"too few particles: their noise in the force is {self.noise:.1%}. Lower --l-max or --radii")
+        if self.moved > self.radii[0]:
+            said.append(
+                f"the centre moves by up to {self.moved:.3g} kpc, and the host is put at rest: the force of its own "
+                "acceleration is left out"
+            )
+        return said
+
+
+def expand(
+    files: Sequence[Path], *, types: Sequence[int] = (), l_max: int = 4, radii: int = 25, centred: bool = True,
+    tell: Callable[[str], None] | None = None,
+) -> Series:  # fmt: skip
+    """Return the multipoles of snapshots, of which the last in time is today.
+
+    Parameters
+    ----------
+    files
+        Snapshots in the Gadget layout, in any order.
+    types
+        Types of particles; all without any.
+    l_max, radii
+        Largest degree, and number of radii, evenly spaced in the logarithm.
+    centred
+        Take the densest place of each snapshot as its centre; else the origin.
+    tell
+        Called with a line for each snapshot.
+
+    Raises StreamkitError with a sentence for a snapshot that cannot be used, or a table that would be too large.
+    """
+    if (rows := len(files) * (l_max + 1) ** 2 * radii) > MOST_ROWS:
+        raise StreamkitError(
+            f"the table would have {rows} rows ({len(files)} snapshots, {(l_max + 1) ** 2} harmonics, {radii} radii); "
+            f"expected at most {MOST_ROWS}: take fewer snapshots, or a lower --l-max"
+        )
+    places = whole = np.zeros(0)
+    parts, times, centres, errors = [], [], [], []
+    for file in files:
+        snapshot = read(file, types)
+        if len(snapshot.mass) < FEWEST:
+            raise StreamkitError(f"{file}: has {len(snapshot.mass)} particles; expected {FEWEST} or more")
+        centre = densest(snapshot) if centred else np.zeros(3)
+        q = snapshot.q - centre[:, None]
+        places = places if len(places) else _radii(q, radii)
+        phi = of_particles(q, snapshot.mass, places, l_max)
+        errors.append(_errors(q, snapshot.mass, places, phi, l_max))
+        whole, phi = inwards(phi, places, l_max, CENTRE)
+        parts.append(phi)
+        times.append(snapshot.time)
+        centres.append(centre)
+        if tell is not None:
+            tell(f"{file}: {snapshot.time:.4g} Gyr, {len(snapshot.mass)} particles, {snapshot.mass.sum():.4g} Msun")
+    order = np.argsort(times)
+    now = np.array(times)[order]
+    if (same := np.flatnonzero(np.diff(now) <= 0)).size:
+        first, second = (files[order[same[0] + k]] for k in (0, 1))
+        raise StreamkitError(f"{first} and {second} have the same time, {now[same[0]]:.4g} Gyr: give one of them")
+    truncation, noise = np.max(errors, axis=0)
+    moved = np.sqrt(((np.array(centres) - centres[order[-1]]) ** 2).sum(axis=1)).max()
+    table = _table(now - now[-1], whole, np.array(parts)[order], l_max)
+    return Series(table, now - now[-1], places, l_max, float(truncation), float(noise), float(moved))
+
+
+def densest(snapshot: Particles) -> Array:
+    """(3,) The centre of mass of ever smaller spheres (Power+ 2003, MNRAS 338, 14)."""
+    q, mass = snapshot.q, snapshot.mass
+    centre = np.average(q, axis=1, weights=mass)
+    r = np.sqrt(((q - centre[:, None]) ** 2).sum(axis=0))
+    size = np.quantile(r, 0.9)
+    while True:
+        inside = r < size
+        if np.count_nonzero(inside) < CORE:
+            return np.asarray(centre)
+        q, mass = q[:, inside], mass[inside]
+        centre, size = np.average(q, axis=1, weights=mass), SHRINK * size
+        r = np.sqrt(((q - centre[:, None]) ** 2).sum(axis=0))
+
+
+def _radii(q: Array, count: int) -> Array:
+    r = np.sort(np.sqrt((q**2).sum(axis=0)))
+    return np.geomspace(r[INNERMOST], r[int((1 - OUTSIDE) * (len(r) - 1))], count)
+
+
+def _errors(q: Array, mass: Array, radii: Array, phi: Array, l_max: int) -> tuple[float, float]:
+    """Truncation and noise of one snapshot, see `Series`."""
+    rng = np.random.default_rng(len(mass))
+    direction = rng.standard_normal((3, POINTS))
+    place = direction / np.sqrt((direction**2).sum(axis=0)) * np.geomspace(radii[0], radii[-1], POINTS)
+    lower = phi.copy()
+    lower[[n > max(l_max - 2, 0) for n, _ in names(l_max)]] = 0.0
+    halves = [of_particles(q[:, k::2], 2 * mass[k::2], radii, l_max) for k in (0, 1)]
+    whole, low, one, other = (_force(each, radii, l_max, place) for each in (phi, lower, *halves))
+    size = np.sqrt((whole**2).sum(axis=0))
+    changes = [np.sqrt(((a - b) ** 2).sum(axis=0)) / size for a, b in ((whole, low), (one, other))]
+    return float(np.median(changes[0])), float(np.median(changes[1]) / 2)
+
+
+def _force(phi: Array, radii: Array, l_max: int, place: Array) -> Array:
+    n, m = np.array(names(l_max)).T
+    sphere = Multipoles(np.repeat(n, len(radii)), np.repeat(m, len(radii)), np.tile(radii, len(n)), phi.ravel())
+    return np.stack(sphere.acceleration(*place))
+
+
+def _table(times: Array, radii: Array, phi: Array, l_max: int) -> Any:
+    from astropy.table import Table  # slow to import
+
+    n, m = np.array(names(l_max)).T
+    columns = {
+        "l": np.tile(np.repeat(n, len(radii)), len(times)),
+        "m": np.tile(np.repeat(m, len(radii)), len(times)),
+        "r": np.tile(radii, len(n) * len(times)),
+        "phi": phi.ravel(),
+    }
+    units = {"r": "kpc", "phi": "km2 / s2"}
+    if len(times) > 1:
+        columns, units = {"t": np.repeat(times, phi[0].size), **columns}, {"t": "Gyr", **units}
+    return Table(columns, units=units)
