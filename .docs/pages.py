@@ -25,6 +25,8 @@ def collect(root: Path, pages: Path) -> None:
     for path in (root / ".docs").glob("*.md"):
         text = path.read_text(encoding="utf-8").replace("](../", "](")  # the pages move up beside the README
         (pages / path.name).write_text(text, encoding="utf-8")
+    shown = pages / "gallery.md"
+    shown.write_text(thumbnails(shown.read_text(encoding="utf-8")), encoding="utf-8")
     tutorials(root / "examples" / "tutorials", pages)
     (pages / "reference").mkdir()
     for name, text in reference.pages(root / ".docs" / "names.md").items():
@@ -32,6 +34,28 @@ def collect(root: Path, pages: Path) -> None:
     (pages / "names.md").unlink()
     for path in pages.rglob("*.md"):
         path.write_text(without_lost_links(path), encoding="utf-8")
+
+
+CARDS = "::::{grid} 1 2 3 3\n:gutter: 3\n\n"
+RANKS = "Ranks of the truth"  # how the titles of the figures of calibrations begin
+
+
+def thumbnails(gallery: str) -> str:
+    """Return the gallery with a card for each figure, which leads to the whole one; the ranks of the truth apart."""
+    head, *sections = re.split(r"^## ", gallery, flags=re.MULTILINE)
+    cards: dict[bool, list[str]] = {False: [], True: []}
+    for section in sections:
+        title, _, body = section.partition("\n")
+        picture = re.search(r"!\[[^\]]*\]\(([^)]+)\)", body)
+        if picture is None:
+            raise ValueError(f"gallery: {title}: there is no figure")
+        text = body.replace(picture[0], "").strip()
+        is_rank = title.startswith(RANKS)
+        shown, image = title.removeprefix(f"{RANKS}: "), f"[![{title}]({picture[1]})]({picture[1]})"
+        card = f":::{{grid-item-card}} {shown[:1].upper()}{shown[1:]}\n{image}\n\n{text}\n:::\n"
+        cards[is_rank].append(card)
+    figures, ranks = ("\n".join(some) for some in (cards[False], cards[True]))
+    return f"{head}{CARDS}{figures}::::\n\n## {RANKS}\n\n{CARDS}{ranks}::::\n"
 
 
 def copy(path: Path, target: Path) -> None:

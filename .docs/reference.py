@@ -82,9 +82,8 @@ def run_file(registry: components.Registry) -> str:
         if name in PLAIN:
             parts.append(table(PLAIN[name], PLAIN[name].model_fields))
         elif name in components.ROLES:
-            kinds = ", ".join(f"[`{kind}`]({name}.md#{anchor(kind)})" for kind in sorted(registry.entries[name]))
             default = runfile.DEFAULT_KIND.get(name)
-            parts.append(f"`kind`: {kinds}." + (f" The default is `{default}`." if default else ""))
+            parts += [kinds(registry, name, f"{name}.md"), *([f"The default is `{default}`."] if default else [])]
             if shared := components.ROLES[name].model_fields:
                 parts += ["Every kind has these fields:", table(components.ROLES[name], shared)]
         elif name in {"progenitor", "body"}:
@@ -96,6 +95,21 @@ def run_file(registry: components.Registry) -> str:
             parts += ["In every case:", table(ways[0], more)]
     parts.append(":::{toctree}\n:hidden:\n\n" + "\n".join(components.ROLES) + "\n:::")
     return "\n\n".join(parts) + "\n"
+
+
+def kinds(registry: components.Registry, role: str, page: str = "") -> str:
+    """Return the kinds of a role as a table, each with the first sentence of its description and a link to a page."""
+    rows = [
+        f"| [`{kind}`]({page}#{anchor(kind)}) | {cell(sentence(inspect.getdoc(entry.cls) or ''))} |"
+        for kind, entry in sorted(registry.entries[role].items())
+    ]
+    return "\n".join(["| kind | what it is |", "|---|---|", *rows])
+
+
+def sentence(text: str) -> str:
+    """Return the first sentence of a docstring; the dot of "et al." or of a number ends none."""
+    first = text.split("\n\n")[0].replace("\n", " ")
+    return re.split(r"(?<=[^.]{2}[a-z0-9)`])(?<!et al)\. (?=[A-Z`])", first)[0].rstrip(".") + "."
 
 
 def anchor(kind: str) -> str:
@@ -112,6 +126,7 @@ def role_page(registry: components.Registry, role: str) -> str:
         rows = [f"| `{preset.name}` | {cell(', '.join(preset.sections))} | {cell(preset.reference)} |"
                 for preset in registry.presets.values()]  # fmt: skip
         parts.append("\n".join(["| preset | potentials | reference |", "|---|---|---|", *rows]))
+    parts.append(kinds(registry, role))
     for kind, entry in sorted(registry.entries[role].items()):
         text = inspect.getdoc(entry.cls) or ""
         package = entry.supplier.split(" ")[0]
@@ -145,7 +160,7 @@ def python(names: Path) -> str:
 
 
 def describe(module: str, names: list[str]) -> str:
-    """Return the descriptions of some public names of a module."""
+    """Return a table of some public names of a module, and the descriptions of its classes and functions."""
     door = import_module(module)
     parts, rows = [], []
     for name in names:
@@ -154,6 +169,7 @@ def describe(module: str, names: list[str]) -> str:
             kind = "class" if inspect.isclass(value) else "function"
             options = "\n   :members:" if kind == "class" and not issubclass(value, Exception) else ""
             parts.append(f"```{{eval-rst}}\n.. auto{kind}:: {module}.{name}{options}\n```")
+            rows.append(f"| [`{name}`](#{module}.{name}) | {cell(sentence(inspect.getdoc(value) or ''))} |")
         else:
             rows.append(f"| `{name}` | {cell(comment(module, name))} |")
     head = ["| name | meaning |\n|---|---|\n" + "\n".join(rows)] if rows else []

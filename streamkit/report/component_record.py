@@ -95,4 +95,6 @@ def _allowed(field: FieldInfo) -> str:
     bounds = {name: getattr(item, name) for item in field.metadata for name in _SIGNS if hasattr(item, name)}
     if bounds.get("ge", math.inf) <= bounds.get("gt", -math.inf):  # a Speed that must not be zero
         del bounds["ge"]
+    if "ge" in bounds and bounds["ge"] == bounds.get("le"):
+        return f"{bounds['ge']:g}"
     return ", ".join(f"{_SIGNS[name]} {value:g}" for name, value in bounds.items()) or "-"

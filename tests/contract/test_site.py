@@ -12,6 +12,8 @@ from urllib.parse import unquote
 import pytest
 from documents import FENCE, ROOT
 
+from streamkit.components import ROLES, load_registry
+
 DOCS = ROOT / ".docs"
 NAMES = (DOCS / "names.md").read_text(encoding="utf-8")
 CODE = "\n".join(match[2] for match in FENCE.finditer(NAMES) if match[1] == "python")
@@ -57,6 +59,37 @@ def test_every_figure_is_in_the_gallery_beside_the_file_that_makes_it() -> None:
     for figure in ROOT.glob("examples/*/*.png"):
         part = gallery.partition(f"](../{figure.relative_to(ROOT)})")[2].partition("\n## ")[0]
         assert re.search(r"\]\(\.\./examples/.*?\.(toml|py)\)", part), figure
+
+
+def test_the_gallery_has_a_card_for_each_figure_and_the_ranks_apart(pages) -> None:
+    source = (DOCS / "gallery.md").read_text(encoding="utf-8")
+    made = pages.thumbnails(source)
+    figures, _, ranks = made.partition("\n## Ranks of the truth\n")
+    pictures = re.findall(r"^!\[", source, re.MULTILINE)
+    assert made.count("[![") == made.count(":::{grid-item-card}") == len(pictures)
+    assert "Ranks of the truth:" not in re.sub(r"\[!\[.*", "", made)
+    assert ranks.count("[![") == source.count("\n## Ranks of the truth:") > 5
+    assert figures.count("[![") + ranks.count("[![") == len(pictures)
+
+
+def test_kinds_have_a_sentence_and_a_field_with_one_value_that_value(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(DOCS)
+    reference = import_module("reference")
+    registry = load_registry()
+    page = reference.run_file(registry)
+    assert "| [`dop853`](integrator.md#dop853) | " in page
+    assert re.search(r"\| `version` \|  \| `1` \| `1` \|", page)
+    for role in ROLES:
+        rows = reference.kinds(registry, role).splitlines()[2:]
+        assert len(rows) == len(registry.entries[role])
+        assert all(re.search(r"\) \| \S.{10,}\. \|$", row) for row in rows), rows
+
+
+def test_the_first_sentence_of_a_description(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(DOCS)
+    sentence = import_module("reference").sentence
+    assert sentence("By Erkal et al. 2019, in\nlines. More.\n\nEnd.") == "By Erkal et al. 2019, in lines."
+    assert sentence("One line") == "One line."
 
 
 def test_a_tutorial_is_a_page_and_a_notebook(tmp_path: Path, pages) -> None:
