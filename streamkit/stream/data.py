@@ -8,6 +8,9 @@ import numpy as np
 
 from streamkit.stream.arrays import Array
 
+# Variances of predictions below this fraction of the least one of the data change no likelihood.
+NEGLIGIBLE = 1e-4
+
 
 @dataclass(frozen=True)
 class Data:
@@ -59,16 +62,16 @@ class Data:
         if self.covariance is None:
             total = self.errors[used] ** 2 + noise
             return np.asarray(-0.5 * np.sum(away**2 / total + np.log(2 * np.pi * total), axis=1))
-        covariance, m = self.covariance[np.ix_(used, used)], int(used.sum())
-        if not noise.any():
-            from scipy.linalg import cholesky, solve_triangular  # slow to load, and only a covariance needs it
+        from scipy.linalg import cholesky, solve_triangular  # slow to load, and only a covariance needs it
 
-            root = cholesky(covariance, lower=True)
-            white, spread = solve_triangular(root, away.T, lower=True).T, np.log(np.diag(root)).sum()
-        else:
-            roots = np.linalg.cholesky(covariance + noise[:, :, None] * np.eye(m))
-            white = np.linalg.solve(roots, away[:, :, None])[:, :, 0]
-            spread = np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
+        covariance, m = self.covariance[np.ix_(used, used)], int(used.sum())
+        root = cholesky(covariance, lower=True)
+        white, spread = solve_triangular(root, away.T, lower=True).T, np.full(len(away), np.log(np.diag(root)).sum())
+        noisy = noise.max(axis=1, initial=0.0) > NEGLIGIBLE * np.linalg.eigvalsh(covariance)[0]
+        if noisy.any():  # each place has its own covariance
+            roots = np.linalg.cholesky(covariance + noise[noisy][:, :, None] * np.eye(m))
+            white[noisy] = np.linalg.solve(roots, away[noisy][:, :, None])[:, :, 0]
+            spread[noisy] = np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
         return np.asarray(-0.5 * (white**2).sum(axis=1) - spread - 0.5 * m * np.log(2 * np.pi))
 
     def residuals(self, mean: Array, variance: Array) -> Array:

@@ -21,12 +21,16 @@ from streamkit.builtin.samplers.emulator.moves import Moves
 
 # Walkers of a population of one posterior; of K factors it has that divided by K, and so many at least.
 WALKERS, LEAST_WALKERS = 1000, 400
-# Fraction of the walkers that the weights of a stage leave, and the sweeps of a stage.
-EFFECTIVE, STAGE = 0.5, 10
+# Fraction of the walkers that the weights of a stage leave, and the sweeps of a stage: of one posterior, and of several
+# factors, whose walkers start at places of each and move in blocks.
+EFFECTIVE, STAGE, STAGE_OF_SEVERAL = 0.5, 10, 4
 # Stages after which inverse temperatures rise by equal factors, and the factor of the first in them.
 MOST_STAGES = 24
 # New moves are made every so many sweeps until they are fixed.
 RENEWED = 5
+# Draws of all coordinates that are accepted so often need no steps by slopes: those are then made in this fraction of
+# the sweeps, as they cost as much as all other moves.
+OFTEN, SELDOM = 0.1, 0.1
 # Walkers of a population that walk on, sweeps of their first walk, and their most sweeps. Thin ends of a posterior fill
 # slowly, and a walk of fewer sweeps does not show that they are missing.
 WALKING, FIRST, MOST_SWEEPS = 64, 300, 8000
@@ -93,7 +97,7 @@ class Population:
         if there.sum() < 2:
             raise StreamkitError(f"of {len(begin)} places to begin from only {there.sum()} have a probability")
         self.z, self.terms, self.beta = begin[there], terms.take(there), 0.0
-        self.evaluations = len(begin)
+        self.evaluations, self._drawn = len(begin), 0.0
 
     def choose(self, walkers: int, beta: float) -> Population:
         """Take some of the places by their density at an inverse temperature (Gumbel's way), and begin there."""
@@ -160,7 +164,7 @@ class Population:
     def moves(self, places: Array | None = None) -> Moves:
         """Return moves made from these places (n, d), or from those of the population."""
         places = self.z if places is None else places
-        return Moves(self.layout, places, self._rng)
+        return Moves(self.layout, places, self._rng, SELDOM if self._drawn > OFTEN else 1.0)
 
     def settle(self, sweeps: int) -> Population:
         """Walk, with new moves every `RENEWED` sweeps."""
@@ -168,6 +172,7 @@ class Population:
             if done % RENEWED == 0:
                 moves = self.moves()
             self._sweep(moves)
+            self._drawn = float(moves.accepted[1] / moves.sweeps)
         return self
 
     def _sweep(self, moves: Moves) -> None:
@@ -215,12 +220,13 @@ def sample(
 
     Raises StreamkitError where no place has a probability.
     """
+    several = len(density.layout.own) > 1
     walkers = walkers or max(WALKERS // max(len(density.layout.own), 1), LEAST_WALKERS)
     populations = [Population(density, places, np.random.default_rng([*seed, i])) for i, places in enumerate(begin)]
     for each in populations:
         if beta > 0:
             each.at(walkers, beta)
-        each.anneal(walkers, STAGE)
+        each.anneal(walkers, STAGE_OF_SEVERAL if several else STAGE)
     # both learn the moves from both: what one has lost, the other may have kept
     both = populations[0].joined(populations[1], WALKING)
     moves = both.moves(np.concatenate([each.z for each in populations]))

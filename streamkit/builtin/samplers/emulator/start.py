@@ -34,6 +34,8 @@ WAVE, LEAST_WAVE = 6, 48
 WAVES = 40
 # Doubt, in ln likelihood, below which the emulator has arrived: what its own error makes of it at a typical sample.
 ARRIVED = 1.5
+# The same for the data of the host beside several streams: a call there takes no stream, and all streams need it.
+HOST_ARRIVED = 0.05
 # Walkers of a wave for each parameter and in any case, and sweeps of their walk, of which the last are used.
 WALKERS, LEAST_WALKERS, SWEEPS, USED = 10, 128, 15, 5
 # Calls with all particles where the starts have arrived, for each parameter and in any case.
@@ -190,7 +192,7 @@ class Starter:
             places = population.walk(USED, population.moves())[0].reshape(-1, d)
             own_error = own_error_of(emulated, places)
             self._note(f"{factor.name}: {len(calls)} draws, the emulator's own error is {own_error:.1f} in ln L")
-            if own_error < ARRIVED:
+            if own_error < (ARRIVED if len(factor.own) else HOST_ARRIVED):
                 break
             calls += Calls.at(small, space, rng.choice(places, max(WAVE * d, LEAST_WAVE), replace=False))
         if places is None:
