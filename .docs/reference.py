@@ -93,6 +93,11 @@ def run_file(registry: components.Registry) -> str:
             for way in ways:
                 parts += [f"Place today: {way.title}.", table(way, way.fields())]
             parts += ["In every case:", table(ways[0], more)]
+            if name == "body":
+                text = inspect.getdoc(runfile.Encounter) or ""
+                parts += ["Or `encounter`, in place of a place today, friction and reflex:"]
+                parts += [*(prose(part) for part in text.split("\n\n"))]
+                parts += [table(runfile.Encounter, runfile.Encounter.model_fields)]
     parts.append(":::{toctree}\n:hidden:\n\n" + "\n".join(components.ROLES) + "\n:::")
     return "\n\n".join(parts) + "\n"
 

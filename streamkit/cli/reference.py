@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Sequence
 from typing import Any
 
@@ -49,6 +50,9 @@ def reference(section: str | None, kind: str | None) -> None:
         parts += _placed(registry, kind, runfile.WAYS, ["lookback", "friction", "reflex"])
     elif section == "body":
         parts += _placed(registry, kind, runfile.BODY_WAYS, ["friction", "reflex"])
+        table = report.field_table(runfile.Encounter, runfile.Encounter.model_fields, "field of encounter")
+        text = " ".join((inspect.getdoc(runfile.Encounter) or "").split())
+        parts += [f"encounter, in place of a place today, friction and reflex\n{report.paragraph(text, '  ')}\n{table}"]
     else:
         default = runfile.DEFAULT_KIND.get(section)
         parts += [f"kind may be left out: it is then {default!r}."] if default else []

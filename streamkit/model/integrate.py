@@ -5,6 +5,8 @@ An integrator only advances particles over a block. Release, winding, phase chi 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from streamkit.components import Integrator
@@ -21,14 +23,25 @@ from streamkit.units import GYR
 TURN = 1.2
 
 
-def integrate(field: Field, integrator: Integrator, start: Start) -> Records:
-    """Advance particles from their release, at increasing times, to the end of the progenitor's track."""
+# Longest block near an encounter, in units of the time since or until it, or of its duration.
+NEAR = 0.5
+
+
+def integrate(
+    field: Field, integrator: Integrator, start: Start, encounters: Sequence[tuple[float, float]] = ()
+) -> Records:
+    """Advance particles from their release, at increasing times, to the end of the progenitor's track.
+
+    Blocks are shorter about the ``encounters``, which have a time and a duration.
+    """
     orbit, released = start.orbit, start.at_release
     t_release = released.t
     q, v, now = start.q.copy(), start.v.copy(), t_release.copy()
     begin, end = float(orbit.t[0]), float(orbit.t[-1])
     block = min(integrator.longest_block * GYR, TURN / float(orbit.omega.max()))
     edges = np.linspace(begin, end, max(int(np.ceil((end - begin) / block)), 1) + 1)
+    for time, duration in encounters:
+        edges = _with_edges(edges, time, duration, block)
     at_edges = orbit.at(edges)
     states = np.ascontiguousarray(np.concatenate([at_edges.q, at_edges.v, at_edges.a]).T)
     plane, offset, swept, records = begin_records(orbit, released, q, v, np.int64)
@@ -49,3 +62,15 @@ def integrate(field: Field, integrator: Integrator, start: Start) -> Records:
     return Records(
         q, v, records.t_strip, records.dq_strip, records.dv_strip, winding, records.chi, bound=records.gap <= 0
     )
+
+
+def _with_edges(edges: Array, time: float, duration: float, block: float) -> Array:
+    """Return edges of blocks with more of them about an encounter: the nearer, the shorter the blocks."""
+    since = [0.0]
+    while since[-1] < block:
+        since.append(since[-1] + NEAR * float(np.hypot(since[-1], duration)))
+    away = np.array(since)
+    more = np.concatenate([time - away, time + away])
+    near = (edges > time - away[-1]) & (edges < time + away[-1])
+    more = more[(more > edges[0]) & (more < edges[-1])]
+    return np.unique(np.concatenate([edges[:1], edges[~near], edges[-1:], more]))

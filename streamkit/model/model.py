@@ -9,9 +9,10 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from streamkit.components import LiveStripping, Measurement, Stripping
+from streamkit.components import LiveStripping, Measurement
 from streamkit.engine import build_field
 from streamkit.errors import ComponentError, OutOfDomain, blamed
+from streamkit.model.encounter import flights_past, with_progenitor
 from streamkit.model.host import Host
 from streamkit.model.integrate import integrate
 from streamkit.model.live import follow_live, live_track
@@ -187,10 +188,12 @@ def simulate(inputs: StreamInputs, draws: Array, shared: Host | None = None, thr
         orbit, done, tail, weight = follow_live(inputs, inputs.stripping, host, track, draws, threads)
         return _stream(inputs, host, orbit, done, tail, np.full(len(tail), track.t[0]), weight)
     start = release_particles(inputs, track, draws)
-    field = host.until(float(track.t[0]))
-    if isinstance(inputs.stripping, Stripping) and inputs.stripping.progenitor_gravity:
-        field = field.with_moving(build_field([inputs.satellite]), start.orbit)
-    done = integrate(replace(field, threads=threads), inputs.integrator, start)
+    field = with_progenitor(host.until(float(track.t[0])), inputs, start.orbit)
+    flights = flights_past(inputs, host, track)
+    for flight in flights:
+        field = field.with_moving(build_field([flight.potential]), flight.orbit)
+    encounters = [(flight.time, flight.duration) for flight in flights]
+    done = integrate(replace(field, threads=threads), inputs.integrator, start, encounters)
     return _stream(inputs, host, start.orbit, done, start.tail, start.at_release.t, np.ones(len(start.tail)))
 
 

@@ -3,11 +3,13 @@ from .document import differences as differences
 from .document import literal as literal
 from .document import read_toml as read_toml
 from .document import to_toml as to_toml
+from .encounter import Encounter as Encounter
 from .factors import DATA as DATA
 from .factors import Factor as Factor
 from .host_checks import host_values as host_values
 from .inputs import ONLY as ONLY
 from .inputs import Body as Body
+from .inputs import FlyBy as FlyBy
 from .inputs import ModelInputs as ModelInputs
 from .inputs import StreamInputs as StreamInputs
 from .priors import PRIORS as PRIORS

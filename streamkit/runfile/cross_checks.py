@@ -9,6 +9,7 @@ import numpy as np
 
 from streamkit.components import Component, Integrator, Potential, total_mass
 from streamkit.errors import StreamkitError
+from streamkit.runfile.encounter import ENCOUNTER
 from streamkit.runfile.progenitor import Place
 from streamkit.runfile.section import Section
 from streamkit.runfile.sections import StreamSections
@@ -106,5 +107,5 @@ def massless(path: str, cls: type[Potential], potential: Section[Potential] | No
 def own_keys(table: Mapping[str, Any], ways: Sequence[type[Place]]) -> dict[str, Any]:
     """Return the keys of a section that belong to its potential: without the kind and the coordinates."""
     whole = [way for way in ways if set(way.coordinates()) <= table.keys()] or ways
-    taken = {"kind", *(name for way in whole for name in way.model_fields)}
+    taken = {"kind", ENCOUNTER, *(name for way in whole for name in way.model_fields)}
     return {key: value for key, value in table.items() if key not in taken}

@@ -9,8 +9,9 @@ import numpy as np
 
 from streamkit.components import HostData, Integrator, Observable, Potential, StrippingScheme, total_mass
 from streamkit.errors import OutOfDomain, StreamkitError
+from streamkit.runfile.encounter import Encounter
 from streamkit.runfile.progenitor import Sun
-from streamkit.stream import Array
+from streamkit.stream import Array, Frame
 
 ONLY = "stream"  # the name of the only stream of a run file that gives it none
 
@@ -21,6 +22,17 @@ def mass_of(potential: Potential, owner: str) -> float:
     if np.isnan(mass):
         raise OutOfDomain(f"the mass of {owner} is infinite")
     return mass
+
+
+def extent_of(potential: Potential) -> float:
+    """Return the scale length of a body in kpc; 0 for a point mass.
+
+    That is the potential's ``scale_radius``, if it has such a property, else the first length among its fields.
+    """
+    if hasattr(potential, "scale_radius"):
+        return float(potential.scale_radius)
+    lengths = [name for name, unit in potential.parameters().items() if unit.name == "kpc"]
+    return float(getattr(potential, lengths[0])) if lengths else 0.0
 
 
 @dataclass(frozen=True)
@@ -41,14 +53,22 @@ class Body:
 
     @property
     def extent(self) -> float:
-        """Its scale length in kpc; 0 for a point mass.
+        """Its scale length in kpc, see `extent_of`."""
+        return extent_of(self.potential)
 
-        That is the potential's ``scale_radius``, if it has such a property, else the first length among its fields.
-        """
-        if hasattr(self.potential, "scale_radius"):
-            return float(self.potential.scale_radius)
-        lengths = [name for name, unit in self.potential.parameters().items() if unit.name == "kpc"]
-        return float(getattr(self.potential, lengths[0])) if lengths else 0.0
+
+@dataclass(frozen=True)
+class FlyBy:
+    """A body that has flown past a stream."""
+
+    potential: Potential  # the body's potential, centred on the body, with a mass
+    encounter: Encounter
+    frame: Frame  # of the phi1 of the encounter
+
+    @property
+    def extent(self) -> float:
+        """Its scale length in kpc, see `extent_of`."""
+        return extent_of(self.potential)
 
 
 @dataclass(frozen=True)
@@ -69,6 +89,7 @@ class StreamInputs:
     seed: int  # the seed of this stream's random draws
     values: dict[str, float]  # the free parameters by name, in the units of the run file
     bodies: dict[str, Body] = field(default_factory=dict)  # the bodies that move about the host, by name
+    flybys: dict[str, FlyBy] = field(default_factory=dict)  # the bodies that this stream has met, by name
     # the same settings as those of a `Body`, for the progenitor.
     friction: bool = False
     reflex: bool = False
@@ -92,7 +113,8 @@ class StreamInputs:
 
     def expansions(self) -> dict[str, str]:
         """Describe the expansions of potentials that are not compiled, by their path in the run file."""
-        used = [*self.potentials.values(), *(body.potential for body in self.bodies.values()), self.satellite]
+        flybys = (flyby.potential for flyby in self.flybys.values())
+        used = [*self.potentials.values(), *(body.potential for body in self.bodies.values()), *flybys, self.satellite]
         return {p.place or p.kind: expanded.text() for p in used if (expanded := p.expanded()) is not None}
 
 

@@ -15,6 +15,8 @@ from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.fields import Files
 from streamkit.runfile.cross_checks import drag_unknown, massless, no_part_of_a_host, own_keys, unfit_for_lookback
 from streamkit.runfile.document import TOO_DEEP
+from streamkit.runfile.encounter import ENCOUNTER, read_encounter
+from streamkit.runfile.encounter_checks import misplaced
 from streamkit.runfile.factors import OF_A_STREAM
 from streamkit.runfile.host_checks import not_as_assumed, not_there
 from streamkit.runfile.inputs import ONLY
@@ -22,14 +24,13 @@ from streamkit.runfile.priors import PRIORS
 from streamkit.runfile.progenitor import BODY_WAYS, OTHER_NAMES, WAYS, Sun, choose_coordinates
 from streamkit.runfile.section import Section, read_section
 from streamkit.runfile.sections import Sections, StreamSections
-from streamkit.runfile.sentences import should
+from streamkit.runfile.sentences import shortened, should
 from streamkit.runfile.settings import VERSION, Engine, Likelihood, RunFile
 from streamkit.runfile.stream_errors import where_written
 from streamkit.runfile.stream_tables import DEFAULTS, StreamTables
 
 DEFAULT_KIND = {"integrator": "adaptive", "observable": "apocentres", "sampler": "emcee"}
 HOST_ALONE = ("growth",)  # fields of a potential that a progenitor or a body does not have
-LONGEST = 2000  # largest number of characters of a sentence about one error
 _EXPECTED = {
     "version": f"{VERSION}",
     "seed": "a whole number, zero or more",
@@ -94,7 +95,7 @@ class _Reader:
         """Raise SpecError if there are errors."""
         if self.errors:
             errors = where_written(self.errors, self.stream_tables, self.name)
-            raise SpecError("\n".join(map(_shortened, errors)))
+            raise SpecError("\n".join(map(shortened, errors)))
 
     def head(self) -> None:
         """Check the top-level keys and values."""
@@ -137,7 +138,7 @@ class _Reader:
         sections = Sections(
             self.raw.get("seed", 0), sun, potentials, bodies, streams, data, integrator, likelihood, sampler, engine
         )  # fmt: skip
-        self.errors += not_there(sections)
+        self.errors += [*not_there(sections), *misplaced(sections)]
         for name in sections.sampler.priors:
             self.refuse(f"sampler.{name}: takes no prior: give a plain value")
         free = sum(len(section.priors) for section in sections.all)
@@ -351,17 +352,14 @@ class _Reader:
         if reason := massless(path, cls, potential, progenitor):
             self.errors[before:] = [reason]  # its fields do not matter then
             return None, None
+        if not progenitor and ENCOUNTER in rest:
+            return potential, read_encounter(path, rest, self.errors)
         try:
             way = choose_coordinates(rest, names, ways)
         except ValueError as error:
             return potential, self.refuse(f"{path}: {error}")
         called = f"the {'progenitor' if progenitor else 'body'} ({cls.kind}, {way.title})"
         return potential, read_section(path, way, rest, self.errors, called, names)
-
-
-def _shortened(error: str) -> str:
-    """Leave out the middle of a message with a very long value."""
-    return error if len(error) <= LONGEST else f"{error[: LONGEST // 2]} ... {error[-LONGEST // 2 :]}"
 
 
 def _plain_values(value: Any) -> Any:

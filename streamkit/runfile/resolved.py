@@ -156,12 +156,12 @@ class Resolved(ABC):
     @cached_property
     def factors(self) -> tuple[Factor, ...]:
         """The parts of the likelihood that depend on the host and on parameters of their own: streams, host's data."""
-        return factors_of(self.names, self.streams, self.sections.data)
+        return factors_of(self.names, self.streams, self.sections.data, self.sections.met)
 
     @cached_property
     def parts(self) -> tuple[Factor, ...]:
         """Each stream, of one or of several, and the data of the host, with the parameters that decide them."""
-        return parts_of(self.names, self.streams, self.sections.data)
+        return parts_of(self.names, self.streams, self.sections.data, self.sections.met)
 
     def only(self, *streams: str, data: bool = True, observables: bool = True) -> Self:
         """Return the spec with these of its streams alone, with ``data`` of the host or without; SpecError for a name.

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Union
+from typing import Annotated, Any, ClassVar, Literal, Union
 
 from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, create_model
 from pydantic.json_schema import GenerateJsonSchema
 
 from streamkit.components import Component, Registry
 from streamkit.runfile.cross_checks import varies
+from streamkit.runfile.encounter import Encounter
 from streamkit.runfile.progenitor import BODY_WAYS, OTHER_NAMES, WAYS, Place, Sun
 from streamkit.runfile.reader import DEFAULT_KIND, HOST_ALONE
 from streamkit.runfile.section import section_model
@@ -34,6 +35,13 @@ class _Generator(GenerateJsonSchema):
         return False
 
 
+class _Met(BaseModel):
+    """A body that flies past a stream: what stands in place of its place today."""
+
+    title: ClassVar[str] = "encounter"
+    encounter: section_model(Encounter) = Field(description="Where and when the body met a stream.")  # type: ignore[valid-type]  # made at run time
+
+
 def json_schema(registry: Registry) -> dict[str, Any]:
     """Return the JSON Schema (2020-12) of a run file for the components in the registry.
 
@@ -44,6 +52,7 @@ def json_schema(registry: Registry) -> dict[str, Any]:
         role: Union[tuple(_component(entry.cls) for entry in entries.values())]  # noqa: UP007  of as many as there are
         for role, entries in registry.entries.items()
     }
+    placed: Any = ("progenitor", WAYS), ("body", (*BODY_WAYS, _Met))
     progenitors, bodies = (
         tuple(
             _component(entry.cls, what, way)
@@ -52,7 +61,7 @@ def json_schema(registry: Registry) -> dict[str, Any]:
             if "mass" in entry.cls.parameters() or varies(entry.cls)
             if not entry.cls.model_fields.keys() & way.model_fields.keys()
         )
-        for what, ways in (("progenitor", WAYS), ("body", BODY_WAYS))
+        for what, ways in placed
     )
     for role in ("potential", "observable"):
         named = dict.__class_getitem__((str, sections[role]))
@@ -89,7 +98,7 @@ def json_schema(registry: Registry) -> dict[str, Any]:
     return {"$schema": GenerateJsonSchema.schema_dialect} | made | one_or_several
 
 
-def _component(cls: type[Component], what: str = "", way: type[Place] | None = None) -> type[BaseModel]:
+def _component(cls: type[Component], what: str = "", way: type[Place | _Met] | None = None) -> type[BaseModel]:
     """Return the model of a section of this kind, or of a progenitor or body whose place is given in this way."""
     kind: Any = Annotated[Literal[cls.kind], WithJsonSchema({"const": cls.kind})]
     fields: Any = {"kind": (kind, cls.kind if way is None and DEFAULT_KIND.get(cls.role) == cls.kind else ...)}

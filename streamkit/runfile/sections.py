@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 
 from streamkit.components import HostData, Integrator, Observable, Potential, Sampler, StrippingScheme
-from streamkit.runfile.inputs import ONLY, Body, ModelInputs, StreamInputs, mass_of
+from streamkit.runfile.encounter import Encounter
+from streamkit.runfile.inputs import ONLY, Body, FlyBy, ModelInputs, StreamInputs, mass_of
 from streamkit.runfile.progenitor import MOST_LOOKBACK, BodyPlace, PhaseSpace, Sun
 from streamkit.runfile.section import Section
 from streamkit.runfile.settings import Engine, Likelihood
+from streamkit.stream import Frame
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,13 @@ class StreamSections:
     phase: Section[PhaseSpace]
     stripping: Section[StrippingScheme]
     observables: dict[str, Section[Observable]]
+
+    @property
+    def frame(self) -> Frame:
+        """The frame of phi1 and phi2: the progenitor's, or else an observable's; None without one."""
+        of_observables = (section.centre.sky_frame() for section in self.observables.values())
+        frames = (getattr(self.phase.centre, "frame", None), *of_observables)
+        return next((frame for frame in frames if frame is not None), None)
 
     @property
     def lookback(self) -> tuple[str, float]:
@@ -40,7 +49,7 @@ class Sections:
     seed: int
     sun: Section[Sun]
     potentials: dict[str, Section[Potential]]
-    bodies: dict[str, tuple[Section[Potential], Section[BodyPlace]]]
+    bodies: dict[str, tuple[Section[Potential], Section[BodyPlace] | Section[Encounter]]]
     streams: dict[str, StreamSections]
     data: dict[str, Section[HostData]]
     integrator: Section[Integrator]
@@ -56,6 +65,21 @@ class Sections:
             first += [stream.satellite, stream.phase, stream.stripping]
         observables = [section for stream in self.streams.values() for section in stream.observables.values()]
         return [*first, self.integrator, *observables, *self.data.values(), self.likelihood, self.sampler, self.engine]
+
+    @property
+    def encounters(self) -> dict[str, Section[Encounter]]:
+        """The encounters, by the names of the bodies."""
+        return {name: place for name, (_, place) in self.bodies.items() if place.cls is Encounter}
+
+    @property
+    def met(self) -> dict[str, str]:
+        """The streams of the encounters, by the names of the bodies."""
+        return {name: self.stream_met(section.centre) for name, section in self.encounters.items()}
+
+    def stream_met(self, encounter: Encounter) -> str:
+        """Return the name of the stream of an encounter; empty where it gives none of several."""
+        only = next(iter(self.streams)) if len(self.streams) == 1 else ""
+        return encounter.stream or only
 
     def seed_of(self, stream: str) -> int:
         """Return the seed of a stream's own random draws."""
@@ -84,10 +108,16 @@ class Sections:
         """Return all streams at the values of the free parameters by name; OutOfDomain if one breaks its field."""
         potentials = self.host(values)
         sun, integrator = self.sun.build(values).tied(potentials.values()), self.integrator.build(values)
-        bodies = {}
+        bodies: dict[str, Body] = {}
+        flybys: dict[str, dict[str, FlyBy]] = {name: {} for name in self.streams}
         for name, (potential, place) in self.bodies.items():
             at = place.build(values)
-            bodies[name] = Body(potential.build(values), *at.today(sun), at.friction != "none", at.reflex)
+            if isinstance(at, Encounter):
+                met = self.stream_met(at)
+                frame = self.streams[met].frame if at.frame is None else at.frame
+                flybys[met][name] = FlyBy(potential.build(values), at, frame)
+            else:
+                bodies[name] = Body(potential.build(values), *at.today(sun), at.friction != "none", at.reflex)
         streams = {}
         for name, stream in self.streams.items():
             satellite, phase = stream.satellite.build(values), stream.phase.build(values)
@@ -105,6 +135,7 @@ class Sections:
                 seed=self.seed_of(name),
                 values=dict(values),
                 bodies=bodies,
+                flybys=flybys[name],
                 friction=phase.friction == "chandrasekhar",
                 reflex=bool(phase.reflex),
                 sun=sun,

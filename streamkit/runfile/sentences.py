@@ -13,6 +13,13 @@ from streamkit.errors import nearest
 from streamkit.fields import array_of, columns_of
 from streamkit.units import unit_of
 
+LONGEST = 2000  # largest number of characters of a sentence about one error
+
+
+def shortened(error: str) -> str:
+    """Leave out the middle of a message with a very long value."""
+    return error if len(error) <= LONGEST else f"{error[: LONGEST // 2]} ... {error[-LONGEST // 2 :]}"
+
 
 def should(message: str) -> str:
     """Turn a message of pydantic into the end of a sentence: ``should be greater than 0``."""
