@@ -7,22 +7,33 @@ both (Kay 1993, section 3.9). Errors that correlate have a constant covariance.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
-from streamkit import Array, BoolArray, IntArray
+from streamkit import Array, BoolArray, IntArray, Prediction
+from streamkit.components import Measurement
+from streamkit_forecast.predict import Part
 from streamkit_forecast.slopes import Slopes
 
 
-def whitened(slopes: Slopes) -> Array:
-    """(seeds, 2 m, k) Slopes of the data and of their variances, in units of their errors; zeros without a datum."""
+def whitened(slopes: Slopes, noise: bool) -> Array:
+    """(seeds, 2 m, k) Slopes of the data and of their variances, in units of their errors; zeros without a datum.
+
+    ``noise`` says whether the likelihood adds the noise of the particles.
+    """
     seeds, m, k = slopes.of_mean.shape
     means, variances = np.zeros((seeds, m, k)), np.zeros((seeds, m, k))
     start = 0
     for part in slopes.parts:
         rows = np.arange(start, start := start + len(part.used))[part.used.astype(bool)]
         s2 = slopes.variance[rows]
+        if is_coupled(part, noise):
+            whole = slopes.of_mean[:, start - len(part.used) : start]
+            means[:, rows] = np.array([_residuals_of(part, one, noise) for one in whole])[:, part.used.astype(bool)]
+            variances[:, rows] = slopes.of_variance[:, rows] / (np.sqrt(2) * s2)[:, None]
+            continue
         if part.covariance is None:
             means[:, rows] = slopes.of_mean[:, rows] / np.sqrt(s2)[:, None]
             variances[:, rows] = slopes.of_variance[:, rows] / (np.sqrt(2) * s2)[:, None]
@@ -32,6 +43,38 @@ def whitened(slopes: Slopes) -> Array:
         covariance = covariance + np.diag(np.maximum(s2 - np.diag(covariance), 0.0))
         means[:, rows] = np.linalg.solve(np.linalg.cholesky(covariance)[None], slopes.of_mean[:, rows])
     return np.concatenate([means, variances], axis=1)
+
+
+def is_coupled(part: Part, noise: bool) -> bool:
+    """Return whether the residual of a datum depends on others: its likelihood has correlations of its own."""
+    prediction, measurement = part.prediction, part.measurement
+    if prediction is None or type(measurement).residuals is Measurement.residuals:
+        return False
+    before = measurement.residuals(prediction, noise)
+    moved, first = prediction.mean.copy(), np.zeros(len(part.used), dtype=bool)
+    first[[rows[0] for rows in measurement.quantities().values()]] = True
+    moved[first] += np.asarray(measurement.scatter(prediction))[first]
+    after = measurement.residuals(replace(prediction, mean=moved), noise)
+    if before is None or after is None:
+        return False
+    return not np.allclose(before[~first], after[~first], equal_nan=True)
+
+
+def _residuals_of(part: Part, slopes: Array, noise: bool) -> Array:
+    """(m, k) Return the slopes of the residuals, which are independent and of variance 1, by slopes (m, k) of means."""
+    prediction, columns = cast(Prediction, part.prediction), []
+    sd = np.asarray(part.measurement.scatter(prediction))
+    for slope in slopes.T:
+        step = 1.0 / max(float(np.nanmax(np.abs(slope) / sd)), 1e-300)
+        low, high = (
+            cast(
+                Array,
+                part.measurement.residuals(replace(prediction, mean=prediction.mean + sign * step * slope), noise),
+            )
+            for sign in (-1, 1)
+        )
+        columns.append((low - high) / (2 * step))
+    return np.stack(columns, axis=1)
 
 
 def product(white: Array, seeds: Sequence[int]) -> Array:

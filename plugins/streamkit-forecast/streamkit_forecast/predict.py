@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -42,6 +42,7 @@ class Part:
     measurement: Measurement
     used: Array  # (m,) whether there is a datum
     covariance: Array | None  # (m, m) of the errors, where they correlate
+    prediction: Prediction | None = None  # at the place of the forecast; None where there is none
 
     @property
     def one_more(self) -> bool:
@@ -84,17 +85,27 @@ def parts(spec: Spec, source: str, added: Added, theta: Array) -> list[Part]:
     """Return the measurements of a stream, or of the host, in the order of the numbers of `evaluate`."""
     model = Model(spec)
     bound = spec.bind_all(theta)
-    own = [one for one in model.measured(bound) if one.stream == ("" if source == DATA else source)]
     found = []
-    for one in own:
+    for one in _of(model, bound, source):
         _check(spec, one)
         names = _names(one.measurement, len(one.data.values))
-        found.append(Part(one.name, False, names, one.measurement, np.isfinite(one.data.values), one.data.covariance))
+        used = np.isfinite(one.data.values)
+        found.append(Part(one.name, False, names, one.measurement, used, one.data.covariance))
     for name, extra in added.get(source, {}).items():
         data = read_data(extra)
         used = np.isfinite(data.values)
         found.append(Part(name, True, _names(extra, len(used)), extra, used, data.covariance))
-    return found
+    try:
+        predictions = [prediction for _, prediction in _measured(model, bound, source, added)]
+    except OutOfDomain:  # said where the slopes are taken
+        return found
+    if any(prediction.why_not for prediction in predictions):
+        return found
+    return [replace(part, prediction=made) for part, made in zip(found, predictions, strict=True)]
+
+
+def _of(model: Model, bound: ModelInputs, source: str) -> list[Measured]:
+    return [one for one in model.measured(bound) if one.stream == ("" if source == DATA else source)]
 
 
 def _names(measurement: Measurement, size: int) -> tuple[str, ...]:
@@ -114,7 +125,7 @@ def _check(spec: Spec, one: Measured) -> None:
 
 
 def _measured(model: Model, bound: ModelInputs, source: str, added: Added) -> Iterator[tuple[Measurement, Prediction]]:
-    measured = [one for one in model.measured(bound) if one.stream == ("" if source == DATA else source)]
+    measured = _of(model, bound, source)
     if source == DATA:
         observation = Observation({}, {f"data.{name}": one for name, one in model.observe_host(bound).items()})
         yield from ((one.measurement, observation.prediction_of(one)) for one in measured)

@@ -73,7 +73,8 @@ class Forecast:
     @cached_property
     def sources(self) -> list[Informed]:
         """The whitened slopes of each stream, and of the data of the host."""
-        return [Informed(whitened(each), each.which, self.at.sd[each.which]) for each in self.slopes]
+        noise = self.spec.likelihood.noise == "add"
+        return [Informed(whitened(each, noise), each.which, self.at.sd[each.which]) for each in self.slopes]
 
     @property
     def seeds(self) -> int:

@@ -9,6 +9,7 @@ from astropy.table import QTable
 from click.testing import CliRunner
 from streamkit_forecast import forecast
 from streamkit_forecast.figure import forecast_figure
+from streamkit_forecast.information import product
 from streamkit_forecast.surveys import read_surveys
 
 from streamkit import Observable, OutOfDomain, Prediction, SpecError, StreamkitError, load
@@ -173,16 +174,16 @@ TRACK = (
 [observable]
 kind = "track"
 frame = { pole = [34.6, 29.7], origin = [180.0, 50.0] }
-kernel = "5 deg"
+kernel = "3 deg"
 [observable.radial_velocity]
-phi1 = [-5, 0, 5]
+phi1 = [104, 107, 110]
 radial_velocity = [0, 0, 0]
 error = [5, 5, 5]
 """
 )
 SURVEY = """
 [more]
-phi1 = [-6, 6]
+phi1 = [103, 111]
 means = 4
 errors = { distance = "300 pc", pm_phi2 = 0.02 }
 """
@@ -201,7 +202,7 @@ def with_survey(of_track, tmp_path_factory):
 
 
 def test_a_survey_is_data_like_those_of_a_run_file(of_track, with_survey):
-    phi1 = [-4.5, -1.5, 1.5, 4.5]
+    phi1 = [104, 106, 108, 110]
     added = {
         "distance": {"phi1": phi1, "distance": [10] * 4, "error": [0.3] * 4},
         "pm_phi2": {"phi1": phi1, "pm_phi2": [0] * 4, "error": [0.02] * 4},
@@ -215,11 +216,12 @@ def test_a_survey_is_data_like_those_of_a_run_file(of_track, with_survey):
 
 def test_one_more_datum_gives_what_a_fit_with_it_would(of_track, with_survey):
     gain = next(each for each in with_survey.gains if each.column == "radial_velocity")
-    i = int(np.abs(gain.phi1 - 4).argmin())
-    velocities = {"phi1": [-5, 0, 5, gain.phi1[i]], "radial_velocity": [0] * 4, "error": [5, 5, 5, gain.error]}
+    i = int(np.abs(gain.phi1 - 112).argmin())
+    velocities = {"phi1": [104, 107, 110, gain.phi1[i]], "radial_velocity": [0] * 4, "error": [5, 5, 5, gain.error]}
     document = of_track.document | {"observable": of_track.document["observable"] | {"radial_velocity": velocities}}
     sd = bounds(forecast(load(document), seeds=4))["the stream"].sd[:2]
     assert gain.error == 5
+    assert gain.sd[i, 0] < 0.98 * bounds(with_survey)["the stream"].sd[0]
     assert np.allclose(gain.sd[i, :2], sd, rtol=0.05)
 
 
@@ -231,6 +233,24 @@ def test_the_picture_has_a_bar_for_each_set_of_data_and_a_line_for_each_column(w
     lines = {line.get_label().partition(",")[0]: line.get_ydata() for line in one_more.lines}
     for gain in with_survey.gains:
         assert np.allclose(lines[gain.column.replace("_", " ")], gain.sd[:, 0] / with_survey.bounds[1].sd[0])
+
+
+def test_an_error_that_is_alike_along_the_track_counts_with_its_covariance(of_track):
+    """Its bounds are those of the same data with the same covariance, which the products of slopes have here."""
+    alike = {"radial_velocity_extra_error": 8.0, "extra_error_length": "60 deg"}
+    document = of_track.document | {"observable": of_track.document["observable"] | alike}
+    found = forecast(load(document), seeds=3)
+    slopes = found.slopes[0]
+    rows = slopes.rows(lambda part: not part.added)
+    phi1 = np.array([104.0, 107.0, 110.0])
+    errors = slopes.variance[rows] - 64.0  # without the extra error
+    whole = np.diag(errors) + 64.0 * np.exp(-(np.subtract.outer(phi1, phi1) ** 2) / (2 * 60.0**2))
+    inverse, of = np.linalg.inv(whole), slopes.of_mean[:, rows]
+    pairs = [of[i].T @ inverse @ of[j] for i in range(3) for j in range(3) if i != j]
+    made = product(found.sources[0].white[:, : len(rows)][:, rows], range(3))
+    assert np.allclose(made, np.mean(pairs, axis=0), rtol=1e-3, atol=1e-6 * np.abs(made).max())
+    alone = forecast(of_track, seeds=3)
+    assert bounds(found)["the stream"].sd[0] > bounds(alone)["the stream"].sd[0]
 
 
 def test_a_parameter_may_be_zero():
