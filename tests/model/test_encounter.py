@@ -1,6 +1,7 @@
 """Bodies that fly past a stream: velocity kicks in closed form, steps that are short enough, and what is refused."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -112,6 +113,35 @@ def test_the_stream_may_lie_beside_the_orbit_of_its_progenitor():
         ]
     )
     assert np.linalg.norm(back.mean(axis=0) - point) < 0.3 * away
+
+
+def test_the_gap_and_the_spur_of_gd1_are_those_of_bonaca_2019():
+    """A top-hat through the ratio of the densities with and without the body; GD-1's: 8.5 deg about -40.5 deg."""
+    spec = sk.load(Path(__file__).parents[2] / "examples" / "gd1_gap" / "truth_gap.toml")
+    seen, alone = (
+        sk.Model(each).stream().seen("GD1Koposov10") for each in (spec, spec.with_values({"body.clump.mass": 1e-3}))
+    )
+    there = (alone.lon > -60) & (alone.lon < 0)
+    track = np.polyfit(alone.lon[there], alone.lat[there], 4)
+    edges = np.arange(-56.0, -28.0, 0.5)
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    above, above_alone = seen.lat - np.polyval(track, seen.lon), alone.lat - np.polyval(track, alone.lon)
+    now, before = (
+        np.histogram(each.lon[np.abs(off) < 0.5], edges)[0] for each, off in ((seen, above), (alone, above_alone))
+    )
+    ratio, hats = now / before, {}
+    for begin in np.arange(-50, -36, 0.25):
+        for end in np.arange(begin + 2, -30, 0.25):
+            inside = (middle > begin) & (middle < end)
+            hat = np.where(inside, ratio[inside].mean(), ratio[~inside].mean())
+            hats[begin, end] = ((ratio - hat) ** 2).sum()
+    begin, end = min(hats, key=hats.get)
+    assert 0.5 * (begin + end) == pytest.approx(-40.5, abs=1)
+    assert end - begin == pytest.approx(8.5, abs=1.5)
+    spur, spur_alone = (
+        (off > 0.8) & (each.lon > -35) & (each.lon < -28) for each, off in ((seen, above), (alone, above_alone))
+    )
+    assert spur.sum() > 100 > 10 > spur_alone.sum()
 
 
 def refused(document):
