@@ -19,6 +19,7 @@ from streamkit.builtin.potentials import (
     progenitors,
     spherical_table,
     spheroids,
+    uniform,
 )
 from streamkit.builtin.samplers.emulator.sampler import PredictionEmulator
 from streamkit.builtin.samplers.ensemble.sampler import Emcee
@@ -54,6 +55,7 @@ def streamkit_components() -> list[type[Component] | Preset]:
         bar.Bar,
         spherical_table.SphericalTable,
         multipole.Multipole,
+        uniform.UniformAcceleration,
         nonparametric.Nonparametric,
         lagrange.LagrangeCloud,
         lagrange.Streakline,

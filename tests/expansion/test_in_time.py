@@ -178,3 +178,19 @@ def test_along_a_stream_it_costs_at_most_twice_the_static_expansion():
             spent.append(time.perf_counter() - begin)
         ratios.append(spent[1] / spent[0])
     assert np.median(ratios) < 2.0
+
+
+def test_streams_by_every_integrator_agree_and_are_not_those_of_a_host_at_rest():
+    """Release at many times (lanes of their own times), blocks, and the reference integrator."""
+    places = {}
+    for kind in ({"kind": "adaptive"}, {"kind": "leapfrog", "step": 0.002}, {"kind": "dop853"}):
+        places[kind["kind"]] = sk.Model(sk.load(run(2.0, 17) | {"integrator": kind})).stream().q
+    scale = np.abs(places["dop853"]).max()
+    assert np.abs(places["adaptive"] - places["dop853"]).max() < 1e-3 * scale
+    assert np.abs(places["leapfrog"] - places["dop853"]).max() < 1e-2 * scale
+    still = run(2.0, 17)
+    today = np.array(still["potential"]["table"]["t"]) == 0.0
+    still["potential"]["table"] = {
+        name: np.array(column)[today].tolist() for name, column in still["potential"]["table"].items() if name != "t"
+    }
+    assert np.abs(sk.Model(sk.load(still)).stream().q - places["dop853"]).max() > 0.1 * scale
