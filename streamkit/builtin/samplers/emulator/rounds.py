@@ -47,6 +47,8 @@ COPIES = ((1.0, 0.4), (0.5, 0.2), (0.25, 0.2))
 LEAST_KNOWN = 0.2
 # New points of a round for each parameter, in any case, and as a fraction of all calls so far.
 ROUND, LEAST_ROUND, GROWTH = 8, 80, 0.15
+# The least of several factors is larger by this: sampling all of them costs more than so many calls of each.
+OF_SEVERAL = 2
 # Fraction of a round's new points of the posterior that are pairs: two calls at one place differ by their noise alone.
 PAIRED = 0.5
 # Standard deviations that a parameter, or a principal axis, may move between an emulator and those of so many rounds
@@ -183,7 +185,8 @@ class Rounds:
         for each in [each for each in known if not self._is_learned(each)] or known:
             if len(each.calls) >= max_calls:
                 continue
-            size = max(ROUND * each.factor.problem.size, LEAST_ROUND, int(GROWTH * len(each.calls)))
+            least = max(ROUND * each.factor.problem.size, LEAST_ROUND) * (OF_SEVERAL if len(known) > 1 else 1)
+            size = max(least, int(GROWTH * len(each.calls)))
             places = []
             for (_, share), copy in zip(COPIES, copies, strict=True):
                 some = np.unique(copy.reshape(-1, copy.shape[2])[:, each.factor.columns], axis=0)  # a walker may rest
