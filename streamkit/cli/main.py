@@ -9,6 +9,7 @@ from streamkit.cli.calibrate import calibrate
 from streamkit.cli.check import check
 from streamkit.cli.cite import cite
 from streamkit.cli.export import export
+from streamkit.cli.families import families
 from streamkit.cli.group import Commands
 from streamkit.cli.host import host
 from streamkit.cli.init import init
@@ -34,7 +35,7 @@ def main() -> None:
 
 
 for command in (
-    init, check, stream, host, ablate, sensitivity, calibrate, run, status, report, export, cite, plugins, reference,
-    schema, new,
+    init, check, stream, host, ablate, sensitivity, calibrate, families, run, status, report, export, cite, plugins,
+    reference, schema, new,
 ):  # fmt: skip
     main.add_command(command)

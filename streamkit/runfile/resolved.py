@@ -215,6 +215,10 @@ class Resolved(ABC):
         document = {**copy.deepcopy(self.document), "sampler": {"kind": kind}}
         return self._changed(document)
 
+    def with_host(self, potential: Mapping[str, Any]) -> Self:
+        """Return the spec with another section ``potential``; SpecError if it is not valid."""
+        return self._changed({**copy.deepcopy(self.document), "potential": copy.deepcopy(dict(potential))})
+
     def _check_path(self, path: str, values: Mapping[str, Any]) -> None:
         parent = path.rpartition(".")[0]
         without = [

@@ -1,1 +1,1 @@
-"""Five studies of a run file: fit, preflight, ablation, sensitivity, and calibration, which runs fits."""
+"""Six studies of a run file: fit, preflight, ablation, sensitivity, and two that run fits: calibration, families."""

@@ -19,7 +19,7 @@ PLUGINS = sorted((ROOT / "plugins").rglob("*.py")) + sorted((ROOT / "tests" / "t
 LAYERS = (
     {"__main__"},
     {"cli"},
-    {"study.calibration", "study.ablation", "study.sensitivity", "study.preflight"},
+    {"study.calibration", "study.ablation", "study.sensitivity", "study.preflight", "study.families"},
     {"study.grid"},
     {"fit"},
     {"sample", "nbody"},

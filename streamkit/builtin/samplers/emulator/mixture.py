@@ -58,6 +58,12 @@ class Mixture(NamedTuple):
         terms = self.ln_terms(y)
         return np.asarray(terms - logsumexp(terms, axis=1, keepdims=True))
 
+    def draws(self, n: int, rng: np.random.Generator) -> Array:
+        """(n, d) Draw places."""
+        k = rng.choice(len(self.weights), n, p=self.weights)
+        chance = rng.standard_normal((n, self.means.shape[1]))
+        return np.asarray(self.means[k] + np.einsum("nij,nj->ni", self.roots[k], chance))
+
     def step(self, y: Array, length: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         """Propose steps of lengths (n,) from y (n, d); return places and what is added to ln of the acceptance (n,).
 

@@ -122,9 +122,20 @@ def _samples(target: Target, space: Space, progress: Progress) -> Samples:
     evaluations = Evaluations(target.ln_prior(points) + lnl, lnl, mean, variance, ("",) * len(z), details)
     facts = _facts_of_one(target, progress) if len(targets) == 1 else _facts_of_factors(progress)
     return Samples(
-        points, np.zeros(len(z)), missing=progress.missing, verdicts=(_verdict(progress),), facts=facts,
-        evaluations=evaluations,
+        points, np.zeros(len(z)), *_evidence(target, progress), missing=progress.missing,
+        verdicts=(_verdict(progress),), facts=facts, evaluations=evaluations,
     )  # fmt: skip
+
+
+def _evidence(target: Target, progress: Progress) -> tuple[float, float]:
+    """Return ln evidence and its error, that of the noise of calls included; NaN before the sampler's end."""
+    from streamkit.builtin.samplers.emulator.evidence import ln_evidence, noise_of_calls
+
+    if progress.missing:
+        return np.nan, np.nan
+    populations, joint = progress.populations, progress.joint
+    value, error = ln_evidence(joint, populations, [target.seed, 13])
+    return value, float(np.hypot(error, noise_of_calls(joint, populations.samples, [target.seed, 14])))
 
 
 def _predictions(target: Target, known: Known, z: Array) -> tuple[Array, Array, Array]:

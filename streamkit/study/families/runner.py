@@ -1,0 +1,102 @@
+"""The fits of a run file in several hosts, one after the other, each in a directory of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from streamkit.errors import SpecError, StreamkitError
+from streamkit.fit import Results, run
+from streamkit.runfile import Spec, read_toml
+from streamkit.stream import Array
+from streamkit.study.families.average import weights_of
+
+
+@dataclass(frozen=True)
+class Family:
+    """The finished fit in one host."""
+
+    name: str
+    results: Results
+
+    @property
+    def ln_evidence(self) -> tuple[float, float]:
+        """Its ln evidence and the error; NaN where the sampler gives none, or has not ended by its rule."""
+        weighted = self.results.weighted
+        if weighted is None or self.results.draws.lacks:
+            return np.nan, np.nan
+        return weighted.ln_evidence, weighted.ln_evidence_error
+
+
+@dataclass(frozen=True)
+class Families:
+    """The finished fits of one run file in several hosts. ``spec`` is the run file."""
+
+    spec: Spec
+    families: tuple[Family, ...]
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """The families without evidence."""
+        return tuple(each.name for each in self.families if not np.isfinite(each.ln_evidence[0]))
+
+    @cached_property
+    def weights(self) -> tuple[Array, Array]:
+        """(k,) and (k,) Their weights and the errors of these: equal and NaN where an evidence is unknown."""
+        k = len(self.families)
+        if self.unknown:
+            return np.full(k, 1 / k), np.full(k, np.nan)
+        evidence, errors = np.array([each.ln_evidence for each in self.families]).T
+        return weights_of(evidence, errors, self.spec.seed)
+
+
+def host_of(spec: Spec, file: Path) -> Spec:
+    """Return a run file with the section ``potential`` of another file; SpecError for anything else in it."""
+    document = read_toml(file)
+    if "potential" not in document:
+        raise SpecError(f"{file}: there is no section [potential], the host; found {', '.join(document) or 'nothing'}")
+    if more := [name for name in document if name != "potential"]:
+        raise SpecError(
+            f"{file}: found {more[0]!r}; a host has the section [potential] alone, all else is the run file's"
+        )
+    try:
+        return spec.with_host(document["potential"])
+    except SpecError as error:
+        raise SpecError(f"{file} as the host of {error}") from None
+
+
+def run_families(
+    specs: Mapping[str, Spec],
+    out: Path,
+    workers: int | None = None,
+    resume: bool = False,
+    force: bool = False,
+    done: Callable[[], object] = lambda: None,
+) -> Families:
+    """Fit all of several run files by name, each in its own directory of ``out``; ``done`` is called after each.
+
+    With ``resume``, finished fits are read and unfinished ones go on. The hosts differ, so that no call of one serves
+    another.
+
+    Raises StreamkitError for fewer than two, and whatever `streamkit.run` raises: fits before it stay.
+    """
+    if len(specs) < 2:
+        raise StreamkitError(f"one host alone ({', '.join(specs)}): expected two or more to compare")
+    families = []
+    for name, spec in specs.items():
+        directory = out / name
+        going_on = resume and directory.exists()
+        results = run(spec, directory, workers=workers, resume=going_on, force=force, progress=False)
+        families.append(Family(name, results))
+        done()
+    return Families(next(iter(specs.values())), tuple(families))
+
+
+def best_ln_likelihoods(families: Sequence[Family]) -> Array:
+    """(k,) Return the largest ln likelihood of each family's samples."""
+    return np.array([float(np.max(each.results.draws.predictions["ln_likelihood"]))
+                     if each.results.draws.predictions is not None else np.nan for each in families])  # fmt: skip
