@@ -64,6 +64,9 @@ class Field:
         it.
     drag
         The forces that depend on velocity; None without any.
+    sizes
+        (b,) length in kpc over which the force on each trajectory changes, if that body flies past particles faster
+        than its dynamical time; 0 for the others.
     """
 
     forces: Forces
@@ -73,6 +76,7 @@ class Field:
     heights: Array = field(default_factory=lambda: np.empty(0), repr=False)
     threads: int = 1
     drag: Drag | None = None
+    sizes: tuple[float, ...] = ()
 
     def __reduce__(self) -> Any:
         raise TypeError("a Field holds machine code of this process: send the Spec instead and build it there")
@@ -119,7 +123,7 @@ class Field:
             states = orbit_states(self.acceleration, q, v, t)
         else:
             out = np.empty((count + 1, 9))
-            method = Method(RKN4.drift, RKN4.kick, np.zeros(2), 1, np.empty(0))
+            method = Method(RKN4.drift, RKN4.kick, np.zeros(2), 1, np.empty(0), np.empty(0))
             self.run(loops.integrate_orbit, method, q, v, t0, step, out)
             states = out.T
         if step < 0:
@@ -127,11 +131,12 @@ class Field:
         states = np.ascontiguousarray(states)
         return Orbit(np.ascontiguousarray(t), states[:3], states[3:6], states[6:], np.full(count + 1, np.nan))
 
-    def with_moving(self, other: Field, orbit: Orbit) -> Field:
+    def with_moving(self, other: Field, orbit: Orbit, size: float = 0.0) -> Field:
         """Add another field's forces, whose common centre moves along ``orbit`` (equal time steps).
 
         Call it once for each moving body. All orbits must share one grid of times, and one body may lose mass. Raises
-        ValueError otherwise, and if the forces of the other field move already.
+        ValueError otherwise, and if the forces of the other field move already. Near a body with a ``size`` (see
+        `sizes`) `adaptive_step` takes steps that resolve its passage.
         """
         here, new, left = self.forces, other.forces, orbit.mass_left
         first, step = self._grid_with(orbit)
@@ -141,10 +146,12 @@ class Field:
         if len(new.tracks) or len(new.frame):
             raise ValueError("these forces move already: add the forces of each trajectory by themselves")
         trajectory, tracks, index = here.trajectory, [*here.tracks[:, None], track], len(here.tracks)
+        sizes = (*self.sizes, size)
         if index and (left != 1.0).any():  # it must be the first: see `add_forces`
             if (here.tracks[0, :, 18] != 1.0).any():
                 raise ValueError("only one of the moving components can lose mass")
             trajectory, tracks, index = np.where(trajectory < 0, -1, trajectory + 1), [track, *tracks[:-1]], 0
+            sizes = (size, *self.sizes)
         forces = Forces(
             address=np.concatenate([here.address, new.address]),
             offset=np.concatenate([here.offset, here.offset[-1] + new.offset[1:]]),
@@ -155,7 +162,8 @@ class Field:
             tracks=np.concatenate(tracks),
             frame=here.frame,
         )
-        return replace(self, forces=forces, kernels=self.kernels + other.kernels, names=self.names + other.names)
+        kernels, names = self.kernels + other.kernels, self.names + other.names
+        return replace(self, forces=forces, kernels=kernels, names=names, sizes=sizes)
 
     def seen_from(self, orbit: Orbit) -> Field:
         """Return the field in a frame whose origin moves along ``orbit``: its acceleration is subtracted.
@@ -304,7 +312,8 @@ def _advance(
     """Advance the rows of q and v in place. The loops need contiguous rows: others are copied, and copied back."""
     callers_rows = [*q, *v]
     rows = tuple(np.ascontiguousarray(row) for row in callers_rows)
-    method = Method(splitting.drift, splitting.kick, eta, most, field.heights)
+    sizes = np.array(field.sizes if any(field.sizes) else ())
+    method = Method(splitting.drift, splitting.kick, eta, most, field.heights, sizes)
     n, forces = len(t0), field.all_forces
 
     def advance(piece: slice, scratch: Scratch) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from numba import njit
 
 from streamkit.engine.cache import INLINE, helper
@@ -9,6 +11,9 @@ from streamkit.engine.forces import BATCH, LANES, ROW, call_kernel, centre_at
 from streamkit.engine.steps import ROWS, A, H, T, V
 
 CROSSING = 1.25  # longest step near a disc's plane, in units of the time in which its height is crossed
+PASSING = 0.5  # longest step near a body that flies by, in units of the time in which it crosses its distance
+MISSED = 0.15  # error of the smallest distance from it, in units of the acceleration times the time span squared
+FURTHER = 6  # levels beyond the deepest one that the passage of such a body may ask for
 NEAR_PLANE = 2.0  # largest distance from a disc's plane that counts as near, in units of that height
 
 
@@ -183,6 +188,37 @@ def crossings(heights, m, lanes, rate):
         if least < NEAR_PLANE * height + abs(bend):
             fastest = max(abs(middle - z), abs(end - middle)) / (s + 1e-300)
             rate[i] = max(rate[i], (fastest / (CROSSING * height)) ** 4)
+
+
+@helper
+def passages(forces, method, uniform, m, lanes, closest, centre, path, rate):
+    """Raise the `rate` of those of m lanes that a body with a size flies past in their time span.
+
+    A passage takes its smallest distance, or the size if that is more, over the relative speed, and no step may be
+    longer than that times PASSING. The distance is less by what straight pieces and parabolas may miss. Only these
+    rates may ask for more than 2^most steps.
+    """
+    u, t, span, a = lanes[V:], lanes[T:], lanes[H:], lanes[A:]
+    for i in range(m):
+        rate[i] = min(rate[i], 0.999 * (2.0**method.most / (span[i] + 1e-300)) ** 4)
+    for b in range(method.sizes.shape[0]):
+        if method.sizes[b] > 0.0:
+            together = m if uniform else 1
+            for i in range(0, m, together):
+                for k in range(3):
+                    centre_at(forces, b, t[i] + 0.5 * k * span[i], centre)
+                    path[3 * k], path[3 * k + 1], path[3 * k + 2] = centre[0], centre[1], centre[2]
+                nearest(i, i + together, lanes, path, closest)
+                for j in range(i, i + together):
+                    h = span[j] + 1e-300
+                    speed2 = a2 = d2 = 0.0
+                    for k in range(3):
+                        row = k * ROW + j
+                        speed2 += (u[row] + 0.5 * h * a[row] - (path[6 + k] - path[k]) / h) ** 2
+                        a2 += a[row] * a[row]
+                        d2 += closest[row] * closest[row]
+                    d = max(math.sqrt(d2) - MISSED * math.sqrt(a2) * h * h, method.sizes[b])
+                    rate[j] = max(rate[j], (speed2 / (PASSING * PASSING * d * d)) ** 2)
 
 
 @helper

@@ -29,7 +29,17 @@ from numba import njit, types
 
 from streamkit.engine.cache import INLINE, cached
 from streamkit.engine.forces import BATCH, FORCES, LANES, LEVELS, ROW, add_forces
-from streamkit.engine.levels import assign_slots, choose_levels, gather, give_back, next_batch, rates, scatter
+from streamkit.engine.levels import (
+    FURTHER,
+    assign_slots,
+    choose_levels,
+    gather,
+    give_back,
+    next_batch,
+    passages,
+    rates,
+    scatter,
+)  # fmt: skip
 from streamkit.engine.steps import METHOD, ROWS, A, H, Method, T, compose, nystrom
 from streamkit.engine.velocity_forces import DRAGGED, is_dragged, renew
 from streamkit.stream import Array, IntArray
@@ -104,7 +114,11 @@ def sweep(forces, method, scratch, particles, index, t0, t1, limit, postponed):
         if adapts:
             add_forces(forces, uniform, 0, whole, t, lanes, relative, centre, lanes[A:])
             rates(forces, method.eta, method.heights, uniform, whole, lanes, relative, slots, centre, path, rate)
-            choose_levels(m, rate, span, method.most + 1, level, size)
+            deepest = method.most + 1
+            if method.sizes.shape[0] > 0:
+                passages(forces, method, uniform, whole, lanes, relative, centre, path, rate)
+                deepest = min(deepest + FURTHER, LEVELS - 1)
+            choose_levels(m, rate, span, deepest, level, size)
         assign_slots(m, level, limit, start, size, slot)
         for i in range(m):
             if slot[i] < 0:
@@ -143,7 +157,7 @@ def advance(forces, method, scratch, particles, t0, t1):
     """
     most = method.most
     indices, postponed, ends, now = np.arange(t0.shape[0]), np.empty(t0.shape[0], np.int64), t0.copy(), t0.copy()
-    shorter = Method(method.drift, method.kick, method.eta, max(most - 2, 0), method.heights)
+    shorter = Method(method.drift, method.kick, method.eta, max(most - 2, 0), method.heights, method.sizes)
     lowest = np.int64(0) if method.eta[0] == 0.0 else min(HIGHEST_LEVEL, most + 1)
     for part in range(PARTS + 1):  # the whole block, then its parts for the postponed; one call is compiled once
         for i in indices:

@@ -30,7 +30,8 @@ class Flight:
     potential: Potential
     orbit: Orbit  # on the grid of times of the progenitor's track
     time: float  # of the encounter
-    duration: float  # the size of the encounter, impact parameter and extent, over its speed
+    duration: float  # the impact parameter and the extent together, over the relative speed
+    size: float  # the extent of the body in kpc
 
 
 def flights_past(inputs: StreamInputs, host: Host, track: Orbit) -> list[Flight]:
@@ -70,8 +71,9 @@ def _flight(flyby: FlyBy, inputs: StreamInputs, field: Field, beside: Field, sta
     speed = float(np.linalg.norm(v - point[1]))
     if not speed > 0:
         raise OutOfDomain("a body that flies by has no velocity relative to the stream")
-    size = max(float(np.hypot(flyby.encounter.impact_parameter, flyby.extent)), SMALLEST)
-    return Flight(flyby.potential, _through(field, q, v, time, track.t), time, size / speed)
+    size = max(flyby.extent, SMALLEST)
+    duration = float(np.hypot(flyby.encounter.impact_parameter, size)) / speed
+    return Flight(flyby.potential, _through(field, q, v, time, track.t), time, duration, size)
 
 
 def _point(flyby: FlyBy, inputs: StreamInputs, field: Field, start: Start, time: float) -> tuple[Array, Array]:

@@ -12,6 +12,7 @@ import numpy as np
 from streamkit.components import Integrator
 from streamkit.engine import Field, record
 from streamkit.errors import blamed
+from streamkit.model.blocks import with_edges
 from streamkit.model.records import Records, begin_records
 from streamkit.model.release import Start
 from streamkit.stream import Array
@@ -21,10 +22,6 @@ from streamkit.units import GYR
 # turns less than four times as much: less than three quarters of a revolution, so that its revolutions are counted
 # right.
 TURN = 1.2
-
-
-# Longest block near an encounter, in units of the time since or until it, or of its duration.
-NEAR = 0.5
 
 
 def integrate(
@@ -41,7 +38,7 @@ def integrate(
     block = min(integrator.longest_block * GYR, TURN / float(orbit.omega.max()))
     edges = np.linspace(begin, end, max(int(np.ceil((end - begin) / block)), 1) + 1)
     for time, duration in encounters:
-        edges = _with_edges(edges, time, duration, block)
+        edges = with_edges(edges, time, duration, block)
     at_edges = orbit.at(edges)
     states = np.ascontiguousarray(np.concatenate([at_edges.q, at_edges.v, at_edges.a]).T)
     plane, offset, swept, records = begin_records(orbit, released, q, v, np.int64)
@@ -62,15 +59,3 @@ def integrate(
     return Records(
         q, v, records.t_strip, records.dq_strip, records.dv_strip, winding, records.chi, bound=records.gap <= 0
     )
-
-
-def _with_edges(edges: Array, time: float, duration: float, block: float) -> Array:
-    """Return edges of blocks with more of them about an encounter: the nearer, the shorter the blocks."""
-    since = [0.0]
-    while since[-1] < block:
-        since.append(since[-1] + NEAR * float(np.hypot(since[-1], duration)))
-    away = np.array(since)
-    more = np.concatenate([time - away, time + away])
-    near = (edges > time - away[-1]) & (edges < time + away[-1])
-    more = more[(more > edges[0]) & (more < edges[-1])]
-    return np.unique(np.concatenate([edges[:1], edges[~near], edges[-1:], more]))

@@ -191,7 +191,7 @@ def simulate(inputs: StreamInputs, draws: Array, shared: Host | None = None, thr
     field = with_progenitor(host.until(float(track.t[0])), inputs, start.orbit)
     flights = flights_past(inputs, host, track)
     for flight in flights:
-        field = field.with_moving(build_field([flight.potential]), flight.orbit)
+        field = field.with_moving(build_field([flight.potential]), flight.orbit, flight.size)
     encounters = [(flight.time, flight.duration) for flight in flights]
     done = integrate(replace(field, threads=threads), inputs.integrator, start, encounters)
     return _stream(inputs, host, start.orbit, done, start.tail, start.at_release.t, np.ones(len(start.tail)))

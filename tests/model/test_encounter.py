@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import streamkit as sk
-from streamkit.model import Host, progenitor_track, simulate
-from streamkit.model import integrate as integration
+from streamkit.model import Host, blocks, progenitor_track, simulate
 from streamkit.model.encounter import flights_past
 
 FRAME = {"pole": [192.85948, 27.12825], "origin": [266.4051, -28.936175]}  # the Galactic plane, to a tenth of a degree
@@ -76,7 +75,7 @@ def test_steps_resolve_a_slow_and_close_encounter(monkeypatch):
     for each in (without, met):
         each["progenitor"]["lookback"], each["stripping"]["sigma"] = 1, 0.05
     found = stream_of(met).q - stream_of(without).q
-    monkeypatch.setattr(integration, "NEAR", integration.NEAR / 4)
+    monkeypatch.setattr(blocks, "NEAR", blocks.NEAR / 4)
     fine = {"integrator": {"kind": "adaptive", "eta": 0.1, "eta_progenitor": 0.1}}
     exact = stream_of(met | fine).q - stream_of(without | fine).q
     effect, error = (np.linalg.norm(each, axis=0) for each in (exact, found - exact))
