@@ -125,6 +125,10 @@ class Emulated:
             found[i : i + PART] = self.emulator.ln_likelihood(y, self.space.parameters(y), self.noise, most)
         return np.where(np.isnan(found), -np.inf, found)
 
+    def unlimited(self) -> Emulated:
+        """Return the likelihood in which the emulator's own error may add any amount to ln L."""
+        return replace(self, most_by_error=np.inf)
+
     def change_by_error(self, z: Array) -> Array:
         """(n,) What the emulator's own error changes of ln likelihood at z (n, d)."""
         return self.ln_likelihood(z) - self.ln_likelihood(z, fit_error=False)
@@ -223,7 +227,7 @@ class Joint:
 
     def unlimited(self) -> Joint:
         """Return the posterior in which an emulator's own error may add any amount to ln L."""
-        return replace(self, emulated=[replace(each, most_by_error=np.inf) for each in self.emulated])
+        return replace(self, emulated=[each.unlimited() for each in self.emulated])
 
 
 def add_newton(slopes: Array, curvature: Array, each: Emulated, z: Array, columns: IntArray | BoolArray) -> None:

@@ -38,7 +38,7 @@ from streamkit.builtin.samplers.emulator.populations import (
     tempered,
 )
 from streamkit.builtin.samplers.emulator.recall import Recall, recall
-from streamkit.builtin.samplers.emulator.start import ARRIVED, SOME, Known, Starter, begin_apart, own_error_of
+from streamkit.builtin.samplers.emulator.start import SOME, Known, Starter, begin_apart, own_error_of
 
 # Inverse temperatures of the copies that new points come from, and the share of each. Tempered ones see regions where
 # the emulator may be too low.
@@ -204,7 +204,7 @@ class Rounds:
     def _is_learned(self, each: Known) -> bool:
         """Whether a factor needs no more calls at the posterior, as far as is known."""
         passed = each.certificate is None or not each.certificate.faults
-        return passed and each.own_error < ARRIVED and each.blur < BLURRED and each.share < SHARE * UNCERTAIN**2
+        return passed and each.blur < BLURRED and each.share < SHARE * UNCERTAIN**2
 
     def _learn(self, known: Sequence[Known], copies: Sequence[Array]) -> None:
         """Learn every factor from its calls: those at likely places count, by its ln L and what the others say of h."""
@@ -236,7 +236,8 @@ class Rounds:
         moved, uncertain = self._moved(known, joint, samples), self._uncertain(known, joint, samples, seed)
         for each in known:
             mine = samples[:, each.factor.columns]
-            each.own_error, each.blur = own_error_of(each.emulated, mine), blur_of(each.emulated, mine)
+            each.own_error = own_error_of(each.emulated.unlimited(), mine)
+            each.blur = blur_of(each.emulated, mine)
             each.before = [*each.before, each.emulated][-ROUNDS:]
         rows = ", ".join(f"{each.factor.name} {len(each.calls)} (error {each.own_error:.1f})" for each in known)
         self._note(f"calls: {rows}; moved {moved:.2f} sd, uncertain by {uncertain:.2f} sd")
@@ -363,9 +364,6 @@ def _least_known(each: Known, samples: Array, size: int, rng: np.random.Generato
 
 def _missing(known: Sequence[Known], moved: float, uncertain: float) -> str:
     """Say what is missing before fresh calls may test the emulators."""
-    worst = max(known, key=lambda each: each.own_error)
-    if worst.own_error >= ARRIVED:
-        return f"the error of the emulator of {worst.factor.name} still changes ln L by {worst.own_error:.1f}"
     if not np.isfinite(moved):
         return "too few rounds"
     if fault := _blurred(known):

@@ -94,7 +94,7 @@ class Known:
     alone
         The best emulated ln likelihood of the stream alone.
     own_error
-        What its emulator's own error changes of ln L at the joint posterior.
+        What its emulator's own error would change of ln L at the joint posterior, were it not limited.
     blur
         What its emulator's own error changes of the posterior, see `changes.change_of`.
     share
