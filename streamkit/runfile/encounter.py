@@ -20,8 +20,9 @@ class Encounter(BaseModel):
 
     At the closest approach the line to the body is normal to the stream's velocity. An angle of 0 deg is outward, away
     from the Galactic centre, and 90 deg along the stream's angular momentum. v_perpendicular is normal to that line
-    and to the stream: positive in the sense of a growing angle. The body acts on this stream alone. It feels the host
-    and the other bodies, without friction, and pulls neither.
+    and to the stream: positive in the sense of a growing angle. The body acts on the particles of this stream alone,
+    and stays: it may meet them again. It feels the host and the other bodies, without friction, and pulls neither; nor
+    does it pull the progenitor, so encounters near the progenitor are beyond this model.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)

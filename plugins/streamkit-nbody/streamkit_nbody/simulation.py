@@ -36,8 +36,8 @@ class Simulation:
     def of(spec: Spec, options: Options, workers: int = 1) -> Simulation:
         """Prepare a run.
 
-        Raises SpecError if the host has a force that depends on velocity. Raises OutOfDomain if the progenitor is no
-        sphere of finite mass in isotropic equilibrium, or its orbit is not finite.
+        Raises SpecError if the host has a force that depends on velocity, or a body flies past the stream. Raises
+        OutOfDomain if the progenitor is no sphere of finite mass in isotropic equilibrium, or its orbit is not finite.
         """
         inputs = spec.bind()
         sphere.sample(1, inputs)  # refuses a progenitor that is no sphere in equilibrium, before the orbit is computed
@@ -47,6 +47,11 @@ class Simulation:
                     f"{spec.source}: {potential.place or name}: {potential.kind!r} has a force that depends on "
                     "velocity, which this simulation does not know"
                 )
+        for name in inputs.flybys:
+            raise SpecError(
+                f"{spec.source}: body.{name}.encounter: the point that the body passes is known for a scheme that "
+                "releases particles, and not for this simulation: give the body its place today"
+            )
         host = Host(inputs.potentials, inputs.bodies)
         with np.errstate(all="ignore"):  # what is not finite is found on the next line
             orbit = host.until(-inputs.lookback * GYR).orbit(inputs.q, inputs.v, 0.0, -inputs.lookback * GYR, NODE)

@@ -6,7 +6,7 @@ from scipy.stats import kstest
 from streamkit_nbody.plan import Options
 from streamkit_nbody.simulation import Simulation, _crossings
 
-from streamkit import GYR, OutOfDomain, load
+from streamkit import GYR, OutOfDomain, SpecError, load
 from streamkit.engine import build_field
 from streamkit.model import NODE, Satellite
 
@@ -32,6 +32,14 @@ def states(run):
     while result[-1].record < run.plan.records:
         result.append(run.advance(result[-1]))
     return result
+
+
+def test_a_body_that_flies_past_the_stream_is_refused():
+    """It has no place today, and without it the simulation would be another one than that of the run file."""
+    met = {"frame": "GD1Koposov10", "phi1": 0, "time": 0.1, "impact_parameter": 0.02, "angle": 0, "v_parallel": 0,
+           "v_perpendicular": 100}  # fmt: skip
+    with pytest.raises(SpecError, match=r"body\.clump\.encounter: .* give the body its place today"):
+        simulation(FLAT, ORBIT, body={"clump": {"kind": "plummer", "mass": 1e7, "radius": 0.02, "encounter": met}})
 
 
 @pytest.fixture(scope="module")
