@@ -200,3 +200,22 @@ def test_a_body_acts_on_the_stream_that_it_met_alone():
     inputs = both.bind_all()
     assert set(inputs.streams["a"].flybys) == {"clump"}
     assert not inputs.streams["b"].flybys
+
+
+def test_encounters_add_up_and_go_with_moving_bodies_and_equal_steps():
+    """Two halves of a body are one; galaxies and progenitors without weight that pull the host change nothing."""
+    met = {"time": "0.3 Gyr", "v_parallel": 100, "v_perpendicular": 200}
+    document = run_file(CLUMP, **met)
+    document["progenitor"]["lookback"] = 1
+    document["stripping"] |= {"sigma": 0.05, "progenitor_gravity": True, "mass_loss": 0.5}
+    one = stream_of(document)
+    half = run_file(CLUMP | {"mass": 5e6}, **met)["body"]["clump"]
+    far = {"kind": "plummer", "mass": 1e-3, "radius": 1, "x": 50, "y": 0, "z": 0, "vx": 0, "vy": 100, "vz": 0}
+    two = stream_of(document | {"body": {"one": half, "two": half}})
+    beside = stream_of(document | {"body": document["body"] | {"far": far}})
+    pulled = stream_of(document | {"progenitor": document["progenitor"] | {"reflex": True}})
+    fixed = stream_of(document | {"integrator": {"kind": "pefrl", "step": "1 Myr"}})
+    effect = np.abs(one.q - stream_of({k: v for k, v in document.items() if k != "body"}).q).max()
+    assert effect > 0.5
+    for other, tolerance in ((two, 1e-3), (beside, 1e-3), (pulled, 1e-3), (fixed, 1e-2)):
+        assert np.abs(other.q - one.q).max() < tolerance * effect
