@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from streamkit import report
-from streamkit.cli.options import SET, load_spec
+from streamkit.cli.options import SAMPLER, SET, load_spec
 from streamkit.cli.study import StudyOptions, conduct, study_options
 from streamkit.study import families as study
 from streamkit.study import grid
@@ -18,12 +18,19 @@ from streamkit.study import grid
 @click.command()
 @click.option("--host", "hosts", multiple=True, required=True, metavar="FILE",
               type=click.Path(path_type=Path, exists=True, dir_okay=False),
-              help="A file with another section [potential], and nothing else. Repeatable.")  # fmt: skip
+              help="A file with another section [potential], such as a run file; nothing else of it is read. "
+              "Repeatable.")  # fmt: skip
 @SET
+@SAMPLER
 @click.option("--resume", is_flag=True, help="Keep the finished fits in DIR, and go on with the others.")
 @study_options("-families")
 def families(
-    run_file: Path, hosts: tuple[Path, ...], settings: tuple[str, ...], resume: bool, options: StudyOptions
+    run_file: Path,
+    hosts: tuple[Path, ...],
+    settings: tuple[str, ...],
+    sampler: str | None,
+    resume: bool,
+    options: StudyOptions,
 ) -> None:
     """Fit the same streams in hosts of several families, and average over them.
 
@@ -36,7 +43,7 @@ def families(
     give evidences; without them the weights are equal.
     """
     report.check_directory(options.out, study.PRODUCTS, "a comparison of families", options.force or resume)
-    spec = load_spec(run_file, settings)
+    spec = load_spec(run_file, settings, sampler)
     names = [file.stem for file in (run_file, *hosts)]
     if twice := [name for name, count in Counter(names).items() if count > 1]:
         raise click.UsageError(f"--host: two hosts are called {twice[0]!r}; fits have the names of their files")

@@ -119,7 +119,6 @@ def test_finished_fits_are_kept(compared: tuple[Path, Any]) -> None:
     ("text", "sentence"),
     [
         ("[data.x]\nkind = 'flattening'", "there is no section [potential]"),
-        (OTHER + "[sampler]\nkind = 'emcee'", "found 'sampler'; a host has the section [potential] alone"),
         (OTHER.replace('"tf"', '"tff"'), "as the host of"),
         (OTHER.replace('"tf"', '"tff"'), "Did you mean"),
     ],
