@@ -39,8 +39,8 @@ class Moves:
         predictions; and the sweeps.
     """
 
-    def __init__(self, layout: Layout, places: Array, rng: np.random.Generator, by_slopes: float = 1.0) -> None:
-        self._layout, self._by_slopes = layout, by_slopes
+    def __init__(self, layout: Layout, places: Array, rng: np.random.Generator) -> None:
+        self._layout = layout
         self._middle = places[:, layout.shared].mean(axis=0)
         self._follow = [self._regression(places, own) for own in layout.own]
         left = [self._left(places, k) for k in range(len(layout.own))]
@@ -78,8 +78,6 @@ class Moves:
                 z, terms = self._move_own(density, z, terms, beta, rng, length)
         self.sweeps += 1
         z, terms = self._draw(density, z, terms, beta, rng)
-        if self._by_slopes < 1.0 and rng.random() >= self._by_slopes:
-            return z, terms
         return self._newton(density, z, terms, beta, rng)
 
     def _differences(self, columns: IntArray, n: int, rng: np.random.Generator) -> Array:
@@ -161,7 +159,7 @@ class Moves:
         others = density.terms(new)
         gain = _gain(others.total(beta), terms.total(beta)) + there.ln_density(z) - here.ln_density(new)
         accepted = np.log(rng.random(len(z))) < gain
-        self.accepted[3] += accepted.mean() / self._by_slopes
+        self.accepted[3] += accepted.mean()
         return np.where(accepted[:, None], new, z), terms.replaced(others, accepted)
 
     def _local(self, density: Density, z: Array, beta: float, length: Array) -> _Gaussians:

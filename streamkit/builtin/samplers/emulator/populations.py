@@ -28,9 +28,6 @@ EFFECTIVE, STAGE, STAGE_OF_SEVERAL = 0.5, 10, 4
 MOST_STAGES = 24
 # New moves are made every so many sweeps until they are fixed.
 RENEWED = 5
-# Draws of all coordinates that are accepted so often need no steps by slopes: those are then made in this fraction of
-# the sweeps, as they cost as much as all other moves.
-OFTEN, SELDOM = 0.1, 0.1
 # Walkers of a population that walk on, sweeps of their first walk, and their most sweeps. Thin ends of a posterior fill
 # slowly, and a walk of fewer sweeps does not show that they are missing.
 WALKING, FIRST, MOST_SWEEPS = 64, 300, 8000
@@ -97,7 +94,7 @@ class Population:
         if there.sum() < 2:
             raise StreamkitError(f"of {len(begin)} places to begin from only {there.sum()} have a probability")
         self.z, self.terms, self.beta = begin[there], terms.take(there), 0.0
-        self.evaluations, self._drawn = len(begin), 0.0
+        self.evaluations = len(begin)
 
     def choose(self, walkers: int, beta: float) -> Population:
         """Take some of the places by their density at an inverse temperature (Gumbel's way), and begin there."""
@@ -164,7 +161,7 @@ class Population:
     def moves(self, places: Array | None = None) -> Moves:
         """Return moves made from these places (n, d), or from those of the population."""
         places = self.z if places is None else places
-        return Moves(self.layout, places, self._rng, SELDOM if self._drawn > OFTEN else 1.0)
+        return Moves(self.layout, places, self._rng)
 
     def settle(self, sweeps: int) -> Population:
         """Walk, with new moves every `RENEWED` sweeps."""
@@ -172,7 +169,6 @@ class Population:
             if done % RENEWED == 0:
                 moves = self.moves()
             self._sweep(moves)
-            self._drawn = float(moves.accepted[1] / moves.sweeps)
         return self
 
     def _sweep(self, moves: Moves) -> None:
