@@ -130,7 +130,7 @@ def expand_like(model: Expanded, force: ForceAt, tolerance: float, missed: str, 
 def _some(times: Array | None) -> Array:
     """Return the times at which a grid is chosen: today without any."""
     if times is None:
-        return np.zeros(1)
+        return _TODAY
     return np.asarray(times[np.unique(np.linspace(0, len(times) - 1, SOME).astype(int))])
 
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from streamkit.report import BAND_68, BAND_95, NotebookFigure, columns, paragraph, ticks
 from streamkit.stream import Array
-from streamkit.study.families.average import average
+from streamkit.study.families.average import LEVELS, average
 from streamkit.study.families.runner import Families, best_ln_likelihoods
 from streamkit.study.grid import Products
 
@@ -25,9 +25,9 @@ AVERAGE = "average"
 
 def families_products(found: Families) -> Products:
     """Return the tables, the text and the picture."""
-    profile = profile_table(found)
-    tables = {TABLE: families_table(found), PROFILE: profile}
-    return Products(found.spec, RUN, describe_families(found), tables, {PICTURE: partial(picture, found, profile)})
+    table, profile = families_table(found), profile_table(found)
+    text, pictures = describe_families(found, table), {PICTURE: partial(picture, found, profile)}
+    return Products(found.spec, RUN, text, {TABLE: table, PROFILE: profile}, pictures)
 
 
 def families_table(found: Families) -> QTable:
@@ -50,8 +50,7 @@ def families_table(found: Families) -> QTable:
     mixed = average(samples, weights)
     for i, radius in enumerate(MASSES):
         for level in ("", "lo68", "hi68"):
-            percent = {"": 50.0, "lo68": 16.0, "hi68": 84.0}[level]
-            values = [*(np.percentile(each[:, i], percent) for each in samples), mixed.levels[level][i]]
+            values = [*(np.percentile(each[:, i], LEVELS[level]) for each in samples), mixed.levels[level][i]]
             table[f"M{radius:g}_{level}".rstrip("_")] = np.array(values) * u.Msun
         table[f"M{radius:g}_spread"] = np.array([*[np.nan] * len(families), mixed.spread[i]]) * u.Msun
     table["verdict"] = [*(each.results.verdict for each in families), ""]
@@ -80,9 +79,8 @@ def profile_table(found: Families) -> QTable:
     return table
 
 
-def describe_families(found: Families) -> str:
-    """Show evidence, weights and masses for a terminal, and what they rest on."""
-    table = families_table(found)
+def describe_families(found: Families, table: QTable) -> str:
+    """Show evidence, weights and masses of `families_table` for a terminal, and what they rest on."""
     head = (
         "host",
         "ln evidence",
