@@ -95,6 +95,9 @@ from .stream import Stream as Stream
 from .stream import place_on_sky as place_on_sky
 from .stream import sky_frame as sky_frame
 from .stream import sky_matrix as sky_matrix
+from .study.calibration import Calibration as Calibration
+from .study.calibration import Mock as Mock
+from .study.calibration import calibrate as calibrate
 from .units import GYR as GYR
 from .units import Angle as Angle
 from .units import AngleDatum as AngleDatum

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import click
+from click.core import ParameterSource
 
+import streamkit as sk
 from streamkit import report
-from streamkit.cli.options import SET, load_spec, read_settings, with_settings
+from streamkit.cli.options import INTERRUPTED, INVALID, SET, load_spec, read_settings, with_settings
 from streamkit.cli.study import StudyOptions, conduct, study_options
 from streamkit.study import calibration as study
 from streamkit.study import grid
@@ -21,6 +24,10 @@ from streamkit.study import grid
 @click.option("--truth-set", "truth_settings", multiple=True, metavar="PATH=VALUE",
               help="Replace a field in the model of the mock data, not in that of the fit, such as "
               "stripping.kind=streakline. Repeatable.")  # fmt: skip
+@click.option("--write-mocks", "mocks", type=click.Path(path_type=Path), metavar="DIR",
+              help="Fit nothing: write the mock data of each draw into DIR, for another method.")  # fmt: skip
+@click.option("--samples", type=click.Path(path_type=Path), metavar="DIR",
+              help="Fit nothing: take the samples of another method from the DIR of --write-mocks.")  # fmt: skip
 @click.option("--resume", is_flag=True, help="Keep the draws in DIR, and compute the missing ones.")
 @study_options("-calibration")
 def calibrate(
@@ -28,6 +35,8 @@ def calibrate(
     settings: tuple[str, ...],
     truth_settings: tuple[str, ...],
     draws: int,
+    mocks: Path | None,
+    samples: Path | None,
     resume: bool,
     options: StudyOptions,
 ) -> None:
@@ -44,14 +53,49 @@ def calibrate(
 
     Each draw is a whole fit. Make it small, as with --set stripping.particles=1000 --set sampler.steps=1000. Finished
     draws are written at once, and --resume makes the missing ones.
+
+    Another method is tested by the same draws. --write-mocks DIR writes of each draw a run file with its mock data
+    (mock_000.toml) and a table of the data (mock_000.csv: name, value, error). Put the method's samples beside them, as
+    samples_000.csv, .ecsv, .npz or .h5, with a column or array for each free parameter by its name, in the unit of
+    truths.ecsv. --samples DIR ranks the truths among them.
     """
-    report.check_directory(options.out, study.PRODUCTS, "a calibration", options.force or resume)
+    if mocks is not None and samples is not None:
+        raise click.UsageError("--write-mocks and --samples: give one, the samples are made between the two")
+    if resume and (mocks or samples) is not None:
+        raise click.UsageError("--resume: continues fits, and --write-mocks and --samples make none")
     spec = load_spec(run_file, settings)
     other = read_settings(truth_settings, "--truth-set")
     truth = with_settings(spec, other) if other else None
+    if mocks is not None:
+        _write_mocks(spec, truth, mocks, draws, options)
+        return
+    report.check_directory(options.out, study.PRODUCTS, "a calibration", options.force or resume)
+    if samples is None:
+        count, make = draws, partial(study.calibrate, spec, options.out, draws, options.workers, resume, truth=truth)
+    else:
+        given = click.get_current_context().get_parameter_source("draws") != ParameterSource.DEFAULT
+        truths = study.read_truths(samples, spec, truth)
+        count = draws if given else len(truths)
+        make = partial(study.calibrate_samples, spec, samples, options.out, count, truth=truth)
 
     def run(done: Callable[[], object]) -> grid.Products:
-        calibration = study.calibrate(spec, options.out, draws, options.workers, resume, done, truth)
-        return study.calibration_products(calibration)
+        return study.calibration_products(make(done=done))
 
-    conduct(options, draws, run, unit="draw")
+    conduct(options, count, run, unit="draw")
+
+
+def _write_mocks(spec: sk.Spec, truth: sk.Spec | None, out: Path, draws: int, options: StudyOptions) -> None:
+    """Write mock data with a sentence on what comes next."""
+    report.check_directory(out, (study.TRUTHS,), "mock data", options.force)
+    with report.locked(out), report.Progress(out.name, draws, "draw", shown=not options.quiet) as bar:
+        stopped = study.write_mocks(spec, out, draws, options.workers, bar.update, truth)
+    if not options.quiet:
+        suffixes = f"{', '.join(study.SUFFIXES[:-2])} or {study.SUFFIXES[-2]}"
+        text = (
+            f"mock data: {out}. Put the samples of each draw beside them, as samples_000{suffixes}, with the columns "
+            f"{', '.join(spec.names)}. Then give --samples {out} in the place of --write-mocks."
+        )
+        click.echo(report.paragraph(text))
+    if stopped:
+        click.echo(f"streamkit: {stopped}; the finished draws are written", err=True)
+        click.get_current_context().exit(INTERRUPTED if stopped == grid.INTERRUPTED else INVALID)

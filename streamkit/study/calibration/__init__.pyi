@@ -1,7 +1,14 @@
 from .draw import MASS_RADII as MASS_RADII
 from .draw import Draw as Draw
 from .draw import rank_truth as rank_truth
+from .method import SUFFIXES as SUFFIXES
+from .method import Method as Method
+from .mocks import TRUTHS as TRUTHS
+from .mocks import Mock as Mock
+from .mocks import read_truths as read_truths
+from .mocks import write_mocks as write_mocks
 from .runner import Calibration as Calibration
 from .runner import calibrate as calibrate
+from .runner import calibrate_samples as calibrate_samples
 from .tables import PRODUCTS as PRODUCTS
 from .tables import calibration_products as calibration_products

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter
 
-from streamkit.errors import OutOfDomain, StreamkitError
+from streamkit.errors import blamed
 from streamkit.fit import Results, run
 from streamkit.model import Host
-from streamkit.observe import parts_of
 from streamkit.runfile import Spec
-from streamkit.sample import Posterior
 from streamkit.stream import Array
+from streamkit.study.calibration.method import Method, as_samples, name_of
+from streamkit.study.calibration.mocks import draw_mock
 
 MASS_RADII = (50.0, 100.0, 200.0)  # radii in kpc of the enclosed masses that are compared besides the parameters
-TRIES = 1000  # largest number of draws for a truth with a measurable stream
+FINEST = 1000  # samples of another method whose hosts are computed
 
 
 @dataclass(frozen=True)
@@ -35,8 +34,8 @@ class Draw:
     # the largest R-hat, NaN for weighted samples, and the smallest effective number of samples, of the fit.
     r_hat: float
     ess: float
-    calls: int  # number of computed streams
-    converged: bool  # whether the rule of its sampler was met
+    calls: int  # number of computed streams; 0 for another method
+    converged: bool  # whether the rule of its sampler was met; another method has none
 
     def line(self) -> str:
         """Return it as a line of JSON."""
@@ -48,20 +47,25 @@ class Draw:
         return TypeAdapter(Draw).validate_json(line)
 
 
-def make_draw(spec: Spec, index: int, truth: Spec | None = None) -> Draw:
+def make_draw(spec: Spec, index: int, truth: Spec | None = None, method: Method | None = None) -> Draw:
     """Draw a truth from the prior, make data of it with other random numbers than the fit's, and fit them.
 
     Talts+ 2018, arXiv:1804.06788. A truth without a measurable stream is drawn again: its posterior is empty too.
 
     ``truth`` is another run file with the same free parameters, whose stream gives the data: this tests a fit by a
-    model that is not the true one.
+    model that is not the true one. A ``method`` gives the samples in place of the fit.
 
-    Raises StreamkitError if none of a thousand truths has a stream, or the observable makes no mock data.
+    Raises StreamkitError if none of a thousand truths has a stream, the observable makes no mock data, or the method's
+    samples cannot be used; ComponentError if the method fails.
     """
     truth = spec if truth is None else truth
-    rng = np.random.default_rng([spec.seed, 7, index])
-    theta, mocked = _mock(spec, truth, rng, index)
-    return rank_truth(run(mocked, engine="serial", progress=False), index, theta, truth)
+    theta, mock = draw_mock(spec, truth, index)
+    if method is None:
+        return rank_truth(run(mock.spec, engine="serial", progress=False), index, theta, truth)
+    name = f"the method {name_of(method)}"
+    with blamed(name):
+        given = method(mock)
+    return rank_samples(as_samples(given, spec, f"draw {index}: {name}"), spec, index, theta, truth)
 
 
 def rank_truth(results: Results, index: int, theta: Array, truth: Spec) -> Draw:
@@ -69,38 +73,39 @@ def rank_truth(results: Results, index: int, theta: Array, truth: Spec) -> Draw:
 
     The truth is the run file whose host is the true one at ``theta`` (d,).
     """
-    samples, radii = results.samples, np.array(MASS_RADII)
-    masses = Host(truth.host(theta)).mass_inside(radii)
-    fitted = results.profiles(radii)[0]
+    radii = np.array(MASS_RADII)
+    return _ranked(
+        results.samples,
+        results.profiles(radii)[0],
+        index,
+        theta,
+        truth,
+        (
+            float(np.max(results.r_hat)),
+            float(np.nan_to_num(results.ess).min()),
+            results.calls + results.search_calls,
+            not results.draws.lacks,
+        ),
+    )
+
+
+def rank_samples(samples: Array, spec: Spec, index: int, theta: Array, truth: Spec) -> Draw:
+    """Return the rank of the truth among samples (n, d) of another method, as `rank_truth` for our own."""
+    radii, n = np.array(MASS_RADII), len(samples)
+    some = samples[np.linspace(0, n - 1, min(n, FINEST)).astype(int)]
+    masses = np.array([Host(spec.host(each)).mass_inside(radii) for each in some])
+    return _ranked(samples, masses, index, theta, truth, (np.nan, float(n), 0, True))
+
+
+def _ranked(
+    samples: Array, fitted: Array, index: int, theta: Array, truth: Spec, quality: tuple[float, float, int, bool]
+) -> Draw:
+    masses = Host(truth.host(theta)).mass_inside(np.array(MASS_RADII))
     return Draw(
         index,
         tuple(theta.tolist()),
         tuple((samples < theta).mean(axis=0).tolist()),
         tuple(masses.tolist()),
         tuple((fitted < masses).mean(axis=0).tolist()),
-        float(np.max(results.r_hat)),
-        float(np.nan_to_num(results.ess).min()),
-        results.calls + results.search_calls,
-        not results.draws.lacks,
+        *quality,
     )
-
-
-def _mock(spec: Spec, truth: Spec, rng: np.random.Generator, index: int) -> tuple[Array, Spec]:
-    """Return a truth, and the run file of the fit with mock data of it."""
-    posterior = Posterior(truth.with_values({"seed": int(rng.integers(1 << 31))}))
-    for _ in range(TRIES):
-        theta = np.array([float(prior.sample(rng, 1)[0]) for prior in spec.priors])
-        try:
-            observation = posterior.observe(theta)
-        except OutOfDomain:
-            continue
-        if any(prediction.why_not for prediction in observation.predictions.values()):
-            continue
-        fields: dict[str, Any] = {}
-        for stream, inputs in truth.bind_all(theta).streams.items():
-            sections, parts = truth.sections.streams[stream].observables, parts_of(observation.predictions[stream])
-            for name, observable in inputs.observables.items():
-                mock = observable.mock(parts[name], rng)
-                fields |= {f"{sections[name].path}.{field}": value for field, value in mock.items()}
-        return theta, spec.with_values(fields)
-    raise StreamkitError(f"draw {index}: none of {TRIES} points of the prior has a stream that can be measured")

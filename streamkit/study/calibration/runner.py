@@ -5,17 +5,19 @@ from __future__ import annotations
 import json
 import os
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from streamkit.errors import StreamkitError
-from streamkit.runfile import Spec
+from streamkit.errors import StreamkitError, brief
+from streamkit.runfile import Source, Spec, as_spec
 from streamkit.stream import Array
-from streamkit.study.calibration.draw import Draw, make_draw
+from streamkit.study.calibration.draw import Draw, make_draw, rank_samples
+from streamkit.study.calibration.method import Method, name_of, read_samples
+from streamkit.study.calibration.mocks import read_truths
 from streamkit.study.grid import run_jobs
 
 DRAWS = "draws.jsonl"  # the finished draws, one in a line, below the digest of their run file
@@ -25,13 +27,15 @@ DRAWS = "draws.jsonl"  # the finished draws, one in a line, below the digest of 
 class Calibration:
     """The finished draws of a run file, in order. ``stopped`` is the reason of missing draws; empty without any.
 
-    ``truth`` is the run file whose streams gave the data, if it differs.
+    ``truth`` is the run file whose streams gave the data, if it differs. ``method`` names another method that gave the
+    samples; empty for our own fits.
     """
 
     spec: Spec
     draws: tuple[Draw, ...]
     stopped: str = ""
     truth: Spec | None = None
+    method: str = ""
 
     @cached_property
     def ranks(self) -> Array:
@@ -47,46 +51,115 @@ class Calibration:
 
 
 def calibrate(
-    spec: Spec,
-    out: Path,
+    run_file: Source,
+    out: str | Path,
     draws: int,
     workers: int = 1,
     resume: bool = False,
     done: Callable[[], object] = lambda: None,
     truth: Spec | None = None,
+    method: Method | None = None,
 ) -> Calibration:
-    """Make as many draws as are missing, each a fit of its own; ``done`` is called after each.
+    """Make as many draws as are missing, each a fit of its own.
 
-    The data come from the streams of ``truth``, where that is given (see `make_draw`).
+    Parameters
+    ----------
+    run_file
+        A spec, the path of a run file, or a mapping of the same form.
+    out
+        A directory: each finished draw is added to a file there.
+    draws
+        Their number.
+    workers
+        Processes that fit.
+    resume
+        Whether finished draws in ``out`` are kept.
+    done
+        Called after each draw.
+    truth
+        Another run file with the same free parameters, whose streams give the data (see `make_draw`).
+    method
+        Another method, whose posterior takes the place of our fit: a function of a `Mock` that returns samples (n, d)
+        in the order of ``spec.names``, or a mapping of arrays (n,) by name, in the units of the run file.
 
-    Raises StreamkitError if ``out`` holds draws of another run file, or some without ``resume``, or if
-    the free parameters of ``truth`` are not those of the fit. Raises ComponentError if a component fails.
+    Raises StreamkitError if ``out`` holds draws of another run file, or some without ``resume``, if the free parameters
+    of ``truth`` are not those of the fit, or if the samples of the method cannot be used. Raises ComponentError if a
+    component or the method fails.
     """
+    spec, out = as_spec(run_file), Path(out)
     if truth is not None and (truth.names, truth.priors) != (spec.names, spec.priors):
         raise StreamkitError(f"{spec.source}: {_difference(spec, truth)}")
+    name = "" if method is None else name_of(method)
+    if method is not None and workers > 1:
+        _check_portable(method, name)
     file = out / DRAWS
-    earlier = read_draws(file, spec, truth) if resume else {}
+    earlier = read_draws(file, spec, truth, name) if resume else {}
     if not resume or not file.exists():
-        out.mkdir(parents=True, exist_ok=True)
-        file.write_text(json.dumps({"digest": _digest(spec, truth)}) + "\n", encoding="utf-8")
+        _begin(file, _digest(spec, truth, name))
     packed = pickle.dumps((spec, truth))
     for _ in earlier:
         done()
-    jobs = {index: (packed, index, file) for index in range(draws) if index not in earlier}
+    jobs = {index: (packed, method, index, file) for index in range(draws) if index not in earlier}
     new, stopped = run_jobs(_work, jobs, workers, done)
     every = {**earlier, **new}
     if not every:
         raise StreamkitError(f"{spec.source}: {stopped} before the first draw was finished")
-    return Calibration(spec, tuple(every[index] for index in sorted(every)), stopped, truth)
+    return Calibration(spec, tuple(every[index] for index in sorted(every)), stopped, truth, name)
 
 
-def read_draws(file: Path, spec: Spec, truth: Spec | None = None) -> dict[int, Draw]:
+def calibrate_samples(
+    spec: Spec,
+    directory: Path,
+    out: Path,
+    draws: int | None = None,
+    done: Callable[[], object] = lambda: None,
+    truth: Spec | None = None,
+) -> Calibration:
+    """Rank the truths among the samples of another method, in the directory that `write_mocks` made.
+
+    `read_samples` describes their files. ``draws`` is the number of draws, all of the mock data by default.
+
+    Raises StreamkitError if there are no mock data, those of another run file, or fewer than ``draws``; if a draw has
+    no samples, or they cannot be used.
+    """
+    truths = read_truths(directory, spec, truth)
+    if draws is not None and draws > len(truths):
+        raise StreamkitError(f"{directory}: has mock data of {len(truths)} draws; {draws} are wanted")
+    made, name = [], f"files in {directory.name}"
+    for index in sorted(truths)[:draws]:
+        samples = read_samples(directory, index, spec)
+        made.append(rank_samples(samples, spec, index, truths[index], spec if truth is None else truth))
+        done()
+    _begin(out / DRAWS, _digest(spec, truth, name), made)
+    return Calibration(spec, tuple(made), "", truth, name)
+
+
+def _begin(file: Path, digest: str, draws: Sequence[Draw] = ()) -> None:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    lines = [json.dumps({"digest": digest}), *(draw.line() for draw in draws)]
+    file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _check_portable(method: Method, name: str) -> None:
+    """Raise StreamkitError if a method cannot be sent to another process."""
+    try:
+        pickle.dumps(method)
+    except Exception as error:  # pickle raises what it meets
+        raise StreamkitError(
+            f"the method {name} cannot be sent to other processes ({brief(error)}): define it at the top of a module, "
+            "or use one worker"
+        ) from None
+
+
+def read_draws(file: Path, spec: Spec, truth: Spec | None = None, method: str = "") -> dict[int, Draw]:
     """Return the draws in a file by number; incomplete lines, which a kill may leave, are skipped."""
     if not file.exists():
         return {}
     first, *lines = file.read_text(encoding="utf-8", errors="replace").splitlines() or [""]
-    if json.dumps(_digest(spec, truth)) not in first:
-        raise StreamkitError(f"{file}: these draws belong to another run file, or to other settings of it")
+    if json.dumps(_digest(spec, truth, method)) not in first:
+        raise StreamkitError(
+            f"{file}: these draws belong to another run file, to other settings of it, or to another method"
+        )
     draws = {}
     for line in lines:
         try:
@@ -98,8 +171,10 @@ def read_draws(file: Path, spec: Spec, truth: Spec | None = None) -> dict[int, D
     return draws
 
 
-def _digest(spec: Spec, truth: Spec | None) -> str:
-    return spec.digest() if truth is None else f"{spec.digest()} {truth.digest()}"
+def _digest(spec: Spec, truth: Spec | None, method: str) -> str:
+    """Return what draws depend on: the run files of the fit and of the truth, and the method if it is not ours."""
+    parts = [each.digest() for each in (spec, truth) if each is not None]
+    return " ".join([*parts, method] if method else parts)
 
 
 def _difference(spec: Spec, truth: Spec) -> str:
@@ -113,10 +188,10 @@ def _difference(spec: Spec, truth: Spec) -> str:
     )
 
 
-def _work(job: tuple[bytes, int, Path]) -> Draw:
-    packed, index, file = job
+def _work(job: tuple[bytes, Method | None, int, Path]) -> Draw:
+    packed, method, index, file = job
     spec, truth = pickle.loads(packed)  # noqa: S301  our own, from the process that started this one
-    draw = make_draw(spec, index, truth)
+    draw = make_draw(spec, index, truth, method)
     line = f"\n{draw.line()}\n".encode()  # one write; the newline in front ends a line that a kill has cut
     handle = os.open(file, os.O_WRONLY | os.O_APPEND)
     try:

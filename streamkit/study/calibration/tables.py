@@ -30,6 +30,9 @@ def draws_table(calibration: Calibration) -> QTable:
     for i, radius in enumerate(MASS_RADII):
         out[f"mass_{radius:g}"] = np.array([draw.masses[i] for draw in draws]) * u.Msun
         out[f"mass_{radius:g}_rank"] = [draw.mass_ranks[i] for draw in draws]
+    if calibration.method:
+        out["samples"] = [int(draw.ess) for draw in draws]
+        return out
     out["r_hat"] = [draw.r_hat for draw in draws]
     out["effective_samples"] = [draw.ess for draw in draws]
     out["calls"] = [draw.calls for draw in draws]
@@ -60,7 +63,15 @@ def describe_calibration(calibration: Calibration) -> str:
     for name, share, rank in zip(names, shares, calibration.ranks.mean(axis=0), strict=True):
         rows.append((name, *(f"{each:.0%}" for each in share), f"{rank:.2f}"))
     shown = f"share of {n} draws whose truth lies in the central interval\n{columns(rows)}"
-    kind = calibration.spec.sampler.kind
+    return f"{shown}\n\n{paragraph(_reliability(calibration, converged))}"
+
+
+def _reliability(calibration: Calibration, converged: int) -> str:
+    """Say how many fits had converged, and how many samples a rank has."""
+    n, kind = len(calibration.draws), calibration.spec.sampler.kind
+    samples, calls = (np.median([getattr(draw, name) for draw in calibration.draws]) for name in ("ess", "calls"))
+    if calibration.method:
+        return f"The samples are of another method: {calibration.method}. In the median {samples:.0f} of a draw."
     if converged == n:
         note = f"All {n} fits have converged by the rule of {kind}."
     else:
@@ -68,9 +79,7 @@ def describe_calibration(calibration: Calibration) -> str:
             f"{converged} of {n} fits have converged by the rule of {kind}. The intervals of the others are not "
             "settled: run them for longer."
         )
-    samples, calls = (np.median([getattr(draw, name) for draw in calibration.draws]) for name in ("ess", "calls"))
-    note += f" In the median {samples:.0f} effective samples of {calls:.0f} streams."
-    return f"{shown}\n\n{paragraph(note)}"
+    return f"{note} In the median {samples:.0f} effective samples of {calls:.0f} streams."
 
 
 TABLE, COVERAGE, PICTURE, RUN = "calibration.ecsv", "coverage.ecsv", "calibration.png", "calibration.toml"
@@ -82,10 +91,11 @@ def calibration_products(calibration: Calibration) -> Products:
     tables = {TABLE: draws_table(calibration), COVERAGE: coverage_table(calibration)}
     pictures = {PICTURE: partial(calibration_figure, calibration)}
     text = describe_calibration(calibration)
-    header: dict[str, Any] = {
-        "draws": len(calibration.draws),
-        "converged": sum(draw.converged for draw in calibration.draws),
-    }
+    header: dict[str, Any] = {"draws": len(calibration.draws)}
+    if calibration.method:
+        header["method"] = calibration.method
+    else:
+        header["converged"] = sum(draw.converged for draw in calibration.draws)
     if calibration.truth is not None:
         header["truth"] = calibration.truth.document
     return Products(calibration.spec, RUN, text, tables, pictures, header, calibration.stopped)

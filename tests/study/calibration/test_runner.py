@@ -7,6 +7,7 @@ import pytest
 from astropy.table import QTable
 from click.testing import CliRunner
 from importance import Importance
+from itself import ERROR, PLUGIN, WIDTH, exact_rank, itself
 from runfiles import changed
 from scipy.stats import norm
 
@@ -16,45 +17,10 @@ from streamkit.study.calibration import Calibration, Draw, calibrate, calibratio
 from streamkit.study.calibration.draw import make_draw
 from streamkit.study.calibration.runner import DRAWS, read_draws
 
-PLUGIN = '''
-import numpy as np
-from streamkit import Observable, Prediction, Velocity, VelocityDatum, hookimpl
-
-class Itself(Observable):
-    """The parameter v0 of the host, measured directly: its posterior is known."""
-
-    kind = "itself"
-    example = {"speed": [200.0, 20.0]}
-    speed: VelocityDatum
-    bias: Velocity = 0.0
-
-    def predict(self, stream):
-        return Prediction(("speed",), np.array([stream.parameters["potential.v0"] + self.bias]), np.zeros(1))
-
-    def data(self):
-        return np.array([self.speed[0]]), np.array([self.speed[1]])
-
-    def mock(self, prediction, rng):
-        return {"speed": [float(rng.normal(prediction.mean[0], self.speed[1])), self.speed[1]]}
-
-@hookimpl
-def streamkit_components():
-    return [Itself]
-'''
-MEAN, SD, ERROR = 200.0, 20.0, 20.0
-
 
 @pytest.fixture(scope="module")
 def spec(tmp_path_factory):
-    plugin = tmp_path_factory.mktemp("plugin") / "itself.py"
-    plugin.write_text(PLUGIN)
-    document = changed("plugins", [str(plugin)])
-    document["potential"] |= {"v0": {"normal": [MEAN, SD]}}
-    document["progenitor"] |= {"mass": 5e8, "lookback": 0.2}
-    document["stripping"] |= {"particles": 2, "sigma": 10.0}
-    document["observable"] = {"kind": "itself", "speed": [MEAN, ERROR]}
-    document["sampler"] = {"moves": "stretch", "steps": 250, "walkers": 8, "tau_factor": 10.0, "r_hat": 1.5}
-    return sk.load(document)
+    return itself(tmp_path_factory.mktemp("plugin"))
 
 
 @pytest.fixture(scope="module")
@@ -91,8 +57,7 @@ def test_the_rank_is_that_of_the_exact_posterior(spec, drawn, index):
     truth = float(spec.priors[0].sample(rng, 1)[0])
     datum = rng.normal(truth, ERROR)
     assert draw.truth == (pytest.approx(truth),)
-    exact = norm.cdf((truth - 0.5 * (datum + MEAN)) / (SD / np.sqrt(2)))
-    assert draw.ranks[0] == pytest.approx(exact, abs=0.15)
+    assert draw.ranks[0] == pytest.approx(exact_rank(truth, datum), abs=0.15)
     assert draw.mass_ranks[1] == pytest.approx(draw.ranks[0], abs=1e-12)  # the mass rises with v0
 
 
@@ -103,7 +68,7 @@ def test_a_sampler_with_weighted_samples_is_calibrated_too(spec, weighted, drawn
     rng = np.random.default_rng([spec.seed, 7, 0])
     rng.integers(1 << 31)
     truth = float(spec.priors[0].sample(rng, 1)[0])
-    exact = norm.cdf((truth - 0.5 * (rng.normal(truth, ERROR) + MEAN)) / (SD / np.sqrt(2)))
+    exact = exact_rank(truth, rng.normal(truth, ERROR))
     assert draw.ranks[0] == pytest.approx(exact, abs=0.1)
     assert np.isnan(draw.r_hat)
     assert 200 < draw.ess < 1000
@@ -180,7 +145,7 @@ def test_data_of_another_truth_show_its_bias(spec, drawn, index):
     assert result.truth == other.truth
     assert result.masses == other.masses
     moved = norm.ppf(result.ranks[0]) - norm.ppf(other.ranks[0])
-    assert moved == pytest.approx(0.75 * ERROR / (SD / np.sqrt(2)), abs=0.4)
+    assert moved == pytest.approx(0.75 * ERROR / WIDTH, abs=0.4)
 
 
 @pytest.mark.usefixtures("short_search")

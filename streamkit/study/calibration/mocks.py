@@ -1,0 +1,153 @@
+"""Mock data of a draw of the prior: for our own fit, and as files for the fits of other methods."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from astropy import units as u
+from astropy.table import QTable
+
+from streamkit.errors import OutOfDomain, StreamkitError
+from streamkit.observe import parts_of
+from streamkit.report import DamagedError, origin, save, save_table
+from streamkit.runfile import Spec
+from streamkit.sample import Posterior
+from streamkit.stream import Array
+from streamkit.study.grid import run_jobs
+
+TRIES = 1000  # largest number of draws for a truth with a measurable stream
+TRUTHS = "truths.ecsv"  # the parameters of every draw: the other method may not read it
+
+
+@dataclass(frozen=True)
+class Mock:
+    """Mock data of one draw, without its truth: what another method is given.
+
+    Attributes
+    ----------
+    index
+        The number of the draw.
+    spec
+        The run file with the mock data in place of its own.
+    names
+        (m,) names of the data, in the order of ``x_names`` in a file of `streamkit simulate`.
+    values, errors
+        (m,) the data, without those that the run file lacks, and their standard errors, in the observables' units.
+    covariance
+        (m, m) of the errors; None where they are independent.
+    """
+
+    index: int
+    spec: Spec
+    names: tuple[str, ...]
+    values: Array
+    errors: Array
+    covariance: Array | None = None
+
+
+def draw_mock(spec: Spec, truth: Spec, index: int) -> tuple[Array, Mock]:
+    """Return the parameters (d,) of a draw, in the run file's units, and mock data of its streams.
+
+    Raises StreamkitError if none of a thousand truths has a stream, or the observable makes no mock data.
+    """
+    rng = np.random.default_rng([spec.seed, 7, index])
+    posterior = Posterior(truth.with_values({"seed": int(rng.integers(1 << 31))}))
+    for _ in range(TRIES):
+        theta = np.array([float(prior.sample(rng, 1)[0]) for prior in spec.priors])
+        try:
+            observation = posterior.observe(theta)
+        except OutOfDomain:
+            continue
+        if any(prediction.why_not for prediction in observation.predictions.values()):
+            continue
+        fields: dict[str, Any] = {}
+        for stream, inputs in truth.bind_all(theta).streams.items():
+            sections, parts = truth.sections.streams[stream].observables, parts_of(observation.predictions[stream])
+            for name, observable in inputs.observables.items():
+                mock = observable.mock(parts[name], rng)
+                fields |= {f"{sections[name].path}.{field}": value for field, value in mock.items()}
+        return theta, _measured(spec.with_values(fields), index, observation.prediction.names)
+    raise StreamkitError(f"draw {index}: none of {TRIES} points of the prior has a stream that can be measured")
+
+
+def _measured(mocked: Spec, index: int, names: tuple[str, ...]) -> Mock:
+    """Return the data of a run file with mock data, without missing ones."""
+    data = Posterior(mocked).data
+    used = np.isfinite(data.values)
+    covariance = None if data.covariance is None else data.covariance[np.ix_(used, used)]
+    kept = tuple(name for name, one in zip(names, used, strict=True) if one)
+    return Mock(index, mocked, kept, data.values[used], data.errors[used], covariance)
+
+
+def write_mocks(
+    spec: Spec,
+    out: Path,
+    draws: int,
+    workers: int = 1,
+    done: Callable[[], object] = lambda: None,
+    truth: Spec | None = None,
+) -> str:
+    """Write the mock data of every draw, and their truths in a file apart; ``done`` is called after each.
+
+    Of each draw there is a run file ``mock_000.toml``, and a table ``mock_000.csv`` with the columns name, value and
+    error; ``mock_000_covariance.csv`` too where errors are correlated. Return why draws are missing; empty without any.
+
+    Raises StreamkitError if a truth has no stream or an observable makes no mock data.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    jobs = {index: (spec, truth or spec, index, out) for index in range(draws)}
+    thetas, stopped = run_jobs(_write, jobs, workers, done)
+    if not thetas:
+        raise StreamkitError(f"{spec.source}: {stopped} before the first draw was finished")
+    table = QTable({"draw": sorted(thetas)}, meta={**origin(spec), "digest": _digest(spec, truth)})
+    columns = np.array([thetas[index] for index in sorted(thetas)]).T
+    for name, unit, column in zip(spec.names, spec.units, columns, strict=True):
+        table[name] = column * u.Unit(unit)
+    save_table(out / TRUTHS, table)
+    return stopped
+
+
+def mock_name(index: int, what: str = "mock") -> str:
+    """Return the name of a file of a draw, without its suffix."""
+    return f"{what}_{index:03d}"
+
+
+def _write(job: tuple[Spec, Spec, int, Path]) -> Array:
+    spec, truth, index, out = job
+    theta, mock = draw_mock(spec, truth, index)
+    text, file = mock.spec.toml(), out / f"{mock_name(index)}.toml"
+    save(file, lambda part: part.write_text(text, encoding="utf-8"))
+    data = QTable({"name": list(mock.names), "value": mock.values, "error": mock.errors})
+    save_table(file.with_suffix(".csv"), data, "ascii.csv")
+    if (covariance := mock.covariance) is not None:
+        save(out / f"{mock_name(index)}_covariance.csv", lambda part: np.savetxt(part, covariance, delimiter=","))
+    return theta
+
+
+def read_truths(directory: Path, spec: Spec, truth: Spec | None = None) -> dict[int, Array]:
+    """Return the parameters (d,) of each draw whose mock data `write_mocks` wrote, by its number.
+
+    Raises StreamkitError if the directory has no mock data, or those of another run file.
+    """
+    file = directory / TRUTHS
+    if not file.exists():
+        raise StreamkitError(f"{directory}: holds no mock data; `streamkit calibrate --write-mocks {directory}` first")
+    try:
+        table = QTable.read(file, format="ascii.ecsv")
+        digest = table.meta["digest"]
+        columns = [table["draw"], *(table[name] for name in spec.names)] if digest == _digest(spec, truth) else []
+    except Exception as error:  # whatever astropy meets first in a damaged file
+        raise DamagedError(f"{file}: is damaged: {error}") from None
+    if not columns:
+        raise StreamkitError(f"{file}: these mock data belong to another run file, or to other settings of it")
+    numbers = [np.asarray(getattr(column, "value", column)) for column in columns]
+    return dict(zip(numbers[0].tolist(), np.array(numbers[1:], dtype=float).T, strict=True))
+
+
+def _digest(spec: Spec, truth: Spec | None) -> str:
+    """Return what mock data depend on: the run files of the fit and of the truth, without their samplers."""
+    return " ".join(each.digest(sampler=False) for each in (spec, truth) if each is not None)
