@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from streamkit.nbody.snapshot import Snapshot, SnapshotError, core_track, insist_on, since_today
-from streamkit.report import DamagedError, read_foreign
+from streamkit.report import DamagedError, group_of, number_of, numbers_of, read_foreign
 
 KPC_CM, KMS_CGS = 3.0856775814913673e21, 1e5
-DENSEST = 1100  # largest factor of compression by HDF5's own filters
 
 
 def read_gadget(file: Path, group: str) -> Snapshot:
@@ -38,26 +37,26 @@ def _gadget(file: Path, data: Any, group: str) -> Snapshot:
     _plain_space(file, attributes)
     length, speed = _gadget_units(file, attributes)
     time = length / speed
-    particles = _group(file, data, chosen)
+    particles = group_of(file, data, chosen)
     insist_on(f"{file}: {chosen}", ("Coordinates", "Velocities"), particles)
-    q, v = (_numbers(file, particles, name) for name in ("Coordinates", "Velocities"))
+    q, v = (numbers_of(file, particles, name) for name in ("Coordinates", "Velocities"))
     if q.ndim != 2 or q.shape[1] != 3 or v.shape != q.shape:
         raise SnapshotError(f"{file}: {chosen}: expected Coordinates and Velocities (n, 3), found {q.shape}, {v.shape}")
-    now = _number(file, "Time", attributes.get("Time", 0.0))
+    now = number_of(file, "Time", attributes.get("Time", 0.0))
     shapes = {
         "StrippingTime": (len(q),),
         "Winding": (len(q),),
         "StrippingOffset": q.shape,
         "StrippingVelocity": q.shape,
     }
-    optional = {name: _numbers(file, particles, name) for name in shapes if name in particles}
+    optional = {name: numbers_of(file, particles, name) for name in shapes if name in particles}
     if wrong := [name for name, values in optional.items() if values.shape != shapes[name]]:
         raise SnapshotError(f"{file}: {chosen}/{wrong[0]}: expected the shape {shapes[wrong[0]]}")
     core = None
     if "Progenitor" in data:
-        track = _group(file, data, "Progenitor")
+        track = group_of(file, data, "Progenitor")
         insist_on(f"{file}: Progenitor", ("Times", "Coordinates", "Velocities"), track)
-        rows = [np.atleast_2d(_numbers(file, track, name).T) for name in ("Times", "Coordinates", "Velocities")]
+        rows = [np.atleast_2d(numbers_of(file, track, name).T) for name in ("Times", "Coordinates", "Velocities")]
         if not all(row.ndim == 2 and row.shape[1] == rows[0].shape[1] for row in rows):
             raise SnapshotError(f"{file}: Progenitor: expected Times (T,), Coordinates and Velocities (T, 3)")
         scale = np.array([[time], *3 * [[length]], *3 * [[speed]]])
@@ -75,41 +74,6 @@ def _gadget(file: Path, data: Any, group: str) -> Snapshot:
     )
 
 
-def _group(file: Path, data: Any, name: str) -> Any:
-    """Return a group of the file."""
-    import h5py
-
-    group = data[name]
-    if not isinstance(group, h5py.Group) or group.file.filename != data.file.filename:
-        raise SnapshotError(f"{file}: {name}: expected a group of this file, found something else")
-    return group
-
-
-def _numbers(file: Path, group: Any, name: str) -> Any:
-    """Return a data set of numbers; one that lies elsewhere, or is larger than what the file can hold, is refused."""
-    import h5py
-
-    where, data = f"{file}: {group.name.strip('/')}/{name}", group[name]
-    if not isinstance(data, h5py.Dataset) or data.dtype.kind not in "iuf":
-        raise SnapshotError(f"{where}: holds no numbers, expected an array of them")
-    if data.file.filename != group.file.filename or data.external or data.is_virtual:
-        raise SnapshotError(f"{where}: is in another file; expected all of a snapshot in one")
-    if data.nbytes > DENSEST * file.stat().st_size:
-        raise SnapshotError(f"{where}: claims the shape {data.shape}, and the file is too small for it")
-    return np.array(data, dtype=float)
-
-
-def _number(file: Path, name: str, value: Any) -> float:
-    """Return a number of an attribute, or the first of several."""
-    try:
-        number = float(np.ravel(value)[0])
-    except (TypeError, ValueError, IndexError):
-        number = np.nan
-    if not np.isfinite(number):
-        raise SnapshotError(f"{file}: {name}: expected a number, found {str(value)[:60]!r}")
-    return number
-
-
 def _gadget_units(file: Path, attributes: Mapping[str, Any]) -> tuple[float, float]:
     """Return the file's units of length and speed in kpc and km/s."""
     cgs = {}
@@ -119,7 +83,7 @@ def _gadget_units(file: Path, attributes: Mapping[str, Any]) -> tuple[float, flo
         ("time", ("UnitTime_in_s", "Unit time in cgs (U_t)")),
     ):
         values = [attributes[key] for key in keys if key in attributes]
-        cgs[name] = _number(file, f"the unit of {name}", values[0]) if values else np.nan
+        cgs[name] = number_of(file, f"the unit of {name}", values[0]) if values else np.nan
     if np.isnan(cgs["speed"]):
         cgs["speed"] = cgs["length"] / cgs["time"]
     if absent := [name for name in ("length", "speed") if not cgs[name] > 0]:
@@ -139,6 +103,6 @@ def _plain_space(file: Path, attributes: Mapping[str, Any]) -> None:
         "NumFilesPerSnapshot": ((1,), "the snapshot in one file: join its files"),
     }
     for name, (allowed, why) in wanted.items():
-        value = _number(file, name, attributes.get(name, allowed[0]))
+        value = number_of(file, name, attributes.get(name, allowed[0]))
         if not np.isclose(value, allowed, rtol=0, atol=1e-6).any():
             raise SnapshotError(f"{file}: {name} is {value:g}; expected {why}")

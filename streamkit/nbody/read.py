@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from streamkit.errors import brief, nearest
+from streamkit.errors import StreamkitError, brief, nearest
 from streamkit.nbody.gadget import read_gadget
 from streamkit.nbody.snapshot import Snapshot, SnapshotError
 from streamkit.nbody.table import read_table
@@ -33,8 +33,8 @@ def read_snapshot(path: str | Path) -> Snapshot:
         with np.errstate(all="ignore"), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # `_check` finds what overflows
             snapshot = read_table(file) if file.suffix == ".npz" else read_gadget(file, group)
-    except SnapshotError:
-        raise
+    except StreamkitError as error:
+        raise SnapshotError(str(error)) from None
     except MemoryError as error:
         raise SnapshotError(f"{file}: does not fit into the memory: {error}") from None
     except Exception as error:  # a damaged file makes the libraries raise whatever they meet first

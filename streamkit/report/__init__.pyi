@@ -19,6 +19,9 @@ from .files import save_picture as save_picture
 from .files import save_pictures as save_pictures
 from .files import save_table as save_table
 from .files import to_disk as to_disk
+from .foreign import group_of as group_of
+from .foreign import number_of as number_of
+from .foreign import numbers_of as numbers_of
 from .hdf5 import BLOCK as BLOCK
 from .hdf5 import DamagedError as DamagedError
 from .hdf5 import read_foreign as read_foreign

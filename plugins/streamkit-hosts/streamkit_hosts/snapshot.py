@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 
 from streamkit import GYR, Array, StreamkitError
-from streamkit.report import DamagedError, read_foreign
+from streamkit.report import DamagedError, group_of, number_of, numbers_of, read_foreign
 
 KPC_CM, MSUN_G, KMS_CGS = 3.0856775814913673e21, 1.98840987e33, 1e5
 UNITS = {"UnitLength_in_cm": KPC_CM, "UnitMass_in_g": MSUN_G, "UnitVelocity_in_cm_per_s": KMS_CGS}
 MOST_PARTICLES = 50_000_000  # in one snapshot
-DENSEST = 1100  # largest factor of compression by HDF5's own filters
 # Attributes with the values that they may have, and what is expected.
 PLAIN = {
     "ComovingIntegrationOn": ((0,), "physical coordinates"),
@@ -57,7 +56,7 @@ def _particles(path: Path, data: Any, types: Sequence[int]) -> Particles:
     there = sorted(int(name[8:]) for name in data if name.startswith("PartType") and name[8:].isdigit())
     if absent := [kind for kind in types if kind not in there]:
         raise StreamkitError(f"{path}: has no particles of type {absent[0]}; it has {', '.join(map(str, there))}")
-    parts = [_of_type(path, data[f"PartType{kind}"], kind, attributes) for kind in types or there]
+    parts = [_of_type(path, group_of(path, data, f"PartType{kind}"), kind, attributes) for kind in types or there]
     q = np.concatenate([places for places, _ in parts]) if parts else np.zeros((0, 3))
     masses = np.concatenate([each for _, each in parts]) if parts else np.zeros(0)
     if not len(q) <= MOST_PARTICLES:
@@ -72,11 +71,11 @@ def _of_type(path: Path, group: Any, kind: int, attributes: dict[str, Any]) -> t
     where = f"{path}: PartType{kind}"
     if "Coordinates" not in group:
         raise StreamkitError(f"{where}: has no Coordinates")
-    q = _array(path, group, "Coordinates")
+    q = numbers_of(path, group, "Coordinates")
     if q.ndim != 2 or q.shape[1] != 3:
         raise StreamkitError(f"{where}: expected Coordinates (n, 3), found {q.shape}")
     if "Masses" in group:
-        mass = _array(path, group, "Masses")
+        mass = numbers_of(path, group, "Masses")
     else:
         table = np.ravel(attributes.get("MassTable", ()))
         if kind >= len(table) or not table[kind] > 0:
@@ -87,23 +86,8 @@ def _of_type(path: Path, group: Any, kind: int, attributes: dict[str, Any]) -> t
     return q, mass
 
 
-def _array(path: Path, group: Any, name: str) -> Array:
-    data = group[name]
-    if getattr(data, "external", None) or getattr(data, "is_virtual", False) or data.dtype.kind not in "iuf":
-        raise StreamkitError(f"{path}: {group.name}/{name}: expected numbers in this file")
-    if data.nbytes > DENSEST * path.stat().st_size:
-        raise StreamkitError(f"{path}: {group.name}/{name}: claims {data.shape}, and the file is too small for it")
-    return np.asarray(data, dtype=float)
-
-
 def _number(path: Path, attributes: dict[str, Any], name: str, default: float | None = None) -> float:
     value = attributes.get(name, default)
     if value is None:
         raise StreamkitError(f"{path}: has no attribute {name} in Units, Parameters or Header")
-    try:
-        number = float(np.ravel(value)[0])
-    except (TypeError, ValueError, IndexError):
-        number = np.nan
-    if not np.isfinite(number):
-        raise StreamkitError(f"{path}: {name}: expected a number, found {str(value)[:60]!r}")
-    return number
+    return number_of(path, name, value)

@@ -138,6 +138,11 @@ def test_damaged_and_missing_files_and_equal_times_are_told(snapshots, tmp_path)
         expand([broken])
     with pytest.raises(sk.StreamkitError, match="there is no such file"):
         expand([tmp_path / "none.hdf5"])
+    with h5py.File(write(tmp_path / "linked.hdf5", 0.0), "r+") as file:
+        del file["PartType1"]
+        file["PartType1"] = h5py.ExternalLink(str(snapshots[0]), "/PartType1")
+    with pytest.raises(sk.StreamkitError, match=r"linked\.hdf5: PartType1: expected a group of this file"):
+        expand([tmp_path / "linked.hdf5"])
     with pytest.raises(sk.StreamkitError, match="have the same time"):
         expand([snapshots[0], snapshots[0]], l_max=0)
     with pytest.raises(sk.StreamkitError, match="no particles of type 4; it has 1"):
