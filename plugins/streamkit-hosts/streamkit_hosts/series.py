@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from streamkit import Array, Multipoles, StreamkitError
+from streamkit import Array, StreamkitError
 from streamkit_hosts.multipoles import inwards, names, of_particles
 from streamkit_hosts.snapshot import Particles, read
+from streamkit_hosts.table import check_rows, force_of, table_of
 
-MOST_ROWS = 2_000_000  # of a table
 INNERMOST = 300  # particles inside the first radius
 CENTRE = 0.01  # kpc: the first radius, down to which the innermost multipoles are continued
 OUTSIDE = 1e-3  # share of the particles outside the last radius
@@ -76,11 +76,11 @@ def expand(
 
     Raises StreamkitError with a sentence for a snapshot that cannot be used, or a table that would be too large.
     """
-    if (rows := len(files) * (l_max + 1) ** 2 * radii) > MOST_ROWS:
-        raise StreamkitError(
-            f"the table would have {rows} rows ({len(files)} snapshots, {(l_max + 1) ** 2} harmonics, {radii} radii); "
-            f"expected at most {MOST_ROWS}: take fewer snapshots, or a lower --l-max"
-        )
+    check_rows(
+        len(files) * (l_max + 1) ** 2 * radii,
+        f"{len(files)} snapshots, {(l_max + 1) ** 2} harmonics, {radii} radii",
+        "take fewer snapshots, or a lower --l-max",
+    )
     places = whole = np.zeros(0)
     parts, times, centres, errors = [], [], [], []
     for file in files:
@@ -105,7 +105,7 @@ def expand(
         raise StreamkitError(f"{first} and {second} have the same time, {now[same[0]]:.4g} Gyr: give one of them")
     truncation, noise = np.max(errors, axis=0)
     moved = np.sqrt(((np.array(centres) - centres[order[-1]]) ** 2).sum(axis=1)).max()
-    table = _table(now - now[-1], whole, np.array(parts)[order], l_max)
+    table = table_of(now - now[-1], whole, names(l_max), np.array(parts)[order])
     return Series(table, now - now[-1], places, l_max, float(truncation), float(noise), float(moved))
 
 
@@ -137,29 +137,7 @@ def _errors(q: Array, mass: Array, radii: Array, phi: Array, l_max: int) -> tupl
     lower = phi.copy()
     lower[[n > max(l_max - 2, 0) for n, _ in names(l_max)]] = 0.0
     halves = [of_particles(q[:, k::2], 2 * mass[k::2], radii, l_max) for k in (0, 1)]
-    whole, low, one, other = (_force(each, radii, l_max, place) for each in (phi, lower, *halves))
+    whole, low, one, other = (force_of(each, radii, names(l_max), place) for each in (phi, lower, *halves))
     size = np.sqrt((whole**2).sum(axis=0))
     changes = [np.sqrt(((a - b) ** 2).sum(axis=0)) / size for a, b in ((whole, low), (one, other))]
     return float(np.median(changes[0])), float(np.median(changes[1]) / 2)
-
-
-def _force(phi: Array, radii: Array, l_max: int, place: Array) -> Array:
-    n, m = np.array(names(l_max)).T
-    sphere = Multipoles(np.repeat(n, len(radii)), np.repeat(m, len(radii)), np.tile(radii, len(n)), phi.ravel())
-    return np.stack(sphere.acceleration(*place))
-
-
-def _table(times: Array, radii: Array, phi: Array, l_max: int) -> Any:
-    from astropy.table import Table  # slow to import
-
-    n, m = np.array(names(l_max)).T
-    columns = {
-        "l": np.tile(np.repeat(n, len(radii)), len(times)),
-        "m": np.tile(np.repeat(m, len(radii)), len(times)),
-        "r": np.tile(radii, len(n) * len(times)),
-        "phi": phi.ravel(),
-    }
-    units = {"r": "kpc", "phi": "km2 / s2"}
-    if len(times) > 1:
-        columns, units = {"t": np.repeat(times, phi[0].size), **columns}, {"t": "Gyr", **units}
-    return Table(columns, units=units)
