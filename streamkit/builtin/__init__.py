@@ -7,6 +7,7 @@ from streamkit.builtin.data import host, host_likelihood, remnant
 from streamkit.builtin.integrators import adaptive, fixed_step, reference
 from streamkit.builtin.observables import density
 from streamkit.builtin.observables.apocentres import observable as apocentres
+from streamkit.builtin.observables.stars import observable as stars
 from streamkit.builtin.observables.track import observable as track
 from streamkit.builtin.potentials import (
     bar,
@@ -67,6 +68,7 @@ def streamkit_components() -> list[type[Component] | Preset]:
         apocentres.Apocentres,
         track.Track,
         density.Density,
+        stars.Stars,
         remnant.RemnantData,
         Emcee,
         PredictionEmulator,

@@ -58,6 +58,7 @@ HOSTS: dict[str, dict[str, Any]] = {
     "mock_lm10": {"v0": [203, 209], "rs": [25, 29], "alpha": 0.15},
     "track_recovery": {"v0": [235, 245], "alpha": 0.5},
     "gd1": {"v0": [215, 230], "q": 0.9},
+    "gd1_stars": {"v0": [215, 230]},
     "gd1_literal": {"v0": [215, 230], "q": 0.9},
     "gd1_recovery": {"v0": [215, 230], "q": 0.9},
     "mock_recovery": {"v0": [205, 215], "alpha": 0.45},
