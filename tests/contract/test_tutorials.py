@@ -14,7 +14,10 @@ from commands import call
 
 FOLDER = Path(__file__).parents[2] / "examples" / "tutorials"
 SCRIPTS = sorted(FOLDER.glob("*.py"))
-NEEDS = {"from_gala_galpy_agama": ("streamkit_gala", "streamkit_galpy")}
+NEEDS = {
+    "from_gala_galpy_agama": ("streamkit_gala", "streamkit_galpy"),
+    "neural_posterior": ("streamkit_simulate", "sbi"),
+}
 
 
 @pytest.fixture

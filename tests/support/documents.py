@@ -69,6 +69,7 @@ HOSTS: dict[str, dict[str, Any]] = {
     "gd1_pal5_files": {"halo.mass": [4e11, 5e11], "halo.q": 1.0, "disc.mass": 6e10},
     "four_streams": {"halo.mass": [4e11, 5e11], "halo.rs": 16.0, "halo.q": 1.0, "disc.mass": 6.8e10},
     "many_streams": {"halo.mass": [4e11, 5e11], "halo.rs": 16.0, "halo.q": 1.0, "disc.mass": 6.8e10},
+    "nonparametric": {"halo.mass_inside": [1.2e11, 1.3e11], "disc.mass": 6.8e10},
     "orphan_lmc": {"halo.mass": [4e11, 5e11], "halo.rs": 16.0},
     "orphan_alone": {"halo.mass": [4e11, 5e11], "halo.rs": 16.0},
     "figure5": {"m200": [7e11, 8e11], "c200": [19, 21]},
