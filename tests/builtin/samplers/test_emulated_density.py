@@ -34,6 +34,20 @@ def test_slopes_are_those_of_the_likelihood():
         np.testing.assert_allclose(emulated.newton(z)[0], measured, rtol=0.02, atol=0.02 * np.abs(measured).max())
 
 
+@pytest.mark.parametrize("noise", [False, True])
+def test_the_own_error_adds_no_more_than_its_limit(noise):
+    """Near all calls, where it is small, and far from them, where it is large; with noise of calls and without."""
+    problem = OfToy(Curved(), noise=0.5)
+    emulated = Emulated(Space(problem), called(problem, 120).learn(), noise)
+    z = np.random.default_rng(2).normal(size=(400, problem.size)) * np.repeat([0.3, 2.0], 200)[:, None]
+    without, whole = emulated.ln_likelihood(z, fit_error=False), emulated.unlimited().ln_likelihood(z)
+    for most in (0.3, 1.0, 5.0):
+        limited = Emulated(emulated.space, emulated.emulator, noise, most)
+        np.testing.assert_allclose(limited.ln_likelihood(z), np.minimum(whole, without + most), rtol=1e-12)
+    assert np.any(whole > without + 1.0)
+    assert np.any(whole < without + 0.3)
+
+
 class Wavy(Curved):
     """What no polynomial of low degree follows."""
 

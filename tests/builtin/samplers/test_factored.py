@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from joints import LinearFactors, factors_of
 
+from streamkit.builtin.samplers.emulator.missing import SETTLED
 from streamkit.builtin.samplers.emulator.rounds import Rounds
 
 pytestmark = pytest.mark.usefixtures("short_walks")
@@ -29,6 +30,7 @@ def test_two_streams_and_data_of_the_host() -> None:
     assert progress.missing == ""
     assert [each.factor.name for each in progress.known] == ["stream 0", "stream 1", "stream 2"]
     assert [len(each.calls) for each in progress.known] == calls
+    assert max(each.taught for each in progress.known) < SETTLED  # each was called where the joint posterior is
     assert_right(target, progress)
 
 

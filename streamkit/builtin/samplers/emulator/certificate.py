@@ -213,7 +213,7 @@ def certify(
     elif trend.by_chance > BLIND:
         faults.append(
             f"calls are too noisy for a test: a mean or a width off by {trend.by_chance:.2f} standard deviations would "
-            "not show. Take more particles"
+            "not show. " + ("Raise sampler.max_calls" if tried < MOST_BATCHES * FRESH else "Take more particles")
         )
     true, by_noise = _differences(emulated, fresh, predicted, rng)
     offset, spread = float(np.median(true)), _spread(true)

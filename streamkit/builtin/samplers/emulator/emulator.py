@@ -115,8 +115,8 @@ class Emulator:
     def _along(self) -> Slopes:
         return self.basis.along(self.mean)
 
-    def predict(self, y: Array) -> Predictions:
-        """Return the predictions at coordinates y (n, d); NaN where there is no datum."""
+    def predict(self, y: Array, with_noise: bool = True) -> Predictions:
+        """Return the predictions at coordinates y (n, d); NaN where there is no datum, or no noise is asked for."""
         x = (y[:, self.problem.coordinates] - self.centre) @ self.whiten
         r2 = np.sum(x**2, axis=1)
         terms, few = self.basis.terms(x), monomials(x, self.secondary_degree)
@@ -130,11 +130,13 @@ class Emulator:
         used = np.isfinite(self.problem.values)
         m, errors = int(used.sum()), self.problem.errors[used]
         secondary = np.clip(self.secondary.at(few), *self.secondary_range)
-        details = np.where(self.positive, np.exp(np.where(self.positive, secondary[:, m:], 0.0)), secondary[:, m:])
+        details = secondary[:, m:]
+        details[:, self.positive] = np.exp(details[:, self.positive])
         mean, fit_variance, noise = (np.full((len(y), len(used)), np.nan) for _ in range(3))
         mean[:, used] = self.problem.values[used] + errors * self.mean.at(terms)
         fit_variance[:, used] = errors**2 * fit_variance2
-        noise[:, used] = errors**2 * (np.exp(secondary[:, :m]) + self.unstated_variance)
+        if with_noise:
+            noise[:, used] = errors**2 * (np.exp(secondary[:, :m]) + self.unstated_variance)
         ln_exists = log_expit(few @ self.exists)
         return Predictions(mean, fit_variance, noise, details, ln_exists, np.maximum(r2 / self.trusted_r2, 1.0))
 
@@ -154,16 +156,30 @@ class Emulator:
         most_by_error
             Most that the emulator's own error adds to ln L; 0 is without it.
         """
-        predicted = self.predict(y)
+        predicted = self.predict(y, noise)
         of_call = predicted.noise if noise else np.zeros_like(predicted.noise)
         outside = len(self.centre) * (predicted.beyond - 1.0)
         lnl = np.full(len(y), np.inf)
         if most_by_error > 0:
             lnl = self.problem.compare(theta, predicted.mean, predicted.fit_variance + of_call, predicted.details)
         if np.isfinite(most_by_error):
-            without = self.problem.compare(theta, predicted.mean, of_call, predicted.details)
-            lnl = np.minimum(lnl, without + most_by_error)
+            some = ~(self._most_added(predicted) < most_by_error)
+            mean, variance, details = predicted.mean[some], of_call[some], predicted.details[some]
+            without = self.problem.compare(theta[some], mean, variance, details)
+            lnl[some] = np.minimum(lnl[some], without + most_by_error)
         return np.asarray(lnl + predicted.ln_exists - outside)
+
+    def _most_added(self, predicted: Predictions) -> Array:
+        """(n,) Most that the error of the fit can add to ln L, where that is not slow to say.
+
+        With a covariance C of at least the errors D of the data, and V of the fit, it is half of r' C^-1 r minus
+        r' (C + V)^-1 r at most, and so half of max(V / D) r' D^-1 r.
+        """
+        if self.problem.is_ln_likelihood:
+            return np.full(len(predicted.mean), np.inf)
+        used, errors = np.isfinite(self.problem.values), self.problem.errors
+        away = ((predicted.mean - self.problem.values) / errors)[:, used]
+        return np.asarray(0.5 * np.sum(away**2, axis=1) * (predicted.fit_variance / errors**2)[:, used].max(axis=1))
 
     def newton(self, y: Array, noise: bool = False) -> tuple[Array, Array]:
         """(n, d) and (n, d, d) Slopes and curvature of -ln L at y (n, d), by linear predictions (Gauss and Newton).

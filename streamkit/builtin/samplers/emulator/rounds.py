@@ -27,7 +27,8 @@ from streamkit.builtin.samplers.emulator.certificate import (
     fresh_calls,
 )
 from streamkit.builtin.samplers.emulator.changes import change_of, changes_of, difference, every_so_often, with_axes
-from streamkit.builtin.samplers.emulator.density import Factor, Joint
+from streamkit.builtin.samplers.emulator.density import Emulated, Factor, Joint
+from streamkit.builtin.samplers.emulator.missing import SETTLED, UNCERTAIN, apart, before_a_test, blurred
 from streamkit.builtin.samplers.emulator.pairs import paired
 from streamkit.builtin.samplers.emulator.populations import (
     TESTED_INDEPENDENT,
@@ -51,15 +52,13 @@ ROUND, LEAST_ROUND, GROWTH = 8, 80, 0.15
 OF_SEVERAL = 2
 # Fraction of a round's new points of the posterior that are pairs: two calls at one place differ by their noise alone.
 PAIRED = 0.5
-# Standard deviations that a parameter, or a principal axis, may move between an emulator and those of so many rounds
-# before, and the fraction by which its width may change.
-SETTLED, ROUNDS = 0.1, 2
+# The posterior is compared with that of the emulators of so many rounds before.
+ROUNDS = 2
 # The same between the posterior that fresh calls have tested and the one that is given: two sets of samples differ by
 # 0.1 by chance.
 CHANGED = 0.15
-# Largest standard error of a mean or a width, in standard deviations, that the noise of the calls may leave; the part
-# of it, squared, that one of K factors may have without new calls is this divided by K.
-UNCERTAIN, SHARE = 0.1, 0.5
+# The part of `UNCERTAIN`, squared, that one of K factors may have without new calls is this divided by K.
+SHARE = 0.5
 # Emulators of each factor that the noise of its calls could have given as well.
 REDRAWN = 16
 # Fraction of trends by chance that may be larger than one that counts.
@@ -158,8 +157,9 @@ class Rounds:
             yield now
             if not now.missing or over:
                 return
-            self._call(known, copies, max_calls, seed)
+            called = self._call(known, copies, max_calls, seed)
             self._learn(known, copies)
+            self._taught(called, every_so_often(result.samples, 4 * SOME))
             turn += 1
 
     # A round
@@ -178,8 +178,13 @@ class Rounds:
         """Return two sets of places to come to the posterior anew: those of the starts, and the last ones."""
         return [np.concatenate(pair) for pair in zip(begin_apart(known), result.last, strict=True)]
 
-    def _call(self, known: Sequence[Known], copies: Sequence[Array], max_calls: int, seed: list[int]) -> None:
-        """Call each factor that is not learned at places of the posterior and of its copies."""
+    def _call(
+        self, known: Sequence[Known], copies: Sequence[Array], max_calls: int, seed: list[int]
+    ) -> list[tuple[Known, Emulated]]:
+        """Call each factor that is not learned at places of the posterior and of its copies.
+
+        Return these factors, each with what was emulated before.
+        """
         rng = np.random.default_rng([*seed, 4])
         chosen: list[tuple[Known, Array]] = []
         for each in [each for each in known if not self._is_learned(each)] or known:
@@ -200,11 +205,22 @@ class Rounds:
             self._together({each.factor.name: each.calls.space.points(z) for each, z in chosen})
         for each, z in chosen:
             each.calls += Calls.at(each.factor.problem, each.calls.space, z)
+        return [(each, each.emulated) for each, _ in chosen]
 
     def _is_learned(self, each: Known) -> bool:
         """Whether a factor needs no more calls at the posterior, as far as is known."""
         passed = each.certificate is None or not each.certificate.faults
-        return passed and each.blur < BLURRED and each.share < SHARE * UNCERTAIN**2
+        return passed and each.blur < BLURRED and each.share < SHARE * UNCERTAIN**2 and each.taught < SETTLED
+
+    def _taught(self, called: Sequence[tuple[Known, Emulated]], samples: Array) -> None:
+        """Note what the last calls of each factor have changed of the posterior of samples (n, d).
+
+        An emulator's own error is that of its calls. It says little where the posterior has moved away from them.
+        """
+        moving = with_axes(samples[:, self._watched()])
+        for each, before in called:
+            mine = samples[:, each.factor.columns]
+            each.taught = change_of(moving, each.emulated.ln_likelihood(mine) - before.ln_likelihood(mine))
 
     def _learn(self, known: Sequence[Known], copies: Sequence[Array]) -> None:
         """Learn every factor from its calls: those at likely places count, by its ln L and what the others say of h."""
@@ -241,7 +257,7 @@ class Rounds:
             each.before = [*each.before, each.emulated][-ROUNDS:]
         rows = ", ".join(f"{each.factor.name} {len(each.calls)} (error {each.own_error:.1f})" for each in known)
         self._note(f"calls: {rows}; moved {moved:.2f} sd, uncertain by {uncertain:.2f} sd")
-        return Progress(known, joint, result, moved, uncertain, missing=_missing(known, moved, uncertain))
+        return Progress(known, joint, result, moved, uncertain, missing=before_a_test(known, moved, uncertain))
 
     def _moved(self, known: Sequence[Known], joint: Joint, samples: Array) -> float:
         """Return how much the posterior has moved since `ROUNDS` rounds ago; infinite before there are so many."""
@@ -285,7 +301,7 @@ class Rounds:
         now = replace(now, populations=tested)
         for each in known:
             each.blur = blur_of(each.emulated, every_so_often(tested.samples, 4 * SOME)[:, each.factor.columns])
-        if fault := _apart(tested) or _blurred(known) or self._unseen(known, tested):
+        if fault := apart(tested) or blurred(known) or self._unseen(known, tested):
             return replace(now, missing=fault)
         trend, by_chance, faults = self._certified(known, tested, max_calls, seed)
         beyond = recall(known, now.joint, np.concatenate([*tested.last, *copies[-1]]), [*seed, 7])
@@ -298,7 +314,7 @@ class Rounds:
         beta = COPIES[-1][0]
         given = sample(joint, list(tempered(joint, tested.last, beta, [*seed, 8])), [*seed, 3], beta)
         change = difference(tested.samples[:, self._watched()], given.samples[:, self._watched()])
-        missing = _apart(given)
+        missing = apart(given)
         if not missing and change >= CHANGED:
             missing = f"what fresh calls have taught moves the posterior by {change:.2f} standard deviations"
         return replace(now, joint=joint, populations=given, missing=missing)
@@ -360,34 +376,3 @@ def _least_known(each: Known, samples: Array, size: int, rng: np.random.Generato
     some = rng.permutation(samples)[: 4 * SOME]
     change = np.abs(each.emulated.change_by_error(some)) + 1e-9
     return some[rng.choice(len(some), min(size, len(some)), replace=False, p=change / change.sum())]
-
-
-def _missing(known: Sequence[Known], moved: float, uncertain: float) -> str:
-    """Say what is missing before fresh calls may test the emulators."""
-    if not np.isfinite(moved):
-        return "too few rounds"
-    if fault := _blurred(known):
-        return fault
-    if moved >= SETTLED:
-        return f"the posterior still moves by {moved:.2f} standard deviations"
-    if uncertain >= UNCERTAIN:
-        return f"the noise of the calls leaves a mean or a width uncertain by {uncertain:.2f} standard deviations"
-    return ""
-
-
-def _blurred(known: Sequence[Known]) -> str:
-    """Say that an emulator's own error changes too much; empty if it does not."""
-    worst = max(known, key=lambda each: each.blur)
-    if worst.blur < BLURRED:
-        return ""
-    return f"the error of the emulator of {worst.factor.name} changes a mean or a width by {worst.blur:.2f} sd"
-
-
-def _apart(result: Populations) -> str:
-    """Say that two populations do not agree; empty if they do."""
-    if result.agree:
-        return ""
-    return (
-        f"two populations of the posterior do not agree, or are too short (R-hat {result.r_hat:.3f}, {result.sweeps} "
-        f"sweeps with an autocorrelation time of {result.time:.0f})"
-    )

@@ -99,6 +99,8 @@ class Known:
         What its emulator's own error changes of the posterior, see `changes.change_of`.
     share
         Its part of the variance that the noise of the calls leaves, in standard deviations squared.
+    taught
+        What its last calls have changed of the posterior, see `changes.change_of`.
     certificate
         What fresh calls say of it; None before the end.
     before
@@ -113,6 +115,7 @@ class Known:
     own_error: float = np.inf
     blur: float = np.inf
     share: float = np.inf
+    taught: float = np.inf
     certificate: Certificate | None = None
     before: list[Emulated] = field(default_factory=list)
 

@@ -1,0 +1,51 @@
+"""What is missing before a posterior may be tested, or given, as sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from streamkit.builtin.samplers.emulator.certificate import BLURRED
+from streamkit.builtin.samplers.emulator.populations import Populations
+from streamkit.builtin.samplers.emulator.start import Known
+
+# Standard deviations that a parameter, or a principal axis, may move between rounds, and the fraction by which its
+# width may change.
+SETTLED = 0.1
+# Largest standard error of a mean or a width, in standard deviations, that the noise of the calls may leave.
+UNCERTAIN = 0.1
+
+
+def before_a_test(known: Sequence[Known], moved: float, uncertain: float) -> str:
+    """Say what is missing before fresh calls may test the emulators; empty if nothing is.
+
+    ``moved`` and ``uncertain`` are those of `Progress`, in standard deviations.
+    """
+    if not np.isfinite(moved):
+        return "too few rounds"
+    if fault := blurred(known):
+        return fault
+    if moved >= SETTLED:
+        return f"the posterior still moves by {moved:.2f} standard deviations"
+    if uncertain >= UNCERTAIN:
+        return f"the noise of the calls leaves a mean or a width uncertain by {uncertain:.2f} standard deviations"
+    return ""
+
+
+def blurred(known: Sequence[Known]) -> str:
+    """Say that an emulator's own error changes too much; empty if it does not."""
+    worst = max(known, key=lambda each: each.blur)
+    if worst.blur < BLURRED:
+        return ""
+    return f"the error of the emulator of {worst.factor.name} changes a mean or a width by {worst.blur:.2f} sd"
+
+
+def apart(result: Populations) -> str:
+    """Say that two populations do not agree; empty if they do."""
+    if result.agree:
+        return ""
+    return (
+        f"two populations of the posterior do not agree, or are too short (R-hat {result.r_hat:.3f}, {result.sweeps} "
+        f"sweeps with an autocorrelation time of {result.time:.0f})"
+    )
