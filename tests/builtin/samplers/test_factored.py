@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from joints import LinearFactors, factors_of
 
-from streamkit.builtin.samplers.emulator.missing import SETTLED
+from streamkit.builtin.samplers.emulator.missing import SETTLED, before_a_test
 from streamkit.builtin.samplers.emulator.rounds import Rounds
 
 pytestmark = pytest.mark.usefixtures("short_walks")
@@ -32,6 +32,10 @@ def test_two_streams_and_data_of_the_host() -> None:
     assert [len(each.calls) for each in progress.known] == calls
     assert max(each.taught for each in progress.known) < SETTLED  # each was called where the joint posterior is
     assert_right(target, progress)
+    assert before_a_test(progress.known, progress.populations.samples, moved=0.0, uncertain=0.0) == ""
+    progress.known[1].called_at += progress.known[1].called_at.std(axis=0)
+    left = before_a_test(progress.known, progress.populations.samples, moved=0.0, uncertain=0.0)
+    assert left == "the posterior has moved away from the last calls of stream 1"
 
 
 @pytest.mark.slow

@@ -6,7 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from streamkit import Array
 from streamkit.builtin.samplers.emulator.certificate import BLURRED
+from streamkit.builtin.samplers.emulator.changes import difference
 from streamkit.builtin.samplers.emulator.populations import Populations
 from streamkit.builtin.samplers.emulator.start import Known
 
@@ -15,12 +17,14 @@ from streamkit.builtin.samplers.emulator.start import Known
 SETTLED = 0.1
 # Largest standard error of a mean or a width, in standard deviations, that the noise of the calls may leave.
 UNCERTAIN = 0.1
+# Standard deviations that the posterior may move after a factor's last calls: beyond, a polynomial extrapolates.
+LEFT = 0.5
 
 
-def before_a_test(known: Sequence[Known], moved: float, uncertain: float) -> str:
+def before_a_test(known: Sequence[Known], samples: Array, moved: float, uncertain: float) -> str:
     """Say what is missing before fresh calls may test the emulators; empty if nothing is.
 
-    ``moved`` and ``uncertain`` are those of `Progress`, in standard deviations.
+    ``samples`` (n, d) are those of the posterior, ``moved`` and ``uncertain`` standard deviations, see `Progress`.
     """
     if not np.isfinite(moved):
         return "too few rounds"
@@ -30,7 +34,17 @@ def before_a_test(known: Sequence[Known], moved: float, uncertain: float) -> str
         return f"the posterior still moves by {moved:.2f} standard deviations"
     if uncertain >= UNCERTAIN:
         return f"the noise of the calls leaves a mean or a width uncertain by {uncertain:.2f} standard deviations"
+    if left := [each.factor.name for each in known if has_left(each, samples)]:
+        return f"the posterior has moved away from the last calls of {', '.join(left)}"
     return ""
+
+
+def has_left(each: Known, samples: Array) -> bool:
+    """Whether samples (n, d) of the posterior are not where a factor was last called.
+
+    The error of an emulator is measured on its calls. It says little elsewhere.
+    """
+    return not len(each.called_at) or difference(each.called_at, samples[:, each.factor.columns]) >= LEFT
 
 
 def blurred(known: Sequence[Known]) -> str:

@@ -28,7 +28,14 @@ from streamkit.builtin.samplers.emulator.certificate import (
 )
 from streamkit.builtin.samplers.emulator.changes import change_of, changes_of, difference, every_so_often, with_axes
 from streamkit.builtin.samplers.emulator.density import Emulated, Factor, Joint
-from streamkit.builtin.samplers.emulator.missing import SETTLED, UNCERTAIN, apart, before_a_test, blurred
+from streamkit.builtin.samplers.emulator.missing import (
+    SETTLED,
+    UNCERTAIN,
+    apart,
+    before_a_test,
+    blurred,
+    has_left,
+)
 from streamkit.builtin.samplers.emulator.pairs import paired
 from streamkit.builtin.samplers.emulator.populations import (
     TESTED_INDEPENDENT,
@@ -187,7 +194,8 @@ class Rounds:
         """
         rng = np.random.default_rng([*seed, 4])
         chosen: list[tuple[Known, Array]] = []
-        for each in [each for each in known if not self._is_learned(each)] or known:
+        samples = every_so_often(copies[0].reshape(-1, copies[0].shape[2]), 4 * SOME)
+        for each in [each for each in known if not self._is_learned(each, samples)] or known:
             if len(each.calls) >= max_calls:
                 continue
             least = max(ROUND * each.factor.problem.size, LEAST_ROUND) * (OF_SEVERAL if len(known) > 1 else 1)
@@ -207,20 +215,18 @@ class Rounds:
             each.calls += Calls.at(each.factor.problem, each.calls.space, z)
         return [(each, each.emulated) for each, _ in chosen]
 
-    def _is_learned(self, each: Known) -> bool:
-        """Whether a factor needs no more calls at the posterior, as far as is known."""
+    def _is_learned(self, each: Known, samples: Array) -> bool:
+        """Whether a factor needs no more calls at samples (n, d) of the posterior, as far as is known."""
         passed = each.certificate is None or not each.certificate.faults
-        return passed and each.blur < BLURRED and each.share < SHARE * UNCERTAIN**2 and each.taught < SETTLED
+        small = each.blur < BLURRED and each.share < SHARE * UNCERTAIN**2 and each.taught < SETTLED
+        return passed and small and not has_left(each, samples)
 
     def _taught(self, called: Sequence[tuple[Known, Emulated]], samples: Array) -> None:
-        """Note what the last calls of each factor have changed of the posterior of samples (n, d).
-
-        An emulator's own error is that of its calls. It says little where the posterior has moved away from them.
-        """
-        moving = with_axes(samples[:, self._watched()])
+        """Note what the last calls of each factor have changed of the posterior of samples (n, d)."""
         for each, before in called:
-            mine = samples[:, each.factor.columns]
-            each.taught = change_of(moving, each.emulated.ln_likelihood(mine) - before.ln_likelihood(mine))
+            each.called_at = mine = samples[:, each.factor.columns]
+            change = each.emulated.ln_likelihood(mine) - before.ln_likelihood(mine)
+            each.taught = change_of(with_axes(mine), change)
 
     def _learn(self, known: Sequence[Known], copies: Sequence[Array]) -> None:
         """Learn every factor from its calls: those at likely places count, by its ln L and what the others say of h."""
@@ -257,7 +263,7 @@ class Rounds:
             each.before = [*each.before, each.emulated][-ROUNDS:]
         rows = ", ".join(f"{each.factor.name} {len(each.calls)} (error {each.own_error:.1f})" for each in known)
         self._note(f"calls: {rows}; moved {moved:.2f} sd, uncertain by {uncertain:.2f} sd")
-        return Progress(known, joint, result, moved, uncertain, missing=before_a_test(known, moved, uncertain))
+        return Progress(known, joint, result, moved, uncertain, missing=before_a_test(known, samples, moved, uncertain))
 
     def _moved(self, known: Sequence[Known], joint: Joint, samples: Array) -> float:
         """Return how much the posterior has moved since `ROUNDS` rounds ago; infinite before there are so many."""

@@ -99,8 +99,10 @@ class Known:
         What its emulator's own error changes of the posterior, see `changes.change_of`.
     share
         Its part of the variance that the noise of the calls leaves, in standard deviations squared.
+    called_at
+        (n, p) samples of the posterior when it was last called; none before.
     taught
-        What its last calls have changed of the posterior, see `changes.change_of`.
+        What its last calls have changed of these samples, see `changes.change_of`.
     certificate
         What fresh calls say of it; None before the end.
     before
@@ -115,6 +117,7 @@ class Known:
     own_error: float = np.inf
     blur: float = np.inf
     share: float = np.inf
+    called_at: Array = field(default_factory=lambda: np.empty((0, 0)))
     taught: float = np.inf
     certificate: Certificate | None = None
     before: list[Emulated] = field(default_factory=list)
