@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from streamkit import Array
-from streamkit_hosts.table import check_rows, close_radii, force_of, table_of
+from streamkit_hosts.table import PRECISION, check_rows, close_radii, force_of, table_of
 
 POINTS = 400  # places at which forces are compared
 LIMIT = 0.01  # largest change of the force of which nothing is said
@@ -59,8 +59,10 @@ class Imported:
         ]
 
 
-def tabulated(source: Expansion, between: tuple[float, float]) -> Imported:
+def tabulated(source: Expansion, between: tuple[float, float], precision: float = PRECISION) -> Imported:
     """Return the table of a host; its convergence is judged between two radii in kpc, those of the streams.
+
+    Its radii are so close that splines have the radial force to ``precision``.
 
     Raises StreamkitError with a sentence for a table that would be too large.
     """
@@ -68,14 +70,14 @@ def tabulated(source: Expansion, between: tuple[float, float]) -> Imported:
     check_rows(
         len(source.times) * len(source.harmonics), f"{len(source.times)} times at one radius", "take a lower --l-max"
     )
-    radii, phi = close_radii(source.phi, first, source.last)
+    radii, phi = close_radii(source.phi, first, source.last, precision)
     size = np.abs(phi).max(axis=(0, 2))
     kept = np.flatnonzero((size > SAME * size[0]) | (np.arange(len(size)) == 0))
     harmonics = [source.harmonics[h] for h in kept]
     check_rows(
         len(source.times) * len(kept) * len(radii),
         f"{len(source.times)} times, {len(kept)} harmonics, {len(radii)} radii",
-        "take a lower --l-max, or fewer times by --every",
+        "take a lower --l-max, fewer times by --every, or a larger --precision",
     )
     said = list(source.said)
     if source.last < between[1] or source.first > between[0]:

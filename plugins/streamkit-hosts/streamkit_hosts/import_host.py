@@ -26,43 +26,43 @@ POSITIVE = click.FloatRange(0, min_open=True)
               help="Take every N-th time, counted from the last.")  # fmt: skip
 @click.option("--between", nargs=2, type=POSITIVE, default=(5.0, 60.0), show_default=True, metavar="KPC KPC",
               help="Radii of the streams, at which the expansion must have converged.")  # fmt: skip
+@click.option("--precision", default=3e-5, show_default=True, type=click.FloatRange(1e-7, 1e-2), metavar="X",
+              help="Of the radial force between the radii of the table: a larger one needs fewer.")  # fmt: skip
 @click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FILE", default="host.ecsv",
               show_default=True, help="Table to write (ECSV).")  # fmt: skip
 @click.option("-f", "--force", is_flag=True, help="Replace FILE.")
 @QUIET
 def import_host(
     files: tuple[Path, ...], length: float | None, mass: float | None, time: float | None, today: float | None,
-    l_max: int | None, every: int, between: tuple[float, float], output: Path, force: bool, quiet: bool,
+    l_max: int | None, every: int, between: tuple[float, float], precision: float, output: Path, force: bool,
+    quiet: bool,
 ) -> None:  # fmt: skip
     """Make a host that another code has expanded the host of streams.
 
-    FILES are a basis of EXP (YAML) and its coefficients (HDF5). EXP is not needed. FILE is the table of a `multipole`
-    potential, in time if there are several times. The lines to put into a run file are printed.
+    FILES are a basis of EXP (YAML) and its coefficients (HDF5), or one INI file of AGAMA. Neither code is needed. FILE
+    is the table of a `multipole` potential, in time if there are several times. Discs and bars of AGAMA (`CylSpline`)
+    have tables of their own beside it, for `cylspline` potentials. The sections for a run file are printed.
     """
     from streamkit import StreamkitError
-    from streamkit.report import save_table
-    from streamkit_hosts import exp
-    from streamkit_hosts.expansion import tabulated
+    from streamkit_hosts import agama, exp
+    from streamkit_hosts.sections import described, written
 
-    if output.exists() and not force:
-        raise StreamkitError(f"{output} exists: give another --output, or --force to replace it")
     if between[0] >= between[1]:
         raise StreamkitError(f"--between: found {between[0]:g} and {between[1]:g}; expected a smaller and a larger one")
-    if len(files) != 2 or files[0].suffix not in (".yml", ".yaml"):
-        found = ", ".join(file.name for file in files)
-        raise StreamkitError(f"found {found}; expected a basis of EXP (.yml, .yaml), then its coefficients (HDF5)")
-    source = exp.read(*files, exp.Units(length, mass, time), l_max=l_max, every=every, today=today)
-    made = tabulated(source, between)
-    save_table(output, made.table)
-    for sentence in made.warnings():
-        click.echo(f"warning: {sentence}", err=True)
-    if quiet:
-        return
-    changes = ", ".join(f"{change:.2%} without {what}" for what, change in made.changes.items())
-    click.echo(
-        f"{len(made.times)} times, {len(made.harmonics)} harmonics, {len(made.radii)} radii from {made.radii[0]:.3g} "
-        f"to {made.radii[-1]:.3g} kpc; median change of the force: {changes}"
-    )
-    click.echo(f'\n[potential]\nkind = "multipole"\ntable = "{output}"\ntolerance = 1e-3')
-    if len(made.times) > 1:
-        click.echo(f"# known from {made.times[0]:.4g} Gyr: progenitor.lookback may be up to {-made.times[0]:.4g}")
+    found = ", ".join(file.name for file in files)
+    hosts: list[agama.Host]
+    if len(files) == 2 and files[0].suffix in (".yml", ".yaml"):
+        source = exp.read(*files, exp.Units(length, mass, time), l_max=l_max, every=every, today=today)
+        hosts = [agama.Host("multipole", source.times, source)]
+    elif len(files) == 1 and files[0].suffix == ".ini":
+        hosts = agama.read(files[0], agama.Units.of(length, mass, time), l_max=l_max, every=every, today=today)
+    else:
+        raise StreamkitError(
+            f"found {found}; expected a basis of EXP (.yml, .yaml) and its coefficients (HDF5), or one file of AGAMA "
+            "(.ini)"
+        )
+    for part in written(hosts, between, output, precision=precision, force=force):
+        for sentence in part.warnings:
+            click.echo(f"warning: {sentence}", err=True)
+        if not quiet:
+            click.echo(described(part))

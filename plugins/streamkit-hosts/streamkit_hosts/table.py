@@ -12,7 +12,8 @@ from streamkit import Array, Multipoles, StreamkitError
 
 MOST_ROWS = 2_000_000
 FEWEST_RADII, MOST_RADII = 25, 800
-PRECISION = 1e-5  # of the radial force between two radii, in that of the mean potential
+PRECISION = 3e-5  # of the radial force between two radii, in that of the mean potential
+LEAST = 0.1  # of the largest r dPhi/dr: where it is less than that, such as at the centre, errors are in this
 
 
 def check_rows(rows: int, what: str, remedy: str) -> None:
@@ -48,10 +49,12 @@ def force_of(phi: Array, radii: Array, harmonics: Sequence[tuple[int, int]], pla
     return np.stack(sphere.acceleration(*place))
 
 
-def close_radii(phi_at: Callable[[Array], Array], first: float, last: float) -> tuple[Array, Array]:
+def close_radii(
+    phi_at: Callable[[Array], Array], first: float, last: float, precision: float = PRECISION
+) -> tuple[Array, Array]:
     """Return radii (k,) from ``first`` to ``last``, and Phi_lm (T, h, k) there, of a function of radii (k,).
 
-    They are twice as many until cubic splines in ln r through every second one have the force to `PRECISION`, at most
+    They are twice as many until cubic splines in ln r through every second one have the force to ``precision``, at most
     `MOST_RADII`. The mean potential is the first of the h.
     """
     radii = np.geomspace(first, last, FEWEST_RADII)
@@ -62,8 +65,9 @@ def close_radii(phi_at: Callable[[Array], Array], first: float, last: float) -> 
         s = np.log(finer)
         slope = CubicSpline(s, exact, axis=2)(s, 1)
         missed = CubicSpline(s[::2], exact[:, :, ::2], axis=2)(s, 1) - slope
-        error = np.sqrt((missed**2).sum(axis=1)) / np.abs(slope[:, 0])
+        mean = np.abs(slope[:, 0])
+        error = np.sqrt((missed**2).sum(axis=1)) / np.maximum(mean, LEAST * mean.max(axis=1, keepdims=True))
         radii, phi = finer, exact
-        if error.max() < PRECISION:
+        if error.max() < precision:
             return radii[::2], phi[:, :, ::2]
     return radii, phi
