@@ -208,7 +208,7 @@ def test_mocks_scatter_about_the_prediction_and_can_be_read_again() -> None:
     assert np.std(lnl) == pytest.approx(np.sqrt(n / 2), rel=0.3)
     mixed = stars_of(catalogue(60, 60)[0], fraction=0.5)
     there = mixed.predict(the_stream())
-    with pytest.raises(sk.StreamkitError, match="no mock data of field stars"):
+    with pytest.raises(sk.StreamkitError, match="only where all stars are of one stream"):
         mixed.mock(there, rng)
 
 

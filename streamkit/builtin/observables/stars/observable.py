@@ -11,7 +11,9 @@ from pydantic import Field, model_validator
 import streamkit as sk
 from streamkit.builtin.observables.stars import knots as grid
 from streamkit.builtin.observables.stars.catalogue import DENSITY, STARS, WINDOW, Catalogue, catalogue_of
-from streamkit.builtin.observables.stars.mixture import Model, Settings, ln_likelihood, membership, residuals
+from streamkit.builtin.observables.stars.field import with_field
+from streamkit.builtin.observables.stars.mixture import ln_likelihood, membership, residuals
+from streamkit.builtin.observables.stars.model import Model, Part, Settings
 from streamkit.builtin.observables.stars.rough_track import RoughTrack, rough_track_of
 from streamkit.builtin.observables.track.columns import COLUMNS, LIMITS, Name, within
 from streamkit.builtin.observables.track.lines import (
@@ -31,6 +33,8 @@ from streamkit.builtin.observables.track.panels import column_label, column_pane
 Fraction = Annotated[sk.Number, Field(ge=0, le=1)]
 LIKELY = 0.5  # probability from which a star counts as a member
 SPREAD = "_spread"
+COCOON_OF = "cocoon_"
+COCOON = "Dispersion of the cocoon, added in squares to that of the stream."
 
 
 class Stars(sk.Observable):
@@ -38,7 +42,8 @@ class Stars(sk.Observable):
 
     S is the density of the stream at a star's phi1 in the columns that the star has: a Gaussian about the local lines
     of the debris, with their spread, an extra dispersion and the errors of the star. It is predicted at `knots` along
-    the window. B is the density of the field there, a column of the table. f is the chance of a star at this phi1 to be
+    the window. B is the density of the field there: a column of the table,
+    or a mixture of Gaussians that is fitted to the stars. f is the chance of a star at this phi1 to be
     of the stream. Its mean over the stars is `fraction`; how it varies along phi1, `along` says. The likelihood is
     conditional on phi1: a survey that is less complete at some phi1 does no harm. Without a field (`fraction` = 1) the
     likelihood is that of the members of `track`. Bound particles are left out: leave out the stars of a progenitor.
@@ -75,6 +80,13 @@ class Stars(sk.Observable):
         description="The ends of phi1, and of other columns that the stars were cut at: { phi1 = [-60, 0], phi2 = "
         "[-3, 3] }. A star outside is an error."
     )
+    background_gaussians: int = Field(
+        default=0,
+        ge=0,
+        le=50,
+        description="Number of Gaussians of a density of the field that is fitted to the stars, once and without the "
+        "model; 0 for the column `background_density`.",
+    )
     fraction: Fraction = Field(default=1.0, description="Fraction of the stars that are of the stream.")
     along: Literal["stars", "model", "uniform"] = Field(
         default="stars",
@@ -96,20 +108,46 @@ class Stars(sk.Observable):
     pm_phi2_dispersion: sk.ProperMotion = Field(default=0.0, ge=0, description="Extra dispersion of it.")
     radial_velocity_dispersion: sk.Velocity = Field(default=0.0, ge=0, description="Extra dispersion of it.")
 
+    cocoon_fraction: Fraction = Field(
+        default=0.0,
+        description="Fraction of the stream's stars that are of a cocoon: a wider stream on the same track.",
+    )
+    cocoon_phi2_dispersion: sk.Angle = Field(default=0.0, ge=0, description=COCOON)
+    cocoon_distance_dispersion: sk.Coordinate = Field(default=0.0, ge=0, description=COCOON)
+    cocoon_distance_modulus_dispersion: sk.Number = Field(default=0.0, ge=0, description=COCOON)
+    cocoon_pm_phi1_cosphi2_dispersion: sk.ProperMotion = Field(default=0.0, ge=0, description=COCOON)
+    cocoon_pm_phi2_dispersion: sk.ProperMotion = Field(default=0.0, ge=0, description=COCOON)
+    cocoon_radial_velocity_dispersion: sk.Velocity = Field(default=0.0, ge=0, description=COCOON)
+
     @model_validator(mode="after")
     def _complete(self) -> Stars:
+        column = DENSITY in self.stars
+        if column and self.background_gaussians:
+            raise ValueError(
+                f"background_gaussians = {self.background_gaussians}, and the stars have a column {DENSITY}: the "
+                "density of the field is given twice; leave out either"
+            )
         if self.catalogue.ln_background is None and self.fraction < 1:  # the stars are read and checked here
             raise ValueError(
                 f"fraction = {self.fraction:g}: stars of the field need its density. Give the stars a column "
-                f"{DENSITY}, or leave out fraction if all are of the stream"
+                f"{DENSITY}, or fit one with background_gaussians = 6, or leave out fraction if all are of the stream"
+            )
+        wide = [name for name in COLUMNS if np.any(getattr(self, f"{COCOON_OF}{name}_dispersion"))]
+        if bool(wide) != bool(self.cocoon_fraction):
+            raise ValueError(
+                f"a cocoon has a cocoon_fraction above 0 and a dispersion, such as {COCOON_OF}phi2_dispersion; found "
+                f"cocoon_fraction = {self.cocoon_fraction:g} and {', '.join(wide) or 'no dispersion'}"
             )
         return self
 
     @cached_property
     def catalogue(self) -> Catalogue:
-        """The stars in the frame."""
+        """The stars in the frame, with the density of the field."""
         matrix = tuple(tuple(row) for row in sk.sky_matrix(self.frame).tolist())
-        return catalogue_of(self.stars, matrix, self.window, self.compared, self.knots)
+        stars = catalogue_of(self.stars, matrix, self.window, self.compared, self.knots)
+        if not self.background_gaussians:
+            return stars
+        return with_field(stars, self.window, self.background_gaussians, float(self.kernel))
 
     @cached_property
     def rough(self) -> RoughTrack:
@@ -171,8 +209,9 @@ class Stars(sk.Observable):
         return 0.5 * float(self.window["phi1"].sum())
 
     def likelihood_fields(self) -> tuple[str, ...]:
-        """Return the fraction and the dispersions."""
-        return ("fraction", *(f"{name}_dispersion" for name in COLUMNS))
+        """Return the fractions and the dispersions."""
+        dispersions = (f"{of}{name}_dispersion" for name in COLUMNS for of in ("", COCOON_OF))
+        return ("fraction", "cocoon_fraction", *dispersions)
 
     def ln_likelihood(self, prediction: sk.Prediction, add_noise: bool) -> float | sk.Array:
         """Return the ln likelihood of the stars; see `streamkit.builtin.observables.stars.mixture`."""
@@ -185,13 +224,24 @@ class Stars(sk.Observable):
         return np.stack(scores, axis=1).ravel()
 
     def membership(self, prediction: sk.Prediction) -> sk.Array:
-        """(N,) Return the probability of each star to be of the stream."""
-        return membership(self.catalogue, self._model(prediction, False), self._settings)[:, 0]
+        """(N,) Return the probability of each star to be of the stream, the cocoon included."""
+        return np.asarray(self.membership_of_parts(prediction).sum(axis=0))
+
+    def membership_of_parts(self, prediction: sk.Prediction) -> sk.Array:
+        """(1, N) or (2, N) Return the probability of each star to be of the thin stream, and of its cocoon."""
+        return membership(self.catalogue, self._model(prediction, False), self._settings)[:, :, 0]
 
     @property
     def _settings(self) -> Settings:
-        dispersions = {name: np.transpose(getattr(self, f"{name}_dispersion")) for name in self.catalogue.columns}
-        return Settings(np.transpose(self.fraction), dispersions)
+        """The numbers of the fields; fields of n points are (n, 1)."""
+        names = self.catalogue.columns
+        of_all = {name: np.transpose(getattr(self, f"{name}_dispersion")) for name in names}
+        wide = {name: np.transpose(getattr(self, f"{COCOON_OF}{name}_dispersion")) for name in names}
+        cocoon = np.transpose(self.cocoon_fraction)
+        parts = [Part(1 - cocoon, of_all)]
+        if np.any(cocoon):
+            parts.append(Part(cocoon, {name: np.hypot(of_all[name], wide[name]) for name in names}))
+        return Settings(np.transpose(self.fraction), parts)
 
     def _model(self, prediction: sk.Prediction, add_noise: bool) -> Model:
         """Return the prediction at one or n points as arrays (C, K, n)."""
@@ -215,18 +265,18 @@ class Stars(sk.Observable):
 
     def mock(self, prediction: sk.Prediction, rng: np.random.Generator) -> dict[str, Any]:
         """Return stars drawn about the prediction; not where some are of the field, whose density is a column."""
-        if self.catalogue.ln_background is not None:
+        if self.catalogue.ln_background is not None or self.cocoon_fraction:
             raise sk.StreamkitError(
-                f"the observable stars makes no mock data of field stars: their density, the column {DENSITY}, is "
-                "known at the given stars alone"
+                "the observable stars makes mock data only where all stars are of one stream, without field and "
+                "cocoon: the density of the field is known at the given stars alone"
             )
-        stars, settings = self.catalogue, self._settings
+        stars, thin = self.catalogue, self._settings.parts[0]
         model = self._model(prediction, False)
         members = members_of(self.stars, sk.sky_matrix(self.frame))
         drawn = {}
         for c, name in enumerate(stars.columns):
             rows = members.rows(name)
-            spread = np.hypot(stars.knots.linear @ model.spread[c, :, 0], float(settings.dispersions[name]))
+            spread = np.hypot(stars.knots.linear @ model.spread[c, :, 0], float(thin.dispersions[name]))
             width = np.sqrt(spread**2 + stars.variances[name])[rows]
             drawn[name] = rng.normal((stars.knots.cubic @ model.mean[c, :, 0])[rows], width)
             drawn[name] = LIMITS.get(name, np.asarray)(drawn[name])

@@ -47,6 +47,8 @@ class RoughTrack:
         (K,) ln density of the field's stars along phi1, up to a number.
     fraction
         Fraction of all stars that are of the stream.
+    chance
+        (N,) of each star to be of the stream.
     """
 
     mean: Array
@@ -57,6 +59,7 @@ class RoughTrack:
     ln_odds: Array
     ln_field: Array
     fraction: float
+    chance: Array
 
 
 @lru_cache(maxsize=8)  # a free parameter makes the observable anew at each call, with the same stars
@@ -85,7 +88,7 @@ def rough_track_of(stars: Catalogue, kernel: float) -> RoughTrack:
     fraction = float(np.clip(chance.mean(), LEAST_SHARE, MOST_SHARE))
     return RoughTrack(
         mean, error, spread, spread_error, share, _logit(share) - _logit(np.array(fraction)),
-        np.log(_density(stars, 1 - share_at(stars, share), kernel)), fraction,
+        np.log(_density(stars, 1 - share_at(stars, share), kernel)), fraction, chance,
     )  # fmt: skip
 
 
