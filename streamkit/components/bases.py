@@ -198,6 +198,8 @@ class Integrator(Component):
     """Order of convergence: measured by the conformance tests."""
     longest_block: ClassVar[float] = 0.05
     """Upper limit of a block in Gyr."""
+    resolves_passages: ClassVar[bool] = False
+    """Whether it resolves a body that flies past a particle in one block, as `adaptive_step` does."""
     drag: ClassVar[bool] = False
     """Whether it honours forces that depend on velocity (`Potential.drag`): `split_step` and `adaptive_step` do, and
     `field.acceleration(t, q, v)` has them."""

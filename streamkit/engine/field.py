@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from streamkit.engine import kernels, loops
+from streamkit.engine import kernels, loops, orbits
 from streamkit.engine.arguments import layout_of, pack
 from streamkit.engine.changing import numbers_of, tables_of
 from streamkit.engine.drag_kernels import drag_kernel
@@ -19,6 +19,7 @@ from streamkit.engine.forces import BATCH, DEEPEST, NO_FRAME, NO_TRACKS, Forces
 from streamkit.engine.kernels import Force, NumpyKernel
 from streamkit.engine.loops import NUMBERS, WORK, Scratch
 from streamkit.engine.methods import RKN4, Splitting
+from streamkit.engine.passing import NOBODY, Passing, beside, passing_by, track_of
 from streamkit.engine.single_orbit import orbit_states
 from streamkit.engine.steps import Method
 from streamkit.engine.velocity_forces import DraggedForces, drags, with_drag
@@ -64,9 +65,8 @@ class Field:
         it.
     drag
         The forces that depend on velocity; None without any.
-    sizes
-        (b,) length in kpc over which the force on each trajectory changes, if that body flies past particles faster
-        than its dynamical time; 0 for the others.
+    passing
+        The bodies that fly past particles, whose forces are not among these forces.
     """
 
     forces: Forces
@@ -76,7 +76,7 @@ class Field:
     heights: Array = field(default_factory=lambda: np.empty(0), repr=False)
     threads: int = 1
     drag: Drag | None = None
-    sizes: tuple[float, ...] = ()
+    passing: Passing = NOBODY
 
     def __reduce__(self) -> Any:
         raise TypeError("a Field holds machine code of this process: send the Spec instead and build it there")
@@ -89,7 +89,7 @@ class Field:
         q = np.require(q, float, ["C", "W"])  # the loops take no read-only arrays
         times = np.broadcast_to(np.asarray(t, dtype=float), q.shape[1:]).copy()
         out = np.empty_like(q)
-        self._call(lambda: loops.accelerations(self.forces, times, q, out))
+        self._call(lambda: loops.accelerations(self._together, times, q, out))
         if v is not None and self.drag is not None:
             v = np.require(v, float, ["C", "W"])
             dragged = with_drag(self.forces, *self.drag)
@@ -99,9 +99,19 @@ class Field:
     @cached_property
     def all_forces(self) -> Forces | DraggedForces:
         """All forces, in the form for the loops that advance particles."""
-        if self.drag is None:
-            return self.forces
-        return with_drag(self.forces, *self.drag)
+        return self._dragged(self._together)
+
+    @cached_property
+    def own_forces(self) -> Forces | DraggedForces:
+        """All forces but those of bodies that fly by, in the same form."""
+        return self._dragged(self.forces)
+
+    @cached_property
+    def _together(self) -> Forces:
+        return beside(self.forces, self.passing)
+
+    def _dragged(self, forces: Forces) -> Forces | DraggedForces:
+        return forces if self.drag is None else with_drag(forces, *self.drag)
 
     def radial_second_derivative(self, t: Array, q: Array) -> Array:
         """(n,) d^2 Phi / dr^2 along the line to the Galactic centre, by a central difference of the acceleration."""
@@ -123,35 +133,68 @@ class Field:
             states = orbit_states(self.acceleration, q, v, t)
         else:
             out = np.empty((count + 1, 9))
-            method = Method(RKN4.drift, RKN4.kick, np.zeros(2), 1, np.empty(0), np.empty(0))
-            self.run(loops.integrate_orbit, method, q, v, t0, step, out)
+            method = Method(RKN4.drift, RKN4.kick, np.zeros(2), 1, np.empty(0))
+            self.run(orbits.integrate_orbit, method, q, v, t0, step, out)
             states = out.T
         if step < 0:
             t, states = t[::-1], states[:, ::-1]
         states = np.ascontiguousarray(states)
         return Orbit(np.ascontiguousarray(t), states[:3], states[3:6], states[6:], np.full(count + 1, np.nan))
 
-    def with_moving(self, other: Field, orbit: Orbit, size: float = 0.0) -> Field:
+    def orbits(self, times: Array, q: Array, v: Array, grid: Array) -> list[Orbit]:
+        """Integrate n orbits through q, v (3, n) at their own times (n,), both ways: their states on a grid of times.
+
+        The grid (T,) increases and includes all times.
+        """
+        if self._in_python:
+            return [self._both_ways(*one, grid) for one in zip(times, q.T, v.T, strict=True)]
+        method = Method(RKN4.drift, RKN4.kick, np.zeros(2), 1, np.empty(0))
+        states, out = np.concatenate([q, v]).T, np.empty((len(times), 9, len(grid)))
+        for way in (1, -1):
+            order = np.argsort(way * times, kind="stable")
+            for some in np.array_split(order, len(order) // BATCH + 1):
+                part = np.empty((len(some), len(grid), 9))
+                self.run(orbits.integrate_orbits, method, times[some], states[some], grid[::way].copy(), part)
+                for i, reached in zip(some, part[:, ::way], strict=True):
+                    there = way * (grid - times[i]) >= 0
+                    out[i][:, there] = reached[there].T
+        return [Orbit(grid, x[:3], x[3:6], x[6:], np.full(len(grid), np.nan)) for x in out]
+
+    def _both_ways(self, time: float, q: Array, v: Array, grid: Array) -> Orbit:
+        step = float(np.diff(grid).max())
+        past, future = (self.orbit(q, v, time, float(end), step) for end in (grid[0], grid[-1]))
+        both = ("t", "q", "v", "a", "r_tidal")
+        joined = {k: np.concatenate([getattr(past, k)[..., :-1], getattr(future, k)], axis=-1) for k in both}
+        return Orbit(**joined).at(grid)
+
+    def with_passing(self, bodies: Sequence[tuple[Field, Orbit, float]]) -> Field:
+        """Add bodies that fly past particles: the field of each, its orbit, and its size in kpc, which is positive.
+
+        The orbits must share the grid of times of all that moves. `adaptive_step` takes steps that resolve the passage
+        of such a body, and evaluates its force once a step, not at every stage. Raises ValueError as `with_moving`.
+        """
+        for other, orbit, _ in bodies:
+            self._grid_with(orbit)
+            _fixed(other)
+        passing = passing_by([(other.forces, orbit, size) for other, orbit, size in bodies])
+        kernels, names = (sum((getattr(b[0], k) for b in bodies), getattr(self, k)) for k in ("kernels", "names"))
+        return replace(self, passing=passing, kernels=kernels, names=names)
+
+    def with_moving(self, other: Field, orbit: Orbit) -> Field:
         """Add another field's forces, whose common centre moves along ``orbit`` (equal time steps).
 
         Call it once for each moving body. All orbits must share one grid of times, and one body may lose mass. Raises
-        ValueError otherwise, and if the forces of the other field move already. Near a body with a ``size`` (see
-        `sizes`) `adaptive_step` takes steps that resolve its passage.
+        ValueError otherwise, and if the forces of the other field move already.
         """
         here, new, left = self.forces, other.forces, orbit.mass_left
         first, step = self._grid_with(orbit)
-        track = np.vstack([orbit.polynomials.reshape(18, -1), left[:-1], np.diff(left)]).T[None].copy()
-        if other.drag is not None:
-            raise ValueError(NO_DRAG_OF_BODIES)
-        if len(new.tracks) or len(new.frame):
-            raise ValueError("these forces move already: add the forces of each trajectory by themselves")
+        track = track_of(orbit)[None]
+        _fixed(other)
         trajectory, tracks, index = here.trajectory, [*here.tracks[:, None], track], len(here.tracks)
-        sizes = (*self.sizes, size)
         if index and (left != 1.0).any():  # it must be the first: see `add_forces`
             if (here.tracks[0, :, 18] != 1.0).any():
                 raise ValueError("only one of the moving components can lose mass")
             trajectory, tracks, index = np.where(trajectory < 0, -1, trajectory + 1), [track, *tracks[:-1]], 0
-            sizes = (size, *self.sizes)
         forces = Forces(
             address=np.concatenate([here.address, new.address]),
             offset=np.concatenate([here.offset, here.offset[-1] + new.offset[1:]]),
@@ -163,7 +206,7 @@ class Field:
             frame=here.frame,
         )
         kernels, names = self.kernels + other.kernels, self.names + other.names
-        return replace(self, forces=forces, kernels=kernels, names=names, sizes=sizes)
+        return replace(self, forces=forces, kernels=kernels, names=names)
 
     def seen_from(self, orbit: Orbit) -> Field:
         """Return the field in a frame whose origin moves along ``orbit``: its acceleration is subtracted.
@@ -252,6 +295,14 @@ class Field:
             ) from error
 
 
+def _fixed(other: Field) -> None:
+    """Raise ValueError if the forces of a field cannot be those of a body."""
+    if other.drag is not None:
+        raise ValueError(NO_DRAG_OF_BODIES)
+    if len(other.forces.tracks) or len(other.forces.frame):
+        raise ValueError("these forces move already: add the forces of each trajectory by themselves")
+
+
 def build_field(potentials: Sequence[Force], *, exact: bool = False) -> Field:
     """Compile (or load from the disk cache) the forces of the potentials, which add up, fixed at the origin.
 
@@ -312,14 +363,15 @@ def _advance(
     """Advance the rows of q and v in place. The loops need contiguous rows: others are copied, and copied back."""
     callers_rows = [*q, *v]
     rows = tuple(np.ascontiguousarray(row) for row in callers_rows)
-    sizes = np.array(field.sizes if any(field.sizes) else ())
-    method = Method(splitting.drift, splitting.kick, eta, most, field.heights, sizes)
-    n, forces = len(t0), field.all_forces
+    method = Method(splitting.drift, splitting.kick, eta, most, field.heights)
+    n, forces, passing = len(t0), field.all_forces, NOBODY
+    if eta[0] > 0:
+        forces, passing = field.own_forces, field.passing
 
     def advance(piece: slice, scratch: Scratch) -> None:
         everything = piece == slice(0, n)  # a fit comes here thousands of times a second
         parts, times = (rows, t0) if everything else (tuple(row[piece] for row in rows), t0[piece])
-        loops.advance(forces, method, scratch, parts, times, t1)
+        loops.advance(forces, passing, method, scratch, parts, times, t1)
 
     field.spread(n, advance)
     for row, advanced in zip(callers_rows, rows, strict=True):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from numba import njit
 
 from streamkit.engine.cache import INLINE, helper
@@ -11,9 +9,6 @@ from streamkit.engine.forces import BATCH, LANES, ROW, call_kernel, centre_at
 from streamkit.engine.steps import ROWS, A, H, T, V
 
 CROSSING = 1.25  # longest step near a disc's plane, in units of the time in which its height is crossed
-PASSING = 0.5  # longest step near a body that flies by, in units of the time in which it crosses its distance
-MISSED = 0.15  # error of the smallest distance from it, in units of the acceleration times the time span squared
-FURTHER = 6  # levels beyond the deepest one that the passage of such a body may ask for
 NEAR_PLANE = 2.0  # largest distance from a disc's plane that counts as near, in units of that height
 
 
@@ -112,6 +107,16 @@ def foot(a, b, c, d, e, f):
 
 
 @helper
+def approach(forces, b, begin, end, lanes, closest, centre, path):
+    """Store in `closest` and in path (9,) what `nearest` does, for trajectory b and lanes [begin, end) of one time."""
+    t, span = lanes[T:], lanes[H:]
+    for k in range(3):
+        centre_at(forces, b, t[begin] + 0.5 * k * span[begin], centre)
+        path[3 * k], path[3 * k + 1], path[3 * k + 2] = centre[0], centre[1], centre[2]
+    nearest(begin, end, lanes, path, closest)
+
+
+@helper
 def rates(forces, eta, heights, uniform, m, lanes, closest, a, centre, path, rate):
     """Store in `rate` the square of (acceleration / distance / eta^2) of m lanes in their time span.
 
@@ -121,8 +126,7 @@ def rates(forces, eta, heights, uniform, m, lanes, closest, a, centre, path, rat
     square of the distances, which no spherical host exceeds. If the host has a disc of these `heights`, see
     `crossings`.
     """
-    address, trajectory = forces.address, forces.trajectory
-    t, span = lanes[T:], lanes[H:]
+    address, trajectory, t = forces.address, forces.trajectory, lanes[T:]
     rate[:m] = 0.0
     fixed = False
     for c in range(address.shape[0]):
@@ -144,10 +148,7 @@ def rates(forces, eta, heights, uniform, m, lanes, closest, a, centre, path, rat
     for b in range(forces.tracks.shape[0]):
         together = m if uniform else 1
         for i in range(0, m, together):
-            for k in range(3):
-                centre_at(forces, b, t[i] + 0.5 * k * span[i], centre)
-                path[3 * k], path[3 * k + 1], path[3 * k + 2] = centre[0], centre[1], centre[2]
-            nearest(i, i + together, lanes, path, closest)
+            approach(forces, b, i, i + together, lanes, closest, centre, path)
         centre[:] = 0.0
         fresh = 1
         for c in range(address.shape[0]):
@@ -188,37 +189,6 @@ def crossings(heights, m, lanes, rate):
         if least < NEAR_PLANE * height + abs(bend):
             fastest = max(abs(middle - z), abs(end - middle)) / (s + 1e-300)
             rate[i] = max(rate[i], (fastest / (CROSSING * height)) ** 4)
-
-
-@helper
-def passages(forces, method, uniform, m, lanes, closest, centre, path, rate):
-    """Raise the `rate` of those of m lanes that a body with a size flies past in their time span.
-
-    A passage takes its smallest distance, or the size if that is more, over the relative speed, and no step may be
-    longer than that times PASSING. The distance is less by what straight pieces and parabolas may miss. Only these
-    rates may ask for more than 2^most steps.
-    """
-    u, t, span, a = lanes[V:], lanes[T:], lanes[H:], lanes[A:]
-    for i in range(m):
-        rate[i] = min(rate[i], 0.999 * (2.0**method.most / (span[i] + 1e-300)) ** 4)
-    for b in range(method.sizes.shape[0]):
-        if method.sizes[b] > 0.0:
-            together = m if uniform else 1
-            for i in range(0, m, together):
-                for k in range(3):
-                    centre_at(forces, b, t[i] + 0.5 * k * span[i], centre)
-                    path[3 * k], path[3 * k + 1], path[3 * k + 2] = centre[0], centre[1], centre[2]
-                nearest(i, i + together, lanes, path, closest)
-                for j in range(i, i + together):
-                    h = span[j] + 1e-300
-                    speed2 = a2 = d2 = 0.0
-                    for k in range(3):
-                        row = k * ROW + j
-                        speed2 += (u[row] + 0.5 * h * a[row] - (path[6 + k] - path[k]) / h) ** 2
-                        a2 += a[row] * a[row]
-                        d2 += closest[row] * closest[row]
-                    d = max(math.sqrt(d2) - MISSED * math.sqrt(a2) * h * h, method.sizes[b])
-                    rate[j] = max(rate[j], (speed2 / (PASSING * PASSING * d * d)) ** 2)
 
 
 @helper

@@ -30,18 +30,17 @@ from numba import njit, types
 from streamkit.engine.cache import INLINE, cached
 from streamkit.engine.forces import BATCH, FORCES, LANES, LEVELS, ROW, add_forces
 from streamkit.engine.levels import (
-    FURTHER,
     assign_slots,
     choose_levels,
     gather,
     give_back,
     next_batch,
-    passages,
     rates,
     scatter,
 )  # fmt: skip
+from streamkit.engine.passing import FURTHER, PASSING_BODIES, kick, passages
 from streamkit.engine.steps import METHOD, ROWS, A, H, Method, T, compose, nystrom
-from streamkit.engine.velocity_forces import DRAGGED, is_dragged, renew
+from streamkit.engine.velocity_forces import DRAGGED, is_dragged
 from streamkit.stream import Array, IntArray
 
 HIGHEST_LEVEL = 4  # highest level in the first pass over a block: particles of higher levels are postponed
@@ -81,12 +80,11 @@ def accelerations(forces, t, q, out):
                 out[k, begin + i] = a[k * ROW + i]
 
 
-_ADVANCE = METHOD, _SCRATCH, _PARTICLES, _F1, _F
-_ORBIT = METHOD, _F1, _F1, _F, _F, _F2
+_ADVANCE = PASSING_BODIES, METHOD, _SCRATCH, _PARTICLES, _F1, _F
 
 
 @njit(**INLINE)
-def sweep(forces, method, scratch, particles, index, t0, t1, limit, postponed):
+def sweep(forces, passing, method, scratch, particles, index, t0, t1, limit, postponed):
     """Advance the particles index (n,), in place, from their t0 to their t1 with steps of their own levels.
 
     Level 0 takes one step of Nystrom's method, and level 1 two: they are cheaper and more accurate there. A higher
@@ -100,6 +98,7 @@ def sweep(forces, method, scratch, particles, index, t0, t1, limit, postponed):
     t, span = lanes[T:], lanes[H:]
     start, size = np.empty(LEVELS, np.int64), np.empty(LEVELS, np.int64)
     adapts = method.eta[0] > 0.0
+    flown_by = passing.sizes.shape[0] > 0
     begin, m = 0, 0
     while begin + m < index.shape[0]:
         begin += m
@@ -115,8 +114,8 @@ def sweep(forces, method, scratch, particles, index, t0, t1, limit, postponed):
             add_forces(forces, uniform, 0, whole, t, lanes, relative, centre, lanes[A:])
             rates(forces, method.eta, method.heights, uniform, whole, lanes, relative, slots, centre, path, rate)
             deepest = method.most + 1
-            if method.sizes.shape[0] > 0:
-                passages(forces, method, uniform, whole, lanes, relative, centre, path, rate)
+            if flown_by:
+                passages(passing, method.most, uniform, whole, lanes, relative, slots, centre, path, rate)
                 deepest = min(deepest + FURTHER, LEVELS - 1)
             choose_levels(m, rate, span, deepest, level, size)
         assign_slots(m, level, limit, start, size, slot)
@@ -137,18 +136,27 @@ def sweep(forces, method, scratch, particles, index, t0, t1, limit, postponed):
                     slots[k * ROW + i] = slots[k * ROW + last]
             for i in range(first, end):
                 slots[H + i] /= steps
-            if calm:
-                nystrom(forces, uniform, first, end, steps, slots, lanes, relative, centre)
-            else:
-                has_acceleration = adapts and not is_dragged(forces)
-                compose(forces, method, uniform, first, end, steps, has_acceleration, slots, relative, centre)
+            has_acceleration = adapts and not is_dragged(forces)
+            pieces = steps if flown_by else 1  # a kick by the bodies before and after each
+            each = steps // pieces
+            for piece in range(pieces):
+                if flown_by:
+                    kick(passing, 0.5 if piece == 0 else 1.0, uniform, first, end, slots, relative, centre, lanes[A:])
+                if calm:
+                    if piece > 0:
+                        add_forces(forces, uniform, first, end, slots[T:], slots, relative, centre, slots[A:])
+                    nystrom(forces, uniform, first, end, each, slots, lanes, relative, centre)
+                else:
+                    compose(forces, method, uniform, first, end, each, has_acceleration, slots, relative, centre)
+            if flown_by:
+                kick(passing, 0.5, uniform, first, end, slots, relative, centre, lanes[A:])
         for row, out in enumerate(particles):
             give_back(m, slot, slots[row * ROW :], index, begin, out)
     return count
 
 
 @cached(types.void(FORCES, *_ADVANCE), types.void(DRAGGED, *_ADVANCE), nogil=True)
-def advance(forces, method, scratch, particles, t0, t1):
+def advance(forces, passing, method, scratch, particles, t0, t1):
     """Advance all particles, in place, from t0 (n,), which never decrease, to t1.
 
     With method.eta (2,) zero all take method.most equal steps. Otherwise each takes the power of two, up to 2^most,
@@ -157,13 +165,13 @@ def advance(forces, method, scratch, particles, t0, t1):
     """
     most = method.most
     indices, postponed, ends, now = np.arange(t0.shape[0]), np.empty(t0.shape[0], np.int64), t0.copy(), t0.copy()
-    shorter = Method(method.drift, method.kick, method.eta, max(most - 2, 0), method.heights, method.sizes)
+    shorter = Method(method.drift, method.kick, method.eta, max(most - 2, 0), method.heights)
     lowest = np.int64(0) if method.eta[0] == 0.0 else min(HIGHEST_LEVEL, most + 1)
     for part in range(PARTS + 1):  # the whole block, then its parts for the postponed; one call is compiled once
         for i in indices:
             ends[i] = t1 if part == 0 or part == PARTS else t0[i] + (t1 - t0[i]) * part / PARTS
         limit, how = (lowest, method) if part == 0 else (LEVELS - 1, shorter)
-        count = sweep(forces, how, scratch, particles, indices, now, ends, limit, postponed)
+        count = sweep(forces, passing, how, scratch, particles, indices, now, ends, limit, postponed)
         if part == 0:
             if count == 0:
                 return
@@ -171,24 +179,3 @@ def advance(forces, method, scratch, particles, t0, t1):
         else:
             for i in indices:
                 now[i] = ends[i]
-
-
-@cached(types.void(FORCES, *_ORBIT), types.void(DRAGGED, *_ORBIT))
-def integrate_orbit(forces, method, q0, v0, t0, step, out):
-    """Integrate one orbit and write its states (T, 9) at t0 + k * step (step may be negative).
-
-    The method must begin and end with a kick: the force at the end of a step is then that of the next state.
-    """
-    lanes, relative, centre = np.zeros(ROWS * ROW), np.zeros(3 * ROW), np.empty(3)
-    for k in range(3):
-        lanes[k * ROW], lanes[(3 + k) * ROW] = q0[k], v0[k]
-    lanes[T], lanes[H] = t0, step
-    add_forces(forces, True, 0, 1, lanes[T:], lanes, relative, centre, lanes[A:])
-    for node in range(out.shape[0]):
-        renew(forces, lanes, relative, centre, lanes[T:], lanes[A:])
-        for k in range(3):
-            out[node, k], out[node, 3 + k], out[node, 6 + k] = lanes[k * ROW], lanes[(3 + k) * ROW], lanes[A + k * ROW]
-        if node == out.shape[0] - 1:
-            break  # no force is evaluated beyond the last state
-        lanes[T] = t0 + node * step
-        compose(forces, method, True, 0, 1, 1, not is_dragged(forces), lanes, relative, centre)

@@ -142,7 +142,7 @@ class MovingForce:
         """
         sphere = None if self._host.drag is not None else getattr(force, "sphere", None)
         field = self._field_with(force) if sphere is None else self._bare
-        method = Method(LEAPFROG.drift, LEAPFROG.kick, np.zeros(2), max(steps, kicks), np.empty(0), np.empty(0))
+        method = Method(LEAPFROG.drift, LEAPFROG.kick, np.zeros(2), max(steps, kicks), np.empty(0))
 
         def march(piece: slice, scratch: Scratch) -> None:
             rows = tuple(row[piece] for row in (*q, *v))

@@ -22,8 +22,7 @@ ROWS = 11
 class Method(NamedTuple):
     """A method and its step: drift (s + 1,) and kick (s,) of `Splitting`; eta (2,) and most as in `loops.advance`.
 
-    heights are those of the host's disc (`streamkit.engine.discs`), empty if it has none. sizes (b,) are those of the
-    bodies on the trajectories, as in `levels.passages`; empty if none flies by.
+    heights are those of the host's disc (`streamkit.engine.discs`), empty if it has none.
     """
 
     drift: Array
@@ -31,11 +30,10 @@ class Method(NamedTuple):
     eta: Array
     most: int
     heights: Array
-    sizes: Array
 
 
 _F1 = types.float64[::1]
-METHOD = types.NamedTuple([_F1, _F1, _F1, types.intp, _F1, _F1], Method)
+METHOD = types.NamedTuple([_F1, _F1, _F1, types.intp, _F1], Method)
 
 
 @helper

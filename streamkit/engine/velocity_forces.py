@@ -79,18 +79,18 @@ def _add_drag(forces, part, begin, end, lanes, a, centre):
     return call
 
 
-def renew(forces, lanes, relative, centre, t, a):
-    """Store the acceleration of the first lane at its velocity in a. Without drag a holds it already."""
+def renew(forces, n, lanes, relative, centre, t, a):
+    """Store the acceleration of the first n lanes, of one time, at their velocity in a. Without drag a holds it."""
 
 
 @overload(renew, jit_options=COMPILED)
-def _renew(forces, lanes, relative, centre, t, a):
+def _renew(forces, n, lanes, relative, centre, t, a):
     if forces.instance_class is not DraggedForces:
-        return lambda forces, lanes, relative, centre, t, a: None
+        return lambda forces, n, lanes, relative, centre, t, a: None
 
-    def call(forces, lanes, relative, centre, t, a):
-        add_forces(forces, True, 0, 1, t, lanes, relative, centre, a)
-        add_drag(forces, 0.0, 0, 1, lanes, a, centre)
+    def call(forces, n, lanes, relative, centre, t, a):
+        add_forces(forces, True, 0, n, t, lanes, relative, centre, a)
+        add_drag(forces, 0.0, 0, n, lanes, a, centre)
 
     return call
 

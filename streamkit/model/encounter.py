@@ -8,9 +8,9 @@ import numpy as np
 
 from streamkit.components import Potential, Stripping
 from streamkit.engine import Field, build_field
-from streamkit.errors import OutOfDomain
-from streamkit.model.host import NODE, Host
-from streamkit.model.integrate import integrate
+from streamkit.errors import OutOfDomain, blamed
+from streamkit.model.blocks import block_edges
+from streamkit.model.host import Host
 from streamkit.model.release import Start, release_particles
 from streamkit.runfile import FlyBy, StreamInputs
 from streamkit.stream import Array, Orbit, seen_from, sky_matrix
@@ -46,11 +46,34 @@ def flights_past(inputs: StreamInputs, host: Host, track: Orbit) -> list[Flight]
     scheme = inputs.stripping
     if not inputs.flybys or not isinstance(scheme, Stripping):
         return []
+    flybys = list(inputs.flybys.values())
+    for flyby in flybys:
+        if not 0 < flyby.encounter.time < -track.t[0] / GYR:
+            raise OutOfDomain(
+                f"an encounter was {flyby.encounter.time:g} Gyr ago, and the stream begins {-track.t[0] / GYR:g} Gyr "
+                "ago"
+            )
     few = replace(inputs, stripping=scheme.model_copy(update={"particles": PROBES}))
     start = release_particles(few, track, np.zeros((scheme.draws, PROBES)))
     field = host.until(float(track.t[0]))
-    beside = with_progenitor(field, inputs, start.orbit)
-    return [_flight(one, inputs, field, beside, start) for one in inputs.flybys.values()]
+    times = np.array([-flyby.encounter.time * GYR for flyby in flybys])
+    then, today = _probes(with_progenitor(field, inputs, start.orbit), inputs, start, times)
+    points = [_point(flyby, inputs, state, today) for flyby, state in zip(flybys, then, strict=True)]
+    states = [_at_encounter(flyby, *point) for flyby, point in zip(flybys, points, strict=True)]
+    q, v = (np.array([state[k] for state in states]).T for k in (0, 1))
+    with np.errstate(all="ignore"):  # orbits that are not finite are refused below
+        orbits = field.orbits(times, q, v, track.t)
+    flights = []
+    for flyby, orbit, time, point, (_, velocity) in zip(flybys, orbits, times, points, states, strict=True):
+        if not (np.isfinite(orbit.q).all() and np.isfinite(orbit.v).all()):
+            raise OutOfDomain("the orbit of a body that flies by is not finite")
+        speed = float(np.linalg.norm(velocity - point[1]))
+        if not speed > 0:
+            raise OutOfDomain("a body that flies by has no velocity relative to the stream")
+        size = max(flyby.extent, SMALLEST)
+        duration = float(np.hypot(flyby.encounter.impact_parameter, size)) / speed
+        flights.append(Flight(flyby.potential, orbit, float(time), duration, size))
+    return flights
 
 
 def with_progenitor(field: Field, inputs: StreamInputs, orbit: Orbit) -> Field:
@@ -60,55 +83,47 @@ def with_progenitor(field: Field, inputs: StreamInputs, orbit: Orbit) -> Field:
     return field
 
 
-def _flight(flyby: FlyBy, inputs: StreamInputs, field: Field, beside: Field, start: Start) -> Flight:
-    time, track = -flyby.encounter.time * GYR, start.orbit
-    if not track.t[0] < time < 0:
-        raise OutOfDomain(
-            f"an encounter was {flyby.encounter.time:g} Gyr ago, and the stream begins {-track.t[0] / GYR:g} Gyr ago"
-        )
-    point = _point(flyby, inputs, beside, start, time)
-    q, v = _at_encounter(flyby, *point)
-    speed = float(np.linalg.norm(v - point[1]))
-    if not speed > 0:
-        raise OutOfDomain("a body that flies by has no velocity relative to the stream")
-    size = max(flyby.extent, SMALLEST)
-    duration = float(np.hypot(flyby.encounter.impact_parameter, size)) / speed
-    return Flight(flyby.potential, _through(field, q, v, time, track.t), time, duration, size)
+def _probes(field: Field, inputs: StreamInputs, start: Start, times: Array) -> tuple[list[Array], Array]:
+    """Return states (6, m) of the m particles released by each of some times, and those of all (6, n) today."""
+    orbit, state, now = start.orbit, np.concatenate([start.q, start.v]), start.at_release.t.copy()
+    edges = np.union1d(block_edges(orbit, inputs.integrator), times)
+    at: dict[float, Array] = {}
+    for t1 in edges[1:]:
+        m = int(np.searchsorted(start.at_release.t, t1, side="left"))
+        with blamed(f"integrator {inputs.integrator.kind}"):
+            inputs.integrator.advance(field, state[:3, :m], state[3:, :m], now[:m], float(t1))
+        now[:m] = t1
+        if t1 in times:
+            at[float(t1)] = state[:, :m].copy()
+    return [at[float(time)] for time in times], state
 
 
-def _point(flyby: FlyBy, inputs: StreamInputs, field: Field, start: Start, time: float) -> tuple[Array, Array]:
-    """Return position and velocity (3,) of the point of the stream at the time of the encounter."""
-    released = start.at_release.t < time
-    before, after = (start.orbit.at(times) for times in _cut(start.orbit.t, time))
-    tail, q, v = start.tail[released], start.q[:, released], start.v[:, released]
-    chosen = Start(before, start.orbit.at(start.at_release.t[released]), tail, q, v)
-    then = integrate(field, inputs.integrator, chosen)
-    now_there = Start(after, start.orbit.at(np.full(len(tail), time)), tail, then.q, then.v)
-    today = integrate(field, inputs.integrator, now_there)
-    seen = seen_from(inputs.sun.observer, today.q, today.v, sky_matrix(flyby.frame))
+def _point(flyby: FlyBy, inputs: StreamInputs, then: Array, today: Array) -> tuple[Array, Array]:
+    """Return position and velocity (3,) of the point of the stream that a body met.
+
+    then (6, m) are the states of the particles that had been released, at the time of the encounter; today (6, n).
+    """
+    today = today[:, : then.shape[1]]
+    seen = seen_from(inputs.sun.observer, today[:3], today[3:], sky_matrix(flyby.frame))
     phi1 = flyby.encounter.phi1
     away = (seen.lon - phi1 + 180.0) % 360.0 - 180.0
     weight = np.exp(-0.5 * (away / WINDOW) ** 2)
     if not weight.sum() >= LEAST:
+        reach = f"from {seen.lon.min():.1f} to {seen.lon.max():.1f} deg" if len(away) else "nowhere"
         raise OutOfDomain(
             f"the stream that a body meets has no particles at phi1 = {phi1:g} deg today; without encounters those "
-            f"released by then reach from {seen.lon.min():.1f} to {seen.lon.max():.1f} deg"
+            f"released by then reach {reach}"
         )
     root = np.sqrt(weight)
     powers = np.stack([root, root * away, root * away**2], axis=1)
-    fitted = np.linalg.lstsq(powers, (root * np.concatenate([then.q, then.v])).T, rcond=None)[0]
+    fitted = np.linalg.lstsq(powers, (root * then).T, rcond=None)[0]
     q, v = np.split(fitted[0], 2)
     along = v / np.linalg.norm(v)
-    rest = then.q - q[:, None]
+    rest = then[:3] - q[:, None]
     rest = rest - along[:, None] * (along @ rest)
     if not weight @ (rest**2).sum(axis=0) <= THICKEST**2 * (q @ q) * weight.sum():
         raise OutOfDomain(f"the stream that a body meets is in several places at phi1 = {phi1:g} deg")
     return q, v
-
-
-def _cut(t: Array, time: float) -> tuple[Array, Array]:
-    """Return the times up to a time, and those from it on."""
-    return np.append(t[t < time], time), np.append(time, t[t > time])
 
 
 def _at_encounter(flyby: FlyBy, q: Array, v: Array) -> tuple[Array, Array]:
@@ -123,17 +138,3 @@ def _at_encounter(flyby: FlyBy, q: Array, v: Array) -> tuple[Array, Array]:
     aside, turn = np.cos(psi) * outward + np.sin(psi) * pole, np.cos(psi) * pole - np.sin(psi) * outward
     relative = encounter.v_parallel * along + encounter.v_perpendicular * turn
     return q + encounter.impact_parameter * aside, v + relative
-
-
-def _through(field: Field, q: Array, v: Array, time: float, grid: Array) -> Orbit:
-    """Return the orbit through q, v (3,) at a time, on a grid of times; OutOfDomain if it is not finite."""
-    with np.errstate(all="ignore"):  # orbits that are not finite are refused below
-        past, future = (field.orbit(q, v, time, float(end), NODE) for end in (grid[0], grid[-1]))
-        both = ("t", "q", "v", "a", "r_tidal")
-        joined = {
-            name: np.concatenate([getattr(past, name)[..., :-1], getattr(future, name)], axis=-1) for name in both
-        }
-        orbit = Orbit(**joined).at(grid)
-    if not (np.isfinite(orbit.q).all() and np.isfinite(orbit.v).all()):
-        raise OutOfDomain("the orbit of a body that flies by is not finite")
-    return orbit

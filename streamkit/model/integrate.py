@@ -12,16 +12,10 @@ import numpy as np
 from streamkit.components import Integrator
 from streamkit.engine import Field, record
 from streamkit.errors import blamed
-from streamkit.model.blocks import with_edges
+from streamkit.model.blocks import block_edges, with_edges
 from streamkit.model.records import Records, begin_records
 from streamkit.model.release import Start
 from streamkit.stream import Array
-from streamkit.units import GYR
-
-# Largest turn of the progenitor in a block, radians. A particle of the same angular momentum at half the pericentre
-# turns less than four times as much: less than three quarters of a revolution, so that its revolutions are counted
-# right.
-TURN = 1.2
 
 
 def integrate(
@@ -29,16 +23,15 @@ def integrate(
 ) -> Records:
     """Advance particles from their release, at increasing times, to the end of the progenitor's track.
 
-    Blocks are shorter about the ``encounters``, which have a time and a duration.
+    Blocks are shorter about the ``encounters``, which have a time and a duration, if the integrator needs that.
     """
     orbit, released = start.orbit, start.at_release
     t_release = released.t
     q, v, now = start.q.copy(), start.v.copy(), t_release.copy()
-    begin, end = float(orbit.t[0]), float(orbit.t[-1])
-    block = min(integrator.longest_block * GYR, TURN / float(orbit.omega.max()))
-    edges = np.linspace(begin, end, max(int(np.ceil((end - begin) / block)), 1) + 1)
-    for time, duration in encounters:
-        edges = with_edges(edges, time, duration, block)
+    edges = block_edges(orbit, integrator)
+    if not integrator.resolves_passages:
+        for time, duration in encounters:
+            edges = with_edges(edges, time, duration)
     at_edges = orbit.at(edges)
     states = np.ascontiguousarray(np.concatenate([at_edges.q, at_edges.v, at_edges.a]).T)
     plane, offset, swept, records = begin_records(orbit, released, q, v, np.int64)

@@ -190,8 +190,8 @@ def simulate(inputs: StreamInputs, draws: Array, shared: Host | None = None, thr
     start = release_particles(inputs, track, draws)
     field = with_progenitor(host.until(float(track.t[0])), inputs, start.orbit)
     flights = flights_past(inputs, host, track)
-    for flight in flights:
-        field = field.with_moving(build_field([flight.potential]), flight.orbit, flight.size)
+    if flights:
+        field = field.with_passing([(build_field([one.potential]), one.orbit, one.size) for one in flights])
     encounters = [(flight.time, flight.duration) for flight in flights]
     done = integrate(replace(field, threads=threads), inputs.integrator, start, encounters)
     return _stream(inputs, host, start.orbit, done, start.tail, start.at_release.t, np.ones(len(start.tail)))

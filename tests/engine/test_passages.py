@@ -17,7 +17,8 @@ def field_of(size, start=-3.0):
     q, v = np.zeros((3, 60)), np.zeros((3, 60))
     q[0], v[0] = start + SPEED * t, SPEED
     orbit = Orbit(t, q, v, np.zeros((3, 60)), np.full(60, np.nan))
-    return build_field([]).with_moving(build_field([Plummer(mass=MASS, radius=RADIUS)]), orbit, size)
+    body = build_field([Plummer(mass=MASS, radius=RADIUS)])
+    return build_field([]).with_passing([(body, orbit, size)]) if size else build_field([]).with_moving(body, orbit)
 
 
 def kicks(size, distances, start=-3.0, deepest=7):

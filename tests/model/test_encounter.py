@@ -219,3 +219,22 @@ def test_encounters_add_up_and_go_with_moving_bodies_and_equal_steps():
     assert effect > 0.5
     for other, tolerance in ((two, 1e-3), (beside, 1e-3), (pulled, 1e-3), (fixed, 1e-2)):
         assert np.abs(other.q - one.q).max() < tolerance * effect
+
+
+def test_bodies_at_all_distances_act_as_in_steps_that_evaluate_them_at_every_stage():
+    """A body kicks once a step. PEFRL with equal steps evaluates it in every stage of a step."""
+    met = [
+        {"time": "0.3 Gyr", "impact_parameter": "50 pc", "v_parallel": 100, "v_perpendicular": 200},
+        {"time": "0.5 Gyr", "impact_parameter": "2 kpc", "v_parallel": -90, "v_perpendicular": 60},
+        {"time": "0.7 Gyr", "impact_parameter": "9 kpc", "v_parallel": 30, "v_perpendicular": -250},
+    ]
+    fixed = {"integrator": {"kind": "pefrl", "step": "0.25 Myr"}}
+    for each in met:
+        document = run_file(CLUMP, particles=100, **each)
+        document["progenitor"]["lookback"], document["stripping"]["sigma"] = 1, 0.05
+        alone = {key: value for key, value in document.items() if key != "body"}
+        found = stream_of(document).q - stream_of(alone).q
+        exact = stream_of(document | fixed).q - stream_of(alone | fixed).q
+        effect, error = (np.linalg.norm(one, axis=0) for one in (exact, found - exact))
+        assert effect.max() > 0.004
+        assert error.max() < 0.02 * effect.max()

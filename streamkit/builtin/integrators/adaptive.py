@@ -28,6 +28,7 @@ class Adaptive(sk.Integrator):
     )
     order = 4
     drag = True
+    resolves_passages = True
     example: ClassVar[dict[str, Any]] = {"method": "rkn4", "eta": 0.3, "eta_progenitor": 0.2}
 
     method: Literal["pefrl", "rkn4"] = Field(
