@@ -17,6 +17,7 @@ from streamkit.errors import ChainError, OutOfDomain, message_of
 from streamkit.fit.directory.claim import LITERATURE, RECOVERY, stream_pictures
 from streamkit.fit.directory.integrity import RUN_FILE
 from streamkit.fit.directory.manifest import MANIFEST
+from streamkit.fit.samples.members import has_members
 from streamkit.fit.samples.predictions import predicted_intervals
 from streamkit.fit.samples.results import Results, load_results
 from streamkit.fit.samples.tables import printable
@@ -24,6 +25,7 @@ from streamkit.fit.show.corner import corner
 from streamkit.fit.show.figures import WIDE, mass_profile, priors, radii, remark, rotation_curve, traces
 from streamkit.fit.show.flattening import flattening, is_sphere
 from streamkit.fit.show.literature import read_literature
+from streamkit.fit.show.members import members
 from streamkit.fit.show.page import PAGE, page_text
 from streamkit.fit.show.predictive import predictions
 from streamkit.fit.show.recovery import DRAWN, RADII, recovery_figure, recovery_table, true_host
@@ -58,11 +60,14 @@ TABLES: dict[str, Callable[[Results], QTable]] = {
 FLATTENING = "flattening.png"  # only for a host that is no sphere
 # Only for several streams.
 STREAMS, LEFT_OUT, SKY = "streams.ecsv", "left_out.ecsv", "sky.png"
+MEMBERS = "members.ecsv", "members.png"  # only for single stars of stream and field
 
 
 def tables_of(spec: Spec) -> dict[str, Callable[[Results], QTable]]:
     """Return the tables of a run of this spec."""
-    return TABLES | ({STREAMS: Results.streams, LEFT_OUT: Results.left_out} if len(spec.streams) > 1 else {})
+    several: dict[str, Callable[[Results], QTable]] = {STREAMS: Results.streams, LEFT_OUT: Results.left_out}
+    stars = {MEMBERS[0]: Results.members} if has_members(spec) else {}
+    return TABLES | (several if len(spec.streams) > 1 else {}) | stars
 
 
 def figures_of(
@@ -82,6 +87,8 @@ def figures_of(
         figures[FLATTENING] = partial(flattening, **profile)
     if len(spec.streams) > 1:
         figures[SKY] = sky
+    if has_members(spec):
+        figures[MEMBERS[1]] = members
     for file, name in stream_pictures(spec).items():
         figures[file] = partial(best_stream, name=name, column=column)
     return figures

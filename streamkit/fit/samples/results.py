@@ -24,6 +24,7 @@ from streamkit.fit.samples.chain import ChainDraws
 from streamkit.fit.samples.conversion import arviz_tree, replicates, sample_columns
 from streamkit.fit.samples.draws import Draws
 from streamkit.fit.samples.left_out import left_out_table
+from streamkit.fit.samples.members import members_table
 from streamkit.fit.samples.predictions import predictive
 from streamkit.fit.samples.tables import goodness_table, intervals, predictions_table, printable, stream_table
 from streamkit.fit.samples.weighted import WeightedDraws
@@ -264,6 +265,18 @@ class Results:
         residual.
         """
         return self.with_provenance(goodness_table(self.fit))
+
+    def members(self) -> QTable:
+        """Return one row per star of the observable `stars`: how likely it is a member of its stream.
+
+        Columns: stream, ra, dec, phi1 and what is compared; p_member, the mean over at most 100 samples, with its
+        scatter p_member_sd; and p_cocoon, the part of it that is of the cocoon. No rows without such stars.
+        """
+        return self.with_provenance(self._members)
+
+    @cached_property
+    def _members(self) -> QTable:
+        return members_table(self._sampled())
 
     def streams(self) -> QTable:
         """Return one row per stream of several, and one for the data of the host: how well the model fits its data.

@@ -231,6 +231,11 @@ class Stars(sk.Observable):
         """(1, N) or (2, N) Return the probability of each star to be of the thin stream, and of its cocoon."""
         return membership(self.catalogue, self._model(prediction, False), self._settings)[:, :, 0]
 
+    def places(self) -> dict[str, tuple[sk.Array, str]]:
+        """Return ra, dec, phi1 and the compared columns of the stars, (N,) each with its unit."""
+        given = {name: (self.stars[name], "deg") for name in ("ra", "dec")} | {"phi1": (self.catalogue.phi1, "deg")}
+        return given | {name: (column, COLUMNS[name].unit) for name, column in self.catalogue.values.items()}
+
     @property
     def _settings(self) -> Settings:
         """The numbers of the fields; fields of n points are (n, 1)."""
