@@ -29,7 +29,7 @@ def members(results: Results) -> Figure:
         x, y = stars[ALONG].value, stars[column].value
         p = np.asarray(stars["p_member"])
         likely = p > LIKELY
-        axes.plot(x[~likely], y[~likely], ".", color="#BBBBBB", ms=2.0, mew=0, rasterized=True)
+        axes.plot(x[~likely], y[~likely], ".", color="#999999", ms=3.0, mew=0, rasterized=True)
         drawn = axes.scatter(
             x[likely], y[likely], c=p[likely], s=9, cmap="viridis_r", vmin=0.0, vmax=1.0, rasterized=True
         )
