@@ -1,12 +1,17 @@
 """What an extra error does to the calibration of a fit whose tracks are smoothly wrong by more than they state.
 
     python tests/benchmarks/extra_error.py [--draws 100] [--factor 3]
+    python tests/benchmarks/extra_error.py --emulator 3
 
 Each draw has a truth of the prior, and tracks of its stream with white noise of their stated errors and a smooth error
 of `factor` times those, alike over 8 deg. It is fitted with stated errors alone, with dispersions that are free, and
 with extra errors and their length free. The lines give how many 68 and 95 % intervals hold the truth, the standard
 deviation of the normal scores of the truth (1 where intervals are right), the median width, and the median p of all
 data. The predictions are polynomials through those of streams, the same for truth and fit: errors alone are tested.
+
+With --emulator so many mock skies are fitted by the sampler `emulator` too, which makes streams of its own, and by
+emcee with the polynomials. The lines give mean and standard deviation of both, and the shift of the means in the
+latter; of the extra errors and their length by their logarithms.
 """
 
 from __future__ import annotations
@@ -55,19 +60,24 @@ KINDS: dict[str, dict[str, tuple[float, float]]] = {  # the ranges of free numbe
 class Tracks:
     """The predictions of streams as polynomials of the parameters of the host."""
 
-    def __init__(self) -> None:
+    def __init__(self, repeats: int = 1, degree: int = DEGREE) -> None:
+        """Learn them by streams of one seed, or by ``repeats`` with fresh random numbers, whose noise averages out."""
         spec = sk.load(RUN)
-        self.names, self.priors = spec.names, spec.priors
+        self.names, self.priors, self.degree = spec.names, spec.priors, degree
         self.low, self.high = np.array([prior.support for prior in spec.priors]).T
         axes = [np.linspace(low, high, n) for low, high, n in zip(self.low, self.high, GRID, strict=True)]
         points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-        found = [sk.Model(spec).observe(spec.bind(theta)) for theta in points]
+        means = []
+        for repeat in range(repeats):
+            seeded = sk.load(RUN | {"seed": RUN["seed"] + repeat})
+            model = sk.Model(seeded, fresh=repeats > 1)
+            means += [model.observe(seeded.bind(theta))[1].mean for theta in points]
         self.observable = spec.bind().observable
-        self.coefficients = np.linalg.lstsq(self._terms(points), np.array([each[1].mean for each in found]))[0]
+        self.coefficients = np.linalg.lstsq(self._terms(np.tile(points, (repeats, 1))), np.array(means))[0]
 
     def _terms(self, points: np.ndarray) -> np.ndarray:
         x, y = (2 * (points - self.low) / (self.high - self.low) - 1).T
-        return np.stack([x**i * y**j for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)], axis=1)
+        return np.stack([x**i * y**j for i in range(self.degree + 1) for j in range(self.degree + 1 - i)], axis=1)
 
     def __call__(self, points: np.ndarray) -> sk.Prediction:
         """Return the predictions (n, m) at parameters (n, 2)."""
@@ -106,14 +116,36 @@ def first_of(many: sk.Prediction) -> sk.Prediction:
     return sk.Prediction(many.names, mean, 0 * mean, details=dict.fromkeys(DETAILS, 0 * mean))
 
 
-def one(tracks: Tracks, index: int, factor: float) -> dict[str, Any]:
-    """Return for each kind of fit the fractions of its samples below the true numbers, their widths, and p."""
-    rng = np.random.default_rng([7, index])
+def sky(tracks: Tracks, rng: np.random.Generator, factor: float) -> tuple[Any, dict[str, Any], dict[str, Any], Any]:
+    """Return the parameters of a mock sky, its smooth errors, the fields of the observable, and its data."""
     theta = np.array([float(prior.sample(rng, 1)[0]) for prior in tracks.priors])
     wrong = {name: factor * error for name, error in EXTRA.items()} | {"extra_error_length": LENGTH}
     single = first_of(tracks(theta[None]))
     fields = {name: getattr(tracks.observable, name) for name in type(tracks.observable).model_fields}
-    mock = type(tracks.observable)(**(fields | wrong)).mock(single, rng)
+    return theta, wrong, fields, type(tracks.observable)(**(fields | wrong)).mock(single, rng)
+
+
+def beside_emulator(tracks: Tracks, index: int, factor: float) -> Iterator[str]:
+    """Yield a line for each number that was fitted to a mock sky by the emulator and by emcee."""
+    rng, free = np.random.default_rng([7, index]), KINDS["extra errors"]
+    theta, _, fields, mock = sky(tracks, rng, factor)
+    priors = {name: {"log_uniform": list(ends)} for name, ends in free.items()}
+    run = RUN | {"observable": RUN["observable"] | mock | priors, "sampler": {"kind": "emulator"}}
+    results = sk.run(run, progress=False)
+    sampled = tracks.fit(type(tracks.observable)(**(fields | mock)), free, rng)
+    note = "certified" if results.converged else "not certified"
+    yield f"sky {index}, truth {np.round(theta, 3).tolist()}: {results.calls} calls, {note}"
+    for i, name in enumerate((*tracks.names, *(f"observable.{each}" for each in free))):
+        take = np.log if i >= len(tracks.names) else np.asarray
+        ours, theirs = take(results[name]), take(sampled[:, i])
+        yield (f"{name:40s} emcee {theirs.mean():8.3f} +- {theirs.std():6.3f}   emulator {ours.mean():8.3f} +- "
+               f"{ours.std():6.3f}   shift {(ours.mean() - theirs.mean()) / theirs.std():+.2f} sd")  # fmt: skip
+
+
+def one(tracks: Tracks, index: int, factor: float) -> dict[str, Any]:
+    """Return for each kind of fit the fractions of its samples below the true numbers, their widths, and p."""
+    rng = np.random.default_rng([7, index])
+    theta, wrong, fields, mock = sky(tracks, rng, factor)
     observable, found = type(tracks.observable)(**(fields | mock)), {}
     for kind, free in KINDS.items():
         samples = tracks.fit(observable, free, rng)
@@ -149,7 +181,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--draws", type=int, default=100)
     parser.add_argument("--factor", type=float, default=3.0, help="smooth over stated errors")
+    parser.add_argument("--emulator", type=int, default=0, metavar="N", help="skies fitted by the emulator too")
     given = parser.parse_args()
+    if given.emulator:
+        better = Tracks(repeats=8, degree=6)
+        for index in range(given.emulator):
+            print(*beside_emulator(better, index, given.factor), sep="\n", flush=True)
+        return
     tracks = Tracks()
     found = [one(tracks, index, given.factor) for index in range(given.draws)]
     for kind in KINDS:
