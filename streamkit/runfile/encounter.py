@@ -22,8 +22,9 @@ class Encounter(BaseModel):
     from the Galactic centre, and 90 deg along the stream's angular momentum. v_perpendicular is normal to that line
     and to the stream: positive in the sense of a growing angle. The body acts on the particles of this stream alone,
     and stays: it may meet them again. It feels the host and the other bodies, without friction, and pulls neither; nor
-    does it pull the progenitor, so encounters near the progenitor are beyond this model. The integrator leapfrog needs
-    steps of 0.01 Myr for it; the others resolve it with their own steps.
+    does it pull the progenitor, so encounters near the progenitor are beyond this model. A body at a distance d would
+    shift the progenitor by G M t^2 / (2 d^2) in a time t: 20 pc for 1e6 Msun at 10 kpc in 1 Gyr. The integrator
+    leapfrog needs steps of 0.01 Myr for a body; the others resolve it with their own steps.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
