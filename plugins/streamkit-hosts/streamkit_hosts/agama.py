@@ -129,7 +129,7 @@ def _summed(times: Array, each: list[list[Sphere]], l_max: int | None) -> Expans
         return out
 
     cuts: dict[str, Callable[[Array], Array]] = {}
-    if most >= 2:
+    if most >= 4:
         cuts[f"the degrees above {most - 2}"] = partial(phi, below=most - 1)
     ends = [sphere.ends for spheres in each for sphere in spheres]
     return Expansion(times, harmonics, phi, min(low for low, _ in ends), max(high for _, high in ends), cuts)

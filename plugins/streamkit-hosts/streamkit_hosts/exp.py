@@ -74,7 +74,7 @@ def read(
 
     fewer = max(1, nmax // 5)
     cuts: dict[str, Callable[[Array], Array]] = {f"the last {fewer} of {nmax} functions": partial(phi, fewer=fewer)}
-    if kept >= 2:
+    if kept >= 4:
         cuts[f"the degrees above {kept - 2}"] = partial(phi, below=kept - 1)
     first, last = basis.first * scale, basis.last * scale
     return Expansion((found.times - now) * time, harmonics, phi, first, last, cuts, _said(found, length, first))
