@@ -2,9 +2,9 @@
 
 Each begins from its own places, at a small inverse temperature, and comes to the posterior in stages (sequential Monte
 Carlo: Del Moral, Doucet & Jasra 2006). Weights move walkers from one mode to another there, as no walk would. Some of
-both then walk on, with moves that no longer change. Rank-normalised R-hat over both, and over both halves of their
-walks, says whether they are samples of one distribution (Vehtari et al. 2021): of all coordinates and of the principal
-axes of those that a factor depends on, means and widths.
+both then walk on until thin ends are filled, and again with moves that are made from this walk. Rank-normalised R-hat
+over both, and over both halves of their walks, says whether they are samples of one distribution (Vehtari et al. 2021):
+of all coordinates and of the principal axes of those that a factor depends on, means and widths.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ RENEWED = 5
 # Walkers of a population that walk on, sweeps of their first walk, and their most sweeps. Thin ends of a posterior fill
 # slowly, and a walk of fewer sweeps does not show that they are missing.
 WALKING, FIRST, MOST_SWEEPS = 64, 300, 8000
+# Places of the first walk that the moves of the second one are made from.
+MANY = 8000
 # Largest R-hat over both populations, fewest autocorrelation times of a walk, and fewest independent samples.
 # R-hat of 1.004 is a difference of means of 0.15 standard deviations: their common mean is off by half of it.
 R_HAT, TIMES, INDEPENDENT = 1.004, 16.0, 2000
@@ -226,16 +228,26 @@ def sample(
     # both learn the moves from both: what one has lost, the other may have kept
     both = populations[0].joined(populations[1], WALKING)
     moves = both.moves(np.concatenate([each.z for each in populations]))
-    parts = []
-    more = sweeps = min(FIRST, most_sweeps)
+    first = both.walk(min(FIRST, most_sweeps), moves)
+    if most_sweeps <= FIRST:
+        return _judged(both, moves, [first], times, independent)
+    # Stages leave thin ends empty, and the first walk fills them: it is no part of the answer. Its places are many more
+    # than the walkers. A mixture of them follows these ends, where a walk by the first moves stays for long.
+    moves, parts, sweeps, more = both.moves(_some(first[0])), [], 0, FIRST
     while True:
         parts.append(both.walk(more, moves))
+        sweeps += more
         result = _judged(both, moves, parts, times, independent)
         if result.agree or sweeps >= most_sweeps:
             return result
         wanted = max(times * result.time, sweeps * independent / max(result.independent, 1.0))
         more = min(max(int(1.1 * wanted) - sweeps, sweeps // 4), sweeps, most_sweeps - sweeps)
-        sweeps += more
+
+
+def _some(walked: Array) -> Array:
+    """(n, d) Return `MANY` of the places (sweeps, w, d) of a walk."""
+    places = walked.reshape(-1, walked.shape[2])
+    return places[:: max(len(places) // MANY, 1)]
 
 
 def go_on(density: Density, begin: Array, seed: list[int]) -> Populations:
