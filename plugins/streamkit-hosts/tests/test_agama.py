@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from streamkit_hosts import agama
+from streamkit_hosts.sections import UNITS as TABLE_UNITS
 from streamkit_hosts.sections import written
 
 import streamkit as sk
@@ -92,10 +93,11 @@ def test_a_stream_is_made_in_a_disc_in_time(tmp_path):
     parts = []
     for t, factor in ((-1.5, 0.5), (-0.75, 0.75), (0.0, 1.0)):
         rows = {"t": np.full(len(table["R"]), t), **table}
-        parts.append(Table(rows | {name: factor * table[name] for name in ("phi", "dphi_dR", "dphi_dz")}))
+        rows |= {name: factor * table[name] for name in ("phi", "dphi_dR", "dphi_dz")}
+        parts.append(Table(rows, units=TABLE_UNITS))
     vstack(parts).write(tmp_path / "disc.ecsv")
     disc = f'[potential.disc]\nkind = "cylspline"\ntable = "{tmp_path / "disc.ecsv"}"\ntolerance = 1e-2\n'
-    halo = '[potential.halo]\nkind = "logarithmic_spherical"\nv0 = 200\nrs = 5\n'
+    halo = '[potential.halo]\nkind = "logarithmic"\nv_h = 150\nr_h = 5\n'
     (tmp_path / "run.toml").write_text(disc + halo + REST)
     model = sk.Model(sk.load(tmp_path / "run.toml"))
     assert np.isfinite(model.stream().q).all()

@@ -263,7 +263,7 @@ def test_the_command_makes_a_host_and_its_look_back_time_ends_with_the_file(fold
     words = [str(folder / "basis.yml"), str(COEFFICIENTS), "--length", str(LENGTH), "--mass", str(MASS), "--time", "1"]
     shown = CliRunner().invoke(main, ["import-host", *words, "-o", str(table)])
     assert shown.exit_code == 0, shown.output
-    assert "3 times, 1 harmonics" in shown.output
+    assert "3 time(s), 1 harmonic(s)" in shown.output
     section = shown.output[shown.output.index("[potential]") :]
     rest = (
         '[progenitor]\nkind = "plummer"\nmass = 2e4\nradius = 0.01\nx = 12\ny = 0\nz = 5\nvx = 30\nvy = 140\nvz = 20\n'
