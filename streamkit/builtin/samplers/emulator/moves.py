@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from streamkit import Array, IntArray
+from streamkit.builtin.samplers.emulator.arrow import Arrow
 from streamkit.builtin.samplers.emulator.density import Density, Layout, Terms
 from streamkit.builtin.samplers.emulator.mixture import Mixture
 
@@ -49,11 +50,18 @@ class Moves:
         alone = self._own[0] if self._shared is None and len(self._own) == 1 else None
         self._whole = alone or Mixture.of(places, rng)
         self._archive = places
-        covariance = np.atleast_2d(np.cov(places.T))
-        covariance[np.diag_indices_from(covariance)] *= 1 + RIDGE
-        self._precision: Array = np.linalg.inv(covariance).astype(float)
+        self._precision = self._precision_of(places)
         self.accepted, self.sweeps = np.zeros(4), 0
         self._blocks = int(self._shared is not None) + int(any(each is not None for each in self._own))
+
+    def _precision_of(self, places: Array) -> Array:
+        """(d, d) The precision of the places: of the shared coordinates, and of those of each factor, by themselves."""
+        covariance = np.atleast_2d(np.cov(places.T))
+        covariance[np.diag_indices_from(covariance)] *= 1 + RIDGE
+        precision = np.zeros_like(covariance)
+        for block in (self._layout.shared, *self._layout.own):
+            precision[np.ix_(block, block)] = np.linalg.inv(covariance[np.ix_(block, block)])
+        return precision
 
     def _regression(self, places: Array, own: IntArray) -> Array:
         """(h, k) The coefficients of the own coordinates on the shared ones."""
@@ -154,7 +162,7 @@ class Moves:
         """
         length = np.exp(rng.uniform(np.log(SHORTEST), 0.0, len(z)))
         here = self._local(density, z, beta, length)
-        new = here.middle + np.matmul(here.root, rng.standard_normal((*z.shape, 1)))[:, :, 0]
+        new = here.draw(rng)
         there = self._local(density, new, beta, length)
         others = density.terms(new)
         gain = _gain(others.total(beta), terms.total(beta)) + there.ln_density(z) - here.ln_density(new)
@@ -170,27 +178,27 @@ class Moves:
             precision[:, np.arange(z.shape[1]), np.arange(z.shape[1])] += 1.0
         else:  # ln L is learned as a whole
             precision = precision + self._precision
-        inverse_root: Array = np.linalg.cholesky(precision).astype(float)
-        root = np.linalg.inv(inverse_root).transpose(0, 2, 1)
+        arrow = Arrow.of(precision, self._layout)
         force = np.clip(np.nan_to_num(beta * slopes), -STEEPEST, STEEPEST) - z
-        toward = np.matmul(root, np.matmul(root.transpose(0, 2, 1), force[:, :, None]))[:, :, 0]
         shrunk = 1.0 - np.sqrt(1.0 - length**2)
-        return _Gaussians(z + shrunk[:, None] * toward, length[:, None, None] * root, inverse_root, length)
+        return _Gaussians(z + shrunk[:, None] * arrow.solve(force), arrow, length)
 
 
 class _Gaussians(NamedTuple):
-    """Gaussians of n walkers: means (n, d), roots of the covariances (n, d, d), lower ones of the inverses, lengths."""
+    """Gaussians of n walkers: means (n, d), precisions, and lengths (n,) by which their widths are multiplied."""
 
     middle: Array
-    root: Array
-    inverse_root: Array
+    precision: Arrow
     length: Array
+
+    def draw(self, rng: np.random.Generator) -> Array:
+        """(n, d) Draw from each."""
+        return self.middle + self.length[:, None] * self.precision.unwhiten(rng.standard_normal(self.middle.shape))
 
     def ln_density(self, z: Array) -> Array:
         """(n,) ln density of each at z (n, d), up to a constant that depends on the length alone."""
-        away = np.matmul((z - self.middle)[:, None], self.inverse_root)[:, 0] / self.length[:, None]
-        volume = np.log(np.einsum("nii->ni", self.inverse_root)).sum(axis=1)
-        return np.asarray(volume - 0.5 * np.sum(away**2, axis=1))
+        away = self.precision.whiten(z - self.middle) / self.length[:, None]
+        return np.asarray(self.precision.ln_volume() - 0.5 * np.sum(away**2, axis=1))
 
 
 def _gain(after: Array, before: Array) -> Array:

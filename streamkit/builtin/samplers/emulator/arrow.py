@@ -1,0 +1,115 @@
+"""Precision matrices in the form of an arrow: the own coordinates of a factor are tied to the shared ones alone.
+
+Their Cholesky factor has the same form if the shared coordinates come last. Its cost grows with the number of factors,
+where that of a whole matrix grows with its cube.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from streamkit import Array, IntArray
+from streamkit.builtin.samplers.emulator.density import Layout
+
+
+class Block(NamedTuple):
+    """The part of one factor.
+
+    Attributes
+    ----------
+    own
+        (k,) indices of its coordinates.
+    root, inverse
+        (n, k, k) lower Cholesky factor L of its precision, and the inverse of L.
+    across
+        (n, h, k) what ties the shared coordinates to it, times the inverse of L'.
+    """
+
+    own: IntArray
+    root: Array
+    inverse: Array
+    across: Array
+
+
+class Arrow(NamedTuple):
+    """Cholesky factors of n precision matrices (n, d, d).
+
+    Attributes
+    ----------
+    shared
+        (h,) indices of the shared coordinates.
+    blocks
+        Those of the factors with coordinates of their own.
+    root, inverse
+        (n, h, h) lower factor of what the blocks leave of the shared coordinates' precision, and its inverse.
+    """
+
+    shared: IntArray
+    blocks: tuple[Block, ...]
+    root: Array
+    inverse: Array
+
+    @classmethod
+    def of(cls, precision: Array, layout: Layout) -> Arrow:
+        """Factorise matrices (n, d, d). Raises LinAlgError where one is not positive definite."""
+        shared, blocks = layout.shared, []
+        left = _part(precision, shared, shared)
+        for own in layout.own:
+            if not len(own):
+                continue
+            root, inverse = _factor(_part(precision, own, own))
+            across = _part(precision, shared, own) @ _turned(inverse)
+            left = left - across @ _turned(across)
+            blocks.append(Block(own, root, inverse, across))
+        return cls(shared, tuple(blocks), *_factor(left))
+
+    def whiten(self, x: Array) -> Array:
+        """(n, d) Return vectors whose squared lengths are x' P x, for x (n, d) and the matrices P."""
+        out, h = np.empty_like(x), x[:, self.shared]
+        for own, root, _, across in self.blocks:
+            out[:, own] = _times(_turned(root), x[:, own]) + _times(_turned(across), h)
+        out[:, self.shared] = _times(_turned(self.root), h)
+        return out
+
+    def unwhiten(self, white: Array) -> Array:
+        """(n, d) Return the x whose `whiten` is white (n, d): of normal numbers, draws with the covariance 1 / P."""
+        x, h = np.empty_like(white), _times(_turned(self.inverse), white[:, self.shared])
+        for own, _, inverse, across in self.blocks:
+            x[:, own] = _times(_turned(inverse), white[:, own] - _times(_turned(across), h))
+        x[:, self.shared] = h
+        return x
+
+    def solve(self, force: Array) -> Array:
+        """(n, d) Return x with P x = force (n, d)."""
+        white, left = np.empty_like(force), force[:, self.shared]
+        for own, _, inverse, across in self.blocks:
+            white[:, own] = _times(inverse, force[:, own])
+            left = left - _times(across, white[:, own])
+        white[:, self.shared] = _times(self.inverse, left)
+        return self.unwhiten(white)
+
+    def ln_volume(self) -> Array:
+        """(n,) Return half of ln of the determinants."""
+        roots = (self.root, *(block.root for block in self.blocks))
+        return np.asarray(sum(np.log(np.einsum("nii->ni", root)).sum(axis=1) for root in roots))
+
+
+def _part(matrices: Array, rows: IntArray, columns: IntArray) -> Array:
+    return np.asarray(matrices[:, rows[:, None], columns])
+
+
+def _factor(matrices: Array) -> tuple[Array, Array]:
+    """Return lower Cholesky factors of matrices (n, k, k), and their inverses."""
+    root = np.linalg.cholesky(matrices).astype(float)
+    return root, np.linalg.inv(root).astype(float)
+
+
+def _turned(matrices: Array) -> Array:
+    return matrices.transpose(0, 2, 1)
+
+
+def _times(matrices: Array, vectors: Array) -> Array:
+    """(n, i) Products of matrices (n, i, j) and vectors (n, j)."""
+    return np.asarray(np.matmul(matrices, vectors[:, :, None])[:, :, 0])

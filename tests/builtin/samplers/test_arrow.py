@@ -1,0 +1,26 @@
+"""Cholesky factors of arrow matrices, beside those of whole matrices."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from streamkit.builtin.samplers.emulator.arrow import Arrow
+from streamkit.builtin.samplers.emulator.density import Layout
+
+
+@pytest.mark.parametrize(("shared", "sizes"), [(4, (2, 3, 0, 1)), (0, (5,)), (3, (0,)), (2, (40, 1))])
+def test_arrows_are_whole_matrices(shared: int, sizes: tuple[int, ...]) -> None:
+    rng, ends = np.random.default_rng(1), shared + np.cumsum([0, *sizes])
+    layout = Layout(np.arange(shared), [np.arange(a, b) for a, b in pairwise(ends)])
+    d, n = ends[-1], 7
+    precision = np.zeros((n, d, d)) + np.eye(d)
+    for own in layout.own:  # what data of one factor say of its own and the shared coordinates
+        columns = np.concatenate([layout.shared, own])
+        design = rng.normal(size=(n, 6, len(columns))) * 10.0
+        precision[:, columns[:, None], columns] += design.transpose(0, 2, 1) @ design
+    arrow, x = Arrow.of(precision, layout), rng.normal(size=(n, d))
+    np.testing.assert_allclose(arrow.solve(x), np.linalg.solve(precision, x[:, :, None])[:, :, 0], rtol=1e-8)
+    np.testing.assert_allclose(np.sum(arrow.whiten(x) ** 2, axis=1), np.einsum("ni,nij,nj->n", x, precision, x))
+    np.testing.assert_allclose(arrow.whiten(arrow.unwhiten(x)), x, atol=1e-8)
+    np.testing.assert_allclose(2 * arrow.ln_volume(), np.linalg.slogdet(precision)[1])
