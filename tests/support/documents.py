@@ -172,7 +172,7 @@ def lay_desk(where: Path) -> None:
     for path in sorted((ROOT / "examples").rglob("*")):
         copy = where / path.relative_to(ROOT)
         copy.parent.mkdir(parents=True, exist_ok=True)
-        if path.suffix == ".toml" and not path.stem.startswith("truth"):
+        if path.suffix == ".toml" and not path.stem.startswith("truth") and sk.load(path).names:
             copy.write_text(reduced(path).toml())
         elif path.suffix in (".toml", ".py", ".ecsv"):
             shutil.copy(path, copy)
