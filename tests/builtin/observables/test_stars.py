@@ -104,6 +104,34 @@ def test_the_noise_of_the_model_is_shared_by_the_stars_at_a_knot() -> None:
     assert stars.ln_likelihood(prediction, True) == pytest.approx(total)
 
 
+def test_the_average_over_errors_of_the_model_gains_no_more_than_the_misfit() -> None:
+    """A track that is off everywhere, many stars at each knot, and errors that would hide it: ln L stays below the top.
+
+    Beside the joint Gaussian of all stars, in which the numbers at the knots are shared by those between them.
+    """
+    table = {name: without_field(catalogue(400, 0, seed=4)[0])[name] for name in ("ra", "dec")}
+    stars = stars_of(table, window={"phi1": [-40, 40]}, knots=6)
+    prediction = stars.predict(the_stream())
+    rows = stars.quantities()
+    spread = prediction.mean[rows["phi2_spread"]]
+    variance = np.zeros(12)
+    variance[rows["phi2"]] = 0.1 * spread**2
+    top = float(stars.ln_likelihood(prediction, False))
+    for shift in (0.0, 1.0, 3.0, 30.0):
+        mean = prediction.mean.copy()
+        mean[rows["phi2"]] += shift * spread
+        moved = replace(prediction, mean=mean, variance=variance)
+        weights = stars.catalogue.knots.cubic.toarray()
+        width = stars.catalogue.knots.linear @ spread
+        whole = weights @ np.diag(variance[rows["phi2"]]) @ weights.T + np.diag(width**2 + 1e-6)
+        away = stars.catalogue.values["phi2"] - weights @ mean[rows["phi2"]]
+        exact = float(multivariate_normal(np.zeros(len(away)), whole).logpdf(away))
+        found = float(stars.ln_likelihood(moved, True))
+        assert float(stars.ln_likelihood(moved, False)) - 20 < found < exact + 5
+        unsure = replace(moved, variance=np.full(12, 0.1) * np.concatenate([spread, spread]) ** 2)
+        assert stars.ln_likelihood(unsure, True) < top + 5
+
+
 def test_many_points_at_once_are_the_points_one_by_one() -> None:
     table, _ = catalogue(150, 300, seed=3)
     stars, rng, n = stars_of(table, fraction=0.4, knots=12, along="model"), np.random.default_rng(4), 7

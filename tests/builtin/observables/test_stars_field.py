@@ -180,7 +180,7 @@ def test_the_slopes_of_a_cocoon_are_those_of_ln_l() -> None:
             lnl.append(float(stars.ln_likelihood(exact, False)))
         top = max(lnl)
         expected = top + np.log(np.exp(np.array(lnl) - top) @ weights / weights.sum())
-        assert stars.ln_likelihood(noisy, True) == pytest.approx(expected, abs=0.15)
+        assert stars.ln_likelihood(noisy, True) == pytest.approx(expected, abs=0.3)
 
 
 @pytest.mark.parametrize(

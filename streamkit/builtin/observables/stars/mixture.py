@@ -12,6 +12,7 @@ from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from streamkit import Array, IntArray
 from streamkit.builtin.observables.stars.beside import Beside, beside, near, widths2_of
@@ -80,7 +81,7 @@ def residuals(stars: Catalogue, model: Model, settings: Settings) -> tuple[Array
     A score is the slope of ln L along a number at a knot over its standard deviation, the root of the information.
     The model's own noise adds to the variance of the number.
     """
-    slopes = _slopes(stars, _chances(stars, model, settings, _split(stars, model, settings)[1]), expected=True)
+    slopes = _slopes(stars, _chances(stars, model, settings, _split(stars, model, settings)[1]))
     noise = [np.zeros_like(model.mean) if each is None else each for each in model[2:4]]
     means = [_score(each.mean, each.mean_bend, noise[0][c]) for c, each in enumerate(slopes)]
     spreads = [_score(each.spread, each.spread_bend, noise[1][c]) for c, each in enumerate(slopes)]
@@ -107,7 +108,7 @@ def _ln_likelihood(stars: Catalogue, model: Model, settings: Settings) -> Array:
     lnl = chances.ln_likelihood
     if model.spread_variance is None:
         return lnl
-    for c, slopes in enumerate(_slopes(stars, chances)):
+    for c, slopes in enumerate(_slopes(stars, chances, shared)):
         lnl = lnl + _averaged(slopes.mean, slopes.mean_bend, shared[c])
         least = np.minimum(model.spread_variance[c], SHARED * model.spread[c] ** 2)
         lnl = lnl + _averaged(slopes.spread, slopes.spread_bend, least)
@@ -131,7 +132,10 @@ def _split(stars: Catalogue, model: Model, settings: Settings) -> tuple[Array, A
     of_stream = widths2_of(stars, model, settings.parts[0], np.zeros_like(model.mean))
     errors2 = [float(np.median(stars.variances[name])) for name in stars.columns]
     shared = np.minimum(model.mean_variance, SHARED * (np.stack(of_stream) + np.reshape(errors2, (-1, 1, 1))))
-    return shared, model.mean_variance - shared
+    assert model.spread_variance is not None  # noqa: S101  both or none
+    # the mean of a squared spread is its squared mean and its variance
+    of_spread = np.maximum(model.spread_variance - SHARED * model.spread**2, 0.0)
+    return shared, model.mean_variance - shared + of_spread
 
 
 def _chances(stars: Catalogue, model: Model, settings: Settings, apart: Array) -> Chances:
@@ -161,27 +165,44 @@ def _softplus(x: Array) -> Array:
     return np.asarray(np.maximum(x, 0.0) + np.log1p(np.exp(-np.abs(x))))
 
 
-def _slopes(stars: Catalogue, chances: Chances, expected: bool = False) -> list[Slopes]:
+def _slopes(stars: Catalogue, chances: Chances, shared: Array | None = None) -> list[Slopes]:
     """Return for each column the slopes of ln L along means and spreads at the knots, and minus its curvatures.
 
-    The curvature is that of the mixture, but at least `LEAST_BEND` of what it were if all were known of who is a
-    member; or, if ``expected``, the mean square of the slope.
+    Without ``shared`` the curvature is the mean square of the slope. With the variances (C, K, n) of the means it is
+    that of the mixture, but at least `LEAST_BEND` of what it were if all were known of who is a member. What the errors
+    of the means explain of the stars is then not explained by the spreads again.
     """
+    expected = shared is None
     cubic, linear = stars.knots.cubic[chances.rows].T, stars.knots.linear[chances.rows].T
-    cubic2, linear2 = cubic.power(2), linear.power(2)
+    stiff_cubic, stiff_linear = (each.power(2) if expected else _lumped(each) for each in (cubic, linear))
     found = []
     for c in range(len(stars.columns)):
-        of_mean, of_spread = [], []
-        for part, chance in zip(chances.parts, chances.of_parts, strict=True):
-            pull, stiff, spread = part.pulls[c], part.stiffness[c], part.spread[c]
-            square = pull**2
-            bend = stiff - square + spread**2 * stiff * (4 * square - 2 * stiff)
-            of_mean.append((chance, pull, stiff))
-            of_spread.append((chance, spread * (square - stiff), bend))
+        of_mean = [(chance, part.pulls[c], part.stiffness[c])
+                   for part, chance in zip(chances.parts, chances.of_parts, strict=True)]  # fmt: skip
         slope, curve = _joined(of_mean, expected)
+        mean, mean_bend = cubic @ slope, stiff_cubic @ curve
+        moved: Array | float = 0.0
+        if shared is not None:
+            moved = cubic.T @ (mean * shared[c] / (1 + np.maximum(mean_bend, 0.0) * shared[c]))
+        of_spread = []
+        for part, chance in zip(chances.parts, chances.of_parts, strict=True):
+            stiff, spread = part.stiffness[c], part.spread[c]
+            square = (part.pulls[c] - stiff * moved) ** 2
+            # where the stars are far off, ln L is convex in the spread: this has the same mean, and is never below zero
+            of_spread.append((chance, spread * (square - stiff), 2 * spread**2 * stiff * square))
         spread_slope, spread_curve = _joined(of_spread, expected)
-        found.append(Slopes(cubic @ slope, cubic2 @ curve, linear @ spread_slope, linear2 @ spread_curve))
+        found.append(Slopes(mean, mean_bend, linear @ spread_slope, stiff_linear @ spread_curve))
     return found
+
+
+def _lumped(weights: csr_array) -> csr_array:
+    """(K, r) Weights of the stars' curvatures, from those of the knots, with which knots count as independent.
+
+    The numbers at neighbouring knots move a star together. The sums of the absolute rows of the whole curvature are at
+    least as stiff as it is (Gershgorin 1931): an average over the errors never gains more than the whole one.
+    """
+    sizes = abs(weights)
+    return csr_array(sizes.multiply(np.asarray(sizes.sum(axis=0))[None, :]))
 
 
 def _joined(parts: list[tuple[Array, Array, Array]], expected: bool) -> tuple[Array, Array]:
