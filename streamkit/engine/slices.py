@@ -63,22 +63,17 @@ def cells_room(count: int) -> Any:
     size = 16 * count
 
     @intrinsic
-    def allocate(typing_context):
+    def room(typing_context):  # no function around it: the space would end with that function
         def codegen(context, builder, signature, args):
             with builder.goto_entry_block():
                 place = builder.alloca(ir.ArrayType(ir.DoubleType(), SIDE * (size + 2)))
             place.align = 64
-            return builder.bitcast(place, ir.DoubleType().as_pointer())
+            cells, none = builder.bitcast(place, ir.DoubleType().as_pointer()), ir.Constant(ir.DoubleType(), -1.0)
+            for lane in range(SIDE):
+                builder.store(none, builder.gep(cells, [ir.Constant(ir.IntType(64), SIDE * size + 2 * lane)]))
+            return cells
 
         return types.CPointer(types.float64)(), codegen
-
-    @njit(forceinline=True, **UNCALLED, **OPTIONS)
-    def room():
-        place = allocate()
-        cells = carray(place, (SIDE * (size + 2),))
-        for lane in range(SIDE):
-            cells[SIDE * size + 2 * lane] = -1.0
-        return place
 
     return room
 
