@@ -7,7 +7,7 @@ from runfiles import FIT
 import streamkit as sk
 from streamkit.fit import describe_status, read_status
 
-EMULATED = FIT | {"sampler": {"kind": "emulator", "start_particles": 50, "starts": 1, "max_calls": 600}}
+EMULATED = FIT | {"sampler": {"kind": "emulator", "start_particles": 50, "starts": 1, "max_calls": 1200}}
 
 
 @pytest.fixture(scope="module")
