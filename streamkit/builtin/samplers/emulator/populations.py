@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from streamkit import Array, IntArray, StreamkitError
+from streamkit.builtin.samplers.emulator.changes import every_so_often
 from streamkit.builtin.samplers.emulator.density import Density, Layout, Terms
 from streamkit.builtin.samplers.emulator.moves import Moves
 
@@ -233,7 +234,8 @@ def sample(
         return _judged(both, moves, [first], times, independent)
     # Stages leave thin ends empty, and the first walk fills them: it is no part of the answer. Its places are many more
     # than the walkers. A mixture of them follows these ends, where a walk by the first moves stays for long.
-    moves, parts, sweeps, more = both.moves(_some(first[0])), [], 0, FIRST
+    moves, parts = both.moves(every_so_often(first[0].reshape(-1, first[0].shape[2]), MANY)), []
+    sweeps, more = 0, FIRST
     while True:
         parts.append(both.walk(more, moves))
         sweeps += more
@@ -242,12 +244,6 @@ def sample(
             return result
         wanted = max(times * result.time, sweeps * independent / max(result.independent, 1.0))
         more = min(max(int(1.1 * wanted) - sweeps, sweeps // 4), sweeps, most_sweeps - sweeps)
-
-
-def _some(walked: Array) -> Array:
-    """(n, d) Return `MANY` of the places (sweeps, w, d) of a walk."""
-    places = walked.reshape(-1, walked.shape[2])
-    return places[:: max(len(places) // MANY, 1)]
 
 
 def go_on(density: Density, begin: Array, seed: list[int]) -> Populations:

@@ -28,14 +28,7 @@ from streamkit.builtin.samplers.emulator.certificate import (
 )
 from streamkit.builtin.samplers.emulator.changes import change_of, changes_of, difference, every_so_often, with_axes
 from streamkit.builtin.samplers.emulator.density import Emulated, Factor, Joint
-from streamkit.builtin.samplers.emulator.missing import (
-    SETTLED,
-    UNCERTAIN,
-    apart,
-    before_a_test,
-    blurred,
-    has_left,
-)
+from streamkit.builtin.samplers.emulator.missing import SETTLED, UNCERTAIN, apart, before_a_test, blurred, has_left
 from streamkit.builtin.samplers.emulator.pairs import paired
 from streamkit.builtin.samplers.emulator.populations import (
     TESTED_INDEPENDENT,
@@ -61,8 +54,8 @@ OF_SEVERAL = 2
 PAIRED = 0.5
 # The posterior is compared with that of the emulators of so many rounds before.
 ROUNDS = 2
-# The same between the posterior that fresh calls have tested and the one that is given: two sets of samples differ by
-# 0.1 by chance.
+# Standard deviations by which the posterior that fresh calls have tested and the one that is given may differ: two sets
+# of samples differ by 0.1 by chance.
 CHANGED = 0.15
 # The part of `UNCERTAIN`, squared, that one of K factors may have without new calls is this divided by K.
 SHARE = 0.5
@@ -164,9 +157,12 @@ class Rounds:
             yield now
             if not now.missing or over:
                 return
-            called = self._call(known, copies, max_calls, seed)
+            samples = every_so_often(result.samples, 4 * SOME)
+            wanted = self._wanted(known, samples, max_calls)
+            before = [each.emulated for each in wanted]
+            self._call(wanted, copies, seed)
             self._learn(known, copies)
-            self._taught(called, every_so_often(result.samples, 4 * SOME))
+            self._taught(wanted, before, samples)
             turn += 1
 
     # A round
@@ -185,20 +181,17 @@ class Rounds:
         """Return two sets of places to come to the posterior anew: those of the starts, and the last ones."""
         return [np.concatenate(pair) for pair in zip(begin_apart(known), result.last, strict=True)]
 
-    def _call(
-        self, known: Sequence[Known], copies: Sequence[Array], max_calls: int, seed: list[int]
-    ) -> list[tuple[Known, Emulated]]:
-        """Call each factor that is not learned at places of the posterior and of its copies.
+    def _wanted(self, known: Sequence[Known], samples: Array, max_calls: int) -> list[Known]:
+        """Return the factors that are not learned at samples (n, d), or all if none is left, below their most calls."""
+        wanted = [each for each in known if not self._is_learned(each, samples)] or known
+        return [each for each in wanted if len(each.calls) < max_calls]
 
-        Return these factors, each with what was emulated before.
-        """
-        rng = np.random.default_rng([*seed, 4])
+    def _call(self, wanted: Sequence[Known], copies: Sequence[Array], seed: list[int]) -> None:
+        """Call factors at places of the posterior and of its copies."""
+        rng, several = np.random.default_rng([*seed, 4]), len(self._factors) > 1
         chosen: list[tuple[Known, Array]] = []
-        samples = every_so_often(copies[0].reshape(-1, copies[0].shape[2]), 4 * SOME)
-        for each in [each for each in known if not self._is_learned(each, samples)] or known:
-            if len(each.calls) >= max_calls:
-                continue
-            least = max(ROUND * each.factor.problem.size, LEAST_ROUND) * (OF_SEVERAL if len(known) > 1 else 1)
+        for each in wanted:
+            least = max(ROUND * each.factor.problem.size, LEAST_ROUND) * (OF_SEVERAL if several else 1)
             size = max(least, int(GROWTH * len(each.calls)))
             places = []
             for (_, share), copy in zip(COPIES, copies, strict=True):
@@ -209,11 +202,10 @@ class Rounds:
             pairs = 0 if each.emulated.emulator.is_silent else int(PAIRED * len(places[0])) // 2
             places[0] = paired(places[0], pairs)
             chosen.append((each, np.concatenate(places)))
-        if len(known) > 1:
+        if several:
             self._together({each.factor.name: each.calls.space.points(z) for each, z in chosen})
         for each, z in chosen:
             each.calls += Calls.at(each.factor.problem, each.calls.space, z)
-        return [(each, each.emulated) for each, _ in chosen]
 
     def _is_learned(self, each: Known, samples: Array) -> bool:
         """Whether a factor needs no more calls at samples (n, d) of the posterior, as far as is known."""
@@ -221,12 +213,11 @@ class Rounds:
         small = each.blur < BLURRED and each.share < SHARE * UNCERTAIN**2 and each.taught < SETTLED
         return passed and small and not has_left(each, samples)
 
-    def _taught(self, called: Sequence[tuple[Known, Emulated]], samples: Array) -> None:
-        """Note what the last calls of each factor have changed of the posterior of samples (n, d)."""
-        for each, before in called:
+    def _taught(self, called: Sequence[Known], before: Sequence[Emulated], samples: Array) -> None:
+        """Note what the last calls of factors have changed of the posterior of samples (n, d), and where they were."""
+        for each, emulated in zip(called, before, strict=True):
             each.called_at = mine = samples[:, each.factor.columns]
-            change = each.emulated.ln_likelihood(mine) - before.ln_likelihood(mine)
-            each.taught = change_of(with_axes(mine), change)
+            each.taught = change_of(with_axes(mine), each.emulated.ln_likelihood(mine) - emulated.ln_likelihood(mine))
 
     def _learn(self, known: Sequence[Known], copies: Sequence[Array]) -> None:
         """Learn every factor from its calls: those at likely places count, by its ln L and what the others say of h."""
