@@ -13,13 +13,14 @@ import numpy as np
 
 from streamkit.engine import kernels, loops, orbits
 from streamkit.engine.arguments import layout_of, pack
+from streamkit.engine.carried import beside, carried
 from streamkit.engine.changing import numbers_of, tables_of
 from streamkit.engine.drag_kernels import drag_kernel
 from streamkit.engine.forces import BATCH, DEEPEST, NO_FRAME, NO_TRACKS, Forces
 from streamkit.engine.kernels import Force, NumpyKernel
 from streamkit.engine.loops import NUMBERS, WORK, Scratch
 from streamkit.engine.methods import RKN4, Splitting
-from streamkit.engine.passing import NOBODY, Passing, beside, passing_by, track_of
+from streamkit.engine.passing import NOBODY, Passing
 from streamkit.engine.single_orbit import orbit_states
 from streamkit.engine.steps import Method
 from streamkit.engine.velocity_forces import DraggedForces, drags, with_drag
@@ -108,7 +109,7 @@ class Field:
 
     @cached_property
     def _together(self) -> Forces:
-        return beside(self.forces, self.passing)
+        return beside(self.forces, self.passing.forces)
 
     def _dragged(self, forces: Forces) -> Forces | DraggedForces:
         return forces if self.drag is None else with_drag(forces, *self.drag)
@@ -176,7 +177,8 @@ class Field:
         for other, orbit, _ in bodies:
             self._grid_with(orbit)
             _fixed(other)
-        passing = passing_by([(other.forces, orbit, size) for other, orbit, size in bodies])
+        forces = carried([(other.forces, orbit) for other, orbit, _ in bodies])
+        passing = Passing(forces, np.array([size for _, _, size in bodies]))
         kernels, names = (sum((getattr(b[0], k) for b in bodies), getattr(self, k)) for k in ("kernels", "names"))
         return replace(self, passing=passing, kernels=kernels, names=names)
 
@@ -186,25 +188,15 @@ class Field:
         Call it once for each moving body. All orbits must share one grid of times, and one body may lose mass. Raises
         ValueError otherwise, and if the forces of the other field move already.
         """
-        here, new, left = self.forces, other.forces, orbit.mass_left
-        first, step = self._grid_with(orbit)
-        track = track_of(orbit)[None]
+        self._grid_with(orbit)
         _fixed(other)
-        trajectory, tracks, index = here.trajectory, [*here.tracks[:, None], track], len(here.tracks)
-        if index and (left != 1.0).any():  # it must be the first: see `add_forces`
+        here, forces = self.forces, beside(self.forces, carried([(other.forces, orbit)]))
+        if len(here.tracks) and (orbit.mass_left != 1.0).any():  # it must be the first: see `add_forces`
             if (here.tracks[0, :, 18] != 1.0).any():
                 raise ValueError("only one of the moving components can lose mass")
-            trajectory, tracks, index = np.where(trajectory < 0, -1, trajectory + 1), [track, *tracks[:-1]], 0
-        forces = Forces(
-            address=np.concatenate([here.address, new.address]),
-            offset=np.concatenate([here.offset, here.offset[-1] + new.offset[1:]]),
-            trajectory=np.concatenate([trajectory, np.full_like(new.trajectory, index)]),
-            parameters=np.concatenate([here.parameters[: here.offset[-1]], new.parameters]),
-            first=first,
-            step=step,
-            tracks=np.concatenate(tracks),
-            frame=here.frame,
-        )
+            moves, count = forces.trajectory >= 0, len(forces.tracks)
+            trajectory = np.where(moves, (forces.trajectory + 1) % count, forces.trajectory)
+            forces = forces._replace(trajectory=trajectory, tracks=np.roll(forces.tracks, 1, axis=0))
         kernels, names = self.kernels + other.kernels, self.names + other.names
         return replace(self, forces=forces, kernels=kernels, names=names)
 

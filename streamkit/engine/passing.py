@@ -9,7 +9,6 @@ is of second order in the step, of the force of the body alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +18,7 @@ from streamkit.engine.cache import helper
 from streamkit.engine.forces import FORCES, NO_FRAME, NO_TRACKS, ROW, Forces, add_forces, call_kernel
 from streamkit.engine.levels import approach
 from streamkit.engine.steps import A, H, T, V
-from streamkit.stream import Array, Orbit
+from streamkit.stream import Array
 
 PASSING = 0.4  # longest step near a body, in units of the time in which it crosses its distance
 BENDING = 0.2  # longest step near a body, in units of the dynamical time about it
@@ -32,49 +31,6 @@ class Passing(NamedTuple):
 
     forces: Forces
     sizes: Array
-
-
-def track_of(orbit: Orbit) -> Array:
-    """Return the row (T, 20) of `Forces.tracks` of a body on an orbit."""
-    left = orbit.mass_left
-    return np.vstack([orbit.polynomials.reshape(18, -1), left[:-1], np.diff(left)]).T.copy()
-
-
-def passing_by(bodies: Sequence[tuple[Forces, Orbit, float]]) -> Passing:
-    """Return bodies that fly past: the forces of each, fixed at the origin, its orbit and its size in kpc.
-
-    The orbits have one grid of times, and no body loses mass.
-    """
-    t = bodies[0][1].t
-    forces = Forces(
-        address=np.concatenate([one.address for one, _, _ in bodies]),
-        offset=np.cumsum([0, *(count for one, _, _ in bodies for count in np.diff(one.offset))]),
-        trajectory=np.concatenate([np.full(len(one.address), b) for b, (one, _, _) in enumerate(bodies)]),
-        parameters=np.concatenate([*(one.parameters[: one.offset[-1]] for one, _, _ in bodies), np.zeros(1)]),
-        first=float(t[0]),
-        step=float((t[-1] - t[0]) / (len(t) - 1)),
-        tracks=np.array([track_of(orbit) for _, orbit, _ in bodies]),
-        frame=NO_FRAME,
-    )
-    return Passing(forces, np.array([size for _, _, size in bodies]))
-
-
-def beside(forces: Forces, passing: Passing) -> Forces:
-    """Return the forces with those of bodies that fly past, which have the same grid of times."""
-    more = passing.forces
-    if not len(more.address):
-        return forces
-    trajectory = np.concatenate([forces.trajectory, len(forces.tracks) + more.trajectory])
-    return Forces(
-        address=np.concatenate([forces.address, more.address]),
-        offset=np.concatenate([forces.offset, forces.offset[-1] + more.offset[1:]]),
-        trajectory=trajectory,
-        parameters=np.concatenate([forces.parameters[: forces.offset[-1]], more.parameters]),
-        first=more.first,
-        step=more.step,
-        tracks=np.concatenate([forces.tracks, more.tracks]) if len(forces.tracks) else more.tracks,
-        frame=forces.frame,
-    )
 
 
 PASSING_BODIES = types.NamedTuple([FORCES, types.float64[::1]], Passing)
