@@ -63,15 +63,15 @@ def test_one_gaussian_is_mean_and_covariance_and_two_are_found() -> None:
     rng = np.random.default_rng(0)
     x = rng.multivariate_normal([1.0, -2.0], [[2.0, 0.6], [0.6, 1.0]], 4000)
     one = fitted(x, np.ones(4000), 1, 0.15)
-    np.testing.assert_allclose(one.mean[0], x.mean(axis=0))
+    np.testing.assert_allclose(one.means[0], x.mean(axis=0))
     least = 0.15**2 * np.diag(x.var(axis=0))
-    np.testing.assert_allclose(one.covariance[0], np.cov(x.T, bias=True) + least)
-    expected = multivariate_normal(one.mean[0], one.covariance[0]).logpdf(x[:5])
+    np.testing.assert_allclose(one.roots[0] @ one.roots[0].T, np.cov(x.T, bias=True) + least)
+    expected = multivariate_normal(one.means[0], one.roots[0] @ one.roots[0].T).logpdf(x[:5])
     np.testing.assert_allclose(one.ln_terms(x[:5])[:, 0], expected)
     both = np.concatenate([rng.normal(-3, 0.5, 1000), rng.normal(2, 1.0, 3000)])[:, None]
     two = fitted(both, np.ones(4000), 2, 0.05)
-    np.testing.assert_allclose(two.weight, [0.25, 0.75], atol=0.03)
-    np.testing.assert_allclose(two.mean[:, 0], [-3, 2], atol=0.15)
+    np.testing.assert_allclose(two.weights, [0.25, 0.75], atol=0.03)
+    np.testing.assert_allclose(two.means[:, 0], [-3, 2], atol=0.15)
 
 
 def test_the_fitted_density_is_that_of_the_field_and_not_of_the_stream() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import streamkit as sk
 from streamkit.builtin.observables.stars.knots import Knots, knots_between
 from streamkit.builtin.observables.track.columns import COLUMNS, within
-from streamkit.builtin.observables.track.members import ERRORS, MEMBERS, MOTIONS, VALUES, members_of, which_columns
+from streamkit.builtin.observables.track.members import ERRORS, MEMBERS, MOTIONS, members_of, which_columns
 
 DENSITY, RATIO = "background_density", "colour_ratio"
 STARS = MEMBERS.optional(**{DENSITY: "", RATIO: ""}).positive(DENSITY, RATIO, "distance", *ERRORS)
@@ -136,6 +136,3 @@ def _hint(table: sk.Table, name: str) -> str:
     if name in ("phi1", "phi2") and ((ra >= 0) & (ra <= HOURS)).all():
         return 'All ra lie within 24. Are they in hours? Then add units = { ra = "hourangle" } to the table.'
     return "Cut the table to the window, or widen the window; also check the frame."
-
-
-__all__ = ["DENSITY", "FEWEST", "RATIO", "STARS", "VALUES", "WINDOW", "Catalogue", "catalogue_of", "ends_of"]

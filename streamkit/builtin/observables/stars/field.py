@@ -8,13 +8,14 @@ The Gaussians are joint in phi1 and the columns; the density at a phi1 is condit
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 from scipy.special import ndtri
 
 import streamkit as sk
+from streamkit.builtin.gaussian_mixture import GaussianMixture
 from streamkit.builtin.observables.stars.catalogue import Catalogue, ends_of
 from streamkit.builtin.observables.stars.rough_track import rough_track_of
 
@@ -27,26 +28,16 @@ FEW = 30.0  # stars of the field for each Gaussian
 OF_MISSING = 2  # Gaussians of a column that some stars lack
 
 
-@dataclass(frozen=True, eq=False)
-class Gaussians:
-    """G Gaussians in D dimensions: weights (G,), means (G, D), covariances (G, D, D)."""
+class Gaussians(GaussianMixture):
+    """A Gaussian mixture with its whole density."""
 
-    weight: sk.Array
-    mean: sk.Array
-    covariance: sk.Array
-
-    def ln_terms(self, x: sk.Array) -> sk.Array:
-        """(N, G) ln of the weighted densities at x (N, D)."""
-        roots = np.linalg.cholesky(self.covariance)
-        away = x[:, None, :] - self.mean
-        white = np.linalg.solve(roots[None], away[..., None])[..., 0]
-        ln_root = np.log(np.diagonal(roots, axis1=1, axis2=2)).sum(axis=1)
-        chi2 = (white**2).sum(axis=2)
-        return np.asarray(np.log(self.weight) - ln_root - 0.5 * (chi2 + x.shape[1] * np.log(2 * np.pi)))
+    def ln_terms(self, y: sk.Array) -> sk.Array:
+        """(N, G) ln of the weighted densities at y (N, D)."""
+        return np.asarray(super().ln_terms(y) - 0.5 * y.shape[1] * np.log(2 * np.pi))
 
     def first(self) -> Gaussians:
         """Return their marginal density in the first dimension."""
-        return Gaussians(self.weight, self.mean[:, :1], self.covariance[:, :1, :1])
+        return Gaussians(self.weights, self.means[:, :1], self.roots[:, :1, :1], self.inverses[:, :1, :1])
 
 
 @lru_cache(maxsize=8)  # a free parameter makes the observable anew at each call, with the same stars
@@ -130,12 +121,7 @@ def fitted(x: sk.Array, weight: sk.Array, count: int, least: float) -> Gaussians
 
 def _maximised(x: sk.Array, share: sk.Array, chance: sk.Array, floor: sk.Array) -> Gaussians:
     """Return the Gaussians of points that belong to them by chance (N, G)."""
-    of_each = share[:, None] * chance + 1e-300
-    weight = of_each.sum(axis=0)
-    mean = (of_each.T @ x) / weight[:, None]
-    away = x[:, None, :] - mean
-    covariance = np.einsum("ng,ngi,ngj->gij", of_each, away, away) / weight[:, None, None] + floor
-    return Gaussians(weight / weight.sum(), mean, covariance)
+    return Gaussians.of_shares(x, share[:, None] * chance + 1e-300, floor)
 
 
 def _ln_sum(terms: sk.Array) -> sk.Array:

@@ -13,7 +13,7 @@ from math import lgamma
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.special import expit, ndtr
+from scipy.special import expit, logit, ndtr
 
 from streamkit import Array
 from streamkit.builtin.observables.stars.catalogue import Catalogue
@@ -87,7 +87,7 @@ def rough_track_of(stars: Catalogue, kernel: float) -> RoughTrack:
     share = _share(stars, chance, kernel)
     fraction = float(np.clip(chance.mean(), LEAST_SHARE, MOST_SHARE))
     return RoughTrack(
-        mean, error, spread, spread_error, share, _logit(share) - _logit(np.array(fraction)),
+        mean, error, spread, spread_error, share, logit(share) - float(logit(fraction)),
         np.log(_density(stars, 1 - share_at(stars, share), kernel)), fraction, chance,
     )  # fmt: skip
 
@@ -132,7 +132,7 @@ def _chance(stars: Catalogue, chance: Array, kernel: float) -> Array:
     mean, _, spread2, _ = _fitted(stars, chance, kernel)
     knots = stars.knots
     assert stars.ln_background is not None  # noqa: S101  asked for with a background only
-    ln_odds = _logit(share_at(stars, _share(stars, chance, kernel))) + stars.ln_ratio - stars.ln_background
+    ln_odds = logit(share_at(stars, _share(stars, chance, kernel))) + stars.ln_ratio - stars.ln_background
     for c, name in enumerate(stars.columns):
         value = stars.values[name]
         there = np.isfinite(value)
@@ -182,7 +182,3 @@ def _under(stars: Catalogue, weight: Array, kernel: float) -> Array:
     """(K,) Sums of weights under a kernel."""
     x = np.subtract.outer(stars.knots.phi1, stars.phi1) / kernel
     return np.asarray(np.exp(-0.5 * x * x) @ weight)
-
-
-def _logit(share: Array) -> Array:
-    return np.asarray(np.log(share) - np.log1p(-share))

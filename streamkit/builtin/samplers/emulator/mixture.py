@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import warnings
-from typing import NamedTuple
 
 import numpy as np
 from scipy.cluster.vq import kmeans2
 from scipy.special import logsumexp
 
 from streamkit import Array
+from streamkit.builtin.gaussian_mixture import GaussianMixture
 
 # Places for each parameter that a component has at least, most components, and steps of their fit.
 PLACES, COMPONENTS, STEPS = 12, 24, 12
@@ -17,13 +17,8 @@ PLACES, COMPONENTS, STEPS = 12, 24, 12
 RIDGE = 1e-6
 
 
-class Mixture(NamedTuple):
-    """A Gaussian mixture: weights (k,), means (k, d), lower roots of the covariances (k, d, d), and their inverses."""
-
-    weights: Array
-    means: Array
-    roots: Array
-    inverses: Array
+class Mixture(GaussianMixture):
+    """A Gaussian mixture, from which walkers draw."""
 
     @classmethod
     def of(cls, places: Array, rng: np.random.Generator) -> Mixture:
@@ -35,23 +30,10 @@ class Mixture(NamedTuple):
         share = np.eye(count)[_clusters(white, count, rng)]
         for _ in range(STEPS if count > 1 else 1):
             share = share[:, share.sum(axis=0) > d + 2]
-            total = share.sum(axis=0)
-            means = (share.T @ white) / total[:, None]
-            away = white[None] - means[:, None]
-            covariances = np.einsum("nk,kni,knj->kij", share, away, away, optimize=True) / total[:, None, None]
-            roots = np.linalg.cholesky(covariances + RIDGE * np.eye(d))
-            mixture = cls(total / total.sum(), means, roots, np.linalg.inv(roots))
+            mixture = cls.of_shares(white, share, RIDGE * np.eye(d))
             share = np.exp(mixture.ln_shares(white))
         means = mixture.means * spread + places.mean(axis=0)
         return cls(mixture.weights, means, mixture.roots * spread[:, None], mixture.inverses / spread)
-
-    def ln_terms(self, y: Array) -> Array:
-        """(n, k) ln of the weighted density of each component, up to a common constant."""
-        k, d = self.means.shape
-        middle = np.einsum("kij,kj->ki", self.inverses, self.means)
-        white = (y @ self.inverses.reshape(k * d, d).T).reshape(-1, k, d) - middle
-        volumes = np.log(np.einsum("kii->ki", self.inverses)).sum(axis=1)
-        return np.asarray(np.log(self.weights) + volumes - 0.5 * np.einsum("nki,nki->nk", white, white))
 
     def ln_shares(self, y: Array) -> Array:
         """(n, k) ln probability of each component at y (n, d)."""
