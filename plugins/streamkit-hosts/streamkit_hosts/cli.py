@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from streamkit.cli import QUIET
+from streamkit_hosts.options import FORCE, OUTPUT
 
 
 @click.command()
@@ -20,9 +21,8 @@ from streamkit.cli import QUIET
               help="Number of radii.")  # fmt: skip
 @click.option("--centre", type=click.Choice(["densest", "origin"]), default="densest", show_default=True,
               help="Where the host is in each snapshot.")  # fmt: skip
-@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FILE", default="host.ecsv",
-              show_default=True, help="Table to write (ECSV).")  # fmt: skip
-@click.option("-f", "--force", is_flag=True, help="Replace FILE.")
+@OUTPUT
+@FORCE
 @QUIET
 def expand(
     snapshots: tuple[Path, ...], types: tuple[int, ...], l_max: int, radii: int, centre: str, output: Path,
@@ -33,12 +33,11 @@ def expand(
     SNAPSHOTS are in the Gadget layout (HDF5), one or a series; the last in time is today. FILE is the table of a
     `multipole` potential, in time if there are several. The lines to put into a run file are printed.
     """
-    from streamkit import StreamkitError
     from streamkit.report import save_table
     from streamkit_hosts import series
+    from streamkit_hosts.sections import check_free, section_lines
 
-    if output.exists() and not force:
-        raise StreamkitError(f"{output} exists: give another --output, or --force to replace it")
+    check_free([output], force)
     made = series.expand(
         snapshots, types=types, l_max=l_max, radii=radii, centred=centre == "densest",
         tell=None if quiet else click.echo,
@@ -52,6 +51,4 @@ def expand(
         f"radii {made.radii[0]:.3g} to {made.radii[-1]:.3g} kpc, l up to {made.l_max}; median change of the force: "
         f"{made.noise:.2%} by noise, {made.truncation:.2%} without the highest degrees"
     )
-    click.echo(f'\n[potential]\nkind = "multipole"\ntable = "{output}"\ntolerance = 3e-3')
-    if len(made.times) > 1:
-        click.echo(f"# known from {made.times[0]:.4g} Gyr: progenitor.lookback may be up to {-made.times[0]:.4g}")
+    click.echo("\n" + "\n".join(section_lines("potential", "multipole", output, made.times, tolerance="3e-3")))

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from streamkit import Array
+from streamkit_hosts.compare import LIMIT, POINTS, median_change, places
 from streamkit_hosts.table import PRECISION, check_rows, close_radii, force_of, table_of
 
-POINTS = 400  # places at which forces are compared
-LIMIT = 0.01  # largest change of the force of which nothing is said
 INNERMOST = 0.01  # kpc: the first radius of a table
 SAME = 1e-9  # of the largest: a harmonic that is smaller everywhere is left out
 
@@ -86,7 +85,7 @@ def tabulated(source: Expansion, between: tuple[float, float], precision: float 
             f"({between[0]:g} to {between[1]:g} kpc): there is no mass outside, and powers of r continue it inside"
         )
     low, high = max(between[0], radii[0]), min(between[1], radii[-1])
-    place = _places(min(low, 0.9 * high), high)
+    place = places(min(low, 0.9 * high), high, seed=POINTS)
     some = np.unique([0, len(source.times) // 2, len(source.times) - 1])
     changes = {
         what: max(_change(phi[k], cut[k], radii, source.harmonics, place) for k in some)
@@ -96,12 +95,6 @@ def tabulated(source: Expansion, between: tuple[float, float], precision: float 
     return Imported(table, source.times, radii, harmonics, changes, tuple(said))
 
 
-def _places(low: float, high: float) -> Array:
-    direction = np.random.default_rng(POINTS).standard_normal((3, POINTS))
-    place = direction / np.sqrt((direction**2).sum(axis=0)) * np.geomspace(low, high, POINTS)
-    return np.asarray(place)
-
-
 def _change(phi: Array, cut: Array, radii: Array, harmonics: list[tuple[int, int]], place: Array) -> float:
     whole, low = (force_of(each, radii, harmonics, place) for each in (phi, cut))
-    return float(np.median(np.sqrt(((whole - low) ** 2).sum(axis=0) / (whole**2).sum(axis=0))))
+    return median_change(whole, low, whole)

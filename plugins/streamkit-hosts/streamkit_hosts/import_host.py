@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from streamkit.cli import QUIET
+from streamkit_hosts.options import FORCE, OUTPUT
 
 POSITIVE = click.FloatRange(0, min_open=True)
 
@@ -28,9 +29,8 @@ POSITIVE = click.FloatRange(0, min_open=True)
               help="Radii of the streams, at which the expansion must have converged.")  # fmt: skip
 @click.option("--precision", default=3e-5, show_default=True, type=click.FloatRange(1e-7, 1e-2), metavar="X",
               help="Of the radial force between the radii of the table: a larger one needs fewer.")  # fmt: skip
-@click.option("-o", "--output", type=click.Path(path_type=Path), metavar="FILE", default="host.ecsv",
-              show_default=True, help="Table to write (ECSV).")  # fmt: skip
-@click.option("-f", "--force", is_flag=True, help="Replace FILE.")
+@OUTPUT
+@FORCE
 @QUIET
 def import_host(
     files: tuple[Path, ...], length: float | None, mass: float | None, time: float | None, today: float | None,

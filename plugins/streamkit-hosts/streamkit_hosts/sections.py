@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -42,8 +42,7 @@ def written(
     """
     names = _names(hosts)
     files = [output.with_name(f"{output.stem}_{name}{output.suffix}") if name else output for name in names]
-    if there := [file for file in files if file.exists() and not force]:
-        raise StreamkitError(f"{there[0]} exists: give another --output, or --force to replace it")
+    check_free(files, force)
     made = []
     for host, name, file in zip(hosts, names, files, strict=True):
         section = f"potential.{name}" if name else "potential"
@@ -67,13 +66,27 @@ def written(
 
 def described(part: Written) -> str:
     """Return what a table holds, and its section."""
-    lines = [f"{part.file}: {part.size}", "", f"[{part.section}]", f'kind = "{part.kind}"', f'table = "{part.file}"']
-    lines += [f"{name} = {list(value) if isinstance(value, tuple) else value}" for name, value in part.fields.items()]
-    lines.append("tolerance = 1e-3")
-    if len(part.times) > 1:
-        first = part.times[0]
-        lines.append(f"# known from {first:.4g} Gyr: progenitor.lookback may be up to {-first:.4g}")
-    return "\n".join(lines) + "\n"
+    lines = section_lines(part.section, part.kind, part.file, part.times, tolerance="1e-3", fields=part.fields)
+    return "\n".join([f"{part.file}: {part.size}", "", *lines]) + "\n"
+
+
+def section_lines(
+    section: str, kind: str, file: Path, times: Array, *, tolerance: str, fields: Mapping[str, Any] | None = None
+) -> list[str]:
+    """Return the lines of a run file that name a table, which is known from the first of its times on."""
+    lines = [f"[{section}]", f'kind = "{kind}"', f'table = "{file}"']
+    for name, value in (fields or {}).items():
+        lines.append(f"{name} = {list(value) if isinstance(value, tuple) else value}")
+    lines.append(f"tolerance = {tolerance}")
+    if len(times) > 1:
+        lines.append(f"# known from {times[0]:.4g} Gyr: progenitor.lookback may be up to {-times[0]:.4g}")
+    return lines
+
+
+def check_free(files: Sequence[Path], force: bool) -> None:
+    """Raise StreamkitError if a file is there already, unless it may be replaced."""
+    if there := [file for file in files if file.exists() and not force]:
+        raise StreamkitError(f"{there[0]} exists: give another --output, or --force to replace it")
 
 
 def _names(hosts: Sequence[Host]) -> list[str]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from streamkit import Array, StreamkitError
+from streamkit_hosts.compare import LIMIT, median_change, places
 from streamkit_hosts.multipoles import inwards, names, of_particles
 from streamkit_hosts.snapshot import Particles, read
 from streamkit_hosts.table import check_rows, force_of, table_of
@@ -19,8 +20,6 @@ CENTRE = 0.01  # kpc: the first radius, down to which the innermost multipoles a
 OUTSIDE = 1e-3  # share of the particles outside the last radius
 FEWEST = 10_000  # particles
 SHRINK, CORE = 0.7, 1000  # of the spheres by which a centre is found, down to so many particles
-POINTS = 400  # places at which forces are compared
-LIMIT = 0.01  # largest change of the force of which nothing is said
 
 
 @dataclass(frozen=True)
@@ -81,7 +80,7 @@ def expand(
         f"{len(files)} snapshots, {(l_max + 1) ** 2} harmonics, {radii} radii",
         "take fewer snapshots, or a lower --l-max",
     )
-    places = whole = np.zeros(0)
+    shells = whole = np.zeros(0)
     parts, times, centres, errors = [], [], [], []
     for file in files:
         snapshot = read(file, types)
@@ -89,10 +88,10 @@ def expand(
             raise StreamkitError(f"{file}: has {len(snapshot.mass)} particles; expected {FEWEST} or more")
         centre = densest(snapshot) if centred else np.zeros(3)
         q = snapshot.q - centre[:, None]
-        places = places if len(places) else _radii(q, radii)
-        phi = of_particles(q, snapshot.mass, places, l_max)
-        errors.append(_errors(q, snapshot.mass, places, phi, l_max))
-        whole, phi = inwards(phi, places, l_max, CENTRE)
+        shells = shells if len(shells) else _radii(q, radii)
+        phi = of_particles(q, snapshot.mass, shells, l_max)
+        errors.append(_errors(q, snapshot.mass, shells, phi, l_max))
+        whole, phi = inwards(phi, shells, l_max, CENTRE)
         parts.append(phi)
         times.append(snapshot.time)
         centres.append(centre)
@@ -106,7 +105,7 @@ def expand(
     truncation, noise = np.max(errors, axis=0)
     moved = np.sqrt(((np.array(centres) - centres[order[-1]]) ** 2).sum(axis=1)).max()
     table = table_of(now - now[-1], whole, names(l_max), np.array(parts)[order])
-    return Series(table, now - now[-1], places, l_max, float(truncation), float(noise), float(moved))
+    return Series(table, now - now[-1], shells, l_max, float(truncation), float(noise), float(moved))
 
 
 def densest(snapshot: Particles) -> Array:
@@ -131,13 +130,9 @@ def _radii(q: Array, count: int) -> Array:
 
 def _errors(q: Array, mass: Array, radii: Array, phi: Array, l_max: int) -> tuple[float, float]:
     """Truncation and noise of one snapshot, see `Series`."""
-    rng = np.random.default_rng(len(mass))
-    direction = rng.standard_normal((3, POINTS))
-    place = direction / np.sqrt((direction**2).sum(axis=0)) * np.geomspace(radii[0], radii[-1], POINTS)
+    place = places(radii[0], radii[-1], seed=len(mass))
     lower = phi.copy()
     lower[[n > max(l_max - 2, 0) for n, _ in names(l_max)]] = 0.0
     halves = [of_particles(q[:, k::2], 2 * mass[k::2], radii, l_max) for k in (0, 1)]
     whole, low, one, other = (force_of(each, radii, names(l_max), place) for each in (phi, lower, *halves))
-    size = np.sqrt((whole**2).sum(axis=0))
-    changes = [np.sqrt(((a - b) ** 2).sum(axis=0)) / size for a, b in ((whole, low), (one, other))]
-    return float(np.median(changes[0])), float(np.median(changes[1]) / 2)
+    return median_change(whole, low, whole), median_change(one, other, whole) / 2
