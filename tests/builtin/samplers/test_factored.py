@@ -1,10 +1,12 @@
 """The emulator over factors: calls of each stream alone, against joint posteriors in closed form."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from joints import LinearFactors, factors_of
 
-from streamkit.builtin.samplers.emulator.missing import SETTLED, before_a_test
+from streamkit.builtin.samplers.emulator.missing import SETTLED, before_a_test, has_left
 from streamkit.builtin.samplers.emulator.rounds import Rounds
 
 pytestmark = pytest.mark.usefixtures("short_walks")
@@ -36,6 +38,11 @@ def test_two_streams_and_data_of_the_host() -> None:
     progress.known[1].called_at += progress.known[1].called_at.std(axis=0)
     left = before_a_test(progress.known, progress.populations.samples, moved=0.0, uncertain=0.0)
     assert left == "the posterior has moved away from the last calls of stream 1"
+    first, samples = progress.known[0], progress.populations.samples
+    first.called_at = np.empty((0, 0))
+    assert has_left(first, samples)
+    first.factor = replace(first.factor, earlier=first.calls.theta)  # a run that takes the calls of an earlier one
+    assert not has_left(first, samples)
 
 
 @pytest.mark.slow

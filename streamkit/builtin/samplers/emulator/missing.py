@@ -42,9 +42,12 @@ def before_a_test(known: Sequence[Known], samples: Array, moved: float, uncertai
 def has_left(each: Known, samples: Array) -> bool:
     """Whether samples (n, d) of the posterior are not where a factor was last called.
 
-    The error of an emulator is measured on its calls. It says little elsewhere.
+    The error of an emulator is measured on its calls. It says little elsewhere. Calls of an earlier run are taken to be
+    there until fresh calls say otherwise.
     """
-    return not len(each.called_at) or difference(each.called_at, samples[:, each.factor.columns]) >= LEFT
+    if not len(each.called_at):
+        return not len(each.factor.earlier)
+    return difference(each.called_at, samples[:, each.factor.columns]) >= LEFT
 
 
 def blurred(known: Sequence[Known]) -> str:

@@ -102,7 +102,7 @@ class Known:
     called_at
         (n, p) samples of the posterior when it was last called; none before.
     taught
-        What its last calls have changed of these samples, see `changes.change_of`.
+        What its last calls have changed of these samples, see `changes.change_of`; nothing if an earlier run made them.
     certificate
         What fresh calls say of it; None before the end.
     before
@@ -232,9 +232,8 @@ class Starter:
             first, one, other = places[rng.integers(len(places), size=(3, MORE))]
             calls += Calls.at(problem, space, first + rng.random((MORE, 1)) * (one - other))
         emulated = Emulated(space, emulator, self._noise)
-        return Known(
-            factor, calls, emulated, starts, float(np.max(emulated.ln_likelihood(every_so_often(places, SOME))))
-        )
+        alone = float(np.max(emulated.ln_likelihood(every_so_often(places, SOME))))
+        return Known(factor, calls, emulated, starts, alone, taught=0.0 if len(factor.earlier) else np.inf)
 
     def again(self, known: Known) -> None:
         """Make another start of a factor, and call it with all particles where that has arrived."""
