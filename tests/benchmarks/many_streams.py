@@ -4,8 +4,8 @@
 
 The streams are mock streams of clusters on random orbits in one host, with eight points of a track each: the host has
 two free parameters, each stream two of its own. Every row is a fit in a process of its own. Calls are those with all
-particles, of all streams together. Those of the search for starts, with fewer particles, have a column of their own. CPU
-seconds are those of the process that samples, which makes the calls too if there is one worker, and of the workers.
+particles, of all streams together. Those of the search for starts, with fewer particles, have a column of their own.
+CPU seconds are those of the process that samples, which makes the calls too if there is one worker, and of the workers.
 
     python tests/benchmarks/many_streams.py --joint [--streams 4 8 16 30]
 
