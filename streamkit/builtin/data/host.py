@@ -40,6 +40,12 @@ class RotationCurve(sk.HostData):
         radii = self.table["R"]
         return _exact([f"v_c({r:g} kpc)" for r in radii], host.circular_velocity(radii))
 
+    def mock(self, prediction: sk.Prediction, rng: np.random.Generator) -> dict[str, Any]:
+        """Return a table with independent Gaussian noise, and one of the scale that all velocities share."""
+        mean = prediction.mean
+        drawn = mean * (1 + self.systematic * rng.normal()) + self.table["error"] * rng.normal(size=len(mean))
+        return {"table": self.table.to_dict() | {"v_c": drawn.tolist()}}
+
     def radii(self) -> dict[str, float]:
         """Return both ends of the curve."""
         radii = self.table["R"]
@@ -62,6 +68,11 @@ class _OneNumber(sk.HostData):
         """Return the number and its error."""
         value, error = getattr(self, self.datum)
         return np.array([value]), np.array([error])
+
+    def mock(self, prediction: sk.Prediction, rng: np.random.Generator) -> dict[str, Any]:
+        """Return the number with Gaussian noise of its error."""
+        error = float(getattr(self, self.datum)[1])
+        return {self.datum: [float(rng.normal(prediction.mean[0], error)), error]}
 
 
 class CircularVelocity(_OneNumber):

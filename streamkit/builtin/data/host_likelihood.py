@@ -132,6 +132,13 @@ class HostLikelihood(sk.HostData):
         found = self.surface.ln_likelihood(np.atleast_2d(prediction.mean))
         return float(found[0]) if np.ndim(prediction.mean) == 1 else found
 
+    def mock(self, prediction: sk.Prediction, rng: np.random.Generator) -> dict[str, Any]:
+        """Raise StreamkitError: the data of the stream, from which mock data would be drawn, are not in the file."""
+        raise sk.StreamkitError(
+            f"a {self.kind} cannot be drawn anew: the file has the likelihood of the data of {self.surface.stream}, "
+            "and not these data. Give the stream itself, with its observable, in place of the file"
+        )
+
     def residuals(self, prediction: sk.Prediction, add_noise: bool) -> sk.Array | None:
         """(d,) Return how far the host is from that of the stream alone, in its standard deviations, uncorrelated."""
         return np.asarray((self.surface.centre - prediction.mean) @ self.surface.whiten)

@@ -11,12 +11,14 @@ import numpy as np
 from astropy import units as u
 from astropy.table import QTable
 
-from streamkit.errors import OutOfDomain, StreamkitError
+from streamkit.components import Measurement
+from streamkit.errors import OutOfDomain, SpecError, StreamkitError
+from streamkit.model import Observation
 from streamkit.observe import parts_of
 from streamkit.report import DamagedError, origin, save, save_table
 from streamkit.runfile import Spec
 from streamkit.sample import Posterior
-from streamkit.stream import Array
+from streamkit.stream import Array, Prediction
 from streamkit.study.grid import run_jobs
 
 TRIES = 1000  # largest number of draws for a truth with a measurable stream
@@ -50,10 +52,13 @@ class Mock:
 
 
 def draw_mock(spec: Spec, truth: Spec, index: int) -> tuple[Array, Mock]:
-    """Return the parameters (d,) of a draw, in the run file's units, and mock data of its streams.
+    """Return the parameters (d,) of a draw, in the run file's units, and mock data of its streams and of its host.
 
-    Raises StreamkitError if none of a thousand truths has a stream, or the observable makes no mock data.
+    Raises StreamkitError if none of a thousand truths has a stream, the truth lacks data on the host that the fit has,
+    a measurement makes no mock data, or the noise makes data that a run file may not have.
     """
+    if lost := [section.path for name, section in spec.sections.data.items() if name not in truth.sections.data]:
+        raise StreamkitError(f"{truth.source}: has no section {lost[0]}, of which the fit needs mock data")
     rng = np.random.default_rng([spec.seed, 7, index])
     posterior = Posterior(truth.with_values({"seed": int(rng.integers(1 << 31))}))
     for _ in range(TRIES):
@@ -64,14 +69,39 @@ def draw_mock(spec: Spec, truth: Spec, index: int) -> tuple[Array, Mock]:
             continue
         if any(prediction.why_not for prediction in observation.predictions.values()):
             continue
-        fields: dict[str, Any] = {}
-        for stream, inputs in truth.bind_all(theta).streams.items():
-            sections, parts = truth.sections.streams[stream].observables, parts_of(observation.predictions[stream])
-            for name, observable in inputs.observables.items():
-                mock = observable.mock(parts[name], rng)
-                fields |= {f"{sections[name].path}.{field}": value for field, value in mock.items()}
-        return theta, _measured(spec.with_values(fields), index, observation.prediction.names)
+        fields = _fields(truth, theta, observation, rng)
+        try:
+            mocked = spec.with_values(fields)
+        except SpecError as error:
+            raise StreamkitError(f"draw {index}: its mock data are none that a run file may have: {error}") from None
+        return theta, _measured(mocked, index, observation.prediction.names)
     raise StreamkitError(f"draw {index}: none of {TRIES} points of the prior has a stream that can be measured")
+
+
+def _fields(truth: Spec, theta: Array, observation: Observation, rng: np.random.Generator) -> dict[str, Any]:
+    """Return mock data of all measurements at a truth, by the paths of their fields in the run file."""
+    bound = truth.bind_all(theta)
+    fields: dict[str, Any] = {}
+    for stream, inputs in bound.streams.items():
+        sections, parts = truth.sections.streams[stream].observables, parts_of(observation.predictions[stream])
+        for name, observable in inputs.observables.items():
+            fields |= _mock(observable, sections[name].path, parts[name], rng)
+    for name, of_host in bound.data.items():
+        path = truth.sections.data[name].path
+        try:
+            fields |= _mock(of_host, path, observation.predictions[f"data.{name}"], rng)
+        except StreamkitError as error:
+            message = f"{error}. Or calibrate without these data: leave [{path}] out of the run file"
+            raise StreamkitError(message) from None
+    return fields
+
+
+def _mock(one: Measurement, path: str, prediction: Prediction, rng: np.random.Generator) -> dict[str, Any]:
+    try:
+        drawn = one.mock(prediction, rng)
+    except StreamkitError as error:
+        raise StreamkitError(f"{path}: {error}") from None
+    return {f"{path}.{field}": value for field, value in drawn.items()}
 
 
 def _measured(mocked: Spec, index: int, names: tuple[str, ...]) -> Mock:
@@ -96,7 +126,7 @@ def write_mocks(
     Of each draw there is a run file ``mock_000.toml``, and a table ``mock_000.csv`` with the columns name, value and
     error; ``mock_000_covariance.csv`` too where errors are correlated. Return why draws are missing; empty without any.
 
-    Raises StreamkitError if a truth has no stream or an observable makes no mock data.
+    Raises StreamkitError as `draw_mock`.
     """
     out.mkdir(parents=True, exist_ok=True)
     jobs = {index: (spec, truth or spec, index, out) for index in range(draws)}
