@@ -18,6 +18,9 @@ from .methods import LEAPFROG as LEAPFROG
 from .methods import PEFRL as PEFRL
 from .methods import RKN4 as RKN4
 from .methods import Splitting as Splitting
+from .mixture import SingleStars as SingleStars
+from .mixture import StreamCurves as StreamCurves
+from .mixture import ln_likelihoods as ln_likelihoods
 from .patches import Patches as Patches
 from .records import ParticleRecords as ParticleRecords
 from .records import record as record

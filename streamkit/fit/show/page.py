@@ -37,7 +37,7 @@ PULLS = 0.05  # chance below which the page says that a stream disagrees with th
 # Pictures of the page that are separate products, besides the pictures of streams.
 DRAWN = (
     "mass_profile.png", "rotation_curve.png", "flattening.png", "corner.png", "traces.png", "predictions.png",
-    "priors.png", "sky.png",
+    "priors.png", "sky.png", "members.png",
 )  # fmt: skip
 CLASSES = dict(zip(LEVELS, ("fine", "look", "not"), strict=True))
 SIGNS = dict(zip(LEVELS, ("✓", "!", "✕"), strict=True))

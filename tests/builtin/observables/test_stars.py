@@ -287,3 +287,16 @@ def test_a_stream_elsewhere_is_told() -> None:
     field = np.log(table["background_density"]).sum() + 200 * np.log(0.5)
     assert stars.ln_likelihood(elsewhere, False) == pytest.approx(field)
     assert not any("likely" in text for text in stars.remarks(prediction))
+
+
+@pytest.mark.parametrize("cocoon", [{}, {"cocoon_fraction": 0.3, "cocoon_phi2_dispersion": 2.0}])
+@pytest.mark.parametrize("factor", [1e3, 1e100])
+def test_stars_of_a_stream_that_is_elsewhere_are_of_the_field(cocoon: dict[str, Any], factor: float) -> None:
+    """However far or wide it is: ln L is the sum of ln[(1 - f) B], and no NaN."""
+    table, _ = catalogue(50, 100, seed=2)
+    stars = Stars(frame=FRAME, stars=table, window=WINDOW, kernel=KERNEL, fraction=0.3, along="uniform", **cocoon)
+    prediction = stars.predict(the_stream())
+    moved = replace(prediction, mean=(np.abs(prediction.mean) + 100) * factor)
+    expected = (np.log(0.7) + np.log(table["background_density"])).sum()
+    for noise in (False, True):
+        assert stars.ln_likelihood(moved, noise) == pytest.approx(expected, rel=1e-9)

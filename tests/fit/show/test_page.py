@@ -58,6 +58,20 @@ def test_the_page_shows_every_picture_and_says_what_it_is(run, page):
         assert pixels[..., :3].std() > 0.02
 
 
+def test_the_stars_of_a_catalogue_are_on_the_page(run, page, tmp_path):
+    """A run of single stars has their picture in its directory; it stands in the answer, beside the streams."""
+    there = shutil.copytree(run.directory, tmp_path / "run")
+    shutil.copy(there / "best_stream.png", there / "members.png")
+    shown = Page(page_text(sk.load_results(there)))
+    pictures = [attributes["alt"] for tag, attributes in shown.tags if tag == "img"]
+    assert len(pictures) == 9
+    assert pictures[pictures.index("The stars of the catalogue by their probability to be a member") - 1].startswith(
+        "The best sample"
+    )
+    assert "The numbers are in members.ecsv." in shown.text
+    assert "members.ecsv" not in page.text
+
+
 def test_the_page_holds_the_answer(run, page):
     summary, masses = run.summary(), run.mass_profile([30, 50, 100, 200])
     for row in summary:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -12,6 +12,7 @@ import streamkit as sk
 from streamkit.builtin.observables.stars.knots import Knots, knots_between
 from streamkit.builtin.observables.track.columns import COLUMNS, within
 from streamkit.builtin.observables.track.members import ERRORS, MEMBERS, MOTIONS, members_of, which_columns
+from streamkit.engine import SingleStars
 
 DENSITY, RATIO = "background_density", "colour_ratio"
 STARS = MEMBERS.optional(**{DENSITY: "", RATIO: ""}).positive(DENSITY, RATIO, "distance", *ERRORS)
@@ -57,6 +58,20 @@ class Catalogue:
 
     def __len__(self) -> int:
         return len(self.phi1)
+
+    @cached_property
+    def for_engine(self) -> SingleStars:
+        """The same numbers in the arrays that the engine reads."""
+        first, cubic = self.knots.cubic_from()
+        linear = np.take_along_axis(self.knots.linear.toarray(), self.knots.left[:, None] + np.arange(2), axis=1)
+        pair = [self.columns.index(name) for name in MOTIONS] if self.paired else [-1, -1]
+        field = self.ln_background
+        return SingleStars(
+            self.knots.left, first, linear, cubic, np.stack(list(self.values.values()), axis=1),
+            np.stack(list(self.variances.values()), axis=1), np.ascontiguousarray(self.covariance, dtype=float),
+            np.zeros(len(self)) if field is None else np.ascontiguousarray(field, dtype=float),
+            np.ascontiguousarray(self.ln_ratio, dtype=float), np.array(pair), field is not None,
+        )  # fmt: skip
 
     @property
     def columns(self) -> tuple[str, ...]:

@@ -31,6 +31,12 @@ class Knots(NamedTuple):
     linear: csr_array
     left: IntArray
 
+    def cubic_from(self) -> tuple[IntArray, Array]:
+        """(N,) The first of the four knots that a cubic curve at each star depends on, and their weights (N, 4)."""
+        first = np.clip(self.left - 1, 0, len(self.phi1) - FEWEST)
+        columns = first[:, None] + np.arange(FEWEST)
+        return first, np.take_along_axis(self.cubic.toarray(), columns, axis=1)
+
     def largest_about(self, numbers: Array) -> Array:
         """(N,) The largest of the numbers (K,) at the knots that a curve at each star may depend on."""
         last = len(numbers) - 1

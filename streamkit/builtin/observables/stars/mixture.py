@@ -12,12 +12,12 @@ from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from streamkit import Array, IntArray
-from streamkit.builtin.observables.stars.beside import Beside, beside, near, widths2_of
+from streamkit.builtin.observables.stars.beside import FAR, OVERSHOOT, Beside, beside, near, widths2_of
 from streamkit.builtin.observables.stars.catalogue import Catalogue
 from streamkit.builtin.observables.stars.model import Model, Settings
+from streamkit.engine import StreamCurves, ln_likelihoods
 
 # Most numbers of one array: stars times points.
 AT_A_TIME = 400_000
@@ -34,8 +34,6 @@ class Chances(NamedTuple):
 
     Attributes
     ----------
-    ln_likelihood
-        (n,) of all stars.
     rows
         (r,) the stars that the stream comes near; the others are of the field.
     parts
@@ -44,14 +42,13 @@ class Chances(NamedTuple):
         (r, n) for each part: the probability of a star to be of it.
     """
 
-    ln_likelihood: Array
     rows: IntArray
     parts: list[Beside]
     of_parts: list[Array]
 
 
 class Slopes(NamedTuple):
-    """Of ln L along the numbers of one column at the knots, (K, n) each: slopes, and minus the curvatures."""
+    """Of ln L along the numbers of one column at the knots, (K, n) each: slopes, and the information about them."""
 
     mean: Array
     mean_bend: Array
@@ -60,8 +57,20 @@ class Slopes(NamedTuple):
 
 
 def ln_likelihood(stars: Catalogue, model: Model, settings: Settings) -> Array:
-    """(n,) ln likelihood of the stars."""
-    return np.concatenate([_ln_likelihood(stars, *some) for some in _points(stars, model, settings)])
+    """(n,) ln likelihood of the stars: that of exact numbers, averaged over their errors at the knots."""
+    shared, apart = _split(stars, model, settings)
+    widths = [np.sqrt(np.stack(widths2_of(stars, model, part, apart))) for part in settings.parts]
+    points = (1, model.mean.shape[2])
+    shares = [np.log(np.clip(np.broadcast_to(part.share, points), LEAST, 1.0)) for part in settings.parts]
+    fraction = np.clip(settings.fraction, LEAST, 1 - LEAST)
+    of_spread = np.zeros_like(shared)
+    if model.spread_variance is not None:
+        of_spread = np.minimum(model.spread_variance, SHARED * model.spread**2)
+    curves = (
+        model.mean, model.spread, np.stack(widths), model.ln_coverage,
+        model.ln_odds + (np.log(fraction) - np.log1p(-fraction)), np.concatenate(shares), shared, of_spread,
+    )  # fmt: skip
+    return ln_likelihoods(stars.for_engine, StreamCurves(*map(_by_point, curves)), FAR, OVERSHOOT, LEAST_BEND)
 
 
 def membership(stars: Catalogue, model: Model, settings: Settings) -> Array:
@@ -101,27 +110,9 @@ def _points(stars: Catalogue, model: Model, settings: Settings) -> Iterator[tupl
         yield model.take(slice(i, i + step)), settings.take(slice(i, i + step))
 
 
-def _ln_likelihood(stars: Catalogue, model: Model, settings: Settings) -> Array:
-    """(n,) ln likelihood for a few points: that of exact numbers, averaged over their errors at the knots."""
-    shared, apart = _split(stars, model, settings)
-    chances = _chances(stars, model, settings, apart)
-    lnl = chances.ln_likelihood
-    if model.spread_variance is None:
-        return lnl
-    for c, slopes in enumerate(_slopes(stars, chances, shared)):
-        lnl = lnl + _averaged(slopes.mean, slopes.mean_bend, shared[c])
-        least = np.minimum(model.spread_variance[c], SHARED * model.spread[c] ** 2)
-        lnl = lnl + _averaged(slopes.spread, slopes.spread_bend, least)
-    return lnl
-
-
-def _averaged(slope: Array, bend: Array, variance: Array) -> Array:
-    """(n,) What ln L gains by the average over Gaussian errors at the knots: exact for a parabola.
-
-    The slope of ln L, minus its curvature, and the variance of a number are (K, n).
-    """
-    stiff = 1 + np.maximum(bend, 0.0) * variance
-    return np.asarray((0.5 * slope**2 * variance / stiff - 0.5 * np.log(stiff)).sum(axis=0))
+def _by_point(numbers: Array) -> Array:
+    """(n, ...) Numbers (..., n) in rows without gaps."""
+    return np.ascontiguousarray(np.moveaxis(numbers, -1, 0))
 
 
 def _split(stars: Catalogue, model: Model, settings: Settings) -> tuple[Array, Array]:
@@ -139,7 +130,7 @@ def _split(stars: Catalogue, model: Model, settings: Settings) -> tuple[Array, A
 
 
 def _chances(stars: Catalogue, model: Model, settings: Settings, apart: Array) -> Chances:
-    """Return ln likelihood and the chances of the stars, with the variances ``apart`` (C, K, n) added to the widths."""
+    """Return the chances of the stars, with the variances ``apart`` (C, K, n) added to the widths."""
     widths2 = [widths2_of(stars, model, part, apart) for part in settings.parts]
     rows = near(stars, model, [np.maximum.reduce(each) for each in zip(*widths2, strict=True)])
     parts = [beside(stars, rows, model, each) for each in widths2]
@@ -149,67 +140,24 @@ def _chances(stars: Catalogue, model: Model, settings: Settings, apart: Array) -
         ln_of_parts = [each + share for each, share in zip(ln_of_parts, shares, strict=True)]
     ln_density = reduce(np.logaddexp, ln_of_parts)
     if stars.ln_background is None:
-        lnl, ln_chance = ln_density.sum(axis=0), np.zeros_like(ln_density)
+        ln_chance = np.zeros_like(ln_density)
     else:
         fraction = np.clip(settings.fraction, LEAST, 1 - LEAST)
         ln_odds = stars.knots.linear @ model.ln_odds + (np.log(fraction) - np.log1p(-fraction))
         excess = ln_odds[rows] + ln_density - stars.ln_background[rows, None]
-        more = _softplus(excess)
-        lnl = stars.ln_background.sum() - _softplus(ln_odds).sum(axis=0) + more.sum(axis=0)
-        ln_chance = excess - more
-    return Chances(lnl, rows, parts, [np.exp(ln_chance + each - ln_density) for each in ln_of_parts])
+        ln_chance = -np.logaddexp(0.0, -excess)
+    return Chances(rows, parts, [np.exp(ln_chance + each - ln_density) for each in ln_of_parts])
 
 
-def _softplus(x: Array) -> Array:
-    """ln(1 + e^x)."""
-    return np.asarray(np.maximum(x, 0.0) + np.log1p(np.exp(-np.abs(x))))
-
-
-def _slopes(stars: Catalogue, chances: Chances, shared: Array | None = None) -> list[Slopes]:
-    """Return for each column the slopes of ln L along means and spreads at the knots, and minus its curvatures.
-
-    Without ``shared`` the curvature is the mean square of the slope. With the variances (C, K, n) of the means it is
-    that of the mixture, but at least `LEAST_BEND` of what it were if all were known of who is a member. What the errors
-    of the means explain of the stars is then not explained by the spreads again.
-    """
-    expected = shared is None
+def _slopes(stars: Catalogue, chances: Chances) -> list[Slopes]:
+    """Return for each column the slopes of ln L along means and spreads at the knots, and their mean squares."""
     cubic, linear = stars.knots.cubic[chances.rows].T, stars.knots.linear[chances.rows].T
-    stiff_cubic, stiff_linear = (each.power(2) if expected else _lumped(each) for each in (cubic, linear))
     found = []
     for c in range(len(stars.columns)):
-        of_mean = [(chance, part.pulls[c], part.stiffness[c])
-                   for part, chance in zip(chances.parts, chances.of_parts, strict=True)]  # fmt: skip
-        slope, curve = _joined(of_mean, expected)
-        mean, mean_bend = cubic @ slope, stiff_cubic @ curve
-        moved: Array | float = 0.0
-        if shared is not None:
-            moved = cubic.T @ (mean * shared[c] / (1 + np.maximum(mean_bend, 0.0) * shared[c]))
-        of_spread = []
+        mean: Array = np.zeros((len(chances.rows), 1))
+        spread = mean
         for part, chance in zip(chances.parts, chances.of_parts, strict=True):
-            stiff, spread = part.stiffness[c], part.spread[c]
-            square = (part.pulls[c] - stiff * moved) ** 2
-            # where the stars are far off, ln L is convex in the spread: this has the same mean, and is never below zero
-            of_spread.append((chance, spread * (square - stiff), 2 * spread**2 * stiff * square))
-        spread_slope, spread_curve = _joined(of_spread, expected)
-        found.append(Slopes(mean, mean_bend, linear @ spread_slope, stiff_linear @ spread_curve))
+            mean = mean + chance * part.pulls[c]
+            spread = spread + chance * part.spread[c] * (part.pulls[c] ** 2 - part.stiffness[c])
+        found.append(Slopes(cubic @ mean, cubic.power(2) @ mean**2, linear @ spread, linear.power(2) @ spread**2))
     return found
-
-
-def _lumped(weights: csr_array) -> csr_array:
-    """(K, r) Weights of the stars' curvatures, from those of the knots, with which knots count as independent.
-
-    The numbers at neighbouring knots move a star together. The sums of the absolute rows of the whole curvature are at
-    least as stiff as it is (Gershgorin 1931): an average over the errors never gains more than the whole one.
-    """
-    sizes = abs(weights)
-    return csr_array(sizes.multiply(np.asarray(sizes.sum(axis=0))[None, :]))
-
-
-def _joined(parts: list[tuple[Array, Array, Array]], expected: bool) -> tuple[Array, Array]:
-    """Return slope and minus curvature of each star's ln L, (r, n), from chance, slope and minus curvature of parts."""
-    slope = sum(chance * each for chance, each, _ in parts)
-    if expected:
-        return np.asarray(slope), np.asarray(slope**2)
-    known = sum(chance * bend for chance, _, bend in parts)
-    squares = sum(chance * each**2 for chance, each, _ in parts)
-    return np.asarray(slope), np.maximum(known - squares + slope**2, LEAST_BEND * known)
