@@ -19,6 +19,8 @@ LN_NORM = -math.log(2 * math.pi * SD**2 * math.sqrt(1 - RHO**2))
 # The values of a normalised Gaussian far from the ends of a prior that is uniform between -5 and 5.
 LN_EVIDENCE = -2 * math.log(10.0)
 
+BEFORE, AFTER = 30, 80  # steps of a chain before it is resumed, and after
+
 
 class Gaussian:
     """The Gaussian as a `streamkit.Target`, for one use of a sampler; a tenth of the prior has no stream.
@@ -107,10 +109,13 @@ class Gaussian:
         return math.inf
 
 
-def sampled(component: sk.Sampler, seed: int = 1) -> tuple[Gaussian, sk.Samples]:
-    """Return the target after its use, and the last samples; for a chain the second half of it, with equal weights."""
+def sampled(component: sk.Sampler, seed: int = 1, most: int | None = None) -> tuple[Gaussian, sk.Samples]:
+    """Return the target after its use, and the last samples; for a chain the second half of it, with equal weights.
+
+    A chain ends after ``most`` steps.
+    """
     target, last = Gaussian(seed), None
-    for number, state in enumerate(component.sample(target)):
+    for number, state in enumerate(islice(component.sample(target), most and most + 1)):
         if isinstance(state, sk.Ensemble):
             check_step(target, state)
             target.steps += [state] if number else []  # the first is the start
@@ -187,10 +192,10 @@ def resumes(component: sk.Sampler) -> None:
     """Check that a chain that is resumed after any of its steps takes the steps of an unbroken one."""
     if not isinstance(component, sk.ChainSampler):
         return
-    whole = first_use(component)[0].steps
-    for done in (1, min(30, len(whole) - 1)):
+    whole = sampled(component, most=BEFORE + AFTER)[0].steps
+    for done in (1, min(BEFORE, len(whole) - 1)):
         target = Gaussian(1, whole[done - 1], whole[:done])
-        for step in islice(component.walk(target, whole[done - 1]), min(len(whole) - done, 80)):
+        for step in islice(component.walk(target, whole[done - 1]), min(len(whole) - done, AFTER)):
             number = len(target.steps)
             same = np.array_equal(step.points, whole[number].points)
             reason = "the points, random_state or memory of a step must hold all that the next depends on"

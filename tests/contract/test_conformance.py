@@ -11,9 +11,9 @@ from streamkit.testing.common import example_of, title
 
 COMPONENTS = [entry for kinds in load_registry().entries.values() for entry in kinds.values()]
 LONG = {
-    # tests/builtin/samplers has both for both.
+    # tests/builtin/samplers has all of them.
     ("emulator", "repeats itself"), ("emulator", "samples a gaussian"),
-    ("emcee", "repeats itself"), ("emcee", "samples a gaussian"),
+    ("emcee", "repeats itself"), ("emcee", "samples a gaussian"), ("emcee", "resumes"),
     ("leapfrog", "reaches its order"),  # the other integrators do
     ("apocentres", "variance is that of the scatter"),  # the other observables do
 }  # fmt: skip

@@ -33,6 +33,7 @@ from documents import (
     commands,
     lay_desk,
     lines,
+    reduce_examples,
 )
 from runfiles import BASE
 from snapshots import model_stream, nbody_stream
@@ -55,12 +56,6 @@ EXAMPLE_TEXTS = {path: path.read_text(encoding="utf-8") for path in EXAMPLES}
 MANUAL_BLOCKS = [block for block in blocks("python", MANUAL) if "import check" not in block.text]  # parts of examples
 PLAIN_BLOCKS = [block for block in blocks("python") if block not in MANUAL_BLOCKS]
 each_document = pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
-CALLS = [
-    pytest.param(command.arguments, id=f"{command.block} {shlex.join(command.arguments[:2])}")
-    for document in DOCUMENTS
-    for command in commands(document, *SHELL)
-    if command.arguments
-]
 
 
 @pytest.fixture(scope="module")
@@ -71,8 +66,11 @@ def laid(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def desk(laid: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The desk as working directory."""
+def desk(laid: Path, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The desk as working directory, with the examples reduced that the test uses: all of them for a long document."""
+    case = request.node.callspec.params if hasattr(request.node, "callspec") else {}
+    block = case["block"].text if "block" in case else None
+    reduce_examples(laid, SHORT.read_text(encoding="utf-8") if case.get("document") == SHORT else block)
     monkeypatch.chdir(laid)
     return laid
 
@@ -101,12 +99,14 @@ def carry_out(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     assert all(Path(made).exists() for made in command.makes())
 
 
-@pytest.mark.parametrize("arguments", CALLS)
-def test_every_command_line_parses(arguments: list[str]) -> None:
-    name, *rest = arguments
-    known = main.get_command(click.Context(main), name)
-    assert known is not None
-    known.make_context(name, rest)
+@each_document
+def test_every_command_line_parses(document: Path) -> None:
+    for command in commands(document, *SHELL):
+        if command.arguments:
+            name, *rest = command.arguments
+            known = main.get_command(click.Context(main), name)
+            assert known is not None, f"{command.block}: {name}"
+            known.make_context(name, rest)
 
 
 @pytest.mark.parametrize(

@@ -54,7 +54,7 @@ def test_a_run_file_passes_the_check_and_makes_a_stream(path: Path) -> None:
 
 @pytest.mark.parametrize("path", one_of([p for p in RUN_FILES if p not in TRUTHS]))
 def test_a_run_file_can_be_fitted_where_the_documents_say(path: Path) -> None:
-    spec = reduced(path, particles=2000)
+    spec = reduced(path, sk.load(path), particles=2000)
     theta = spec.centre()
     lnp, *_ = sk.Posterior(spec)(theta)
     assert np.isfinite(lnp)

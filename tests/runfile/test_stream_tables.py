@@ -201,6 +201,7 @@ def test_a_file_that_is_missing_is_told(tmp_path: Path) -> None:
     assert line == f"{run}: streams[0]: {stream}: cannot read the run file: No such file or directory"
 
 
+@pytest.mark.usefixtures("short_search")
 def test_a_directory_of_a_run_holds_the_tables_of_its_streams(tmp_path: Path) -> None:
     """It is read where neither the run file nor the files of the streams are."""
     there = tmp_path / "there"
@@ -211,11 +212,11 @@ def test_a_directory_of_a_run_holds_the_tables_of_its_streams(tmp_path: Path) ->
     (there / "b.ecsv").write_text(rows + "phi1 phi2 phi2_error\n-5 0 0.2\n5 1 0.2\n")
     run = {key: value for key, value in RUN.items() if key != "stream"}
     run = with_entry(run, "stream_defaults", "observable", "phi2", ...) | {"streams": ["a.toml", "b.toml"]}
-    run["sampler"] = {"walkers": 16, "steps": 1}
+    run["sampler"] = {"walkers": 12, "steps": 1}
     path = files(there, run, a=STREAM | {"table": "b.ecsv"}, b=STREAM | {"table": "b.ecsv"})
     spec = sk.load(path)
     np.testing.assert_allclose(spec.bind(stream="b").observable.data(), [[0, 1], [0.2, 0.2]])
-    sk.run(path, out=tmp_path / "out", progress=False)
+    sk.run(path, out=tmp_path / "out", progress=False, products=False)
     for file in there.iterdir():
         file.unlink()
     assert load_spec(tmp_path / "out").digest() == spec.digest()
