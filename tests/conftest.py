@@ -110,13 +110,15 @@ def rendered_pictures(request: pytest.FixtureRequest, pictures: Pictures) -> Ite
 
 @pytest.fixture
 def short_search(monkeypatch: pytest.MonkeyPatch) -> None:
-    """For the commands of documents: few trial streams for a check, few draws for the start of a chain.
-
-    A search for a start looks after every 16 draws whether it has enough, and a fourth as many are enough.
-    """
+    """For runs that others look at: few trial streams for a check, few draws for the start of a chain."""
     monkeypatch.setattr("streamkit.study.preflight.draws.BUDGET", 0.5)
-    monkeypatch.setattr("streamkit.sample.calls.search.ENOUGH", 1)
-    monkeypatch.setattr("streamkit.sample.calls.search.PARTS", 64)
+    shorten_search(monkeypatch)
+
+
+def shorten_search(patch: pytest.MonkeyPatch) -> None:
+    """A search for a start looks after every 16 draws whether it has enough, and a fourth as many are enough."""
+    patch.setattr("streamkit.sample.calls.search.ENOUGH", 1)
+    patch.setattr("streamkit.sample.calls.search.PARTS", 64)
 
 
 @pytest.fixture
@@ -164,8 +166,9 @@ def finished_run(tmp_path_factory: pytest.TempPathFactory, pictures: Pictures) -
     if "PYTEST_XDIST_WORKER" in os.environ:
         place = place.parent
     out, made = place / "finished", place / "finished.made"
-    with FileLock(place / "finished.lock"):
+    with FileLock(place / "finished.lock"), pytest.MonkeyPatch.context() as patch:
         if not made.exists():
+            shorten_search(patch)
             (place / "published.csv").write_text(PUBLISHED)
             results = sk.run(sk.load(APOCENTRES), out=out, steps=30, progress=False, products=False)
             with pictures.rendered():

@@ -110,7 +110,7 @@ def test_a_draw_is_the_stream_at_its_parameters(spec, whole):
 
 
 def test_the_noise_is_that_of_the_data(spec, tmp_path):
-    simulate(spec.with_values({"stripping.particles": 60}), tmp_path / "sims.h5", 400, progress=False)
+    simulate(spec.with_values({"stripping.particles": 60}), tmp_path / "sims.h5", 200, progress=False)
     found = read(tmp_path / "sims.h5")
     pull = (found["x"] - found["mean"])[found["why_not"] == b""] / found["x_error"]
     assert kstest(pull.ravel(), "norm").pvalue > 0.01
