@@ -20,15 +20,18 @@ def carried(bodies: Sequence[tuple[Forces, Orbit]]) -> Forces:
         parameters=np.concatenate([*(one.parameters[: one.offset[-1]] for one, _ in bodies), np.zeros(1)]),
         first=float(t[0]),
         step=float((t[-1] - t[0]) / (len(t) - 1)),
-        tracks=np.array([_track(orbit) for _, orbit in bodies]),
+        tracks=_tracks([orbit for _, orbit in bodies]),
         frame=NO_FRAME,
     )
 
 
-def _track(orbit: Orbit) -> Array:
-    """(T, 20) The row of `Forces.tracks` of a body on an orbit."""
-    left = orbit.mass_left
-    return np.vstack([orbit.polynomials.reshape(18, -1), left[:-1], np.diff(left)]).T
+def _tracks(orbits: Sequence[Orbit]) -> Array:
+    """(b, T, 20) The rows of `Forces.tracks` of bodies on their orbits."""
+    tracks = np.empty((len(orbits), len(orbits[0].t) - 1, 20))
+    for track, orbit in zip(tracks, orbits, strict=True):
+        track[:, :18] = orbit.polynomials.reshape(18, -1).T
+        track[:, 18], track[:, 19] = orbit.mass_left[:-1], np.diff(orbit.mass_left)
+    return tracks
 
 
 def beside(forces: Forces, more: Forces) -> Forces:

@@ -35,6 +35,8 @@ def _scratch() -> Scratch:
     return Scratch(raw[first : first + WORK], np.empty(NUMBERS, dtype=np.int64))
 
 
+FARTHEST = 300.0  # radius in kpc that holds the mass of a body
+
 NO_DRAG_OF_BODIES = "the force of what moves may not depend on velocity"
 
 
@@ -172,13 +174,17 @@ class Field:
         """Add bodies that fly past particles: the field of each, its orbit, and its size in kpc, which is positive.
 
         The orbits must share the grid of times of all that moves. `adaptive_step` takes steps that resolve the passage
-        of such a body, and evaluates its force once a step, not at every stage. Raises ValueError as `with_moving`.
+        of such a body, and evaluates its force as often as the passage asks for. Raises ValueError as `with_moving`.
         """
         for other, orbit, _ in bodies:
             self._grid_with(orbit)
             _fixed(other)
-        forces = carried([(other.forces, orbit) for other, orbit, _ in bodies])
-        passing = Passing(forces, np.array([size for _, _, size in bodies]))
+        passing = Passing(
+            forces=carried([(other.forces, orbit) for other, orbit, _ in bodies]),
+            sizes=np.array([size for _, _, size in bodies]),
+            strengths=np.array([_strength(other, float(orbit.t[0]), size) for other, orbit, size in bodies]),
+            first=np.cumsum([0, *(len(other.forces.address) for other, _, _ in bodies)]),
+        )
         kernels, names = (sum((getattr(b[0], k) for b in bodies), getattr(self, k)) for k in ("kernels", "names"))
         return replace(self, passing=passing, kernels=kernels, names=names)
 
@@ -285,6 +291,13 @@ class Field:
                 f"potential {self.names[i]} raised {type(error).__name__}: {message_of(error)} "
                 f"(parameters {self.kernels[i].shown_arguments})"
             ) from error
+
+
+def _strength(body: Field, t: float, size: float) -> float:
+    """Return G times the mass of a body in kpc (km/s)^2: the largest inside some radii."""
+    r = np.geomspace(size, FARTHEST, 8)
+    a = body.acceleration(t, r * np.full((3, 1), 3**-0.5))
+    return float((np.sqrt((a**2).sum(axis=0)) * r**2).max())
 
 
 def _fixed(other: Field) -> None:

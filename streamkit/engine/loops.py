@@ -38,7 +38,7 @@ from streamkit.engine.levels import (
     rates,
     scatter,
 )  # fmt: skip
-from streamkit.engine.passing import FURTHER, PASSING_BODIES, kick, passages
+from streamkit.engine.passing import CHUNKS, FURTHER, PASSING_BODIES, how_often, kick, passages
 from streamkit.engine.steps import METHOD, ROWS, A, H, Method, T, compose, nystrom
 from streamkit.engine.velocity_forces import DRAGGED, is_dragged
 from streamkit.stream import Array, IntArray
@@ -98,7 +98,8 @@ def sweep(forces, passing, method, scratch, particles, index, t0, t1, limit, pos
     t, span = lanes[T:], lanes[H:]
     start, size = np.empty(LEVELS, np.int64), np.empty(LEVELS, np.int64)
     adapts = method.eta[0] > 0.0
-    flown_by = passing.sizes.shape[0] > 0
+    bodies = passing.sizes.shape[0]
+    asked, often = np.empty((bodies, ROW + CHUNKS), np.int8), np.empty((LEVELS, bodies), np.int64)
     begin, m = 0, 0
     while begin + m < index.shape[0]:
         begin += m
@@ -114,11 +115,12 @@ def sweep(forces, passing, method, scratch, particles, index, t0, t1, limit, pos
             add_forces(forces, uniform, 0, whole, t, lanes, relative, centre, lanes[A:])
             rates(forces, method.eta, method.heights, uniform, whole, lanes, relative, slots, centre, path, rate)
             deepest = method.most + 1
-            if flown_by:
-                passages(passing, method.most, uniform, whole, lanes, relative, slots, centre, path, rate)
+            if bodies > 0:
+                passages(passing, method.most, uniform, whole, lanes, relative, slots, centre, path, rate, asked)
                 deepest = min(deepest + FURTHER, LEVELS - 1)
             choose_levels(m, rate, span, deepest, level, size)
         assign_slots(m, level, limit, start, size, slot)
+        how_often(adapts, m, level, asked, often)
         for i in range(m):
             if slot[i] < 0:
                 postponed[count] = index[begin + i]
@@ -137,19 +139,18 @@ def sweep(forces, passing, method, scratch, particles, index, t0, t1, limit, pos
             for i in range(first, end):
                 slots[H + i] /= steps
             has_acceleration = adapts and not is_dragged(forces)
-            pieces = steps if flown_by else 1  # a kick by the bodies before and after each
+            pieces = steps if bodies > 0 else 1  # a kick by the bodies before and after each
             each = steps // pieces
-            for piece in range(pieces):
-                if flown_by:
-                    kick(passing, 0.5 if piece == 0 else 1.0, uniform, first, end, slots, relative, centre, lanes[A:])
+            for piece in range(pieces + 1):
+                kick(passing, often, group, piece, pieces, uniform, first, end, slots, relative, centre, lanes[A:])
+                if piece == pieces:
+                    break
                 if calm:
                     if piece > 0:
                         add_forces(forces, uniform, first, end, slots[T:], slots, relative, centre, slots[A:])
                     nystrom(forces, uniform, first, end, each, slots, lanes, relative, centre)
                 else:
                     compose(forces, method, uniform, first, end, each, has_acceleration, slots, relative, centre)
-            if flown_by:
-                kick(passing, 0.5, uniform, first, end, slots, relative, centre, lanes[A:])
         for row, out in enumerate(particles):
             give_back(m, slot, slots[row * ROW :], index, begin, out)
     return count

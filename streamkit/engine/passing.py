@@ -1,9 +1,10 @@
 """Bodies that fly past particles: their kicks, and steps that are short enough for them.
 
 Such a body is far from most particles for most of the time, and its force changes over the time in which it crosses its
-distance. It kicks a particle once at the beginning and once at the end of each step, and the other forces act between
-them (Tuckerman, Berne & Martyna 1992, J. Chem. Phys. 97, 1990): a fifth of the evaluations of other forces. The error
-is of second order in the step, of the force of the body alone.
+distance. Kicks by the bodies stand between steps of the other forces (Tuckerman, Berne & Martyna 1992, J. Chem. Phys.
+97, 1990), which saves four fifths of the evaluations. The error is of second order in the step, of the force of the
+body alone. Each body kicks as often as its own passage asks for: one that is far away, or too light to be noticed,
+kicks at the beginning and at the end of a block, while another one kicks the same particles hundreds of times.
 """
 
 from __future__ import annotations
@@ -15,79 +16,255 @@ import numpy as np
 from numba import types
 
 from streamkit.engine.cache import helper
-from streamkit.engine.forces import FORCES, NO_FRAME, NO_TRACKS, ROW, Forces, add_forces, call_kernel
-from streamkit.engine.levels import approach
+from streamkit.engine.forces import (
+    BATCH,
+    FORCES,
+    LEVELS,
+    NO_FRAME,
+    NO_TRACKS,
+    ROW,
+    Forces,
+    call_kernel,
+    centre_at,
+)  # fmt: skip
+from streamkit.engine.levels import approach, foot, nearest
 from streamkit.engine.steps import A, H, T, V
-from streamkit.stream import Array
+from streamkit.stream import Array, IntArray
 
 PASSING = 0.4  # longest step near a body, in units of the time in which it crosses its distance
 BENDING = 0.2  # longest step near a body, in units of the dynamical time about it
+NOTICED = 0.03  # km/s; a passage that changes the velocity by less has longer steps, of an error of a tenth of it
 MISSED = 0.05  # error of the smallest distance from it, in units of the acceleration times the time span squared
 FURTHER = 9  # levels beyond the deepest one that the passage of such a body may ask for
+FEW = 4  # bodies for which chunks of particles are not looked at together
+UNFELT = 2e-4  # km/s; a body whose kicks of all particles of a level are below that in a time span is left out
+HALF = 0.5**4  # fourth power of the number of steps beyond which a body asks for two
+CHUNK = 64  # neighbours in the order of their release that are far from most bodies together, in two arms
+CHUNKS = BATCH // CHUNK + 1
 
 
 class Passing(NamedTuple):
-    """Bodies that fly past: their forces, each on its trajectory, and their sizes (b,) in kpc, which are positive."""
+    """Bodies that fly past particles.
+
+    Attributes
+    ----------
+    forces
+        Their forces, those of each body together, each body on its trajectory.
+    sizes
+        (b,) their sizes in kpc, which are positive.
+    strengths
+        (b,) G times their masses, in kpc (km/s)^2.
+    first
+        (b + 1,) where the forces of each body begin.
+    """
 
     forces: Forces
     sizes: Array
+    strengths: Array
+    first: IntArray
 
 
-PASSING_BODIES = types.NamedTuple([FORCES, types.float64[::1]], Passing)
+_F1, _I1 = types.float64[::1], types.int64[::1]
+PASSING_BODIES = types.NamedTuple([FORCES, _F1, _F1, _I1], Passing)
 _NONE = np.zeros(0, dtype=np.int64)
 NOBODY = Passing(
-    Forces(_NONE, np.zeros(1, dtype=np.int64), _NONE, np.zeros(1), 0.0, 1.0, NO_TRACKS, NO_FRAME), np.zeros(0)
+    Forces(_NONE, np.zeros(1, dtype=np.int64), _NONE, np.zeros(1), 0.0, 1.0, NO_TRACKS, NO_FRAME),
+    np.zeros(0),
+    np.zeros(0),
+    np.zeros(1, dtype=np.int64),
 )
 
 
 @helper
-def passages(passing, most, uniform, m, lanes, closest, other, centre, path, rate):
+def passages(passing, most, uniform, m, lanes, closest, other, centre, path, rate, asked):
     """Raise the `rate` (see `rates`) of those of m lanes that bodies fly past in their time span.
 
     A passage takes its smallest distance, or the size if that is more, over the relative speed, and no step may be
-    longer than that times PASSING, or than the dynamical time there times BENDING. The distance is less by what
-    straight pieces and parabolas may miss. Only these rates may ask for more than 2^most steps. `other` is scratch.
+    longer than that times PASSING, or than the dynamical time there times BENDING; for a passage that changes the
+    velocity by less than NOTICED it may be longer, by the root of their ratio. The distance is less by what straight
+    pieces and parabolas may miss. Only these rates may ask for more than 2^most steps.
+
+    asked (b, ROW + CHUNKS) receives the level that each body asks for, 0 where one step for the time span is enough.
+    Its last columns say of each chunk of lanes: 2, such levels are there; 1, they are all 0; 0, the body is not felt.
+    `other` is scratch.
     """
     forces, u, t, span, a = passing.forces, lanes[V:], lanes[T:], lanes[H:], lanes[A:]
-    b0, b1, b2, s2 = other[:m], other[ROW : ROW + m], other[2 * ROW : 2 * ROW + m], other[3 * ROW : 3 * ROW + m]
-    d0, d1, d2 = closest[:m], closest[ROW : ROW + m], closest[2 * ROW : 2 * ROW + m]
-    a0, a1, a2 = a[:m], a[ROW : ROW + m], a[2 * ROW : 2 * ROW + m]
-    u0, u1, u2, h = u[:m], u[ROW : ROW + m], u[2 * ROW : 2 * ROW + m], span[:m]
-    crossing, bending = PASSING**-4, BENDING**-4
-    for i in range(m):
-        rate[i] = min(rate[i], 0.999 * (2.0**most / (h[i] + 1e-300)) ** 4)
-    for b in range(passing.sizes.shape[0]):
-        size, together = passing.sizes[b], m if uniform else 1
-        for begin in range(0, m, together):
-            approach(forces, b, begin, begin + together, lanes, closest, centre, path)
-            inverse = 1.0 / (h[begin] + 1e-300)
-            w0, w1, w2 = (path[6] - path[0]) * inverse, (path[7] - path[1]) * inverse, (path[8] - path[2]) * inverse
-            for i in range(begin, begin + together):
-                half = 0.5 * h[i]
-                v0, v1, v2 = u0[i] + half * a0[i] - w0, u1[i] + half * a1[i] - w1, u2[i] + half * a2[i] - w2
-                s2[i] = v0 * v0 + v1 * v1 + v2 * v2
-        centre[:] = 0.0
-        fresh = 1
-        for c in range(forces.address.shape[0]):
-            if forces.trajectory[c] == b:
-                p, offset = forces.parameters, forces.offset[c]
-                call_kernel(forces.address[c], 0, m, t, p, offset, centre, closest, other, fresh)
-                fresh = 0
+    crossing, bending, noticed = PASSING**-4, BENDING**-4, 4.0 / NOTICED**2
+    v, missed, span4 = other[5 * ROW :], other[8 * ROW : 8 * ROW + m], other[9 * ROW : 9 * ROW + m]
+    for k in range(3):
+        u_i, a_i, v_i = u[k * ROW : k * ROW + m], a[k * ROW : k * ROW + m], v[k * ROW : k * ROW + m]
         for i in range(m):
-            missed = MISSED * math.sqrt(a0[i] * a0[i] + a1[i] * a1[i] + a2[i] * a2[i]) * h[i] * h[i]
-            distance2 = d0[i] * d0[i] + d1[i] * d1[i] + d2[i] * d2[i]
-            distance = max(math.sqrt(distance2) - missed, size)
-            pull2 = b0[i] * b0[i] + b1[i] * b1[i] + b2[i] * b2[i]
-            passage = s2[i] / (distance * distance)
-            rate[i] = max(rate[i], crossing * passage * passage, bending * pull2 / (distance2 + 1e-300))
+            v_i[i] = u_i[i] + 0.5 * span[i] * a_i[i]
+    for i in range(m):
+        a0, a1, a2 = a[i], a[ROW + i], a[2 * ROW + i]
+        missed[i] = MISSED * math.sqrt(a0 * a0 + a1 * a1 + a2 * a2) * span[i] * span[i]
+        span4[i] = span[i] ** 4
+        rate[i] = min(rate[i], 0.999 * 2.0 ** (4 * most) / (span4[i] + 1e-300))
+    arms = np.empty((2 * CHUNKS if passing.sizes.shape[0] > FEW else 0, 11))
+    if arms.shape[0] > 0:
+        enclose(m, lanes, missed, arms)
+    for b in range(passing.sizes.shape[0]):
+        size, strength2 = passing.sizes[b], passing.strengths[b] ** 2
+        for begin in range(0, m, CHUNK):
+            end, chunk = min(begin + CHUNK, m), begin // CHUNK
+            if begin == 0 or not uniform:
+                approach(forces, b, 0, 0, lanes, closest, centre, path)
+            if arms.shape[0] > 0:
+                asked[b, ROW + chunk] = closeness(arms, chunk, path, span[0], size, passing.strengths[b])
+                if asked[b, ROW + chunk] < 2:
+                    continue
+            together = end - begin if uniform else 1
+            for first in range(begin, end, together):
+                last = first + together
+                if uniform:
+                    nearest(first, last, lanes, path, closest)
+                else:
+                    approach(forces, b, first, last, lanes, closest, centre, path)
+                inverse = 1.0 / (span[first] + 1e-300)
+                w0, w1, w2 = (path[6] - path[0]) * inverse, (path[7] - path[1]) * inverse, (path[8] - path[2]) * inverse
+                v0, v1, v2 = v[first:last], v[ROW + first : ROW + last], v[2 * ROW + first : 2 * ROW + last]
+                speed2 = other[3 * ROW + first : 3 * ROW + last]
+                for i in range(speed2.shape[0]):
+                    speed2[i] = (v0[i] - w0) ** 2 + (v1[i] - w1) ** 2 + (v2[i] - w2) ** 2 + 1e-300
+            speed2, near2 = other[3 * ROW + begin : 3 * ROW + end], other[4 * ROW + begin : 4 * ROW + end]
+            d0, d1, d2 = closest[begin:end], closest[ROW + begin : ROW + end], closest[2 * ROW + begin : 2 * ROW + end]
+            missed_i, span4_i = missed[begin:end], span4[begin:end]
+            more = 0
+            for i in range(near2.shape[0]):  # as if the mass were in a point
+                near = max(math.sqrt(d0[i] * d0[i] + d1[i] * d1[i] + d2[i] * d2[i]) - missed_i[i], size)
+                inverse2 = 1.0 / (near * near)
+                passage, bend = speed2[i] * inverse2, strength2 * inverse2 * inverse2 * inverse2
+                unnoticed = min(noticed * strength2 * inverse2, speed2[i])
+                near2[i] = near * near
+                wanted = max(crossing * passage * inverse2 * unnoticed, bending * bend)
+                more += 1 if wanted * span4_i[i] > HALF else 0
+            asked[b, ROW + chunk] = 2 if more > 0 else 1
+            if more == 0:
+                continue
+            centre[:] = 0.0
+            fresh = 1
+            for c in range(passing.first[b], passing.first[b + 1]):
+                p, offset = forces.parameters, forces.offset[c]
+                call_kernel(forces.address[c], begin, end - begin, t, p, offset, centre, closest, other, fresh)
+                fresh = 0
+            for i in range(end - begin):
+                b0, b1, b2 = other[begin + i], other[ROW + begin + i], other[2 * ROW + begin + i]
+                pull2, distance2 = b0 * b0 + b1 * b1 + b2 * b2, d0[i] * d0[i] + d1[i] * d1[i] + d2[i] * d2[i]
+                passage = speed2[i] / near2[i]
+                unnoticed = min(noticed * pull2 / passage, 1.0)
+                wanted = max(crossing * passage * passage * unnoticed, bending * pull2 / (distance2 + 1e-300))
+                steps, bound, level = wanted * span4_i[i], 16.0, 0
+                if steps > HALF:
+                    rate[begin + i] = max(rate[begin + i], wanted)
+                    level = 2
+                    while steps > bound and level < LEVELS:
+                        level += 1
+                        bound *= 16.0
+                asked[b, begin + i] = level
 
 
 @helper
-def kick(passing, part, uniform, begin, end, lanes, relative, centre, a):
-    """Kick lanes [begin, end) by all bodies, over the fraction `part` of their time steps; a is scratch."""
-    add_forces(passing.forces, uniform, begin, end, lanes[T:], lanes, relative, centre, a)
-    h = lanes[H + begin : H + end]
-    for k in range(3):
-        u_i, a_i = lanes[V + k * ROW + begin : V + k * ROW + end], a[k * ROW + begin : k * ROW + end]
-        for i in range(u_i.shape[0]):
-            u_i[i] += part * h[i] * a_i[i]
+def enclose(m, lanes, missed, arms):
+    """Store in arms (2 * CHUNKS, 11) spheres that hold the lanes of even and of odd number of each chunk of m.
+
+    Their centre at the beginning, the middle and the end of the time span of the first lane, which is the longest,
+    their radius, and the largest velocity relative to the centre. Schemes release particles into both arms in turn.
+    """
+    u, t, a, span = lanes[V:], lanes[T:], lanes[A:], lanes[H]
+    for arm in range(2 * ((m + CHUNK - 1) // CHUNK)):
+        begin, end = arm // 2 * CHUNK + arm % 2, min(arm // 2 * CHUNK + CHUNK, m)
+        count, radius2, most_missed = (end - begin + 1) // 2, 0.0, 0.0
+        for k in range(9):
+            arms[arm, k] = 0.0
+        for i in range(begin, end, 2):
+            for k in range(9):
+                j, s = k % 3 * ROW + i, t[0] + 0.5 * (k // 3) * span - t[i]
+                arms[arm, k] += (lanes[j] + s * (u[j] + 0.5 * s * a[j])) / count
+        for i in range(begin, end, 2):
+            for node in range(3):
+                r2, s = 0.0, t[0] + 0.5 * node * span - t[i]
+                for k in range(3):
+                    j = k * ROW + i
+                    r2 += (lanes[j] + s * (u[j] + 0.5 * s * a[j]) - arms[arm, 3 * node + k]) ** 2
+                radius2 = max(radius2, r2)
+            most_missed = max(most_missed, missed[i])
+        arms[arm, 9] = math.sqrt(radius2) + most_missed
+        arms[arm, 10] = 2.0 * math.sqrt(radius2) / (span + 1e-300)
+
+
+@helper
+def closeness(arms, chunk, path, span, size, strength):
+    """Return 2 if a body on a path may ask lanes of a chunk for a level, or else 1 if they feel it, or else 0."""
+    found, inverse = 0, 1.0 / (span + 1e-300)
+    for arm in range(2 * chunk, 2 * chunk + 2):
+        b0, b1, b2 = arms[arm, 0] - path[0], arms[arm, 1] - path[1], arms[arm, 2] - path[2]
+        m0, m1, m2 = arms[arm, 3] - path[3], arms[arm, 4] - path[4], arms[arm, 5] - path[5]
+        e0, e1, e2 = arms[arm, 6] - path[6], arms[arm, 7] - path[7], arms[arm, 8] - path[8]
+        _, _, _, first = foot(b0, b1, b2, m0, m1, m2)
+        _, _, _, second = foot(e0, e1, e2, m0, m1, m2)
+        near = max(math.sqrt(min(first, second)) - arms[arm, 9], size)
+        speed = math.sqrt((e0 - b0) ** 2 + (e1 - b1) ** 2 + (e2 - b2) ** 2) * inverse + arms[arm, 10]
+        steps2, bends2 = (span * speed / (PASSING * near)) ** 2, strength * (span / BENDING) ** 2 / near**3
+        if steps2 * min(2.0 * strength / (near * speed * NOTICED + 1e-300), 1.0) > 0.25 or bends2 > 0.25:
+            return 2
+        if strength / (near * near) * span > UNFELT:
+            found = 1
+    return found
+
+
+@helper
+def how_often(adapts, m, level, asked, often):
+    """Store in often (levels, b) the highest level that each body asks of those of m lanes that have a level.
+
+    It is -1 for bodies that they do not feel. If the steps do not adapt, all bodies kick at every step.
+    """
+    often[:] = -1 if adapts else LEVELS
+    if not adapts or often.shape[1] == 0:
+        return
+    for begin in range(0, m, CHUNK):
+        there = np.zeros(LEVELS, np.int64)
+        for i in range(begin, min(begin + CHUNK, m)):
+            there[level[i]] = 1
+        for b in range(asked.shape[0]):
+            closeness = asked[b, ROW + begin // CHUNK]
+            if closeness == 1:
+                for k in range(LEVELS):
+                    if there[k] > 0:
+                        often[k, b] = max(often[k, b], 0)
+            elif closeness == 2:
+                for i in range(begin, min(begin + CHUNK, m)):
+                    often[level[i], b] = max(often[level[i], b], asked[b, i])
+
+
+@helper
+def kick(passing, often, level, piece, pieces, uniform, begin, end, lanes, relative, centre, a):
+    """Kick lanes [begin, end) of a level before a piece of their time span, or after the last; a is scratch.
+
+    A body kicks before every 1, 2, 4 ... pieces, as `often` as the lanes of this level ask for, or never.
+    """
+    forces, t, h = passing.forces, lanes[T:], lanes[H + begin : H + end]
+    trajectory, stride = forces.trajectory, 1
+    while stride <= pieces and trajectory.shape[0] > 0:
+        fresh = 1
+        for c in range(trajectory.shape[0]):
+            b = trajectory[c]
+            if often[level, b] < 0 or piece % stride != 0 or max(pieces >> max(often[level, b] - 1, 0), 1) != stride:
+                continue
+            if uniform:
+                centre_at(forces, b, t[begin], centre)
+            else:
+                for i in range(begin, end):
+                    centre_at(forces, b, t[i], centre)
+                    for k in range(3):
+                        relative[k * ROW + i] = lanes[k * ROW + i] - centre[k]
+                centre[:] = 0.0
+            q, p, offset = lanes if uniform else relative, forces.parameters, forces.offset[c]
+            call_kernel(forces.address[c], begin, end - begin, t, p, offset, centre, q, a, fresh)
+            fresh = 0
+        if fresh == 0:
+            part = stride * (0.5 if piece == 0 or piece == pieces else 1.0)
+            for k in range(3):
+                u_i, a_i = lanes[V + k * ROW + begin : V + k * ROW + end], a[k * ROW + begin : k * ROW + end]
+                for i in range(u_i.shape[0]):
+                    u_i[i] += part * h[i] * a_i[i]
+        stride *= 2

@@ -217,12 +217,12 @@ def test_encounters_add_up_and_go_with_moving_bodies_and_equal_steps():
     fixed = stream_of(document | {"integrator": {"kind": "pefrl", "step": "1 Myr"}})
     effect = np.abs(one.q - stream_of({k: v for k, v in document.items() if k != "body"}).q).max()
     assert effect > 0.5
-    for other, tolerance in ((two, 1e-3), (beside, 1e-3), (pulled, 1e-3), (fixed, 1e-2)):
+    for other, tolerance in ((two, 5e-3), (beside, 1e-3), (pulled, 1e-3), (fixed, 1e-2)):  # halves have longer steps
         assert np.abs(other.q - one.q).max() < tolerance * effect
 
 
 def test_bodies_at_all_distances_act_as_in_steps_that_evaluate_them_at_every_stage():
-    """A body kicks once a step. PEFRL with equal steps evaluates it in every stage of a step."""
+    """A body kicks as often as its passage asks for. PEFRL with equal steps evaluates it in every stage of a step."""
     met = [
         {"time": "0.3 Gyr", "impact_parameter": "50 pc", "v_parallel": 100, "v_perpendicular": 200},
         {"time": "0.5 Gyr", "impact_parameter": "2 kpc", "v_parallel": -90, "v_perpendicular": 60},
@@ -237,4 +237,25 @@ def test_bodies_at_all_distances_act_as_in_steps_that_evaluate_them_at_every_sta
         exact = stream_of(document | fixed).q - stream_of(alone | fixed).q
         effect, error = (np.linalg.norm(one, axis=0) for one in (exact, found - exact))
         assert effect.max() > 0.004
-        assert error.max() < 0.02 * effect.max()
+        assert error.max() < 0.02 * effect.max() + 2e-4
+
+
+def test_many_bodies_act_as_in_steps_that_evaluate_all_of_them():
+    """Particles are far from most bodies together, which then kick seldom or not at all; PEFRL leaves nothing out."""
+    rng = np.random.default_rng(5)
+    document = run_file(particles=600)
+    document["progenitor"]["lookback"], document["stripping"]["sigma"] = 1, 0.05
+    document["body"] = {
+        f"clump_{i}": {"kind": "plummer", "mass": float(mass), "radius": float(1.62 * np.sqrt(mass / 1e8)),
+                       "encounter": {"frame": FRAME, "phi1": 0, "time": float(rng.uniform(0.1, 0.7)),
+                                     "impact_parameter": float(rng.uniform(0, 3)), "angle": float(rng.uniform(0, 360)),
+                                     "v_parallel": float(rng.normal(-200, 150)), "v_perpendicular": 150}}
+        for i, mass in enumerate(10 ** rng.uniform(5.5, 8, 12))
+    }  # fmt: skip
+    alone = {key: value for key, value in document.items() if key != "body"}
+    fixed = {"integrator": {"kind": "pefrl", "step": "0.5 Myr"}}
+    found = stream_of(document).q - stream_of(alone).q
+    exact = stream_of(document | fixed).q - stream_of(alone | fixed).q
+    effect, error = (np.linalg.norm(one, axis=0) for one in (exact, found - exact))
+    assert effect.max() > 0.1
+    assert error.max() < 0.03 * effect.max()
