@@ -53,6 +53,10 @@ def reference(section: str | None, kind: str | None) -> None:
         table = report.field_table(runfile.Encounter, runfile.Encounter.model_fields, "field of encounter")
         text = " ".join((inspect.getdoc(runfile.Encounter) or "").split())
         parts += [f"encounter, in place of a place today, friction and reflex\n{report.paragraph(text, '  ')}\n{table}"]
+        table = report.field_table(runfile.BodyTable, ["table", "mass_factor"], "field")
+        text = " ".join((inspect.getdoc(runfile.BodyTable) or "").split())
+        text += " Its encounter may have stream and frame."
+        parts += [f"table, in place of the numbers of one body\n{report.paragraph(text, '  ')}\n{table}"]
     else:
         default = runfile.DEFAULT_KIND.get(section)
         parts += [f"kind may be left out: it is then {default!r}."] if default else []

@@ -47,18 +47,21 @@ def flights_past(inputs: StreamInputs, host: Host, track: Orbit) -> list[Flight]
     if not inputs.flybys or not isinstance(scheme, Stripping):
         return []
     flybys = list(inputs.flybys.values())
-    for flyby in flybys:
-        if not 0 < flyby.encounter.time < -track.t[0] / GYR:
-            raise OutOfDomain(
-                f"an encounter was {flyby.encounter.time:g} Gyr ago, and the stream begins {-track.t[0] / GYR:g} Gyr "
-                "ago"
-            )
+    for name, flyby in inputs.flybys.items():
+        ago, begins = flyby.encounter.time, -track.t[0] / GYR
+        if not 0 < ago < begins:
+            raise OutOfDomain(f"body {name}: it came {ago:g} Gyr ago, and the stream begins {begins:g} Gyr ago")
     few = replace(inputs, stripping=scheme.model_copy(update={"particles": PROBES}))
     start = release_particles(few, track, np.zeros((scheme.draws, PROBES)))
     field = host.until(float(track.t[0]))
     times = np.array([-flyby.encounter.time * GYR for flyby in flybys])
     then, today = _probes(with_progenitor(field, inputs, start.orbit), inputs, start, times)
-    points = [_point(flyby, inputs, state, today) for flyby, state in zip(flybys, then, strict=True)]
+    points = []
+    for (name, flyby), state in zip(inputs.flybys.items(), then, strict=True):
+        try:
+            points.append(_point(flyby, inputs, state, today))
+        except OutOfDomain as error:
+            raise OutOfDomain(f"body {name}: {error.reason}") from None
     states = [_at_encounter(flyby, *point) for flyby, point in zip(flybys, points, strict=True)]
     q, v = (np.array([state[k] for state in states]).T for k in (0, 1))
     with np.errstate(all="ignore"):  # orbits that are not finite are refused below

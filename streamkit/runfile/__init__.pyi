@@ -1,3 +1,4 @@
+from .body_table import BodyTable as BodyTable
 from .document import as_written as as_written
 from .document import differences as differences
 from .document import literal as literal

@@ -6,18 +6,27 @@ from collections.abc import Iterator
 
 from streamkit.components import LiveStripping
 from streamkit.errors import nearest
-from streamkit.runfile.encounter import Encounter
-from streamkit.runfile.section import Section
+from streamkit.runfile.body_table import TABLE
+from streamkit.runfile.encounter import ENCOUNTER, Encounter
 from streamkit.runfile.sections import Sections
+
+NUMBERS = [name for name, field in Encounter.model_fields.items() if field.is_required()]
 
 
 def misplaced(sections: Sections) -> list[str]:
     """Return a sentence for each encounter with a stream that the run file lacks, or that cannot have one."""
-    return [error for section in sections.encounters.values() for error in _misplaced(section, sections)]
+    found = [e for each in sections.encounters.values() for e in _misplaced(each.path, each.centre, sections)]
+    for table, meeting in sections.tables.values():
+        rows = table.centre.bodies(meeting.centre)
+        latest, row = max((encounter.time, i) for i, (_, encounter) in enumerate(rows, start=1))
+        one = Encounter(**dict(meeting.centre), **dict.fromkeys(NUMBERS, 0.0) | {"time": latest})
+        for error in _misplaced(f"{table.path}.{ENCOUNTER}", one, sections):
+            found.append(error.replace(f"{ENCOUNTER}.time:", f"{TABLE}: row {row}, time:", 1))
+    return found
 
 
-def _misplaced(section: Section[Encounter], sections: Sections) -> Iterator[str]:
-    path, encounter, streams = section.path, section.centre, sections.streams
+def _misplaced(path: str, encounter: Encounter, sections: Sections) -> Iterator[str]:
+    streams = sections.streams
     name = sections.stream_met(encounter)
     if name not in streams:
         if encounter.stream is None:

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from streamkit.components import Component, Registry, Sampler, load_registry
 from streamkit.errors import PluginError, SpecError, nearest
 from streamkit.fields import Files
+from streamkit.runfile.body_table import TABLE, read_body_table
 from streamkit.runfile.cross_checks import drag_unknown, massless, no_part_of_a_host, own_keys, unfit_for_lookback
 from streamkit.runfile.document import TOO_DEEP
 from streamkit.runfile.encounter import ENCOUNTER, read_encounter
@@ -334,10 +335,11 @@ class _Reader:
         renamed = {OTHER_NAMES.get(key, key): value for key, value in table.items()}
         table.clear()  # in place: the resolved run file keeps the order of the keys
         table.update(renamed)
-        cls = self.kind("potential", path, table)
+        progenitor, cls = ways is WAYS, self.kind("potential", path, table)
         if cls is None:
             return None, None
-        progenitor = ways is WAYS
+        if TABLE in table and not progenitor and TABLE not in cls.model_fields:
+            return read_body_table(path, cls, table, self.errors, self.files)
         try:
             cls = cls.for_section(own_keys(table, ways))
         except ValueError as error:

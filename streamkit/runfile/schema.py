@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, create_model
 from pydantic.json_schema import GenerateJsonSchema
 
 from streamkit.components import Component, Registry
+from streamkit.runfile.body_table import Meeting, body_table_of
 from streamkit.runfile.cross_checks import varies
 from streamkit.runfile.encounter import Encounter
 from streamkit.runfile.progenitor import BODY_WAYS, OTHER_NAMES, WAYS, Place, Sun
@@ -63,6 +64,8 @@ def json_schema(registry: Registry) -> dict[str, Any]:
         )
         for what, ways in placed
     )
+    massive = [entry.cls for entry in registry.entries["potential"].values() if "mass" in entry.cls.parameters()]
+    bodies += tuple(_rows(cls) for cls in massive if "table" not in cls.model_fields)
     for role in ("potential", "observable"):
         named = dict.__class_getitem__((str, sections[role]))
         sections[role] |= Annotated[named, Field(min_length=1)]
@@ -110,6 +113,14 @@ def _component(cls: type[Component], what: str = "", way: type[Place | _Met] | N
     text = f"{section_model(cls).__doc__} As a {what}, its place given as: {way.title}."
     placed = create_model(f"{what}/{cls.kind}/{way.__name__}", __base__=bases, __doc__=text, **fields)
     return _open(placed) if varies(cls) else placed
+
+
+def _rows(cls: Any) -> type[BaseModel]:
+    """Return the model of a table of bodies with this potential."""
+    kind: Any = Annotated[Literal[cls.kind], WithJsonSchema({"const": cls.kind})]
+    meeting: Any = section_model(Meeting)
+    base = section_model(body_table_of(cls))
+    return create_model(f"bodies/{cls.kind}", __base__=base, kind=(kind, ...), encounter=(meeting, {}))
 
 
 def _allow_other_names(definition: dict[str, Any]) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from streamkit.components import HostData, Integrator, Observable, Potential, Sampler, StrippingScheme
+from streamkit.runfile.body_table import BodyTable, Meeting
 from streamkit.runfile.encounter import Encounter
 from streamkit.runfile.inputs import ONLY, Body, FlyBy, ModelInputs, StreamInputs, mass_of
 from streamkit.runfile.progenitor import MOST_LOOKBACK, BodyPlace, PhaseSpace, Sun
@@ -49,7 +50,8 @@ class Sections:
     seed: int
     sun: Section[Sun]
     potentials: dict[str, Section[Potential]]
-    bodies: dict[str, tuple[Section[Potential], Section[BodyPlace] | Section[Encounter]]]
+    # a potential and its place or its encounter, or a table of bodies and what their encounters share
+    bodies: dict[str, tuple[Section[Any], Section[BodyPlace] | Section[Encounter] | Section[Meeting]]]
     streams: dict[str, StreamSections]
     data: dict[str, Section[HostData]]
     integrator: Section[Integrator]
@@ -72,11 +74,17 @@ class Sections:
         return {name: place for name, (_, place) in self.bodies.items() if place.cls is Encounter}
 
     @property
-    def met(self) -> dict[str, str]:
-        """The streams of the encounters, by the names of the bodies."""
-        return {name: self.stream_met(section.centre) for name, section in self.encounters.items()}
+    def tables(self) -> dict[str, tuple[Section[BodyTable], Section[Meeting]]]:
+        """The tables of bodies, and what their encounters share, by their names."""
+        return {name: (table, meeting) for name, (table, meeting) in self.bodies.items() if meeting.cls is Meeting}
 
-    def stream_met(self, encounter: Encounter) -> str:
+    @property
+    def met(self) -> dict[str, str]:
+        """The streams of the encounters, by the names of the bodies and tables."""
+        shared = {name: meeting for name, (_, meeting) in self.tables.items()}
+        return {name: self.stream_met(section.centre) for name, section in (self.encounters | shared).items()}
+
+    def stream_met(self, encounter: Encounter | Meeting) -> str:
         """Return the name of the stream of an encounter; empty where it gives none of several."""
         only = next(iter(self.streams)) if len(self.streams) == 1 else ""
         return encounter.stream or only
@@ -111,13 +119,16 @@ class Sections:
         bodies: dict[str, Body] = {}
         flybys: dict[str, dict[str, FlyBy]] = {name: {} for name in self.streams}
         for name, (potential, place) in self.bodies.items():
-            at = place.build(values)
-            if isinstance(at, Encounter):
+            at, body = place.build(values), potential.build(values)
+            if isinstance(at, Encounter | Meeting):
                 met = self.stream_met(at)
                 frame = self.streams[met].frame if at.frame is None else at.frame
-                flybys[met][name] = FlyBy(potential.build(values), at, frame)
+                several = [(body, at)] if isinstance(at, Encounter) else body.bodies(at)
+                for i, (each, encounter) in enumerate(several, start=1):
+                    key = name if isinstance(at, Encounter) else f"{name}, row {i}"
+                    flybys[met][key] = FlyBy(each, encounter, frame)
             else:
-                bodies[name] = Body(potential.build(values), *at.today(sun), at.friction != "none", at.reflex)
+                bodies[name] = Body(body, *at.today(sun), at.friction != "none", at.reflex)
         streams = {}
         for name, stream in self.streams.items():
             satellite, phase = stream.satellite.build(values), stream.phase.build(values)

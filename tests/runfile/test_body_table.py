@@ -1,0 +1,125 @@
+"""A table of bodies that have flown past a stream: the same stream as a section for each, and what is refused."""
+
+import numpy as np
+import pytest
+from astropy import units as u
+from astropy.table import Table
+
+import streamkit as sk
+from streamkit.components import load_registry
+from streamkit.runfile import json_schema
+
+UNITS = {"mass": "Msun", "radius": "kpc", "phi1": "deg", "time": "Gyr", "impact_parameter": "kpc", "angle": "deg",
+         "v_parallel": "km/s", "v_perpendicular": "km/s"}  # fmt: skip
+FRAME = {"pole": [192.85948, 27.12825], "origin": [266.4051, -28.936175]}
+
+
+def rows():
+    return {
+        "mass": [1e7, 3e6, 2e5, 5e6, 1e6, 4e5],
+        "radius": [0.5, 0.3, 0.07, 0.4, 0.2, 0.1],
+        "phi1": [0.0, -1.0, 0.5, 1.0, 0.0, 0.2],
+        "time": [0.3, 0.5, 0.2, 0.7, 0.6, 0.4],
+        "impact_parameter": [0.1, 0.5, 0.0, 2.0, 1.0, 0.3],
+        "angle": [0.0, 40.0, 90.0, 200.0, 300.0, -20.0],
+        "v_parallel": [-100.0, 30.0, -250.0, -300.0, 10.0, -60.0],
+        "v_perpendicular": [150.0, 90.0, 60.0, -120.0, 200.0, 100.0],
+    }
+
+
+def run_file(table=None, **body):
+    document = {
+        "potential": {"kind": "logarithmic_halo", "v0": 220},
+        "progenitor": {"kind": "plummer", "mass": 1e-3, "radius": "1 pc", "x": 10, "y": 0, "z": 0, "vx": 0, "vy": 220,
+                       "vz": 0, "lookback": 1},
+        "stripping": {"kind": "mlcs", "particles": 200, "sigma": 0.05, "progenitor_gravity": False},
+    }  # fmt: skip
+    shared = {"encounter": {"frame": FRAME}}
+    return document | {"body": {"subhaloes": {"kind": "plummer", "table": table or rows()} | shared | body}}
+
+
+def refused(document):
+    with pytest.raises(sk.SpecError) as error:
+        sk.load(document)
+    return str(error.value)
+
+
+def test_a_row_is_a_body_in_a_section_of_its_own(tmp_path, monkeypatch):
+    columns = rows()
+    each = {
+        f"b{i}": {"kind": "plummer", "mass": columns["mass"][i], "radius": columns["radius"][i],
+                  "encounter": {"frame": FRAME} | {name: columns[name][i] for name in list(UNITS)[2:]}}
+        for i in range(6)
+    }  # fmt: skip
+    one_by_one = sk.Model(run_file() | {"body": each}).stream()
+    assert np.array_equal(sk.Model(run_file()).stream().q, one_by_one.q)
+    table = Table({name: column * u.Unit(UNITS[name].replace("Msun", "solMass")) for name, column in columns.items()})
+    table["radius"] = table["radius"].to(u.pc)
+    table.write(tmp_path / "subhaloes.ecsv")
+    monkeypatch.chdir(tmp_path)
+    spec = sk.load(run_file("subhaloes.ecsv"))
+    assert np.abs(sk.Model(spec).stream().q - one_by_one.q).max() < 1e-9
+    (tmp_path / "run.toml").write_text(spec.toml())
+    again = sk.load(tmp_path / "run.toml")
+    assert again.document == spec.document
+    assert again.digest() == spec.digest()
+    table["mass"] *= 2
+    table.write(tmp_path / "subhaloes.ecsv", overwrite=True)
+    assert sk.load(tmp_path / "run.toml").digest() != spec.digest()
+
+
+def test_the_factor_of_all_masses_may_have_a_prior():
+    spec = sk.load(run_file(mass_factor={"uniform": [0, 2]}))
+    assert spec.names == ("body.subhaloes.mass_factor",)
+    flybys = spec.bind([1.5]).flybys
+    assert [flyby.potential.mass for flyby in flybys.values()] == pytest.approx(1.5 * np.array(rows()["mass"]))
+    assert list(flybys)[2] == "subhaloes, row 3"
+
+
+def test_a_table_acts_on_the_stream_that_its_bodies_met_alone():
+    one = run_file(mass_factor={"uniform": [0, 2]}, encounter={"frame": FRAME, "stream": "a"})
+    stream = {key: one.pop(key) for key in ("progenitor", "stripping")}
+    both = sk.load(one | {"stream": {"a": stream, "b": stream}})
+    assert [factor.name for factor in both.factors if len(factor.own)] == ["a"]
+    assert both.only("b").names == ()
+    inputs = both.bind_all()
+    assert (len(inputs.streams["a"].flybys), len(inputs.streams["b"].flybys)) == (6, 0)
+
+
+def changed(name, row, value):
+    columns = rows()
+    columns[name][row] = value
+    return columns
+
+
+@pytest.mark.parametrize(
+    ("document", "sentence"),
+    [
+        (run_file("nope.ecsv"), "body.subhaloes.table: cannot read the file 'nope.ecsv'"),
+        (run_file(changed("mass", 4, -1.0)), "body.subhaloes.table: row 5, mass: found -1.0"),
+        (run_file(changed("impact_parameter", 1, -1.0)), "row 2, impact_parameter: found -1.0"),
+        (run_file(changed("time", 5, 3.0)), "body.subhaloes.table: row 6, time: found 3 Gyr, expected less than the"),
+        (run_file({k: v for k, v in rows().items() if k != "angle"}), "the column 'angle' is missing"),
+        (run_file(rows() | {"x": [1.0] * 6}), "there is no column 'x'"),
+        (run_file(mass=1e6), "body.subhaloes.mass: the table of bodies (plummer) has no field 'mass'"),
+        (run_file(kind="log_halo"), "body.subhaloes.kind"),
+        (run_file(kind="logarithmic_halo"), "has no field 'mass' in Msun"),
+        (run_file(encounter={"frame": FRAME, "phi1": 3}), "encounter.phi1: found beside a table of bodies"),
+        (run_file(encounter={"frame": FRAME, "stream": "gd2"}), "encounter.stream: found 'gd2', and no stream is"),
+        (run_file(encounter={}), "body.subhaloes.encounter: 'frame' is missing"),
+        (run_file(encounter=3), "body.subhaloes.encounter: found 3, expected a table with stream or frame"),
+    ],
+)
+def test_a_table_that_cannot_be_is_refused(document, sentence):
+    assert sentence in refused(document)
+
+
+def test_a_row_whose_point_the_stream_does_not_reach_is_named():
+    with pytest.raises(sk.OutOfDomain, match=r"body subhaloes, row 3: .* has no particles at phi1 = 90 deg"):
+        sk.Model(run_file(changed("phi1", 2, 90.0))).stream()
+
+
+def test_the_schema_knows_tables_of_bodies():
+    definitions = json_schema(load_registry())["$defs"]
+    fields = definitions["bodies.plummer"]["properties"]
+    assert set(fields) == {"kind", "table", "mass_factor", "encounter"}
