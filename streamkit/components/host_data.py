@@ -65,3 +65,7 @@ class HostData(Measurement):
     @abstractmethod
     def predict(self, host: HostView) -> Prediction:
         """Return the numbers (m,) of the host, with zero variances if they are exact; a ``why_not`` without a value."""
+
+    def at_edge(self, prediction: Prediction) -> bool:
+        """Return whether a prediction is at the edge of the hosts that these data know of. Optional."""
+        return False

@@ -16,6 +16,7 @@ import streamkit as sk
 
 FORM = "host likelihood 1"  # the form of the file that this version reads and writes
 EXAMPLE = Path(__file__).with_name("host_likelihood.ecsv")
+BEYOND = 0.25  # a host is at the edge of the domain if one so many sd of the stream alone away is outside
 NEAREST = 3  # rows that must have a likelihood about a place in the domain
 VALUE, ERROR = "ln_likelihood", "error"  # the columns besides the parameters of the host
 
@@ -131,6 +132,11 @@ class HostLikelihood(sk.HostData):
         """Return the ln likelihood of the file, at one host or at many."""
         found = self.surface.ln_likelihood(np.atleast_2d(prediction.mean))
         return float(found[0]) if np.ndim(prediction.mean) == 1 else found
+
+    def at_edge(self, prediction: sk.Prediction) -> bool:
+        """Return whether a host that differs by `BEYOND` along an axis is outside the domain of the file."""
+        steps = BEYOND * np.linalg.inv(self.surface.whiten)
+        return not self.surface.has(prediction.mean + np.concatenate([steps, -steps])).all()
 
     def mock(self, prediction: sk.Prediction, rng: np.random.Generator) -> dict[str, Any]:
         """Raise StreamkitError: the data of the stream, from which mock data would be drawn, are not in the file."""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from scipy.special import ndtr
 from scipy.stats import chi2
 
-from streamkit.components import Measurement
+from streamkit.components import HostData, Measurement
 from streamkit.errors import OutOfDomain
 from streamkit.fit.judge.chain import at_least_one
 from streamkit.observe import UNNAMED, parts_of, read_data, residuals_of
@@ -65,6 +65,8 @@ class Goodness:
     unjudged: tuple[str, ...] = ()  # measurements that define a likelihood and no residuals
     # one for each of several streams, by its name, and one for all data of the host; none where there is one stream
     streams: tuple[Fitted, ...] = ()
+    # the share of the samples that are at the edge of what data of the host know of, by the name of the data
+    at_edge: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def least(self) -> tuple[Fitted, float]:
@@ -152,7 +154,12 @@ def goodness(sampled: Sampled) -> Goodness | None:
         fitted(owner, {k: here[k].rows for k, other in owners.items() if other == owner})
         for owner in (dict.fromkeys(owners.values()) if len(sampled.spec.streams) > 1 else ())
     )
-    return Goodness(quantities, fitted(ALL, {k: here[k].rows for k in judged}), unjudged, streams)
+    at_edge = {
+        one.name: float(np.mean([one.measurement.at_edge(each[k].prediction) for each in stored or [here]]))
+        for k, one in enumerate(here)
+        if isinstance(one.measurement, HostData)
+    }
+    return Goodness(quantities, fitted(ALL, {k: here[k].rows for k in judged}), unjudged, streams, at_edge)
 
 
 @dataclass(frozen=True)

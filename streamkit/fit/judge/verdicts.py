@@ -61,6 +61,14 @@ MEASURED = Check(
 )
 # Share of a live progenitor's mass that is bound today.
 BOUND = Check("bound mass", (0.01, -np.inf), "share of the mass that is bound to the progenitor today: fine from 1 %")
+# Samples at the edge of the hosts for which the likelihood of a stream is known. A Gaussian that is cut where 1 % of it
+# is left has lost nothing that matters.
+DOMAIN = Check(
+    "edge of the data's domain",
+    (0.01, 0.1),
+    "share of the samples at the edge of the hosts that the data know of: fine up to 1 %, do not use above 10 %",
+    larger_is_worse=True,
+)
 AT_EDGE = 0.1  # fraction of the posterior in the outermost 2 % of a prior, where the prior itself has 2 %
 # Ratio of the widths of posterior and prior above which the data do not constrain a parameter. The page says so, and it
 # is no fault: the prior of a parameter may be an earlier measurement.
@@ -116,6 +124,7 @@ def verdicts(run: Judged) -> list[Verdict]:
     if run.fit is not None:
         unsure = disagreement_verdict(run.fit, run.uncertified) if run.emulated else None
         outcomes += [goodness_verdict(run.fit), worst_verdict(run.fit.whole)] if unsure is None else [unsure]
+        outcomes += [domain_verdict(run.fit.at_edge)] if any(run.fit.at_edge.values()) else []
     elif run.unmeasured:
         outcomes.append(unmeasured_verdict(run.unmeasured))
     if run.noisy is not None:
@@ -280,3 +289,15 @@ def bound_verdict(shares: Mapping[str, float]) -> Verdict:
         "debris leaves at random, and depends on the number of particles.",
     }
     return BOUND.judge(shares[name], f"{100 * shares[name]:.2g} % of the mass", sentences)
+
+
+def domain_verdict(shares: Mapping[str, float]) -> Verdict:
+    """Judge whether the samples reach the edge of the hosts that data of the host know of."""
+    name = max(shares, key=shares.__getitem__)
+    cut = f"The posterior reaches the edge of the hosts that {name} knows of, and is cut there."
+    sentences = {
+        FINE: f"Few samples are at the edge of the hosts that {name} knows of.",
+        LOOK: f"{cut} Masses may be off, and errors too small: fit with the stream itself in place of {name}.",
+        DO_NOT: f"{cut} Fit with the stream itself in place of {name}.",
+    }
+    return DOMAIN.judge(shares[name], f"{100 * shares[name]:.0f} % of the samples", sentences)

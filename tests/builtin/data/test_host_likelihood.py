@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from astropy.table import Table
 from commands import call, refused
+from scipy.stats import norm
 
 import streamkit as sk
 from streamkit.builtin.data.host_likelihood import EXAMPLE, HostLikelihood
@@ -157,8 +158,20 @@ def test_a_fit_without_a_stream_gives_the_gaussian(tmp_path):
         assert np.mean(found) == pytest.approx(centre + sd**2, abs=0.15 * sd)
         assert np.std(found) == pytest.approx(sd, rel=0.12)
     assert overall(results.verdicts)[0] != "do not use"
+    assert results.fit.at_edge == {"data.s": 0.0}
     with pytest.raises(sk.StreamkitError, match="the run has no stream: its run file has data on the host alone"):
         list(write_host_likelihoods(tmp_path / "fit", tmp_path))
+
+
+def test_a_posterior_that_the_domain_cuts_is_not_to_be_used(tmp_path):
+    """The Gaussian is cut at +0.5 sd; the edge begins at +0.25 sd."""
+    table = changed(tmp_path, high=[CENTRE[0] + 0.5 * SD[0], None])
+    results = sk.run(document(table), workers=1, progress=False)
+    share = 1 - norm.cdf(0.25) / norm.cdf(0.5)
+    assert results.fit.at_edge == {"data.s": pytest.approx(share, abs=0.06)}
+    assert overall(results.verdicts)[0] == "do not use"
+    (said,) = (each.sentence for each in results.verdicts if each.subject == "edge of the data's domain")
+    assert said.startswith("The posterior reaches the edge of the hosts that data.s knows of")
 
 
 @pytest.mark.slow
