@@ -26,6 +26,9 @@ class HasMembers(Protocol):
     def places(self) -> Mapping[str, tuple[Array, str]]:
         """Return what identifies the stars, (N,) each with its unit: ra and dec, and what is compared."""
 
+    def over_stars(self, prediction: Prediction) -> Mapping[str, tuple[str, Array, Array, Array]]:
+        """Return by column its label, longitudes (K,), and the mean and the width of the stream there for a picture."""
+
 
 def has_members(spec: Spec) -> bool:
     """Return whether an observable of a run file compares single stars."""

@@ -47,6 +47,15 @@ def test_the_probability_is_the_mean_over_samples(monkeypatch: Any) -> None:
     assert ((found["p_member"] > 0.5) == truth).mean() > 0.95
     assert found["pm_phi2"].unit == "mas/yr"
     monkeypatch.setattr(picture, "remark", lambda _: "")
+    over = stars[0].over_stars(prediction)
+    monkeypatch.setattr(picture, "tracks_of", lambda _: {"stream": over})
     figure = picture.members(cast("sk.Results", SimpleNamespace(members=lambda: found)))
-    assert [axes.get_ylabel().split()[0] for axes in figure.axes[:3]] == ["phi2", "pm_phi1_cosphi2", "pm_phi2"]
+    assert [axes.get_ylabel() for axes in figure.axes[:3]] == [over[name][0] for name in over]
+    assert list(over) == ["phi2", "pm_phi1_cosphi2", "pm_phi2"]
+    for name, axes in zip(over, figure.axes, strict=False):  # of the members about the line 68 % are within the width
+        x, mean, low, high = axes.lines[1].get_xdata(), *(line.get_ydata() for line in axes.lines[1:])
+        phi1, value = found["phi1"].value[truth], found[name].value[truth]
+        inside = np.abs(value - np.interp(phi1, x, mean)) < 0.5 * np.interp(phi1, x, np.subtract(high, low))
+        assert low is not high
+        assert 0.5 < inside.mean() < 0.8
     assert len(members_table(None)) == 0

@@ -236,6 +236,17 @@ class Stars(sk.Observable):
         given = {name: (self.stars[name], "deg") for name in ("ra", "dec")} | {"phi1": (self.catalogue.phi1, "deg")}
         return given | {name: (column, COLUMNS[name].unit) for name, column in self.catalogue.values.items()}
 
+    def over_stars(self, prediction: sk.Prediction) -> dict[str, tuple[str, sk.Array, sk.Array, sk.Array]]:
+        """Return by column its label, the knots (K,), and the mean and the width (K,) of the thin stream there."""
+        mean, spread = self._parts(prediction.mean)
+        there = np.where(is_gap(prediction.details["ln_coverage"]), np.nan, 1.0)
+        thin, knots = self._settings.parts[0].dispersions, self.catalogue.knots.phi1
+        found = {}
+        for c, name in enumerate(self.catalogue.columns):
+            width = np.hypot(spread[c, :, 0], float(thin[name]))
+            found[name] = column_label(name, False), knots, there * mean[c, :, 0], there * width
+        return found
+
     @property
     def _settings(self) -> Settings:
         """The numbers of the fields; fields of n points are (n, 1)."""
