@@ -70,7 +70,7 @@ def radii(results: Results, literature: QTable | None = None) -> Array:
         z = np.nan_to_num(np.asarray(literature["z"], dtype=float))
         place = np.hypot(np.asarray(literature["radius"], dtype=float), z)
         first, last = min(first, 0.8 * float(place.min())), max(last, 1.1 * float(place.max()))
-    return np.linspace(first, last, 79)
+    return np.geomspace(first, last, 79)  # dense where a rotation curve bends: a line through them looks smooth
 
 
 def remark(results: Results) -> str:
@@ -102,6 +102,7 @@ def _profile(results: Results, literature: QTable | None, name: str, factor: flo
     bands(axes, r, levels(profile, name, factor))
     if rows is not None:
         draw_literature(axes, rows, name, factor)
+    data_radii(axes, results)
     legend_above(figure, axes)
     return figure
 
@@ -117,7 +118,7 @@ def legend_above(figure: Figure, axes: Axes) -> None:
 
 
 def profile_axes(results: Results, r: Array, label: str, wide: float) -> tuple[Figure, Axes]:
-    """Return a figure ``wide`` inches wide, and its axes over radii (nr,) in kpc, with the radii of the data.
+    """Return a figure ``wide`` inches wide, and its axes over radii (nr,) in kpc.
 
     The range beyond the `reach` of stream and data is shaded.
     """
@@ -128,7 +129,6 @@ def profile_axes(results: Results, r: Array, label: str, wide: float) -> tuple[F
     shade: Any = {"color": "#EDEDED", "lw": 0, "zorder": 0.5}
     axes.axvspan(min(r[0], low), low, **shade)
     axes.axvspan(high, max(r[-1], high), **shade, label="extrapolated")
-    data_radii(axes, results)
     axes.set_xlabel(r"$r\ \,[{\rm kpc}]$", fontsize=9 if narrow else 13)
     axes.set_ylabel(label, fontsize=9 if narrow else 13)
     if text := remark(results):
@@ -172,7 +172,10 @@ def bands(axes: Axes, r: Array, values: Mapping[str, Array]) -> None:
 
 
 def data_radii(axes: Axes, results: Results) -> None:
-    """Mark the radii of the data: a few by dashed lines with names, many by the range of each stream or table."""
+    """Mark the radii of the data: a few by dashed lines with names, many by the range of each stream or table.
+
+    A name stands at the bottom or at the top, away from the median that has been drawn.
+    """
     sources = _data_radii(results)
     if sum(map(len, sources.values())) > FEW_RADII:
         _draw_ranges(axes, sources)
@@ -186,10 +189,21 @@ def data_radii(axes: Axes, results: Results) -> None:
     for text, radius in sorted(marks.items(), key=itemgetter(1)):
         axes.axvline(radius, color="black", lw=0.9, ls="--")
         side, before = -1 if radius - before > 0.04 * shown else 1, radius  # left of the line if there is room
+        low = height_of_median(axes, radius) < 0.5
         axes.annotate(
-            text, (radius, 0.02), (3 * side, 0), xycoords=axes.get_xaxis_transform(), textcoords="offset points",
-            rotation=90, fontsize=8, ha="right" if side < 0 else "left", va="bottom", annotation_clip=True,
+            text, (radius, 0.98 if low else 0.02), (3 * side, 0), xycoords=axes.get_xaxis_transform(), rotation=90,
+            textcoords="offset points", fontsize=8, ha="right" if side < 0 else "left",
+            va="top" if low else "bottom", annotation_clip=True,
         )  # fmt: skip
+
+
+def height_of_median(axes: Axes, radius: float) -> float:
+    """Return where the line called median passes a radius, as a fraction of the axes' height; 1 without one."""
+    line = next((each for each in axes.lines if str(each.get_label()).startswith("median")), None)
+    if line is None:
+        return 1.0
+    (low, high), values = axes.get_ylim(), np.asarray(line.get_ydata(), dtype=float)
+    return float((np.interp(radius, np.asarray(line.get_xdata(), dtype=float), values) - low) / (high - low))
 
 
 def _draw_ranges(axes: Axes, sources: Mapping[str, Mapping[str, float]]) -> None:

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from streamkit.errors import StreamkitError
 from streamkit.fit.samples.results import Results
 from streamkit.fit.samples.tables import LEVELS
-from streamkit.fit.show.figures import WIDE, bands, legend_above, profile_axes, radii
+from streamkit.fit.show.figures import WIDE, bands, data_radii, legend_above, profile_axes, radii
 from streamkit.fit.show.literature import POTENTIAL, beside_literature, draw_literature, flattenings
 from streamkit.model import Host
 from streamkit.report import VERMILION
@@ -56,6 +56,7 @@ def flattening(results: Results, literature: QTable | None = None, wide: float =
     axes.axhline(1, color="black", lw=0.6)
     if rows is not None and len(rows):
         _draw_published(axes, beside_literature(results, rows))
+    data_radii(axes, results)
     legend_above(figure, axes)
     return figure
 

@@ -163,6 +163,32 @@ def test_many_radii_of_data_are_drawn_as_ranges(monkeypatch):
     assert_readable(figure, monkeypatch, ("orphan", "rotation curve", "phoenix"))
 
 
+@pytest.mark.parametrize("draw", [mass_profile, rotation_curve])
+def test_the_names_of_data_do_not_cross_the_median(draw, monkeypatch):
+    sources = {"apocentres": {"leading": 12.0, "trailing": 60.0}, "rotation curve": {"last": 25.0}}
+    monkeypatch.setattr(figures, "_data_radii", lambda _: sources)
+    figure = draw(synthetic(freed()))
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    median = next(line for line in axes.lines if line.get_label() == "median")
+    x = np.linspace(*axes.get_xlim(), 2000)
+    curve = axes.transData.transform(np.transpose([x, np.interp(x, *median.get_data())]))
+    names = [text for text in axes.texts if ": " in text.get_text()]
+    assert len(names) == 3
+    for text in names:
+        assert not text.get_window_extent().count_contains(curve)
+
+
+def test_a_curve_that_bends_at_small_radii_is_drawn_smoothly(monkeypatch):
+    """The circular velocity of a Plummer bulge of 2 kpc, on the radii of a stream that goes out to 60 kpc."""
+    monkeypatch.setattr(figures, "reach", lambda _: (5.0, 57.0))
+    r = figures.radii(None)
+    assert r[[0, -1]] == pytest.approx([2.5, 85.5])
+    speed = lambda x: x / (x**2 + 4.0) ** 0.75  # noqa: E731
+    x = np.linspace(2.5, 85.5, 5000)
+    assert np.abs(np.interp(x, r, speed(r)) - speed(x)).max() < 0.002 * speed(x).max()
+
+
 @pytest.mark.parametrize("most", [20, 0])
 def test_a_corner_plot_is_as_wide_as_one_column_of_a_journal_or_as_both(most, monkeypatch):
     monkeypatch.setattr("streamkit.fit.show.corner.FEW_PARAMETERS", most)
