@@ -24,3 +24,5 @@ def test_arrows_are_whole_matrices(shared: int, sizes: tuple[int, ...]) -> None:
     np.testing.assert_allclose(np.sum(arrow.whiten(x) ** 2, axis=1), np.einsum("ni,nij,nj->n", x, precision, x))
     np.testing.assert_allclose(arrow.whiten(arrow.unwhiten(x)), x, atol=1e-8)
     np.testing.assert_allclose(2 * arrow.ln_volume(), np.linalg.slogdet(precision)[1])
+    np.testing.assert_allclose(np.sum(arrow.whiten_force(x) ** 2, axis=1), np.sum(x * arrow.solve(x), axis=1))
+    np.testing.assert_allclose(arrow.whiten_force(arrow.force(x)), x, atol=1e-8)

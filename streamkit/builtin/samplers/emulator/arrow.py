@@ -81,14 +81,27 @@ class Arrow(NamedTuple):
         x[:, self.shared] = h
         return x
 
-    def solve(self, force: Array) -> Array:
-        """(n, d) Return x with P x = force (n, d)."""
+    def force(self, white: Array) -> Array:
+        """(n, d) Return W' white, where W x is `whiten` of x, P = W' W: of normal numbers, draws with covariance P."""
+        out, left = np.empty_like(white), _times(self.root, white[:, self.shared])
+        for own, root, _, across in self.blocks:
+            out[:, own] = _times(root, white[:, own])
+            left = left + _times(across, white[:, own])
+        out[:, self.shared] = left
+        return out
+
+    def whiten_force(self, force: Array) -> Array:
+        """(n, d) Return the white whose `force` is given (n, d)."""
         white, left = np.empty_like(force), force[:, self.shared]
         for own, _, inverse, across in self.blocks:
             white[:, own] = _times(inverse, force[:, own])
             left = left - _times(across, white[:, own])
         white[:, self.shared] = _times(self.inverse, left)
-        return self.unwhiten(white)
+        return white
+
+    def solve(self, force: Array) -> Array:
+        """(n, d) Return x with P x = force (n, d)."""
+        return self.unwhiten(self.whiten_force(force))
 
     def ln_volume(self) -> Array:
         """(n,) Return half of ln of the determinants."""

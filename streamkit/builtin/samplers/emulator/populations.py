@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,11 +35,11 @@ RENEWED = 5
 WALKING, FIRST, MOST_SWEEPS = 64, 300, 8000
 # Places of the first walk that the moves of the second one are made from.
 MANY = 8000
-# Largest R-hat over both populations, fewest autocorrelation times of a walk, and fewest independent samples.
-# R-hat of 1.004 is a difference of means of 0.15 standard deviations: their common mean is off by half of it.
-R_HAT, TIMES, INDEPENDENT = 1.004, 16.0, 2000
-# Those of an answer that fresh calls only test.
-TESTED_TIMES, TESTED_INDEPENDENT = 6.0, 800
+# Largest R-hat over both populations. It is a difference of means of 0.15 standard deviations: their common mean is off
+# by half of it.
+R_HAT = 1.004
+# Sweeps that widths are waited for at most. Those of heavy tails are uncertain for long, and no reason to refuse.
+SWEEPS_FOR_WIDTHS = 2400
 # A sum of autocorrelations ends at so many times (Sokal 1997).
 WINDOW = 5.0
 # Quantities whose autocorrelations are computed at a time.
@@ -47,6 +48,26 @@ AT_A_TIME = 16
 LAST = 512
 # In a round, from where the last one ended: walkers, sweeps until moves are fixed and after, sweeps of a tempered copy.
 ROUND_WALKERS, ROUND_SETTLING, ROUND_SWEEPS, TEMPERED = 128, 10, 50, 15
+
+
+class Asked(NamedTuple):
+    """How long a walk is asked to be.
+
+    Attributes
+    ----------
+    times, independent
+        Its autocorrelation times and its independent samples, at least.
+    width_error
+        The largest standard error of a width, as a fraction, see `Populations`.
+    """
+
+    times: float
+    independent: float
+    width_error: float
+
+
+# Of the answer that is given, and of one that fresh calls only test.
+GIVEN, TESTED = Asked(16.0, 2000, 0.04), Asked(6.0, 800, 0.08)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +84,8 @@ class Populations:
         (2, n, d) some samples of both, at equal distances in their walks.
     r_hat, time, independent
         The largest R-hat over both, the longest autocorrelation time in sweeps, and the number of independent samples.
+    width_error
+        The largest standard error of a standard deviation, as a fraction of it: sqrt((kurtosis - 1) / 4 / independent).
     sweeps, evaluations
         Of both walks, at inverse temperature 1 with fixed moves; and the evaluations of one factor in all.
     accepted
@@ -77,6 +100,7 @@ class Populations:
     r_hat: float
     time: float
     independent: float
+    width_error: float
     sweeps: int
     evaluations: int
     accepted: Array
@@ -194,8 +218,7 @@ def sample(
     seed: list[int],
     beta: float = 0.0,
     walkers: int | None = None,
-    times: float = TIMES,
-    independent: float = INDEPENDENT,
+    asked: Asked = GIVEN,
     most_sweeps: int = MOST_SWEEPS,
 ) -> Populations:
     """Sample a posterior by two populations.
@@ -212,8 +235,8 @@ def sample(
         Inverse temperature that the places are samples at; 0 for any places.
     walkers
         Of each population until it comes to the posterior.
-    times, independent
-        Autocorrelation times of a walk, and independent samples of both, at least.
+    asked
+        How long the walks are asked to be.
     most_sweeps
         Sweeps of a walk at most.
 
@@ -231,7 +254,7 @@ def sample(
     moves = both.moves(np.concatenate([each.z for each in populations]))
     first = both.walk(min(FIRST, most_sweeps), moves)
     if most_sweeps <= FIRST:
-        return _judged(both, moves, [first], times, independent)
+        return _judged(both, moves, [first], asked)
     # Stages leave thin ends empty, and the first walk fills them: it is no part of the answer. Its places are many more
     # than the walkers. A mixture of them follows these ends, where a walk by the first moves stays for long.
     moves, parts = both.moves(every_so_often(first[0].reshape(-1, first[0].shape[2]), MANY)), []
@@ -239,11 +262,13 @@ def sample(
     while True:
         parts.append(both.walk(more, moves))
         sweeps += more
-        result = _judged(both, moves, parts, times, independent)
-        if result.agree or sweeps >= most_sweeps:
+        result = _judged(both, moves, parts, asked)
+        lacking = (result.width_error / asked.width_error) ** 2 if sweeps < SWEEPS_FOR_WIDTHS else 0.0
+        if (result.agree and lacking <= 1) or sweeps >= most_sweeps:
             return result
-        wanted = max(times * result.time, sweeps * independent / max(result.independent, 1.0))
-        more = min(max(int(1.1 * wanted) - sweeps, sweeps // 4), sweeps, most_sweeps - sweeps)
+        lacking = max(min(lacking, SWEEPS_FOR_WIDTHS / sweeps), asked.independent / max(result.independent, 1.0))
+        wanted = max(asked.times * result.time, sweeps * lacking)
+        more = min(max(int(1.1 * min(wanted, most_sweeps)) - sweeps, sweeps // 4), sweeps, most_sweeps - sweeps)
 
 
 def go_on(density: Density, begin: Array, seed: list[int]) -> Populations:
@@ -251,7 +276,7 @@ def go_on(density: Density, begin: Array, seed: list[int]) -> Populations:
     one, other = (Population(density, places, np.random.default_rng([*seed, i])) for i, places in enumerate(begin))
     both = one.at(ROUND_WALKERS, 1.0).joined(other.at(ROUND_WALKERS, 1.0), ROUND_WALKERS).settle(ROUND_SETTLING)
     moves = both.moves()
-    return _judged(both, moves, [both.walk(ROUND_SWEEPS, moves)], TIMES, INDEPENDENT)
+    return _judged(both, moves, [both.walk(ROUND_SWEEPS, moves)], GIVEN)
 
 
 def tempered(density: Density, begin: Array, beta: float, seed: list[int]) -> Array:
@@ -262,24 +287,24 @@ def tempered(density: Density, begin: Array, beta: float, seed: list[int]) -> Ar
     return np.stack([each.reshape(-1, places.shape[2]) for each in np.split(places, 2, axis=1)])
 
 
-def _judged(
-    both: Population, moves: Moves, parts: Sequence[tuple[Array, list[Terms]]], times: float, independent: float
-) -> Populations:
+def _judged(both: Population, moves: Moves, parts: Sequence[tuple[Array, list[Terms]]], asked: Asked) -> Populations:
     """Say how well two populations agree that have walked as one, in parts; each is a half of the walkers."""
     walked = np.concatenate([places for places, _ in parts])
     sweeps, walkers, d = walked.shape
     watched = with_block_axes(both.layout, walked.reshape(-1, d)).reshape(sweeps, walkers, -1)
-    time = float(autocorrelation_times(watched).max())
+    times = autocorrelation_times(watched)
+    time = float(times.max())
     samples = np.concatenate([each.reshape(-1, d) for each in np.split(walked, 2, axis=1)])
     halves = np.split(np.arange(walkers), 2)
     terms = [each.take(half) for half in halves for _, part in parts for each in part]
     last = samples.reshape(2, -1, d)[:, np.linspace(0, sweeps * walkers // 2 - 1, LAST).astype(int)]
     r_hat, count = agreement(np.stack(np.split(watched, 2, axis=1))), len(samples) / time
+    width_error = float(np.sqrt(np.max((_kurtosis(watched) - 1) * times) / (4 * len(samples))))
     return Populations(
         samples, Terms(*(np.concatenate(each) for each in zip(*terms, strict=True))),
-        last, r_hat, time, count, sweeps, both.evaluations,
+        last, r_hat, time, count, width_error, sweeps, both.evaluations,
         moves.accepted / max(moves.sweeps, 1),
-        bool(r_hat < R_HAT and sweeps > times * time and count > independent),
+        bool(r_hat < R_HAT and sweeps > asked.times * time and count > asked.independent),
     )  # fmt: skip
 
 
@@ -321,6 +346,13 @@ def agreement(watched: Array) -> float:
     moved = np.ptp(chains.reshape(-1, chains.shape[2]), axis=0) > 0
     r_hat = array_stats.rhat(chains[..., moved], chain_axis=0, draw_axis=1, method="rank")  # type: ignore[no-untyped-call]
     return float(np.max(r_hat)) if moved.any() else 1.0
+
+
+def _kurtosis(watched: Array) -> Array:
+    """(q,) Kurtosis of walks (sweeps, w, q): 3 for a Gaussian, and 1 where all values are one."""
+    squares = (watched - watched.mean(axis=(0, 1))) ** 2
+    variances = squares.mean(axis=(0, 1))
+    return np.where(variances > 0, np.mean(squares**2, axis=(0, 1)) / np.maximum(variances, 1e-300) ** 2, 1.0)
 
 
 def with_block_axes(layout: Layout, samples: Array) -> Array:

@@ -31,8 +31,7 @@ from streamkit.builtin.samplers.emulator.density import Emulated, Factor, Joint
 from streamkit.builtin.samplers.emulator.missing import SETTLED, UNCERTAIN, apart, before_a_test, blurred, has_left
 from streamkit.builtin.samplers.emulator.pairs import paired
 from streamkit.builtin.samplers.emulator.populations import (
-    TESTED_INDEPENDENT,
-    TESTED_TIMES,
+    TESTED,
     Populations,
     go_on,
     sample,
@@ -293,8 +292,7 @@ class Rounds:
         self, known: Sequence[Known], now: Progress, copies: Sequence[Array], max_calls: int, seed: list[int]
     ) -> Progress:
         """Sample the posterior to its end, test it, learn from all calls, and sample it anew."""
-        tested = sample(now.joint, self._begin(known, now.populations), [*seed, 2],
-                        times=TESTED_TIMES, independent=TESTED_INDEPENDENT)  # fmt: skip
+        tested = sample(now.joint, self._begin(known, now.populations), [*seed, 2], asked=TESTED)
         now = replace(now, populations=tested)
         for each in known:
             each.blur = blur_of(each.emulated, every_so_often(tested.samples, 4 * SOME)[:, each.factor.columns])
