@@ -49,7 +49,13 @@ class Exact:
         "a curved edge",
         *(
             pytest.param(name, marks=pytest.mark.slow)
-            for name in ("strong banana in 6", "thin banana in 3", "straight in 20", "the lighter four times wider")
+            for name in (
+                "strong banana in 6",
+                "thin banana in 3",
+                "cubic in 4",
+                "straight in 20",
+                "the lighter four times wider",
+            )
         ),
     ],
 )

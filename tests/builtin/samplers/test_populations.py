@@ -6,6 +6,7 @@ from joints import HalfEmpty, LinearFactors, Mixture
 from scipy.stats import norm
 
 from streamkit.builtin.samplers.emulator.density import Layout
+from streamkit.builtin.samplers.emulator.moves import Moves
 from streamkit.builtin.samplers.emulator.populations import agreement, sample
 from streamkit.errors import StreamkitError
 
@@ -36,6 +37,18 @@ def test_gaussian_factors(factors: int, own: int) -> None:
     assert_right(found.samples, *target.answer())
     per_sample = 4 * len(found.samples) / found.independent
     assert 1000 * per_sample < COSTLY
+
+
+def test_a_step_about_the_gaussian_of_linear_predictions_is_always_accepted() -> None:
+    """Of any damping: with the exact slopes of a Gaussian such steps are reversible."""
+    target, rng = LinearFactors(3, own=2), np.random.default_rng(1)
+    mean, covariance = target.answer()
+    z = rng.multivariate_normal(mean, covariance, 400)
+    moves = Moves(target.layout, z, rng)
+    moved, terms = moves._newton(target, z, target.terms(z), 1.0, rng)
+    assert moves.accepted[3] == pytest.approx(1.0)
+    assert_right(moved, z.mean(axis=0), covariance)
+    np.testing.assert_allclose(terms.total(1.0), target.terms(moved).total(1.0))
 
 
 def test_the_terms_are_those_of_the_samples() -> None:
