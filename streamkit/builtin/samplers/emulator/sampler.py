@@ -220,7 +220,8 @@ def _verdict(progress: Progress) -> Verdict:
         + ("" if several else f"The noise of the particles alone makes {noise}. ")
         + f"A mean or a width that is off by {shown:.2f} standard deviations would show; the noise of all calls leaves "
         f"{progress.uncertain:.2f} at most. Two populations agree, R-hat {both.r_hat:.3f}, with {both.independent:.0f} "
-        f"independent samples of walks of {both.sweeps / both.time:.0f} autocorrelation times. "
+        f"independent samples of walks of {both.sweeps / both.time:.0f} autocorrelation times, each width known "
+        f"to {100 * both.width_error:.0f} %. "
         + _recalled(found)
         + f" {_smallest(progress)}"
     )
