@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
+from numba.core import event
+
 from streamkit.components import HostData
 from streamkit.model import Model
 from streamkit.observe import remarks_of
@@ -60,8 +62,9 @@ def run_preflight(spec: Spec, *, draws: int = 64, progress: bool = False) -> Pre
     bound = spec.bind_all(centre)
     limit = spec.sampler.call_limit
     orbits = {name: first_call(limit, summarise_orbit, inputs) for name, inputs in bound.streams.items()}
-    begin = time.process_time()
-    trial, reason = observe(Model(spec), centre)
+    begin, compiled = time.process_time(), list[float]()
+    with event.install_timer("numba:compile", compiled.append):
+        trial, reason = observe(Model(spec), centre)
     predictions = trial.observation.predictions if trial is not None else {}
     first = time.process_time() - begin
     tried = try_prior_draws(spec, draws, progress) if draws and spec.names else None
@@ -69,7 +72,7 @@ def run_preflight(spec: Spec, *, draws: int = 64, progress: bool = False) -> Pre
     where, theta = centre_name, centre
     if reason and tried is not None and len(tried.good):
         where, theta = "a draw from the prior that has a stream", tried.good[0]
-    call, unfit = time_call(spec, theta, first)
+    call, unfit = time_call(spec, theta, first, compiled=bool(compiled))
     looks = {name: Look(inputs, orbits[name], predictions.get(name)) for name, inputs in bound.streams.items()}
     places = {name: f"data.{name}" for name in bound.data if f"data.{name}" in predictions}
     data = {name: (bound.data[name], predictions[place]) for name, place in places.items()}
@@ -103,5 +106,10 @@ def run_preflight(spec: Spec, *, draws: int = 64, progress: bool = False) -> Pre
     warnings += [f"This run file cannot be fitted: {unfit}."] if unfit else spec.sampler.advice(len(spec.names))
     warnings += sun_warnings(bound.sun)
     return Preflight(
-        looks, data, reason, Cost(first, call, where, *search_cost(spec, tried, call)), tried, tuple(warnings)
+        looks,
+        data,
+        reason,
+        Cost(first, call, where, *search_cost(spec, tried, call), compiled=bool(compiled)),
+        tried,
+        tuple(warnings),
     )

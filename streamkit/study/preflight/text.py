@@ -106,7 +106,8 @@ def _prior_draws(tried: PriorDraws, streams: Collection[str]) -> str:
 
 
 def _cost(spec: Spec, cost: Cost) -> str:
-    first = f"the first of a process {report.seconds(cost.first)}"
+    which = "this first one, with compilation," if cost.compiled else "the first of a process"
+    first = f"{which} {report.seconds(cost.first)}"
     rows = [("one call", f"{report.seconds(cost.call)} at {cost.where}; {first}")]
     if spec.names:
         total, calls = spec.sampler.calls(len(spec.names))

@@ -1,5 +1,8 @@
 """Chain files that somebody changed, some of them with the right checksum."""
 
+import shutil
+from pathlib import Path
+
 import h5py
 import numpy as np
 import pytest
@@ -52,11 +55,18 @@ def texts(file):
     file.create_dataset("memory/more", data=np.array([b"x"]))
 
 
+@pytest.fixture(scope="module")
+def chain(tmp_path_factory):
+    """The file of a chain whose moves have learned, to be copied."""
+    path = tmp_path_factory.mktemp("chain") / "chain.h5"
+    banana_run(ChainFile(path), 30, "surrogate")
+    return path
+
+
 @pytest.mark.parametrize("forged", [False, True], ids=["", "with a new checksum"])
 @pytest.mark.parametrize("change", [nan, sample, fewer, linked, elsewhere, accepted, position, stateless, texts])
-def test_a_chain_changed_behind_its_back_is_refused(tmp_path, change, forged):
-    path = tmp_path / "chain.h5"
-    banana_run(ChainFile(path), 30, "surrogate")
+def test_a_chain_changed_behind_its_back_is_refused(chain, tmp_path, change, forged):
+    path = Path(shutil.copy(chain, tmp_path))
     with forging(path) if forged else h5py.File(path, "a") as file:
         change(file)
     with pytest.raises(sk.ChainError, match="changed after it was written: "):

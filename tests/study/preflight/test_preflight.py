@@ -15,7 +15,7 @@ import streamkit as sk
 from streamkit.builtin.observables.apocentres.observable import Apocentres
 from streamkit.runfile import Sun
 from streamkit.study.preflight import describe_preflight, run_preflight
-from streamkit.study.preflight.draws import PriorDraws, try_prior_draws
+from streamkit.study.preflight.draws import PriorDraws, time_call, try_prior_draws
 from streamkit.study.preflight.orbit import summarise_orbit
 from streamkit.study.preflight.warnings import orbit_warnings, prior_warnings, sun_warnings
 
@@ -260,6 +260,14 @@ def test_the_cost_is_that_of_a_call_of_this_process() -> None:
     assert 0 < preflight.cost.call < 5
     assert preflight.cost.where == "the prior's centre"
     assert preflight.prior_draws is None
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_a_first_call_with_compilation_is_not_the_cost_of_a_call(compiled: bool) -> None:
+    spec = paper()
+    seconds, _ = time_call(spec, spec.centre(), 100.0, compiled=compiled)
+    assert (seconds < 5) == compiled
+    assert seconds == 100.0 or compiled
 
 
 def test_a_run_file_without_data_says_that_it_cannot_be_fitted() -> None:
