@@ -72,6 +72,18 @@ def test_the_stars_of_a_catalogue_are_on_the_page(run, page, tmp_path):
     assert "members.ecsv" not in page.text
 
 
+def test_what_a_reader_must_see_is_not_beyond_the_right_edge(run, page):
+    """A mass is called extrapolated beside its radius, the first cell of a row; a long prior is wrapped, as text is."""
+    html = (run.directory / "report.html").read_text(encoding="utf-8")
+    first_cells = re.findall(r"<tr><td[^>]*>([\d.]+) kpc(<span[^>]*>extrapolated</span>)?</td>", html)
+    assert {float(radius) for radius, _ in first_cells} >= {50.0, 100.0, 200.0}
+    assert page.text.count("extrapolated") == sum(bool(word) for _, word in first_cells) > 0
+    (prior,) = {tuple(words.split()) for words in re.findall(r'<td class="([^"]*prior[^"]*)">', html)}
+    unbroken = " ".join(re.findall(r"([^{}]*){[^{}]*nowrap", html.split("</style>")[0]))
+    assert "td.n" in unbroken
+    assert not [word for word in prior if f"td.{word}" in unbroken]
+
+
 def test_the_page_holds_the_answer(run, page):
     summary, masses = run.summary(), run.mass_profile([30, 50, 100, 200])
     for row in summary:
