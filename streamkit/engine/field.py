@@ -36,6 +36,7 @@ def _scratch() -> Scratch:
 
 
 FARTHEST = 300.0  # radius in kpc that holds the mass of a body
+SHARES = 4  # slices of many particles for each thread
 
 NO_DRAG_OF_BODIES = "the force of what moves may not depend on velocity"
 
@@ -228,15 +229,21 @@ class Field:
         return first, step
 
     def pieces(self, n: int) -> list[slice]:
-        """Return a slice of n particles for each thread: one if they are few, or if a force runs in Python."""
+        """Return slices of n particles for the threads: one if they are few, or if a force runs in Python.
+
+        Particles that were released late take up to twice as long as early ones, so that each thread gets several of
+        many particles.
+        """
         count = 1 if self._in_python else min(self.threads, n // BATCH)
         if count <= 1:  # a fit calls this thousands of times a second
             return [slice(0, n)]
+        if n // BATCH >= SHARES * self.threads:
+            count = SHARES * self.threads
         edges = np.linspace(0, n, count + 1).astype(int).tolist()
         return [slice(*ends) for ends in pairwise(edges)]
 
     def spread(self, n: int, loop: Callable[[slice, Scratch], None]) -> None:
-        """Call a loop with a slice of n particles and scratch: once, or once in each of several threads; then `check`.
+        """Call a loop with a slice of n particles and scratch: once, or for each slice in some thread; then `check`.
 
         The loop must release the lock of the interpreter.
         """
@@ -244,8 +251,16 @@ class Field:
         if len(pieces) == 1:
             self._call(lambda: loop(pieces[0], self.scratch))
             return
-        with ThreadPoolExecutor(len(pieces)) as pool:
-            list(pool.map(loop, pieces, self.scratch_per_thread))
+
+        unused = list(self.scratch_per_thread)
+
+        def one(piece: slice) -> None:
+            scratch = unused.pop()  # there is one for each thread
+            loop(piece, scratch)
+            unused.append(scratch)
+
+        with ThreadPoolExecutor(min(self.threads, len(pieces))) as pool:
+            list(pool.map(one, reversed(pieces)))  # those that take longest come first
 
     @cached_property
     def scratch_per_thread(self) -> list[Scratch]:
