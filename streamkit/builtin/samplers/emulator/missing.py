@@ -17,8 +17,9 @@ from streamkit.builtin.samplers.emulator.start import Known
 SETTLED = 0.1
 # Largest standard error of a mean or a width, in standard deviations, that the noise of the calls may leave.
 UNCERTAIN = 0.1
-# Standard deviations that the posterior may move after a factor's last calls: beyond, a polynomial extrapolates.
-LEFT = 0.5
+# Standard deviations that the posterior may move after a factor's last calls: beyond, a polynomial extrapolates. Beyond
+# `FAR` it is called at once. Else it waits until the others are learned: what moves the posterior is one of these.
+LEFT, FAR = 0.5, 1.5
 
 
 def before_a_test(known: Sequence[Known], samples: Array, moved: float, uncertain: float) -> str:
@@ -39,15 +40,15 @@ def before_a_test(known: Sequence[Known], samples: Array, moved: float, uncertai
     return ""
 
 
-def has_left(each: Known, samples: Array) -> bool:
-    """Whether samples (n, d) of the posterior are not where a factor was last called.
+def has_left(each: Known, samples: Array, by: float = LEFT) -> bool:
+    """Whether samples (n, d) of the posterior are so many standard deviations from where a factor was last called.
 
     The error of an emulator is measured on its calls. It says little elsewhere. Calls of an earlier run are taken to be
     there until fresh calls say otherwise.
     """
     if not len(each.called_at):
         return not len(each.factor.earlier)
-    return difference(each.called_at, samples[:, each.factor.columns]) >= LEFT
+    return difference(each.called_at, samples[:, each.factor.columns]) >= by
 
 
 def blurred(known: Sequence[Known]) -> str:

@@ -28,7 +28,16 @@ from streamkit.builtin.samplers.emulator.certificate import (
 )
 from streamkit.builtin.samplers.emulator.changes import change_of, changes_of, difference, every_so_often, with_axes
 from streamkit.builtin.samplers.emulator.density import Emulated, Factor, Joint
-from streamkit.builtin.samplers.emulator.missing import SETTLED, UNCERTAIN, apart, before_a_test, blurred, has_left
+from streamkit.builtin.samplers.emulator.missing import (
+    FAR,
+    LEFT,
+    SETTLED,
+    UNCERTAIN,
+    apart,
+    before_a_test,
+    blurred,
+    has_left,
+)
 from streamkit.builtin.samplers.emulator.pairs import paired
 from streamkit.builtin.samplers.emulator.populations import (
     TESTED,
@@ -181,9 +190,12 @@ class Rounds:
         return [np.concatenate(pair) for pair in zip(begin_apart(known), result.last, strict=True)]
 
     def _wanted(self, known: Sequence[Known], samples: Array, max_calls: int) -> list[Known]:
-        """Return the factors that are not learned at samples (n, d), or all if none is left, below their most calls."""
-        wanted = [each for each in known if not self._is_learned(each, samples)] or known
-        return [each for each in wanted if len(each.calls) < max_calls]
+        """Return the factors below their most calls that are not learned at samples (n, d); else all of those."""
+        left = [each for each in known if len(each.calls) < max_calls]
+        for by in (FAR, LEFT):
+            if wanted := [each for each in left if not self._is_learned(each, samples, by)]:
+                return wanted
+        return left
 
     def _call(self, wanted: Sequence[Known], copies: Sequence[Array], seed: list[int]) -> None:
         """Call factors at places of the posterior and of its copies."""
@@ -206,11 +218,11 @@ class Rounds:
         for each, z in chosen:
             each.calls += Calls.at(each.factor.problem, each.calls.space, z)
 
-    def _is_learned(self, each: Known, samples: Array) -> bool:
-        """Whether a factor needs no more calls at samples (n, d) of the posterior, as far as is known."""
+    def _is_learned(self, each: Known, samples: Array, by: float = LEFT) -> bool:
+        """Whether a factor needs no more calls at samples (n, d) of the posterior, if these have left it by less."""
         passed = each.certificate is None or not each.certificate.faults
         small = each.blur < BLURRED and each.share < SHARE * UNCERTAIN**2 and each.taught < SETTLED
-        return passed and small and not has_left(each, samples)
+        return passed and small and not has_left(each, samples, by)
 
     def _taught(self, called: Sequence[Known], before: Sequence[Emulated], samples: Array) -> None:
         """Note what the last calls of factors have changed of the posterior of samples (n, d), and where they were."""
