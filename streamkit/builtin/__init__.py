@@ -5,7 +5,7 @@ from __future__ import annotations
 from streamkit import CONTRACT, Component, Preset, hookimpl
 from streamkit.builtin.data import host, host_likelihood, remnant
 from streamkit.builtin.integrators import adaptive, fixed_step, reference
-from streamkit.builtin.observables import density
+from streamkit.builtin.observables import density, dispersion, off_track, power_spectrum
 from streamkit.builtin.observables.apocentres import observable as apocentres
 from streamkit.builtin.observables.stars import observable as stars
 from streamkit.builtin.observables.track import observable as track
@@ -68,6 +68,9 @@ def streamkit_components() -> list[type[Component] | Preset]:
         apocentres.Apocentres,
         track.Track,
         density.Density,
+        dispersion.Dispersion,
+        off_track.OffTrack,
+        power_spectrum.PowerSpectrum,
         stars.Stars,
         remnant.RemnantData,
         Emcee,
