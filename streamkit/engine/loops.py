@@ -99,7 +99,8 @@ def sweep(forces, passing, method, scratch, particles, index, t0, t1, limit, pos
     start, size = np.empty(LEVELS, np.int64), np.empty(LEVELS, np.int64)
     adapts = method.eta[0] > 0.0
     bodies = passing.sizes.shape[0]
-    asked, often = np.empty((bodies, ROW + CHUNKS), np.int8), np.empty((LEVELS, bodies), np.int64)
+    asked, asks = np.empty((bodies, ROW + CHUNKS), np.int8), np.empty((bodies, ROW), np.int8)
+    often = np.empty((LEVELS, bodies), np.int64)
     begin, m = 0, 0
     while begin + m < index.shape[0]:
         begin += m
@@ -120,7 +121,7 @@ def sweep(forces, passing, method, scratch, particles, index, t0, t1, limit, pos
                 deepest = min(deepest + FURTHER, LEVELS - 1)
             choose_levels(m, rate, span, deepest, level, size)
         assign_slots(m, level, limit, start, size, slot)
-        how_often(adapts, m, level, asked, often)
+        how_often(adapts, m, level, slot, asked, asks, often)
         for i in range(m):
             if slot[i] < 0:
                 postponed[count] = index[begin + i]
@@ -142,7 +143,8 @@ def sweep(forces, passing, method, scratch, particles, index, t0, t1, limit, pos
             pieces = steps if bodies > 0 else 1  # a kick by the bodies before and after each
             each = steps // pieces
             for piece in range(pieces + 1):
-                kick(passing, often, group, piece, pieces, uniform, first, end, slots, relative, centre, lanes[A:])
+                where = uniform, first, end
+                kick(passing, asks, often, group, piece, pieces, *where, slots, relative, centre, lanes[A:])
                 if piece == pieces:
                     break
                 if calm:

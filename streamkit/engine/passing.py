@@ -4,7 +4,8 @@ Such a body is far from most particles for most of the time, and its force chang
 distance. Kicks by the bodies stand between steps of the other forces (Tuckerman, Berne & Martyna 1992, J. Chem. Phys.
 97, 1990), which saves four fifths of the evaluations. The error is of second order in the step, of the force of the
 body alone. Each body kicks as often as its own passage asks for: one that is far away, or too light to be noticed,
-kicks at the beginning and at the end of a block, while another one kicks the same particles hundreds of times.
+kicks at the beginning and at the end of a block, while another one kicks the same particle hundreds of times. What one
+particle asks for does not depend on the others.
 """
 
 from __future__ import annotations
@@ -37,7 +38,6 @@ NOTICED = 0.03  # km/s; a passage that changes the velocity by less has longer s
 MISSED = 0.05  # error of the smallest distance from it, in units of the acceleration times the time span squared
 FURTHER = 9  # levels beyond the deepest one that the passage of such a body may ask for
 FEW = 4  # bodies for which chunks of particles are not looked at together
-UNFELT = 2e-4  # km/s; a body whose kicks of all particles of a level are below that in a time span is left out
 HALF = 0.5**4  # fourth power of the number of steps beyond which a body asks for two
 CHUNK = 64  # neighbours in the order of their release that are far from most bodies together, in two arms
 CHUNKS = BATCH // CHUNK + 1
@@ -85,8 +85,8 @@ def passages(passing, most, uniform, m, lanes, closest, other, centre, path, rat
     pieces and parabolas may miss. Only these rates may ask for more than 2^most steps.
 
     asked (b, ROW + CHUNKS) receives the level that each body asks for, 0 where one step for the time span is enough.
-    Its last columns say of each chunk of lanes: 2, such levels are there; 1, they are all 0; 0, the body is not felt.
-    `other` is scratch.
+    Its last columns say of each chunk of lanes whether such levels are there; if not, they are all 0. `other` is
+    scratch.
     """
     forces, u, t, span, a = passing.forces, lanes[V:], lanes[T:], lanes[H:], lanes[A:]
     crossing, bending, noticed = PASSING**-4, BENDING**-4, 4.0 / NOTICED**2
@@ -102,7 +102,7 @@ def passages(passing, most, uniform, m, lanes, closest, other, centre, path, rat
         rate[i] = min(rate[i], 0.999 * 2.0 ** (4 * most) / (span4[i] + 1e-300))
     arms = np.empty((2 * CHUNKS if passing.sizes.shape[0] > FEW else 0, 11))
     if arms.shape[0] > 0:
-        enclose(m, lanes, missed, arms)
+        enclose(m, uniform, lanes, missed, arms)
     for b in range(passing.sizes.shape[0]):
         size, strength2 = passing.sizes[b], passing.strengths[b] ** 2
         for begin in range(0, m, CHUNK):
@@ -110,8 +110,8 @@ def passages(passing, most, uniform, m, lanes, closest, other, centre, path, rat
             if begin == 0 or not uniform:
                 approach(forces, b, 0, 0, lanes, closest, centre, path)
             if arms.shape[0] > 0:
-                asked[b, ROW + chunk] = closeness(arms, chunk, path, span[0], size, passing.strengths[b])
-                if asked[b, ROW + chunk] < 2:
+                asked[b, ROW + chunk] = is_close(arms, chunk, path, span[0], size, passing.strengths[b])
+                if asked[b, ROW + chunk] == 0:
                     continue
             together = end - begin if uniform else 1
             for first in range(begin, end, together):
@@ -138,7 +138,7 @@ def passages(passing, most, uniform, m, lanes, closest, other, centre, path, rat
                 near2[i] = near * near
                 wanted = max(crossing * passage * inverse2 * unnoticed, bending * bend)
                 more += 1 if wanted * span4_i[i] > HALF else 0
-            asked[b, ROW + chunk] = 2 if more > 0 else 1
+            asked[b, ROW + chunk] = more > 0
             if more == 0:
                 continue
             centre[:] = 0.0
@@ -164,16 +164,17 @@ def passages(passing, most, uniform, m, lanes, closest, other, centre, path, rat
 
 
 @helper
-def enclose(m, lanes, missed, arms):
+def enclose(m, uniform, lanes, missed, arms):
     """Store in arms (2 * CHUNKS, 11) spheres that hold the lanes of even and of odd number of each chunk of m.
 
     Their centre at the beginning, the middle and the end of the time span of the first lane, which is the longest,
-    their radius, and the largest velocity relative to the centre. Schemes release particles into both arms in turn.
+    their radius, and the largest velocity relative to the centre. Schemes release particles into both arms in turn. If
+    the lanes have their own times, the spheres are larger by what paths from other times may differ.
     """
     u, t, a, span = lanes[V:], lanes[T:], lanes[A:], lanes[H]
     for arm in range(2 * ((m + CHUNK - 1) // CHUNK)):
         begin, end = arm // 2 * CHUNK + arm % 2, min(arm // 2 * CHUNK + CHUNK, m)
-        count, radius2, most_missed = (end - begin + 1) // 2, 0.0, 0.0
+        count, radius2, most_missed, fastest = (end - begin + 1) // 2, 0.0, 0.0, 0.0
         for k in range(9):
             arms[arm, k] = 0.0
         for i in range(begin, end, 2):
@@ -188,14 +189,19 @@ def enclose(m, lanes, missed, arms):
                     r2 += (lanes[j] + s * (u[j] + 0.5 * s * a[j]) - arms[arm, 3 * node + k]) ** 2
                 radius2 = max(radius2, r2)
             most_missed = max(most_missed, missed[i])
+            if not uniform:
+                j = i + 2 * ROW
+                bend2 = span**4 * (a[i] * a[i] + a[ROW + i] * a[ROW + i] + a[j] * a[j])
+                most_missed = max(most_missed, 3.0 * MISSED * math.sqrt(bend2))
+                fastest = max(fastest, 2.0 * math.sqrt(bend2) / (span + 1e-300))
         arms[arm, 9] = math.sqrt(radius2) + most_missed
-        arms[arm, 10] = 2.0 * math.sqrt(radius2) / (span + 1e-300)
+        arms[arm, 10] = 2.0 * math.sqrt(radius2) / (span + 1e-300) + fastest
 
 
 @helper
-def closeness(arms, chunk, path, span, size, strength):
-    """Return 2 if a body on a path may ask lanes of a chunk for a level, or else 1 if they feel it, or else 0."""
-    found, inverse = 0, 1.0 / (span + 1e-300)
+def is_close(arms, chunk, path, span, size, strength):
+    """Return 1 if a body on a path may ask lanes of a chunk for a level, or else 0."""
+    inverse = 1.0 / (span + 1e-300)
     for arm in range(2 * chunk, 2 * chunk + 2):
         b0, b1, b2 = arms[arm, 0] - path[0], arms[arm, 1] - path[1], arms[arm, 2] - path[2]
         m0, m1, m2 = arms[arm, 3] - path[3], arms[arm, 4] - path[4], arms[arm, 5] - path[5]
@@ -206,65 +212,67 @@ def closeness(arms, chunk, path, span, size, strength):
         speed = math.sqrt((e0 - b0) ** 2 + (e1 - b1) ** 2 + (e2 - b2) ** 2) * inverse + arms[arm, 10]
         steps2, bends2 = (span * speed / (PASSING * near)) ** 2, strength * (span / BENDING) ** 2 / near**3
         if steps2 * min(2.0 * strength / (near * speed * NOTICED + 1e-300), 1.0) > 0.25 or bends2 > 0.25:
-            return 2
-        if strength / (near * near) * span > UNFELT:
-            found = 1
-    return found
+            return 1
+    return 0
 
 
 @helper
-def how_often(adapts, m, level, asked, often):
+def how_often(adapts, m, level, slot, asked, asks, often):
     """Store in often (levels, b) the highest level that each body asks of those of m lanes that have a level.
 
-    It is -1 for bodies that they do not feel. If the steps do not adapt, all bodies kick at every step.
+    asks (b, ROW) receives the level that it asks of each lane, in the order of the slots.
+    If the steps do not adapt, all bodies kick at every step.
     """
-    often[:] = -1 if adapts else LEVELS
-    if not adapts or often.shape[1] == 0:
+    often[:] = 0 if adapts else LEVELS
+    if not adapts:
+        asks[:] = LEVELS
         return
-    for begin in range(0, m, CHUNK):
-        there = np.zeros(LEVELS, np.int64)
-        for i in range(begin, min(begin + CHUNK, m)):
-            there[level[i]] = 1
-        for b in range(asked.shape[0]):
-            closeness = asked[b, ROW + begin // CHUNK]
-            if closeness == 1:
-                for k in range(LEVELS):
-                    if there[k] > 0:
-                        often[k, b] = max(often[k, b], 0)
-            elif closeness == 2:
+    for b in range(asked.shape[0]):
+        asks[b, :] = 0
+        for begin in range(0, m, CHUNK):
+            if asked[b, ROW + begin // CHUNK] > 0:
                 for i in range(begin, min(begin + CHUNK, m)):
                     often[level[i], b] = max(often[level[i], b], asked[b, i])
+                    if slot[i] >= 0:
+                        asks[b, slot[i]] = asked[b, i]
 
 
 @helper
-def kick(passing, often, level, piece, pieces, uniform, begin, end, lanes, relative, centre, a):
+def kick(passing, asks, often, level, piece, pieces, uniform, begin, end, lanes, relative, centre, a):
     """Kick lanes [begin, end) of a level before a piece of their time span, or after the last; a is scratch.
 
-    A body kicks before every 1, 2, 4 ... pieces, as `often` as the lanes of this level ask for, or never.
+    A body kicks each of them before every 1, 2, 4 ... pieces, as often as this lane asks for.
     """
     forces, t, h = passing.forces, lanes[T:], lanes[H + begin : H + end]
-    trajectory, stride = forces.trajectory, 1
-    while stride <= pieces and trajectory.shape[0] > 0:
+    weight = 0.5 if piece == 0 or piece == pieces else 1.0
+    for b in range(passing.sizes.shape[0]):  # one after the other: the sum does not depend on the other lanes
+        finest = max(pieces >> max(often[level, b] - 1, 0), 1)
+        if piece & (finest - 1) != 0:  # a power of two
+            continue
+        if uniform:
+            centre_at(forces, b, t[begin], centre)
+        else:
+            for i in range(begin, end):
+                centre_at(forces, b, t[i], centre)
+                for k in range(3):
+                    relative[k * ROW + i] = lanes[k * ROW + i] - centre[k]
+            centre[:] = 0.0
         fresh = 1
-        for c in range(trajectory.shape[0]):
-            b = trajectory[c]
-            if often[level, b] < 0 or piece % stride != 0 or max(pieces >> max(often[level, b] - 1, 0), 1) != stride:
-                continue
-            if uniform:
-                centre_at(forces, b, t[begin], centre)
-            else:
-                for i in range(begin, end):
-                    centre_at(forces, b, t[i], centre)
-                    for k in range(3):
-                        relative[k * ROW + i] = lanes[k * ROW + i] - centre[k]
-                centre[:] = 0.0
+        for c in range(passing.first[b], passing.first[b + 1]):
             q, p, offset = lanes if uniform else relative, forces.parameters, forces.offset[c]
             call_kernel(forces.address[c], begin, end - begin, t, p, offset, centre, q, a, fresh)
             fresh = 0
-        if fresh == 0:
-            part = stride * (0.5 if piece == 0 or piece == pieces else 1.0)
+        if often[level, b] > 0:
+            part, asks_i = relative[begin:end], asks[b, begin:end]
+            for i in range(part.shape[0]):
+                stride = max(pieces >> max(asks_i[i] - 1, 0), 1)
+                part[i] = stride * weight * h[i] if piece & (stride - 1) == 0 else 0.0
             for k in range(3):
                 u_i, a_i = lanes[V + k * ROW + begin : V + k * ROW + end], a[k * ROW + begin : k * ROW + end]
                 for i in range(u_i.shape[0]):
-                    u_i[i] += part * h[i] * a_i[i]
-        stride *= 2
+                    u_i[i] += part[i] * a_i[i]
+        else:
+            for k in range(3):
+                u_i, a_i = lanes[V + k * ROW + begin : V + k * ROW + end], a[k * ROW + begin : k * ROW + end]
+                for i in range(u_i.shape[0]):
+                    u_i[i] += pieces * weight * h[i] * a_i[i]
