@@ -27,6 +27,9 @@ from streamkit.engine.velocity_forces import DraggedForces, drags, with_drag
 from streamkit.errors import ComponentError, OutOfDomain, message_of
 from streamkit.stream import Array, Orbit
 
+FARTHEST = 300.0  # radius in kpc that holds the mass of a body
+SHARES = 4  # slices of many particles for each thread
+
 
 def _scratch() -> Scratch:
     """Return doubles that begin at a cache line, so that no vector straddles two, and integers."""
@@ -34,9 +37,6 @@ def _scratch() -> Scratch:
     first = -raw.ctypes.data % 64 // raw.itemsize
     return Scratch(raw[first : first + WORK], np.empty(NUMBERS, dtype=np.int64))
 
-
-FARTHEST = 300.0  # radius in kpc that holds the mass of a body
-SHARES = 4  # slices of many particles for each thread
 
 NO_DRAG_OF_BODIES = "the force of what moves may not depend on velocity"
 

@@ -9,8 +9,8 @@ from pydantic import Field
 from scipy.special import betainc, betaincc, gammainc, gammaincc, gammaln, ndtri, xlogy
 
 import streamkit as sk
-from streamkit.builtin.observables.track.lines import ENOUGH, LN_WING, debris_of, is_enough, warning_of_gaps
-from streamkit.builtin.observables.track.panels import column_panel, fine_grid, longitude_label
+from streamkit.builtin.observables.track.lines import ENOUGH, debris_of, is_enough, kernels, too_few, warning_of_gaps
+from streamkit.builtin.observables.track.panels import datum_panel, fine_grid, longitude_label
 
 STIFFEST = 1e9  # shape of a gamma distribution beyond which it is treated as a constant
 LEAST = 1e-150  # smallest number with a logarithm, or in a denominator
@@ -90,8 +90,7 @@ class Density(sk.Observable):
         phi1 = self.counts["phi1"]
         names = tuple(f"count at {angle:g}" for angle in phi1.tolist())
         if not is_enough(stream, debris_of(stream, self.arm)):
-            none = np.full(len(names), np.nan)
-            return sk.Prediction(names, none, none, why_not="too few particles have left the progenitor")
+            return too_few(names)
         particles = self._under(stream, phi1)
         number = particles.sum(axis=1)
         norm = len(phi1) / (number.sum() + ENOUGH)
@@ -109,8 +108,7 @@ class Density(sk.Observable):
         """
         chosen = debris_of(stream, self.arm)
         away = np.subtract.outer(at, stream.seen(self.frame).lon[chosen])
-        x2 = (((away + 180) % 360 - 180) / self.kernel) ** 2
-        return np.asarray((np.exp(-0.5 * x2) + np.exp(LN_WING + 1 - np.sqrt(1 + x2))) * stream.weight[chosen])
+        return kernels(((away + 180) % 360 - 180) / self.kernel) * stream.weight[chosen]
 
     def ln_likelihood(self, prediction: sk.Prediction, add_noise: bool) -> float | sk.Array:
         """Return the sum of ln of Gaussian, Poisson or, with noise, negative binomial probabilities."""
@@ -148,7 +146,7 @@ class Density(sk.Observable):
         """Return a picture of the counts and of the model, with the residuals."""
         phi1 = self.counts["phi1"]
         count, error = self.data()
-        pull, line = np.full(len(count), np.nan), None
+        pull, line = None, None
         if not prediction.why_not:
             scatter = error if self.gaussian else np.sqrt(np.maximum(prediction.mean, LEAST))
             pull = (count - prediction.mean) / scatter
@@ -158,10 +156,8 @@ class Density(sk.Observable):
             efficiency = np.interp(grid, phi1[order], self.efficiency[order])
             shape = norm * self._under(stream, grid).sum(axis=1)
             line = grid, efficiency * (self.amplitude * shape + self.background)
-        data = sk.PanelData(np.arange(len(count)), phi1, count, error, pull)
-        nowhere = np.full(len(stream), np.nan)
-        x = stream.seen(self.frame).lon
-        return (column_panel(longitude_label(self.frame, False), "stars in a bin", (x, nowhere), data, line),)
+        labels = longitude_label(self.frame, False), "stars in a bin"
+        return (datum_panel(labels, stream.seen(self.frame).lon, phi1, (count, error), pull, line),)
 
     def remarks(self, prediction: sk.Prediction) -> tuple[str, ...]:
         """Warn of bins where the stream has no debris."""

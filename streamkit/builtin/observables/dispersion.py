@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field
 
 import streamkit as sk
+from streamkit.builtin.observables.track.columns import middle_of, within
 from streamkit.builtin.observables.track.lines import (
     Lines,
     beyond_seam,
@@ -17,9 +18,10 @@ from streamkit.builtin.observables.track.lines import (
     is_gap,
     ln_coverage,
     local_lines,
+    too_few,
     warning_of_gaps,
 )
-from streamkit.builtin.observables.track.panels import column_panel, fine_grid, longitude_label
+from streamkit.builtin.observables.track.panels import datum_panel, fine_grid, longitude_label
 
 
 class Dispersion(sk.Observable):
@@ -71,16 +73,15 @@ class Dispersion(sk.Observable):
         phi1 = self.table["phi1"]
         names = tuple(f"dispersion at {angle:g}" for angle in phi1.tolist())
         if not is_enough(stream, debris_of(stream, self.arm)):
-            none = np.full(len(names), np.nan)
-            return sk.Prediction(names, none, none, why_not="too few particles have left the progenitor")
+            return too_few(names)
         lines = self._lines(stream, phi1)
         return sk.Prediction(names, lines.spread[0], lines.depth_variance, details={"ln_count": lines.ln_count})
 
     def _lines(self, stream: sk.Stream, at: sk.Array) -> Lines:
         chosen, seen = debris_of(stream, self.arm), stream.seen(self.frame)
-        middle = float(self.table["phi1"].mean())
-        longitude, at = ((angle - middle + 180) % 360 - 180 for angle in (seen.lon[chosen], at))
-        margin = beyond_seam(at, self.kernel)
+        middle = middle_of(self.table["phi1"])
+        longitude, at = (within(angle, middle) for angle in (seen.lon[chosen], at))
+        margin = beyond_seam(at - middle, self.kernel)
         debris = gather(longitude, [seen.radial_velocity[chosen]], stream.weight[chosen], margin)
         return local_lines(debris, at, self.kernel, depth=0)
 
@@ -92,14 +93,12 @@ class Dispersion(sk.Observable):
     def panels(self, stream: sk.Stream, prediction: sk.Prediction) -> tuple[sk.Panel, ...]:
         """Return a picture of the dispersions and of the model, with the residuals."""
         phi1, (value, error) = self.table["phi1"], self.data()
-        pull, line = np.full(len(value), np.nan), None
+        pull, line = None, None
         if not prediction.why_not:
             pull, grid = (value - prediction.mean) / error, fine_grid(phi1)
             line = grid, self._lines(stream, grid).spread[0]
-        data = sk.PanelData(np.arange(len(value)), phi1, value, error, pull)
-        particles = stream.seen(self.frame).lon, np.full(len(stream), np.nan)
-        label = r"dispersion of $v_r$ [km s$^{-1}$]"
-        return (column_panel(longitude_label(self.frame, False), label, particles, data, line),)
+        labels = longitude_label(self.frame, False), r"dispersion of $v_r$ [km s$^{-1}$]"
+        return (datum_panel(labels, stream.seen(self.frame).lon, phi1, (value, error), pull, line),)
 
     def remarks(self, prediction: sk.Prediction) -> tuple[str, ...]:
         """Warn of data where the stream has no debris."""

@@ -8,17 +8,19 @@ import numpy as np
 from pydantic import Field
 
 import streamkit as sk
+from streamkit.builtin.observables.track.columns import middle_of, within
 from streamkit.builtin.observables.track.lines import (
     ENOUGH,
-    LN_WING,
     beyond_seam,
     debris_of,
     gather,
     is_enough,
+    kernels,
     lines_at,
+    too_few,
     warning_of_gaps,
 )
-from streamkit.builtin.observables.track.panels import column_panel, fine_grid, longitude_label
+from streamkit.builtin.observables.track.panels import datum_panel, fine_grid, longitude_label
 
 PASSES = 3  # fits of the track; each leaves out the particles that the one before found beside it
 
@@ -74,19 +76,17 @@ class OffTrack(sk.Observable):
         phi1 = self.table["phi1"]
         names = tuple(f"share off the track at {angle:g}" for angle in phi1.tolist())
         if not is_enough(stream, debris_of(stream, self.arm)):
-            none = np.full(len(names), np.nan)
-            return sk.Prediction(names, none, none, why_not="too few particles have left the progenitor")
+            return too_few(names)
         share, variance, number = self._shares(stream, phi1)
         return sk.Prediction(names, share, variance, details={"particles": number})
 
     def _shares(self, stream: sk.Stream, at: sk.Array) -> tuple[sk.Array, sk.Array, sk.Array]:
         """(m,) Share, variance and number of particles at longitudes (m,)."""
         chosen, seen = debris_of(stream, self.arm), stream.seen(self.frame)
-        middle = float(self.table["phi1"].mean())
-        longitude, at = ((angle - middle + 180) % 360 - 180 for angle in (seen.lon[chosen], at))
+        middle = middle_of(self.table["phi1"])
+        longitude, at = (within(angle, middle) - middle for angle in (seen.lon[chosen], at))
         beside = self._beside(longitude, seen.lat[chosen], stream.weight[chosen])
-        x2 = (np.subtract.outer(at, longitude) / self.kernel) ** 2
-        near = (np.exp(-0.5 * x2) + np.exp(LN_WING + 1 - np.sqrt(1 + x2))) * stream.weight[chosen]
+        near = kernels(np.subtract.outer(at, longitude) / self.kernel) * stream.weight[chosen]
         number = near.sum(axis=1)
         share = near @ beside / number
         # Agresti & Coull: two more stars of each kind, or the variance of a share of 0 or 1 would be zero
@@ -97,8 +97,8 @@ class OffTrack(sk.Observable):
     def _beside(self, longitude: sk.Array, latitude: sk.Array, weight: sk.Array) -> sk.Array:
         """(n,) 1 for particles beside the track, 0 for the others."""
         off, kept = np.zeros_like(latitude), np.ones(len(latitude), dtype=bool)
+        margin = beyond_seam(longitude, self.kernel)
         for _ in range(PASSES):
-            margin = beyond_seam(longitude, self.kernel)
             debris = gather(longitude[kept], [latitude[kept]], weight[kept], margin)
             off = latitude - lines_at(debris, longitude, self.kernel).value[0]
             near = np.abs(off) <= self.beyond
@@ -114,13 +114,12 @@ class OffTrack(sk.Observable):
     def panels(self, stream: sk.Stream, prediction: sk.Prediction) -> tuple[sk.Panel, ...]:
         """Return a picture of the shares and of the model, with the residuals."""
         phi1, (value, error) = self.table["phi1"], self.data()
-        pull, line = np.full(len(value), np.nan), None
+        pull, line = None, None
         if not prediction.why_not:
             pull, grid = (value - prediction.mean) / error, fine_grid(phi1)
             line = grid, self._shares(stream, grid)[0]
-        data = sk.PanelData(np.arange(len(value)), phi1, value, error, pull)
-        particles = stream.seen(self.frame).lon, np.full(len(stream), np.nan)
-        return (column_panel(longitude_label(self.frame, False), "share off the track", particles, data, line),)
+        labels = longitude_label(self.frame, False), "share off the track"
+        return (datum_panel(labels, stream.seen(self.frame).lon, phi1, (value, error), pull, line),)
 
     def remarks(self, prediction: sk.Prediction) -> tuple[str, ...]:
         """Warn of data where the stream has no debris."""

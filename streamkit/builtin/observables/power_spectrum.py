@@ -8,8 +8,9 @@ import numpy as np
 from pydantic import Field, model_validator
 
 import streamkit as sk
+from streamkit.builtin.observables.track.columns import within
 from streamkit.builtin.observables.track.lines import debris_of
-from streamkit.builtin.observables.track.panels import column_panel
+from streamkit.builtin.observables.track.panels import datum_panel
 
 LEAST = 0.1  # smallest smooth density, in units of its mean
 FEWEST = 30  # fewest particles whose density has a power spectrum
@@ -82,8 +83,8 @@ class PowerSpectrum(sk.Observable):
     def _inside(self, stream: sk.Stream) -> tuple[sk.Array, sk.Array]:
         """(n,) Longitudes from -1 to 1 of the debris between low and high, and its weights."""
         chosen = debris_of(stream, self.arm)
-        away = (stream.seen(self.frame).lon[chosen] - 0.5 * (self.low + self.high) + 180) % 360 - 180
-        x = away / (0.5 * (self.high - self.low))
+        middle = 0.5 * (self.low + self.high)
+        x = (within(stream.seen(self.frame).lon[chosen], middle) - middle) / (0.5 * (self.high - self.low))
         inside = np.abs(x) <= 1
         return x[inside], stream.weight[chosen][inside]
 
@@ -115,14 +116,13 @@ class PowerSpectrum(sk.Observable):
     def panels(self, stream: sk.Stream, prediction: sk.Prediction) -> tuple[sk.Panel, ...]:
         """Return a picture of the powers against the wavelengths and of the model, with the residuals."""
         wavelength, (value, error) = self.table["wavelength"], self.data()
-        pull, line = np.full(len(value), np.nan), None
+        pull, line = None, None
         if not prediction.why_not:
             pull = (value - prediction.mean) / error
             grid = np.unique(np.concatenate([np.geomspace(wavelength.min(), wavelength.max(), DRAWN), wavelength]))
             line = grid, self._power(*self._inside(stream), grid)[0] + self.shot_noise
-        data = sk.PanelData(np.arange(len(value)), wavelength, value, error, pull)
-        nowhere = np.full(len(stream), np.nan)
-        return (column_panel("wavelength [deg]", "power [deg]", (nowhere, nowhere), data, line),)
+        labels, nowhere = ("wavelength [deg]", "power [deg]"), np.full(len(stream), np.nan)
+        return (datum_panel(labels, nowhere, wavelength, (value, error), pull, line),)
 
     def remarks(self, prediction: sk.Prediction) -> tuple[str, ...]:
         """Warn of a stream that does not fill the longitudes."""

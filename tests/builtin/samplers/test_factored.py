@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from joints import LinearFactors, factors_of
 
-from streamkit.builtin.samplers.emulator.missing import FAR, SETTLED, before_a_test, has_left
+from streamkit.builtin.samplers.emulator.missing import FAR, LEFT, SETTLED, before_a_test, moved_away
 from streamkit.builtin.samplers.emulator.rounds import Rounds
 
 pytestmark = pytest.mark.usefixtures("short_walks")
@@ -38,12 +38,12 @@ def test_two_streams_and_data_of_the_host() -> None:
     progress.known[1].called_at += 0.55 * progress.known[1].called_at.std(axis=0)
     left = before_a_test(progress.known, progress.populations.samples, moved=0.0, uncertain=0.0)
     assert left == "the posterior has moved away from the last calls of stream 1"
-    assert not has_left(progress.known[1], progress.populations.samples, FAR)  # by 0.55 in each coordinate
+    assert moved_away(progress.known[1], progress.populations.samples) < FAR  # by 0.55 in each coordinate
     first, samples = progress.known[0], progress.populations.samples
     first.called_at = np.empty((0, 0))
-    assert has_left(first, samples)
+    assert moved_away(first, samples) >= LEFT
     first.factor = replace(first.factor, earlier=first.calls.theta)  # a run that takes the calls of an earlier one
-    assert not has_left(first, samples)
+    assert moved_away(first, samples) < LEFT
 
 
 @pytest.mark.slow

@@ -25,6 +25,7 @@ from streamkit.builtin.observables.track.lines import (
     is_gap,
     lines_at,
     ln_coverage,
+    too_few,
     warning_of_gaps,
 )
 from streamkit.builtin.observables.track.members import members_of
@@ -184,8 +185,7 @@ class Stars(sk.Observable):
         along phi1 over its mean.
         """
         if not is_enough(stream, debris_of(stream, self.arm)):
-            none = np.full(len(self.names), np.nan)
-            return sk.Prediction(self.names, none, none, why_not="too few particles have left the progenitor")
+            return too_few(self.names)
         lines = self.lines(stream, self.catalogue.knots.phi1)
         # a spread is about as certain as a mean is, but for a factor of 2 in the variance
         mean = np.stack([lines.value, lines.spread], axis=1)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from streamkit import Array, BoolArray, Stream
+from streamkit import Array, BoolArray, Prediction, Stream
 
 WING = 1e-3  # height of the kernel's exponential wings: within three kernels of debris they are negligible
 LN_WING = math.log(WING)
@@ -70,6 +70,18 @@ def debris_of(stream: Stream, arm: str) -> BoolArray:
 def is_enough(stream: Stream, chosen: BoolArray) -> bool:
     """Return whether the chosen particles are enough for lines, or for a density."""
     return bool(chosen.sum() >= FEWEST and stream.weight[chosen].sum() > 0)
+
+
+def too_few(names: Sequence[str]) -> Prediction:
+    """Return the prediction of these numbers where the debris is not enough."""
+    none = np.full(len(names), np.nan)
+    return Prediction(tuple(names), none, none, why_not="too few particles have left the progenitor")
+
+
+def kernels(x: Array) -> Array:
+    """Return the kernel, 1 at its middle, at distances x from there in its standard deviations."""
+    x2 = x**2
+    return np.asarray(np.exp(-0.5 * x2) + np.exp(LN_WING + 1 - np.sqrt(1 + x2)))
 
 
 def ln_coverage(ln_count: Array) -> Array:

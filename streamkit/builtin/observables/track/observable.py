@@ -40,6 +40,7 @@ from streamkit.builtin.observables.track.lines import (
     is_gap,
     lines_at,
     ln_coverage,
+    too_few,
     warning_of_gaps,
 )
 from streamkit.builtin.observables.track.members import MEMBERS, MOTIONS, Members, members_of, which_columns
@@ -237,8 +238,7 @@ class Track(sk.Observable):
         """
         different, which = self._places
         if not is_enough(stream, debris_of(stream, self.arm)):
-            none = np.full(len(self.names), np.nan)
-            return sk.Prediction(self.names, none, none, why_not="too few particles have left the progenitor")
+            return too_few(self.names)
         lines, of = self.lines(stream, different)
         parts = [self.part_of(name, lines, of.index(column_of(name)), which[name]) for name in self.given]
         mean, variance, spread, count = (np.concatenate(part) for part in zip(*parts, strict=True))

@@ -9,6 +9,7 @@ from streamkit.builtin.observables.track.columns import COLUMNS, DEPTH, column_o
 
 FINE = 181  # longitudes of a drawn line
 BEYOND = 0.15  # length of lines beyond the data, in units of the range of the data
+Line = tuple[Array, Array] | None  # of the fitted track, if there is one
 UNITS = {"mas/yr": r"mas yr$^{-1}$", "km/s": r"km s$^{-1}$"}
 
 
@@ -19,7 +20,7 @@ def fine_grid(phi1: Array) -> Array:
 
 
 def column_panel(
-    x_label: str, y_label: str, particles: tuple[Array, Array], data: PanelData, line: tuple[Array, Array] | None
+    x_label: str, y_label: str, particles: tuple[Array, Array], data: PanelData, line: Line
 ) -> Panel:
     """Return the panel of one column.
 
@@ -28,6 +29,19 @@ def column_panel(
     """
     marks = () if line is None else (Mark("fit", *line, "fitted track"),)
     return Panel(x_label, y_label, *particles, marks, data)
+
+
+def datum_panel(
+    labels: tuple[str, str], particles: Array, x: Array, data: tuple[Array, Array], pull: Array | None, line: Line
+) -> Panel:
+    """Return the panel of numbers that no single particle has, with the label of x and theirs.
+
+    The data are values and errors (m,) at x (m,). Their pulls (m,) are None without a prediction. ``particles`` (n,)
+    are the places of the particles along x.
+    """
+    value, error = data
+    shown = PanelData(np.arange(len(value)), x, value, error, np.full(len(value), np.nan) if pull is None else pull)
+    return column_panel(*labels, (particles, np.full(len(particles), np.nan)), shown, line)
 
 
 def longitude_label(frame: object, unwrapped: bool) -> str:

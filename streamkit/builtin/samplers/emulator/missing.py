@@ -35,20 +35,21 @@ def before_a_test(known: Sequence[Known], samples: Array, moved: float, uncertai
         return f"the posterior still moves by {moved:.2f} standard deviations"
     if uncertain >= UNCERTAIN:
         return f"the noise of the calls leaves a mean or a width uncertain by {uncertain:.2f} standard deviations"
-    if left := [each.factor.name for each in known if has_left(each, samples)]:
+    if left := [each.factor.name for each in known if moved_away(each, samples) >= LEFT]:
         return f"the posterior has moved away from the last calls of {', '.join(left)}"
     return ""
 
 
-def has_left(each: Known, samples: Array, by: float = LEFT) -> bool:
-    """Whether samples (n, d) of the posterior are so many standard deviations from where a factor was last called.
+def moved_away(each: Known, samples: Array) -> float:
+    """Return by how many standard deviations samples (n, d) differ from where a factor was last called.
 
+    It is infinite before the first calls.
     The error of an emulator is measured on its calls. It says little elsewhere. Calls of an earlier run are taken to be
     there until fresh calls say otherwise.
     """
     if not len(each.called_at):
-        return not len(each.factor.earlier)
-    return difference(each.called_at, samples[:, each.factor.columns]) >= by
+        return 0.0 if len(each.factor.earlier) else np.inf
+    return difference(each.called_at, samples[:, each.factor.columns])
 
 
 def blurred(known: Sequence[Known]) -> str:

@@ -36,7 +36,7 @@ from streamkit.builtin.samplers.emulator.missing import (
     apart,
     before_a_test,
     blurred,
-    has_left,
+    moved_away,
 )
 from streamkit.builtin.samplers.emulator.pairs import paired
 from streamkit.builtin.samplers.emulator.populations import (
@@ -192,8 +192,9 @@ class Rounds:
     def _wanted(self, known: Sequence[Known], samples: Array, max_calls: int) -> list[Known]:
         """Return the factors below their most calls that are not learned at samples (n, d); else all of those."""
         left = [each for each in known if len(each.calls) < max_calls]
+        away = [moved_away(each, samples) if self._is_learned(each) else np.inf for each in left]
         for by in (FAR, LEFT):
-            if wanted := [each for each in left if not self._is_learned(each, samples, by)]:
+            if wanted := [each for each, moved in zip(left, away, strict=True) if moved >= by]:
                 return wanted
         return left
 
@@ -218,11 +219,10 @@ class Rounds:
         for each, z in chosen:
             each.calls += Calls.at(each.factor.problem, each.calls.space, z)
 
-    def _is_learned(self, each: Known, samples: Array, by: float = LEFT) -> bool:
-        """Whether a factor needs no more calls at samples (n, d) of the posterior, if these have left it by less."""
+    def _is_learned(self, each: Known) -> bool:
+        """Whether a factor needs no more calls where it was last called, as far as is known."""
         passed = each.certificate is None or not each.certificate.faults
-        small = each.blur < BLURRED and each.share < SHARE * UNCERTAIN**2 and each.taught < SETTLED
-        return passed and small and not has_left(each, samples, by)
+        return passed and each.blur < BLURRED and each.share < SHARE * UNCERTAIN**2 and each.taught < SETTLED
 
     def _taught(self, called: Sequence[Known], before: Sequence[Emulated], samples: Array) -> None:
         """Note what the last calls of factors have changed of the posterior of samples (n, d), and where they were."""
