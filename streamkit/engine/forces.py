@@ -114,6 +114,23 @@ def frame_at(forces, t, out):
         out[k] = frame[i, k] + s * (frame[i, 3 + k] + s * (frame[i, 6 + k] + s * frame[i, 9 + k]))
 
 
+@njit(**INLINE)
+def positions_about(forces, b, uniform, begin, end, t, x, relative, centre):
+    """Return what holds positions of lanes [begin, end) for trajectory b, with its place in centre (3,) at those times.
+
+    If `uniform` it is x, and centre is where the trajectory is; else it is `relative`, with zeros in centre.
+    """
+    if uniform:
+        centre_at(forces, b, t[begin], centre)
+    else:
+        for i in range(begin, end):
+            centre_at(forces, b, t[i], centre)
+            for k in range(3):
+                relative[k * ROW + i] = x[k * ROW + i] - centre[k]
+        centre[:] = 0.0
+    return x if uniform else relative
+
+
 @helper
 def add_forces(forces, uniform, begin, end, t, x, relative, centre, a):
     """Store in a the acceleration of lanes [begin, end) at positions x and times t. If `uniform`, all times are equal.
@@ -122,17 +139,10 @@ def add_forces(forces, uniform, begin, end, t, x, relative, centre, a):
     """
     n, fresh, address, offset, p = end - begin, 1, forces.address, forces.offset, forces.parameters
     for b in range(forces.tracks.shape[0]):
-        if uniform:
-            centre_at(forces, b, t[begin], centre)
-        else:
-            for i in range(begin, end):
-                centre_at(forces, b, t[i], centre)
-                for k in range(3):
-                    relative[k * ROW + i] = x[k * ROW + i] - centre[k]
-            centre[:] = 0.0
+        q = positions_about(forces, b, uniform, begin, end, t, x, relative, centre)
         for c in range(address.shape[0]):
             if forces.trajectory[c] == b:
-                call_kernel(address[c], begin, n, t, p, offset[c], centre, x if uniform else relative, a, fresh)
+                call_kernel(address[c], begin, n, t, p, offset[c], centre, q, a, fresh)
                 fresh = 0
         if mass_left_at(forces, b, forces.first + forces.step * forces.tracks.shape[1]) != 1.0:  # it loses mass
             for i in range(begin, end):

@@ -26,7 +26,7 @@ from streamkit.engine.forces import (
     ROW,
     Forces,
     call_kernel,
-    centre_at,
+    positions_about,
 )  # fmt: skip
 from streamkit.engine.levels import approach, foot, nearest
 from streamkit.engine.steps import A, H, T, V
@@ -249,17 +249,10 @@ def kick(passing, asks, often, level, piece, pieces, uniform, begin, end, lanes,
         finest = max(pieces >> max(often[level, b] - 1, 0), 1)
         if piece & (finest - 1) != 0:  # a power of two
             continue
-        if uniform:
-            centre_at(forces, b, t[begin], centre)
-        else:
-            for i in range(begin, end):
-                centre_at(forces, b, t[i], centre)
-                for k in range(3):
-                    relative[k * ROW + i] = lanes[k * ROW + i] - centre[k]
-            centre[:] = 0.0
+        q = positions_about(forces, b, uniform, begin, end, t, lanes, relative, centre)
         fresh = 1
         for c in range(passing.first[b], passing.first[b + 1]):
-            q, p, offset = lanes if uniform else relative, forces.parameters, forces.offset[c]
+            p, offset = forces.parameters, forces.offset[c]
             call_kernel(forces.address[c], begin, end - begin, t, p, offset, centre, q, a, fresh)
             fresh = 0
         if often[level, b] > 0:
