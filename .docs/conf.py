@@ -24,6 +24,7 @@ myst_enable_extensions = ["colon_fence"]
 myst_heading_anchors = 4  # the names of headings on the host of the repository
 source_suffix = {".md": "markdown"}
 exclude_patterns = ["plugins/*/LICENSE"]
+smartquotes = False  # options begin with two hyphens, and quotes are copied into a shell
 default_role = "code"  # single quotes in docstrings
 autodoc_typehints = "none"  # docstrings say shapes and units
 autodoc_class_signature = "mixed"
@@ -75,6 +76,16 @@ def prose_after_fields(_app: Any, _what: str, _name: str, _value: object, _optio
     lines[:] = made
 
 
+PICTURE = re.compile(r'class="reference download internal" download="" (?=href="[^"]+\.png")')
+
+
+def pictures_are_shown(_app: Any, _page: str, _template: str, context: dict[str, Any], _tree: object) -> None:
+    """Let a link to a picture show it; Sphinx makes links to files that are no page save them."""
+    if "body" in context:
+        context["body"] = PICTURE.sub('class="reference internal" ', context["body"])
+
+
 def setup(app: Any) -> None:
     """Connect what Sphinx calls."""
     app.connect("autodoc-process-docstring", prose_after_fields, priority=400)  # before napoleon
+    app.connect("html-page-context", pictures_are_shown)

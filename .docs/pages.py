@@ -29,6 +29,7 @@ def collect(root: Path, pages: Path) -> None:
     shown.write_text(thumbnails(shown.read_text(encoding="utf-8")), encoding="utf-8")
     tutorials(root / "examples" / "tutorials", pages)
     (pages / "reference").mkdir()
+    (pages / "reference" / "commands").mkdir()
     for name, text in reference.pages(root / ".docs" / "names.md").items():
         (pages / "reference" / name).write_text(text, encoding="utf-8")
     (pages / "names.md").unlink()

@@ -9,11 +9,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import click
+import command_pages
 
 import streamkit
 from streamkit import components, runfile
-from streamkit.cli.main import main
 from streamkit.report.component_record import field_records
 
 PLAIN: dict[str, Any] = {"sun": runfile.Sun, "likelihood": runfile.Likelihood, "engine": runfile.Engine}
@@ -22,7 +21,7 @@ KEYS = ("version", "seed", "plugins")
 INDEX = """# Reference
 
 - [The run file](runfile.md): every section and every component, with fields, units and defaults.
-- [The commands](commands.md): the help of each.
+- [The commands](commands.md): a page of each, with options and examples.
 - [Python](python.md): every public name, with examples.
 
 :::{toctree}
@@ -38,7 +37,8 @@ python
 def pages(names: Path) -> dict[str, str]:
     """Return the text of each page of the reference by its file name."""
     registry = components.load_registry()
-    made = {"index.md": INDEX, "runfile.md": run_file(registry), "commands.md": commands(), "python.md": python(names)}
+    made = {"index.md": INDEX, "runfile.md": run_file(registry), "python.md": python(names)}
+    made |= command_pages.pages(names.parents[1])
     made |= {f"{role}.md": role_page(registry, role) for role in components.ROLES}
     return made
 
@@ -142,17 +142,6 @@ def role_page(registry: components.Registry, role: str) -> str:
             parts.append(f"From the package [{package}](../plugins/{package}/README.md).")
         names = [name for name in entry.cls.model_fields if name not in shared]
         parts.append(table(entry.cls, names) if names else "No fields of its own.")
-    return "\n\n".join(parts) + "\n"
-
-
-def commands() -> str:
-    """Return the page of the commands: the help of each."""
-    context = click.Context(main, info_name="streamkit")
-    parts = ["# The commands", f"```text\n{main.get_help(context)}\n```"]
-    for name in main.list_commands(context):
-        if command := main.get_command(context, name):
-            inside = command.make_context(name, [], parent=context, resilient_parsing=True)
-            parts += [f"## streamkit {name}", f"```text\n{inside.command.get_help(inside)}\n```"]
     return "\n\n".join(parts) + "\n"
 
 

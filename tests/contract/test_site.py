@@ -12,6 +12,7 @@ from urllib.parse import unquote
 import pytest
 from documents import FENCE, ROOT
 
+from streamkit.cli.main import main
 from streamkit.components import ROLES, load_registry
 
 DOCS = ROOT / ".docs"
@@ -90,6 +91,24 @@ def test_the_first_sentence_of_a_description(monkeypatch: pytest.MonkeyPatch) ->
     sentence = import_module("reference").sentence
     assert sentence("By Erkal et al. 2019, in\nlines. More.\n\nEnd.") == "By Erkal et al. 2019, in lines."
     assert sentence("One line") == "One line."
+
+
+def test_each_command_has_a_page_with_its_options_and_an_example(pages) -> None:
+    made = import_module("command_pages").pages(ROOT)
+    context = main.make_context("streamkit", [], resilient_parsing=True)
+    for name in main.list_commands(context):
+        page = made[f"commands/{name}.md"]
+        assert re.search(rf"^\| \[`{name}`\]\(commands/{name}.md\) \| \S.*\. \|$", made["commands.md"], re.MULTILINE)
+        assert f"# streamkit {name}\n" in page
+        assert "--help` | Show this message and exit. |" in page
+        examples = page.partition("## Examples")[2]
+        assert re.search(rf"^\$ .*streamkit {name}( |$)", examples, re.MULTILINE), name
+
+
+def test_an_example_of_a_command_shows_an_option_that_is_new(pages) -> None:
+    chosen, where = import_module("command_pages").chosen, Path("README.md")
+    shown = ["streamkit run a.toml", "streamkit run b.toml -o a", "streamkit run b.toml -o b", "streamkit run b.toml"]
+    assert chosen([(line, where) for line in shown]) == [(line, where) for line in shown[:2]]
 
 
 def test_a_tutorial_is_a_page_and_a_notebook(tmp_path: Path, pages) -> None:
