@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
-from pydantic import Field, PrivateAttr, field_validator
+from pydantic import Field, field_validator
 
 from streamkit import engine
-from streamkit.components.orientation import Oriented
+from streamkit.components.orientation import ANGLES, Oriented
 from streamkit.fields import Columns, InTime, Table
 from streamkit.units import GYR
 
@@ -28,7 +28,6 @@ class Changing(Oriented):
         description="Factor on the force as a table of time (t = 0 is today, where it must be 1): linear between the "
         "rows, constant before the first and after the last. The parameters are those of today.",
     )
-    _in_time: Mapping[str, InTime] = PrivateAttr({})
 
     @field_validator("growth")
     @classmethod
@@ -51,11 +50,6 @@ class Changing(Oriented):
         copy._in_time = dict(in_time)
         return copy
 
-    @property
-    def in_time(self) -> Mapping[str, InTime]:
-        """The fields that change in time, by name; the instance has their values of today."""
-        return self._in_time
-
     def __eq__(self, other: object) -> bool:
         """Return whether two potentials have the same class, equal values, and the same changes in time."""
         same = super().__eq__(other)
@@ -68,6 +62,8 @@ def _changes_of(potential: Any) -> engine.Changes:
     """Return the arguments of the force that change in time, and the factor on it, in engine units."""
     names, units, out = _arguments(type(potential)), potential.parameters(), []
     for name, knots in potential.in_time.items():
+        if name.startswith(ANGLES):  # a part of its motion
+            continue
         factor, number = units[name].to_internal, names.index(potential.rates.get(name, name))
         if name in potential.rates:
             pieces = knots.integral(GYR, factor)
@@ -85,6 +81,10 @@ def _check(potential: Any, in_time: Mapping[str, InTime]) -> None:
     rates = potential.rates
     for name in in_time:
         what = f"{name} of the potential {potential.kind!r}"
+        if name.startswith(ANGLES):
+            if potential.has_drag():
+                raise ValueError(f"{what} cannot change in time: a part of its force depends on velocity")
+            continue
         if not potential.compiled and getattr(potential, "expansion", "none") != "none":
             raise ValueError(
                 f"{what} cannot change in time: an expansion is made once. Give growth, a factor on the force in time; "

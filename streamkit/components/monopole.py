@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from streamkit import engine
 from streamkit.elementary import sqrt
 from streamkit.stream import Array
 from streamkit.units import G
@@ -80,6 +81,15 @@ class Monopole:
 
     def rotation(self) -> None:
         """Return None: a sphere has no axes."""
+
+    @property
+    def drifts(self) -> bool:
+        """Return False: see `motion`."""
+        return False
+
+    def motion(self) -> engine.Motion:
+        """Return none: a progenitor moves along its orbit."""
+        return engine.Motion()
 
     def in_loop(self) -> Monopole:
         """Return itself."""

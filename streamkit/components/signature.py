@@ -15,7 +15,7 @@ from streamkit.errors import PluginError, blamed, nearest
 from streamkit.stream import Array, read_only
 
 MOST_DIMENSIONS = 3  # most dimensions of an array that compiled code gets
-OF_ALL = "growth", "orientation"  # the fields of every potential, which its methods do not get
+OF_ALL = "growth", "orientation", "centre"  # the fields of every potential, which its methods do not get
 HOST = "host"  # what `prepare` calls the rest of the host
 MOVING = "x", "y", "z", "vx", "vy", "vz", "t"  # the first arguments of `drag`
 

@@ -9,8 +9,9 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
+from streamkit import engine
 from streamkit.errors import blamed
-from streamkit.stream import Array, from_axes, read_only, to_axes
+from streamkit.stream import Array, from_axes, read_only
 from streamkit.units import G, Unit
 
 DISTANT = 1e5, 1e6  # radii in kpc beyond every galaxy: the outer part of a finite mass falls there at least as 1/r
@@ -36,6 +37,13 @@ class Part(Protocol):
     def rotation(self) -> tuple[float, ...] | None:
         """Return the rotation matrix of its axes, row by row (9,); None if they are those of the Galaxy."""
 
+    def motion(self) -> engine.Motion:
+        """Return how its centre moves and its axes turn in time."""
+
+    @property
+    def drifts(self) -> bool:
+        """Whether its centre moves."""
+
     @classmethod
     def has_energy(cls) -> bool:
         """Return whether it gives a potential."""
@@ -54,6 +62,11 @@ class Total:
     def potential(self, q: Array) -> Array | None:
         """(n,) Potential in (km/s)^2 at positions q (3, n) in kpc; None where a component gives none."""
         return add_up("potential", self.potentials, q) if all(p.has_energy() for p in self.potentials) else None
+
+    @property
+    def drifts(self) -> bool:
+        """Whether the centre of a part moves. Nothing is then known to be bound."""
+        return any(p.drifts for p in self.potentials)
 
     def mass_inside(self, radii: Array) -> Array:
         """(nr,) Mass in Msun inside radii (nr,) in kpc: ``r^2 <-a_r> / G``, a mean."""
@@ -104,8 +117,10 @@ class Total:
         """(nr,) Escape speed in km/s to infinity at radii (nr,) in kpc in the plane; None without a potential.
 
         ``sqrt(2 (Phi(infinity) - Phi))`` with the mean potential around the axis. It is infinite where the potential
-        has no limit, as in a logarithmic halo.
+        has no limit, as in a logarithmic halo. None too where the centre of a part moves.
         """
+        if self.drifts:
+            return None
         radii, around = np.asarray(radii, dtype=float), circle()
         with np.errstate(all="ignore"):
             depths = []
@@ -141,8 +156,8 @@ def add_up(what: str, potentials: Iterable[Part], q: Array) -> Array:
 
 def along_axes(what: str, potential: Part, q: Array, t: Array) -> Array:
     """Return "acceleration" (3, n) or "potential" (n,) of a potential at positions q (3, n) and times t (n,)."""
-    rotation, parameters = potential.rotation(), potential.in_engine_units()
-    place = np.ascontiguousarray(q if rotation is None else np.stack(to_axes(rotation, *q)))
+    parameters = potential.in_engine_units()
+    place, rotation = potential.motion().seen(q, t, potential.rotation())
     values = getattr(type(potential), what)(*read_only(place), t, *parameters)
     if rotation is not None and what == "acceleration":
         values = from_axes(rotation, *values)

@@ -21,6 +21,7 @@ from .methods import Splitting as Splitting
 from .mixture import SingleStars as SingleStars
 from .mixture import StreamCurves as StreamCurves
 from .mixture import ln_likelihoods as ln_likelihoods
+from .motion import Motion as Motion
 from .patches import Patches as Patches
 from .records import ParticleRecords as ParticleRecords
 from .records import record as record

@@ -20,6 +20,7 @@ from streamkit.engine.forces import BATCH, DEEPEST, NO_FRAME, NO_TRACKS, Forces
 from streamkit.engine.kernels import Force, NumpyKernel
 from streamkit.engine.loops import NUMBERS, WORK, Scratch
 from streamkit.engine.methods import RKN4, Splitting
+from streamkit.engine.motion import STILL
 from streamkit.engine.passing import NOBODY, Passing
 from streamkit.engine.single_orbit import orbit_states
 from streamkit.engine.steps import Method
@@ -326,20 +327,20 @@ def _fixed(other: Field) -> None:
 def build_field(potentials: Sequence[Force], *, exact: bool = False) -> Field:
     """Compile (or load from the disk cache) the forces of the potentials, which add up, fixed at the origin.
 
-    A potential with an expansion is replaced by it. With ``exact`` it is not, and it is as it is today, with axes that
-    are not turned.
+    A potential with an expansion is replaced by it. With ``exact`` it is not, and it is as it is today, at the origin
+    with axes that are not turned.
     """
-    built: list[Any] = []
-    packed: list[Array] = []
+    built, packed = list[Any](), list[Array]()
     for p in potentials:
         force, rotation, changes = (p, None, ()) if exact else (p.in_loop(), p.rotation(), p.changes())
+        motion = STILL if exact else p.motion()
         if force.compiled:
-            values = force.in_engine_units() + (rotation or ()) + tables_of(changes)
-            given = numbers_of(changes), rotation is not None
+            values = force.in_engine_units() + (rotation or ()) + tables_of(changes) + motion.tables
+            given = numbers_of(changes), rotation is not None, motion.moves
             built.append(kernels.compiled_kernel(type(force), layout_of(values), *given))
             packed.append(pack(values))
         else:
-            built.append(NumpyKernel(force, changes, rotation))
+            built.append(NumpyKernel(force, changes, rotation, motion))
             packed.append(np.zeros(0))
     forces = Forces(
         address=np.array([k.address for k in built], dtype=np.int64),

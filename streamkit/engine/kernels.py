@@ -27,9 +27,10 @@ from streamkit.engine.axes import turned
 from streamkit.engine.cache import OPTIONS, UNCALLED, content_digest, disk_cache
 from streamkit.engine.changing import Changes, arguments_at, compiled_arguments
 from streamkit.engine.forces import ROW
+from streamkit.engine.motion import AT_REST, STILL, Motion, Moves, compiled_motion
 from streamkit.engine.patches import sweep_of
 from streamkit.errors import PluginError
-from streamkit.stream import Array, from_axes, read_only, to_axes
+from streamkit.stream import Array, from_axes, read_only
 from streamkit.units import CENTRE
 
 _POINTER = types.CPointer(types.float64)
@@ -63,6 +64,9 @@ class Force(Protocol):
     def rotation(self) -> tuple[float, ...] | None:
         """Return the rotation matrix of the axes, row by row (9,); None if they are those of the Galaxy."""
 
+    def motion(self) -> Motion:
+        """Return how its centre moves and its axes turn in time."""
+
     def in_loop(self) -> Force:
         """Return the force in a loop: the potential itself, or an expansion of it."""
 
@@ -77,7 +81,11 @@ class _NoAliasCompiler(Compiler):  # type: ignore[misc]  # numba is untyped here
 
 @functools.cache
 def compiled_kernel(
-    cls: type[Force], layout: tuple[int, ...], changing: tuple[int, ...] = (), turning: bool = False
+    cls: type[Force],
+    layout: tuple[int, ...],
+    changing: tuple[int, ...] = (),
+    turning: bool = False,
+    moves: Moves = AT_REST,
 ) -> Any:
     """Return the machine code of a potential class: an object with an ``address``. Once per class and process.
 
@@ -88,16 +96,19 @@ def compiled_kernel(
     layout
         Dimensions of the arguments after t, as `layout_of` gives them, and of the pieces of those that change.
     changing
-        The numbers of the arguments that change in time, as `Changes` has them. Their pieces are the last arguments.
+        The numbers of the arguments that change in time, as `Changes` has them. Their pieces follow the others.
     turning
         Whether the nine arguments before these are the rotation of its axes.
+    moves
+        What changes in the frame of the force: the tables of a `Motion` are the last arguments.
 
     Raises `PluginError` if numba cannot compile the author's function.
     """
     unpack, patches, pull = unpacker(layout), getattr(cls, "patches", None), getattr(cls, "pull", None)
     written = patches or pull or cls.acceleration
     acceleration = _radial(pull) if pull else written
-    sweep = sweep_of(patches, turning) if patches else _elementwise(turned(acceleration) if turning else acceleration)
+    along = turning or moves[0]
+    sweep = sweep_of(patches, along) if patches else _elementwise(turned(acceleration) if along else acceleration)
 
     def kernel(n, t, p, centre, q, a, fresh):
         parameters = unpack(carray(p, (ENDLESS,)))
@@ -105,9 +116,11 @@ def compiled_kernel(
         place, total, c = carray(q, (3 * ROW,)), carray(a, (3 * ROW,)), carray(centre, (3,))
         sweep(0, n, times, place, total, c, fresh, parameters, 1.0)
 
-    if not changing:
+    if not changing and moves == AT_REST:
         return machine_code(kernel, [(cls, written)], [(layout, turning)])
-    now, factor = compiled_arguments(len(layout) - len(changing), changing)
+    last = len(layout) - 3 * moves[0] - moves[1]
+    now, factor = compiled_arguments(last - len(changing), changing)
+    along_axes, shifted = compiled_motion(now, last, moves)
 
     def changing_kernel(n, t, p, centre, q, a, fresh):
         packed = unpack(carray(p, (ENDLESS,)))
@@ -117,12 +130,16 @@ def compiled_kernel(
         for i in range(n):
             together &= times[i] == times[0]
         if together:
-            sweep(0, n, times, place, total, c, fresh, now(times[0], packed), factor(times[0], packed))
+            t0 = times[0]
+            about, parameters = shifted(t0, packed, c), along_axes(t0, packed)
+            sweep(0, n, times, place, total, about, fresh, parameters, factor(t0, packed))
         else:
             for i in range(n):
-                sweep(i, i + 1, times, place, total, c, fresh, now(times[i], packed), factor(times[i], packed))
+                ti = times[i]
+                about, parameters = shifted(ti, packed, c), along_axes(ti, packed)
+                sweep(i, i + 1, times, place, total, about, fresh, parameters, factor(ti, packed))
 
-    return machine_code(changing_kernel, [(cls, written)], [(layout, turning, changing)])
+    return machine_code(changing_kernel, [(cls, written)], [(layout, turning, changing, moves)])
 
 
 def machine_code(kernel: Any, written: Sequence[tuple[type[Force], Any]], layouts: Sequence[object]) -> Any:
@@ -213,9 +230,12 @@ class NumpyKernel:
     it after the loop. Until then the accelerations are NaN, and the author's function is not called again.
     """
 
-    def __init__(self, force: Force, changes: Changes = (), rotation: tuple[float, ...] | None = None) -> None:
+    def __init__(
+        self, force: Force, changes: Changes = (), rotation: tuple[float, ...] | None = None, motion: Motion = STILL
+    ) -> None:
         self.error: BaseException | None = None
-        self._arguments, self._changes, self._rotation = force.in_engine_units(), changes, rotation
+        self._arguments, self._changes = force.in_engine_units(), changes
+        self._rotation, self._motion = rotation, motion
         self._acceleration = force.acceleration
         self._callback = _CALLBACK(self._call)
         self.address = ctypes.cast(self._callback, ctypes.c_void_p).value
@@ -249,15 +269,16 @@ class NumpyKernel:
         if any(about):
             place = place - np.array(about)[:, None]
             place.flags.writeable = False
-        x, y, z = place
-        if self._rotation is not None:
-            x, y, z = map(read_only, to_axes(self._rotation, x, y, z))
+        rotation: Sequence[Any] | None = self._rotation
+        if rotation is not None or self._motion.moves != AT_REST:
+            place, rotation = self._motion.seen(place, times, rotation)
+        x, y, z = read_only(place)
         arguments, factor = self._arguments, None
         if self._changes:
             arguments, factor = arguments_at(times, arguments, self._changes)
         acceleration = self._acceleration(x, y, z, times, *arguments)
-        if self._rotation is not None:
-            acceleration = from_axes(self._rotation, *acceleration)
+        if rotation is not None:
+            acceleration = from_axes(rotation, *acceleration)
         if factor is not None:
             acceleration = factor * np.stack(np.broadcast_arrays(*acceleration))
         if fresh:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from streamkit.engine import Patches
+from streamkit.engine import Motion, Patches
 from streamkit.expansion import forms, slices
 from streamkit.expansion.grid import Grid
 from streamkit.expansion.tables import table_of
@@ -50,6 +50,10 @@ class Expansion:
 
     def rotation(self) -> None:
         """Return None: its potential has the rotation."""
+
+    def motion(self) -> Motion:
+        """Return none: its potential has the motion."""
+        return Motion()
 
     def in_loop(self) -> Expansion:
         """Return the expansion itself."""

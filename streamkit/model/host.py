@@ -150,8 +150,11 @@ class Host:
         return total
 
     def energy(self, q: Array, v: Array) -> Array | None:
-        """(n,) Energy in (km/s)^2 at positions q and velocities v (3, n) today; None where a potential has none."""
-        depth = self.potential(q)
+        """(n,) Energy in (km/s)^2 at positions q and velocities v (3, n) today; None where a potential has none.
+
+        None too where the centre of a potential moves: v is then not the velocity from it.
+        """
+        depth = None if self.total.drifts else self.potential(q)
         return None if depth is None else 0.5 * (v**2).sum(axis=0) + depth
 
     def unbinds(self, q: Array, v: Array) -> bool | None:

@@ -61,12 +61,14 @@ def _too_many_steps(integrator: Section[Integrator], path: str, longest: float) 
 
 
 def _not_covered(section: Section[Potential], path: str, longest: float) -> list[str]:
-    times = section.centre.known_times()
-    if times is None or (times[0] <= -longest and times[-1] >= 0.0):
-        return []
+    potential, kind = section.centre, section.cls.kind
+    centre = potential.centre["t"] if potential.centre is not None and potential.drifts else None
+    known = (section.path, f"the {kind}", potential.known_times()), (f"{section.path}.centre", "it", centre)
     return [
-        f"{section.path}: the {section.cls.kind} is known from {times[0]:g} to {times[-1]:g} Gyr; expected all times "
-        f"from {-longest:g} Gyr, where {path} begins, to 0, today"
+        f"{place}: {what} is known from {times[0]:g} to {times[-1]:g} Gyr; expected all times from {-longest:g} Gyr, "
+        f"where {path} begins, to 0, today"
+        for place, what, times in known
+        if times is not None and not (times[0] <= -longest and times[-1] >= 0.0)
     ]
 
 

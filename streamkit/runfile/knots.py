@@ -9,9 +9,11 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
-from streamkit.fields import KNOTS, InTime, times_of
+from streamkit.fields import KNOTS, InTime, array_of, times_of
 from streamkit.runfile.priors import Prior, PriorTable, parse
 from streamkit.units import Unit, unit_of
+
+ANGLES = "orientation"  # the one list of a potential whose entries may change in time
 
 
 @dataclass(frozen=True)
@@ -46,24 +48,45 @@ class Knots:
 def without_knots(
     path: str, cls: type[BaseModel], table: Mapping[str, Any], in_time: bool, errors: list[str]
 ) -> tuple[dict[str, Any], dict[str, Knots]]:
-    """Put today's values in the place of knots; return the table and the knots by field.
+    """Put today's values in the place of knots; return the table and the knots by field, angles as ``orientation.2``.
 
     Errors are collected; numbers of a section that may not change ``in_time`` are one.
     """
-    plain, knots = dict(table), {}
+    plain, knots = dict(table), dict[str, Knots]()
     for name, value in table.items():
-        unit = unit_of(cls.model_fields[name]) if name in cls.model_fields else None
-        if unit is None or not isinstance(value, Mapping) or not value.keys() & set(KNOTS):
+        field = cls.model_fields.get(name)
+        if field is None:
             continue
-        try:
-            if not in_time:
-                raise ValueError("only a number of a host's potential may change in time: give one number or a prior")
-            knots[name] = _read(value, unit)
-            plain[name] = knots[name].centre.at(0.0)
-        except ValueError as error:
-            errors.append(f"{path}.{name}: {error}")
-            plain[name] = 1.0  # no further error about this field
+        if (unit := unit_of(field)) is not None and is_knots(value):
+            plain[name] = _today(f"{path}.{name}", name, value, unit, in_time, knots, errors)
+        elif name == ANGLES and (mark := array_of(field)) is not None and isinstance(value, list):
+            plain[name] = [
+                _today(f"{path}.{name}.{i}", f"{name}.{i}", item, mark.unit, in_time, knots, errors)
+                if is_knots(item)
+                else item
+                for i, item in enumerate(value)
+            ]
     return plain, knots
+
+
+def is_knots(value: Any) -> bool:
+    """Return whether a value of a run file is meant as knots."""
+    return isinstance(value, Mapping) and bool(value.keys() & set(KNOTS))
+
+
+def _today(
+    path: str, name: str, table: Mapping[str, Any], unit: Unit, in_time: bool, knots: dict[str, Knots],
+    errors: list[str],
+) -> float:  # fmt: skip
+    """Add the knots of a number by its name; return its value today."""
+    try:
+        if not in_time:
+            raise ValueError("only a number of a host's potential may change in time: give one number or a prior")
+        knots[name] = _read(table, unit)
+        return knots[name].centre.at(0.0)
+    except ValueError as error:
+        errors.append(f"{path}: {error}")
+        return 1.0  # no further error about this field
 
 
 def _read(table: Mapping[str, Any], unit: Unit) -> Knots:

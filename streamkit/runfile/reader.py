@@ -31,7 +31,7 @@ from streamkit.runfile.stream_errors import where_written
 from streamkit.runfile.stream_tables import DEFAULTS, StreamTables
 
 DEFAULT_KIND = {"integrator": "adaptive", "observable": "apocentres", "sampler": "emcee"}
-HOST_ALONE = ("growth",)  # fields of a potential that a progenitor or a body does not have
+HOST_ALONE = ("growth", "centre")  # fields of a potential that a progenitor or a body does not have
 _EXPECTED = {
     "version": f"{VERSION}",
     "seed": "a whole number, zero or more",

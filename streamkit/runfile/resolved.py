@@ -199,7 +199,7 @@ class Resolved(ABC):
                 table.pop(name, None)  # there may be no section [engine]
         for path, value in values.items():
             *tables, name = path.split(".")
-            table = functools.reduce(lambda inner, key: inner.setdefault(key, {}), tables, document)
+            table = functools.reduce(_inner, tables, document)
             table[int(name) if isinstance(table, list) else name] = value
         return self._changed(document)
 
@@ -273,3 +273,8 @@ class Resolved(ABC):
         head = [f"Resolved from {Path(self.source).name}: every default filled in."]
         used = [f"{path}: {cls.kind} ({supplier})" for path, cls, supplier in self.components()]
         return to_toml(self.document, "\n".join([*head, *used]))
+
+
+def _inner(table: Any, key: str) -> Any:
+    """Return what is at a key of a table, or at a number of a list; a new table if there is none."""
+    return table[int(key)] if isinstance(table, list) else table.setdefault(key, {})

@@ -152,9 +152,9 @@ def read_section(
     Data files are read through ``files``. Numbers may change ``in_time``: those of a potential, unless
     this says otherwise.
     """
-    plain, pulled = _without_priors(path, cls, table, errors)
     in_time = issubclass(cls, Potential) if in_time is None else in_time
-    plain, knots = without_knots(path, cls, plain, in_time, errors)
+    plain, knots = without_knots(path, cls, table, in_time, errors)
+    plain, pulled = _without_priors(path, cls, plain, errors)
     try:
         read = section_model(cls).model_validate(plain, context=files)
     except ValidationError as error:
@@ -188,7 +188,12 @@ def read_section(
     if isinstance(centre, Potential):
         centre.share_grid_of(centre, path)
     written = {name: _list_written(cls, name, table[name], pulled) for name in data}
-    written |= {name: each.document() for name, each in knots.items()}
+    for name, each in knots.items():
+        field, _, index = name.partition(".")
+        if index:
+            written[field][int(index)] = each.document()
+        else:
+            written[field] = each.document()
     return None if outside else Section(path, cls, given, priors, centre, written, knots)
 
 
@@ -197,10 +202,10 @@ def _at(cls: type[M], given: Mapping[str, Any], free: Mapping[str, float], knots
     if not knots:
         return cls.model_validate(_filled(given, free))
     moved = {name: each.at(name, free) for name, each in knots.items()}
-    fixed = _filled(given, {name: value for name, value in free.items() if name.partition(".")[0] not in knots})
+    fixed = _filled(given, {name: value for name, value in free.items() if name.partition(".values.")[0] not in knots})
     for t in sorted({t for each in moved.values() for t in each.times}):
-        cls.model_validate(fixed | {name: each.at(t) for name, each in moved.items()})
-    built = cls.model_validate(fixed | {name: each.at(0.0) for name, each in moved.items()})
+        cls.model_validate(_filled(fixed, {name: each.at(t) for name, each in moved.items()}))
+    built = cls.model_validate(_filled(fixed, {name: each.at(0.0) for name, each in moved.items()}))
     return built.changing(moved) if isinstance(built, Potential) else built
 
 

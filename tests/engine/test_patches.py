@@ -5,7 +5,7 @@ import pytest
 from numba import njit
 from numpy.polynomial.polynomial import polyval2d
 
-from streamkit.engine import FACTOR, Patches, build_field, linear
+from streamkit.engine import FACTOR, Motion, Patches, build_field, linear
 from streamkit.engine.patches import BLOCK
 
 COUNT, CELLS = 3, 5
@@ -43,6 +43,9 @@ class Read:
 
     def rotation(self):
         return None
+
+    def motion(self):
+        return Motion()
 
     def changes(self):
         return () if self.growth is None else ((FACTOR, linear(*self.growth)),)

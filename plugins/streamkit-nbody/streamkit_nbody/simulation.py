@@ -177,7 +177,7 @@ class Simulation:
     def _energy(self, t: float, q: Array, v: Array, potentials: Array) -> float:
         """Return the total energy in Msun (km/s)^2, with the particles' own potential (n,); NaN if not known."""
         hosts = self.host.potentials.values()
-        if self.without_energy or self.host.bodies or any(p.growth for p in hosts):
+        if self.without_energy or self.host.bodies or any(p.growth or p.in_time or p.drifts for p in hosts):
             return float("nan")
         times = np.full(q.shape[1], self._epoch(t))
         host = sum(along_axes("potential", p, q, times) for p in hosts)

@@ -1,0 +1,131 @@
+"""A force with a frame of its own: its centre moves, and its axes turn, along curves in time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numba import njit
+
+from streamkit.engine.cache import OPTIONS, UNCALLED
+from streamkit.engine.changing import value_at, values_at
+from streamkit.stream import Array, to_axes
+
+_INLINED: dict[str, Any] = {"forceinline": True, **UNCALLED, **OPTIONS}
+# Whether the axes turn, and whether the centre moves: with the layout they decide the machine code.
+Moves: TypeAlias = tuple[bool, bool]
+AT_REST: Moves = (False, False)
+
+
+NOWHERE = np.zeros((0, 13))
+
+
+class Motion(NamedTuple):
+    """The frame of a force in time, in engine units. `Motion()` is that of a force at rest at the origin.
+
+    Attributes
+    ----------
+    angles
+        The pieces of the Euler angles alpha, beta and gamma in time, as `Changes` has them; empty if they do not
+        change, and the force has its `rotation`.
+    centre
+        (k, 13) cubics of the centre, as `cubics` makes them: the time from which a row holds, and four coefficients of
+        powers of the time since then for each of x, y and z. The first row holds at all times before the second one
+        too. (0, 13) at the origin.
+    """
+
+    angles: tuple[Array, ...] = ()
+    centre: Array = NOWHERE
+
+    @property
+    def moves(self) -> Moves:
+        """Whether the axes turn, and whether the centre is not the origin."""
+        return bool(self.angles), len(self.centre) > 0
+
+    @property
+    def tables(self) -> tuple[Array, ...]:
+        """The pieces, which follow all other arguments in compiled code."""
+        return self.angles + ((self.centre,) if len(self.centre) else ())
+
+    @staticmethod
+    def cubics(times: Array, coefficients: Array) -> Array:
+        """(k + 1, 13) Return the table of a centre: straight lines beyond the ends of k - 1 cubics between k times.
+
+        The coefficients (4, k - 1, 3) are those of falling powers of the time since the beginning of each, as SciPy's.
+        """
+        rows = np.zeros((len(times) + 1, 13))
+        rows[:, 0] = times[np.maximum(np.arange(len(times) + 1) - 1, 0)]
+        rows[1:-1, 1:] = coefficients[::-1].transpose(1, 2, 0).reshape(-1, 12)
+        powers = (times[-1] - times[-2]) ** np.arange(4)
+        for k in range(3):
+            first, last = slice(1 + 4 * k, 3 + 4 * k), rows[-2, 1 + 4 * k : 5 + 4 * k]
+            rows[0, first] = rows[1, first]
+            rows[-1, first] = last @ powers, last[1:] @ (np.arange(1, 4) * powers[:3])
+        return rows
+
+    def seen(self, q: Array, t: Array, rotation: Sequence[float] | None) -> tuple[Array, Sequence[Any] | None]:
+        """Return positions q (3, n) at times t (n,) from the centre along the axes, and the rotation then.
+
+        The given one is that of axes that do not turn.
+        """
+        if len(self.centre):
+            rows = self.centre[np.searchsorted(self.centre[1:, 0], t, side="right")].T
+            s = t - rows[0]
+            c = rows[1:].reshape(3, 4, -1)
+            q = q - (c[:, 0] + s * (c[:, 1] + s * (c[:, 2] + s * c[:, 3])))
+        if self.angles:
+            rotation = rotation_of(*(values_at(t, pieces) for pieces in self.angles))
+        return np.ascontiguousarray(q if rotation is None else np.stack(to_axes(rotation, *q))), rotation
+
+
+STILL = Motion()
+
+
+def centre_in_time(t: Any, table: Any) -> Any:
+    """Return the place of the centre at one time; the rows may be many, so that they are halved."""
+    k, last = 0, table.shape[0] - 1
+    while k < last:
+        middle = (k + last + 1) // 2
+        if table[middle, 0] <= t:
+            k = middle
+        else:
+            last = middle - 1
+    s = t - table[k, 0]
+    return (
+        table[k, 1] + s * (table[k, 2] + s * (table[k, 3] + s * table[k, 4])),
+        table[k, 5] + s * (table[k, 6] + s * (table[k, 7] + s * table[k, 8])),
+        table[k, 9] + s * (table[k, 10] + s * (table[k, 11] + s * table[k, 12])),
+    )
+
+
+def rotation_of(alpha: Any, beta: Any, gamma: Any) -> tuple[Any, ...]:
+    """Return the rotation (9,) of axes turned about z, then their x axis, then their z axis (radians); elementwise."""
+    ca, cb, cg = np.cos(alpha), np.cos(beta), np.cos(gamma)
+    sa, sb, sg = np.sin(alpha), np.sin(beta), np.sin(gamma)
+    return (
+        ca * cg - sa * cb * sg, sa * cg + ca * cb * sg, sb * sg,
+        -ca * sg - sa * cb * cg, -sa * sg + ca * cb * cg, sb * cg,
+        sa * sb, -ca * sb, cb,
+    )  # fmt: skip
+
+
+def compiled_motion(now: Any, first: int, moves: Moves) -> tuple[Any, Any]:
+    """Return two compiled functions of a time, and of the arguments with the tables of a motion from ``first`` on.
+
+    The first returns the arguments at that time, by ``now``, and the rotation if the axes turn. The second takes a
+    centre too, and returns the sum of both centres.
+    """
+    turns, shifts = moves
+    value, turn, place = (njit(**_INLINED)(function) for function in (value_at, rotation_of, centre_in_time))
+    a, b, c, d = (first, first + 1, first + 2, first + 3 if turns else first)
+
+    def turned(t, packed):
+        return now(t, packed) + turn(value(t, packed[a]), value(t, packed[b]), value(t, packed[c]))
+
+    def shifted(t, packed, centre):
+        x, y, z = place(t, packed[d])
+        return centre[0] + x, centre[1] + y, centre[2] + z
+
+    there = njit(lambda t, packed, centre: (centre[0], centre[1], centre[2]), **_INLINED)
+    return (njit(**_INLINED)(turned) if turns else now), (njit(**_INLINED)(shifted) if shifts else there)
