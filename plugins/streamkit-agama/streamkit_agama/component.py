@@ -44,7 +44,7 @@ PARAMETERS: Mapping[str, Any] = {
     **dict.fromkeys(("lmax", "mmax", "gridSizeR", "gridSizeZ"), int),
     "density": str,
 }
-SHARED = ("expansion", "tolerance", "growth", "orientation")
+SHARED = ("expansion", "tolerance", "growth", "orientation", "centre")
 # AGAMA's remark in a file of its `export`, below a potential whose parameters the export has left out.
 INCOMPLETE = "other parameters are not stored"
 # A line of an INI file that names another file.

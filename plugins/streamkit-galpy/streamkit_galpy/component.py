@@ -93,7 +93,7 @@ def _parameters(name: str, section: Mapping[str, Any]) -> list[tuple[str, str]]:
     return parameters
 
 
-SHARED = ("expansion", "tolerance", "growth", "orientation")  # fields of every potential that is not compiled
+SHARED = ("expansion", "tolerance", "growth", "orientation", "centre")  # fields of every potential that is not compiled
 
 
 def _type_of(name: str, key: str, value: Any, default: Any) -> str:

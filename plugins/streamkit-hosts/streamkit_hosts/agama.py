@@ -1,4 +1,4 @@
-"""Read the hosts of AGAMA: INI files with `Multipole`, `CylSpline` and `Evolving`, without AGAMA.
+"""Read the hosts of AGAMA: INI files with `Multipole`, `CylSpline`, `Evolving` and what moves them, without AGAMA.
 
 The formats are those of AGAMA 1.0 (Vasiliev 2019, MNRAS 482, 1525; its reference, section 2.2.4). A potential in closed
 form is no table: it has a section of its own in a run file.
@@ -15,11 +15,13 @@ from typing import Any
 import numpy as np
 
 from streamkit import GYR, Array, G, StreamkitError
+from streamkit_hosts.agama_motion import Curve, curve_of
 from streamkit_hosts.agama_tables import Sphere, cylinder_rows, multipole_of
 from streamkit_hosts.expansion import Expansion
 from streamkit_hosts.ini import Section, sections_of
 
 TABLES = ("multipole", "cylspline")
+UNIFORM = "uniformacceleration"
 MODIFIERS = ("center", "orientation", "rotation", "scale")
 
 
@@ -41,13 +43,40 @@ class Units:
 
 @dataclass(frozen=True)
 class Host:
-    """A part of a host: multipoles, or the columns of a table `cylspline`, and how it is turned."""
+    """A part of a host: multipoles, the columns of a table `cylspline`, or fields alone; how it is turned and moved."""
 
     kind: str
     times: Array  # (T,) in Gyr, 0 today
     expansion: Expansion | None = None
     columns: dict[str, Array] = field(default_factory=dict)
     fields: dict[str, Any] = field(default_factory=dict)
+    centre: dict[str, list[float]] = field(default_factory=dict)  # the columns of a table, in kpc, km/s and Gyr
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """How a part is turned and moved, in the file's unit of time and radians."""
+
+    centre: Curve | None = None
+    rotation: Curve | None = None
+    orientation: tuple[float, ...] | None = None
+    where: str = field(default="", compare=False)
+
+    def fields(self, units: Units, today: float) -> dict[str, Any]:
+        """Return the fields of a section that turn it."""
+        angles = [round(float(np.degrees(angle)), 9) for angle in self.orientation or (0.0, 0.0, 0.0)]
+        if self.rotation is not None and self.rotation.in_time:
+            turn = self.rotation.changed(units.time, float(np.degrees(1.0)), today).knots(0, f"{self.where}: rotation")
+            turn["values"] = [round(value + angles[2], 9) for value in turn["values"]]
+            return {"orientation": [*angles[:2], turn]}
+        fields: dict[str, Any] = {}
+        if self.rotation is not None:
+            fields["angle"] = round(float(np.degrees(self.rotation.rows[0][1])), 9)
+        return fields | ({} if self.orientation is None else {"orientation": angles})
+
+    def centre_rows(self, units: Units, today: float) -> dict[str, list[float]]:
+        """Return the columns of its centre; none at the origin."""
+        return {} if self.centre is None else self.centre.changed(units.time, units.length, today).centre()
 
 
 @dataclass(frozen=True)
@@ -56,7 +85,7 @@ class _Part:
 
     times: tuple[float, ...]
     sections: tuple[Section, ...]
-    fields: tuple[tuple[str, Any], ...]
+    frame: _Frame
 
     @property
     def kind(self) -> str:
@@ -66,7 +95,7 @@ class _Part:
 def read(
     path: Path, units: Units, *, l_max: int | None = None, every: int = 1, today: float | None = None
 ) -> list[Host]:
-    """Return the parts of a host of AGAMA: one of all multipoles with the same times and axes, one for each cylinder.
+    """Return the parts of a host of AGAMA: one of all multipoles with the same times and frame, one for each cylinder.
 
     Parameters
     ----------
@@ -89,8 +118,12 @@ def read(
             raise StreamkitError(
                 f"{path}: its times are {part.times[0]:g} to {part.times[-1]:g}, and today is {now:g}: give --today"
             )
+        frame = part.frame.fields(units, now), part.frame.centre_rows(units, now)
         if part.kind == "multipole":
-            spheres.setdefault((part.times, part.fields), []).append(part)
+            spheres.setdefault((part.times, part.frame), []).append(part)
+            continue
+        if part.kind == UNIFORM:
+            hosts.append(Host("uniform_acceleration", np.zeros(1), fields=_acceleration(part.sections[0], units, now)))
             continue
         times = (np.array(part.times) - now) * units.time
         rows = [cylinder_rows(section, units.length, units.velocity) for section in part.sections]
@@ -100,13 +133,14 @@ def read(
         columns = {name: np.concatenate([each[name] for each in rows]) for name in rows[0]}
         if len(times) > 1:
             columns = {"t": np.repeat(times, sizes.pop()), **columns}
-        hosts.append(Host("cylspline", times, None, columns, dict(part.fields)))
+        hosts.append(Host("cylspline", times, None, columns, *frame))
     made = []
-    for (stamps, fields), same in spheres.items():
+    for (stamps, frame_of_all), same in spheres.items():
         times = (np.array(stamps) - now) * units.time
         scale = units.length, units.velocity
         each = [[multipole_of(part.sections[k], *scale) for part in same] for k in range(len(times))]
-        made.append(Host("multipole", times, _summed(times, each, l_max), {}, dict(fields)))
+        frame = frame_of_all.fields(units, now), frame_of_all.centre_rows(units, now)
+        made.append(Host("multipole", times, _summed(times, each, l_max), {}, *frame))
     return made + hosts
 
 
@@ -137,14 +171,18 @@ def _summed(times: Array, each: list[list[Sphere]], l_max: int | None) -> Expans
 
 def _parts(section: Section, every: int) -> list[_Part]:
     """Return what a section holds: itself, or the sections of the files of an Evolving potential."""
-    fields = _fields(section)
-    kind = section.parameters["type"].lower()
+    frame, kind = _frame(section), section.parameters["type"].lower()
     if kind in TABLES:
-        return [_Part((0.0,), (section,), fields)]
+        return [_Part((0.0,), (section,), frame)]
+    if kind == UNIFORM:
+        if frame != _Frame():
+            raise StreamkitError(f"{section.where}: is turned or moved; expected the acceleration alone")
+        return [_Part((0.0,), (section,), frame)]
     if kind != "evolving":
         raise StreamkitError(
             f"{section.where}: has the type {section.parameters['type']}, which is no table; expected Multipole, "
-            'CylSpline or Evolving. Give it a section of its own in the run file, as kind = "agama" or a built-in one'
+            "CylSpline, Evolving or UniformAcceleration. Give it a section of its own in the run file, as kind = "
+            '"agama" or a built-in one'
         )
     stamps: list[tuple[float, list[Section]]] = []
     for line in section.lines:
@@ -169,35 +207,31 @@ def _parts(section: Section, every: int) -> list[_Part]:
             )
         if moved := [(part, name) for part in found for name in MODIFIERS if name in part.parameters]:
             raise StreamkitError(f"{moved[0][0].where}: has {moved[0][1]}; expected it in {section.where}")
-    return [_Part(tuple(times), tuple(found[k] for found in inner), fields) for k in range(len(shape))]
+    return [_Part(tuple(times), tuple(found[k] for found in inner), frame) for k in range(len(shape))]
 
 
-def _fields(section: Section) -> tuple[tuple[str, Any], ...]:
-    """Return the fields of the run file that turn a part, from AGAMA's modifiers."""
-    fields: list[tuple[str, Any]] = []
-    if "scale" in section.parameters:
+def _frame(section: Section) -> _Frame:
+    """Return how a part is turned and moved, by AGAMA's modifiers: about its z axis, to its axes, to its centre."""
+    given = section.parameters
+    if "scale" in given:
         raise StreamkitError(f"{section.where}: has scale; expected a table without it. Its mass is `factor`")
-    if "center" in section.parameters:
-        centre = _numbers(section, "center", 3)
-        if any(centre):
-            raise StreamkitError(f"{section.where}: its center is not the origin; expected a host that is there")
-    if "rotation" in section.parameters:
-        (turn,) = _numbers(section, "rotation", 1)
-        fields.append(("angle", round(float(np.degrees(turn)), 9)))
-    if "orientation" in section.parameters:
-        angles = _numbers(section, "orientation", 3)
-        fields.append(("orientation", tuple(round(float(np.degrees(angle)), 9) for angle in angles)))
-    return tuple(fields)
+    centre = curve_of(section, "center", 3) if "center" in given else None
+    if centre is not None and not centre.in_time and not any(centre.rows[0][1:]):
+        centre = None
+    rotation = curve_of(section, "rotation", 1) if "rotation" in given else None
+    orientation = curve_of(section, "orientation", 3) if "orientation" in given else None
+    if orientation is not None and orientation.in_time:
+        raise StreamkitError(f"{section.where}: orientation changes in time; expected three numbers, as AGAMA does")
+    angles = None if orientation is None else orientation.rows[0][1:4]
+    return _Frame(centre, rotation, angles, section.where)
 
 
-def _numbers(section: Section, name: str, count: int) -> list[float]:
-    text = section.parameters[name]
-    try:
-        numbers = [float(word) for word in text.replace(",", " ").split()]
-    except ValueError:
-        numbers = []
-    if len(numbers) != count or not np.isfinite(numbers).all():
-        raise StreamkitError(
-            f"{section.where}: {name} is {text[:60]!r}; expected {count} number(s): a change in time is not read"
-        )
-    return numbers
+def _acceleration(section: Section, units: Units, today: float) -> dict[str, Any]:
+    """Return the fields of a uniform acceleration, whose file has the columns t, ax, ay and az."""
+    if "file" not in section.parameters:
+        raise StreamkitError(f"{section.where}: has no file; expected one with rows of a time and an acceleration")
+    curve = curve_of(section, "file", 3).changed(units.time, units.velocity / (units.time * GYR), today)
+    names = ("ax", "ay", "az")
+    if not curve.in_time:
+        return dict(zip(names, curve.rows[0][1:4], strict=True))
+    return {name: curve.knots(k, f"{section.where}: file") for k, name in enumerate(names)}

@@ -58,8 +58,13 @@ def sections_of(path: Path, depth: int = 0) -> list[Section]:
         if "file" not in section.parameters:
             raise StreamkitError(f"{section.where}: has neither a type nor a file")
         for inner in sections_of(path.parent / section.parameters["file"], depth + 1):
-            both = {k: v for k, v in section.parameters.items() if k != "file"} | inner.parameters
+            both = {k: _from(path, v) for k, v in section.parameters.items() if k != "file"} | inner.parameters
             if len(both) < len(section.parameters) - 1 + len(inner.parameters):
                 raise StreamkitError(f"{section.where}: sets again what {inner.where} sets")
             out.append(Section(inner.file, inner.name, both, inner.lines))
     return out
+
+
+def _from(path: Path, value: str) -> str:
+    """Return a value; the whole path of a file beside the file that names it."""
+    return str((path.parent / value).resolve()) if (path.parent / value).is_file() else value

@@ -18,13 +18,15 @@ from streamkit_hosts.table import PRECISION, check_rows
 UNITS = {
     "t": "Gyr", "R": "kpc", "z": "kpc", "phi": "km2 / s2", "dphi_dR": "km2 / (kpc s2)", "dphi_dz": "km2 / (kpc s2)",
 }  # fmt: skip
+PATH = {"t": "Gyr", **dict.fromkeys("xyz", "kpc"), **dict.fromkeys(("vx", "vy", "vz"), "km / s")}
+WORDS = {"multipole": "halo", "cylspline": "disc", "uniform_acceleration": "acceleration"}
 
 
 @dataclass(frozen=True)
 class Written:
-    """A table that was written: its file, and what to say of it."""
+    """A part that was written: its file, if it is a table, and what to say of it."""
 
-    file: Path
+    file: Path | None
     section: str  # as a run file has it, such as potential.halo
     kind: str
     times: Array
@@ -42,10 +44,17 @@ def written(
     """
     names = _names(hosts)
     files = [output.with_name(f"{output.stem}_{name}{output.suffix}") if name else output for name in names]
-    check_free(files, force)
+    moved = [_beside(file) for file, host in zip(files, hosts, strict=True) if len(host.centre.get("t", ())) > 1]
+    check_free([*(file for file, host in zip(files, hosts, strict=True) if _is_table(host)), *moved], force)
     made = []
     for host, name, file in zip(hosts, names, files, strict=True):
-        section = f"potential.{name}" if name else "potential"
+        section, fields = f"potential.{name}" if name else "potential", dict(host.fields)
+        if len(host.centre.get("t", ())) > 1:
+            fields["centre"] = str(_beside(file))
+            save_table(_beside(file), _path(host.centre))
+        elif host.centre:
+            fields["centre"] = host.centre
+        placed: Path | None = file
         if host.expansion is not None:
             table = tabulated(host.expansion, between, precision)
             save_table(file, table.table)
@@ -55,29 +64,33 @@ def written(
                 f"{table.radii[0]:.3g} to {table.radii[-1]:.3g} kpc"
             ) + (f"; the force changes by {changes}" if changes else "")
             said = tuple(table.warnings())
+        elif not host.columns:
+            size, said, placed = "a uniform acceleration", (), None
         else:
             save_table(file, _table(host.columns, len(host.times)))
             reach = [float(np.max(host.columns[axis])) for axis in ("R", "z")]
             size = f"{len(host.times)} time(s), R up to {reach[0]:.3g} and z up to {reach[1]:.3g} kpc"
             said = ()
-        made.append(Written(file, section, host.kind, host.times, size, host.fields, said))
+        times = host.times
+        if len(path := host.centre.get("t", ())) > 1:  # what is known is known of both
+            times = np.array([max(path[0], times[0] if len(times) > 1 else path[0]), 0.0])
+        made.append(Written(placed, section, host.kind, times, size, fields, said))
     return made
 
 
 def described(part: Written) -> str:
     """Return what a table holds, and its section."""
     lines = section_lines(part.section, part.kind, part.file, part.times, tolerance="1e-3", fields=part.fields)
-    return "\n".join([f"{part.file}: {part.size}", "", *lines]) + "\n"
+    return "\n".join([f"{part.file or part.section}: {part.size}", "", *lines]) + "\n"
 
 
 def section_lines(
-    section: str, kind: str, file: Path, times: Array, *, tolerance: str, fields: Mapping[str, Any] | None = None
+    section: str, kind: str, file: Path | None, times: Array, *, tolerance: str, fields: Mapping[str, Any] | None = None
 ) -> list[str]:
-    """Return the lines of a run file that name a table, which is known from the first of its times on."""
-    lines = [f"[{section}]", f'kind = "{kind}"', f'table = "{file}"']
-    for name, value in (fields or {}).items():
-        lines.append(f"{name} = {list(value) if isinstance(value, tuple) else value}")
-    lines.append(f"tolerance = {tolerance}")
+    """Return the lines of a run file that name a table, if any, which is known from the first of its times on."""
+    lines = [f"[{section}]", f'kind = "{kind}"', *([f'table = "{file}"'] if file else [])]
+    lines += [f"{name} = {_inline(value)}" for name, value in (fields or {}).items()]
+    lines += [f"tolerance = {tolerance}"] if file else []
     if len(times) > 1:
         lines.append(f"# known from {times[0]:.4g} Gyr: progenitor.lookback may be up to {-times[0]:.4g}")
     return lines
@@ -93,7 +106,7 @@ def _names(hosts: Sequence[Host]) -> list[str]:
     """Return a name for each part: none for the only one."""
     if len(hosts) == 1:
         return [""]
-    words = ["halo" if host.kind == "multipole" else "disc" for host in hosts]
+    words = [WORDS[host.kind] for host in hosts]
     counts = [words[: k + 1].count(word) for k, word in enumerate(words)]
     return [word if count == 1 else f"{word}{count}" for word, count in zip(words, counts, strict=True)]
 
@@ -104,3 +117,27 @@ def _table(columns: dict[str, Array], times: int) -> Any:
     rows = len(columns["R"])
     check_rows(rows, f"{times} times with {rows // times} rows each", "take fewer times by --every")
     return Table(columns, units={name: unit for name, unit in UNITS.items() if name in columns})
+
+
+def _is_table(host: Host) -> bool:
+    return host.expansion is not None or bool(host.columns)
+
+
+def _beside(file: Path) -> Path:
+    """Return the file of the centre of the part in this file."""
+    return file.with_name(f"{file.stem}_centre{file.suffix}")
+
+
+def _path(centre: Mapping[str, Sequence[float]]) -> Any:
+    from astropy.table import Table  # slow to import
+
+    return Table({name: np.array(column) for name, column in centre.items()}, units={n: PATH[n] for n in centre})
+
+
+def _inline(value: Any) -> str:
+    """Return a value as TOML."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{name} = {_inline(inner)}" for name, inner in value.items()) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_inline, value)) + "]"
+    return f'"{value}"' if isinstance(value, str) else str(value)

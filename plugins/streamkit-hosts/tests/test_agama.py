@@ -73,6 +73,34 @@ def test_a_galaxy_that_changes_is_that_of_agama_at_its_times(tmp_path):
         sk.load(tmp_path / "run.toml")
 
 
+def test_a_galaxy_that_moves_is_that_of_agama(tmp_path):
+    """A halo in time on a path with velocities, that turns and is tilted; a bar that turns; what accelerates all."""
+    text = sections(tmp_path, "moving.ini")
+    (tmp_path / "run.toml").write_text(text)
+    potentials = sk.load(tmp_path / "run.toml").bind().potentials
+    assert [*potentials] == ["halo", "disc", "acceleration"]
+    assert potentials["halo"].drifts
+    for t in (-2, -1, 0):  # between two rows of its path; the halo itself is known then
+        q, _, exact = theirs("moving.ini", t)
+        times = np.full(q.shape[1], float(t))
+        force = engine.build_field([potentials["acceleration"]]).acceleration(times, q)
+        force = force + sum(along_axes("acceleration", potentials[name], q, times) for name in ("halo", "disc"))
+        assert error_of(force, exact).max() < 2e-4
+    (tmp_path / "run.toml").write_text(text.replace("lookback = 1", "lookback = 2.2"))
+    with pytest.raises(sk.SpecError) as raised:
+        sk.load(tmp_path / "run.toml")
+    assert "potential.halo: the multipole is known from -1.95" in str(raised.value)
+    assert "potential.disc.centre: it is known from -2.15" in str(raised.value)
+
+
+def test_a_place_and_an_angle_at_rest_need_no_file(tmp_path):
+    given = (FILES / "bar.ini").read_text().replace("type=CylSpline", "type=CylSpline\ncenter=1, -2, 3\nrotation=0.5")
+    (tmp_path / "bar.ini").write_text(given)
+    (part,) = agama.read(tmp_path / "bar.ini", agama.Units.of(2.0, None, None))
+    assert part.centre == {"t": [0.0], "x": [2.0], "y": [-4.0], "z": [6.0]}
+    assert part.fields == {"angle": pytest.approx(np.degrees(0.5))}
+
+
 def test_units_of_the_files(tmp_path):
     """G = 1 with 2 kpc and 1e11 Msun: a velocity of 464 km/s, as is written in AGAMA's reference."""
     units = agama.Units.of(2.0, 1e11, None)
@@ -123,8 +151,13 @@ GOOD = (FILES / "halo0.ini").read_text()
         ("[Potential]\ntype=Multipole\n", "has no #Phi after Coefficients"),
         (GOOD[: GOOD.index("#dPhi")], "has no #dPhi/dr after Coefficients"),
         (GOOD[:-40], "finite numbers in its table"),
-        (GOOD.replace("type=Multipole", "type=Multipole\nrotation=[[0,0],[1,2]]"), "a change in time is not read"),
-        (GOOD.replace("type=Multipole", "type=Multipole\ncenter=1,0,0"), "its center is not the origin"),
+        (GOOD.replace("type=Multipole", "type=Multipole\nrotation=[[0,0],[1]]"), r"rotation is .*expected 1 number"),
+        (GOOD.replace("type=Multipole", "type=Multipole\nrotation=[[1,0],[0,2]]"), "at times that increase"),
+        (GOOD.replace("type=Multipole", "type=Multipole\ncenter=1,0"), r"center is '1,0'; expected 3 number"),
+        (GOOD.replace("type=Multipole", "type=Multipole\ncenter=none.txt"), r"center is 'none.txt'; expected 3 number"),
+        (GOOD.replace("type=Multipole", "type=Multipole\norientation=[[0,1,2,3],[1,1,2,3]]"), "orientation changes"),
+        ("[Potential]\ntype=UniformAcceleration\n", "has no file; expected one with rows"),
+        ("[Potential]\ntype=UniformAcceleration\nfile=1,2,3\ncenter=1,0,0", "is turned or moved"),
         (GOOD.replace("type=Multipole", "type=Multipole\nscale=2,1"), "has scale"),
         ("[Potential]\ntype=Evolving\nTimestamps\n0 a.ini\n", "expected two times or more"),
         ("[Potential]\ntype=Evolving\nTimestamps\n0 a.ini\n1e 2.ini\n", "found '1e 2.ini'; expected a time and a file"),
