@@ -203,26 +203,29 @@ class Loop:
         self._signatures = signatures
         self._dispatcher = njit(nogil=nogil, no_cfunc_wrapper=True, **OPTIONS)(function)
         self._dispatcher._cache = disk_cache(function, ENGINE)
-        self._ready: set[type] = set()
+        self._ready: set[tuple[type, type]] = set()
 
     def __call__(self, *arguments: Any) -> Any:
         """Call the machine code; TypeError for arrays of another type or layout."""
-        if type(arguments[0]) not in self._ready:
-            self._prepare(type(arguments[0]))
+        classes = type(arguments[0]), type(arguments[1])
+        if classes not in self._ready:
+            self._prepare(classes)
         return self._dispatcher(*arguments)
 
-    def _prepare(self, first: type) -> None:
-        """Compile the signature whose first argument is of this class."""
-        fits = [one for one in self._signatures if getattr(one.args[0], "instance_class", None) is first]
+    def _prepare(self, classes: tuple[type, type]) -> None:
+        """Compile the signature whose first two arguments are of these classes."""
+        fits = [one for one in self._signatures
+                if all(getattr(argument, "instance_class", each) is each
+                       for argument, each in zip(one.args, classes, strict=False))]  # fmt: skip
         with global_compiler_lock:  # threads may come here together
             self._dispatcher.disable_compile(False)
             self._dispatcher.compile((fits or self._signatures)[0])
             self._dispatcher.disable_compile()  # other layouts would be compiled in silence
-            self._ready.add(first)
+            self._ready.add(classes)
 
 
 def cached(*signatures: Any, nogil: bool = False) -> Callable[[Callable[..., Any]], Loop]:
-    """Make a loop for one signature, or for several that differ in their first argument; compiled once per machine.
+    """Make a loop for one signature, or for several that differ in their first two arguments; compiled once a machine.
 
     With ``nogil`` other Python threads run at the same time.
     """

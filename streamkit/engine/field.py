@@ -21,7 +21,7 @@ from streamkit.engine.kernels import Force, NumpyKernel
 from streamkit.engine.loops import NUMBERS, WORK, Scratch
 from streamkit.engine.methods import RKN4, Splitting
 from streamkit.engine.motion import STILL
-from streamkit.engine.passing import NOBODY, Passing
+from streamkit.engine.passing import NOBODY, Nobody, Passing
 from streamkit.engine.single_orbit import orbit_states
 from streamkit.engine.steps import Method
 from streamkit.engine.velocity_forces import DraggedForces, drags, with_drag
@@ -81,7 +81,7 @@ class Field:
     heights: Array = field(default_factory=lambda: np.empty(0), repr=False)
     threads: int = 1
     drag: Drag | None = None
-    passing: Passing = NOBODY
+    passing: Passing | Nobody = NOBODY
 
     def __reduce__(self) -> Any:
         raise TypeError("a Field holds machine code of this process: send the Spec instead and build it there")
@@ -113,7 +113,7 @@ class Field:
 
     @cached_property
     def _together(self) -> Forces:
-        return beside(self.forces, self.passing.forces)
+        return self.forces if isinstance(self.passing, Nobody) else beside(self.forces, self.passing.forces)
 
     def _dragged(self, forces: Forces) -> Forces | DraggedForces:
         return forces if self.drag is None else with_drag(forces, *self.drag)
@@ -385,9 +385,8 @@ def _advance(
     callers_rows = [*q, *v]
     rows = tuple(np.ascontiguousarray(row) for row in callers_rows)
     method = Method(splitting.drift, splitting.kick, eta, most, field.heights)
-    n, forces, passing = len(t0), field.all_forces, NOBODY
-    if eta[0] > 0:
-        forces, passing = field.own_forces, field.passing
+    n, adapts = len(t0), eta[0] > 0
+    forces, passing = (field.own_forces, field.passing) if adapts else (field.all_forces, NOBODY)
 
     def advance(piece: slice, scratch: Scratch) -> None:
         everything = piece == slice(0, n)  # a fit comes here thousands of times a second

@@ -38,7 +38,7 @@ from streamkit.engine.levels import (
     rates,
     scatter,
 )  # fmt: skip
-from streamkit.engine.passing import CHUNKS, FURTHER, PASSING_BODIES, how_often, kick, passages
+from streamkit.engine.passing import CHUNKS, FURTHER, NO_BODIES, PASSING_BODIES, how_often, kick, passages
 from streamkit.engine.steps import METHOD, ROWS, A, H, Method, T, compose, nystrom
 from streamkit.engine.velocity_forces import DRAGGED, is_dragged
 from streamkit.stream import Array, IntArray
@@ -80,7 +80,7 @@ def accelerations(forces, t, q, out):
                 out[k, begin + i] = a[k * ROW + i]
 
 
-_ADVANCE = PASSING_BODIES, METHOD, _SCRATCH, _PARTICLES, _F1, _F
+_ADVANCE = METHOD, _SCRATCH, _PARTICLES, _F1, _F
 
 
 @njit(**INLINE)
@@ -121,7 +121,7 @@ def sweep(forces, passing, method, scratch, particles, index, t0, t1, limit, pos
                 deepest = min(deepest + FURTHER, LEVELS - 1)
             choose_levels(m, rate, span, deepest, level, size)
         assign_slots(m, level, limit, start, size, slot)
-        how_often(adapts, m, level, slot, asked, asks, often)
+        how_often(passing, adapts, m, level, slot, asked, asks, often)
         for i in range(m):
             if slot[i] < 0:
                 postponed[count] = index[begin + i]
@@ -158,7 +158,10 @@ def sweep(forces, passing, method, scratch, particles, index, t0, t1, limit, pos
     return count
 
 
-@cached(types.void(FORCES, *_ADVANCE), types.void(DRAGGED, *_ADVANCE), nogil=True)
+@cached(
+    *(types.void(forces, bodies, *_ADVANCE) for forces in (FORCES, DRAGGED) for bodies in (NO_BODIES, PASSING_BODIES)),
+    nogil=True,
+)
 def advance(forces, passing, method, scratch, particles, t0, t1):
     """Advance all particles, in place, from t0 (n,), which never decrease, to t1.
 

@@ -15,14 +15,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import types
+from numba.extending import overload
 
-from streamkit.engine.cache import helper
+from streamkit.engine.cache import OPTIONS, helper
 from streamkit.engine.forces import (
     BATCH,
     FORCES,
     LEVELS,
-    NO_FRAME,
-    NO_TRACKS,
     ROW,
     Forces,
     call_kernel,
@@ -66,17 +65,31 @@ class Passing(NamedTuple):
 
 _F1, _I1 = types.float64[::1], types.int64[::1]
 PASSING_BODIES = types.NamedTuple([FORCES, _F1, _F1, _I1], Passing)
-_NONE = np.zeros(0, dtype=np.int64)
-NOBODY = Passing(
-    Forces(_NONE, np.zeros(1, dtype=np.int64), _NONE, np.zeros(1), 0.0, 1.0, NO_TRACKS, NO_FRAME),
-    np.zeros(0),
-    np.zeros(0),
-    np.zeros(1, dtype=np.int64),
-)
+
+
+class Nobody(NamedTuple):
+    """No bodies: a type of its own, so that loops for it have no code for bodies, which takes seconds to compile."""
+
+    sizes: Array
+
+
+NOBODY, NO_BODIES = Nobody(np.zeros(0)), types.NamedUniTuple(_F1, 1, Nobody)
+
+
+def passages(passing, most, uniform, m, lanes, closest, other, centre, path, rate, asked):
+    """Raise the rates of lanes that bodies fly past, see `_look_for_passages`."""
+
+
+def how_often(passing, adapts, m, level, slot, asked, asks, often):
+    """Store how often bodies kick, see `_how_often`."""
+
+
+def kick(passing, asks, often, level, piece, pieces, uniform, begin, end, lanes, relative, centre, a):
+    """Kick lanes by the bodies, see `_kick`."""
 
 
 @helper
-def passages(passing, most, uniform, m, lanes, closest, other, centre, path, rate, asked):
+def _look_for_passages(passing, most, uniform, m, lanes, closest, other, centre, path, rate, asked):
     """Raise the `rate` (see `rates`) of those of m lanes that bodies fly past in their time span.
 
     A passage takes its smallest distance, or the size if that is more, over the relative speed, and no step may be
@@ -217,7 +230,7 @@ def is_close(arms, chunk, path, span, size, strength):
 
 
 @helper
-def how_often(adapts, m, level, slot, asked, asks, often):
+def _how_often(adapts, m, level, slot, asked, asks, often):
     """Store in often (levels, b) the highest level that each body asks of those of m lanes that have a level.
 
     asks (b, ROW) receives the level that it asks of each lane, in the order of the slots.
@@ -238,7 +251,7 @@ def how_often(adapts, m, level, slot, asked, asks, often):
 
 
 @helper
-def kick(passing, asks, often, level, piece, pieces, uniform, begin, end, lanes, relative, centre, a):
+def _kick(passing, asks, often, level, piece, pieces, uniform, begin, end, lanes, relative, centre, a):
     """Kick lanes [begin, end) of a level before a piece of their time span, or after the last; a is scratch.
 
     A body kicks each of them before every 1, 2, 4 ... pieces, as often as this lane asks for.
@@ -269,3 +282,36 @@ def kick(passing, asks, often, level, piece, pieces, uniform, begin, end, lanes,
                 u_i, a_i = lanes[V + k * ROW + begin : V + k * ROW + end], a[k * ROW + begin : k * ROW + end]
                 for i in range(u_i.shape[0]):
                     u_i[i] += pieces * weight * h[i] * a_i[i]
+
+
+@overload(passages, jit_options=OPTIONS)
+def _passages(passing, most, uniform, m, lanes, closest, other, centre, path, rate, asked):
+    if passing.instance_class is Nobody:
+        return lambda passing, most, uniform, m, lanes, closest, other, centre, path, rate, asked: None
+
+    def call(passing, most, uniform, m, lanes, closest, other, centre, path, rate, asked):
+        _look_for_passages(passing, most, uniform, m, lanes, closest, other, centre, path, rate, asked)
+
+    return call
+
+
+@overload(how_often, jit_options=OPTIONS)
+def _how_often_if_any(passing, adapts, m, level, slot, asked, asks, often):
+    if passing.instance_class is Nobody:
+        return lambda passing, adapts, m, level, slot, asked, asks, often: None
+
+    def call(passing, adapts, m, level, slot, asked, asks, often):
+        _how_often(adapts, m, level, slot, asked, asks, often)
+
+    return call
+
+
+@overload(kick, jit_options=OPTIONS)
+def _kick_if_any(passing, asks, often, level, piece, pieces, uniform, begin, end, lanes, relative, centre, a):
+    if passing.instance_class is Nobody:
+        return lambda passing, asks, often, level, piece, pieces, uniform, begin, end, lanes, relative, centre, a: None
+
+    def call(passing, asks, often, level, piece, pieces, uniform, begin, end, lanes, relative, centre, a):
+        _kick(passing, asks, often, level, piece, pieces, uniform, begin, end, lanes, relative, centre, a)
+
+    return call
