@@ -33,6 +33,7 @@ autodoc_preserve_defaults = True
 napoleon_google_docstring = False
 napoleon_use_ivar = True  # attributes of a class are listed, and no objects of their own
 copybutton_prompt_text = "$ "
+copybutton_selector = "div.highlight:not(.output *) pre"
 copybutton_exclude = ".linenos, .gp, .go"
 nitpicky = False
 

@@ -8,6 +8,7 @@ import shutil
 from pathlib import Path
 
 import reference
+from outputs import PICTURE, outputs
 
 # Documents, and what they link to, by the place that they have in the repository.
 DOCUMENTS = (
@@ -16,8 +17,8 @@ DOCUMENTS = (
 )  # fmt: skip
 
 
-def collect(root: Path, pages: Path) -> None:
-    """Write all pages of the repository at ``root`` into a folder."""
+def collect(root: Path, pages: Path, run: bool = True) -> None:
+    """Write all pages of the repository at ``root`` into a folder; ``run`` the tutorials, or show no output."""
     for pattern in DOCUMENTS:
         for path in root.glob(pattern):
             if path.is_file() and path.suffix not in {".pyc"}:
@@ -27,7 +28,7 @@ def collect(root: Path, pages: Path) -> None:
         (pages / path.name).write_text(text, encoding="utf-8")
     shown = pages / "gallery.md"
     shown.write_text(thumbnails(shown.read_text(encoding="utf-8")), encoding="utf-8")
-    tutorials(root / "examples" / "tutorials", pages)
+    tutorials(root / "examples" / "tutorials", pages, run)
     (pages / "reference").mkdir()
     (pages / "reference" / "commands").mkdir()
     for name, text in reference.pages(root / ".docs" / "names.md").items():
@@ -80,20 +81,35 @@ def _kept(link: re.Match[str], page: Path) -> str:
     return link[0] if link[2].startswith("http") or target.is_file() else link[1]
 
 
-def tutorials(folder: Path, pages: Path) -> None:
-    """Write a page and a notebook of each tutorial, a script of jupytext with ``# %%`` cells."""
+def tutorials(folder: Path, pages: Path, run: bool = True) -> None:
+    """Write a page and a notebook of each tutorial, a script of jupytext with ``# %%`` cells, with what it prints."""
     for path in sorted(folder.glob("*.py")) if folder.is_dir() else []:
         cells = cells_of(path.read_text(encoding="utf-8"))
         (pages / "tutorials").mkdir(exist_ok=True)
         copy(path, pages / "tutorials" / path.name)
-        (pages / "tutorials" / f"{path.stem}.ipynb").write_text(json.dumps(notebook(cells)), encoding="utf-8")
-        text = "\n\n".join(body if kind == "markdown" else f"```python\n{body}\n```" for kind, body in cells)
+        made = outputs(path, cells, pages / "tutorials") if run else []
+        found = iter([] if isinstance(made, str) else made)
+        shown = [(kind, body, next(found, "") if kind == "code" else "") for kind, body in cells]
+        (pages / "tutorials" / f"{path.stem}.ipynb").write_text(json.dumps(notebook(shown)), encoding="utf-8")
+        has_pictures = bool(made) and not isinstance(made, str)
+        text = "\n\n".join(page_of(each, path.stem, has_pictures) for each in shown)
         head, _, rest = text.partition("\n")
         offer = f"Download: [notebook]({path.stem}.ipynb), [script]({path.name})"
-        for table in (each for each in sorted(folder.glob("*.ecsv")) if each.name in text):
+        for table in (each for each in sorted(folder.glob("*.ecsv")) if each.name in path.read_text(encoding="utf-8")):
             copy(table, pages / "tutorials" / table.name)
             offer += f", [its table]({table.name})"
+        if isinstance(made, str):
+            offer += f". The output is left out: the site was built without the package {made}"
         (pages / "tutorials" / f"{path.stem}.md").write_text(f"{head}\n\n{offer}.\n{rest}\n", encoding="utf-8")
+
+
+def page_of(cell: tuple[str, str, str], folder: str, has_pictures: bool) -> str:
+    """Return a cell of a tutorial as Markdown, with what it prints; ``folder`` has the pictures, if it was run."""
+    kind, body, printed = cell
+    if kind == "markdown":
+        return PICTURE.sub(rf"![\1]({folder}/\2)" if has_pictures else "", body)
+    output = f"\n\n```{{code-block}} text\n:class: output\n{printed}\n```" if printed else ""
+    return f"```python\n{body}\n```{output}"
 
 
 def cells_of(text: str) -> list[tuple[str, str]]:
@@ -109,14 +125,17 @@ def cells_of(text: str) -> list[tuple[str, str]]:
     return cells
 
 
-def notebook(cells: list[tuple[str, str]]) -> dict[str, object]:
-    """Return a notebook of cells, as nbformat 4 writes it."""
-    code = {"execution_count": None, "outputs": []}
+def notebook(cells: list[tuple[str, str, str]]) -> dict[str, object]:
+    """Return a notebook of cells, each with what it prints, as nbformat 4 writes it."""
+    made = []
+    for i, (kind, body, printed) in enumerate(cells):
+        cell: dict[str, object] = {"cell_type": kind, "id": f"cell-{i}", "metadata": {}, "source": body}
+        if kind == "code":
+            stream = {"output_type": "stream", "name": "stdout", "text": f"{printed}\n"}
+            cell |= {"execution_count": None, "outputs": [stream] if printed else []}
+        made.append(cell)
     return {
-        "cells": [
-            {"cell_type": kind, "id": f"cell-{i}", "metadata": {}, "source": body, **(code if kind == "code" else {})}
-            for i, (kind, body) in enumerate(cells)
-        ],
+        "cells": made,
         "metadata": {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}},
         "nbformat": 4,
         "nbformat_minor": 5,

@@ -6,6 +6,7 @@
 # a minute or two: streamkit compiles their equations, once, and says nothing in Python meanwhile.
 
 # %%
+import matplotlib.pyplot as plt
 import numpy as np
 
 import streamkit as sk
@@ -38,13 +39,22 @@ lmc = {
     "distance": "49.6 kpc", "pm_ra_cosdec": "1.91 mas/yr", "pm_dec": "0.229 mas/yr", "v_los": "262.2 km/s",
 }  # fmt: skip
 frame = sk.sky_frame("OrphanKoposov19")
-grid = np.arange(-30.0, 90.0, 20.0)
+grid = np.arange(-30.0, 90.0, 2.0)
 alone = sk.Model(run).stream().track(frame, grid, kernel=4)
 beside = sk.Model(run | {"body": {"lmc": lmc}}).stream().track(frame, grid, kernel=4)
 for name, unit in (("phi2", "deg"), ("pm_phi2", "mas/yr"), ("radial_velocity", "km/s")):
-    print(name, f"[{unit}], with the LMC less without:", np.round(beside[name] - alone[name], 2))
+    print(name, f"[{unit}], with the LMC less without:", np.round(beside[name] - alone[name], 2)[::10])
+
+figure, axes = plt.subplots(figsize=(6, 3), layout="constrained")
+axes.plot(grid, alone["phi2"], label="without the LMC")
+axes.plot(grid, beside["phi2"], label="with the LMC")
+axes.set(xlabel="phi1 [deg]", ylabel="phi2 [deg]")
+axes.legend()
+figure.savefig("orphan.png")
 
 # %% [markdown]
+# ![The mean track of the Orphan stream with and without the LMC](orphan.png)
+#
 # `streamkit host RUN.toml` prints the orbits of the bodies, their pericentres and tidal radii. From Python:
 
 # %%

@@ -6,6 +6,7 @@
 # `pip install ./plugins/streamkit-gala`, `streamkit-galpy`, `streamkit-agama`.
 
 # %%
+import matplotlib.pyplot as plt
 import numpy as np
 from astropy import units as u
 from gala import potential as gp
@@ -49,7 +50,16 @@ print("M of gala over M of streamkit:", (theirs.mass_enclosed(places * u.kpc).va
 # A stream is made with an expansion of the potential, nearly as fast as with a built-in one:
 
 # %%
-print(sk.Model(run).stream())
+stream = sk.Model(run).stream()
+print(stream)
+x, y, z = stream.q
+figure, axes = plt.subplots(figsize=(4, 4), layout="constrained")
+axes.plot(x, z, ".", markersize=3)
+axes.set(xlabel="x [kpc]", ylabel="z [kpc]", aspect="equal")
+figure.savefig("stream.png")
+
+# %% [markdown]
+# ![A stream in the potential of gala](stream.png)
 
 # %% [markdown]
 # ## A potential of galpy
@@ -70,7 +80,8 @@ print("v_c of streamkit:", sk.Host.at(run | {"potential": flat}).circular_veloci
 
 # %%
 frame = sk.sky_frame("GD1Koposov10")
-print(frame.from_icrs(153.9, 42.2, -6.0, -10.6))
+seen = frame.from_icrs(153.9, 42.2, -6.0, -10.6)
+print(", ".join(f"{name} = {value:.3f}" for name, value in seen._asdict().items()))
 print(frame.to_toml())
 
 # %% [markdown]

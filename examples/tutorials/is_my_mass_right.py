@@ -51,7 +51,7 @@ steps = {steps}
 # ## Do the data weigh the host?
 #
 # Move the host, and see how far the predictions move in the errors of the data. A host that is too light or too heavy
-# has no measurable stream, and its predictions are nan. `streamkit sensitivity` does this for every parameter with a
+# has no measurable stream, and its predictions are nan. `streamkit sensitivity` does this for every parameter, with a
 # picture.
 
 # %%
@@ -62,8 +62,11 @@ errors = observable.data()[1]
 low, high = (observable.predict(model.stream({"potential.v0": v0})) for v0 in (205.0, 225.0))
 for name, shift in zip(low.names, (high.mean - low.mean) / errors, strict=True):
     print(f"{name}: {shift:+.1f} errors for 20 km/s of v0")
+subprocess.run(["streamkit", "sensitivity", "short.toml", "-o", "sensitivity", "-q"], check=True)
 
 # %% [markdown]
+# ![The observables against each parameter](sensitivity/sensitivity.png)
+#
 # ## Does the fit find what is known?
 #
 # `streamkit calibrate` draws hosts from the prior, makes mock data of each, fits these, and counts how often the truth

@@ -5,6 +5,7 @@
 # built-in one. `plugins/README.md` is the manual, and `streamkit new potential NAME` writes a package.
 
 # %%
+import matplotlib.pyplot as plt
 import numpy as np
 from pydantic import Field
 
@@ -46,7 +47,17 @@ expected = np.sqrt(sk.G * 1e12 * r**2 / ((10 + a) ** 2 * a))
 print("v_c by the closed form:", np.round(expected, 6), "and by the class:", np.round(host.circular_velocity(r), 6))
 print("v_esc:", np.round(np.sqrt(2 * sk.G * 1e12 / (10 + a)), 6), "and", np.round(host.escape_speed(r), 6))
 
+fine = np.geomspace(1, 200, 200)
+figure, axes = plt.subplots(figsize=(6, 3), layout="constrained")
+axes.plot(fine, host.circular_velocity(fine), label="the class")
+axes.plot(r, expected, "o", label="the closed form")
+axes.set(xlabel="r [kpc]", ylabel="v_c [km/s]", xscale="log")
+axes.legend()
+figure.savefig("isochrone.png")
+
 # %% [markdown]
+# ![The circular velocity of the isochrone](isochrone.png)
+#
 # The conformance kit tests what every potential must do: that machine code and NumPy agree, the force is curl-free, the
 # density is not negative, units scale. It takes half a minute: `from streamkit.testing import check; check(Isochrone)`.
 #

@@ -128,11 +128,15 @@ print(subprocess.run(["streamkit", "check", "gd1.toml"], check=True, capture_out
 model = sk.Model("gd1.toml")
 stream = model.stream({"potential.v0": 225})
 track = stream.track(frame, [-8.0, 0.0, 6.0], kernel=3)
-print(track.table()["phi1", "phi2", "phi2_spread", "distance", "radial_velocity"])
+table = track.table()
+table.round(3)
+print(table["phi1", "phi2", "phi2_spread", "distance", "radial_velocity"])
 picture = sk.draw_track(stream.track(frame, kernel=3), stream, frame)
 picture.savefig("track.png")
 
 # %% [markdown]
+# ![The mean track of the debris, and its spread](track.png)
+#
 # ## Fit
 #
 # In a terminal this is `streamkit run gd1.toml -o gd1 --workers 2`. Ctrl-C loses no finished call, `--resume`
@@ -145,6 +149,8 @@ print(results.summary()["parameter", "median", "lo68", "hi68", "unit"])
 print(results.mass_profile([10, 20]))
 
 # %% [markdown]
+# ![The stream of the best sample, beside the data](gd1/best_stream.png)
+#
 # ## Is it right?
 #
 # First the sampler: fresh calls at samples of the posterior either confirm the emulator or not. Every table and picture

@@ -13,6 +13,7 @@ import os
 from pathlib import Path
 
 import h5py
+import matplotlib.pyplot as plt
 import numpy as np
 import torch
 from sbi.inference import NPE
@@ -85,7 +86,16 @@ for i, name in enumerate(spec.names):
     print(f"{name}: emulator {ours.mean():.4g} +- {ours.std():.2g}, network {theirs.mean():.4g} +- {theirs.std():.2g}, "
           f"shift {shift:+.2f} sd")  # fmt: skip
 
+figure, axes = plt.subplots(figsize=(5, 4), layout="constrained")
+axes.plot(*samples.T[:2], ".", markersize=2, label="network")
+axes.plot(fit[spec.names[0]], fit[spec.names[1]], ".", markersize=2, label="emulator")
+axes.set(xlabel="v0 [km/s]", ylabel="alpha")
+axes.legend(markerscale=4)
+figure.savefig("posteriors.png")
+
 # %% [markdown]
+# ![The samples of both posteriors](posteriors.png)
+#
 # ## The test bench
 #
 # Truths are drawn from the prior. The network gets the mock data of each, never the truth, and the rank of the truth

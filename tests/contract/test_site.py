@@ -30,11 +30,17 @@ SCRIPT = """# ---
 # - one
 
 # %%
-import streamkit as sk
+from pathlib import Path
 
 # a comment
 
+# %%
+print("one star  ")
+Path("sky.png").write_bytes(b"a picture")
+
 # %% [markdown]
+# ![The sky](sky.png)
+#
 # The end.
 """
 
@@ -111,18 +117,49 @@ def test_an_example_of_a_command_shows_an_option_that_is_new(pages) -> None:
     assert chosen([(line, where) for line in shown]) == [(line, where) for line in shown[:2]]
 
 
-def test_a_tutorial_is_a_page_and_a_notebook(tmp_path: Path, pages) -> None:
+def test_a_tutorial_is_a_page_and_a_notebook_with_what_it_prints_and_draws(tmp_path: Path, pages) -> None:
     folder = tmp_path / "scripts"
     folder.mkdir()
     (folder / "mine.py").write_text(SCRIPT)
     pages.tutorials(folder, tmp_path)
     page = (tmp_path / "tutorials" / "mine.md").read_text()
     assert page.startswith("# My stream\n\nDownload: [notebook](mine.ipynb), [script](mine.py).\n")
-    assert "- one\n\n```python\nimport streamkit as sk\n\n# a comment\n```\n\nThe end." in page
+    assert "- one\n\n```python\nfrom pathlib import Path\n\n# a comment\n```\n\n```python\nprint" in page
+    assert "```\n\n```{code-block} text\n:class: output\none star\n```\n\n![The sky](mine/sky.png)" in page
+    assert (tmp_path / "tutorials" / "mine" / "sky.png").read_bytes() == b"a picture"
     assert (tmp_path / "tutorials" / "mine.py").read_text() == SCRIPT
     notebook = json.loads((tmp_path / "tutorials" / "mine.ipynb").read_text())
-    assert [cell["cell_type"] for cell in notebook["cells"]] == ["markdown", "code", "markdown"]
+    assert [cell["cell_type"] for cell in notebook["cells"]] == ["markdown", "code", "code", "markdown"]
+    assert [cell.get("outputs") for cell in notebook["cells"][1:3]] == [
+        [], [{"output_type": "stream", "name": "stdout", "text": "one star\n"}],
+    ]  # fmt: skip
     assert notebook["nbformat"] == 4
+
+
+def test_a_tutorial_that_is_not_run_shows_no_output(tmp_path: Path, pages) -> None:
+    folder = tmp_path / "scripts"
+    folder.mkdir()
+    (folder / "mine.py").write_text(SCRIPT)
+    pages.tutorials(folder, tmp_path, run=False)
+    page = (tmp_path / "tutorials" / "mine.md").read_text()
+    assert "output" not in page
+    assert "![" not in page
+    (folder / "mine.py").write_text(SCRIPT.replace("from pathlib", "from no_package.pathlib"))
+    pages.tutorials(folder, tmp_path)
+    page = (tmp_path / "tutorials" / "mine.md").read_text()
+    assert "The output is left out: the site was built without the package no_package.\n" in page
+    assert "![" not in page
+    (folder / "mine.py").write_text(SCRIPT.replace("# a comment", "1 / 0"))
+    with pytest.raises(RuntimeError, match=r"mine.py: it ended with status 1\n(.|\n)*ZeroDivisionError"):
+        pages.tutorials(folder, tmp_path)
+
+
+def test_a_long_output_is_shown_without_its_middle(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(DOCS)
+    shortened = import_module("outputs").shortened
+    text = "\n".join(str(i) for i in range(100))
+    shown = shortened(text).splitlines()
+    assert shown == [*(str(i) for i in range(50)), "... 41 more lines", *(str(i) for i in range(91, 100))]
 
 
 def test_every_tutorial_is_in_the_list() -> None:
@@ -152,7 +189,7 @@ def test_the_site_is_built_without_a_warning_and_its_links_lead_somewhere(tmp_pa
     pytest.importorskip("sphinx_design", reason="the site needs the extra `docs`")
     resource = pytest.importorskip("resource", reason="Windows does not say how long a process took")
     began = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
-    command = [sys.executable, DOCS / "build.py", tmp_path / "site"]
+    command = [sys.executable, DOCS / "build.py", tmp_path / "site", "--plain"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - began < 120  # seconds of CPU

@@ -55,6 +55,9 @@ def test_a_tutorial_runs(script: Path, capsys: pytest.CaptureFixture[str]) -> No
     text = capsys.readouterr().out
     assert text
     assert not re.search(r"[+-]nan", text), text
+    shown = re.findall(r"^# !\[.+\]\((.+)\)$", script.read_text(encoding="utf-8"), re.MULTILINE)
+    assert shown
+    assert [name for name in shown if not Path(name).is_file()] == []
 
 
 @pytest.mark.slow
