@@ -77,7 +77,8 @@ def expand(force: ForceAt, form: Form, tolerance: float, times: Array | None = N
     symmetry = symmetry_of(force, max(tolerance * ROUND, 1e-11), some)
     if not symmetry.static and times is None:
         raise NoExpansion(
-            'it changes in time, and has no `known_times` to be expanded at: set expansion = "none", which is slow'
+            "it changes in time, and has no `known_times` to be expanded at: give since, the earliest time, where the "
+            'kind takes it; or set expansion = "none", which is slow'
         )
     check = _Check(force, HELD_OUT, some)
     if not np.isfinite(check.exact).all():

@@ -29,6 +29,7 @@ PARSED = {
 AMPLITUDES = {"mass": "Msun", "velocity2": "km2 / s2", "density": "Msun / kpc3", "surfacedensity": "Msun / kpc2"}
 SCALES = ("ro", "vo")
 ABSTRACT = {"Potential", "CompositePotential", "WrapperPotential", "NullPotential"}
+WRAPPED = "pot_"  # how the name and the parameters of the potential in a wrapper begin
 
 
 @cache
@@ -47,8 +48,14 @@ def classes() -> Mapping[str, Any]:
     return {
         name: item
         for name, item in vars(potential).items()
-        if inspect.isclass(item) and issubclass(item, potential.Potential) and name not in ABSTRACT
+        if inspect.isclass(item) and name not in ABSTRACT
+        if issubclass(item, potential.Potential) or is_wrapper(name)
     }
+
+
+def is_wrapper(name: str) -> bool:
+    """Return whether a potential is made of another one, and gets its numbers from it."""
+    return name.endswith("WrapperPotential") and name not in ABSTRACT
 
 
 def check_name(name: Any) -> None:

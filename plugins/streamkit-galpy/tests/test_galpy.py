@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from galpy.potential import SpiralArmsPotential, evaluateRforces
+from scipy.interpolate import CubicSpline
 from streamkit_galpy import Galpy
 from streamkit_galpy.catalogue import classes, models, signature_of, units_of
 from streamkit_galpy.component import TO_ENGINE
@@ -184,6 +185,64 @@ def test_priors_units_and_digest():
     assert loaded(**HALO).digest() != loaded(**HALO | {"ro": 8.1}).digest()
 
 
+# Growth from -6 to -1 Gyr (Dehnen 2000, AJ 119, 800, eq. 4), and an expansion whose coefficients grow.
+SMOOTH = {
+    "name": "DehnenSmoothWrapperPotential", "tform": "-6 Gyr", "tsteady": "5 Gyr", "since": "-2 Gyr",
+    "pot_name": "NFWPotential", "pot_amp": "5e11 Msun", "pot_a": 15.6,
+}  # fmt: skip
+SIZES = [0.4, 0.6, 0.9, 1.0]
+GROWING = {
+    "name": "SCFPotential", "amp": "1e11 Msun", "a": "10 kpc", "tgrid": ["-3 Gyr", -2, -1, 0],
+    "Acos": [[[[size]], [[0.1 * size]]] for size in SIZES],
+}  # fmt: skip
+
+
+def grown(t):
+    """The factor on the force at times in Gyr."""
+    xi = np.clip(2 * (t + 6) / 5 - 1, -1, 1)
+    return 3 / 16 * xi**5 - 5 / 8 * xi**3 + 15 / 16 * xi + 0.5
+
+
+@pytest.mark.parametrize(
+    ("changing", "static", "factor"),
+    [
+        (SMOOTH, {"name": "NFWPotential", "amp": 5e11, "a": 15.6}, grown),
+        (GROWING, {k: v for k, v in GROWING.items() if k != "tgrid"} | {"Acos": [[[1.0]], [[0.1]]]},
+         CubicSpline([-3, -2, -1, 0], SIZES)),
+    ],
+    ids=["wrapper", "table"],
+)  # fmt: skip
+def test_what_changes_is_expanded_at_times(changing, static, factor):
+    """galpy's amplitudes in time are cubic splines of those of its table (its SCFPotential)."""
+    potential = loaded(kind="galpy", **changing).bind().potentials["potential"]
+    assert potential.known_times()[[0, -1]] == pytest.approx([-3 if changing is GROWING else -2, 0])
+    t = np.random.default_rng(2).uniform(-2, 0, Q.shape[1])
+    exact = factor(t) * acceleration(made(**static))
+    found = build_field([made(**changing)]).acceleration(t * sk.GYR, Q)
+    assert error(found, exact).max() < 1e-9
+    expanded = build_field([potential]).acceleration(t * sk.GYR, Q)
+    assert error(expanded, exact).max() < 3e-4
+
+
+def test_a_bar_that_turns_by_its_orientation_is_galpy_s_bar_that_turns():
+    bar = {"amp": 1e10, "a": "3.5 kpc", "c": "0.6 kpc", "pa": 0}
+    own = made("SoftenedNeedleBarPotential", **bar, omegab="-39 km/(s kpc)")
+    turn = {"times": [-4, 0], "values": [float(np.degrees(-4 * sk.GYR * -39)), 0]}
+    still = {"name": "SoftenedNeedleBarPotential", **bar, "omegab": 0, "expansion": "none"}
+    turned = loaded(kind="galpy", **still, orientation=[0, 0, turn]).bind().potentials["potential"]
+    t = np.random.default_rng(2).uniform(-2, 0, Q.shape[1]) * sk.GYR
+    assert error(build_field([turned]).acceleration(t, Q), build_field([own]).acceleration(t, Q)).max() < 1e-9
+
+
+@pytest.mark.slow
+def test_a_stream_in_a_halo_that_grows_is_that_of_growth():
+    times = np.linspace(-3, 0, 200)
+    growth = {"t": times.tolist(), "factor": (grown(times) / grown(0.0)).tolist()}
+    hosts = {"kind": "galpy", **SMOOTH}, {"kind": "nfw", "mass": 5e11, "rs": 15.6, "growth": growth}
+    theirs, ours = (sk.Model(loaded(**host)).stream() for host in hosts)
+    assert np.median(np.sqrt(((theirs.q - ours.q) ** 2).sum(axis=0))) < 0.05
+
+
 BAD = {
     "nearest": ({"name": "NFWPotentail"}, "has no potential 'NFWPotentail'. Did you mean 'NFWPotential'?"),
     "model": ({"name": "MWPotental2014"}, "Did you mean 'MWPotential2014'?"),
@@ -193,8 +252,16 @@ BAD = {
     "unit": (HALO | {"a": "8 km/s"}, "potential.a: expected a quantity in kpc"),
     "number": ({"name": "LogarithmicHaloPotential", "q": "1 kpc"}, "potential.q: expected a quantity in no unit"),
     "object": ({"name": "AnySphericalPotential", "dens": 1}, "takes a Python object for 'dens'"),
-    "wrapper": ({"name": "DehnenSmoothWrapperPotential"}, "has no potential 'DehnenSmoothWrapperPotential'"),
-    "moving": ({"name": "MovingObjectPotential"}, "takes a Python object for 'orbit'"),
+    "wrapper": ({"name": "DehnenSmoothWrapperPotential"}, "potential: pot_name: missing; galpy's DehnenSmoothWrapper"),
+    "wrapped": ({"name": "DehnenSmoothWrapperPotential", "pot_name": "NFWPotentail"}, "Did you mean 'NFWPotential'?"),
+    "in it": (SMOOTH | {"pot_am": 1}, "pot_am: galpy's NFWPotential has no parameter 'am'. Did you mean 'amp'?"),
+    "twice": (SMOOTH | {"pot_name": "GaussianAmplitudeWrapperPotential"}, "found a wrapper in a wrapper"),
+    "function": ({"name": "TimeDependentAmplitudeWrapperPotential"}, "for 'A', which a run file cannot hold"),
+    "moving": ({"name": "MovingObjectPotential"}, "'orbit', which a run file cannot hold: streamkit has centre"),
+    "too late": (SMOOTH | {"since": -1}, "the galpy is known from -1 to 0 Gyr; expected all times from -2"),
+    "table": (GROWING | {"tgrid": [-1, 0]}, "the galpy is known from -1 to 0 Gyr; expected all times from -2"),
+    "steps": (SMOOTH | {"step": "1 Myr"}, "found 502 times to expand it at, expected at most 500: raise step"),
+    "future": (SMOOTH | {"since": 1}, "potential.since: found 1"),
 }
 
 
