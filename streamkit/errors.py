@@ -68,17 +68,23 @@ MOST_NAMED = 3  # names that a hint has at most
 def nearest(name: str, allowed: Iterable[str]) -> str:
     """Return ``" Did you mean 'x'?"`` for the closest allowed name, or an empty string.
 
-    A few names that have all words of the given one are named together: 'pm_error' may be that of two columns.
+    A few names that have all words of the given one, or begin with it, are named together: 'pm_error' may be that of
+    two columns, and 'gd-1' is 'GD1Koposov10'.
     """
     folded = {each.lower(): each for each in allowed}
     words = set(name.lower().split("_"))
     having = [each for key, each in folded.items() if words <= set(key.split("_"))]
     if len(words) > 1 and 1 < len(having) <= MOST_NAMED and name.lower() not in folded:
         return f" Did you mean {' or '.join(map(repr, having))}?"
-    close = difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)
-    if not close and len(name) >= SHORTEST:  # "gd1" of 'GD1Koposov10'
-        close = sorted((each for each in folded if each.startswith(name.lower())), key=len)
-    return f" Did you mean {folded[close[0]]!r}?" if close else ""
+    close = difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.75)
+    if not close and len(name) >= SHORTEST:
+        close = sorted((each for each in folded if _squeezed(each).startswith(_squeezed(name))), key=len)[:MOST_NAMED]
+    close = close or difflib.get_close_matches(name.lower(), folded, n=1, cutoff=0.5)
+    return f" Did you mean {' or '.join(repr(folded[each]) for each in close)}?" if close else ""
+
+
+def _squeezed(name: str) -> str:
+    return "".join(letter for letter in name.lower() if letter.isalnum())
 
 
 def expect_file(path: Path) -> None:

@@ -28,6 +28,11 @@ if TYPE_CHECKING:
 FORMATS = {".ecsv": "ascii.ecsv", ".csv": "ascii.csv", ".fits": "fits", ".fit": "fits"}
 # The beginning of that part of an ECSV file's header which makes quantities of its columns.
 SERIALIZED = "__serialized_columns__"
+# What a unit of another dimension may mean, by the unit that was found and the one that is expected.
+FOREIGN = {
+    ("mag", "kpc"): ". A distance modulus has a name of its own: distance_modulus",
+    ("kpc", "mag"): ". A distance has a name of its own: distance",
+}
 _COMMAS = re.compile(r"(?m)^# delimiter: [\"']?,")
 
 
@@ -70,6 +75,10 @@ class Files:
                     raise
                 raise ValueError(f"{name!r} is no array in numpy's format ({error})") from None
         raise ValueError(f"{name!r} holds no array of numbers")
+
+    def stated_unit(self, name: str, column: str) -> str:
+        """Return the unit that a table states for a column; empty if it states none."""
+        return str(self._table(name)[column].unit or "")
 
     def names(self, name: str) -> list[str]:
         """Return the names of the columns of a table; ValueError if the file holds none."""
@@ -124,7 +133,10 @@ class Files:
             return float((given or u.dimensionless_unscaled).to(unit.name or u.dimensionless_unscaled))
         except (ValueError, u.UnitConversionError):
             text = given_unit if file_unit is None else file_unit
-            raise ValueError(f"{where}: found the unit {str(text)!r}, expected {unit.label} or one like it") from None
+            raise ValueError(
+                f"{where}: found the unit {str(text)!r}, expected {unit.label} or one like it"
+                + FOREIGN.get((str(text), unit.name), "")
+            ) from None
 
     def _table(self, name: str) -> Table:
         if name not in self._tables:

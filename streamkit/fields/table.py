@@ -188,7 +188,11 @@ class Columns:
             try:
                 columns[name] = self._mark(name).checked(column, lambda place: f"row {place[0] + 1}")
             except ValueError as error:
-                raise ValueError(f"column {renamed.get(name, name)!r} of {file!r}: {error}") from None
+                called = renamed.get(name, name)
+                stated = files.stated_unit(file, called) or units.get(name, "")
+                other = stated.replace(" ", "") != self.units[name].name.replace(" ", "")
+                why = f", after conversion from the unit {stated!r}: is that the unit?" if stated and other else ""
+                raise ValueError(f"column {called!r} of {file!r}: {error}{why}") from None
         return columns
 
 

@@ -175,7 +175,9 @@ def test_a_number_goes_with_an_array_and_the_poles_are_places() -> None:
     assert np.isnan(frame.from_icrs([10.0, 20.0], [np.nan, 1.0]).phi2[0])
 
 
-@pytest.mark.parametrize(("name", "meant"), [("gd1", "GD1Koposov10"), ("mag", "MagellanicStreamNidever08")])
+@pytest.mark.parametrize(("name", "meant"),
+                         [("gd1", "GD1Koposov10"), ("GD-1", "GD1Koposov10"), ("mag", "MagellanicStreamNidever08"),
+                          ("orphan", "OrphanKoposov19' or 'OrphanNewberg10")])  # fmt: skip
 def test_the_beginning_of_a_frames_name_is_enough_for_a_hint(name: str, meant: str) -> None:
     with pytest.raises(ValueError, match=rf"there is no frame '{name}'\. Did you mean '{meant}'\?"):
         sk.sky_frame(name)

@@ -163,7 +163,7 @@ def _correction(measured: _Measured, name: str) -> str:
     A correction that moves another quantity away from the streams is not returned.
     """
     rows = measured.measurement.quantities()
-    before = {other: _distance(measured.measurement, measured.predictions, rows[other]).nearness for other in rows}
+    before = {other: _distance(measured.measurement, measured.predictions, rows[other]) for other in rows}
     trials = measured.trials
     some = [trials[i] for i in np.unique(np.linspace(0, len(trials) - 1, MOST_TRIALS).astype(int))]
     best, least = "", np.inf
@@ -175,7 +175,8 @@ def _correction(measured: _Measured, name: str) -> str:
                 after = {quantity: _distance(other, made, rows[quantity]) for quantity in before}
         except (StreamkitError, KeyError):  # the measurement has no prediction with this change
             continue
-        worse = any(after[quantity].nearness > max(1.0, nearness) for quantity, nearness in before.items())
-        if after[name].nearness < 1 and after[name].rank < least and not worse:
+        worse = any(after[quantity].nearness > max(1.0, distance.nearness) for quantity, distance in before.items())
+        nearer = after[name].rank < min(least, 0.5 * before[name].rank)  # larger errors alone bring nothing nearer
+        if after[name].nearness < 1 and nearer and not worse:
             best, least = text, after[name].rank
     return best

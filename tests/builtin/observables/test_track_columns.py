@@ -15,6 +15,8 @@ from astropy.table import QTable, Table
 from commands import call, refused
 from documents import ROOT
 
+from streamkit.builtin.observables.track.remarks import in_radians
+
 EXAMPLES = ROOT / "examples"
 FEW = ("--set", "stripping.particles=200", "--draws", "0")
 
@@ -104,9 +106,15 @@ def a_pipe(path: Path) -> None:
     os.mkfifo(path)
 
 
+def in_wrong_radians(path: Path) -> None:
+    write(path, phi1=[-60.0, -2.0] * u.rad, phi2=[-0.6, 0.0] * u.deg, error=[0.2, 0.2] * u.deg)
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
+        (in_wrong_radians, 'phi1 runs over 3323.16 deg, more than a turn; expected the unit "deg" for phi1, as '
+         "numbers in degrees?"),
         (Path.unlink, "observable.phi2: cannot read the file 'phi2.ecsv' (No such file or directory) in"),
         (a_directory, "observable.phi2: cannot read the file 'phi2.ecsv' (it is a directory) in"),
         (a_pipe, "it is a device or pipe"),
@@ -223,3 +231,27 @@ def test_very_many_stars(folder: Path) -> None:
     result = call("check", path, *FEW)
     assert result.exit_code == 0, result.output
     assert "the 20 of 20032 that are farthest from the data" in plain(result.output)
+
+
+def test_distances_that_are_moduli_have_a_name_of_their_own(folder: Path) -> None:
+    write(folder / "gd1" / "distance.ecsv", phi1=[-30.0] * u.deg, distance=[14.5] * u.mag, error=[0.1] * u.mag)
+    said = plain(refused("check", folder / "gd1" / "gd1.toml"))
+    assert "found the unit 'mag', expected kpc or one like it. A distance modulus has a name of its own: " in said
+
+
+def test_a_number_out_of_its_range_is_told_with_the_unit_that_the_file_states(folder: Path) -> None:
+    columns = {"ra": [140.0] * u.deg, "dec": [20.0] * u.rad, "pm_dec": [-12.0] * u.mas / u.yr}
+    write(folder / "gd1" / "members.ecsv", **columns, pm_dec_error=[0.1] * u.mas / u.yr)
+    path = folder / "gd1" / "gd1.toml"
+    path.write_text(path.read_text().replace('phi2 = "phi2.ecsv"', 'members = "members.ecsv"'))
+    said = plain(refused("check", path))
+    assert "row 1 is 1145.92 deg, expected -90 to 90, after conversion from the unit 'rad': is that the unit?" in said
+
+
+@pytest.mark.parametrize(("factor", "told"), [(1.0, False), (np.pi / 180, True), (0.1, False)])
+def test_longitudes_that_are_likely_in_radians_are_told(factor: float, told: bool) -> None:
+    degrees = np.linspace(-55.0, -5.0, 6)
+    given = dict.fromkeys(("distance", "radial_velocity"), (degrees, degrees, degrees))
+    said = in_radians(given | {"phi2": (degrees * factor, degrees, degrees)})
+    assert [text.partition(":")[0] for text in said] == ["phi2"] * told
+    assert not told or '-0.96 to -0.0873 deg, that of the other data from -55 to -5 deg. Is it in radians?' in said[0]

@@ -13,8 +13,10 @@ import pytest
 from runfiles import FIT
 
 import streamkit as sk
+from streamkit.builtin.observables.track.observable import Track
 from streamkit.study.preflight import run_preflight
 from streamkit.study.preflight.corrections import corrected
+from streamkit.study.preflight.data_warnings import _correction, _Measured
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 GD1 = EXAMPLES / "gd1" / "gd1.toml"
@@ -103,6 +105,19 @@ def test_no_longitude_along_a_stream_is_said_to_be_in_hours() -> None:
     texts = [text for text, _ in corrected(sk.load(run).bind().observable)]
     assert any("rad" in text for text in texts)
     assert not any("hours" in text for text in texts)
+
+
+def test_larger_errors_alone_are_no_correction() -> None:
+    """A factor of 1000 makes the error of 2 +- 1 so large that any stream is near, and moves the datum farther away."""
+    for value, said in ((2.0, ""), (10.0, "the opposite sign of pm_phi2")):
+        table = {"phi1": [0.0], "pm_phi2": [value], "error": [1.0]}
+        track = Track(frame="GD1Koposov10", kernel=5, pm_phi2=table)
+        details = {"spread": np.zeros(1), "ln_coverage": np.zeros(1)}
+        streams = [sk.Prediction(track.names, np.array([mean]), np.zeros(1), details=details)
+                   for mean in np.linspace(-10.1, -9.9, 10)]  # fmt: skip
+        trials: list[Any] = list(streams)
+        measured = _Measured("observable", track, trials, streams, lambda _, trial: trial)
+        assert _correction(measured, "pm_phi2") == said
 
 
 def test_the_example_without_a_mistake_has_no_such_warning() -> None:

@@ -41,6 +41,7 @@ Name = Literal["phi2", "distance", "distance_modulus", "pm_phi1_cosphi2", "pm_ph
 # Functions that move drawn data into the allowed range.
 LIMITS: dict[str, Callable[[Array], Array]] = {"phi2": lambda angle: np.clip(angle, -90, 90), "distance": np.abs}
 
+MOST_TURNS = 2  # of a stream whose longitudes are unwrapped by mistake alone: more are those of another unit
 DEPTH = "distance_depth"  # the field whose datum is the spread of the distance
 
 
@@ -93,8 +94,10 @@ def check_turn(given: Mapping[str, tuple[Array, Array, Array]], unwrapped: bool)
     """Refuse longitudes that run over more than a turn without being unwrapped; ValueError says which."""
     for name, (phi1, _, _) in given.items():
         if not unwrapped and np.ptp(phi1) > 360:
+            wrong = np.ptp(phi1) > MOST_TURNS * 360 and np.abs(phi1).max() * np.pi / 180 <= 360
             raise ValueError(
-                f"{name}: phi1 runs over {np.ptp(phi1):g} deg, more than a turn; expected unwrapped = true"
+                f"{name}: phi1 runs over {np.ptp(phi1):g} deg, more than a turn; expected "
+                + ('the unit "deg" for phi1, as numbers in degrees?' if wrong else "unwrapped = true")
             )
 
 

@@ -37,14 +37,13 @@ from streamkit.builtin.observables.track.lines import (
     debris_of,
     gather,
     is_enough,
-    is_gap,
     lines_at,
     ln_coverage,
     too_few,
-    warning_of_gaps,
 )
 from streamkit.builtin.observables.track.members import MEMBERS, MOTIONS, Members, members_of, which_columns
 from streamkit.builtin.observables.track.panels import column_label, column_panel, fine_grid, longitude_label
+from streamkit.builtin.observables.track.remarks import remarks_of
 from streamkit.builtin.observables.track.shared_table import TABLE, check_sources, data_of, redrawn
 
 BROADEST = 45.0  # largest kernel in degrees: an eighth of a turn
@@ -387,13 +386,10 @@ class Track(sk.Observable):
         return {name: (grid, np.where(there, part, np.nan)) for name, part in parts.items()}
 
     def remarks(self, prediction: sk.Prediction) -> tuple[str, ...]:
-        """Warn of data at longitudes where the stream has no debris."""
+        """Warn of data at longitudes where the stream has no debris, and of longitudes in radians."""
         if prediction.why_not:
             return ()
-        rows, coverage = self.quantities(), prediction.details["ln_coverage"]
-        empty = {name: np.unique(part[0][is_gap(coverage[rows[name]])]) for name, part in self.given.items()}
-        return tuple(warning_of_gaps(f"{name}: {len(phi1)} of its longitudes", phi1, self.kernel)
-                     for name, phi1 in empty.items() if len(phi1))  # fmt: skip
+        return remarks_of(self.given, self.quantities(), prediction.details["ln_coverage"], self.kernel)
 
     def radii(self) -> dict[str, float]:
         """Return the least and the greatest Galactocentric radius of the distances, seen from 8 kpc at phi2 = 0."""
