@@ -22,6 +22,9 @@ from streamkit.study import grid
               "Repeatable.")  # fmt: skip
 @SET
 @SAMPLER
+@click.option("--weights", "by", type=click.Choice(study.WEIGHTS), default=study.EVIDENCE, show_default=True,
+              help="What the weights are made from: the evidence of each family, or how well it predicts each stream "
+              "from all others.")  # fmt: skip
 @click.option("--resume", is_flag=True, help="Keep the finished fits in DIR, and go on with the others.")
 @study_options("-families")
 def families(
@@ -29,6 +32,7 @@ def families(
     hosts: tuple[Path, ...],
     settings: tuple[str, ...],
     sampler: str | None,
+    by: str,
     resume: bool,
     options: StudyOptions,
 ) -> None:
@@ -40,7 +44,8 @@ def families(
     The table gives each family's evidence, its weight (the probability of the family, if all were equally probable
     before the data), its fit and its masses; then the mass and the circular velocity at each radius averaged over the
     families, and apart from it how much the choice of a family moves them. The samplers emulator, nautilus and dynesty
-    give evidences; without them the weights are equal.
+    give evidences; without them the weights are equal. With --weights stacking a family counts as it helps to predict
+    each stream from all others: that needs two streams or more, but no evidence.
     """
     report.check_directory(options.out, study.PRODUCTS, "a comparison of families", options.force or resume)
     spec = load_spec(run_file, settings, sampler)
@@ -50,7 +55,7 @@ def families(
     specs = dict(zip(names, [spec, *(study.host_of(spec, file) for file in hosts)], strict=True))
 
     def run(done: Callable[[], object]) -> grid.Products:
-        found = study.run_families(specs, options.out, options.workers, resume, options.force, done)
+        found = study.run_families(specs, options.out, options.workers, resume, options.force, by, done)
         return study.families_products(found)
 
     conduct(options, len(specs), run, unit="fit")

@@ -4,7 +4,7 @@ The posterior of the shared parameters h without stream k is p(h | all) / Z_k(h)
 stream's data averaged over the prior of its own parameters o. At any o, Z_k(h) = L_k(h, o) p(o) / p(o | h, all). The
 last density is taken as a Gaussian about a quadratic in h, in coordinates in which each prior is a standard normal;
 ln Z_k is smoothed by a quadratic, and the samples get weights 1 / Z_k. For a linear model with Gaussian errors and
-priors that is exact.
+priors that is exact. One over the mean of 1 / Z_k is the density of the stream's data, given those of all others.
 """
 
 from __future__ import annotations
@@ -44,6 +44,8 @@ class LeftOut:
     shift, directions
         Square of that difference in units of its covariance, and the number of directions that the stream informs. It
         has a chi^2 distribution if the stream agrees with the others (Raveri & Hu 2019, PRD 99, 043506).
+    ln_density
+        ln of the density of the stream's data, given those of all others; NaN where the others leave it undetermined.
     """
 
     stream: str
@@ -52,6 +54,7 @@ class LeftOut:
     mean: Array
     shift: float
     directions: int
+    ln_density: float
 
     @property
     def independent(self) -> float:
@@ -98,7 +101,7 @@ def leave_out(scores: Array, ln_likelihood: Mapping[str, Array], factors: Sequen
             except np.linalg.LinAlgError:  # samples that do not differ in some direction
                 nothing = np.full(len(each.shared), np.nan)
                 equal = np.full(len(scores), 1 / len(scores))
-                one = LeftOut(each.name, equal, float("inf"), nothing, float("nan"), 0)
+                one = LeftOut(each.name, equal, float("inf"), nothing, float("nan"), 0, float("nan"))
             found.append(one)
     return found
 
@@ -120,15 +123,18 @@ def _without(h: Array, o: Array, ln_l: Array, name: str) -> LeftOut:
     curvature[np.triu_indices(size)] = coefficients[1 + size :]
     here = np.cov(x.T).reshape(size, size)
     precision = np.linalg.inv(here) + curvature + curvature.T
-    mean, shift, directions = np.full(size, np.nan), float("nan"), 0
+    mean, shift, directions, ln_density = np.full(size, np.nan), float("nan"), 0, float("nan")
     if np.linalg.eigvalsh(precision)[0] > 0:
         there = np.linalg.inv(precision)
         mean = -there @ coefficients[1 : 1 + size]
+        volumes = np.linalg.slogdet(here)[1] + np.linalg.slogdet(precision)[1]
+        ln_density = float(coefficients[0] - 0.5 * mean @ precision @ mean + 0.5 * volumes)
         half = np.linalg.inv(np.linalg.cholesky(here))
         values, vectors = np.linalg.eigh(half @ (there - here) @ half.T)
         along, used = vectors.T @ half @ mean, values > INFORMED
         shift, directions = float((along[used] ** 2 / values[used]).sum()), int(used.sum())
-    return LeftOut(name, weights / weights.sum(), float((ln_z - smooth).std()), mean, shift, directions)
+    scatter = float((ln_z - smooth).std())
+    return LeftOut(name, weights / weights.sum(), scatter, mean, shift, directions, ln_density)
 
 
 def _quadratic(x: Array) -> Array:

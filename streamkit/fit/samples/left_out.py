@@ -45,6 +45,9 @@ def left_out_table(sampled: Sampled | None) -> QTable:
     table["p"] = Column(chances, dtype=float, description="of a shift as large, if the stream agrees with the others")
     table["chance"] = Column([at_least_one(p, len(found)) if p >= 0 else np.nan for p in chances], dtype=float,
                              description="p, the number of streams allowed for")  # fmt: skip
+    densities = [np.nan if each is None else each.ln_density for each in used]
+    text = "ln of the density of the stream's data, given those of all others"
+    table["ln_density"] = Column(densities, dtype=float, description=text)
     table["problem"] = Column(["" if each is None else each.problem for each in rows], dtype=str)
     return printable(table)
 

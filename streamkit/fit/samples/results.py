@@ -291,7 +291,8 @@ class Results:
         Columns: the stream that is left out; M20 and M50, the masses inside 20 and 50 kpc with 68 % intervals; for each
         parameter that streams share, the change of its mean in standard deviations of the fit to all, in coordinates in
         which its prior is Gaussian; p, the chance of a change as large if the stream agrees with the others; the same
-        for the number of streams; and why there are no numbers. From at most 1000 samples and their predictions.
+        for the number of streams; ln of the density of its data, given all others; and why there are no numbers. From
+        at most 1000 samples and their predictions.
         """
         return self.with_provenance(self._left_out)
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from streamkit.report import BAND_68, BAND_95, NotebookFigure, columns, paragraph, ticks
 from streamkit.stream import Array
 from streamkit.study.families.average import LEVELS, average
-from streamkit.study.families.runner import Families, best_ln_likelihoods
+from streamkit.study.families.runner import STACKING, Families, best_ln_likelihoods
 from streamkit.study.grid import Products
 
 TABLE, PROFILE, PICTURE, RUN = "families.ecsv", "profile.ecsv", "families.png", "families.toml"
@@ -38,9 +38,14 @@ def families_table(found: Families) -> QTable:
     table = QTable({"family": [*(each.name for each in families), AVERAGE]})
     table["ln_evidence"], table["ln_evidence_error"] = (np.append(each, nothing) for each in evidence.T)
     weight = "probability of the family, if all were equally probable before the data; equal without evidence"
+    if found.by == STACKING:
+        weight = "in the mixture of families that predicts each stream best from all others (stacking)"
+    densities = [each.ln_density.sum() if len(each.ln_density) else np.nan for each in families]
     table["weight"] = Column(np.append(weights, weights.sum()), description=weight)
     table["weight_error"] = np.append(errors, nothing)
     table["ln_likelihood"] = Column(np.append(best_ln_likelihoods(families), nothing), description="of the best sample")
+    text = "sum over the streams of ln of the density of its data, given those of all others"
+    table["ln_density"] = Column(np.append(densities, nothing), description=text)
     fits = [each.results.fit for each in families]
     p = [np.nan if fit is None else fit.whole.p_value for fit in fits]
     table["p"] = Column([*p, np.nan], description="of chi^2 of all data")
@@ -105,7 +110,17 @@ def describe_families(found: Families, table: QTable) -> str:
         f"{table[f'M{r:g}_spread'][-1].to_value(u.Msun) / 1e11:.2f}e11 inside {r:g} kpc" for r in MASSES
     )
     note = f"The choice of a family moves the mass by {spreads} (standard deviation of the families' means). "
-    if found.unknown:
+    if found.unknown and found.by == STACKING:
+        note += (
+            f"The weights are equal: left_out.ecsv of {', '.join(found.unknown)} has a stream that its others do not "
+            "predict (column problem), or there are no predictions."
+        )
+    elif found.by == STACKING:
+        note += (
+            "Weights are those of the mixture that predicts each stream best from all others (stacking); their errors "
+            "are those of the choice of the streams. The spread does not depend on weights."
+        )
+    elif found.unknown:
         note += (
             f"The weights are equal: no evidence is known of {', '.join(found.unknown)}. The sampler emulator "
             "gives one when its fit is certified (raise sampler.max_calls and --resume); nautilus and dynesty do too."

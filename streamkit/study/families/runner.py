@@ -13,7 +13,9 @@ from streamkit.errors import SpecError, StreamkitError
 from streamkit.fit import Results, run
 from streamkit.runfile import Spec, read_toml
 from streamkit.stream import Array
-from streamkit.study.families.average import weights_of
+from streamkit.study.families.average import stacking_weights, weights_of
+
+EVIDENCE, STACKING = WEIGHTS = ("evidence", "stacking")
 
 
 @dataclass(frozen=True)
@@ -31,25 +33,48 @@ class Family:
             return np.nan, np.nan
         return weighted.ln_evidence, weighted.ln_evidence_error
 
+    @cached_property
+    def ln_density(self) -> Array:
+        """(n,) ln of the density of each stream's data, given those of all others; NaN where it is not known."""
+        table = self.results.left_out()
+        return np.array(table["ln_density"])[1:] if len(table) else np.empty(0)
+
 
 @dataclass(frozen=True)
 class Families:
-    """The finished fits of one run file in several hosts. ``spec`` is the run file."""
+    """The finished fits of one run file in several hosts.
+
+    Attributes
+    ----------
+    spec
+        The run file.
+    families
+        The fits.
+    by
+        What their weights are made from, one of `WEIGHTS`.
+    """
 
     spec: Spec
     families: tuple[Family, ...]
+    by: str = EVIDENCE
 
     @property
     def unknown(self) -> tuple[str, ...]:
-        """The families without evidence."""
-        return tuple(each.name for each in self.families if not np.isfinite(each.ln_evidence[0]))
+        """The families without what weights are made from."""
+        return tuple(each.name for each in self.families if not self._is_known(each))
+
+    def _is_known(self, each: Family) -> bool:
+        known = each.ln_density if self.by == STACKING else np.array(each.ln_evidence)
+        return len(known) > 1 and bool(np.isfinite(known).all())
 
     @cached_property
     def weights(self) -> tuple[Array, Array]:
-        """(k,) and (k,) Their weights and the errors of these: equal and NaN where an evidence is unknown."""
+        """(k,) and (k,) Their weights and the errors of these: equal and NaN where one of them is unknown."""
         k = len(self.families)
         if self.unknown:
             return np.full(k, 1 / k), np.full(k, np.nan)
+        if self.by == STACKING:
+            return stacking_weights(np.stack([each.ln_density for each in self.families], axis=1), self.spec.seed)
         evidence, errors = np.array([each.ln_evidence for each in self.families]).T
         return weights_of(evidence, errors, self.spec.seed)
 
@@ -74,17 +99,24 @@ def run_families(
     workers: int | None = None,
     resume: bool = False,
     force: bool = False,
+    by: str = EVIDENCE,
     done: Callable[[], object] = lambda: None,
 ) -> Families:
     """Fit all of several run files by name, each in its own directory of ``out``; ``done`` is called after each.
 
-    With ``resume``, finished fits are read and unfinished ones go on. The hosts differ, so that no call of one serves
-    another.
+    Their weights are made from ``by``, one of `WEIGHTS`. With ``resume``, finished fits are read and unfinished ones go
+    on. The hosts differ, so that no call of one serves another.
 
     Raises StreamkitError for fewer than two, and whatever `streamkit.run` raises: fits before it stay.
     """
     if len(specs) < 2:
         raise StreamkitError(f"one host alone ({', '.join(specs)}): expected two or more to compare")
+    streams = next(iter(specs.values())).streams
+    if by == STACKING and len(streams) < 2:
+        raise StreamkitError(
+            f"one stream alone ({', '.join(streams)}): stacking predicts each of several streams by the others; "
+            f"use --weights {EVIDENCE}"
+        )
     families = []
     for name, spec in specs.items():
         directory = out / name
@@ -92,7 +124,7 @@ def run_families(
         results = run(spec, directory, workers=workers, resume=going_on, force=force, progress=False)
         families.append(Family(name, results))
         done()
-    return Families(next(iter(specs.values())), tuple(families))
+    return Families(next(iter(specs.values())), tuple(families), by)
 
 
 def best_ln_likelihoods(families: Sequence[Family]) -> Array:

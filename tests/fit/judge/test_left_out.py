@@ -64,6 +64,16 @@ def test_mean_and_covariance_are_those_of_the_fit_without_the_stream() -> None:
         assert not left.problem
 
 
+def test_the_density_of_the_data_given_all_others_is_that_of_the_closed_form() -> None:
+    model = Linear(3, pull=1.0)
+    samples, ln_l = model.sampled(40000)
+    for k, left in enumerate(leave_out(samples, ln_l, model.factors)):
+        mean, covariance = model.posterior(without=k)
+        matrix = model.matrices[k]
+        expected = multivariate_normal(matrix @ mean, np.eye(DATA) + matrix @ covariance @ matrix.T)
+        assert left.ln_density == pytest.approx(expected.logpdf(model.data[k]), abs=0.1)
+
+
 def test_the_shift_is_that_of_the_closed_form() -> None:
     model = Linear(3, pull=2.0)
     samples, ln_l = model.sampled(40000)

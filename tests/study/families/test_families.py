@@ -12,7 +12,7 @@ from commands import call
 from scipy.stats import norm
 
 import streamkit as sk
-from streamkit.study.families import average, weights_of
+from streamkit.study.families import average, stacking_weights, weights_of
 
 RUN = """
 seed = 3
@@ -42,6 +42,26 @@ def test_the_weights_are_ratios_of_evidences() -> None:
     weights, errors = weights_of(np.log([3.0, 1.0]) - 500.0, np.array([0.1, 0.0]), 1)
     assert weights == pytest.approx([0.75, 0.25])
     assert errors == pytest.approx(0.1 * 0.75 * 0.25 * np.ones(2), rel=0.1)  # w (1 - w) of an error of ln Z
+
+
+def test_stacking_finds_the_best_mixture() -> None:
+    """Two families and two streams, densities 1 and a, 1 and b: the sum of ln (1 - w + w a) is largest at this w."""
+    a, b = 3.0, 0.2
+    w = -(a + b - 2) / (2 * (a - 1) * (b - 1))
+    ln_density = np.log([[1.0, a], [1.0, b]]) - 300.0
+    weights, errors = stacking_weights(ln_density, 1)
+    assert weights == pytest.approx([1 - w, w], abs=1e-6)
+    assert (errors > 0).all()
+    better = np.log([[1.0, 2.0], [1.0, 5.0]])  # one family that predicts all streams better gets all the weight
+    assert stacking_weights(better, 1)[0] == pytest.approx([0, 1], abs=1e-6)
+
+
+def test_stacking_needs_several_streams(tmp_path: Path) -> None:
+    (tmp_path / "near.toml").write_text(RUN)
+    (tmp_path / "far.toml").write_text(OTHER)
+    result = call("families", tmp_path / "near.toml", "--host", tmp_path / "far.toml", "--weights", "stacking")
+    assert result.exit_code == 2
+    assert "stacking predicts each of several streams by the others" in " ".join(result.output.split())
 
 
 def test_an_average_is_the_mixture_and_its_variance_has_two_parts() -> None:
