@@ -90,7 +90,7 @@ class _Agama(Potential):
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the values: a class made for a section is made again."""
         values = ((name, getattr(self, name)) for name in type(self).model_fields)
-        return _again, ({name: value for name, value in values if value is not None},)
+        return _again, ({name: value for name, value in values if value is not None}, dict(self.in_time))
 
 
 class Agama(_Agama):
@@ -184,5 +184,6 @@ def _at_times(function: Any, x: Any, y: Any, z: Any, t: Any) -> Any:
     return values
 
 
-def _again(values: Mapping[str, Any]) -> Potential:
-    return Agama.for_section(values)(**values)
+def _again(values: Mapping[str, Any], in_time: Mapping[str, Any]) -> Potential:
+    made = Agama.for_section(values)(**values)
+    return made.changing(in_time) if in_time else made

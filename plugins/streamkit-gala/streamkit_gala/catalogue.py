@@ -5,13 +5,16 @@ from __future__ import annotations
 import inspect
 import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cache
 from typing import Any
 
+import numpy as np
+
 # Physical types that a run file can hold.
 PHYSICAL = ("mass", "length", "speed", "angle", "mass density", "dimensionless")
+IN_TIME = "TimeInterpolatedPotential"  # another potential of gala's whose parameters change
 # Classes that are no potentials; sums are several sections of a run file.
 NOT_ALONE = ("PotentialBase", "CPotentialBase", "CompositePotential", "CCompositePotential", "NullPotential")
 
@@ -91,8 +94,8 @@ def construct(cls: Any, values: Mapping[tuple[str, ...], Any]) -> Any:
 def parameters_of(name: str, options: Mapping[str, Any]) -> tuple[Parameter, ...]:
     """Return the parameters of the potential that gala calls ``name``.
 
-    ``options`` is the section of the run file: the ``version`` of a Milky Way and the ``lmax`` of a multipole decide
-    which parameters there are.
+    ``options`` is the section of the run file: the ``version`` of a Milky Way, the ``lmax`` of a multipole and the
+    potential that changes in time decide which parameters there are.
 
     Raises ValueError: If there is no such potential, or it takes what a run file cannot hold.
     """
@@ -102,6 +105,8 @@ def parameters_of(name: str, options: Mapping[str, Any]) -> tuple[Parameter, ...
         return tuple(_of_composite(cls, signature, options))
     if name == "MultipolePotential":
         return tuple(_of_multipole(options))
+    if name == IN_TIME:
+        return tuple(_of_changing(options))
     return tuple(_of_class(name, cls)) + tuple(_switches(signature))
 
 
@@ -117,6 +122,27 @@ def _of_class(name: str, cls: Any) -> Iterator[Parameter]:
                 "spherical_table and multipole for tables, and [body.NAME] for what moves."
             )
         yield parameter
+
+
+def _of_changing(options: Mapping[str, Any]) -> Iterator[Parameter]:
+    """Yield the times, and the parameters of the potential that changes, with one dimension more where lists are."""
+    inner = options.get("potential_cls")
+    if not isinstance(inner, str):
+        raise ValueError('potential_cls: missing; the name of the potential that changes, such as "NFWPotential"')
+    try:
+        cls = class_called(inner)
+        if inner == IN_TIME or hasattr(cls, "keys"):
+            raise ValueError(f"found {inner!r}, expected a potential with parameters of its own")
+        declared = tuple(_of_class(inner, cls))
+    except ValueError as error:
+        raise ValueError(f"potential_cls: {error}") from None
+    yield Parameter("potential_cls", ("potential_cls",), None, inner)
+    yield Parameter("time_knots", ("time_knots",), "time", None, 1)
+    yield Parameter("interpolation_method", ("interpolation_method",), None, "cspline")
+    for each in declared:
+        given = options.get(each.name)
+        rows = isinstance(given, list | np.ndarray) or (isinstance(given, Mapping) and "file" in given)
+        yield replace(each, default=None, dimensions=1) if rows and not each.dimensions else each
 
 
 def _of_composite(cls: Any, signature: inspect.Signature, options: Mapping[str, Any]) -> Iterator[Parameter]:

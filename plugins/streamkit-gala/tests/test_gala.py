@@ -12,6 +12,7 @@ from astropy import units as u
 from click.testing import CliRunner
 from gala.potential import NFWPotential
 from gala.units import galactic
+from scipy.interpolate import CubicSpline
 from streamkit_gala import Gala
 from streamkit_gala.catalogue import classes, parameters_of
 
@@ -168,6 +169,51 @@ def test_a_stream_in_a_milky_way_is_that_of_the_compiled_preset():
     assert np.median(apart) < 0.02
 
 
+SIZES = [0.4, 0.6, 0.9, 1.0]
+GROWING = {
+    "name": "TimeInterpolatedPotential", "potential_cls": "HernquistPotential", "time_knots": ["-3 Gyr", -2, -1, 0],
+    "m": [1e11 * size for size in SIZES], "c": "10 kpc",
+}  # fmt: skip
+COEFFICIENTS = GROWING | {
+    "potential_cls": "SCFPotential", "m": 1e11, "r_s": 10.0, "Tnlm": [[[0.0]], [[0.0]]],
+    "Snlm": [[[[size]], [[0.0]]] for size in SIZES],
+}  # fmt: skip
+del COEFFICIENTS["c"]
+
+
+@pytest.mark.parametrize("changing", [GROWING, COEFFICIENTS], ids=["mass", "coefficients"])
+def test_what_changes_is_expanded_at_times(changing):
+    """gala's splines are natural ones; the first function of the basis is a Hernquist sphere."""
+    factor = CubicSpline([-3, -2, -1, 0], SIZES, bc_type="natural")
+    potential = loaded(kind="gala", **changing).bind().potentials["potential"]
+    assert potential.known_times()[[0, -1]] == pytest.approx([-3, 0])
+    t = np.random.default_rng(2).uniform(-3, 0, Q.shape[1])
+    exact = factor(t) * acceleration(ours("hernquist", mass=1e11, a=10))
+    assert error(build_field([made(**changing)]).acceleration(t * sk.GYR, Q), exact).max() < 1e-9
+    assert error(build_field([potential]).acceleration(t * sk.GYR, Q), exact).max() < 3e-4
+    assert pickle.loads(pickle.dumps(potential)) == potential
+    if changing is GROWING:
+        energy = type(potential).potential(*Q, t * sk.GYR, *potential.in_engine_units())
+        wanted = -factor(t) * sk.G * 1e11 / (10 + np.sqrt((Q**2).sum(axis=0)))
+        assert energy == pytest.approx(wanted, rel=1e-9)
+
+
+def test_a_scale_that_changes_is_known_between_its_times():
+    """The radius of a Plummer sphere through natural splines: what the force is at each time."""
+    radii = CubicSpline([-3, -1.5, 0], [8, 5, 4], bc_type="natural")
+    fields = {"potential_cls": "PlummerPotential", "time_knots": [-3, -1.5, 0], "m": "1e11 Msun", "b": [8, 5, "4 kpc"]}
+    potential = loaded(kind="gala", name="TimeInterpolatedPotential", **fields).bind().potentials["potential"]
+    t = np.random.default_rng(2).uniform(-3, 0, Q.shape[1])
+    exact = -sk.G * 1e11 * Q / ((Q**2).sum(axis=0) + radii(t) ** 2) ** 1.5
+    assert error(build_field([potential]).acceleration(t * sk.GYR, Q), exact).max() < 3e-4
+
+
+def test_what_gala_refuses_is_no_stream():
+    wrong = COEFFICIENTS | {"Snlm": [[[[1.0]], [[0.0]]]] * 3}
+    with pytest.raises(sk.OutOfDomain, match="gala's TimeInterpolatedPotential refuses its parameters"):
+        made(**wrong).in_engine_units()
+
+
 BAD = {
     "nearest": ({"name": "NFWPotentail"}, "has no potential 'NFWPotentail'. Did you mean 'NFWPotential'?"),
     "short": ({"name": "Hernquist", "m": 1}, "Did you mean 'HernquistPotential'?"),
@@ -179,7 +225,14 @@ BAD = {
     "frame": (HALO | {"origin": [1, 2, 3]}, "potential.origin: the potential 'gala' has no field 'origin'"),
     "rotated": (HALO | {"R": 1}, "potential.R: the potential 'gala' has no field 'R'"),
     "table": ({"name": "CylSplinePotential"}, "takes 'grid_R', a length array, which this section cannot hold"),
-    "moving": ({"name": "TimeInterpolatedPotential"}, "takes 'potential_cls', a Python object"),
+    "changing": ({"name": "TimeInterpolatedPotential"}, "potential: potential_cls: missing; the name of the potential"),
+    "what": (GROWING | {"potential_cls": "NFWPotentail"}, "potential_cls: gala 1"),
+    "twice": (GROWING | {"potential_cls": "TimeInterpolatedPotential"}, "expected a potential with parameters of its"),
+    "too late": (GROWING | {"time_knots": [-1.9, -1, -0.5, 0]}, "known from -1.9 to 0 Gyr; expected all times from -2"),
+    "backwards": (GROWING | {"time_knots": [-3, -4, -1, 0]}, "time_knots: found [-3.0, -4.0, -1.0, 0.0], expected two"),
+    "rows": (GROWING | {"m": [1e11, 1e11]}, "m: found 2 numbers, expected one for each of 4 times"),
+    "steps": (GROWING | {"step": "1 Myr"}, "found more than 500 times to expand it at: raise step"),
+    "mass": (GROWING | {"m": [1e11, 1e11, -1, 1e11]}, "potential.m: entry [2] is -1 Msun, expected positive"),
     "version": ({"name": "MilkyWayPotential", "version": "v9"}, "v9"),
 }
 
@@ -268,7 +321,7 @@ def test_every_potential_of_gala_is_offered_or_refused():
     assert {"MN3ExponentialDiskPotential", "SCFPotential", "MultipolePotential", "BovyMWPotential2014"} <= set(offered)
     assert len(offered) > 20
     assert {("EXPPotential", True), ("SphericalSplinePotential", True)} <= set(refused)
-    assert all(result for _, result in refused)
+    assert {name for name, result in refused if not result} == {"TimeInterpolatedPotential"}  # without a potential
 
 
 @pytest.mark.slow

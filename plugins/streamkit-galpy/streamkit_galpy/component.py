@@ -76,7 +76,8 @@ class _Galpy(Potential):
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the values: a class made for a section is made again."""
         values = ((name, getattr(self, name)) for name in type(self).model_fields)
-        return _again, (type(self) is Galpy, {name: value for name, value in values if value is not None})
+        given = {name: value for name, value in values if value is not None}
+        return _again, (type(self) is Galpy, given, dict(self.in_time))
 
 
 TABLES = ("tgrid", f"{catalogue.WRAPPED}tgrid")  # fields with the times of a table
@@ -168,7 +169,7 @@ def _type_of(name: str, key: str, value: Any, default: Any) -> str:
     unit = catalogue.units_of(name).get(key)
     if key == "tgrid":
         return "times"
-    if (isinstance(value, list) and unit is None) or isinstance(default, np.ndarray) or key == "Asin":
+    if (isinstance(value, list | np.ndarray) and unit is None) or isinstance(default, np.ndarray) or key == "Asin":
         return "array"
     if callable(default) or key in OBJECTS:
         raise ValueError(f"{key}: galpy's {name} takes a Python object for {key!r}, which a run file cannot hold")
@@ -250,5 +251,6 @@ def _number(value: Any, default: Any) -> Any:
     return int(value) if whole and value.is_integer() else value
 
 
-def _again(plain: bool, values: Mapping[str, Any]) -> Potential:
-    return (Galpy if plain else Galpy.for_section(values))(**values)
+def _again(plain: bool, values: Mapping[str, Any], in_time: Mapping[str, Any]) -> Potential:
+    made = (Galpy if plain else Galpy.for_section(values))(**values)
+    return made.changing(in_time) if in_time else made

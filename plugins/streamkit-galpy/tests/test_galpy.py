@@ -222,6 +222,7 @@ def test_what_changes_is_expanded_at_times(changing, static, factor):
     assert error(found, exact).max() < 1e-9
     expanded = build_field([potential]).acceleration(t * sk.GYR, Q)
     assert error(expanded, exact).max() < 3e-4
+    assert pickle.loads(pickle.dumps(potential)) == potential
 
 
 def test_a_bar_that_turns_by_its_orientation_is_galpy_s_bar_that_turns():
@@ -230,6 +231,7 @@ def test_a_bar_that_turns_by_its_orientation_is_galpy_s_bar_that_turns():
     turn = {"times": [-4, 0], "values": [float(np.degrees(-4 * sk.GYR * -39)), 0]}
     still = {"name": "SoftenedNeedleBarPotential", **bar, "omegab": 0, "expansion": "none"}
     turned = loaded(kind="galpy", **still, orientation=[0, 0, turn]).bind().potentials["potential"]
+    turned = pickle.loads(pickle.dumps(turned))
     t = np.random.default_rng(2).uniform(-2, 0, Q.shape[1]) * sk.GYR
     assert error(build_field([turned]).acceleration(t, Q), build_field([own]).acceleration(t, Q)).max() < 1e-9
 
