@@ -41,7 +41,8 @@ COLUMN = click.option(
 )
 LITERATURE = click.option(
     "--literature", metavar="FILE", type=click.Path(path_type=Path),
-    help="A table of published masses, circular velocities or flattenings to compare with the run's.",
+    help="A table of published masses, circular velocities or flattenings to compare with the run's, or milky_way: "
+    "masses of the Milky Way that come with streamkit.",
 )  # fmt: skip
 QUIET = click.option("-q", "--quiet", is_flag=True, help="No progress and no tables printed.")
 

@@ -1,4 +1,7 @@
-"""Plain text: aligned columns and wrapped paragraphs, as wide as the terminal; within 100 columns elsewhere."""
+"""Plain text: aligned columns and wrapped paragraphs, as wide as the terminal.
+
+Elsewhere, in a pipe or a file, paragraphs have 100 columns at most, and each row of a table is one line, for `grep`.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +18,7 @@ from rich.text import Text
 # Columns of a text that does not go to a terminal, and of a paragraph at most: longer lines are hard to read.
 WIDTH = 100
 MOST_OF_A_WORD = 40  # letters of a word, such as a path, that are not broken
+UNLIMITED = 10_000  # columns of a table that does not go to a terminal
 NARROW = 60  # columns below which no text is squeezed
 
 
@@ -24,8 +28,9 @@ def text_width() -> int:
 
 
 def columns(rows: Iterable[Sequence[str]], indent: int = 2, gap: int = 2) -> str:
-    """Align rows of cells on the left; what does not fit in the last column is wrapped there."""
-    cells, width = [list(row) for row in rows], text_width()
+    """Align rows of cells on the left; what does not fit a terminal in the last column is wrapped there."""
+    terminal = shutil.get_terminal_size((0, 0)).columns  # 0 in a pipe, unless COLUMNS is set
+    cells, width = [list(row) for row in rows], text_width() if terminal else UNLIMITED
     count = max(map(len, cells), default=0)
     widths = [max((len(row[i]) for row in cells if i < len(row)), default=0) + gap for i in range(count)]
     table = Table.grid(padding=(0, gap, 0, 0), pad_edge=False)

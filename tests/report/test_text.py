@@ -19,3 +19,11 @@ def test_no_word_is_broken_and_no_cell_is_lost(wide, monkeypatch):
     assert sorted(words) == sorted(word for row in ROWS for cell in row for word in cell.split())
     if wide == 120:
         assert len(text.splitlines()) == 3
+
+
+def test_a_row_of_a_table_in_a_pipe_is_one_line(monkeypatch):
+    monkeypatch.delenv("COLUMNS")
+    rows = [*ROWS, ("remark", "1", "1", "1", "a long one " * 20)]
+    lines = columns(rows).splitlines()
+    assert [line.split() for line in lines] == [" ".join(row).split() for row in rows]
+    assert "".join(columns([])) == ""

@@ -23,6 +23,7 @@ UNITS = {"M": "Msun", "v_c": "km / s", POTENTIAL: "", DENSITY: ""}
 NUMBERS = ("radius", "value", "error_minus", "error_plus")
 COLUMNS = ("quantity", *NUMBERS, "reference")
 MARKERS = "sD^vopP*hX"
+MILKY_WAY = "milky_way"  # the name of the table that comes with streamkit
 MOST = 300  # largest number of samples for the flattening
 
 
@@ -33,13 +34,17 @@ def read_literature(path: str | Path) -> QTable:
     the whole host, at a cylindrical radius and a height z) or "q_rho" (axis ratio of the density of its halo); radius
     in kpc unless the column has another unit; z, for q_Phi, as the radius; value, error_minus and error_plus (both
     positive, 1 sigma) in Msun or km/s; reference. The table returned holds plain numbers in these units, z NaN where
-    there is none.
+    there is none. The name `MILKY_WAY` is that of the table of streamkit's own, unless a file is called so.
 
     Raises StreamkitError if it cannot be read or is not such a table: with the row.
     """
     path = Path(path)
+    if str(path) == MILKY_WAY and not path.is_file():
+        path = Path(__file__).with_name(f"{MILKY_WAY}.ecsv")
     if not path.is_file():
-        raise StreamkitError(f"literature {str(path)!r}: there is no such file")
+        raise StreamkitError(
+            f"literature {str(path)!r}: there is no such file; {MILKY_WAY!r} is a table that streamkit brings."
+        )
     try:
         try:
             table = Table.read(path)

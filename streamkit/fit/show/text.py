@@ -49,6 +49,7 @@ def describe_results(results: Results) -> str:
         )
         for row, n_eff in zip(results.summary()[shown], draws.trusted_ess[shown], strict=True)
     ]  # fmt: skip
+    rows = _without_empty(rows)
     masses = [("r", "M(<r)", "68 %", "95 %", "in 1e11 Msun")]
     for r, row in zip(radii, results.mass_profile(radii), strict=True):
         m = {level: f"{row[f'M_{level}'.rstrip('_')].to_value('1e11 Msun'):.3g}" for level in LEVELS}
@@ -75,6 +76,12 @@ def describe_results(results: Results) -> str:
         names = [printable(name) for name in contents(results.directory)]
         parts.append(paragraph(", ".join(names), f"products in {results.directory}: ", "  "))
     return "\n\n".join(parts)
+
+
+def _without_empty(rows: list[tuple[str, ...]]) -> list[tuple[str, ...]]:
+    """Return rows without the columns that have only a dash below their head."""
+    kept = [i for i in range(len(rows[0])) if any(row[i] != "-" for row in rows[1:]) or len(rows) == 1]
+    return [tuple(row[i] for i in kept) for row in rows]
 
 
 def _goodness(results: Results) -> list[tuple[str, ...]]:

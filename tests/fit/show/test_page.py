@@ -194,8 +194,10 @@ def test_published_values_are_converted(tmp_path):
     np.testing.assert_allclose(found["error_plus"], [0.7e11, 1.2e11])
 
 
-@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*/literature.ecsv")), ids=lambda path: path.parent.name)
-def test_the_published_values_of_the_examples_are_values_of_the_milky_way(path):
+@pytest.mark.parametrize(
+    "path", [*sorted(EXAMPLES.glob("*/literature.ecsv")), Path("milky_way")], ids=lambda path: path.parent.name
+)
+def test_the_published_values_of_the_examples_and_our_own_are_values_of_the_milky_way(path):
     table = read_literature(path)
     shape = table[[name.startswith("q_") for name in table["quantity"]]]
     assert ((shape["value"] > 0.8) & (shape["value"] < 1.2)).all()

@@ -12,7 +12,7 @@ from streamkit.fit.history import measured_radius
 from streamkit.fit.judge.chain import R_HAT
 from streamkit.fit.show.export import measured
 from streamkit.fit.show.figures import reach
-from streamkit.fit.show.text import radii_in_reach
+from streamkit.fit.show.text import _without_empty, radii_in_reach
 from streamkit.report import decimals, describe_measured
 
 
@@ -24,6 +24,12 @@ def results(finished_run):
 def rows_of(text, title):
     block = next(part for part in text.split("\n\n") if part.startswith(title))
     return [re.split(r"\s{2,}", line.strip()) for line in block.splitlines()[1:]]
+
+
+def test_a_column_of_dashes_is_left_out():
+    rows = [("parameter", "unit", "tau", "n_eff"), ("a", "-", "3", "-"), ("b", "kpc", "-", "-")]
+    assert _without_empty(rows) == [row[:3] for row in rows]
+    assert _without_empty(rows[:1]) == rows[:1]
 
 
 def test_masses_beyond_data_and_streams_are_marked(results):
@@ -47,9 +53,10 @@ def test_the_progress_shows_the_mass_where_the_data_are():
 def test_effective_samples_are_not_shown_where_walkers_disagree(results):
     bad = results.r_hat > R_HAT.limits[1]
     assert bad.any()  # 30 steps of 6 walkers
-    rows = rows_of(describe_results(results), "parameters")[1:]
+    head, *rows = rows_of(describe_results(results), "parameters")
+    assert ("n_eff" in head) == (not bad.all())
     for row, wrong in zip(rows, bad, strict=True):
-        assert (row[-1] == "-") == wrong
+        assert bad.all() or (row[-1] == "-") == wrong
 
 
 @pytest.mark.parametrize(("error", "digits"), [(0.15, 2), (0.0042, 4), (3.0, 1), (27.0, 0), (1e9, 0), (0.0, 2)])
