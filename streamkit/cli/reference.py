@@ -55,7 +55,7 @@ def reference(section: str | None, kind: str | None) -> None:
         parts += [f"encounter, in place of a place today, friction and reflex\n{report.paragraph(text, '  ')}\n{table}"]
         table = report.field_table(runfile.BodyTable, ["table", "mass_factor"], "field")
         text = " ".join((inspect.getdoc(runfile.BodyTable) or "").split())
-        text += " Its encounter may have stream and frame."
+        text += " Its encounter may have stream and frame; beside places today it may have friction and reflex."
         parts += [f"table, in place of the numbers of one body\n{report.paragraph(text, '  ')}\n{table}"]
     else:
         default = runfile.DEFAULT_KIND.get(section)

@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, create_model
 from pydantic.json_schema import GenerateJsonSchema
 
 from streamkit.components import Component, Registry
-from streamkit.runfile.body_table import Meeting, body_table_of
+from streamkit.runfile.body_table import Meeting, Together, body_table_of
 from streamkit.runfile.cross_checks import varies
 from streamkit.runfile.encounter import Encounter
 from streamkit.runfile.progenitor import BODY_WAYS, OTHER_NAMES, WAYS, Place, Sun
@@ -119,8 +119,8 @@ def _rows(cls: Any) -> type[BaseModel]:
     """Return the model of a table of bodies with this potential."""
     kind: Any = Annotated[Literal[cls.kind], WithJsonSchema({"const": cls.kind})]
     meeting: Any = section_model(Meeting)
-    base = section_model(body_table_of(cls))
-    return create_model(f"bodies/{cls.kind}", __base__=base, kind=(kind, ...), encounter=(meeting, {}))
+    bases = section_model(body_table_of(cls, None)), section_model(Together)
+    return create_model(f"bodies/{cls.kind}", __base__=bases, kind=(kind, ...), encounter=(meeting, {}))
 
 
 def _allow_other_names(definition: dict[str, Any]) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from streamkit.components import HostData, Integrator, Observable, Potential, Sampler, StrippingScheme
-from streamkit.runfile.body_table import BodyTable, Meeting
+from streamkit.runfile.body_table import BodyTable, Meeting, Together
 from streamkit.runfile.encounter import Encounter
 from streamkit.runfile.inputs import ONLY, Body, FlyBy, ModelInputs, StreamInputs, mass_of
 from streamkit.runfile.progenitor import MOST_LOOKBACK, BodyPlace, PhaseSpace, Sun
@@ -50,8 +50,10 @@ class Sections:
     seed: int
     sun: Section[Sun]
     potentials: dict[str, Section[Potential]]
-    # a potential and its place or its encounter, or a table of bodies and what their encounters share
-    bodies: dict[str, tuple[Section[Any], Section[BodyPlace] | Section[Encounter] | Section[Meeting]]]
+    # a potential and its place or its encounter, or a table of bodies and what they share
+    bodies: dict[
+        str, tuple[Section[Any], Section[BodyPlace] | Section[Encounter] | Section[Meeting] | Section[Together]]
+    ]
     streams: dict[str, StreamSections]
     data: dict[str, Section[HostData]]
     integrator: Section[Integrator]
@@ -127,8 +129,12 @@ class Sections:
                 for i, (each, encounter) in enumerate(several, start=1):
                     key = name if isinstance(at, Encounter) else f"{name}, row {i}"
                     flybys[met][key] = FlyBy(each, encounter, frame)
-            else:
-                bodies[name] = Body(body, *at.today(sun), at.friction != "none", at.reflex)
+                continue
+            rows = body.bodies(at) if isinstance(at, Together) else [(body, at)]
+            for i, (each, there) in enumerate(rows, start=1):
+                q, v = there.today(sun)
+                key = f"{name}, row {i}" if isinstance(at, Together) else name
+                bodies[key] = Body(each, q, v, there.friction != "none", there.reflex)
         streams = {}
         for name, stream in self.streams.items():
             satellite, phase = stream.satellite.build(values), stream.phase.build(values)

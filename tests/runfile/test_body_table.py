@@ -1,5 +1,7 @@
 """A table of bodies that have flown past a stream: the same stream as a section for each, and what is refused."""
 
+import tomllib
+
 import numpy as np
 import pytest
 from astropy import units as u
@@ -122,4 +124,78 @@ def test_a_row_whose_point_the_stream_does_not_reach_is_named():
 def test_the_schema_knows_tables_of_bodies():
     definitions = json_schema(load_registry())["$defs"]
     fields = definitions["bodies.plummer"]["properties"]
-    assert set(fields) == {"kind", "table", "mass_factor", "encounter"}
+    assert set(fields) == {"kind", "table", "mass_factor", "encounter", "friction", "reflex"}
+
+
+SATELLITES = {
+    "mass": [1e11, 4e8, 2e9],
+    "radius": [9.0, 0.8, 1.5],
+    "x": [-1.0, 30.0, 17.0],
+    "y": [-41.0, 20.0, 2.0],
+    "z": [-28.0, -50.0, -6.0],
+    "vx": [-57.0, 100.0, 230.0],
+    "vy": [-226.0, 20.0, -35.0],
+    "vz": [221.0, -60.0, 195.0],
+}
+SKY = {
+    "mass": [1.4e11, 1e9],
+    "radius": [16.0, 1.0],
+    "ra": [81.28, 283.0],
+    "dec": [-69.78, -30.0],
+    "distance": [49.6, 26.0],
+    "pm_ra_cosdec": [1.858, -2.7],
+    "pm_dec": [0.385, -1.4],
+    "v_los": [262.2, 142.0],
+}
+SHARED = {"friction": "none", "reflex": False}
+
+
+def placed(table, **body):
+    document = run_file()
+    return document | {"body": {"satellites": {"kind": "plummer", "table": table} | body}}
+
+
+def row(table, i):
+    return {name: column[i] for name, column in table.items()}
+
+
+@pytest.mark.parametrize("table", [SATELLITES, SKY], ids=["Galactocentric", "sky"])
+def test_a_row_with_a_place_today_is_a_body_in_a_section_of_its_own(table, tmp_path, monkeypatch):
+    """In the run file or in a file, whose unit of the size is pc; with masses that share a factor."""
+    count = len(table["mass"])
+    each = {f"b{i}": {"kind": "plummer"} | row(table, i) | SHARED for i in range(count)}
+    one_by_one = sk.Model(run_file() | {"body": each}).stream()
+    spec = sk.load(placed(table, **SHARED))
+    assert np.array_equal(sk.Model(spec).stream().q, one_by_one.q)
+    assert list(spec.bind().bodies)[1] == "satellites, row 2"
+    assert sk.load(tomllib.loads(spec.toml())).document == spec.document
+    units = UNITS | dict.fromkeys(("ra", "dec"), "deg") | dict.fromkeys(("pm_ra_cosdec", "pm_dec"), "mas/yr")
+    units |= dict.fromkeys(("distance", *"xyz"), "kpc") | dict.fromkeys(("v_los", "vx", "vy", "vz"), "km/s")
+    made = Table({name: column * u.Unit(units[name].replace("Msun", "solMass")) for name, column in table.items()})
+    made["radius"] = made["radius"].to(u.pc)
+    made["name"] = ["a galaxy"] * count
+    made.write(tmp_path / "satellites.ecsv")
+    monkeypatch.chdir(tmp_path)
+    free = sk.load(placed("satellites.ecsv", mass_factor={"uniform": [0, 2]}, **SHARED))
+    assert free.names == ("body.satellites.mass_factor",)
+    assert np.abs(sk.Model(free).stream([1.0]).q - one_by_one.q).max() < 1e-9
+    assert [body.mass for body in free.bind([0.5]).bodies.values()] == pytest.approx(0.5 * np.array(table["mass"]))
+
+
+@pytest.mark.parametrize(
+    ("document", "sentence"),
+    [
+        (placed(SATELLITES | {"ra": [1.0] * 3}), "body.satellites.table: found coordinates of several sets"),
+        (placed({"mass": [1e9], "radius": [1.0]}), "satellites.table: found no phase-space coordinates"),
+        (placed({"mass": [1e9], "radius": [1.0]}), "Or expected those of an encounter: phi1, time, impact_parameter"),
+        (placed({k: v for k, v in SATELLITES.items() if k != "vz"}), "satellites.table: the column 'vz' is missing"),
+        (placed(SATELLITES | {"mass": [1e9, -1.0, 1e9]}), "body.satellites.table: row 2, mass: found -1.0"),
+        (placed(SKY | {"dec": [0.0, -100.0]}), "body.satellites.table: row 2, dec: found -100.0"),
+        (placed(SATELLITES, friction="some"), "body.satellites.friction: found 'some'"),
+        (placed(SATELLITES, x=3), "body.satellites.x: the table of bodies (plummer) has no field 'x'"),
+        (placed({k: list(v) * 40 for k, v in SATELLITES.items()}), "found 120 bodies with places today"),
+        (placed(SATELLITES, kind="logarithmic_halo"), "has no field 'mass' in Msun"),
+    ],
+)
+def test_a_table_of_places_that_cannot_be_is_refused(document, sentence):
+    assert sentence in refused(document)

@@ -192,7 +192,7 @@ SMOOTH = {
 }  # fmt: skip
 SIZES = [0.4, 0.6, 0.9, 1.0]
 GROWING = {
-    "name": "SCFPotential", "amp": "1e11 Msun", "a": "10 kpc", "tgrid": ["-3 Gyr", -2, -1, 0],
+    "name": "SCFPotential", "amp": "1e11 Msun", "a": "10 kpc", "tgrid": ["-3 Gyr", -2, -1, 0], "step": "1 Gyr",
     "Acos": [[[[size]], [[0.1 * size]]] for size in SIZES],
 }  # fmt: skip
 
@@ -207,7 +207,7 @@ def grown(t):
     ("changing", "static", "factor"),
     [
         (SMOOTH, {"name": "NFWPotential", "amp": 5e11, "a": 15.6}, grown),
-        (GROWING, {k: v for k, v in GROWING.items() if k != "tgrid"} | {"Acos": [[[1.0]], [[0.1]]]},
+        (GROWING, {k: v for k, v in GROWING.items() if k not in ("tgrid", "step")} | {"Acos": [[[1.0]], [[0.1]]]},
          CubicSpline([-3, -2, -1, 0], SIZES)),
     ],
     ids=["wrapper", "table"],
@@ -216,11 +216,12 @@ def test_what_changes_is_expanded_at_times(changing, static, factor):
     """galpy's amplitudes in time are cubic splines of those of its table (its SCFPotential)."""
     potential = loaded(kind="galpy", **changing).bind().potentials["potential"]
     assert potential.known_times()[[0, -1]] == pytest.approx([-3 if changing is GROWING else -2, 0])
-    t = np.random.default_rng(2).uniform(-2, 0, Q.shape[1])
-    exact = factor(t) * acceleration(made(**static))
-    found = build_field([made(**changing)]).acceleration(t * sk.GYR, Q)
+    q = Q[:, ::4].copy()
+    t = np.random.default_rng(2).uniform(-2, 0, q.shape[1])
+    exact = factor(t) * acceleration(made(**static), q=q)
+    found = build_field([made(**changing)]).acceleration(t * sk.GYR, q)
     assert error(found, exact).max() < 1e-9
-    expanded = build_field([potential]).acceleration(t * sk.GYR, Q)
+    expanded = build_field([potential]).acceleration(t * sk.GYR, q)
     assert error(expanded, exact).max() < 3e-4
     assert pickle.loads(pickle.dumps(potential)) == potential
 
