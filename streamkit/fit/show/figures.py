@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping
 from operator import itemgetter
 from typing import Any
@@ -38,6 +39,7 @@ from streamkit.stream import Array, IntArray
 
 MANY_PARAMETERS = 12  # largest number of parameters of several streams in a picture
 FEW_RADII = 4  # largest number of radii of the data that are marked by a line each
+POINTS = 5.0  # of a letter of a name, on average and amply, at 8 points
 WIDE = 6.0  # inches: pictures of profiles
 NAMED = 12  # largest number of ranges of radii with a name each
 
@@ -189,12 +191,20 @@ def data_radii(axes: Axes, results: Results) -> None:
     for text, radius in sorted(marks.items(), key=itemgetter(1)):
         axes.axvline(radius, color="black", lw=0.9, ls="--")
         side, before = -1 if radius - before > 0.04 * shown else 1, radius  # left of the line if there is room
-        low = height_of_median(axes, radius) < 0.5
+        height = height_of_median(axes, radius)
+        low = height < 0.5
         axes.annotate(
-            text, (radius, 0.98 if low else 0.02), (3 * side, 0), xycoords=axes.get_xaxis_transform(), rotation=90,
-            textcoords="offset points", fontsize=8, ha="right" if side < 0 else "left",
-            va="top" if low else "bottom", annotation_clip=True,
+            folded(axes, text, max(height, 1 - height)), (radius, 0.98 if low else 0.02), (3 * side, 0),
+            xycoords=axes.get_xaxis_transform(), rotation=90, textcoords="offset points", fontsize=8,
+            ha="right" if side < 0 else "left", va="top" if low else "bottom", annotation_clip=True,
         )  # fmt: skip
+
+
+def folded(axes: Axes, text: str, room: float) -> str:
+    """Return a name in lines that fit into a fraction of the axes' height, if its words are short enough."""
+    figure = axes.get_figure(root=True)
+    points = axes.get_window_extent().height * 72 / (figure.dpi if figure is not None else 72)
+    return textwrap.fill(text, max(int(0.9 * room * points / POINTS), 1), break_long_words=False)
 
 
 def height_of_median(axes: Axes, radius: float) -> float:

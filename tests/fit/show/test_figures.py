@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from astropy.table import QTable
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from pictures import assert_readable
 from runfiles import APOCENTRES
 from synthetic import synthetic
@@ -346,3 +347,15 @@ def test_a_sphere_has_no_picture_of_its_flattening():
         spec = sk.load(make())
         assert is_sphere(spec) != there
         assert (FLATTENING in products_of(spec)) == there
+
+
+@pytest.mark.parametrize("height", [0.3, 0.5, 0.8])
+def test_a_long_name_is_folded_into_the_room_beside_the_median(height):
+    figure = Figure(figsize=(6, 4))
+    canvas, axes = FigureCanvasAgg(figure), figure.add_subplot()
+    name = "a rotation curve of a survey: innermost datum"
+    lines = figures.folded(axes, name, height)
+    text = axes.annotate(lines, (0.5, 0.0), xycoords="axes fraction", rotation=90, fontsize=8)
+    shown = text.get_window_extent(canvas.get_renderer())
+    assert shown.height < height * axes.get_window_extent().height
+    assert text.get_text().split() == name.split()
