@@ -4,9 +4,9 @@ from .average import stacking_weights as stacking_weights
 from .average import weights_of as weights_of
 from .products import PRODUCTS as PRODUCTS
 from .products import families_products as families_products
-from .runner import EVIDENCE as EVIDENCE
-from .runner import WEIGHTS as WEIGHTS
 from .runner import Families as Families
 from .runner import Family as Family
 from .runner import host_of as host_of
 from .runner import run_families as run_families
+from .weights import EVIDENCE as EVIDENCE
+from .weights import WEIGHTS as WEIGHTS

@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from streamkit.report import BAND_68, BAND_95, NotebookFigure, columns, paragraph, ticks
 from streamkit.stream import Array
 from streamkit.study.families.average import LEVELS, average
-from streamkit.study.families.runner import STACKING, Families, best_ln_likelihoods
+from streamkit.study.families.runner import Families, best_ln_likelihoods
+from streamkit.study.families.weights import STACKING
 from streamkit.study.grid import Products
 
 TABLE, PROFILE, PICTURE, RUN = "families.ecsv", "profile.ecsv", "families.png", "families.toml"

@@ -14,8 +14,7 @@ from streamkit.fit import Results, run
 from streamkit.runfile import Spec, read_toml
 from streamkit.stream import Array
 from streamkit.study.families.average import stacking_weights, weights_of
-
-EVIDENCE, STACKING = WEIGHTS = ("evidence", "stacking")
+from streamkit.study.families.weights import EVIDENCE, STACKING
 
 
 @dataclass(frozen=True)
