@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from known import KNOWN, OfKnown, off
 
+from streamkit.builtin.samplers.emulator.agreement import autocorrelation_times
 from streamkit.builtin.samplers.emulator.density import Layout, Terms, one_factor
 from streamkit.builtin.samplers.emulator.mixture import Mixture
 from streamkit.builtin.samplers.emulator.of_target import LikelihoodOnly
-from streamkit.builtin.samplers.emulator.populations import autocorrelation_times, sample
+from streamkit.builtin.samplers.emulator.populations import sample
 from streamkit.builtin.samplers.emulator.rounds import Rounds
 from streamkit.builtin.samplers.emulator.space import Space
 

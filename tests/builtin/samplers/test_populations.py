@@ -5,9 +5,12 @@ import pytest
 from joints import HalfEmpty, LinearFactors, Mixture
 from scipy.stats import norm
 
+from streamkit.builtin.samplers.emulator import populations
+from streamkit.builtin.samplers.emulator.agreement import agreement
 from streamkit.builtin.samplers.emulator.density import Layout
 from streamkit.builtin.samplers.emulator.moves import Moves
-from streamkit.builtin.samplers.emulator.populations import agreement, sample
+from streamkit.builtin.samplers.emulator.places import by_width
+from streamkit.builtin.samplers.emulator.populations import sample
 from streamkit.errors import StreamkitError
 
 pytestmark = pytest.mark.usefixtures("short_walks")
@@ -52,6 +55,22 @@ def test_a_step_about_the_gaussian_of_linear_predictions_is_always_accepted() ->
     assert moves.accepted[3] == pytest.approx(1.0)
     assert_right(moved, z.mean(axis=0), covariance)
     np.testing.assert_allclose(terms.total(1.0), target.terms(moved).total(1.0))
+
+
+def test_half_of_the_calls_are_where_the_width_is_decided() -> None:
+    """Of a normal distribution: beyond 2 are 4.55 % of the samples, and 26.1 % of the variance."""
+    z = np.random.default_rng(1).standard_normal((200_000, 1))
+    beyond = 2 * (norm.sf(2) + 2 * norm.pdf(2))  # of the variance: the integral of z^2
+    drawn = by_width(z, np.random.default_rng(2))
+    assert np.mean(np.abs(drawn[:5000]) > 2) == pytest.approx(0.5 * 2 * norm.sf(2) + 0.5 * beyond, abs=0.02)
+    assert np.array_equal(np.sort(drawn[:, 0]), np.sort(z[:, 0]))
+
+
+def test_a_walk_that_is_refused_ends() -> None:
+    target, endless = LinearFactors(2, own=2), populations.TESTED._replace(times=np.inf)
+    found = sample(target, target.begin(3), [1], asked=endless, refused=lambda samples: len(samples) > 0)
+    assert found.sweeps == populations.FIRST
+    assert not found.agree
 
 
 def test_the_terms_are_those_of_the_samples() -> None:

@@ -19,6 +19,7 @@ from streamkit.builtin.samplers.emulator.changes import change_of, every_so_ofte
 from streamkit.builtin.samplers.emulator.density import Emulated
 from streamkit.builtin.samplers.emulator.emulator import Predictions
 from streamkit.builtin.samplers.emulator.of_target import LikelihoodOnly
+from streamkit.builtin.samplers.emulator.places import to_call
 from streamkit.builtin.samplers.emulator.polynomial import regress
 from streamkit.builtin.samplers.emulator.problem import Problem
 
@@ -117,10 +118,10 @@ def fresh_calls(
     The fraction of trends by chance that must be smaller for one to count is ``chance``. After ``most`` calls no more
     are made, but for `FRESH` in any case.
     """
-    order = rng.permutation(len(samples))
+    places = to_call(emulated, samples, rng)
 
     def called(batch: int) -> Calls:
-        return Calls.at(problem, emulated.space, samples[order[batch * FRESH : (batch + 1) * FRESH]])
+        return Calls.at(problem, emulated.space, places[batch * FRESH : (batch + 1) * FRESH])
 
     fresh = called(0)
     trend = trend_of(emulated, fresh, samples, rng, chance)

@@ -9,7 +9,7 @@ of all coordinates and of the principal axes of those that a factor depends on, 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -17,8 +17,14 @@ from typing import NamedTuple
 import numpy as np
 
 from streamkit import Array, IntArray, StreamkitError
+from streamkit.builtin.samplers.emulator.agreement import (
+    agreement,
+    autocorrelation_times,
+    kurtosis,
+    with_block_axes,
+)
 from streamkit.builtin.samplers.emulator.changes import every_so_often
-from streamkit.builtin.samplers.emulator.density import Density, Layout, Terms
+from streamkit.builtin.samplers.emulator.density import Density, Terms
 from streamkit.builtin.samplers.emulator.moves import Moves
 
 # Walkers of a population of one posterior; of K factors it has that divided by K, and so many at least.
@@ -40,10 +46,6 @@ MANY = 8000
 R_HAT = 1.004
 # Sweeps that widths are waited for at most. Those of heavy tails are uncertain for long, and no reason to refuse.
 SWEEPS_FOR_WIDTHS = 2400
-# A sum of autocorrelations ends at so many times (Sokal 1997).
-WINDOW = 5.0
-# Quantities whose autocorrelations are computed at a time.
-AT_A_TIME = 16
 # Samples of a population that the next walk may begin from.
 LAST = 512
 # In a round, from where the last one ended: walkers, sweeps until moves are fixed and after, sweeps of a tempered copy.
@@ -224,6 +226,7 @@ def sample(
     walkers: int | None = None,
     asked: Asked = GIVEN,
     most_sweeps: int = MOST_SWEEPS,
+    refused: Callable[[Array], bool] = lambda _: False,
 ) -> Populations:
     """Sample a posterior by two populations.
 
@@ -243,6 +246,8 @@ def sample(
         How long the walks are asked to be.
     most_sweeps
         Sweeps of a walk at most.
+    refused
+        Whether samples (n, d) of a walk that is not long enough yet are refused already: it ends then.
 
     Raises StreamkitError where no place has a probability.
     """
@@ -268,7 +273,7 @@ def sample(
         sweeps += more
         result = _judged(both, moves, parts, asked)
         lacking = (result.width_error / asked.width_error) ** 2 if sweeps < SWEEPS_FOR_WIDTHS else 0.0
-        if (result.agree and lacking <= 1) or sweeps >= most_sweeps:
+        if (result.agree and lacking <= 1) or sweeps >= most_sweeps or refused(result.samples):
             return result
         lacking = max(min(lacking, SWEEPS_FOR_WIDTHS / sweeps), asked.independent / max(result.independent, 1.0))
         wanted = max(asked.times * result.time, sweeps * lacking)
@@ -303,68 +308,13 @@ def _judged(both: Population, moves: Moves, parts: Sequence[tuple[Array, list[Te
     terms = [each.take(half) for half in halves for _, part in parts for each in part]
     last = samples.reshape(2, -1, d)[:, np.linspace(0, sweeps * walkers // 2 - 1, LAST).astype(int)]
     r_hat, count = agreement(np.stack(np.split(watched, 2, axis=1))), len(samples) / time
-    width_error = float(np.sqrt(np.max((_kurtosis(watched) - 1) * times) / (4 * len(samples))))
+    width_error = float(np.sqrt(np.max((kurtosis(watched) - 1) * times) / (4 * len(samples))))
     return Populations(
         samples, Terms(*(np.concatenate(each) for each in zip(*terms, strict=True))),
         last, r_hat, time, count, width_error, sweeps, both.evaluations,
         moves.accepted / max(moves.sweeps, 1),
         bool(r_hat < R_HAT and sweeps > asked.times * time and count > asked.independent),
     )  # fmt: skip
-
-
-def autocorrelation_times(chain: Array) -> Array:
-    """(q,) Integrated autocorrelation times in sweeps of walks (sweeps, w, q) of many walkers: of values and squares.
-
-    Deviations are those from the mean of all walkers. A short walk then shows a long time: each walker about its own
-    mean would hide what is slower than the walk. It is infinite for a quantity that no walker has changed, and 0 where
-    all have one value.
-    """
-    q = chain.shape[2]
-    return np.concatenate([_times(chain[:, :, i : i + AT_A_TIME]) for i in range(0, q, AT_A_TIME)])
-
-
-def _times(chain: Array) -> Array:
-    sweeps, _, q = chain.shape
-    away = chain - chain.mean(axis=(0, 1))
-    squares = away**2
-    away = np.concatenate([away, squares - squares.mean(axis=(0, 1))], axis=2)
-    spectrum = np.fft.rfft(away, 2 * sweeps, axis=0)
-    together = np.fft.irfft(np.mean(np.abs(spectrum) ** 2, axis=1), axis=0)[:sweeps]
-    together /= np.arange(sweeps, 0, -1)[:, None]  # each lag has its own number of pairs
-    with np.errstate(invalid="ignore", divide="ignore"):
-        sums = 2 * np.cumsum(together / together[0], axis=0) - 1
-    inside = np.arange(sweeps)[:, None] < WINDOW * sums  # a sum ends at the first lag outside, or with the walk
-    ends = np.where(inside.all(axis=0), sweeps - 1, np.argmin(inside, axis=0))
-    times = np.nan_to_num(sums[ends, np.arange(2 * q)], nan=np.inf).reshape(2, q).max(axis=0)
-    return np.where(np.ptp(chain, axis=(0, 1)) > 0, np.maximum(times, 1.0), 0.0)
-
-
-def agreement(watched: Array) -> float:
-    """Return the largest rank-normalised R-hat of walks (2, sweeps, w, q) of two populations, each a chain.
-
-    It is split in halves of the walks, and the larger of that of the values and of their distances from the median.
-    """
-    from arviz_stats.base.array import array_stats  # a second or more to load
-
-    chains = watched.reshape(2, -1, watched.shape[3])  # sweep after sweep: halves are early and late
-    moved = np.ptp(chains.reshape(-1, chains.shape[2]), axis=0) > 0
-    r_hat = array_stats.rhat(chains[..., moved], chain_axis=0, draw_axis=1, method="rank")  # type: ignore[no-untyped-call]
-    return float(np.max(r_hat)) if moved.any() else 1.0
-
-
-def _kurtosis(watched: Array) -> Array:
-    """(q,) Kurtosis of walks (sweeps, w, q): 3 for a Gaussian, and 1 where all values are one."""
-    squares = (watched - watched.mean(axis=(0, 1))) ** 2
-    variances = squares.mean(axis=(0, 1))
-    return np.where(variances > 0, np.mean(squares**2, axis=(0, 1)) / np.maximum(variances, 1e-300) ** 2, 1.0)
-
-
-def with_block_axes(layout: Layout, samples: Array) -> Array:
-    """(n, q) Append the principal axes of the shared coordinates, and of those of each factor, to samples (n, d)."""
-    blocks = [layout.shared, *(layout.of(k) for k, own in enumerate(layout.own) if len(own))]
-    scaled = (samples - samples.mean(axis=0)) / np.maximum(samples.std(axis=0), 1e-300)
-    axes = [scaled[:, b] @ np.linalg.eigh(np.atleast_2d(np.cov(scaled[:, b].T)))[1] for b in blocks if len(b) > 1]
-    return np.concatenate([samples, *axes], axis=1)
 
 
 def _systematic(weights: Array, n: int, rng: np.random.Generator) -> IntArray:

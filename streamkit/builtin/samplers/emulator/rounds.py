@@ -39,6 +39,7 @@ from streamkit.builtin.samplers.emulator.missing import (
     moved_away,
 )
 from streamkit.builtin.samplers.emulator.pairs import paired
+from streamkit.builtin.samplers.emulator.places import least_known, to_call
 from streamkit.builtin.samplers.emulator.populations import (
     TESTED,
     Populations,
@@ -56,6 +57,9 @@ COPIES = ((1.0, 0.4), (0.5, 0.2), (0.25, 0.2))
 LEAST_KNOWN = 0.2
 # New points of a round for each parameter, in any case, and as a fraction of all calls so far.
 ROUND, LEAST_ROUND, GROWTH = 8, 80, 0.15
+# The last of the factor whose noise leaves more uncertain than that of all others: they are called again while it moves
+# the posterior.
+NOISIEST = 0.5
 # The least of several factors is larger by this: sampling all of them costs more than so many calls of each.
 OF_SEVERAL = 2
 # Fraction of a round's new points of the posterior that are pairs: two calls at one place differ by their noise alone.
@@ -204,13 +208,14 @@ class Rounds:
         chosen: list[tuple[Known, Array]] = []
         for each in wanted:
             least = max(ROUND * each.factor.problem.size, LEAST_ROUND) * (OF_SEVERAL if several else 1)
-            size = max(least, int(GROWTH * len(each.calls)))
+            growth = NOISIEST if several and each.share > 0.5 * sum(other.share for other in wanted) else GROWTH
+            size = max(least, int(growth * len(each.calls)))
             places = []
             for (_, share), copy in zip(COPIES, copies, strict=True):
                 some = np.unique(copy.reshape(-1, copy.shape[2])[:, each.factor.columns], axis=0)  # a walker may rest
-                places.append(some[rng.choice(len(some), min(int(share * size), len(some)), replace=False)])
+                places.append(to_call(each.emulated, some, rng)[: int(share * size)])
                 if len(places) == 1:
-                    places.append(_least_known(each, some, int(LEAST_KNOWN * size), rng))
+                    places.append(least_known(each.emulated, some, int(LEAST_KNOWN * size), rng))
             pairs = 0 if each.emulated.emulator.is_silent else int(PAIRED * len(places[0])) // 2
             places[0] = paired(places[0], pairs)
             chosen.append((each, np.concatenate(places)))
@@ -304,11 +309,17 @@ class Rounds:
         self, known: Sequence[Known], now: Progress, copies: Sequence[Array], max_calls: int, seed: list[int]
     ) -> Progress:
         """Sample the posterior to its end, test it, learn from all calls, and sample it anew."""
-        tested = sample(now.joint, self._begin(known, now.populations), [*seed, 2], asked=TESTED)
+
+        def is_blurred(samples: Array) -> bool:
+            for each in known:
+                each.blur = blur_of(each.emulated, every_so_often(samples, 4 * SOME)[:, each.factor.columns])
+            return bool(blurred(known))
+
+        begin = self._begin(known, now.populations)
+        tested = sample(now.joint, begin, [*seed, 2], asked=TESTED, refused=is_blurred)
+        is_blurred(tested.samples)
         now = replace(now, populations=tested)
-        for each in known:
-            each.blur = blur_of(each.emulated, every_so_often(tested.samples, 4 * SOME)[:, each.factor.columns])
-        if fault := apart(tested) or blurred(known) or self._unseen(known, tested):
+        if fault := blurred(known) or apart(tested) or self._unseen(known, tested):
             return replace(now, missing=fault)
         trend, by_chance, faults = self._certified(known, tested, max_calls, seed)
         beyond = recall(known, now.joint, np.concatenate([*tested.last, *copies[-1]]), [*seed, 7])
@@ -376,10 +387,3 @@ class Rounds:
 def _by_population(result: Populations) -> Array:
     """(2, n, d) Return the samples of each population."""
     return result.samples.reshape(2, -1, result.samples.shape[1])
-
-
-def _least_known(each: Known, samples: Array, size: int, rng: np.random.Generator) -> Array:
-    """Draw samples (n, d) of the posterior by what the emulator's own error changes of their ln L."""
-    some = rng.permutation(samples)[: 4 * SOME]
-    change = np.abs(each.emulated.change_by_error(some)) + 1e-9
-    return some[rng.choice(len(some), min(size, len(some)), replace=False, p=change / change.sum())]

@@ -1,0 +1,68 @@
+"""How well walks of many walkers agree, and how long they are: R-hat, autocorrelation times, kurtosis."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from streamkit import Array
+from streamkit.builtin.samplers.emulator.density import Layout
+
+# A sum of autocorrelations ends at so many times (Sokal 1997).
+WINDOW = 5.0
+# Quantities whose autocorrelations are computed at a time.
+AT_A_TIME = 16
+
+
+def autocorrelation_times(chain: Array) -> Array:
+    """(q,) Integrated autocorrelation times in sweeps of walks (sweeps, w, q) of many walkers: of values and squares.
+
+    Deviations are those from the mean of all walkers. A short walk then shows a long time: each walker about its own
+    mean would hide what is slower than the walk. It is infinite for a quantity that no walker has changed, and 0 where
+    all have one value.
+    """
+    q = chain.shape[2]
+    return np.concatenate([_times(chain[:, :, i : i + AT_A_TIME]) for i in range(0, q, AT_A_TIME)])
+
+
+def _times(chain: Array) -> Array:
+    sweeps, _, q = chain.shape
+    away = chain - chain.mean(axis=(0, 1))
+    squares = away**2
+    away = np.concatenate([away, squares - squares.mean(axis=(0, 1))], axis=2)
+    spectrum = np.fft.rfft(away, 2 * sweeps, axis=0)
+    together = np.fft.irfft(np.mean(np.abs(spectrum) ** 2, axis=1), axis=0)[:sweeps]
+    together /= np.arange(sweeps, 0, -1)[:, None]  # each lag has its own number of pairs
+    with np.errstate(invalid="ignore", divide="ignore"):
+        sums = 2 * np.cumsum(together / together[0], axis=0) - 1
+    inside = np.arange(sweeps)[:, None] < WINDOW * sums  # a sum ends at the first lag outside, or with the walk
+    ends = np.where(inside.all(axis=0), sweeps - 1, np.argmin(inside, axis=0))
+    times = np.nan_to_num(sums[ends, np.arange(2 * q)], nan=np.inf).reshape(2, q).max(axis=0)
+    return np.where(np.ptp(chain, axis=(0, 1)) > 0, np.maximum(times, 1.0), 0.0)
+
+
+def agreement(watched: Array) -> float:
+    """Return the largest rank-normalised R-hat of walks (2, sweeps, w, q) of two populations, each a chain.
+
+    It is split in halves of the walks, and the larger of that of the values and of their distances from the median.
+    """
+    from arviz_stats.base.array import array_stats  # a second or more to load
+
+    chains = watched.reshape(2, -1, watched.shape[3])  # sweep after sweep: halves are early and late
+    moved = np.ptp(chains.reshape(-1, chains.shape[2]), axis=0) > 0
+    r_hat = array_stats.rhat(chains[..., moved], chain_axis=0, draw_axis=1, method="rank")  # type: ignore[no-untyped-call]
+    return float(np.max(r_hat)) if moved.any() else 1.0
+
+
+def kurtosis(watched: Array) -> Array:
+    """(q,) Kurtosis of walks (sweeps, w, q): 3 for a Gaussian, and 1 where all values are one."""
+    squares = (watched - watched.mean(axis=(0, 1))) ** 2
+    variances = squares.mean(axis=(0, 1))
+    return np.where(variances > 0, np.mean(squares**2, axis=(0, 1)) / np.maximum(variances, 1e-300) ** 2, 1.0)
+
+
+def with_block_axes(layout: Layout, samples: Array) -> Array:
+    """(n, q) Append the principal axes of the shared coordinates, and of those of each factor, to samples (n, d)."""
+    blocks = [layout.shared, *(layout.of(k) for k, own in enumerate(layout.own) if len(own))]
+    scaled = (samples - samples.mean(axis=0)) / np.maximum(samples.std(axis=0), 1e-300)
+    axes = [scaled[:, b] @ np.linalg.eigh(np.atleast_2d(np.cov(scaled[:, b].T)))[1] for b in blocks if len(b) > 1]
+    return np.concatenate([samples, *axes], axis=1)
