@@ -5,7 +5,6 @@ import pytest
 from joints import HalfEmpty, LinearFactors, Mixture
 from scipy.stats import norm
 
-from streamkit.builtin.samplers.emulator import populations
 from streamkit.builtin.samplers.emulator.agreement import agreement
 from streamkit.builtin.samplers.emulator.density import Layout
 from streamkit.builtin.samplers.emulator.moves import Moves
@@ -64,13 +63,6 @@ def test_half_of_the_calls_are_where_the_width_is_decided() -> None:
     drawn = by_width(z, np.random.default_rng(2))
     assert np.mean(np.abs(drawn[:5000]) > 2) == pytest.approx(0.5 * 2 * norm.sf(2) + 0.5 * beyond, abs=0.02)
     assert np.array_equal(np.sort(drawn[:, 0]), np.sort(z[:, 0]))
-
-
-def test_a_walk_that_is_refused_ends() -> None:
-    target, endless = LinearFactors(2, own=2), populations.TESTED._replace(times=np.inf)
-    found = sample(target, target.begin(3), [1], asked=endless, refused=lambda samples: len(samples) > 0)
-    assert found.sweeps == populations.FIRST
-    assert not found.agree
 
 
 def test_the_terms_are_those_of_the_samples() -> None:

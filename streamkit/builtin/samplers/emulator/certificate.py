@@ -118,7 +118,7 @@ def fresh_calls(
     The fraction of trends by chance that must be smaller for one to count is ``chance``. After ``most`` calls no more
     are made, but for `FRESH` in any case.
     """
-    places = to_call(emulated, samples, rng)
+    places = to_call(emulated, samples, len(samples), rng)
 
     def called(batch: int) -> Calls:
         return Calls.at(problem, emulated.space, places[batch * FRESH : (batch + 1) * FRESH])

@@ -9,7 +9,7 @@ of all coordinates and of the principal axes of those that a factor depends on, 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -226,7 +226,6 @@ def sample(
     walkers: int | None = None,
     asked: Asked = GIVEN,
     most_sweeps: int = MOST_SWEEPS,
-    refused: Callable[[Array], bool] = lambda _: False,
 ) -> Populations:
     """Sample a posterior by two populations.
 
@@ -246,8 +245,6 @@ def sample(
         How long the walks are asked to be.
     most_sweeps
         Sweeps of a walk at most.
-    refused
-        Whether samples (n, d) of a walk that is not long enough yet are refused already: it ends then.
 
     Raises StreamkitError where no place has a probability.
     """
@@ -273,7 +270,7 @@ def sample(
         sweeps += more
         result = _judged(both, moves, parts, asked)
         lacking = (result.width_error / asked.width_error) ** 2 if sweeps < SWEEPS_FOR_WIDTHS else 0.0
-        if (result.agree and lacking <= 1) or sweeps >= most_sweeps or refused(result.samples):
+        if (result.agree and lacking <= 1) or sweeps >= most_sweeps:
             return result
         lacking = max(min(lacking, SWEEPS_FOR_WIDTHS / sweeps), asked.independent / max(result.independent, 1.0))
         wanted = max(asked.times * result.time, sweeps * lacking)

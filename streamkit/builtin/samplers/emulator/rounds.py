@@ -213,7 +213,7 @@ class Rounds:
             places = []
             for (_, share), copy in zip(COPIES, copies, strict=True):
                 some = np.unique(copy.reshape(-1, copy.shape[2])[:, each.factor.columns], axis=0)  # a walker may rest
-                places.append(to_call(each.emulated, some, rng)[: int(share * size)])
+                places.append(to_call(each.emulated, some, int(share * size), rng))
                 if len(places) == 1:
                     places.append(least_known(each.emulated, some, int(LEAST_KNOWN * size), rng))
             pairs = 0 if each.emulated.emulator.is_silent else int(PAIRED * len(places[0])) // 2
@@ -309,17 +309,11 @@ class Rounds:
         self, known: Sequence[Known], now: Progress, copies: Sequence[Array], max_calls: int, seed: list[int]
     ) -> Progress:
         """Sample the posterior to its end, test it, learn from all calls, and sample it anew."""
-
-        def is_blurred(samples: Array) -> bool:
-            for each in known:
-                each.blur = blur_of(each.emulated, every_so_often(samples, 4 * SOME)[:, each.factor.columns])
-            return bool(blurred(known))
-
-        begin = self._begin(known, now.populations)
-        tested = sample(now.joint, begin, [*seed, 2], asked=TESTED, refused=is_blurred)
-        is_blurred(tested.samples)
+        tested = sample(now.joint, self._begin(known, now.populations), [*seed, 2], asked=TESTED)
         now = replace(now, populations=tested)
-        if fault := blurred(known) or apart(tested) or self._unseen(known, tested):
+        for each in known:
+            each.blur = blur_of(each.emulated, every_so_often(tested.samples, 4 * SOME)[:, each.factor.columns])
+        if fault := apart(tested) or blurred(known) or self._unseen(known, tested):
             return replace(now, missing=fault)
         trend, by_chance, faults = self._certified(known, tested, max_calls, seed)
         beyond = recall(known, now.joint, np.concatenate([*tested.last, *copies[-1]]), [*seed, 7])
