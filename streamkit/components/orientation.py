@@ -79,10 +79,14 @@ class Oriented(Component):
         """Whether its centre moves."""
         return self.centre is not None and len(self.centre) > 1
 
+    @property
+    def _turns(self) -> bool:
+        """Whether an angle of its orientation changes in time."""
+        return any(name.startswith(ANGLES) for name in self._in_time)
+
     def motion(self) -> engine.Motion:
         """Return how its centre moves and its axes turn, in engine units."""
-        turning = any(name.startswith(ANGLES) for name in self._in_time)
-        angles = tuple(self._angle(number) for number in range(3)) if turning else ()
+        angles = tuple(self._angle(number) for number in range(3)) if self._turns else ()
         return engine.Motion(angles) if self.centre is None else engine.Motion(angles, _curve(self.centre))
 
     def _angle(self, number: int) -> Array:
@@ -98,7 +102,7 @@ class Oriented(Component):
 
         None without an orientation, and if it changes in time: `motion` has it then.
         """
-        if self.orientation is None or any(name.startswith(ANGLES) for name in self._in_time):
+        if self.orientation is None or self._turns:
             return None
         from scipy.spatial.transform import Rotation  # slow to import, and few potentials need it
 

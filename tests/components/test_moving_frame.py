@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from pydantic import Field
 from runfiles import BASE
+from turned_halos import Foreign, axes, logarithmic
 
 import streamkit as sk
 from streamkit.builtin.potentials.bar import Bar
@@ -35,37 +36,6 @@ def falling(times: Any) -> dict[str, list[float]]:
     return {"t": list(times), **{name: list(0.5 * g * t**2) for name, g in zip("xyz", GRAVITY, strict=True)}}
 
 
-def axes(angles: Any) -> Any:
-    """(n, 3, 3) The axes of a potential as rows, for Euler angles (3, n) in degrees: AGAMA's reference, appendix."""
-    ca, cb, cg = np.cos(np.radians(angles))
-    sa, sb, sg = np.sin(np.radians(angles))
-    return np.array([
-        [ca * cg - sa * cb * sg, sa * cg + ca * cb * sg, sb * sg],
-        [-ca * sg - sa * cb * cg, -sa * sg + ca * cb * cg, sb * cg],
-        [sa * sb, -ca * sb, cb],
-    ]).transpose(2, 0, 1)  # fmt: skip
-
-
-def logarithmic(q: Any, v0: float = 220.0, p: float = 0.85, f: float = 0.75) -> Any:
-    """Acceleration (3, n) of a logarithmic halo in its own axes: Binney & Tremaine 2008, eq. 2.71a."""
-    shape = np.array([1.0, p, f])[:, None]
-    return -(v0**2) * q / shape**2 / ((q / shape) ** 2).sum(axis=0)
-
-
-class Foreign(sk.Potential):
-    """The same halo as code that numba does not see."""
-
-    kind = "test_foreign_moving_halo"
-    compiled = False
-    evaluation = "expansion"
-    example: ClassVar[dict[str, Any]] = {"v0": 220.0}
-    v0: sk.Speed = Field(description="Speed.")
-
-    @staticmethod
-    def acceleration(x: Any, y: Any, z: Any, t: Any, v0: Any) -> Any:
-        return tuple(logarithmic(np.stack([x, y, z]).reshape(3, -1), v0).reshape(3, *np.shape(x)))
-
-
 MOVING: dict[str, Any] = {"orientation": [20.0, 40.0, 0.0], "centre": falling([-5, -3, -1, 0])}
 TURNING = {"orientation.0": InTime(STEADY, (300.0, 20.0)), "orientation.2": InTime(STEADY, (-700.0, 0.0))}
 
@@ -73,7 +43,7 @@ TURNING = {"orientation.0": InTime(STEADY, (300.0, 20.0)), "orientation.2": InTi
 def wanted(q: Any, t: Any) -> Any:
     """Its force: the axes precess and turn, the centre falls."""
     angles = np.array([20 - 40 * t / sk.GYR, np.full(len(t), 40.0), 100 * t / sk.GYR])
-    turn = axes(angles)
+    turn = axes(*angles)
     along = np.einsum("nij,jn->in", turn, q - 0.5 * GRAVITY[:, None] * t**2)
     return np.einsum("nij,in->jn", turn, logarithmic(along))
 

@@ -1,11 +1,12 @@
 """Potentials along turned axes: against closed forms that are turned by hand, in every way a force is computed."""
 
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import pytest
 from pydantic import Field
 from runfiles import BASE
+from turned_halos import Foreign, axes, logarithmic
 
 import streamkit as sk
 from streamkit.builtin.potentials.closed_forms import NFW
@@ -20,38 +21,7 @@ ANGLES = [25.0, 40.0, -70.0]
 HALO: dict[str, Any] = {"mass": 8e11, "rs": 16.0, "p": 0.85, "q": 0.75}
 
 
-def axes(alpha: float, beta: float, gamma: float) -> Any:
-    """The matrix of AGAMA's reference for its Euler angles: its rows are the axes of the potential."""
-    ca, cb, cg = np.cos(np.radians([alpha, beta, gamma]))
-    sa, sb, sg = np.sin(np.radians([alpha, beta, gamma]))
-    return np.array([
-        [ca * cg - sa * cb * sg, sa * cg + ca * cb * sg, sb * sg],
-        [-ca * sg - sa * cb * cg, -sa * sg + ca * cb * cg, sb * cg],
-        [sa * sb, -ca * sb, cb],
-    ])  # fmt: skip
-
-
 TURN = axes(*ANGLES)
-
-
-def logarithmic(q: Any, v0: float = 220.0, p: float = 0.85, f: float = 0.75) -> Any:
-    """Acceleration of a logarithmic halo in its own axes: Binney & Tremaine 2008, eq. 2.71a."""
-    shape = np.array([1.0, p, f])[:, None]
-    return -(v0**2) * q / shape**2 / ((q / shape) ** 2).sum(axis=0)
-
-
-class Foreign(sk.Potential):
-    """The same halo as code that numba does not see."""
-
-    kind = "test_foreign_halo"
-    compiled = False
-    evaluation = "expansion"
-    example: ClassVar[dict[str, Any]] = {"v0": 220.0}
-    v0: sk.Speed = Field(description="Speed.")
-
-    @staticmethod
-    def acceleration(x: Any, y: Any, z: Any, t: Any, v0: Any) -> Any:
-        return tuple(logarithmic(np.stack([x, y, z]).reshape(3, -1), v0).reshape(3, *np.shape(x)))
 
 
 @pytest.mark.parametrize(
