@@ -63,8 +63,8 @@ class Families:
         return tuple(each.name for each in self.families if not self._is_known(each))
 
     def _is_known(self, each: Family) -> bool:
-        known = each.ln_density if self.by == STACKING else np.array(each.ln_evidence)
-        return len(known) > 1 and bool(np.isfinite(known).all())
+        known = each.ln_density if self.by == STACKING else each.ln_evidence[:1]
+        return len(known) > 0 and bool(np.isfinite(known).all())
 
     @cached_property
     def weights(self) -> tuple[Array, Array]:
@@ -113,8 +113,8 @@ def run_families(
     streams = next(iter(specs.values())).streams
     if by == STACKING and len(streams) < 2:
         raise StreamkitError(
-            f"one stream alone ({', '.join(streams)}): stacking predicts each of several streams by the others; "
-            f"use --weights {EVIDENCE}"
+            f"found {len(streams)} stream{'s' * (len(streams) != 1)}, expected two or more: stacking predicts each of "
+            f"several streams by the others; use --weights {EVIDENCE}"
         )
     families = []
     for name, spec in specs.items():
