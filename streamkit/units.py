@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Annotated, Any, get_args
 
 import numpy as np
@@ -71,6 +72,13 @@ class Unit:
             raise ValueError(f"expected a number in {self.label} or a quantity, found {value!r}")
         if isinstance(value, int | float):
             return _sized(value)
+        return self._parse_text(value) if isinstance(value, str) else self._parse(value)
+
+    @lru_cache(maxsize=4096)  # noqa: B019  units are few and stay; a resolved run file is read again for every change
+    def _parse_text(self, text: str) -> float:
+        return self._parse(text)
+
+    def _parse(self, value: Any) -> float:
         from astropy import units as u  # slow to import, and bare numbers do not need it
 
         target = u.dimensionless_unscaled if not self.name else u.Unit(self.name)

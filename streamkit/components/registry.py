@@ -123,15 +123,15 @@ def _usable(points: Iterable[EntryPoint]) -> tuple[tuple[EntryPoint, ...], tuple
     """Return the entry points that may be loaded, sorted, and a record for each of the others."""
     groups: dict[tuple[bool, str], list[EntryPoint]] = {}
     for point in sorted(points, key=_order):
-        groups.setdefault(_order(point)[:2], []).append(point)
+        groups.setdefault(_order(point), []).append(point)
     off, usable, broken = switched_off(), [], []
     for (is_foreign, name), group in groups.items():
-        suppliers = [supplier_of(point) for point in group]
         if is_foreign and name in off:
-            broken += [f"{supplier}, entry point {name!r} (switched off by {DISABLE})" for supplier in suppliers]
+            said = f"entry point {name!r} (switched off by {DISABLE})"
+            broken += [f"{supplier}, {said}" for supplier in _suppliers(group)]
         elif is_foreign and len(group) > 1:
             broken.append(
-                f"two distributions use the entry-point name {name!r}: {' and '.join(suppliers)}. "
+                f"two distributions use the entry-point name {name!r}: {' and '.join(_suppliers(group))}. "
                 f"None of them is loaded: uninstall all but one, or switch them off with {DISABLE}."
             )
         else:
@@ -139,9 +139,14 @@ def _usable(points: Iterable[EntryPoint]) -> tuple[tuple[EntryPoint, ...], tuple
     return tuple(usable), tuple(broken)
 
 
-def _order(point: EntryPoint) -> tuple[bool, str, str]:
+def _order(point: EntryPoint) -> tuple[bool, str]:
     """Sort built-ins first, then by names: the order of a file system's listing must not matter."""
-    return not is_ours(point), point.name, supplier_of(point)
+    return not is_ours(point), point.name
+
+
+def _suppliers(points: Iterable[EntryPoint]) -> list[str]:
+    """Return the suppliers, sorted. Their names stand in files that take longer to read than all else of a load."""
+    return sorted(map(supplier_of, points))
 
 
 def _entries(plugins: Iterable[Plugin], local: Iterable[Plugin]) -> tuple[dict[str, dict[str, Entry]], list[str]]:
