@@ -17,17 +17,23 @@ from filelock import FileLock
 from matplotlib.figure import Figure
 from PIL import Image
 from runfiles import APOCENTRES, FIT, PUBLISHED, RUN, schema_with
+from shortened import SEARCH, WHOLE_SEARCH, set_search, shorten_walks
 
 import streamkit as sk
 from streamkit.cli.process import NEW_OBJECTS
 from streamkit.components import load_registry
 from streamkit.runfile import to_toml
+from streamkit.sample import one_thread
 
 collect_ignore = ["third_party"]  # a package of its own: test_third_party.py installs it and runs its test
 
 
 # The interpreters that tests start, and the workers of xdist, read modules that another one has compiled.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+# Threads of linear algebra in several workers of xdist, and in processes that tests start, only wait for each other.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+one_thread()
 
 # Imports and compilations make objects that stay: as in a command, searches for garbage among them are rare.
 gc.set_threshold(NEW_OBJECTS)
@@ -109,16 +115,32 @@ def rendered_pictures(request: pytest.FixtureRequest, pictures: Pictures) -> Ite
 
 
 @pytest.fixture
-def short_search(monkeypatch: pytest.MonkeyPatch) -> None:
-    """For runs that others look at: few trial streams for a check, few draws for the start of a chain."""
+def short_check(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For checks of run files that others look at: few trial streams."""
     monkeypatch.setattr("streamkit.study.preflight.draws.BUDGET", 0.5)
-    shorten_search(monkeypatch)
 
 
-def shorten_search(patch: pytest.MonkeyPatch) -> None:
-    """A search for a start looks after every 16 draws whether it has enough, and a fourth as many are enough."""
-    patch.setattr("streamkit.sample.calls.search.ENOUGH", 1)
-    patch.setattr("streamkit.sample.calls.search.PARTS", 64)
+@pytest.fixture(autouse=True, scope="session")
+def short_search() -> Iterator[None]:
+    """Searches for a start are short: they take most of the time of a run of few steps.
+
+    In processes that tests start they are as long as a user's.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        set_search(patch, SEARCH)
+        yield
+
+
+@pytest.fixture
+def whole_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The search of users, for its own tests and for numbers that depend on it."""
+    set_search(monkeypatch, WHOLE_SEARCH)
+
+
+@pytest.fixture
+def short_walks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Short walks of the emulator."""
+    shorten_walks(monkeypatch)
 
 
 @pytest.fixture
@@ -166,9 +188,8 @@ def finished_run(tmp_path_factory: pytest.TempPathFactory, pictures: Pictures) -
     if "PYTEST_XDIST_WORKER" in os.environ:
         place = place.parent
     out, made = place / "finished", place / "finished.made"
-    with FileLock(place / "finished.lock"), pytest.MonkeyPatch.context() as patch:
+    with FileLock(place / "finished.lock"):
         if not made.exists():
-            shorten_search(patch)
             (place / "published.csv").write_text(PUBLISHED)
             results = sk.run(sk.load(APOCENTRES), out=out, steps=30, progress=False, products=False)
             with pictures.rendered():

@@ -21,6 +21,7 @@ from documents import (
     CONTRIBUTING,
     DOCUMENTS,
     EXAMPLES,
+    LONG,
     MANUAL,
     PLUGINS,
     README,
@@ -47,7 +48,7 @@ from streamkit.fit.products import products_of
 from streamkit.runfile import to_toml
 from streamkit.testing.contained import in_a_process
 
-pytestmark = pytest.mark.usefixtures("short_search")
+pytestmark = pytest.mark.usefixtures("short_check")
 SHELL = ("sh", "console", "")
 SHORT = ROOT / "examples" / "pal5" / "README.md"  # the document whose commands run with every commit
 DIRECTORY = ROOT / "examples" / "sagittarius" / "README.md"  # it describes the directory of a run
@@ -170,7 +171,7 @@ def test_the_program_of_the_readme_runs(desk: Path, capsys: pytest.CaptureFixtur
 @pytest.mark.parametrize(
     "block",
     [
-        pytest.param(block, id=str(block), marks=pytest.mark.slow if "sk.run(" in block.text else ())
+        pytest.param(block, id=str(block), marks=pytest.mark.slow if any(word in block.text for word in LONG) else ())
         for block in PLAIN_BLOCKS
         if block.document != README
     ],

@@ -40,7 +40,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.usefixtures("place", "short_search")
+@pytest.mark.usefixtures("place", "short_check")
 @pytest.mark.parametrize(
     "script",
     [

@@ -201,7 +201,7 @@ def test_a_file_that_is_missing_is_told(tmp_path: Path) -> None:
     assert line == f"{run}: streams[0]: {stream}: cannot read the run file: No such file or directory"
 
 
-@pytest.mark.usefixtures("short_search")
+@pytest.mark.usefixtures("short_check")
 def test_a_directory_of_a_run_holds_the_tables_of_its_streams(tmp_path: Path) -> None:
     """It is read where neither the run file nor the files of the streams are."""
     there = tmp_path / "there"

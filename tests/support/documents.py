@@ -27,6 +27,8 @@ EXAMPLES = [
     ROOT / "tests" / "third_party" / "streamkit_jaffe.py",
     *(path for path in sorted(ROOT.glob("tests/examples/*.py")) if not path.name.startswith("test_")),
 ]
+# What stands in Python blocks that take long: a run, and a host with a body, which compiles for 20 s.
+LONG = "sk.run(", "examples/gd1_gap/"
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 # Few steps.

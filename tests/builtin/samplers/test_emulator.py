@@ -292,8 +292,9 @@ def by_late(first, max_calls):
     return last
 
 
+@pytest.mark.usefixtures("short_walks")
 def test_where_no_place_of_the_starts_has_a_prediction_others_are_called():
-    assert by_late(first=300, max_calls=900).known[0].calls.good.sum() > 100
+    assert by_late(first=300, max_calls=500).known[0].calls.good.sum() > 100
 
 
 def test_without_predictions_the_rounds_end():
@@ -310,12 +311,13 @@ def test_a_mode_that_a_start_has_missed_is_found_by_another():
     np.testing.assert_allclose((samples_of(last).mean(axis=0) - mean) / sd, 0.0, atol=0.15)
 
 
-@pytest.mark.usefixtures("numbered")
+@pytest.mark.usefixtures("numbered", "short_walks")
 def test_modes_that_only_one_start_has_seen_are_not_certified():
     last, _ = sampled(TwoModes(), cheap=Blind(TwoModes(), blind={0, 2, 3}), max_calls=500)
     assert "only 1 of" in last.missing
 
 
+@pytest.mark.usefixtures("short_walks")
 def test_the_same_seed_gives_the_same_samples():
     (first, _), (again, _) = (sampled(Curved(), noise=0.5, max_calls=150) for _ in range(2))
     np.testing.assert_array_equal(first.populations.samples, again.populations.samples)

@@ -1,19 +1,29 @@
-"""The sampler `emulator` in a run: certified, resumed without a call, and the same for any number of workers."""
+"""The sampler `emulator` in a run: certified, resumed without a call, with any number of workers; its history."""
 
 import numpy as np
 import pytest
 from runfiles import FIT
+from shortened import shorten_walks
 
 import streamkit as sk
 from streamkit.fit import describe_status, read_status
+from streamkit.fit.show.figures import traces
 
 EMULATED = FIT | {"sampler": {"kind": "emulator", "start_particles": 50, "starts": 1, "max_calls": 1200}}
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
+    """Its directory and its results; all walks of this file are short."""
     out = tmp_path_factory.mktemp("run") / "out"
-    return out, sk.run(EMULATED, out=out, progress=False, products=False)
+    with pytest.MonkeyPatch.context() as patch:
+        shorten_walks(patch)
+        yield out, sk.run(EMULATED, out=out, progress=False, products=False)
+
+
+def stages(results):
+    """How the answer moved with the calls."""
+    return results.weighted.attributes["history"]["stages"]
 
 
 def test_it_is_certified(run):
@@ -48,9 +58,33 @@ def test_a_finished_run_is_resumed_without_a_call(run):
     again = sk.run(EMULATED, out=out, progress=False, products=False, resume=True)
     assert again.calls == first.calls
     np.testing.assert_array_equal(again.samples, first.samples)
+    assert stages(again) == stages(first)
 
 
 @pytest.mark.slow
 def test_two_workers_find_the_same_samples(run, tmp_path):
     other = sk.run(EMULATED, out=tmp_path / "out", progress=False, products=False, workers=2)
     np.testing.assert_array_equal(other.samples, run[1].samples)
+
+
+def test_calls_grow_from_stage_to_stage_and_the_last_stage_is_the_answer(run):
+    run = run[1]
+    history = run.weighted.attributes["history"]
+    assert history["names"][:2] == list(run.names)
+    assert (np.diff([stage["calls"] for stage in history["stages"]]) >= 0).all()
+    last = history["stages"][-1]
+    assert (last["calls"], last["small_calls"]) == (run.calls, run.search_calls)
+    for name, interval in zip(run.names, last["intervals"], strict=False):
+        np.testing.assert_allclose(interval, np.percentile(run[name], [16, 50, 84]))
+    radius = float(history["names"][-1].removeprefix("M(<").split()[0])
+    middle = run.mass_profile([radius])["M"][0].to_value("1e11 Msun")
+    assert last["intervals"][-1][1] == pytest.approx(middle, rel=0.05)  # of 200 samples
+
+
+def test_the_traces_of_an_emulated_run_are_its_history(run):
+    figure = traces(run[1])
+    assert figure._supxlabel.get_text() == "calls with all particles"
+    assert figure.axes[2].get_ylabel().startswith("M(<")
+    (line,) = {tuple(axes.lines[-1].get_xdata()) for axes in figure.axes[:1]}
+    passed = [each["calls"] for each in stages(run[1]) if each["level"] == "fine"]
+    assert list(line) == passed

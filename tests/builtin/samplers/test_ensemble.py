@@ -88,6 +88,7 @@ def test_a_resumed_chain_equals_an_uninterrupted_one(tmp_path):
     assert resumed.last.counts["search_calls"] == parts.last.counts["search_calls"]
 
 
+@pytest.mark.usefixtures("whole_search")
 def test_the_start_is_spread_over_the_posterior():
     toy = Gaussian(cut=True)
     with Workers({"full": toy, "cheap": toy}) as pool:
@@ -260,6 +261,7 @@ class Scarce(Gaussian):
         return super().evaluate(theta) if theta[0] > 19.9 and theta[1] > 19 else rejected
 
 
+@pytest.mark.usefixtures("whole_search")
 def test_a_time_limit_ends_a_search_that_finds_nothing(monkeypatch):
     monkeypatch.setattr("streamkit.sample.calls.search.GRACE", 0.3)
     posterior, begin = Scarce(), monotonic()

@@ -41,6 +41,7 @@ class Gaussians:
         )
 
 
+@pytest.mark.usefixtures("short_walks")
 @pytest.mark.parametrize(
     ("d", "means", "widths"),
     [

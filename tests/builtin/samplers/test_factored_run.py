@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from runfiles import several
+from shortened import shorten_walks
 
 import streamkit as sk
 from streamkit.fit.show.status import describe_status, read_status
@@ -23,9 +24,11 @@ def spec_of(*names: str, max_calls: int = 500):
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory):
+    """Its directory and its results; all walks of this file are short."""
     out = tmp_path_factory.mktemp("factors") / "run"
-    results = sk.run(spec_of("a", "b", max_calls=300), out=out, workers=1, progress=False, products=False)
-    return out, results
+    with pytest.MonkeyPatch.context() as patch:
+        shorten_walks(patch)
+        yield out, sk.run(spec_of("a", "b", max_calls=170), out=out, workers=1, progress=False, products=False)
 
 
 def test_calls_are_stored_for_each_stream(run) -> None:
@@ -76,6 +79,7 @@ def test_a_resumed_run_makes_no_call_again_and_gives_the_same_samples(run, tmp_p
     np.testing.assert_array_equal(again.samples, results.samples)
 
 
+@pytest.mark.slow  # those of the default sampler do in `test_runner.py`
 def test_two_workers_give_the_same_samples_from_one_queue(run) -> None:
     _, results = run
     again = sk.run(results.spec, workers=2, progress=False)
@@ -91,12 +95,18 @@ def test_calls_of_another_stream_in_its_file_are_refused(run, tmp_path: Path) ->
         sk.run(results.spec, out=copy, workers=1, progress=False, products=False, resume=True)
 
 
-def test_a_stream_is_added_without_a_call_of_the_others(run, tmp_path: Path) -> None:
-    out, before = run
-    more = spec_of("a", "b", "c", max_calls=300)
-    results = sk.run(more, out=tmp_path / "more", workers=1, progress=False, products=False, reuse=out)
-    made = {path.name: calls_in(path) for path in (tmp_path / "more").glob("*.journal")}
-    status = read_status(tmp_path / "more")
+@pytest.fixture(scope="module")
+def added(run, tmp_path_factory: pytest.TempPathFactory):
+    """A run of a third stream beside those two, with their calls; its directory and its results."""
+    out = tmp_path_factory.mktemp("factors") / "more"
+    more = spec_of("a", "b", "c", max_calls=170)
+    return out, sk.run(more, out=out, workers=1, progress=False, products=False, reuse=run[0])
+
+
+def test_a_stream_is_added_without_a_call_of_the_others(run, added) -> None:
+    (out, before), (more, results) = run, added
+    made = {path.name: calls_in(path) for path in more.glob("*.journal")}
+    status = read_status(more)
     assert status["streams"]["a"]["earlier_calls"] == made["earlier_calls.a.journal"]
     assert status["calls"] == results.calls  # without those of the earlier run
     assert made["earlier_calls.a.journal"] == calls_in(out / "calls.a.journal")
@@ -105,11 +115,14 @@ def test_a_stream_is_added_without_a_call_of_the_others(run, tmp_path: Path) -> 
     moved = (results["potential.v0"].mean() - before["potential.v0"].mean()) / before["potential.v0"].std()
     assert abs(moved) < 1  # the third stream has the same data again
 
+
+@pytest.mark.slow
+def test_a_run_with_earlier_calls_is_resumed(added, tmp_path: Path) -> None:
     again = tmp_path / "again"
-    shutil.copytree(tmp_path / "more", again)
+    shutil.copytree(added[0], again)
     (again / "samples.h5").unlink()
-    resumed = sk.run(more, out=again, workers=1, progress=False, products=False, resume=True)
-    np.testing.assert_array_equal(resumed.samples, results.samples)
+    resumed = sk.run(added[1].spec, out=again, workers=1, progress=False, products=False, resume=True)
+    np.testing.assert_array_equal(resumed.samples, added[1].samples)
 
 
 def test_calls_are_compared_with_changed_data_anew(run, tmp_path: Path) -> None:

@@ -248,6 +248,7 @@ def test_the_surrogate_works_for_dozens_of_correlated_numbers_and_for_a_likeliho
     assert autocorrelation_times(kept).max() < 0.7 * autocorrelation_times(usual).max()
 
 
+@pytest.mark.usefixtures("whole_search")
 def test_proposals_without_a_prediction_are_kept_while_the_moves_learn(tmp_path):
     """Two of each step, all where there is no stream, inside the prior; also where the run was interrupted."""
     toy, file = Gaussian(cut=True), ChainFile(tmp_path / "chain.h5")

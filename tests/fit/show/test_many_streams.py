@@ -113,10 +113,7 @@ def test_of_many_data_the_farthest_are_drawn() -> None:
 def run(tmp_path_factory: pytest.TempPathFactory) -> sk.Results:
     document = copy.deepcopy(many(tuple("abcdefg")))
     document["sampler"] = {"walkers": 20, "steps": 2}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("streamkit.sample.calls.search.ENOUGH", 1)  # as the fixture `short_search`
-        patch.setattr("streamkit.sample.calls.search.PARTS", 64)
-        return sk.run(document, out=tmp_path_factory.mktemp("many") / "run", progress=False)
+    return sk.run(document, out=tmp_path_factory.mktemp("many") / "run", progress=False)
 
 
 def test_a_run_writes_a_table_and_a_sky_of_its_streams(run: sk.Results) -> None:

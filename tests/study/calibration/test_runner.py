@@ -75,7 +75,6 @@ def test_a_sampler_with_weighted_samples_is_calibrated_too(spec, weighted, drawn
     assert Draw.of_line(draw.line()).ess == draw.ess
 
 
-@pytest.mark.usefixtures("short_search")
 def test_draws_are_kept_and_only_the_missing_ones_made(short, tmp_path):
     out, seen = tmp_path / "out", []
     first = calibrate(short, out, 2, done=lambda: seen.append(1))
@@ -88,7 +87,6 @@ def test_draws_are_kept_and_only_the_missing_ones_made(short, tmp_path):
     assert len(seen) == 2
 
 
-@pytest.mark.usefixtures("short_search")
 def test_draws_of_another_run_file_are_refused(short, tmp_path):
     calibrate(short, tmp_path / "out", 1)
     with pytest.raises(sk.StreamkitError, match="belong to another run file"):
@@ -148,7 +146,6 @@ def test_data_of_another_truth_show_its_bias(spec, drawn, index):
     assert moved == pytest.approx(0.75 * ERROR / WIDTH, abs=0.4)
 
 
-@pytest.mark.usefixtures("short_search")
 def test_draws_of_another_truth_are_refused(short, tmp_path):
     other = short.with_values({"observable.bias": 1.0})
     calibrate(short, tmp_path / "out", 1, truth=other)
@@ -195,7 +192,6 @@ def test_apocentres_draw_around_what_they_predict():
 
 
 @pytest.mark.rendered
-@pytest.mark.usefixtures("short_search")
 def test_the_command(spec, tmp_path):
     (tmp_path / "run.toml").write_text(spec.toml())
     options = ["calibrate", str(tmp_path / "run.toml"), "-o", str(tmp_path / "out"), "--draws", "2"]

@@ -83,6 +83,7 @@ def test_a_force_without_a_value_somewhere_is_no_mistake() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("whole_search")
 def test_the_cost_includes_the_search() -> None:
     spec = sk.load(FIT)
     found = run_preflight(spec, draws=32)
