@@ -60,6 +60,8 @@ class Changing(Oriented):
 
 def _changes_of(potential: Any) -> engine.Changes:
     """Return the arguments of the force that change in time, and the factor on it, in engine units."""
+    if not potential.in_time and potential.growth is None:  # of most: the signature takes as long as all else
+        return ()
     names, units, out = _arguments(type(potential)), potential.parameters(), []
     for name, knots in potential.in_time.items():
         if name.startswith(ANGLES):  # a part of its motion

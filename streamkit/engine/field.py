@@ -311,9 +311,9 @@ class Field:
 
 def _strength(body: Field, t: float, size: float) -> float:
     """Return G times the mass of a body in kpc (km/s)^2: the largest inside some radii."""
-    r = np.geomspace(size, FARTHEST, 8)
-    a = body.acceleration(t, r * np.full((3, 1), 3**-0.5))
-    return float((np.sqrt((a**2).sum(axis=0)) * r**2).max())
+    r = size * (FARTHEST / size) ** np.linspace(0.0, 1.0, 8)  # a geomspace, which takes as long as all the rest
+    ax, ay, az = body.acceleration(t, r * np.full((3, 1), 3**-0.5))
+    return float(np.sqrt(((ax * ax + ay * ay + az * az) * r**4).max()))
 
 
 def _fixed(other: Field) -> None:

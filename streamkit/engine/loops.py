@@ -65,8 +65,8 @@ _SCRATCH = types.NamedTuple([_F1, _I1], Scratch)
 @cached(types.void(FORCES, _F1, _F2, _F2))
 def accelerations(forces, t, q, out):
     """Total acceleration at q (3, n), times t (n,), into out (3, n)."""
-    x, relative, a = np.zeros(3 * ROW), np.zeros(3 * ROW), np.empty(3 * ROW)
-    times, centre = np.zeros(ROW), np.empty(3)
+    x, relative, a = np.empty(3 * ROW), np.empty(3 * ROW), np.empty(3 * ROW)
+    times, centre = np.empty(ROW), np.empty(3)
     for begin in range(0, q.shape[1], BATCH):
         m = min(BATCH, q.shape[1] - begin)
         for k in range(3):

@@ -18,6 +18,7 @@ from streamkit.units import GYR
 
 PROBES = 512  # particles without random velocities that show where the unperturbed stream was
 WINDOW = 2.0  # standard deviation in degrees of the weights of probes about phi1
+UNSEEN = 1e-9  # weight below which a probe is left out
 LEAST = 4.0  # smallest sum of these weights: the stream ends beyond
 SMALLEST = 1e-4  # size of an encounter in kpc that its steps resolve, where a point mass hits the stream
 THICKEST = 0.1  # largest thickness of a stream, in units of its distance from the Galactic centre
@@ -56,10 +57,14 @@ def flights_past(inputs: StreamInputs, host: Host, track: Orbit) -> list[Flight]
     field = host.until(float(track.t[0]))
     times = np.array([-flyby.encounter.time * GYR for flyby in flybys])
     then, today = _probes(with_progenitor(field, inputs, start.orbit), inputs, start, times)
+    longitudes = dict[bytes, Array]()  # of all probes, once in each frame
     points = []
     for (name, flyby), state in zip(inputs.flybys.items(), then, strict=True):
+        frame = np.asarray(sky_matrix(flyby.frame))
+        if frame.tobytes() not in longitudes:
+            longitudes[frame.tobytes()] = seen_from(inputs.sun.observer, today[:3], today[3:], frame).lon
         try:
-            points.append(_point(flyby, inputs, state, today))
+            points.append(_point(flyby, state, longitudes[frame.tobytes()]))
         except OutOfDomain as error:
             raise OutOfDomain(f"body {name}: {error.reason}") from None
     states = [_at_encounter(flyby, *point) for flyby, point in zip(flybys, points, strict=True)]
@@ -89,34 +94,35 @@ def with_progenitor(field: Field, inputs: StreamInputs, orbit: Orbit) -> Field:
 def _probes(field: Field, inputs: StreamInputs, start: Start, times: Array) -> tuple[list[Array], Array]:
     """Return states (6, m) of the m particles released by each of some times, and those of all (6, n) today."""
     orbit, state, now = start.orbit, np.concatenate([start.q, start.v]), start.at_release.t.copy()
-    edges = np.union1d(block_edges(orbit, inputs.integrator), times)
-    at: dict[float, Array] = {}
-    for t1 in edges[1:]:
-        m = int(np.searchsorted(start.at_release.t, t1, side="left"))
-        with blamed(f"integrator {inputs.integrator.kind}"):
-            inputs.integrator.advance(field, state[:3, :m], state[3:, :m], now[:m], float(t1))
-        now[:m] = t1
-        if t1 in times:
-            at[float(t1)] = state[:, :m].copy()
-    return [at[float(time)] for time in times], state
+    edges = np.union1d(block_edges(orbit, inputs.integrator), times)[1:]
+    active = np.searchsorted(start.at_release.t, edges, side="left").tolist()
+    asked, at = set(times.tolist()), dict[float, Array]()
+    with blamed(f"integrator {inputs.integrator.kind}"):
+        for t1, m in zip(edges.tolist(), active, strict=True):
+            inputs.integrator.advance(field, state[:3, :m], state[3:, :m], now[:m], t1)
+            now[:m] = t1
+            if t1 in asked:
+                at[t1] = state[:, :m].copy()
+    return [at[time] for time in times.tolist()], state
 
 
-def _point(flyby: FlyBy, inputs: StreamInputs, then: Array, today: Array) -> tuple[Array, Array]:
+def _point(flyby: FlyBy, then: Array, longitude: Array) -> tuple[Array, Array]:
     """Return position and velocity (3,) of the point of the stream that a body met.
 
-    then (6, m) are the states of the particles that had been released, at the time of the encounter; today (6, n).
+    then (6, m) are the states of the particles that had been released, at the time of the encounter, and longitude
+    (n,) is phi1 of all particles today.
     """
-    today = today[:, : then.shape[1]]
-    seen = seen_from(inputs.sun.observer, today[:3], today[3:], sky_matrix(flyby.frame))
-    phi1 = flyby.encounter.phi1
-    away = (seen.lon - phi1 + 180.0) % 360.0 - 180.0
+    longitude, phi1 = longitude[: then.shape[1]], flyby.encounter.phi1
+    away = (longitude - phi1 + 180.0) % 360.0 - 180.0
     weight = np.exp(-0.5 * (away / WINDOW) ** 2)
     if not weight.sum() >= LEAST:
-        reach = f"from {seen.lon.min():.1f} to {seen.lon.max():.1f} deg" if len(away) else "nowhere"
+        reach = f"from {longitude.min():.1f} to {longitude.max():.1f} deg" if len(away) else "nowhere"
         raise OutOfDomain(
             f"the stream that a body meets has no particles at phi1 = {phi1:g} deg today; without encounters those "
             f"released by then reach {reach}"
         )
+    near = weight > UNSEEN
+    weight, away, then = weight[near], away[near], then[:, near]
     root = np.sqrt(weight)
     powers = np.stack([root, root * away, root * away**2], axis=1)
     fitted = np.linalg.lstsq(powers, (root * then).T, rcond=None)[0]
