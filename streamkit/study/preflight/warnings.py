@@ -8,7 +8,8 @@ from functools import reduce
 
 import numpy as np
 
-from streamkit.components import Component, LiveStripping
+from streamkit.components import Component, LiveStripping, Total
+from streamkit.engine import Motion
 from streamkit.errors import OutOfDomain
 from streamkit.model import Host
 from streamkit.runfile import Body, ModelInputs, Spec, StreamInputs, Sun
@@ -16,6 +17,7 @@ from streamkit.stream import Stream, sky_matrix
 from streamkit.study.preflight.draws import PriorDraws
 from streamkit.study.preflight.orbit import HORIZON, OrbitSummary, summarise_orbit
 from streamkit.testing import quick_failures
+from streamkit.units import GYR
 
 # Ranges that contain all recent measurements of the Sun's position and of the rotation speed there.
 USUAL_SUN = {"r0": (7.0, 9.0, "kpc"), "z": (-0.1, 0.1, "kpc"), "v_circ": (180.0, 280.0, "km/s")}
@@ -26,6 +28,8 @@ FEWEST_PARTICLES = 100  # with fewer particles the remedy for rare streams is mo
 # A progenitor is not bound if its speed is more than so many times the host's circular speed. No galaxy has a circular
 # speed above the limit in km/s.
 SLOW_HOST, SPEED_LIMIT = 10.0, 2000.0
+OFF_CENTRE = 0.1  # distance of a galaxy's centre from the origin, in units of the progenitor's distance from it
+LOOKED_AT = 513  # times at which a centre is looked at
 SAME_FRAME = 0.01  # degrees by which the axes of one frame may differ: papers print few digits
 DISSOLVED = 0.01  # share of a progenitor's mass, bound today, below which it has dissolved
 FEW = 300.0  # smallest effective number of particles of a live progenitor, by their weights
@@ -34,7 +38,8 @@ FEW = 300.0  # smallest effective number of particles of a live progenitor, by t
 def stream_warnings(spec: Spec, inputs: StreamInputs, orbit: OrbitSummary) -> list[str]:
     """Return the warnings about one stream: its orbit, its progenitor, its frames and its stripping scheme."""
     about_orbit, about_progenitor = orbit_warnings(spec, inputs, orbit), progenitor_warnings(inputs, orbit)
-    return [*about_orbit, *about_progenitor, *frame_warnings(spec, inputs), *live_warnings(spec, inputs)]
+    about_frames = frame_warnings(spec, inputs) + origin_warnings(inputs)
+    return [*about_orbit, *about_progenitor, *about_frames, *live_warnings(spec, inputs)]
 
 
 def orbit_warnings(spec: Spec, inputs: StreamInputs, orbit: OrbitSummary) -> list[str]:
@@ -149,6 +154,36 @@ def frame_warnings(spec: Spec, inputs: StreamInputs) -> list[str]:
                 "same frame, unless the two are meant."
             )
     return warnings
+
+
+def origin_warnings(inputs: StreamInputs) -> list[str]:
+    """Return a warning about a galaxy that leaves the origin, if it is the one that holds the progenitor today.
+
+    It is the part of the host, among those with a centre of their own, that pulls the progenitor most, and more than
+    all other parts together. Steps, tidal radii and apocentres are measured from the origin.
+    """
+    own = {name: p for name, p in inputs.potentials.items() if len(p.motion().centre)}
+    if not own:
+        return []
+    place = inputs.q[:, None]
+    pull = {name: float(np.linalg.norm(Total((p,)).acceleration(place))) for name, p in own.items()}
+    name = max(pull, key=lambda one: pull[one])
+    rest = Total(tuple(p for p in inputs.potentials.values() if p is not own[name]))
+    if pull[name] <= float(np.linalg.norm(rest.acceleration(place))):
+        return []
+    t = np.linspace(-inputs.lookback * GYR, 0.0, LOOKED_AT)
+    centre = -Motion(centre=own[name].motion().centre).seen(np.zeros((3, len(t))), t, None)[0]
+    away, here = np.sqrt((centre**2).sum(axis=0)), float(np.linalg.norm(inputs.q - centre[:, -1]))
+    if away.max() <= OFF_CENTRE * here:
+        return []
+    farthest = int(np.argmax(away))
+    return [
+        f"potential.{name}.centre is up to {away[farthest]:.3g} kpc from the origin, {-t[farthest] / GYR:.3g} Gyr ago, "
+        f"and the progenitor is {here:.3g} kpc from that centre today. The steps of the integrator, tidal radii and "
+        "apocentres are measured from the origin: steps may be too long, and the other two are wrong. Let the origin "
+        f"move with the galaxy: leave out potential.{name}.centre, subtract it from the centres of other parts, and "
+        "give minus its acceleration by a part of the kind 'uniform_acceleration'."
+    ]
 
 
 def _shown(frame: object) -> str:
