@@ -80,6 +80,10 @@ class Files:
         """Return the unit that a table states for a column; empty if it states none."""
         return str(self._table(name)[column].unit or "")
 
+    def header(self, name: str) -> dict[str, Any]:
+        """Return what a table says of itself beside its columns; ValueError if the file holds none."""
+        return dict(self._table(name).meta)
+
     def names(self, name: str) -> list[str]:
         """Return the names of the columns of a table; ValueError if the file holds none."""
         return list(self._table(name).colnames)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -151,7 +151,8 @@ class Columns:
     def _from_lists(self, value: Mapping[str, Any], files: Files | None) -> dict[str, Array]:
         for name in value:
             self._check_name(name)
-        return {name: self._named(name, value[name], files) for name in self.units if name in value}
+        plain = {name: value[name] for name in self.units if name in value}
+        return {name: self._named(name, plain, files) for name in plain}
 
     def _check_name(self, name: str) -> None:
         if name not in self.units:
@@ -159,11 +160,29 @@ class Columns:
                 f"there is no column {name!r}.{nearest(name, self.units)} Allowed: {', '.join(self.units)}."
             )
 
-    def _named(self, name: str, value: Any, files: Files | None) -> Array:
+    def _named(self, name: str, plain: Mapping[str, Any], files: Files | None) -> Array:
         try:
-            return self._mark(name).read(value, files)
+            return self._mark(name).read(plain[name], files)
         except ValueError as error:
-            raise ValueError(f"column {name!r}: {error}") from None
+            exchanged = self._exchanged(name, lambda other: ArrayOf(self.units[other]).read(plain[other], files), plain)
+            raise ValueError(f"column {name!r}: {error}{exchanged}") from None
+
+    def _exchanged(self, name: str, read: Callable[[str], Array], there: Iterable[str]) -> str:
+        """Ask whether a column with an interval was exchanged with another one, if both would then be right."""
+        if name not in self.ranges:
+            return ""
+        for other in there:
+            if other == name or self.units[other] != self.units[name]:
+                continue
+            try:
+                self._mark(name).checked(read(other))
+                self._mark(other).checked(read(name))
+            except ValueError:
+                continue
+            low, high = self.ranges[name]
+            within = f"All numbers of {other!r} are within {low:g} to {high:g}"
+            return f". Are the columns {name!r} and {other!r} exchanged? {within}"
+        return ""
 
     def _from_file(self, value: Mapping[str, Any], files: Files) -> dict[str, Array]:
         for key in value:
@@ -179,12 +198,14 @@ class Columns:
                 self._check_name(name)
         there = files.names(file)
         wanted = [name for name in self.units if name in self.needed or name in renamed or name in there]
+
+        def read(name: str) -> Array:
+            where = file, renamed.get(name, name), self.units[name], units.get(name), f"units = {{ {name}"
+            return files.column(*where, gaps=name in self.gaps)
+
         columns = {}
         for name in wanted:
-            column = files.column(
-                file, renamed.get(name, name), self.units[name], units.get(name), f"units = {{ {name}",
-                gaps=name in self.gaps,
-            )  # fmt: skip
+            column = read(name)
             try:
                 columns[name] = self._mark(name).checked(column, lambda place: f"row {place[0] + 1}")
             except ValueError as error:
@@ -192,6 +213,7 @@ class Columns:
                 stated = files.stated_unit(file, called) or units.get(name, "")
                 other = stated.replace(" ", "") != self.units[name].name.replace(" ", "")
                 why = f", after conversion from the unit {stated!r}: is that the unit?" if stated and other else ""
+                why = self._exchanged(name, read, wanted) or why
                 raise ValueError(f"column {called!r} of {file!r}: {error}{why}") from None
         return columns
 

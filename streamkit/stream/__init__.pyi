@@ -25,6 +25,8 @@ from .prediction import join_predictions as join_predictions
 from .sky_frame import SkyFrame as SkyFrame
 from .sky_frame import sky_frame as sky_frame
 from .sky_frames import Frame as Frame
+from .sky_frames import named_matrices as named_matrices
+from .sky_frames import place_of as place_of
 from .sky_frames import sky_matrix as sky_matrix
 from .sky_track import TRACK_UNITS as TRACK_UNITS
 from .sky_track import SkyTrack as SkyTrack

@@ -15,6 +15,7 @@ from streamkit.model import Host
 from streamkit.runfile import Body, ModelInputs, Spec, StreamInputs, Sun
 from streamkit.stream import Stream, sky_matrix
 from streamkit.study.preflight.draws import PriorDraws
+from streamkit.study.preflight.header_warnings import header_warnings
 from streamkit.study.preflight.orbit import HORIZON, OrbitSummary, summarise_orbit
 from streamkit.testing import quick_failures
 from streamkit.units import GYR
@@ -38,7 +39,7 @@ FEW = 300.0  # smallest effective number of particles of a live progenitor, by t
 def stream_warnings(spec: Spec, inputs: StreamInputs, orbit: OrbitSummary) -> list[str]:
     """Return the warnings about one stream: its orbit, its progenitor, its frames and its stripping scheme."""
     about_orbit, about_progenitor = orbit_warnings(spec, inputs, orbit), progenitor_warnings(inputs, orbit)
-    about_frames = frame_warnings(spec, inputs) + origin_warnings(inputs)
+    about_frames = frame_warnings(spec, inputs) + header_warnings(spec, inputs) + origin_warnings(inputs)
     return [*about_orbit, *about_progenitor, *about_frames, *live_warnings(spec, inputs)]
 
 
