@@ -14,7 +14,7 @@ from streamkit.builtin.samplers.emulator.calls import Calls
 from streamkit.builtin.samplers.emulator.certificate import certify, fresh_calls, trend_of
 from streamkit.builtin.samplers.emulator.changes import change_of, changes_of, difference, with_axes
 from streamkit.builtin.samplers.emulator.density import Emulated, Joint, one_factor
-from streamkit.builtin.samplers.emulator.kernel import learn_kernel
+from streamkit.builtin.samplers.emulator.kernel import learn_kernel, squared_exponential
 from streamkit.builtin.samplers.emulator.of_target import LikelihoodOnly
 from streamkit.builtin.samplers.emulator.pairs import paired, pairs_of
 from streamkit.builtin.samplers.emulator.polynomial import regress
@@ -75,10 +75,21 @@ def test_a_process_follows_what_no_cubic_does_and_knows_its_error():
     off = truth(new) - terms @ fit.coefficients
     off_cubic = truth(new) - monomials(new, 3) @ cubic.coefficients
     assert np.sqrt(np.mean(off**2)) < 0.03 < 0.1 < np.sqrt(np.mean(off_cubic**2))
-    fit_variance2 = kernel.noise * np.sum((terms @ fit.root) ** 2, axis=1) + kernel.unseen(terms)
+    leverage = kernel.leverage(fit.root)
+    fit_variance2 = kernel.noise * leverage.at(kernel.features(new))
     assert 0.4 < np.sqrt(np.mean(off**2 / fit_variance2[:, None])) < 2.0
-    far = kernel.terms(np.array([[30.0, 30.0]]))
-    assert kernel.unseen(far)[0] == pytest.approx(kernel.amplitude)  # beyond the points it knows nothing
+    # the textbook's process (Rasmussen & Williams 2006, eq. 2.42) with all points and a free linear function
+    covariance = kernel.amplitude * squared_exponential(x, x, kernel.lengths) + kernel.noise * np.eye(len(x))
+    across = kernel.amplitude * squared_exponential(new, x, kernel.lengths)
+    lines = [np.concatenate([np.ones((len(each), 1)), each], axis=1) for each in (x, new)]
+    inverse = np.linalg.inv(covariance)
+    rest = lines[1] - across @ inverse @ lines[0]
+    exact = kernel.amplitude - np.sum((across @ inverse) * across, axis=1)
+    exact += np.sum((rest @ np.linalg.inv(lines[0].T @ inverse @ lines[0])) * rest, axis=1)
+    np.testing.assert_allclose(fit_variance2, exact, rtol=0.05)
+    assert kernel.noise * leverage.at(kernel.features(np.full((1, 2), 30.0)))[0] >= kernel.amplitude  # it knows nothing
+    by_features = kernel.features(new) @ kernel.of_features(fit.coefficients)
+    np.testing.assert_allclose(by_features, terms @ fit.coefficients, atol=1e-7)
 
 
 def test_noise_averages_out():

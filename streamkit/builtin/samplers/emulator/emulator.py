@@ -11,7 +11,7 @@ from scipy.special import log_expit
 
 from streamkit import Array, BoolArray
 from streamkit.builtin.samplers.emulator.kernel import Kernel
-from streamkit.builtin.samplers.emulator.polynomial import LowRank, Polynomial, Slopes, times_triangular
+from streamkit.builtin.samplers.emulator.polynomial import Leverage, LowRank, Polynomial, Slopes
 from streamkit.builtin.samplers.emulator.problem import Problem
 from streamkit.builtin.samplers.monomials import monomials
 
@@ -52,12 +52,12 @@ class Emulator:
     centre, whiten
         (c,) and (c, c): x = (z - centre) @ whiten of the c coordinates z that predictions depend on.
     basis, mean
-        Terms, and their coefficients, of (prediction - datum) / error.
+        Features, and their coefficients, of (prediction - datum) / error.
     growth
         Power of |x|^2 by which the lack of fit grows outside the points.
-    root
-        (terms, terms): the squared length of ``terms @ root`` is the leverage, the variance of the fit over that of the
-        points about it.
+    leverage, chance
+        Variance of the fit over that of the points about it; (features, terms) what makes coefficients by chance of
+        independent normal numbers.
     residual_variance, lack_of_fit
         (m,) in squared errors of the data: variance of the points about the fit, and how much of it is not noise: it
         does not average out.
@@ -81,7 +81,8 @@ class Emulator:
     basis: Polynomial | Kernel
     growth: int
     mean: LowRank
-    root: Array
+    leverage: Leverage
+    chance: Array
     residual_variance: Array
     lack_of_fit: Array
     typical_fit_variance: Array
@@ -119,13 +120,10 @@ class Emulator:
         """Return the predictions at coordinates y (n, d); NaN where there is no datum, or no noise is asked for."""
         x = (y[:, self.problem.coordinates] - self.centre) @ self.whiten
         r2 = np.sum(x**2, axis=1)
-        terms, few = self.basis.terms(x), monomials(x, self.secondary_degree)
-        leverage = np.sum(times_triangular(terms, self.root) ** 2, axis=1)
+        features, few = self.basis.features(x), monomials(x, self.secondary_degree)
         grown = np.maximum(r2 / self.typical_r2, 1.0) ** self.growth
         fit_variance2 = (
-            self.residual_variance * leverage[:, None]
-            + self.lack_of_fit * grown[:, None]
-            + self.basis.unseen(terms)[:, None]
+            self.residual_variance * self.leverage.at(features)[:, None] + self.lack_of_fit * grown[:, None]
         )
         used = np.isfinite(self.problem.values)
         m, errors = int(used.sum()), self.problem.errors[used]
@@ -133,7 +131,7 @@ class Emulator:
         details = secondary[:, m:]
         details[:, self.positive] = np.exp(details[:, self.positive])
         mean, fit_variance, noise = (np.full((len(y), len(used)), np.nan) for _ in range(3))
-        mean[:, used] = self.problem.values[used] + errors * self.mean.at(terms)
+        mean[:, used] = self.problem.values[used] + errors * self.mean.at(features)
         fit_variance[:, used] = errors**2 * fit_variance2
         if with_noise:
             noise[:, used] = errors**2 * (np.exp(secondary[:, :m]) + self.unstated_variance)
@@ -143,7 +141,8 @@ class Emulator:
     def redrawn(self, rng: np.random.Generator) -> Emulator:
         """Return what other calls at the same points could have given: other noise, so other coefficients."""
         coefficients = self.mean.whole
-        chance = self.root @ rng.standard_normal(coefficients.shape) * np.sqrt(self.residual_variance)
+        normal = rng.standard_normal((self.chance.shape[1], coefficients.shape[1]))
+        chance = self.chance @ normal * np.sqrt(self.residual_variance)
         return replace(self, mean=LowRank(coefficients + chance))
 
     def ln_likelihood(self, y: Array, theta: Array, noise: bool = False, most_by_error: float = np.inf) -> Array:

@@ -2,7 +2,8 @@
 
 The kernel is the squared exponential with a length for each coordinate, beside a linear function, the same for all
 data in units of their errors (Rasmussen & Williams 2006, chapters 2 and 5). It is represented by some of the points
-(their section 8.3.4, with the missing variance added as in 8.3.6), so that all points count and prediction stays cheap.
+(their section 8.3.4, with the missing variance added as in 8.3.6), so that all points count. It is learned with terms
+of equal prior variance, and predicts by features, the kernel itself, with matrices that are made once.
 """
 
 from __future__ import annotations
@@ -15,16 +16,18 @@ from scipy.linalg import cholesky, eigh, solve_triangular
 from scipy.optimize import minimize
 
 from streamkit import Array, IntArray
-from streamkit.builtin.samplers.emulator.polynomial import LowRank, Slopes
+from streamkit.builtin.samplers.emulator.polynomial import Leverage, LowRank, Slopes
 
 # Points that represent the process, those that its lengths are learned from, and steps of learning.
-INDUCING, LEARNED_FROM, STEPS = 600, 400, 25
+INDUCING, LEARNED_FROM, STEPS = 800, 400, 25
 # Lengths in half standard deviations of the points that are expected before any are learned, and how surely in ln.
 EXPECTED, SURE = 4.0, 1.5
 # What is added to the diagonal of the kernel, so that it can be inverted.
 JITTER = 1e-7
 # Variance that need not be represented: as a fraction of the noise, and in any case as one of the process itself.
-UNSEEN, LEAST_UNSEEN = 0.03, 1e-7
+UNSEEN, LEAST_UNSEEN = 0.003, 1e-7
+# Directions of which the points know less than this, in units of what is expected of them, count as unknown.
+UNKNOWN = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +52,40 @@ class Kernel:
     noise: float
     inverse: Array
 
+    def features(self, x: Array) -> Array:
+        """(n, 1 + c + q) One, x (n, c), and the kernel between x and the places."""
+        near = squared_exponential(x, self.places, self.lengths)
+        return np.concatenate([np.ones((len(x), 1)), x, near], axis=1)
+
+    def of_features(self, coefficients: Array) -> Array:
+        """(1 + c + q, m) Return what gives with features what coefficients (1 + c + k, m) give with terms."""
+        line = 1 + len(self.lengths)
+        return np.concatenate([coefficients[:line], self.inverse @ coefficients[line:]])
+
+    def leverage(self, root: Array) -> Leverage:
+        """Return the leverage of a fit with this root, see `Regression`, by features.
+
+        What the process has beyond the terms is unknown as well. With the precision N + p of the coefficients of the
+        terms t, p their penalty, the leverage of the process is t' (N + p)^-1 t and the unknown rest (1 - t' t) / p:
+        together the prior variance 1 / p but for the directions of which N tells something. Those that N tells little
+        of are left out.
+        """
+        line, penalty = 1 + len(self.lengths), self.noise / self.amplitude
+        lower = solve_triangular(root, np.eye(len(root)))
+        precision = lower.T @ lower
+        process = precision[line:, line:]
+        known, vectors = eigh(process)
+        seen = np.maximum(known - penalty, 0.0)
+        kept = seen > UNKNOWN * penalty
+        seen_by = vectors[:, kept] * np.sqrt(seen[kept] / known[kept] / penalty)
+        head = np.linalg.cholesky(root[:line] @ root[:line].T)
+        follow = -np.linalg.solve(process, precision[line:, :line]) @ head
+        return Leverage(
+            self.of_features(np.concatenate([head, follow])),
+            1 / penalty,
+            self.of_features(np.concatenate([np.zeros((line, seen_by.shape[1])), seen_by])),
+        )
+
     @property
     def penalty(self) -> Array:
         """(terms,) Ridge penalties: none for the linear part, noise over amplitude for the process."""
@@ -57,18 +94,18 @@ class Kernel:
 
     def terms(self, x: Array) -> Array:
         """(n, 1 + c + k) The terms at x (n, c)."""
-        process = squared_exponential(x, self.places, self.lengths) @ self.inverse
-        return np.concatenate([np.ones((len(x), 1)), x, process], axis=1)
+        line, features = 1 + len(self.lengths), self.features(x)
+        return np.concatenate([features[:, :line], features[:, line:] @ self.inverse], axis=1)
 
     def along(self, coefficients: LowRank) -> Slopes:
-        """Return processes with coefficients (terms, m), and their slopes, as a function of x.
+        """Return processes with coefficients (features, m), and their slopes, as a function of x.
 
         In single precision: slopes propose, and decide nothing.
         """
         c, single = len(self.lengths), np.float32
         lengths, places = self.lengths.astype(single), self.places.astype(single)
         whole = coefficients.whole
-        line, weights = whole[: 1 + c].astype(single), (self.inverse @ whole[1 + c :]).astype(single)
+        line, weights = whole[: 1 + c].astype(single), whole[1 + c :].astype(single)
         weighed = np.concatenate([places[:, i, None] * weights for i in range(c)], axis=1)  # (q, c m)
 
         def slopes(x: Array) -> tuple[Array, Array]:
@@ -80,11 +117,6 @@ class Kernel:
             return values.astype(float), (line[1:] + toward / lengths[:, None] ** 2).astype(float)
 
         return slopes
-
-    def unseen(self, terms: Array) -> Array:
-        """(n,) Variance of the process that the places do not represent, from its terms (n, t)."""
-        seen = np.sum(terms[:, 1 + len(self.lengths) :] ** 2, axis=1)
-        return np.asarray(self.amplitude * np.maximum(1.0 - seen, 0.0))
 
 
 def squared_exponential(a: Any, b: Any, lengths: Any) -> Any:

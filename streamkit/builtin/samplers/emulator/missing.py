@@ -17,6 +17,9 @@ from streamkit.builtin.samplers.emulator.start import Known
 SETTLED = 0.1
 # Largest standard error of a mean or a width, in standard deviations, that the noise of the calls may leave.
 UNCERTAIN = 0.1
+# New points of a round for each parameter, in any case, and as a fraction of all calls so far; the least of several
+# factors is larger by the last: sampling all of them costs more than so many calls of each.
+ROUND, LEAST_ROUND, GROWTH, OF_SEVERAL = 8, 80, 0.15, 2
 # Standard deviations that the posterior may move after a factor's last calls: beyond, a polynomial extrapolates. Beyond
 # `FAR` it is called at once. Else it waits until the others are learned: what moves the posterior is one of these.
 LEFT, FAR = 0.5, 1.5
@@ -34,10 +37,27 @@ def before_a_test(known: Sequence[Known], samples: Array, moved: float, uncertai
     if moved >= SETTLED:
         return f"the posterior still moves by {moved:.2f} standard deviations"
     if uncertain >= UNCERTAIN:
-        return f"the noise of the calls leaves a mean or a width uncertain by {uncertain:.2f} standard deviations"
+        noisiest = max(known, key=lambda each: each.share).factor.name
+        most = f", most of it that of {noisiest}, which needs more particles" if len(known) > 1 else ""
+        return f"the noise of the calls leaves a mean or a width uncertain by {uncertain:.2f} standard deviations{most}"
     if left := [each.factor.name for each in known if moved_away(each, samples) >= LEFT]:
         return f"the posterior has moved away from the last calls of {', '.join(left)}"
     return ""
+
+
+def new_calls(known: Sequence[Known]) -> list[int]:
+    """Return how many new calls of each factor a round makes.
+
+    The variance that the noise of n_k calls of factor k leaves is V_k / n_k. Of several factors each gets the n_k that
+    bring the sum to `UNCERTAIN` squared with the fewest calls, sqrt(V_k) sum_j sqrt(V_j) / `UNCERTAIN`^2 (Neyman 1934),
+    and no more than it has: noise is measured where the posterior is by now.
+    """
+    several, made = len(known) > 1, np.array([len(each.calls) for each in known])
+    roots = np.sqrt([each.share / len(known) * len(each.calls) for each in known])
+    fewest = np.minimum(roots * roots.sum() / UNCERTAIN**2 - made, made) if several else np.zeros(1)
+    parameters = np.array([each.factor.problem.size for each in known])
+    least = np.maximum(ROUND * parameters, LEAST_ROUND) * (OF_SEVERAL if several else 1)
+    return [int(each) for each in np.maximum(np.maximum(least, (GROWTH * made).astype(int)), fewest)]
 
 
 def moved_away(each: Known, samples: Array) -> float:

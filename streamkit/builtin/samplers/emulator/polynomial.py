@@ -89,15 +89,48 @@ class Regression:
         return out
 
 
+class Leverage(NamedTuple):
+    """The variance of a fit at new points, in units of that of the points about it, by features f (n, t).
+
+    It is |f @ root|^2, and where a prior variance is all that is known, that variance minus |f @ seen|^2.
+
+    Attributes
+    ----------
+    root, prior, seen
+        (t, k), a number, and (t, r); without a prior the root is an upper triangle.
+    """
+
+    root: Array
+    prior: float = 0.0
+    seen: Array | None = None
+
+    def at(self, features: Array) -> Array:
+        """(n,) The leverage with features (n, t)."""
+        if self.seen is None:
+            return np.asarray(np.sum(times_triangular(features, self.root) ** 2, axis=1))
+        rest = self.prior - np.sum((features @ self.seen) ** 2, axis=1)
+        return np.asarray(np.sum((features @ self.root) ** 2, axis=1) + np.maximum(rest, 0.0))
+
+
 @dataclass(frozen=True)
 class Polynomial:
-    """The terms of a polynomial of this degree."""
+    """The terms of a polynomial of this degree, which are its features."""
 
     degree: int
 
     def terms(self, x: Array) -> Array:
         """(n, terms) The monomials at x (n, c)."""
         return monomials(x, self.degree)
+
+    features = terms
+
+    def of_features(self, coefficients: Array) -> Array:
+        """Return coefficients of the features: those of the terms."""
+        return coefficients
+
+    def leverage(self, root: Array) -> Leverage:
+        """Return the leverage of a fit with this root, see `Regression`."""
+        return Leverage(root)
 
     def along(self, coefficients: LowRank) -> Slopes:
         """Return polynomials with coefficients (terms, m), and their slopes, as a function of x."""
@@ -113,10 +146,6 @@ class Polynomial:
             return coefficients.at(terms), along if coefficients.right is None else along @ coefficients.right
 
         return slopes
-
-    def unseen(self, terms: Array) -> Array:
-        """(n,) Zero: a polynomial is all in its terms."""
-        return np.zeros(len(terms))
 
 
 def regress(terms: Array, target: Array, weight: Array, ridge: float | Array) -> Regression:

@@ -37,6 +37,7 @@ from streamkit.builtin.samplers.emulator.missing import (
     before_a_test,
     blurred,
     moved_away,
+    new_calls,
 )
 from streamkit.builtin.samplers.emulator.pairs import paired
 from streamkit.builtin.samplers.emulator.places import least_known, to_call
@@ -55,13 +56,6 @@ from streamkit.builtin.samplers.emulator.start import SOME, Known, Starter, begi
 COPIES = ((1.0, 0.4), (0.5, 0.2), (0.25, 0.2))
 # Share of a round's new points that are samples of the posterior where the emulator's own error counts most.
 LEAST_KNOWN = 0.2
-# New points of a round for each parameter, in any case, and as a fraction of all calls so far.
-ROUND, LEAST_ROUND, GROWTH = 8, 80, 0.15
-# The last of the factor whose noise leaves more uncertain than that of all others: they are called again while it moves
-# the posterior.
-NOISIEST = 0.5
-# The least of several factors is larger by this: sampling all of them costs more than so many calls of each.
-OF_SEVERAL = 2
 # Fraction of a round's new points of the posterior that are pairs: two calls at one place differ by their noise alone.
 PAIRED = 0.5
 # The posterior is compared with that of the emulators of so many rounds before.
@@ -172,7 +166,7 @@ class Rounds:
             samples = every_so_often(result.samples, 4 * SOME)
             wanted = self._wanted(known, samples, max_calls)
             before = [each.emulated for each in wanted]
-            self._call(wanted, copies, seed)
+            self._call(known, wanted, copies, seed)
             self._learn(known, copies)
             self._taught(wanted, before, samples)
             turn += 1
@@ -202,14 +196,13 @@ class Rounds:
                 return wanted
         return left
 
-    def _call(self, wanted: Sequence[Known], copies: Sequence[Array], seed: list[int]) -> None:
+    def _call(self, known: Sequence[Known], wanted: Sequence[Known], copies: Sequence[Array], seed: list[int]) -> None:
         """Call factors at places of the posterior and of its copies."""
         rng, several = np.random.default_rng([*seed, 4]), len(self._factors) > 1
         chosen: list[tuple[Known, Array]] = []
-        for each in wanted:
-            least = max(ROUND * each.factor.problem.size, LEAST_ROUND) * (OF_SEVERAL if several else 1)
-            growth = NOISIEST if several and each.share > 0.5 * sum(other.share for other in wanted) else GROWTH
-            size = max(least, int(growth * len(each.calls)))
+        for each, size in zip(known, new_calls(known), strict=True):
+            if each not in wanted:
+                continue
             places = []
             for (_, share), copy in zip(COPIES, copies, strict=True):
                 some = np.unique(copy.reshape(-1, copy.shape[2])[:, each.factor.columns], axis=0)  # a walker may rest

@@ -77,7 +77,7 @@ class Start:
         return float(np.mean(lost - (ln_likelihood.max() - ln_likelihood) > EXCLUDED))
 
 
-@dataclass
+@dataclass(eq=False)
 class Known:
     """What is known of a factor.
 
