@@ -68,9 +68,21 @@ def learn(problem: Problem, y: Array, answers: Answers, theta: Array, tilt: Arra
     smooth = emulator.ln_likelihood(y, theta, problem.add_noise, most_by_error=0.0) + other
     best = _best(lnl[there])
     close = there & (lnl > best - NEAR - 0.5 * y.shape[1])
-    if close.sum() < y.shape[1] or np.median(np.abs(smooth - lnl)[close]) > 0.3 * NEAR:
+    if close.sum() < y.shape[1]:
+        return emulator
+    if np.median(np.abs(smooth - lnl)[close]) > 0.3 * NEAR + 2 * _changed_by_noise(emulator, y[close], theta[close]):
         return emulator
     return _fitted(problem, y, answers, smooth)
+
+
+def _changed_by_noise(emulator: Emulator, y: Array, theta: Array) -> float:
+    """Return the median change of ln likelihood by the noise of calls, as far as it is stated or measured by pairs."""
+    predicted, problem = emulator.predict(y), emulator.problem
+    noise, rng = predicted.noise, np.random.default_rng(len(y))
+    variance = noise if problem.add_noise else np.zeros_like(noise)
+    of_call = predicted.mean + rng.standard_normal(noise.shape) * np.sqrt(noise)
+    there, here = (problem.compare(theta, mean, variance, predicted.details) for mean in (of_call, predicted.mean))
+    return float(np.median(np.abs(there - here)))
 
 
 def learn_predictions(problem: Problem, y: Array, answers: Answers) -> Emulator | None:

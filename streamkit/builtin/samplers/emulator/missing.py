@@ -15,8 +15,10 @@ from streamkit.builtin.samplers.emulator.start import Known
 # Standard deviations that a parameter, or a principal axis, may move between rounds, and the fraction by which its
 # width may change.
 SETTLED = 0.1
-# Largest standard error of a mean or a width, in standard deviations, that the noise of the calls may leave.
-UNCERTAIN = 0.1
+# What the noise of the calls may move of any mean or width, in standard deviations, in nine of ten cases at most. Many
+# parameters have one that is moved by chance: the standard error of each is about half of it.
+UNCERTAIN = 0.15
+NOISE = 0.5 * UNCERTAIN
 # New points of a round for each parameter, in any case, and as a fraction of all calls so far; the least of several
 # factors is larger by the last: sampling all of them costs more than so many calls of each.
 ROUND, LEAST_ROUND, GROWTH, OF_SEVERAL = 8, 80, 0.15, 2
@@ -39,7 +41,7 @@ def before_a_test(known: Sequence[Known], samples: Array, moved: float, uncertai
     if uncertain >= UNCERTAIN:
         noisiest = max(known, key=lambda each: each.share).factor.name
         most = f", most of it that of {noisiest}, which needs more particles" if len(known) > 1 else ""
-        return f"the noise of the calls leaves a mean or a width uncertain by {uncertain:.2f} standard deviations{most}"
+        return f"the noise of the calls may move a mean or a width by {uncertain:.2f} standard deviations{most}"
     if left := [each.factor.name for each in known if moved_away(each, samples) >= LEFT]:
         return f"the posterior has moved away from the last calls of {', '.join(left)}"
     return ""
@@ -49,12 +51,12 @@ def new_calls(known: Sequence[Known]) -> list[int]:
     """Return how many new calls of each factor a round makes.
 
     The variance that the noise of n_k calls of factor k leaves is V_k / n_k. Of several factors each gets the n_k that
-    bring the sum to `UNCERTAIN` squared with the fewest calls, sqrt(V_k) sum_j sqrt(V_j) / `UNCERTAIN`^2 (Neyman 1934),
-    and no more than it has: noise is measured where the posterior is by now.
+    bring the sum to `NOISE` squared with the fewest calls, sqrt(V_k) sum_j sqrt(V_j) / `NOISE`^2 (Neyman 1934). It gets
+    no more than it has: noise is measured where the posterior is by now.
     """
     several, made = len(known) > 1, np.array([len(each.calls) for each in known])
     roots = np.sqrt([each.share / len(known) * len(each.calls) for each in known])
-    fewest = np.minimum(roots * roots.sum() / UNCERTAIN**2 - made, made) if several else np.zeros(1)
+    fewest = np.minimum(roots * roots.sum() / NOISE**2 - made, made) if several else np.zeros(1)
     parameters = np.array([each.factor.problem.size for each in known])
     least = np.maximum(ROUND * parameters, LEAST_ROUND) * (OF_SEVERAL if several else 1)
     return [int(each) for each in np.maximum(np.maximum(least, (GROWTH * made).astype(int)), fewest)]

@@ -31,8 +31,8 @@ from streamkit.builtin.samplers.emulator.density import Emulated, Factor, Joint
 from streamkit.builtin.samplers.emulator.missing import (
     FAR,
     LEFT,
+    NOISE,
     SETTLED,
-    UNCERTAIN,
     apart,
     before_a_test,
     blurred,
@@ -63,10 +63,10 @@ ROUNDS = 2
 # Standard deviations by which the posterior that fresh calls have tested and the one that is given may differ: two sets
 # of samples differ by 0.1 by chance.
 CHANGED = 0.15
-# The part of `UNCERTAIN`, squared, that one of K factors may have without new calls is this divided by K.
+# The part of `NOISE`, squared, that one of K factors may have without new calls is this divided by K.
 SHARE = 0.5
-# Emulators of each factor that the noise of its calls could have given as well.
-REDRAWN = 16
+# Emulators of each factor that the noise of its calls could have given as well, and the fraction of them that count.
+REDRAWN, LIKELY = 32, 0.9
 # Fraction of trends by chance that may be larger than one that counts.
 LEVEL = 0.05
 # Starts that must have seen all of the posterior, how many are made for that at most, and what one may miss.
@@ -88,7 +88,7 @@ class Progress:
     populations
         Samples of it.
     moved, uncertain
-        In standard deviations: since `ROUNDS` rounds ago, and by the noise of all calls.
+        In standard deviations: since `ROUNDS` rounds ago, and by the noise of all calls, in `LIKELY` of cases at most.
     trend, trend_by_chance
         What the trends of the fresh calls of all factors would move together; NaN before they are made.
     recall
@@ -220,7 +220,7 @@ class Rounds:
     def _is_learned(self, each: Known) -> bool:
         """Whether a factor needs no more calls where it was last called, as far as is known."""
         passed = each.certificate is None or not each.certificate.faults
-        return passed and each.blur < BLURRED and each.share < SHARE * UNCERTAIN**2 and each.taught < SETTLED
+        return passed and each.blur < BLURRED and each.share < SHARE * NOISE**2 and each.taught < SETTLED
 
     def _taught(self, called: Sequence[Known], before: Sequence[Emulated], samples: Array) -> None:
         """Note what the last calls of factors have changed of the posterior of samples (n, d), and where they were."""
@@ -279,19 +279,22 @@ class Rounds:
         return shared if len(shared) else self._factors[0].columns
 
     def _uncertain(self, known: Sequence[Known], joint: Joint, samples: Array, seed: list[int]) -> float:
-        """Return what the noise of all calls leaves uncertain, in standard deviations; note each factor's share."""
+        """Return what the noise of all calls moves of any mean or width at most, in standard deviations.
+
+        In `LIKELY` of the cases it is less. Note each factor's share.
+        """
         rng = np.random.default_rng([*seed, 5])
         some = every_so_often(samples, SOME)
         moving = with_axes(some[:, self._watched()])
-        total: Array = np.zeros((2, moving.shape[1]))
+        total: Array = np.zeros((REDRAWN, 2, moving.shape[1]))
         for each in known:
             mine = some[:, each.factor.columns]
             here = each.emulated.ln_likelihood(mine)
             others = (each.emulated.redrawn(rng).ln_likelihood(mine) - here for _ in range(REDRAWN))
-            variance = np.mean(np.square([changes_of(moving, change) for change in others]), axis=0)
-            each.share = len(known) * float(variance.max())
-            total += variance
-        return float(np.sqrt(total.max()))
+            changes = np.array([changes_of(moving, change) for change in others])
+            each.share = len(known) * float(np.mean(changes**2, axis=0).max())
+            total += changes
+        return float(np.quantile(np.abs(total).max(axis=(1, 2)), LIKELY))
 
     def _is_over(self, known: Sequence[Known], max_calls: int) -> bool:
         return all(len(each.calls) >= max_calls for each in known) or self._factors[0].problem.time_left() <= 0

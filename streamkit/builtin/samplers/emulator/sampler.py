@@ -218,10 +218,10 @@ def _verdict(progress: Progress) -> Verdict:
     sentence = (
         f"{sum(each.calls for each in tested)} fresh calls confirm {confirmed}. "
         + ("" if several else f"The noise of the particles alone makes {noise}. ")
-        + f"A mean or a width that is off by {shown:.2f} standard deviations would show; the noise of all calls leaves "
-        f"{progress.uncertain:.2f} at most. Two populations agree, R-hat {both.r_hat:.3f}, with {both.independent:.0f} "
-        f"independent samples of walks of {both.sweeps / both.time:.0f} autocorrelation times, each width known "
-        f"to {100 * both.width_error:.0f} %. "
+        + f"A mean or a width that is off by {shown:.2f} standard deviations would show; the noise of all calls moves "
+        f"none by more than {progress.uncertain:.2f}, nine times in ten. Two populations agree, R-hat "
+        f"{both.r_hat:.3f}, with {both.independent:.0f} independent samples of walks of "
+        f"{both.sweeps / both.time:.0f} autocorrelation times, each width known to {100 * both.width_error:.0f} %. "
         + _recalled(found)
         + f" {_smallest(progress)}"
     )
