@@ -39,11 +39,24 @@ one_thread()
 gc.set_threshold(NEW_OBJECTS)
 
 
+# Files that take longest: with `--dist loadfile` they begin first, or one worker ends minutes after the others.
+LONGEST = (
+    "test_emulator.py", "test_factored_run.py", "test_exp.py", "test_populations.py", "test_emulator_run.py",
+    "test_factored.py", "test_documents.py", "test_products.py", "test_many_streams.py", "test_known.py",
+)  # fmt: skip
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the longest files first."""
+    items.sort(key=lambda item: LONGEST.index(item.path.name) if item.path.name in LONGEST else len(LONGEST))
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Compile the loops in the first worker of xdist; the others wait, and read the machine code that it has saved.
 
     From a cold cache that takes a minute, which two workers that begin together would each take.
     """
+    config.option.loadscopereorder = False  # xdist would begin with the files that have most tests
     if hasattr(config, "workerinput"):
         with FileLock(Path(tempfile.gettempdir()) / f"streamkit-{config.workerinput['testrunuid']}.lock"):
             spec = sk.load(FIT)

@@ -1,4 +1,4 @@
-"""What the emulator samples, of a posterior in this process: the real one of a run file, or a toy."""
+"""What the emulator samples: a toy in this process."""
 
 from __future__ import annotations
 
@@ -7,10 +7,6 @@ import numpy as np
 from streamkit.builtin.samplers.emulator.calls import Calls
 from streamkit.builtin.samplers.emulator.problem import Answers
 from streamkit.builtin.samplers.emulator.space import Space
-from streamkit.errors import OutOfDomain
-from streamkit.model import Model
-from streamkit.sample import Posterior
-from streamkit.sample.calls.comparison import Comparison
 
 
 def ln_densities(priors, points):
@@ -36,45 +32,6 @@ class Problem:
 
     def expect(self, calls):
         pass
-
-
-class OfRun(Problem):
-    """That of a run file."""
-
-    def __init__(self, spec, seed=1, fresh=True):
-        self.posterior = Posterior(spec)
-        self.posterior.model = Model(self.posterior.spec, fresh=fresh)
-        super().__init__(self.posterior.spec.priors, seed)
-        self.comparison = Comparison(self.posterior.model)
-        self.coordinates = self.comparison.coordinates
-        self.values, self.errors = self.posterior.data.values, self.posterior.data.errors
-        self.add_noise, self.is_ln_likelihood = self.posterior.data.add_noise, False
-
-    def evaluate(self, points):
-        mean, variance = (np.full((len(points), self.posterior.size), np.nan) for _ in range(2))
-        details = {}
-        lnl = np.full(len(points), -np.inf)
-        self.calls += len(points)
-        for i, theta in enumerate(points):
-            try:
-                bound = self.posterior.spec.bind_all(theta)
-                found = self.posterior.model.observe_all(bound)
-            except OutOfDomain:
-                continue
-            prediction = found.prediction
-            if prediction.why_not:
-                continue
-            mean[i], variance[i] = prediction.mean, prediction.variance
-            details[i] = self.comparison.details(found)
-        k = max((len(each) for each in details.values()), default=0)
-        filled = np.array([details.get(i, np.full(k, np.nan)) for i in range(len(points))]).reshape(len(points), k)
-        good = np.array([i in details for i in range(len(points))])
-        if good.any():
-            lnl[good] = self.compare(points[good], mean[good], variance[good] * self.add_noise, filled[good])
-        return Answers(mean, variance, filled, lnl)
-
-    def compare(self, points, mean, variance, details):
-        return self.comparison.ln_likelihood(points, mean, variance, details)
 
 
 class OfToy(Problem):

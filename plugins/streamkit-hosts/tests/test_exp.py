@@ -1,5 +1,6 @@
 """Hosts of EXP: its own functions, closed forms of its basis, files that gala ships, and what cannot be used."""
 
+from functools import cache
 from pathlib import Path
 
 import h5py
@@ -62,12 +63,14 @@ def series(a, b, c, z):
     return np.polynomial.polynomial.polyval(z, terms)
 
 
-def closed_form(degree, n, rows=R):
+@cache
+def closed_form(degree, n, fine=False):
     """Return lambda and Phi_ln(r) of a Hernquist sphere in a sphere: the functions of Hernquist & Ostriker (1992).
 
     Their n is no whole number, so that u Phi0 continues as r^-(l + 1) at the last radius, where EXP takes the slope of
     the model from its last two rows.
     """
+    rows = FINE if fine else R
     slope = (1 / (1 + rows[-2]) - 1 / (1 + rows[-1])) / (rows[-1] - rows[-2])
     ratio = slope / np.interp(LAST, rows, -1 / (1 + rows))
 
@@ -105,7 +108,7 @@ def test_the_functions_are_those_of_exp():
 def test_the_functions_are_closed_forms(degree, n):
     """Of a model with many rows, as EXP takes it linear between them, and a first radius near 0."""
     basis = Basis(hernquist(FINE), 4, 10, 3e-6, LAST, 4e-3)
-    value, phi = closed_form(degree, n, FINE)
+    value, phi = closed_form(degree, n, fine=True)
     assert basis.eigenvalues[degree, n] == pytest.approx(value, rel=1e-5)
     r = np.geomspace(0.1, 50.0, 200)
     np.testing.assert_allclose(basis(r)[degree, n], phi(r), atol=1e-5 * np.abs(phi(r)).max())

@@ -67,7 +67,7 @@ def test_half_of_the_calls_are_where_the_width_is_decided() -> None:
 
 def test_the_terms_are_those_of_the_samples() -> None:
     target = LinearFactors(3, own=2)
-    found = sample(target, target.begin(3), [1])
+    found = sample(target, target.begin(3), [1], walkers=100, most_sweeps=20)
     some = slice(0, None, 97)
     expected = target.terms(found.samples[some])
     for kept, again in zip(found.terms, expected, strict=True):
@@ -158,14 +158,16 @@ def test_populations_in_different_places_do_not_agree() -> None:
 
 def test_a_walk_that_is_too_short_is_told() -> None:
     target = LinearFactors(2, own=3)
-    found = sample(target, target.begin(3), [1], most_sweeps=5)
+    found = sample(target, target.begin(3), [1], walkers=100, most_sweeps=5)
     assert found.sweeps == 5
     assert not found.agree
 
 
 def test_the_same_seed_gives_the_same_samples_and_another_one_others() -> None:
     target = LinearFactors(2, own=2)
-    first, again, other = (sample(target, target.begin(3), [seed]).samples for seed in (1, 1, 2))
+    first, again, other = (
+        sample(target, target.begin(3), [seed], walkers=100, most_sweeps=20).samples for seed in (1, 1, 2)
+    )
     np.testing.assert_array_equal(first, again)
     assert not np.array_equal(first, other)
 
