@@ -2,6 +2,7 @@ from .directory.claim import RECOVERY as RECOVERY
 from .directory.integrity import load_spec as load_spec
 from .marginal.host_likelihood import host_likelihood_files as host_likelihood_files
 from .marginal.host_likelihood import write_host_likelihoods as write_host_likelihoods
+from .products import published_with as published_with
 from .products import write_products as write_products
 from .runner import run as run
 from .samples.results import Results as Results

@@ -24,7 +24,7 @@ from streamkit.fit.samples.tables import printable
 from streamkit.fit.show.corner import corner
 from streamkit.fit.show.figures import WIDE, mass_profile, priors, radii, remark, rotation_curve, traces
 from streamkit.fit.show.flattening import flattening, is_sphere
-from streamkit.fit.show.literature import read_literature
+from streamkit.fit.show.literature import keys_of, read_literature
 from streamkit.fit.show.members import members
 from streamkit.fit.show.page import PAGE, page_text
 from streamkit.fit.show.predictive import predictions
@@ -183,6 +183,12 @@ def write_products(
             f"make room, and write the products with: streamkit report {where}"
         )
     return results
+
+
+def published_with(directory: str | Path) -> dict[str, str]:
+    """Return the references of published values that were shown beside a run, each with its key for BibTeX or ''."""
+    kept = Path(directory) / LITERATURE
+    return keys_of(read_literature(kept)) if kept.is_file() else {}
 
 
 def _published(where: Path, literature: str | Path | None) -> QTable | None:

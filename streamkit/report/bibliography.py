@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
 
@@ -36,8 +37,11 @@ def key_of(entry: str) -> str:
     return entry.partition("{")[2].partition(",")[0].strip()
 
 
-def cited(spec: Spec) -> str:
+def cited(spec: Spec, published: Mapping[str, str] | None = None) -> str:
     """Return BibTeX of exactly what a run file uses, each entry below a comment that says what for.
+
+    ``published`` are the references of published values that are shown beside a run, such as "Erkal+ 2019", each with
+    the key of its entry, or with an empty text: it is then a note.
 
     A component's `bibtex` is used unchanged. Without one, its `reference` is looked up among streamkit's entries; a
     reference without an entry becomes a note. A run file without free parameters has no sampler.
@@ -48,6 +52,9 @@ def cited(spec: Spec) -> str:
     if (preset := _preset_of(spec)) is not None:
         what = f"the potentials of the preset {preset.name!r}: {preset.reference}"
         used.append((_named(preset.reference, f"preset-{preset.name}"), what))
+    for number, (reference, key) in enumerate((published or {}).items(), 1):
+        entry = entries.get(key) or _note(key := f"published-{number}", reference)
+        used.append(([(key, entry)], f"published values of the host: {reference}"))
     for papers, what in used:
         for key, entry in papers:
             entries.setdefault(key, entry)
@@ -109,7 +116,11 @@ def _named(reference: str, other: str) -> list[tuple[str, str]]:
     """Return keys and entries of the papers in a reference; a note of the key ``other`` if none of them is known."""
     key = other.replace("_", "-")
     papers = [(key, entry) for key, entry in bibliography().items() if _is_named(entry, reference)]
-    return papers or [(key, f"@misc{{{key},\n  note = {{{latex_escaped(reference)}}},\n}}")]
+    return papers or [(key, _note(key, reference))]
+
+
+def _note(key: str, reference: str) -> str:
+    return f"@misc{{{key},\n  note = {{{latex_escaped(reference)}}},\n}}"
 
 
 def _is_named(entry: str, reference: str) -> bool:

@@ -1,18 +1,25 @@
 """What to cite: every reference of ours is an entry, and a run file cites what it uses and nothing else."""
 
 import re
+from pathlib import Path
 
 import pytest
+from astropy.table import QTable
 from commands import call, refused
 from runfiles import BASE, PLUGIN, changed
 
 import streamkit as sk
 from streamkit.builtin.samplers.ensemble.sampler import MOVES, Emcee
 from streamkit.components import load_registry
+from streamkit.fit import published_with
+from streamkit.fit.show import literature
+from streamkit.fit.show.literature import MILKY_WAY, keys_of, read_literature
+from streamkit.report import save_table
 from streamkit.report.bibliography import ALWAYS, FIT, _is_named, bibliography, cited
 from streamkit.runfile import to_toml
 
 ENTRIES = bibliography()
+MILKY_WAY_FILE = Path(literature.__file__).with_name("milky_way.ecsv")
 CLASSES = [
     entry.cls
     for kinds in load_registry().entries.values()
@@ -119,3 +126,25 @@ def test_a_preset_without_its_name_is_cited_by_its_sections():
     assert "preset" not in cited(sk.load(changed("potential", other)))
     del sections["nucleus"]
     assert "preset" not in cited(sk.load(changed("potential", sections)))
+
+
+def test_published_values_beside_a_run_are_cited(tmp_path):
+    """Every reference of the table that streamkit brings has its entry; one of a user's own table is a note."""
+    table = read_literature(MILKY_WAY)
+    keys_there = keys_of(table)
+    assert set(keys_there.values()) <= ENTRIES.keys()
+    for text, key in keys_there.items():
+        entry = ENTRIES[key]
+        assert text[-4:] in entry
+        assert re.search(r"author = \{([^,]+),", entry)[1].replace("{\\'o}", "ó") == re.split(r"\+| &", text)[0]
+        number = str(next(row["arxiv"] for row in QTable.read(MILKY_WAY_FILE) if row["reference"] == text))
+        assert number in entry or key in ("Gibbons2014", "Erkal2019")
+    own = table[:1].copy()
+    own["reference"] = ["Erkal 2019, in prep."]
+    assert set(keys_of(own).values()) == {""}
+    text = cited(sk.load(BASE), keys_there | keys_of(own))
+    assert "% published values of the host: Erkal+ 2019\n@article{Erkal2019" in text
+    assert "note = {Erkal 2019, in prep.}" in text
+    save_table(tmp_path / "literature.ecsv", table)
+    assert published_with(tmp_path) == keys_there
+    assert published_with(tmp_path / "none") == {}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import unicodedata
 from pathlib import Path
 from typing import Any
 
@@ -93,6 +95,22 @@ def checked(table: Table, where: str) -> QTable:
             f"z = {z[row]:g}"
         )
     return QTable({**columns, "reference": [str(text) for text in table["reference"]]})
+
+
+def keys_of(table: QTable) -> dict[str, str]:
+    """Return the references of published values, each with the key of its BibTeX entry.
+
+    The key is empty for a reference that is not in the table `MILKY_WAY`: streamkit has no entry of it.
+    """
+    ours = set(read_literature(Path(__file__).with_name(f"{MILKY_WAY}.ecsv"))["reference"])
+    return {text: _key(text) if text in ours else "" for text in dict.fromkeys(map(str, table["reference"]))}
+
+
+def _key(reference: str) -> str:
+    """Return the key of a reference such as "Malhan & Ibata 2019": the first author and the year, in ASCII."""
+    plain = unicodedata.normalize("NFKD", reference).encode("ascii", "ignore").decode()
+    first, year = re.split(r"[+&]| (?=\d)", plain)[0], plain[-4:]
+    return first.replace(" ", "") + year
 
 
 def draw_literature(axes: Axes, table: QTable, name: str, factor: float = 1.0) -> None:

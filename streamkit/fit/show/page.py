@@ -22,7 +22,7 @@ from streamkit.fit.judge.verdicts import overall
 from streamkit.fit.samples.draws import ENDED
 from streamkit.fit.samples.results import Results
 from streamkit.fit.show.figures import parameters_of, reach, remark
-from streamkit.fit.show.literature import DENSITY, POTENTIAL, beside_literature
+from streamkit.fit.show.literature import DENSITY, POTENTIAL, beside_literature, keys_of
 from streamkit.fit.show.text import OF_A_STREAM, radii_to_show
 from streamkit.observe import frame_of
 from streamkit.report import cited, describe_live, number
@@ -89,7 +89,7 @@ def page_text(results: Results, literature: QTable | None = None) -> str:
         calls=max(results.calls, 1),
         run=_run(results),
         toml=results.spec.toml(),
-        bibtex=cited(results.spec),
+        bibtex=cited(results.spec, {} if literature is None else keys_of(literature)),
     )
 
 
