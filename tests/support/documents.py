@@ -28,7 +28,7 @@ EXAMPLES = [
     *(path for path in sorted(ROOT.glob("tests/examples/*.py")) if not path.name.startswith("test_")),
 ]
 # What stands in Python blocks that take long: a run, and a host with a body, which compiles for 20 s.
-LONG = "sk.run(", "examples/gd1_gap/"
+LONG = "sk.run(", "examples/gd1_gap/", "examples/slowing_bar/"
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 # Few steps.
