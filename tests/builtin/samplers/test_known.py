@@ -8,6 +8,7 @@ from known import KNOWN, OfKnown, off
 from shortened import shorten_walks
 
 from streamkit.builtin.samplers.emulator.agreement import autocorrelation_times
+from streamkit.builtin.samplers.emulator.calls import Calls
 from streamkit.builtin.samplers.emulator.density import Layout, Terms, one_factor
 from streamkit.builtin.samplers.emulator.mixture import Mixture
 from streamkit.builtin.samplers.emulator.of_target import LikelihoodOnly
@@ -121,3 +122,17 @@ def test_a_likelihood_learned_as_a_whole_whose_noise_varies_is_not_certified_and
     known = BY_NAME["louder on one side, not stated"]
     last, samples = fit(known, max_calls=2000, problem=LikelihoodOnly)
     assert last.missing or max(off(known, samples)[:2]) < MEAN
+
+
+def test_slopes_from_noisy_calls_are_not_too_small():
+    """Ten data, each with a noise of one error: weights by noisy likelihoods would count lucky calls more."""
+    known, ratios = BY_NAME["one error in 10"], []
+    new, places = known.exact(1000), known.exact(800)
+    places = places.mean(axis=0) + 1.5 * (places - places.mean(axis=0))
+    for seed in range(4):
+        problem = OfKnown(known, seed)
+        calls = Calls.of(problem, Space(problem), places)
+        found = calls.learn().predict(calls.space.learned_of(new)).mean - problem.values
+        true = known.mean(new) - problem.values
+        ratios.append(np.sum(found * true) / np.sum(true**2))
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.04)
