@@ -17,7 +17,7 @@ from streamkit.builtin.samplers.emulator.start import Known
 SETTLED = 0.1
 # What the noise of the calls may move of any mean or width, in standard deviations, in nine of ten cases at most. Many
 # parameters have one that is moved by chance: the standard error of each is about half of it.
-UNCERTAIN = 0.15
+UNCERTAIN = 0.18
 NOISE = 0.5 * UNCERTAIN
 # New points of a round for each parameter, in any case, and as a fraction of all calls so far; the least of several
 # factors is larger by the last: sampling all of them costs more than so many calls of each.
