@@ -54,8 +54,9 @@ from streamkit.builtin.samplers.emulator.start import SOME, Known, Starter, begi
 # Inverse temperatures of the copies that new points come from, and the share of each. Tempered ones see regions where
 # the emulator may be too low.
 COPIES = ((1.0, 0.4), (0.5, 0.2), (0.25, 0.2))
-# Share of a round's new points that are samples of the posterior where the emulator's own error counts most.
-LEAST_KNOWN = 0.2
+# Share of a round's new points that are samples of the posterior where the emulator's own error counts most; and where
+# a long walk has just found that it counts too much: the short walks of rounds hardly come to thin ends.
+LEAST_KNOWN, ENDS = 0.2, 0.6
 # Fraction of a round's new points of the posterior that are pairs: two calls at one place differ by their noise alone.
 PAIRED = 0.5
 # The posterior is compared with that of the emulators of so many rounds before.
@@ -152,11 +153,12 @@ class Rounds:
             result = go_on(joint, result.last, [*seed, 0])
             copies = self._copies(joint, result, seed)
             now = self._measured(known, joint, result, seed)
-            over = self._is_over(known, max_calls)
-            if not now.missing:
+            over, at_ends = self._is_over(known, max_calls), not now.missing
+            if at_ends:
                 now = self._tested(known, now, copies, max_calls, seed)
                 result, over = now.populations, self._is_over(known, max_calls)
                 copies[0] = _by_population(result)
+                at_ends = bool(blurred(known))
                 self._note(now.missing or "certified")
             elif over:
                 now = replace(now, populations=sample(joint, self._begin(known, result), [*seed, 2]))
@@ -166,7 +168,7 @@ class Rounds:
             samples = every_so_often(result.samples, 4 * SOME)
             wanted = self._wanted(known, samples, max_calls)
             before = [each.emulated for each in wanted]
-            self._call(known, wanted, copies, seed)
+            self._call(known, wanted, copies, seed, ENDS if at_ends else LEAST_KNOWN)
             self._learn(known, copies)
             self._taught(wanted, before, samples)
             turn += 1
@@ -196,8 +198,10 @@ class Rounds:
                 return wanted
         return left
 
-    def _call(self, known: Sequence[Known], wanted: Sequence[Known], copies: Sequence[Array], seed: list[int]) -> None:
-        """Call factors at places of the posterior and of its copies."""
+    def _call(
+        self, known: Sequence[Known], wanted: Sequence[Known], copies: Sequence[Array], seed: list[int], least: float
+    ) -> None:
+        """Call factors at places of the posterior and of its copies, the share ``least`` where they are least known."""
         rng, several = np.random.default_rng([*seed, 4]), len(self._factors) > 1
         chosen: list[tuple[Known, Array]] = []
         for each, size in zip(known, new_calls(known), strict=True):
@@ -208,7 +212,7 @@ class Rounds:
                 some = np.unique(copy.reshape(-1, copy.shape[2])[:, each.factor.columns], axis=0)  # a walker may rest
                 places.append(to_call(each.emulated, some, int(share * size), rng))
                 if len(places) == 1:
-                    places.append(least_known(each.emulated, some, int(LEAST_KNOWN * size), rng))
+                    places.append(least_known(each.emulated, some, int(least * size), rng))
             pairs = 0 if each.emulated.emulator.is_silent else int(PAIRED * len(places[0])) // 2
             places[0] = paired(places[0], pairs)
             chosen.append((each, np.concatenate(places)))
